@@ -21,21 +21,6 @@ def occupancy(
     filled: NDArray[np.bool_] | None,
     threads: int,
 ) -> NDArray[np.bool_]: ...
-def occupancy_solids(
-    vertices: NDArray[np.float64],
-    faces: _Faces,
-    intervals: list[tuple[float, float]],
-    origin_x: float,
-    origin_y: float,
-    resolution: float,
-    rows: int,
-    columns: int,
-    solids: NDArray[np.int32] | None,
-    solid_count: int,
-    fill: bool,
-    filled: NDArray[np.bool_] | None,
-    threads: int,
-) -> NDArray[np.int32]: ...
 def closed_solids(
     vertices: NDArray[np.float64],
     faces: _Faces,

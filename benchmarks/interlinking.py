@@ -15,13 +15,15 @@ from typing import Any
 import semmap
 from benchmarks.bench_map import use_bench_database
 from benchmarks.timing import Row, print_rows
-from semmap.interlinking.alignment_file import read_folder
+from semmap.interlinking.alignment_file import read_alignment
+from semmap.interlinking.error import InterlinkingError
 from semmap.interlinking.interlink import Quality, Workbench
+from semmap.interlinking.rdf_file import read_rdf_records
 from semmap.interlinking.records import Records
 from semmap.interlinking.store import merged_records
 from tests.interlinking.data_sets import person1, person2, restaurants
 
-__all__ = ["main"]
+__all__ = ["main", "read_folder"]
 
 Pair = tuple[str, str]
 Sets = tuple[Records, Records, set[Pair]]
@@ -32,6 +34,7 @@ MADE: dict[str, tuple[Callable[..., Any], float]] = {
     "Restaurants": (restaurants, 0.75),
 }
 SEEDS = range(1, 6)
+ALIGNMENT = "http://knowledgeweb.semanticweb.org/heterogeneity/alignment"
 
 
 def ours(sets: Sets, questions: int) -> tuple[float, Quality, int, int]:
@@ -53,6 +56,39 @@ def made(make: Callable[..., Any], **options: int) -> Sets:
     """A made data set with its links."""
     case = make(**options)
     return case.left, case.right, case.links
+
+
+def read_folder(folder: Path) -> tuple[Records, Records, set[tuple[str, str]]]:
+    """Return the two data sets and the reference links of a test of OAEI.
+
+    The folder has two RDF/XML files with instances and one in the Alignment format, of any names;
+    ontologies without instances may be there, too.
+
+    Raises
+    ------
+    InterlinkingError
+        Another number of such files, or reference links between other records.
+    """
+    sets: list[Records] = []
+    links: list[set[tuple[str, str]]] = []
+    for path in sorted(p for p in folder.iterdir() if p.suffix.lower() in (".rdf", ".xml", ".owl")):
+        if ALIGNMENT in path.read_text(encoding="utf-8", errors="replace"):
+            links.append(set(read_alignment(path)))
+            continue
+        try:
+            sets.append(read_rdf_records(path))
+        except InterlinkingError as error:
+            if "describes no resource" not in str(error):
+                raise
+    if len(sets) != 2 or len(links) != 1:
+        raise InterlinkingError(
+            f"{folder}: has {len(sets)} data sets and {len(links)} alignments: give two RDF files "
+            "with instances and one alignment"
+        )
+    for left, right in (sets, sets[::-1]):
+        if all(a in left.number and b in right.number for a, b in links[0]):
+            return left, right, links[0]
+    raise InterlinkingError(f"{folder}: the alignment has entities that the data sets do not have")
 
 
 def few_labels(name: str) -> Row:

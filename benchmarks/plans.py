@@ -3,12 +3,17 @@
 from __future__ import annotations
 
 import math
+import tempfile
+import warnings
+from pathlib import Path
 
 import numpy as np
 
-from benchmarks.timing import Row, median_seconds, print_rows
+from benchmarks.timing import Row, median_seconds, medians_in_turn, print_rows
 from planner.routing_graph import RoutingGraph
-from planner.tasks import TaskObject, TaskState, TaskWorld, find_plan
+from planner.tasks import TaskObject, TaskState, TaskWorld, find_plan, parse_goal
+from planner.tasks.pddl import pddl, write_pddl
+from planner.tasks.problem_builder import build_problem
 from planner.topology import Place, PlaceConnector, Topology
 from semmap.geometry.pose import Pose
 
@@ -130,6 +135,30 @@ def _row(graph: RoutingGraph, world: TaskWorld, goal: str, job: str, required: f
     )
 
 
+def _pddl_row(graph: RoutingGraph, world: TaskWorld, goal: str, job: str) -> Row:
+    """The PDDL of a task, beside unified-planning's writer of the same problem."""
+    from unified_planning.io import PDDLReader, PDDLWriter
+
+    state = TaskState("room0-5-2", Pose(PITCH * 5, PITCH * 2, 0.0))
+    problem = build_problem(graph, world, state, parse_goal(goal))
+    with tempfile.TemporaryDirectory() as folder, warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        task = PDDLReader().parse_problem(*map(str, write_pddl(problem, Path(folder))))
+
+    def peer() -> tuple[str, str]:
+        writer = PDDLWriter(task)
+        return writer.get_domain(), writer.get_problem()
+
+    ours, theirs = medians_in_turn(lambda: pddl(problem), peer)
+    return Row(
+        f"{job}: PDDL",
+        f"{1e3 * ours:.2f} ms",
+        f"unified-planning, from its own problem: {1e3 * theirs:.0f} ms",
+        "at most 1/5",
+        5 * ours <= theirs,
+    )
+
+
 def main() -> None:
     """Print the table."""
     small, large = tower(1000), tower(10000)
@@ -153,6 +182,7 @@ def main() -> None:
         if count == "1,000":
             goal = " and ".join(f"on(item{3 * i}, table{5 * i + 2})" for i in range(1, 6))
             rows.append(_row(graph, world, goal, f"{job}: five objects", 200.0))
+            rows.append(_pddl_row(graph, world, goal, f"{job}: five objects"))
     print_rows("Plans", rows)
 
 

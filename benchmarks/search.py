@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from benchmarks.timing import Row, median_seconds, print_rows
-from planner.search.point_based import solve
 from planner.search.receding_horizon import decide
 from planner.search.search_problem import NOT_SEEN, SearchProblem, as_pomdp
+from tests.oracles.point_based import solve
 from tests.planner.search.problems import random_search
 
 __all__ = ["main", "thesis_search"]

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from benchmarks import office
 from benchmarks.timing import Row, median_seconds, medians_in_turn, print_rows
 from navgrid.grid import Grid
-from navgrid.slabs import occupancy, slices
+from navgrid.slabs import occupancy
 from semmap.geometry.mesh import Mesh, join
 
 __all__ = ["Scene", "main", "scene"]
@@ -269,8 +269,6 @@ def measure(building: Scene) -> list[Row]:
             not large or alone / both >= 1.7,
         )
     )
-    planes = median_seconds(lambda: slices(arrays, PLANES, GRID, threads=1), 5)
-    rows.append(Row("28 planes by slices", f"{1e3 * planes:.2f} ms", "", "", True))
     return rows
 
 

@@ -18,8 +18,8 @@ from typing import Any
 import numpy as np
 import trimesh
 from matplotlib.figure import Figure
+from voxel_slices import VoxelSet, VoxelSlice, draw_slices, slices_picture
 
-from semmap.draw.voxel_slices import VoxelSet, VoxelSlice, draw_slices, slices_picture
 from semmap.fields import Box, Cone, Cylinder, Hull, RegionMap, Solid, Sphere
 from semmap.fields.regions.shapes import Region
 from semmap.fields.relations.event_bus import EventBus

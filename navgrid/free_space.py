@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 
-from navgrid.costmap import Costmap
 from navgrid.inflation import INSCRIBED, LETHAL
+from semmap.error import Error
 from semmap.query.storey_scene import SceneEntity
 from semmap.robot import Part
+
+if TYPE_CHECKING:
+    from navgrid.costmap import Costmap
 
 __all__ = ["NoFreeCellError", "check_free"]
 
 
-class NoFreeCellError(ValueError):
+class NoFreeCellError(Error, ValueError):
     """No cell of a master costmap is free; the message names the cause and how to fix it."""
 
 

@@ -8,14 +8,17 @@ through a gap in which its disc does not fit.
 from __future__ import annotations
 
 import math
+from typing import TYPE_CHECKING
 
 import numpy as np
 import shapely
 from numpy.typing import ArrayLike, NDArray
 
 from navgrid.area import area_cells
-from navgrid.costmap import Costmap
 from navgrid.grid import Grid
+
+if TYPE_CHECKING:
+    from navgrid.costmap import Costmap
 
 __all__ = ["collisions", "footprint_cells", "part_collisions"]
 

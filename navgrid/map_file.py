@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from navgrid.grid import Grid
+from semmap.error import Error
 from semmap.limits import CONFIG_BYTES, PIXELS
 from semmap.yaml_file import check_structure
 
@@ -44,7 +45,7 @@ THRESHOLDS: dict[Mode, tuple[float, float]] = {
 _GREY_UNKNOWN, _GREY_FREE, _GREY_OCCUPIED = 205, 254, 0
 
 
-class MapFileError(ValueError):
+class MapFileError(Error, ValueError):
     """A map file cannot be used; the message names the file, the element and how to fix it."""
 
     def __init__(self, path: Path | str, element: str, problem: str, fix: str) -> None:

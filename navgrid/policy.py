@@ -9,6 +9,7 @@ from importlib import resources
 from pathlib import Path
 from typing import Any, get_args
 
+from semmap.error import Error
 from semmap.finite_number import is_finite_number
 from semmap.query.storey_scene import EntityKind, SceneEntity
 from semmap.yaml_file import parse_yaml, read_text
@@ -26,7 +27,7 @@ KINDS: tuple[str, ...] = get_args(EntityKind)
 STATES = ("open", "closed", "locked")
 
 
-class PolicyError(ValueError):
+class PolicyError(Error, ValueError):
     """A policy file is invalid; the message names the file, the element and how to fix it."""
 
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 import semmap_native
 from navgrid.grid import Grid
 
-__all__ = ["closed_solids", "occupancy", "occupancy_solids", "slices"]
+__all__ = ["occupancy"]
 
 LARGEST = 2**34
 """The most cells of a result, over all layers."""
@@ -45,13 +45,15 @@ def occupancy(
     mesh : (vertices, faces)
         (V, 3) float64 in metres, (F, 3) integers.
     intervals : iterable of (low, high), metres
-        Closed, in any order; they may overlap.
+        Closed, in any order; they may overlap. A plane is [h, h]: a face that lies in it is
+        occupied as a whole.
     grid : Grid
     solid : (F,) integers, optional
         The number of the solid to which each face belongs; by default all belong to one.
     fill : bool or (S,) bool, optional
         Occupy the inside of solids, too: of all, or by number of the solid. Only a solid with a
-        closed surface has an inside (see `closed_solids`); others stay hollow. The shell of a room
+        closed surface has an inside: each edge is in as many faces in one direction as in the
+        other, vertices with equal coordinates being one. Others stay hollow. The shell of a room
         encloses air: do not fill it.
     threads : int, optional
         By default one a processor, and 1 for small meshes.
@@ -67,11 +69,6 @@ def occupancy(
         An array has a wrong shape, a number is not finite, a face has an unknown vertex, an
         interval is upside down, or the result has more than `LARGEST` cells.
 
-    See Also
-    --------
-    slices : planes instead of intervals
-    occupancy_solids : the number of the solid in each cell
-
     Examples
     --------
     >>> shelf = np.array([[0, 0, 0.965], [1, 0, 0.965], [0, 0.5, 0.965]])
@@ -85,119 +82,16 @@ def occupancy(
     about a cell that the surface does not meet. This suffices: a column that no surface meets
     within the interval is inside as a whole or not at all.
     """
-    return semmap_native.occupancy(*_arguments(mesh, intervals, grid, solid, fill, threads, 1))
-
-
-def occupancy_solids(
-    mesh: tuple[ArrayLike, ArrayLike],
-    intervals: Iterable[tuple[float, float]],
-    grid: Grid,
-    *,
-    solid: ArrayLike,
-    fill: bool | ArrayLike | None = None,
-    threads: int | None = None,
-) -> NDArray[np.int32]:
-    """Return the number of the solid that occupies each cell, the lowest of several.
-
-    Parameters are as for `occupancy`.
-
-    Returns
-    -------
-    (len(intervals), rows, columns) int32
-        -1 for cells without a solid.
-    """
-    bytes_per_cell = np.dtype(np.int32).itemsize
-    arguments = _arguments(mesh, intervals, grid, solid, fill, threads, bytes_per_cell)
-    return semmap_native.occupancy_solids(*arguments)
-
-
-def _arguments(
-    mesh: tuple[ArrayLike, ArrayLike],
-    intervals: Iterable[tuple[float, float]],
-    grid: Grid,
-    solid: ArrayLike | None,
-    fill: bool | ArrayLike | None,
-    threads: int | None,
-    bytes_per_cell: int,
-) -> tuple[Any, ...]:
-    """The checked arguments of the native functions."""
     vertices, faces = _checked_mesh(mesh)
     ends = _checked_intervals(intervals)
-    _check_size(grid, bytes_per_cell * len(ends))
+    _check_size(grid, len(ends))
     numbers, count = _checked_solid(solid, len(faces))
     any_filled, filled = _checked_fill(fill, count)
     solids = count if filled is None else len(filled)
     workers = _threads(threads, len(faces))
-    return vertices, faces, ends, *_frame(grid), numbers, solids, any_filled, filled, workers
-
-
-def closed_solids(
-    mesh: tuple[ArrayLike, ArrayLike],
-    *,
-    solid: ArrayLike | None = None,
-    threads: int | None = None,
-) -> NDArray[np.bool_]:
-    """Return which solids have a closed surface.
-
-    A surface is closed if its faces have each edge as often in one direction as in the other.
-    Vertices with equal coordinates count as one.
-
-    Parameters
-    ----------
-    mesh, solid, threads
-        As for `occupancy`.
-
-    Returns
-    -------
-    (S,) bool
-        S is the highest number in `solid` plus 1.
-
-    Examples
-    --------
-    >>> corners = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], float)
-    >>> closed_solids((corners, [[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]])).tolist()
-    [True]
-    >>> closed_solids((corners, [[0, 2, 1], [0, 1, 3], [1, 2, 3]])).tolist()
-    [False]
-    """
-    vertices, faces = _checked_mesh(mesh)
-    numbers, count = _checked_solid(solid, len(faces))
-    return semmap_native.closed_solids(
-        vertices, faces, numbers, count, _threads(threads, len(faces))
+    return semmap_native.occupancy(
+        vertices, faces, ends, *_frame(grid), numbers, solids, any_filled, filled, workers
     )
-
-
-def slices(
-    mesh: tuple[ArrayLike, ArrayLike],
-    heights: Sequence[float],
-    grid: Grid,
-    *,
-    threads: int | None = None,
-) -> NDArray[np.bool_]:
-    """Return the cells that the sections of a mesh with level planes meet.
-
-    A plane is the interval [h, h]: a face that lies in it is occupied as a whole.
-
-    Parameters
-    ----------
-    mesh, grid, threads
-        As for `occupancy`.
-    heights : sequence of float
-        The z of the planes, metres.
-
-    Returns
-    -------
-    (len(heights), rows, columns) bool
-
-    Raises
-    ------
-    ValueError
-        As for `occupancy`.
-    """
-    planes = [float(h) for h in heights]
-    if not np.isfinite(planes).all():
-        raise ValueError(f"heights are {planes}; give finite numbers")
-    return occupancy(mesh, [(h, h) for h in planes], grid, threads=threads)
 
 
 def _checked_mesh(

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from planner.route import NoRouteError, Route, RouteStep
     from planner.route_planner import RoutePlanner
     from planner.routing_graph import Endpoint, RoutingGraph
-    from planner.task_planner import TaskPlanner, plan_task
+    from planner.task_planner import plan_task
     from planner.topology import Place, PlaceConnector, PlaceRegion, Topology, UnknownPlaceError
 
 __all__ = [
@@ -46,7 +46,6 @@ __all__ = [
     "RoutePlanner",
     "RouteStep",
     "RoutingGraph",
-    "TaskPlanner",
     "Topology",
     "TopologyChange",
     "UnknownPlaceError",
@@ -62,7 +61,7 @@ _MODULES = {
     "route": ("NoRouteError", "Route", "RouteStep"),
     "route_planner": ("RoutePlanner",),
     "routing_graph": ("Endpoint", "RoutingGraph"),
-    "task_planner": ("TaskPlanner", "plan_task"),
+    "task_planner": ("plan_task",),
     "topology": ("Place", "PlaceConnector", "PlaceRegion", "Topology", "UnknownPlaceError"),
 }
 

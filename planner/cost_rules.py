@@ -15,6 +15,7 @@ from importlib import resources
 from pathlib import Path
 from typing import Any, Literal, get_args
 
+from semmap.error import Error
 from semmap.finite_number import is_finite_number
 from semmap.yaml_file import parse_yaml, read_text
 
@@ -23,7 +24,7 @@ __all__ = ["CostRule", "CostRules", "CostRulesError", "avoiding"]
 Kind = Literal["place", "connector", "region"]
 
 
-class CostRulesError(ValueError):
+class CostRulesError(Error, ValueError):
     """A file of rules is invalid; the message names the rule and how to fix it."""
 
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from planner.topology import PlaceConnector
+from semmap.error import Error
 from semmap.geometry.pose import Pose
 
 __all__ = ["NoRouteError", "Route", "RouteStep"]
@@ -94,5 +95,5 @@ def _passes(step: RouteStep, connector: PlaceConnector) -> bool:
     return step.from_place != step.to_place or (inside and step.behaviour == connector.behaviour)
 
 
-class NoRouteError(ValueError):
+class NoRouteError(Error, ValueError):
     """No route exists; the message says what blocks it."""

@@ -4,35 +4,28 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
-from dataclasses import replace
 from datetime import datetime
-from typing import TypeAlias
 
 import numpy as np
 
-from planner.base_pose import NoBasePoseError, poses_in, poses_to_reach
+from planner.base_pose import poses_in, poses_to_reach
 from planner.cost_rules import CostRules, avoiding
 from planner.drawn_graph import DrawnGraph, find_drawn_route
 from planner.entity_lookup import EntityLookup, LocatedEntity, NoLookup
 from planner.infeasibility import infeasibility
 from planner.live_topology import LiveTopology
+from planner.location import Location, LocationFinder, LocationLike
 from planner.penalties import forbidden_regions, penalties
 from planner.robot_class import RobotClass
 from planner.route import NoRouteError, Route
 from planner.route_search import find_alternatives, find_route, seconds_between
 from planner.routing_graph import Endpoint, RoutingGraph
 from planner.storey_costmaps import StoreyCostmaps
-from planner.topology import Place, PlaceRegion, UnknownPlaceError
+from planner.topology import PlaceRegion
 from semmap.geometry.pose import Pose
 from semmap.query.map_handle import MapSource
 
-__all__ = ["Location", "RoutePlanner"]
-
-Point: TypeAlias = tuple[float, float] | tuple[float, float, float]
-
-Location: TypeAlias = str | Pose | Point | tuple[str, Pose] | LocatedEntity
-"""Where a route begins or ends: a name, a label or a type; a pose or a point in the map's frame,
-metres; a place and a pose in it; an entity that was looked up."""
+__all__ = ["RoutePlanner"]
 
 
 class RoutePlanner:
@@ -116,8 +109,8 @@ class RoutePlanner:
 
     def route(
         self,
-        start: Location,
-        goal: Location,
+        start: LocationLike,
+        goal: LocationLike,
         *,
         avoid: Sequence[str] = (),
         at: datetime | None = None,
@@ -148,8 +141,8 @@ class RoutePlanner:
 
     def alternatives(
         self,
-        start: Location,
-        goal: Location,
+        start: LocationLike,
+        goal: LocationLike,
         k: int,
         *,
         avoid: Sequence[str] = (),
@@ -167,8 +160,8 @@ class RoutePlanner:
     def route_on(
         self,
         drawn: DrawnGraph,
-        start: Location,
-        goal: Location,
+        start: LocationLike,
+        goal: LocationLike,
         *,
         avoid: Sequence[str] = (),
         at: datetime | None = None,
@@ -207,23 +200,19 @@ class RoutePlanner:
                 "URDF (semmap robot add)"
             )
         if isinstance(entity, str):
-            found = self.lookup.find(entity)
-            if not found:
-                raise UnknownPlaceError(
-                    entity, {*self._names(), *self.lookup.similar_names(entity)}
-                )
-            entity = found[0]
-        return poses_to_reach(self.costmaps, self._with_place(entity), most)
+            entity = self._locations().entity(entity)
+        ground = None if entity.place is None else self.costmaps.ground(entity.place)
+        return poses_to_reach(ground, entity, most)
 
     # -- rules ----------------------------------------------------------------------------------
 
     @contextmanager
     def _restricted(self, avoid: Sequence[str], at: datetime | None) -> Iterator[None]:
         """Apply rules, and what is to be avoided, to the graph and the costmaps."""
-        cabins = self.graph.topology.cabins()
+        locations = self._locations()
         for name in avoid:
-            if name not in cabins and not self._is_known(name):
-                raise UnknownPlaceError(name, [*self._names(), *cabins])
+            locations.check_avoided(name)
+        cabins = self.graph.topology.cabins()
         avoided = [place for name in avoid for place in (cabins.get(name) or [name])]
         rules = (*self.rules.rules, *avoiding(avoided))
         graph, costmaps = self.graph, self.costmaps
@@ -238,20 +227,14 @@ class RoutePlanner:
                 restrictions.enter_context(costmaps.also_avoiding(by_storey))
             yield
 
-    def _is_known(self, name: str) -> bool:
-        topology = self.graph.topology
-        labelled: list[Place | PlaceRegion] = [*topology.places.values(), *topology.regions]
-        return any(name in (c.name, c.type) for c in topology.connectors.values()) or any(
-            name in (e.name, e.label, *e.types) for e in labelled
-        )
-
-    def _names(self) -> list[str]:
-        topology = self.graph.topology
-        return [*topology.places, *topology.connectors, *(r.name for r in topology.regions)]
-
     # -- endpoints ------------------------------------------------------------------------------
 
-    def _nearest(self, start: Location, goal: Location) -> tuple[Endpoint, Endpoint]:
+    def _locations(self) -> LocationFinder:
+        costmaps = self.costmaps
+        occupants = (lambda pose: ()) if costmaps is None else costmaps.occupants
+        return LocationFinder(self.graph.topology, self.lookup, occupants)
+
+    def _nearest(self, start: LocationLike, goal: LocationLike) -> tuple[Endpoint, Endpoint]:
         """The pair of endpoints between which the route takes the least time."""
         starts = self._endpoints(start)
         if len({e.place for e in starts}) > 1:
@@ -264,87 +247,53 @@ class RoutePlanner:
             raise NoRouteError(infeasibility(self.graph, starts[0], goals[0]))
         return starts[int(i)], goals[int(j)]
 
-    def _endpoints(self, location: Location) -> list[Endpoint]:
-        """All endpoints that a location may stand for.
+    def _endpoints(self, given: LocationLike) -> list[Endpoint]:
+        """The endpoints at all locations that are meant and where the robot can stand.
 
         Raises
         ------
         UnknownPlaceError, NoRouteError
         """
-        if isinstance(location, str):
-            return self._endpoints_of_word(location)
-        if isinstance(location, LocatedEntity):
-            return self._endpoints_of_entity(self._with_place(location))
-        if isinstance(location, Pose):
-            return [self._endpoint_at_pose(location)]
-        if isinstance(location[0], str):
-            place, pose = location
-            return [self._endpoint_at(place, pose)]
-        return [self._endpoint_at_pose(Pose(*location))]
-
-    def _endpoint_at_pose(self, pose: Pose) -> Endpoint:
-        place = self.lookup.place_at(pose)
-        if place is None:
-            names = self.costmaps.occupants(pose) if self.costmaps is not None else ()
-            there = f"; {', '.join(names)} is there" if names else ""
-            raise NoRouteError(f"({pose.x:.2f}, {pose.y:.2f}, {pose.z:.2f}) is in no room{there}")
-        return self._endpoint_at(place, pose)
-
-    def _endpoints_of_word(self, word: str) -> list[Endpoint]:
-        topology = self.graph.topology
-        if word in topology.places:
-            return [self.graph.endpoint(word)]
-        found = [self._with_place(entity) for entity in self.lookup.find(word)]
-        entities = [e for e in found if e.place in topology.places]
-        if found and not entities:
-            raise NoRouteError(f"no room holds {found[0].name}: move it into one, or draw its room")
-        entities = entities or [
-            LocatedEntity(p.name, "room", p.name)
-            for p in topology.places.values()
-            if word == p.label or word in p.types
-        ]
-        if not entities:
-            raise UnknownPlaceError(word, {*self._names(), *self.lookup.similar_names(word)})
         endpoints: list[Endpoint] = []
         errors: list[NoRouteError] = []
-        for entity in entities:
+        for location in self._locations().find(given):
             try:
-                endpoints += self._endpoints_of_entity(entity)
+                poses = self._poses(location)
             except NoRouteError as error:
                 errors.append(error)
+                continue
+            ends = [self.graph.endpoint(location.place, pose) for pose in poses]
+            if location.entity is not None and location.entity.kind == "region":
+                ends = ([e for e in ends if np.isfinite(e.seconds).any()] or ends)[:1]
+            endpoints += ends
         if not endpoints:
-            raise NoRouteError(str(errors[0]))
+            raise errors[0]
         return endpoints
 
-    def _with_place(self, entity: LocatedEntity) -> LocatedEntity:
-        """The entity with the room in which its pose lies, if no room holds it."""
-        if entity.place is not None or entity.pose is None:
-            return entity
-        return replace(entity, place=self.lookup.place_at(entity.pose))
-
-    def _endpoints_of_entity(self, entity: LocatedEntity) -> list[Endpoint]:
-        place, costmaps = entity.place, self.costmaps
-        if place is None:
-            raise NoBasePoseError(f"no room holds {entity.name}")
-        if costmaps is None and entity.kind == "region" and entity.footprint is None:
-            return [self.graph.endpoint(place, entity.pose)]  # a waypoint: a region without area
-        if entity.kind == "room" or costmaps is None:
-            return [self.graph.endpoint(place)]
-        if entity.kind == "agent" and entity.pose is not None:
-            return [self._endpoint_at(place, entity.pose, measured=True)]
-        if entity.kind == "region":
-            drawn = [self.graph.endpoint(place, p) for p in poses_in(costmaps, entity, self.rng)]
-            connected = [e for e in drawn if np.isfinite(e.seconds).any()]
-            return (connected or drawn)[:1]
-        return [self.graph.endpoint(place, p) for p in poses_to_reach(costmaps, entity)]
-
-    def _endpoint_at(self, place: str, pose: Pose, *, measured: bool = False) -> Endpoint:
+    def _poses(self, location: Location) -> Sequence[Pose | None]:
+        """The poses at which a route to a location may end; None: anywhere in the place."""
+        place, pose, entity = location.place, location.pose, location.entity
+        costmaps = self.costmaps
         self.graph.topology.place(place)
-        if self.costmaps is not None:
-            reason = self.costmaps.blocking_reason(place, pose, measured=measured)
-            if reason is not None:
-                raise NoRouteError(
-                    f"{self.graph.robot.name} cannot stand at ({pose.x:.2f}, {pose.y:.2f}) in "
-                    f"{place}: {reason}"
-                )
-        return self.graph.endpoint(place, pose)
+        if entity is None or entity.kind == "agent":
+            if pose is not None and costmaps is not None:
+                self._refuse_blocked(place, pose, measured=entity is not None)
+            return [None if costmaps is None and entity is not None else pose]
+        if costmaps is None:
+            # A waypoint is a region without area.
+            return [pose if entity.kind == "region" and entity.footprint is None else None]
+        if entity.kind == "room":
+            return [None]
+        ground = costmaps.ground(place)
+        if entity.kind == "region":
+            return poses_in(ground, entity, self.rng)
+        return poses_to_reach(ground, entity)
+
+    def _refuse_blocked(self, place: str, pose: Pose, *, measured: bool) -> None:
+        assert self.costmaps is not None
+        reason = self.costmaps.blocking_reason(place, pose, measured=measured)
+        if reason is not None:
+            raise NoRouteError(
+                f"{self.graph.robot.name} cannot stand at ({pose.x:.2f}, {pose.y:.2f}) in "
+                f"{place}: {reason}"
+            )

@@ -22,6 +22,7 @@ from navgrid.grid import Grid, scene_grid
 from navgrid.inflation import INSCRIBED, LETHAL, UNKNOWN
 from navgrid.travel import travel, way
 from planner.robot_class import RobotClass
+from planner.room_ground import RoomGround, door_lines
 from planner.topology import OUTSIDE, PlaceRegion, Topology
 from planner.travel_cost import Travel
 from semmap.geometry.pose import Pose
@@ -176,6 +177,22 @@ class StoreyCostmaps:
         for region in self._avoided.get(storey, ()):
             costs[area_cells(region.outline, room.grid) & (costs != UNKNOWN)] = LETHAL
         return costs
+
+    def ground(self, place: str) -> RoomGround | None:
+        """Where the base can stand in a place; None if the map has no outline of it."""
+        room, costs = self.room(place), self.costs(place)
+        if room is None or costs is None:
+            return None
+        return RoomGround(
+            place,
+            self.robot,
+            self.costmap(self.storey_of(place)),
+            room.window,
+            room.grid,
+            costs,
+            self.topology.places[place].floor,
+            door_lines(connector for connector, _ in self.topology.connectors_of(place)),
+        )
 
     @contextmanager
     def also_avoiding(self, regions: Mapping[str, Sequence[PlaceRegion]]) -> Iterator[None]:

@@ -216,10 +216,12 @@ def _approach_poses(connection: Connection, live: LiveTopology) -> ApproachPoseO
     def poses(of: Target) -> list[Pose]:
         if isinstance(of, PlaceRegion):
             region = LocatedEntity(of.name, "region", of.places[0], footprint=of.outline)
-            return poses_in(costmaps, region, np.random.default_rng(0))
+            return poses_in(costmaps.ground(of.places[0]), region, np.random.default_rng(0))
         if isinstance(of, Place):
-            return poses_to_reach(costmaps, floor_spot(costmaps, of.name))
-        return poses_to_reach(costmaps, find_entities(connection, of.name)[0])
+            return poses_to_reach(costmaps.ground(of.name), floor_spot(costmaps, of.name))
+        entity = find_entities(connection, of.name)[0]
+        ground = None if entity.place is None else costmaps.ground(entity.place)
+        return poses_to_reach(ground, entity)
 
     def approach_pose(of: Target) -> Pose:
         key = (of.name, of.places if isinstance(of, PlaceRegion) else ())

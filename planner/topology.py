@@ -10,6 +10,7 @@ from typing import Any, Literal
 
 import shapely
 
+from semmap.error import Error
 from semmap.geometry.pose import Pose
 from semmap.suggestions import suggestion
 
@@ -30,11 +31,11 @@ AT_POINT = 0.3
 """Metres from a waypoint within which a robot is at it."""
 
 
-class TopologyError(ValueError):
+class TopologyError(Error, ValueError):
     """Places and connectors that do not fit together."""
 
 
-class UnknownPlaceError(LookupError):
+class UnknownPlaceError(Error, LookupError):
     """The topology has no place of this name; the message suggests similar names."""
 
     def __init__(self, name: str, known: Iterable[str]) -> None:
@@ -252,6 +253,20 @@ class Topology:
             for side, place in enumerate(connector.places):
                 sides.setdefault(place, []).append((connector.name, side))
         return sides
+
+    def places_on(self, storey: str | None) -> list[Place]:
+        """The places of a storey; all where None.
+
+        Raises
+        ------
+        LookupError
+            There is no such storey.
+        """
+        found = [p for p in self.places.values() if storey is None or p.storey == storey]
+        if storey is not None and not found:
+            known = dict.fromkeys(p.storey for p in self.places.values() if p.storey)
+            raise LookupError(f"there is no storey {storey}; there are: {', '.join(known)}")
+        return found
 
     def cabins(self) -> dict[str, list[str]]:
         """The cabins of each elevator: names of places, one for each storey that it serves."""

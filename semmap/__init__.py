@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from semmap.api.map_entity import MapEntity
     from semmap.database.embedded import Cluster
     from semmap.database.error import DatabaseError
+    from semmap.error import Error
     from semmap.geometry.pose import Pose
     from semmap.ingest.world import WorldError
 
@@ -31,6 +32,7 @@ __all__ = [
     "Cluster",
     "Database",
     "DatabaseError",
+    "Error",
     "Map",
     "MapEntity",
     "Pose",
@@ -43,6 +45,7 @@ _HOMES = {
     "Cluster": "semmap.database.embedded",
     "Database": "semmap.api.database",
     "DatabaseError": "semmap.database.error",
+    "Error": "semmap.error",
     "MapEntity": "semmap.api.map_entity",
     "Pose": "semmap.geometry.pose",
     "Map": "semmap.api.map",

@@ -3,8 +3,12 @@
 from __future__ import annotations
 
 import ast
+import pkgutil
 from collections import defaultdict
+from importlib import import_module
 from pathlib import Path
+
+from semmap.error import Error
 
 ROOT = Path(__file__).parents[1]
 
@@ -32,3 +36,29 @@ def test_no_module_imports_a_private_name_of_another() -> None:
                         if each.name.startswith("_") and not each.name.startswith("__")
                     ]
     assert private == []
+
+
+def test_errors_have_one_base() -> None:
+    others = []
+    for package in ("semmap", "navgrid", "planner"):
+        for each in pkgutil.walk_packages(import_module(package).__path__, f"{package}."):
+            module = import_module(each.name)
+            for name in getattr(module, "__all__", ()):
+                member = getattr(module, name)
+                known = name in SIGNALS or not isinstance(member, type)
+                if not known and issubclass(member, Exception) and not issubclass(member, Error):
+                    others.append(f"{each.name}.{name}")
+    assert others == []
+
+
+SIGNALS = {
+    "EndOfPercepts",
+    "LostMissionError",
+    "Refused",
+    "ServerError",
+    "Unkept",
+    "UntranslatedError",
+    "Unusable",
+    "WholeError",
+}
+"""Exceptions between modules, which no user of a map sees."""

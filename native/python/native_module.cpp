@@ -126,32 +126,6 @@ Array<bool> occupancy(const Array<double>& vertices, const Array<Index>& faces, 
 }
 
 template <typename Index>
-Array<std::int32_t> occupancy_solids(const Array<double>& vertices, const Array<Index>& faces,
-                                     const Ends& ends, double origin_x, double origin_y,
-                                     double resolution, std::int64_t rows, std::int64_t columns,
-                                     const Solids& solids, std::int64_t solid_count, bool fill,
-                                     const Marks& filled, std::int64_t thread_count) {
-    const std::vector<semmap::Interval> intervals = intervals_of(ends);
-    const auto grid = frame(origin_x, origin_y, resolution, rows, columns, 4 * intervals.size());
-    const auto mesh = view(vertices, faces, solids, solid_count);
-    const semmap::Fill inside = filling(fill, filled, solid_count);
-    const unsigned team = threads(thread_count);
-    Array<std::int32_t> cells({static_cast<py::ssize_t>(intervals.size()), py::ssize_t{grid.rows},
-                               py::ssize_t{grid.columns}});
-    std::int32_t* data = cells.mutable_data();
-    semmap::Flaw flaw = semmap::Flaw::none;
-    {
-        const py::gil_scoped_release release;
-        for (std::size_t i = 0; i < intervals.size() && flaw == semmap::Flaw::none; ++i) {
-            flaw = semmap::lowest_solids(mesh, intervals[i], grid, inside, team,
-                                         data + i * grid.cells());
-        }
-    }
-    say(flaw, vertices);
-    return cells;
-}
-
-template <typename Index>
 Array<bool> closed_solids(const Array<double>& vertices, const Array<Index>& faces,
                           const Solids& solids, std::int64_t solid_count,
                           std::int64_t thread_count) {
@@ -398,10 +372,6 @@ template <typename Index>
 void define_for(py::module_& module) {
     using py::arg;
     module.def("occupancy", &occupancy<Index>, arg("vertices").noconvert(),
-               arg("faces").noconvert(), arg("intervals"), arg("origin_x"), arg("origin_y"),
-               arg("resolution"), arg("rows"), arg("columns"), arg("solids").none(true),
-               arg("solid_count"), arg("fill"), arg("filled").none(true), arg("threads"));
-    module.def("occupancy_solids", &occupancy_solids<Index>, arg("vertices").noconvert(),
                arg("faces").noconvert(), arg("intervals"), arg("origin_x"), arg("origin_y"),
                arg("resolution"), arg("rows"), arg("columns"), arg("solids").none(true),
                arg("solid_count"), arg("fill"), arg("filled").none(true), arg("threads"));

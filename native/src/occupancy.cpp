@@ -38,7 +38,7 @@ struct MaskCanvas {
     std::size_t columns;
     Bits bits = 0;
 
-    void choose(Mask intervals, std::int32_t /*solid*/) { bits = static_cast<Bits>(intervals); }
+    void choose(Mask intervals) { bits = static_cast<Bits>(intervals); }
 
     void run(std::int32_t row, std::int32_t first, std::int32_t last) {
         Bits* line = cells + static_cast<std::size_t>(row) * columns;
@@ -62,31 +62,6 @@ struct MaskCanvas {
 
     static constexpr Bits kEmpty = 0;
     static Bits join(Bits a, Bits b) { return static_cast<Bits>(a | b); }
-};
-
-// The lowest solid that contains a cell; unsigned, so that -1 is above all others.
-struct SolidCanvas {
-    std::uint32_t* cells;
-    std::size_t columns;
-    std::uint32_t number = 0;
-
-    void choose(Mask /*intervals*/, std::int32_t solid) {
-        number = static_cast<std::uint32_t>(solid);
-    }
-
-    void run(std::int32_t row, std::int32_t first, std::int32_t last) {
-        std::uint32_t* line = cells + static_cast<std::size_t>(row) * columns;
-        for (std::int32_t column = first; column <= last; ++column) {
-            line[column] = std::min(line[column], number);
-        }
-    }
-
-    void upright(std::int32_t column, std::int32_t first, std::int32_t last) {
-        for (std::int32_t row = first; row <= last; ++row) run(row, column, column);
-    }
-
-    static constexpr std::uint32_t kEmpty = 0xFFFFFFFF;
-    static std::uint32_t join(std::uint32_t a, std::uint32_t b) { return std::min(a, b); }
 };
 
 // A face that a fill plane cuts.
@@ -150,7 +125,6 @@ class Drawing {
         // The last rectangle: neighbours in an upright wall draw the same.
         Placed low{};
         Placed high{};
-        std::int32_t solid = -1;
     };
 
     bool place_vertices() {
@@ -311,18 +285,17 @@ class Drawing {
         const bool whole =
             end_slab == first_slab + 1 && lowest >= slab.low_place && highest <= slab.high_place;
         if ((one_row & one_column) || (whole && (one_row | one_column))) {
-            if (same(low, member.low) && same(high, member.high) && solid == member.solid) return;
+            if (same(low, member.low) && same(high, member.high)) return;
             member.low = low;
             member.high = high;
-            member.solid = solid;
-            member.canvas.choose(intervals, solid);
+            member.canvas.choose(intervals);
             member.painter.rectangle(low_row, high_row, low_column, high_column, member.canvas);
             return;
         }
         const Extent extent{low_row, high_row, low_column, high_column};
         if (whole && extent.is_small(grid_)) {
             const double* at = mesh_.vertices;
-            member.canvas.choose(intervals, solid);
+            member.canvas.choose(intervals);
             if (member.painter.small().triangle(at + 3 * face[0], at + 3 * face[1],
                                                 at + 3 * face[2], extent, member.canvas)) {
                 return;
@@ -332,7 +305,7 @@ class Drawing {
         std::array<Corner, 3> corner{corner_of(face[0], locator), corner_of(face[1], locator),
                                      corner_of(face[2], locator)};
         if (whole) {
-            member.canvas.choose(intervals, solid);
+            member.canvas.choose(intervals);
             member.painter.whole(corner[0], corner[1], corner[2], member.canvas);
             return;
         }
@@ -347,13 +320,13 @@ class Drawing {
             if (one_row) {
                 member.painter.template strip<0>(
                     corner, place, first, end, [&](const Slab& each, auto low, auto high) {
-                        member.canvas.choose(each.intervals, solid);
+                        member.canvas.choose(each.intervals);
                         member.painter.rectangle(low_row, low_row, low, high, member.canvas);
                     });
             } else {
                 member.painter.template strip<1>(
                     corner, place, first, end, [&](const Slab& each, auto low, auto high) {
-                        member.canvas.choose(each.intervals, solid);
+                        member.canvas.choose(each.intervals);
                         member.painter.rectangle(low, high, low_column, low_column, member.canvas);
                     });
             }
@@ -366,7 +339,7 @@ class Drawing {
             if (cut && (i == first_slab || slabs_.slabs[i - 1].high_place != each.low_place)) {
                 bottom = Painter::section(locator, corner, place, each.low, each.low_place);
             }
-            member.canvas.choose(each.intervals, solid);
+            member.canvas.choose(each.intervals);
             member.painter.clipped(corner, place, each, bottom, member.canvas);
         }
     }
@@ -425,7 +398,7 @@ class Drawing {
             add_turns(*cut, slabs_.fills[cut->plane], member.painter, turns);
         }
         if (turns.empty()) return;
-        member.canvas.choose(slabs_.fills[first->plane].intervals, first->solid);
+        member.canvas.choose(slabs_.fills[first->plane].intervals);
         std::sort(turns.begin(), turns.end(), [](const Turn& a, const Turn& b) {
             return a.row != b.row ? a.row < b.row : a.column < b.column;
         });
@@ -548,17 +521,6 @@ Flaw occupancy(const MeshView<Index>& mesh, const std::vector<Interval>& interva
 }
 
 template <typename Index>
-Flaw lowest_solids(const MeshView<Index>& mesh, Interval interval, const GridFrame& grid,
-                   const Fill& fill, unsigned threads, std::int32_t* cells) {
-    try {
-        return draw<SolidCanvas>(mesh, {interval}, grid, fill, Team(threads),
-                                 reinterpret_cast<std::uint32_t*>(cells));
-    } catch (const std::bad_alloc&) {
-        return Flaw::out_of_memory;
-    }
-}
-
-template <typename Index>
 Flaw closed_solids(const MeshView<Index>& mesh, std::size_t solid_count, unsigned threads,
                    std::uint8_t* closed) {
     for (std::size_t f = 0; f < mesh.face_count; ++f) {
@@ -581,11 +543,9 @@ Flaw closed_solids(const MeshView<Index>& mesh, std::size_t solid_count, unsigne
     }
 }
 
-#define SEMMAP_FOR_INDEX(Index)                                                                  \
-    template Flaw occupancy(const MeshView<Index>&, const std::vector<Interval>&,                \
-                            const GridFrame&, const Fill&, unsigned, std::uint8_t*);             \
-    template Flaw lowest_solids(const MeshView<Index>&, Interval, const GridFrame&, const Fill&, \
-                                unsigned, std::int32_t*);                                        \
+#define SEMMAP_FOR_INDEX(Index)                                                      \
+    template Flaw occupancy(const MeshView<Index>&, const std::vector<Interval>&,    \
+                            const GridFrame&, const Fill&, unsigned, std::uint8_t*); \
     template Flaw closed_solids(const MeshView<Index>&, std::size_t, unsigned, std::uint8_t*);
 
 SEMMAP_FOR_INDEX(std::int32_t)

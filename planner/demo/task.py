@@ -116,7 +116,7 @@ def _drive(
 
     file = folder / "simulation.sqlite"
     file.unlink(missing_ok=True)
-    with MissionStore(engine, live.map_name, "demo") as store:
+    with MissionStore(MapHandle(engine, live.map_name), "demo") as store:
         try:
             pose = entry_pose(live.topology, start)
         except MissionError as error:

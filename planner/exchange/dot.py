@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterator
 from itertools import pairwise
 
-from planner.exchange.route_graph import ExchangeError
 from planner.topology import OUTSIDE, Place, PlaceConnector, Topology
 
 __all__ = ["dot"]
@@ -30,10 +29,7 @@ def dot(topology: Topology, *, storey: str | None = None, name: str = "topology"
     ExchangeError
         There is no such storey.
     """
-    places = [p for p in topology.places.values() if storey is None or p.storey == storey]
-    if storey is not None and not places:
-        known = dict.fromkeys(p.storey for p in topology.places.values() if p.storey)
-        raise ExchangeError(f"there is no storey {storey}; there are: {', '.join(known)}")
+    places = topology.places_on(storey)
     inside = {p.name for p in places}
     connectors = [c for c in topology.connectors.values() if inside & set(c.places)]
     beyond = {n for c in connectors for n in c.places} - inside

@@ -18,6 +18,7 @@ from planner.exchange.visibility_graph import CLEARANCE, corner_paths
 from planner.robot_class import RobotClass
 from planner.routing_graph import RoutingGraph
 from planner.topology import OUTSIDE, PlaceConnector, Topology
+from semmap.error import Error
 from semmap.geometry.pose import Pose
 
 __all__ = [
@@ -42,7 +43,7 @@ JAMB = 0.1
 """Metres by which a shut door reaches into the wall on each side of its opening."""
 
 
-class ExchangeError(ValueError):
+class ExchangeError(Error, ValueError):
     """A format cannot express a topology; the message says how to fix it."""
 
 

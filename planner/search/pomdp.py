@@ -42,7 +42,7 @@ class Pomdp:
 
     See Also
     --------
-    planner.search.point_based.solve, planner.search.pomdp_file.write_pomdp
+    planner.search.pomdp_file.write_pomdp
     """
 
     states: tuple[str, ...]
@@ -86,16 +86,3 @@ class Pomdp:
                 )
         if not 0 < self.discount <= 1:
             raise ValueError(f"discount is {self.discount}; give a number in (0, 1]")
-
-    def successors(self, belief: Floats, action: int) -> tuple[Floats, Floats]:
-        """The probability of each observation after an action, and the belief after each.
-
-        Returns
-        -------
-        chances : (O,)
-        beliefs : (O, S)
-            A row of an observation that is impossible is 0.
-        """
-        joint = ((belief @ self.transitions[action])[:, None] * self.likelihoods[action]).T
-        chances = joint.sum(axis=1)
-        return chances, np.divide(joint, chances[:, None], where=chances[:, None] > 0, out=joint)

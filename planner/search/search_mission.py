@@ -23,6 +23,7 @@ from planner.search.reader import read_believed_object, read_looks, read_opened
 from planner.search.receding_horizon import Decision, decide
 from planner.search.search_problem import NOT_SEEN
 from planner.search.viewpoints import Sight
+from semmap.error import Error
 
 __all__ = ["NotFoundError", "SearchPlanner", "SearchResult", "explain"]
 
@@ -38,7 +39,7 @@ TRIES = 2
 """How often a viewpoint may fail until the search does without it."""
 
 
-class NotFoundError(ValueError):
+class NotFoundError(Error, ValueError):
     """The object is not where the robot can see; the message says where it looked."""
 
 
@@ -100,7 +101,7 @@ class SearchPlanner:
         live: LiveTopology,
         sight: Sight | None = None,
         detector: Detector | None = None,
-        say: Callable[[str], None] | None = None,
+        say: Callable[[str], object] | None = None,
     ) -> None:
         self.live = live
         self.sight = sight or Sight()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import random
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -57,7 +57,6 @@ class SimEyes:
     shut: frozenset[str] = frozenset()
     height: float = 0.1
     seed: int = 0
-    _triangles: dict[str, Floats] = field(default_factory=dict)
 
     def share_in_view(self, name: str, base: Pose, objects: Mapping[str, Sighting]) -> float:
         """The share of an object's picture that nothing hides; 0 if it is out of view.

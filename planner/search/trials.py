@@ -8,7 +8,6 @@ as the map computes it; so its first run is as long as a search without memory.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -19,7 +18,7 @@ from planner.search.receding_horizon import decide
 from planner.search.search_problem import NOT_SEEN, SearchProblem
 from semmap.belief import SightingModel
 
-__all__ = ["compare", "show"]
+__all__ = ["compare"]
 
 Floats = NDArray[np.float64]
 
@@ -40,10 +39,6 @@ LEAST_CHANCE = 0.002
 
 MOST_LOOKS = 60
 """Looks after which a search gives up."""
-
-Choose = Callable[[Floats, int | None, list[tuple[int, int]]], int | None]
-"""Returns the next viewpoint, or None to answer; from the belief, where the robot is, and the looks
-so far, each with its answer."""
 
 
 def compare(search: MapSearch, trials: int, seed: int = 0) -> dict[str, Any]:
@@ -112,36 +107,6 @@ def compare(search: MapSearch, trials: int, seed: int = 0) -> dict[str, Any]:
         if name != "later searches"
     }
     return found
-
-
-def show(found: dict[str, Any]) -> None:
-    """Print the durations as a table."""
-    from rich.table import Table
-
-    from semmap import cli
-
-    table = Table(box=None, pad_edge=False, header_style="bold")
-    for column in ("strategy", "seconds", "right", "later searches are shorter by"):
-        table.add_column(column)
-    shorter = found["later searches are shorter than"]
-    for name, row in found["strategies"].items():
-        by = shorter.get(name)
-        table.add_row(
-            name,
-            _text(row["seconds"]),
-            f"{row['right']:.0%}",
-            "" if by is None else _text(by),
-        )
-    cli.out.print(table)
-    runs = found["runs"]
-    cli.out.print(
-        f"{found['trials']} objects, {runs} searches each; means with 95 % confidence intervals",
-        style="dim",
-    )
-
-
-def _text(interval: dict[str, float]) -> str:
-    return f"{interval['mean']:.1f} ± {interval['half_width']:.1f} s"
 
 
 def _interval(values: Floats) -> dict[str, float]:

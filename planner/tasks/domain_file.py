@@ -26,6 +26,7 @@ import yaml
 from planner.tasks.goal import Word
 from planner.tasks.problem import NoPlanError, Operator, Problem
 from planner.tasks.world import TaskWorld
+from semmap.error import Error
 from semmap.limits import ACTIONS, CONFIG_BYTES
 from semmap.yaml_file import check_structure
 
@@ -46,7 +47,7 @@ _MOST_STEPS = 10_000
 _LITERAL = re.compile(r"\s*(not\s+)?([A-Za-z_][\w-]*)\s*\(([^()]*)\)\s*$")
 
 
-class DomainError(ValueError):
+class DomainError(Error, ValueError):
     """A domain file is invalid; the message names the line and how to fix it."""
 
 

@@ -6,6 +6,7 @@ import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
+from semmap.error import Error
 from semmap.suggestions import suggestion
 
 __all__ = ["ROBOT", "Atom", "Goal", "GoalError", "Word", "parse_goal"]
@@ -24,7 +25,7 @@ _TOKEN = re.compile(
 _ARTICLES = ("a", "an", "the", "some", "any")
 
 
-class GoalError(ValueError):
+class GoalError(Error, ValueError):
     """A goal that cannot be read, or that contradicts itself."""
 
 

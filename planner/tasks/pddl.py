@@ -3,6 +3,9 @@
 What holds in the logic program holds here: one drive between two events, no thing picked up more
 often than it has to be, and in the end nothing in hand but what was before. After `finish` the
 words of the goal are taken for things, which costs nothing.
+
+The writer of unified-planning takes 600 times as long (``python -m benchmarks plans``), would
+replace only the formatting, and needs the domain as objects, which are more lines than the PDDL.
 """
 
 from __future__ import annotations

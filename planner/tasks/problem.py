@@ -10,11 +10,12 @@ from numpy.typing import NDArray
 from planner.routing_graph import Endpoint
 from planner.tasks.goal import Goal, Word
 from planner.tasks.world import TaskState
+from semmap.error import Error
 
 __all__ = ["NoPlanError", "Operator", "Problem", "milliseconds"]
 
 
-class NoPlanError(ValueError):
+class NoPlanError(Error, ValueError):
     """No plan reaches the goal; the message says why."""
 
 

@@ -8,6 +8,7 @@ from typing import Any
 
 from planner.tasks.goal import Word
 from planner.topology import Topology
+from semmap.error import Error
 from semmap.geometry.pose import Pose
 from semmap.suggestions import suggestion
 
@@ -34,7 +35,7 @@ HUNG = 0.25
 """Height of its underside from which on such an object, with nothing below it, hangs, metres."""
 
 
-class UnknownObjectError(LookupError):
+class UnknownObjectError(Error, LookupError):
     """A word stands for no entity; the message suggests similar words."""
 
     def __init__(self, word: str, known: Iterable[str], *, what: str = "object or place") -> None:

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from functools import cached_property
+from pathlib import Path
 from types import TracebackType
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any, Literal, Self
 
 import psycopg
 from psycopg import sql
@@ -20,12 +22,12 @@ from semmap.database.shared_engine import shared_engine
 from semmap.query import entity_query
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
     from sqlalchemy import Engine
 
     from planner.robot_class import RobotClass
     from semmap.database.embedded import Cluster
+    from semmap.ingest.importer import ImportSummary
+    from semmap.ingest.store.model_store import Progress
 
 __all__ = ["Database", "connect"]
 
@@ -61,12 +63,10 @@ def connect(url: str | Cluster | None = None, *, migrate: bool | None = None) ->
     <room kitchen> []
     3
     """
-    if migrate is None:
-        migrate = is_new_cluster(url)
-    return Database(open_session(url, migrate=migrate), url)
+    return Database(url, migrate=_is_new_cluster(url) if migrate is None else migrate)
 
 
-def is_new_cluster(url: str | Cluster | None) -> bool:
+def _is_new_cluster(url: str | Cluster | None) -> bool:
     """Whether the embedded database is meant, and is not made yet."""
     import os
 
@@ -79,15 +79,15 @@ def is_new_cluster(url: str | Cluster | None) -> bool:
 
 
 class Database(DatabaseManipulation, DatabaseInterlinking):
-    """The maps of a database, over one session; for one thread at a time.
+    """The maps of a database; for one thread at a time. `connect` opens it.
 
     Attributes
     ----------
-    session : the psycopg connection, in autocommit mode, its search path on the schema
+    session : a psycopg connection in autocommit mode, its search path on the schema
     """
 
-    def __init__(self, session: psycopg.Connection[Any], url: str | Cluster | None = None) -> None:
-        self.session = session
+    def __init__(self, url: str | Cluster | None = None, *, migrate: bool = False) -> None:
+        self.session = open_session(url, migrate=migrate)
         self._url = url
         self._maps: dict[str, Map] = {}
 
@@ -203,12 +203,59 @@ class Database(DatabaseManipulation, DatabaseInterlinking):
                 )
             )
 
+    def import_file(
+        self,
+        path: str | Path,
+        *,
+        map: str | None = None,
+        geometry: Literal["visual", "collision"] = "visual",
+        mesh_as: Literal["object", "room"] = "object",
+        strict: bool = False,
+        source: str | None = None,
+        model_path: Sequence[str | Path] = (),
+        scale: float = 1.0,
+        progress: Progress = lambda stage, done, total: None,
+    ) -> ImportSummary:
+        """Read a world file into a map, in one transaction; a repeated import updates it.
+
+        Parameters
+        ----------
+        path : SDF, Open-RMF ``building.yaml``, GeoJSON, GeoPackage, a mesh or a point cloud
+        map : its name, made where it is not there; by default the file's own
+        geometry : of SDF models
+        mesh_as : what a mesh file is
+        strict : take nothing if anything is left out
+        source : the name under which a repeated import finds its entities; by default the file's
+        model_path : folders of SDF models, searched first
+        scale : metres per unit of a mesh file
+        progress : called with a stage, how much of it is done, and how much there is
+
+        Raises
+        ------
+        WorldError
+            The file cannot be used as a whole; nothing is changed.
+        """
+        from semmap.ingest.importer import import_file
+
+        return import_file(
+            self.engine,
+            Path(path),
+            map_name=map,
+            geometry=geometry,
+            mesh_as=mesh_as,
+            strict=strict,
+            source=source,
+            model_path=[Path(folder) for folder in model_path],
+            scale=scale,
+            progress=progress,
+        )
+
     def add_robot(
         self,
         name: str,
         urdf: Path | str,
         *,
-        posture: str | None = None,
+        posture: str | Mapping[str, float] | None = None,
         parts: Path | str | None = None,
         max_step: float = 0.02,
         max_slope: float = 6.0,

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 from semmap.api.map_beliefs import MapBeliefs
-from semmap.api.map_driving import MapDriving
+from semmap.api.map_drawing import MapDrawing
 from semmap.api.map_entity import MapEntity
 from semmap.api.map_manipulation import MapManipulation
 from semmap.api.map_observations import MapObservations
@@ -22,7 +22,6 @@ if TYPE_CHECKING:
 
     from semmap.geometry.mesh import Mesh
     from semmap.ingest.importer import ImportSummary
-    from semmap.ingest.store.model_store import Progress
 
 __all__ = ["Map"]
 
@@ -32,7 +31,7 @@ PlanarPose = Sequence[float]
 
 class Map(
     MapBeliefs,
-    MapDriving,
+    MapDrawing,
     MapManipulation,
     MapObservations,
     MapPractice,
@@ -47,42 +46,15 @@ class Map(
     name : the name of the map
     """
 
-    def import_file(
-        self,
-        path: str | Path,
-        *,
-        geometry: Literal["visual", "collision"] = "visual",
-        mesh_as: Literal["object", "room"] = "object",
-        strict: bool = False,
-        source: str | None = None,
-        model_path: Sequence[str | Path] = (),
-        scale: float = 1.0,
-        progress: Progress = lambda stage, done, total: None,
-    ) -> ImportSummary:
-        """Read a world file into the map, in one transaction; a repeated import updates it.
+    def import_file(self, path: str | Path, **options: Any) -> ImportSummary:
+        """Read a world file into the map; options and errors are those of `Database.import_file`.
 
-        `model_path` has folders of SDF models, searched first; `scale` is metres per unit of a mesh
-        file.
-
-        Raises
-        ------
-        WorldError
-            The file cannot be used as a whole; the map stays as it was.
+        Examples
+        --------
+        >>> house.import_file("small_house.world").added  # doctest: +SKIP
+        87
         """
-        from semmap.ingest.importer import import_file
-
-        return import_file(
-            self.database.engine,
-            Path(path),
-            map_name=self.name,
-            geometry=geometry,
-            mesh_as=mesh_as,
-            strict=strict,
-            source=source,
-            model_path=[Path(folder) for folder in model_path],
-            scale=scale,
-            progress=progress,
-        )
+        return self.database.import_file(path, map=self.name, **options)
 
     def add_storey(
         self, name: str, *, elevation: float = 0.0, height: float | None = None

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from datetime import UTC, datetime
 from functools import cached_property
 from pathlib import Path
@@ -15,8 +15,8 @@ if TYPE_CHECKING:
     from navgrid.field_layer import FieldVoxels
     from navgrid.occupancy_grid import StoreyGrid
     from planner.live_topology import LiveTopology
+    from planner.location import LocationLike
     from planner.robot_class import RobotClass
-    from planner.route_planner import Location
     from planner.topology import Topology
     from semmap.api.map_route import MapRoute
     from semmap.geometry.voxels import Voxels
@@ -25,9 +25,11 @@ if TYPE_CHECKING:
     from semmap.robot import Part
 
     RobotLike = str | Path | RobotClass | Sequence[Part]
-    Progress = Callable[[str, int, int], None]
 
-__all__ = ["MapDriving"]
+__all__ = ["MapDriving", "Progress"]
+
+Progress = Callable[[str, int, int], None]
+"""Called with what is done now, its number, and how many there are."""
 
 
 class MapDriving(MapQuestions):
@@ -119,7 +121,7 @@ class MapDriving(MapQuestions):
         self,
         robot: RobotLike,
         *,
-        posture: str | None = None,
+        posture: str | Mapping[str, float] | None = None,
         parts: Path | str | None = None,
         storey: str | None = None,
         rooms: Sequence[str] | None = None,
@@ -141,8 +143,8 @@ class MapDriving(MapQuestions):
         Parameters
         ----------
         robot : a stored class, a URDF, a `planner.RobotClass` or the parts of a robot
-        posture : of its joints: a state of its SRDF, JSON (``{"arm_1_joint": 0.5}``) or a file
-            of it; by default that of the stored class, or all joints at 0
+        posture : of its joints: ``{"arm_1_joint": 0.5}``, a state of its SRDF, or JSON; by
+            default that of the stored class, or all joints at 0
         parts : a YAML file that groups the links of a URDF into parts
         storey, rooms, bounds : only this storey, these rooms, or (x0, y0, x1, y1) in metres
         inflation_radius, cost_scaling_factor : as in costmap_2d, metres and 1/metre
@@ -202,7 +204,11 @@ class MapDriving(MapQuestions):
             return read_ended_fields(seen.connection)
 
     def robot_parts(
-        self, robot: RobotLike, *, posture: str | None = None, parts: Path | str | None = None
+        self,
+        robot: RobotLike,
+        *,
+        posture: str | Mapping[str, float] | None = None,
+        parts: Path | str | None = None,
     ) -> list[Part]:
         """The parts of a robot with their intervals of height and footprints, as for `costmaps`."""
         from planner.readers.robot_class import read_robot_class, read_robot_urdf
@@ -237,8 +243,8 @@ class MapDriving(MapQuestions):
 
     def route(
         self,
-        start: Location,
-        goal: Location,
+        start: LocationLike,
+        goal: LocationLike,
         *,
         robot: str | RobotClass | None = None,
         avoid: Sequence[str] = (),
@@ -288,8 +294,8 @@ class MapDriving(MapQuestions):
 
     def routes(
         self,
-        start: Location,
-        goal: Location,
+        start: LocationLike,
+        goal: LocationLike,
         count: int,
         *,
         robot: str | RobotClass | None = None,

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
+from functools import partial
 from html import escape
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Self
 
 from planner.route import Route
 
@@ -72,7 +73,7 @@ class MapRoute(Route):
         if not lines:
             raise ValueError(f"the storey of {self.start} has no floor plan to draw on")
         return Picture.stacked(
-            Picture.drawn(_drawing(floor_plan, with_grid(grids[storey]), path))
+            Picture.drawn(partial(floor_plan, replace(with_grid(grids[storey]), path=path)))
             for storey, path in lines.items()
         )
 
@@ -89,9 +90,3 @@ class MapRoute(Route):
 
     def _repr_png_(self) -> bytes:
         return self.plot().png
-
-
-def _drawing(floor_plan: Any, view: Any, path: Any) -> Any:
-    from dataclasses import replace
-
-    return lambda file: floor_plan(replace(view, path=path), file)

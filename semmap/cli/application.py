@@ -17,6 +17,7 @@ from semmap.cli.chosen import CliOptions, choose_map, engine, open_database
 from semmap.cli.database_commands import app as database_commands
 from semmap.cli.options import Json, MapName
 from semmap.cli.plugin_group import PluginGroup
+from semmap.error import Error
 from semmap.terminal import guard_streams
 
 if TYPE_CHECKING:
@@ -70,7 +71,6 @@ def import_(
     from rich.progress import Progress as Bars
 
     from semmap.cli.output import err, print_json
-    from semmap.ingest.importer import import_file
 
     if geometry not in ("visual", "collision") or as_ not in ("object", "room"):
         raise typer.BadParameter("--geometry is visual or collision, --as is object or room")
@@ -80,30 +80,15 @@ def import_(
         if not folder.is_dir():
             raise typer.BadParameter(f"--model-path: {folder} is not a folder")
     summaries: list[ImportSummary] = []
-    database = engine(migrate=True)
-    for path in files:
-        columns = (
-            TextColumn("{task.description}"),
-            BarColumn(),
-            MofNCompleteColumn(),
-            TimeElapsedColumn(),
-        )
-        with Bars(*columns, console=err, transient=True) as bars:
-            summaries.append(
-                import_file(
-                    database,
-                    path,
-                    map_name=map_name,
-                    geometry="collision" if geometry == "collision" else "visual",
-                    mesh_as="room" if as_ == "room" else "object",
-                    strict=strict,
-                    source=source,
-                    model_path=model_path or (),
-                    scale=scale,
-                    progress=_report(bars),
-                )
-            )
-        map_name = map_name or summaries[-1].map
+    options: Any = {"geometry": geometry, "mesh_as": as_, "strict": strict, "source": source}
+    options |= {"model_path": model_path or (), "scale": scale}
+    columns = TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn()
+    with open_database(migrate=True) as db:
+        for path in files:
+            with Bars(*columns, TimeElapsedColumn(), console=err, transient=True) as bars:
+                summary = db.import_file(path, map=map_name, progress=_report(bars), **options)
+            summaries.append(summary)
+            map_name = map_name or summary.map
     if json_:
         print_json([summary.as_json() for summary in summaries])
         return
@@ -433,8 +418,6 @@ def _expected(error: Exception) -> str | None:
     """The message for the user of an error that bad input or a missing database causes."""
     import psycopg
 
-    from semmap.database.error import DatabaseError
-
     cause = getattr(error, "orig", error)  # SQLAlchemy keeps the driver's error there
     if isinstance(cause, psycopg.Error):
         message = str(cause).strip()
@@ -445,8 +428,6 @@ def _expected(error: Exception) -> str | None:
         return message
     if isinstance(error, LookupError) and error.args:
         return str(error.args[0])
-    module = sys.modules.get("semmap.ingest.world")
-    refused: tuple[type[Exception], ...] = (module.WorldError,) if module else ()
-    if isinstance(error, (*refused, DatabaseError, LookupError, ValueError)):
+    if isinstance(error, (Error, LookupError, ValueError)):
         return str(error)
     return None

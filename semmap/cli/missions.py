@@ -63,25 +63,30 @@ def run_command(
     if resume == (goal is not None):
         raise typer.BadParameter("give either a goal, or --resume")
 
-    from semmap.cli.simulated_run import SimulatedRun
+    from semmap.cli.mission_output import say, show_event, show_mission
 
-    SimulatedRun(
-        start,
-        robot,
-        robot_class,
-        speed=speed,
-        fail=fail or (),
-        seed=seed,
-        world=world,
-        apply=apply,
-        domain_file=domain_file,
-        map_name=map_name,
-        json_=json_,
-        put=put or (),
-        gripper=gripper,
-        try_grasps=try_grasps,
-        assume_sizes=assume_sizes,
-    ).run(goal, mission, resume=resume)
+    with cli.chosen_map(map_name) as house:
+        ended = house.run(
+            goal,
+            start=start,
+            robot=robot_class,
+            agent=robot,
+            speed=speed,
+            fail=fail or (),
+            seed=seed,
+            put=put or (),
+            gripper=gripper,
+            world=world,
+            apply=apply,
+            domain=domain_file,
+            try_grasps=try_grasps,
+            assume_sizes=assume_sizes,
+            resume=resume,
+            mission=mission,
+            on_event=None if json_ else show_event,
+            say=None if json_ else say,
+        )
+    show_mission(ended, json_)
 
 
 def missions_command(
@@ -93,17 +98,10 @@ def missions_command(
     json_: cli.Json = False,
 ) -> None:
     """List missions, or the steps of one; cancel one."""
-    from planner.mission.store.missions import MissionError, MissionStore
-
-    with cli.database() as engine, MissionStore(engine, map_name) as store:
-        if cancel is not None and not store.cancel(cancel):
-            raise MissionError(
-                f"mission {cancel} does not exist or has ended: `semmap missions` lists them"
-            )
-        missions = store.missions()
-        rows = missions if mission is None else store.steps(mission)
-        if mission is not None and mission not in {row["id"] for row in missions}:
-            raise MissionError(f"there is no mission {mission}: `semmap missions` lists them")
+    with cli.chosen_map(map_name) as house:
+        if cancel is not None:
+            house.cancel_mission(cancel)
+        rows = house.missions() if mission is None else house.mission_steps(mission)
     if json_:
         print(json.dumps(rows, default=str))
         return

@@ -38,45 +38,24 @@ def plan_command(
     json_: cli.Json = False,
 ) -> None:
     """Plan a task: the actions that reach a goal in the least time."""
-    from planner.live_topology import LiveTopology
-    from planner.search.search_mission import SearchPlanner
-    from planner.search.task_search import plan_with_search
-    from planner.task_planner import TaskPlanner
-    from planner.tasks.domain_file import read_domain
-    from planner.tasks.pddl import write_pddl
-    from semmap.query.map_handle import MapHandle
-
-    domain = None if domain_file is None else read_domain(domain_file)
-    with cli.database() as engine:
-        live = LiveTopology(MapHandle(engine, map_name), robot, assume_sizes=assume_sizes)
-        tasks = TaskPlanner(live, domain)
-        relations = () if domain is None else domain.relations
-        with live.snapshot() as connection:
-            searches = plan_with_search(
-                connection,
-                tasks,
-                SearchPlanner(live),
-                goal,
-                start,
-                agent=robot,
-                relations=relations,
-                patience=patience,
-            )
-            if searches is None or pddl is not None:
-                task = tasks.task(connection, goal, start, agent=robot)
-                if pddl is not None:
-                    written = write_pddl(task.problem(), pddl)
-                    if not json_:
-                        cli.out.print(f"{written[0]}, {written[1]}")
-                searches = task.plan(patience), []
-    plan, reasons = searches
-    if not json_:
-        for reason in reasons:
-            cli.out.print(reason, style="cyan")
+    with cli.chosen_map(map_name) as house:
+        plan = house.plan(
+            goal,
+            start=start,
+            robot=robot,
+            domain=domain_file,
+            patience=patience,
+            pddl=pddl,
+            assume_sizes=assume_sizes,
+        )
     if json_:
         print(json.dumps(_plan_as_json(plan)))
-    else:
-        _show_plan(plan)
+        return
+    if pddl is not None:
+        cli.out.print(f"{pddl / 'domain.pddl'}, {pddl / 'problem.pddl'}")
+    for reason in plan.reasons:
+        cli.out.print(reason, style="cyan")
+    _show_plan(plan)
 
 
 def _plan_as_json(plan: Plan) -> dict[str, Any]:

@@ -13,8 +13,7 @@ from semmap.cli import mission_options as options
 from semmap.cli.place_progress import place_progress
 
 if TYPE_CHECKING:
-    from planner.search.problem_builder import MapSearch
-    from planner.search.receding_horizon import Decision
+    from semmap.api.map_plan import ObjectSearch
 
 __all__ = ["search_command"]
 
@@ -55,97 +54,101 @@ def search_command(
     """Search for an object: say where to look first and why, or let a simulated robot do it."""
     from planner.search.problem_builder import Detector
     from planner.search.viewpoints import Sight
+    from semmap.cli.mission_output import say, show_event, show_mission
 
     try:
         sight = Sight(height=camera_height, furthest=range_)
         detector = Detector(hit, false_alarm, look, wrong)
     except ValueError as error:
         raise typer.BadParameter(str(error)) from None
-    if simulate:
-        from semmap.cli.simulated_run import SimulatedRun
-
-        run = SimulatedRun(
-            start,
-            robot,
-            robot_class,
-            speed=speed,
-            fail=fail or (),
-            seed=seed,
-            world=world,
-            apply=apply,
-            map_name=map_name,
-            json_=json_,
-            put=put or (),
-            sight=sight,
-            detector=detector,
-        )
-        run.run(f'found("{name}")')
-        return
-    from planner.live_topology import LiveTopology
-    from planner.search.receding_horizon import decide
-    from planner.search.search_mission import SearchPlanner, explain
-    from planner.tasks.reader import read_state
-    from semmap.query.map_handle import MapHandle
-
-    with cli.database() as engine:
-        live = LiveTopology(MapHandle(engine, map_name), robot_class)
-        with live.snapshot() as connection:
-            state = read_state(connection, live.topology, start)
-            begin = live.graph.endpoint(state.place, state.pose)
-            with place_progress(quiet=json_) as progress:
-                planner = SearchPlanner(live, sight, detector)
-                search = planner.begin(connection, name, begin, progress=progress)
-    decision = decide(search.problem, search.belief)
+    seeing: Any = {"start": start, "robot": robot_class, "sight": sight, "detector": detector}
+    with cli.chosen_map(map_name) as house:
+        if simulate:
+            ended = house.run(
+                f'found("{name}")',
+                agent=robot,
+                speed=speed,
+                fail=fail or (),
+                seed=seed,
+                world=world,
+                apply=apply,
+                put=put or (),
+                on_event=None if json_ else show_event,
+                say=None if json_ else say,
+                **seeing,
+            )
+            show_mission(ended, json_)
+            return
+        with place_progress(quiet=json_) as progress:
+            search = house.search(name, progress=progress, **seeing)
     if pomdp is not None:
-        from planner.search.pomdp_file import write_pomdp
-        from planner.search.search_problem import as_pomdp
-
-        write_pomdp(as_pomdp(search.problem, search.belief), pomdp)
+        search.write_pomdp(pomdp)
     if trials:
-        from planner.search.trials import compare, show
-
-        found = compare(search, trials, seed)
-        print(json.dumps(found)) if json_ else show(found)
-        return
-    if json_:
-        print(json.dumps(_as_json(search, decision)))
-        return
-    cli.out.print(explain(search, search.belief, decision))
-    _show_tour(search, decision)
+        found = search.compare(trials, seed)
+        print(json.dumps(found)) if json_ else _show_trials(found)
+    elif json_:
+        print(json.dumps(_as_json(search)))
+    else:
+        cli.out.print(search.reason)
+        _show_tour(search)
 
 
-def _show_tour(search: MapSearch, decision: Decision) -> None:
+def _show_tour(search: ObjectSearch) -> None:
     from rich.table import Table
 
     table = Table(box=None, pad_edge=False, header_style="bold")
     for column in ("look from", "x", "y", "shows"):
         table.add_column(column, overflow="fold")
-    for number in decision.tour:
-        view = search.viewpoints[number]
+    for view in search.tour:
         shows = ", ".join(f"{place} {share:.0%}" for place, share in view.shows[:6])
         opens = f"open {view.opens}: " if view.opens else ""
         table.add_row(view.name, f"{view.pose.x:.2f}", f"{view.pose.y:.2f}", opens + shows)
-    if decision.tour:
+    if search.tour:
         cli.out.print(table)
 
 
-def _as_json(search: MapSearch, decision: Decision) -> dict[str, Any]:
-    problem = search.problem
+def _as_json(search: ObjectSearch) -> dict[str, Any]:
     return {
-        "object": problem.objects[0],
-        "belief": dict(
-            zip(problem.places, problem.by_place(search.belief)[0].tolist(), strict=True)
-        ),
-        "action": decision.action,
-        "seconds": decision.cost,
+        "object": search.name,
+        "belief": search.belief,
+        "action": search.decision.action,
+        "seconds": search.seconds,
         "tour": [
             {
-                "viewpoint": search.viewpoints[k].name,
-                "room": search.viewpoints[k].room,
-                "pose": search.viewpoints[k].pose._asdict(),
-                "shows": dict(search.viewpoints[k].shows),
-                "opens": search.viewpoints[k].opens,
+                "viewpoint": view.name,
+                "room": view.room,
+                "pose": view.pose._asdict(),
+                "shows": dict(view.shows),
+                "opens": view.opens,
             }
-            for k in decision.tour
+            for view in search.tour
         ],
     }
+
+
+def _show_trials(found: dict[str, Any]) -> None:
+    """Print the durations as a table."""
+    from rich.table import Table
+
+    table = Table(box=None, pad_edge=False, header_style="bold")
+    for column in ("strategy", "seconds", "right", "later searches are shorter by"):
+        table.add_column(column)
+    shorter = found["later searches are shorter than"]
+    for name, row in found["strategies"].items():
+        by = shorter.get(name)
+        table.add_row(
+            name,
+            _seconds(row["seconds"]),
+            f"{row['right']:.0%}",
+            "" if by is None else _seconds(by),
+        )
+    cli.out.print(table)
+    runs = found["runs"]
+    cli.out.print(
+        f"{found['trials']} objects, {runs} searches each; means with 95 % confidence intervals",
+        style="dim",
+    )
+
+
+def _seconds(interval: dict[str, float]) -> str:
+    return f"{interval['mean']:.1f} ± {interval['half_width']:.1f} s"

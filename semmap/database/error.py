@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from semmap.error import Error
+
 __all__ = ["DatabaseError"]
 
 
-class DatabaseError(Exception):
+class DatabaseError(Error):
     """A database that cannot be had or used; the message says what to do."""

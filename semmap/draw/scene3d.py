@@ -145,7 +145,7 @@ def scene3d(
     if boxes:
         _name_rooms(labels, camera, depth, rooms)
     if object_labels:
-        _name_objects(labels, camera, depth, storeys, shifts, cut, named_rooms=boxes)
+        _name_objects(labels, camera, depth, storeys, shifts, cut)
     path = Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)
     figure.savefig(path, facecolor=PAPER)
@@ -379,7 +379,6 @@ def _name_objects(
     storeys: Sequence[StoreyView],
     shifts: Sequence[Floats],
     cut: float,
-    named_rooms: bool,
 ) -> None:
     """Write the types of objects, the largest first, where there is space for them."""
     named: list[tuple[float, str, str, Floats]] = []

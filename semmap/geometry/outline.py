@@ -11,7 +11,7 @@ from shapely import MultiPolygon, Polygon
 from semmap.geometry.mesh import Mesh
 from semmap.geometry.pose import Pose
 
-__all__ = ["hull_points", "outline", "placed_outline", "silhouette"]
+__all__ = ["hull_points", "placed_outline", "silhouette"]
 
 
 MANY = 2000
@@ -66,11 +66,6 @@ def _flat_hull(points: NDArray[np.float64], at: NDArray[np.float64]) -> NDArray[
         if chosen is not None:
             return points[chosen]
     return points[[flat[:, 0].argmin(), flat[:, 0].argmax()]]
-
-
-def outline(mesh: Mesh) -> Polygon:
-    """Return the convex hull of the mesh's projection on the xy plane."""
-    return shapely.MultiPoint(hull_points(mesh)[:, :2]).convex_hull
 
 
 def silhouette(mesh: Mesh) -> Polygon | MultiPolygon:

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 
 import numpy as np
 from numpy.typing import NDArray
 
 from semmap.geometry.mesh import Mesh
 
-__all__ = ["CHUNK", "decode", "decode_patch", "encode_chunks", "to_mesh"]
+__all__ = ["CHUNK", "decode_patch", "encode_chunks", "to_mesh"]
 
 CHUNK = 1024
 """Triangles per patch: small enough for a selective index, large enough for speed."""
@@ -47,20 +47,14 @@ def encode_chunks(
         yield header.tobytes() + part.tobytes()
 
 
-def decode(patches: Iterable[bytes]) -> NDArray[np.float64]:
-    """The triangles (F, 3, 3), metres, of patches that `encode_chunks` or PostGIS wrote.
+def decode_patch(patch: bytes) -> NDArray[np.float64]:
+    """The triangles (F, 3, 3), metres, of a patch, as a view of its bytes.
 
     Raises
     ------
     ValueError
-        A patch is not a little-endian ``TIN Z`` without SRID.
+        The patch is not a little-endian ``TIN Z`` without SRID.
     """
-    parts = [decode_patch(patch) for patch in patches]
-    return np.concatenate(parts) if parts else np.empty((0, 3, 3))
-
-
-def decode_patch(patch: bytes) -> NDArray[np.float64]:
-    """The triangles (F, 3, 3) of one patch, as a view of its bytes; errors as of `decode`."""
     order, kind, count = np.frombuffer(patch, dtype=_HEADER, count=1)[0]
     size = _HEADER.itemsize + count * _TRIANGLE.itemsize
     if order != 1 or kind != _TIN_Z or len(patch) != size:

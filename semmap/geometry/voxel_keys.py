@@ -7,15 +7,12 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["AXIS_STEPS", "keys_of", "sorted_unique", "voxels_of_keys"]
+__all__ = ["keys_of", "sorted_unique", "voxels_of_keys"]
 
 Integer = TypeVar("Integer", bound=np.integer)
 
 _BITS = 21
 _HALF = 1 << (_BITS - 1)
-
-AXIS_STEPS = (1 << (2 * _BITS), 1 << _BITS, 1)
-"""What a step of one voxel along x, y and z adds to a key."""
 
 
 def keys_of(voxels: NDArray[np.int32]) -> NDArray[np.int64]:

@@ -8,6 +8,7 @@ from typing import Any, Literal
 
 from shapely import MultiPolygon, Polygon
 
+from semmap.error import Error
 from semmap.geometry.mesh import Mesh
 from semmap.geometry.pose import IDENTITY, Pose
 
@@ -32,7 +33,7 @@ OUTSIDE = "outside"
 """The name of the outdoors: an exterior door joins a place and this."""
 
 
-class WorldError(Exception):
+class WorldError(Error):
     """A file that cannot be trusted as a whole; none of it is imported.
 
     Parameters

@@ -6,12 +6,9 @@ from pathlib import Path
 
 from semmap.interlinking.csv_file import read_csv_labels
 from semmap.interlinking.error import InterlinkingError
-from semmap.interlinking.rdf_file import read_rdf_records
-from semmap.interlinking.records import Records
 
-__all__ = ["read_alignment", "read_folder", "read_labels"]
+__all__ = ["read_alignment", "read_labels"]
 
-ALIGNMENT = "http://knowledgeweb.semanticweb.org/heterogeneity/alignment"
 ABOUT = "{http://www.w3.org/1999/02/22-rdf-syntax-ns#}resource"
 
 
@@ -64,39 +61,6 @@ def read_labels(path: Path) -> dict[tuple[str, str], bool]:
     if path.suffix.lower() in (".rdf", ".xml"):
         return dict.fromkeys(read_alignment(path), True)
     return read_csv_labels(path)
-
-
-def read_folder(folder: Path) -> tuple[Records, Records, set[tuple[str, str]]]:
-    """Return the two data sets and the reference links of a test of OAEI.
-
-    The folder has two RDF/XML files with instances and one in the Alignment format, of any names;
-    ontologies without instances may be there, too.
-
-    Raises
-    ------
-    InterlinkingError
-        Another number of such files, or reference links between other records.
-    """
-    sets: list[Records] = []
-    links: list[set[tuple[str, str]]] = []
-    for path in sorted(p for p in folder.iterdir() if p.suffix.lower() in (".rdf", ".xml", ".owl")):
-        if ALIGNMENT in path.read_text(encoding="utf-8", errors="replace"):
-            links.append(set(read_alignment(path)))
-            continue
-        try:
-            sets.append(read_rdf_records(path))
-        except InterlinkingError as error:
-            if "describes no resource" not in str(error):
-                raise
-    if len(sets) != 2 or len(links) != 1:
-        raise InterlinkingError(
-            f"{folder}: has {len(sets)} data sets and {len(links)} alignments: give two RDF files "
-            "with instances and one alignment"
-        )
-    for left, right in (sets, sets[::-1]):
-        if all(a in left.number and b in right.number for a, b in links[0]):
-            return left, right, links[0]
-    raise InterlinkingError(f"{folder}: the alignment has entities that the data sets do not have")
 
 
 def _tag(name: str) -> str:

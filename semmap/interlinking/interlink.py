@@ -14,7 +14,7 @@ from semmap.interlinking.error import InterlinkingError
 from semmap.interlinking.link_pattern import LinkPattern, learn_pattern, next_question
 from semmap.interlinking.records import Records
 
-__all__ = ["Ask", "Interlinking", "PairQuestion", "Quality", "Workbench", "interlink"]
+__all__ = ["Ask", "Interlinking", "PairQuestion", "Quality", "Workbench"]
 
 Pair = tuple[str, str]
 Ask = Callable[[str, str], bool | None]
@@ -101,7 +101,10 @@ class Interlinking:
 
 
 class Workbench:
-    """Two data sets whose candidate pairs are compared; labels are added one by one.
+    """Two data sets whose candidate pairs are compared; labels are added one by one (Algorithm 1).
+
+    Correspondences of properties (lines 3 to 7), similarities of candidate pairs and their
+    aggregate (8 to 11), a pattern with a threshold on the aggregate (12), links (13).
 
     Parameters
     ----------
@@ -207,34 +210,3 @@ class Workbench:
     def _keys(self, place: int) -> Pair:
         i, j = self.comparison.pairs[place]
         return self.left.keys[i], self.right.keys[j]
-
-
-def interlink(
-    left: Records,
-    right: Records,
-    labels: Mapping[Pair, bool],
-    ask: Ask | None = None,
-    questions: int = 0,
-    progress: Callable[[str, int, int], None] = lambda stage, done, total: None,
-) -> Interlinking:
-    """Return which records of two data sets describe the same resource (Algorithm 1).
-
-    Correspondences of properties (lines 3 to 7), similarities of candidate pairs and their
-    aggregate (8 to 11), a pattern with a threshold on the aggregate (12), links (13).
-
-    Parameters
-    ----------
-    labels
-        (left key, right key) to whether both describe the same resource.
-    ask, questions
-        Is asked for at most so many more labels, the most informative pairs.
-
-    Raises
-    ------
-    InterlinkingError
-        A label of an unknown record, no pair labelled the same, or nothing to compare.
-    """
-    work = Workbench(left, right, labels, progress)
-    if ask is not None:
-        work.ask(ask, questions)
-    return work.interlink()

@@ -10,22 +10,7 @@ from numpy.typing import NDArray
 
 from semmap.interlinking.records import PropertyColumn, Records
 
-__all__ = ["NAMES", "common_words", "is_numeric", "property_statistics"]
-
-NAMES = (
-    "filled",
-    "distinct",
-    "length",
-    "length_deviation",
-    "words",
-    "digits",
-    "letters",
-    "numeric",
-    "whole",
-    "magnitude",
-)
-"""Filled and distinct are shares of the records and of the values, digits and letters of the
-characters, numeric and whole of the values; magnitude is log10 of the median of numbers."""
+__all__ = ["common_words", "is_numeric", "numbers", "property_statistics"]
 
 SAMPLE = 5_000
 """At most so many values of a property are looked at: a change of the order of records may then
@@ -33,7 +18,12 @@ change statistics in the third digit."""
 
 
 def property_statistics(records: Records) -> NDArray[np.float64]:
-    """Return the statistics of each property, shape (properties, len(NAMES))."""
+    """Return the statistics of each property, shape (properties, 10).
+
+    Columns: the shares of records with a value and of different values; mean and deviation of
+    lengths; words; the shares of digits and letters among characters, of numbers and whole numbers
+    among values; log10 of the median of numbers.
+    """
     return np.array([_statistics(column, len(records)) for column in records.columns.values()])
 
 
@@ -42,8 +32,8 @@ def _statistics(column: PropertyColumn, records: int) -> list[float]:
     lengths = np.array([len(t) for t in sample], dtype=float)
     total = lengths.sum()
     together = "".join(sample)
-    numbers = _numbers(sample)
-    finite = numbers[np.isfinite(numbers)]
+    values = numbers(sample)
+    finite = values[np.isfinite(values)]
     return [
         np.count_nonzero(np.diff(column.starts)) / records,
         len(set(sample)) / len(sample),
@@ -63,8 +53,8 @@ def _sample(column: PropertyColumn) -> list[str]:
     return column.texts[::step].tolist()  # type: ignore[no-any-return]
 
 
-def _numbers(texts: Sequence[str]) -> NDArray[np.float64]:
-    """Texts as numbers; NaN where one is not a number."""
+def numbers(texts: Sequence[str] | NDArray[np.object_]) -> NDArray[np.float64]:
+    """Return texts as numbers; NaN where one is not a finite number."""
     found = np.full(len(texts), np.nan)
     for i, text in enumerate(texts):
         try:
@@ -77,9 +67,9 @@ def _numbers(texts: Sequence[str]) -> NDArray[np.float64]:
 
 def is_numeric(column: PropertyColumn) -> bool:
     """Return whether the values are measurements: numbers of which some have a fraction."""
-    numbers = _numbers(_sample(column))
-    share = np.isfinite(numbers).mean()
-    return bool(share > 0.9 and np.any(numbers[np.isfinite(numbers)] % 1))
+    values = numbers(_sample(column))
+    share = np.isfinite(values).mean()
+    return bool(share > 0.9 and np.any(values[np.isfinite(values)] % 1))
 
 
 def common_words(columns: Sequence[PropertyColumn]) -> NDArray[np.float64]:

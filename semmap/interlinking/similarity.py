@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from semmap.interlinking.correspondences import Correspondence
 from semmap.interlinking.error import InterlinkingError
+from semmap.interlinking.property_statistics import numbers
 from semmap.interlinking.records import PropertyColumn, Records
 
 __all__ = ["MEASURES", "compare"]
@@ -49,16 +50,6 @@ def _words(left: Texts, right: Texts) -> Floats:
 
 def _number(left: Texts, right: Texts) -> Floats:
     """One minus the relative difference; 0 where a text is not a number."""
-
-    def numbers(texts: Texts) -> Floats:
-        found = np.full(len(texts), np.nan)
-        for i, text in enumerate(texts):
-            try:
-                found[i] = float(text)
-            except ValueError:
-                continue
-        return found
-
     a, b = numbers(left), numbers(right)
     scale = np.maximum(np.abs(a), np.abs(b))
     with np.errstate(invalid="ignore"):

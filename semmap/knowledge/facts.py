@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import rdflib
 
+from semmap.error import Error
 from semmap.knowledge.fields.properties import is_of_fields
 from semmap.knowledge.mapping import INFERRED_GRAPH, is_mapped
 from semmap.knowledge.sparql.constants import Constants, resolve, tag_and_text
@@ -58,7 +59,7 @@ class Fact:
         )
 
 
-class RefusedError(ValueError):
+class RefusedError(Error, ValueError):
     """A fact that the map does not allow.
 
     Attributes

@@ -22,6 +22,7 @@ import rdflib
 from sqlalchemy import Engine
 
 from semmap.database import connect
+from semmap.error import Error
 from semmap.ingest.world import WorldError
 from semmap.knowledge.client import KnowledgeClient
 from semmap.knowledge.map_view import MapView, Term
@@ -39,7 +40,7 @@ _FORMATS = {".ttl": "turtle", ".owl": "xml", ".rdf": "xml", ".n3": "n3", ".nt": 
 _METHODS = ("add", "update", "safe_add", "safe_update", "revision", "retract", "remove")
 
 
-class KbError(Exception):
+class KbError(Error):
     """A request that was refused.
 
     Attributes

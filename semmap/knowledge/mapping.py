@@ -518,7 +518,7 @@ COMPUTED: tuple[Computed, ...] = (
     ),
     Computed(f"{SEMMAP}reachableFrom", "is_reachable({b}, {a})"),
 )
-"""Relations of surfaces (`semmap.query.relations`): near is 1 m at most, sides are the object's."""
+"""Relations of surfaces (SQL functions): near is 1 m at most, sides are those of the object."""
 
 _MAPPED = frozenset(t.property for t in TRIPLES if t.name is None and not t.shared)
 _NAMED = frozenset(t.property for t in REWRITTEN) | {c.property for c in COMPUTED}

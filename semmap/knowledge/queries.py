@@ -15,6 +15,7 @@ import rdflib
 from rdflib.plugins.sparql import prepareQuery
 from rdflib.plugins.sparql.evaluate import evalQuery
 
+from semmap.error import Error
 from semmap.knowledge.fields.properties import FieldError
 from semmap.knowledge.map_store import MapStore
 from semmap.knowledge.map_view import MapView, Row, Session, Term
@@ -37,7 +38,7 @@ _SETTINGS = "; ".join(
 )
 
 
-class KnowledgeError(ValueError):
+class KnowledgeError(Error, ValueError):
     """A query or update that was stopped: it took too long, or has too many rows."""
 
 

@@ -19,6 +19,7 @@ from rdflib import OWL, RDF, RDFS, SH
 from rdflib.plugins.sparql.parserutils import CompValue
 
 from semmap.database.files import schema_folder
+from semmap.error import Error
 from semmap.ingest.world import WorldError
 from semmap.knowledge.map_view import MapView, Session
 from semmap.knowledge.queries import limited
@@ -258,7 +259,7 @@ def _kept(name: str, turtle: str) -> Shapes:
     return _KEPT[key]
 
 
-class BrokenShapeError(ValueError):
+class BrokenShapeError(Error, ValueError):
     """A change after which the map does not conform to the shapes that bind it."""
 
 

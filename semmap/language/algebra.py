@@ -52,11 +52,26 @@ Side = str | frozenset[str] | float
 """The name of a variable, the entities that a constant stands for, or a number."""
 
 
+@dataclass(frozen=True, eq=False)
+class _Node:
+    """A part of a query."""
+
+    @cached_property
+    def variables(self) -> Variables:
+        """The variables that a pattern may bind or an expression reads: those of its parts."""
+        found: Variables = frozenset()
+        for value in vars(self).values():
+            for part in value if isinstance(value, tuple) else (value,):
+                if isinstance(part, _Node):
+                    found |= part.variables
+        return found
+
+
 # Expressions
 
 
 @dataclass(frozen=True, eq=False)
-class Expression:
+class Expression(_Node):
     """A value for each solution. A row whose evaluation fails has none.
 
     Attributes
@@ -70,11 +85,6 @@ class Expression:
     position: int
     range: str | None
 
-    @property
-    def variables(self) -> Variables:
-        """The variables that the expression reads."""
-        return frozenset()
-
 
 @dataclass(frozen=True, eq=False)
 class VariableValue(Expression):
@@ -82,7 +92,7 @@ class VariableValue(Expression):
 
     name: str
 
-    @property
+    @cached_property
     def variables(self) -> Variables:
         """The variable."""
         return frozenset({self.name})
@@ -108,11 +118,6 @@ class Arithmetic(Expression):
     operands: tuple[Expression, ...]
     operators: tuple[str, ...]
 
-    @cached_property
-    def variables(self) -> Variables:
-        """The variables of the operands."""
-        return _all_variables(*self.operands)
-
 
 @dataclass(frozen=True, eq=False)
 class Call(Expression):
@@ -120,18 +125,13 @@ class Call(Expression):
 
     Attributes
     ----------
-    function : such as "<", "&&", "!", "STRLEN", or "-" for the sign; "boolean" is the effective
+    function : such as "<", "&&", "!", "STRLEN", or "UnaryMinus"; "boolean" is the effective
         boolean value
     arguments : of fitting kinds; "&&", "||" and "COALESCE" take any number of them
     """
 
     function: str
     arguments: tuple[Expression, ...]
-
-    @cached_property
-    def variables(self) -> Variables:
-        """The variables of the arguments."""
-        return _all_variables(*self.arguments)
 
 
 @dataclass(frozen=True, eq=False)
@@ -140,11 +140,6 @@ class ExtensionCall(Expression):
 
     function: Function
     arguments: tuple[Expression, ...]
-
-    @cached_property
-    def variables(self) -> Variables:
-        """The variables of the arguments."""
-        return _all_variables(*self.arguments)
 
 
 @dataclass(frozen=True, eq=False)
@@ -155,11 +150,6 @@ class Membership(Expression):
     entities: frozenset[str]
     negated: bool
 
-    @property
-    def variables(self) -> Variables:
-        """The variables of the entity."""
-        return self.of.variables
-
 
 @dataclass(frozen=True, eq=False)
 class RegexMatch(Expression):
@@ -168,11 +158,6 @@ class RegexMatch(Expression):
     of: Expression
     pattern: regex.Pattern[str]
 
-    @property
-    def variables(self) -> Variables:
-        """The variables of the text."""
-        return self.of.variables
-
 
 @dataclass(frozen=True, eq=False)
 class Bound(Expression):
@@ -180,7 +165,7 @@ class Bound(Expression):
 
     name: str
 
-    @property
+    @cached_property
     def variables(self) -> Variables:
         """The variable."""
         return frozenset({self.name})
@@ -205,14 +190,15 @@ class Exists(Expression):
     @cached_property
     def variables(self) -> Variables:
         """The variables of the row that pattern and conditions read."""
-        return (self.pattern.variables | _all_variables(*self.conditions)) & self.outer
+        parts = (self.pattern, *self.conditions)
+        return frozenset().union(*(each.variables for each in parts)) & self.outer
 
 
 # Patterns
 
 
 @dataclass(frozen=True, eq=False)
-class TriplePattern:
+class TriplePattern(_Node):
     """Subject, property and object.
 
     Attributes
@@ -235,32 +221,22 @@ class TriplePattern:
 
 
 @dataclass(frozen=True, eq=False)
-class BasicGraphPattern:
+class BasicGraphPattern(_Node):
     """Triple patterns that must all match."""
 
     patterns: tuple[TriplePattern, ...]
 
-    @cached_property
-    def variables(self) -> Variables:
-        """The variables of the triple patterns."""
-        return _all_variables(*self.patterns)
-
 
 @dataclass(frozen=True, eq=False)
-class Join:
+class Join(_Node):
     """Compatible pairs of solutions of two patterns."""
 
     left: Pattern
     right: Pattern
 
-    @cached_property
-    def variables(self) -> Variables:
-        """The variables of both sides."""
-        return self.left.variables | self.right.variables
-
 
 @dataclass(frozen=True, eq=False)
-class LeftJoin:
+class LeftJoin(_Node):
     """Solutions of the left pattern, joined with the right one where that is possible (OPTIONAL).
 
     Attributes
@@ -272,53 +248,38 @@ class LeftJoin:
     right: Pattern
     conditions: tuple[Expression, ...]
 
-    @cached_property
-    def variables(self) -> Variables:
-        """The variables of both sides."""
-        return self.left.variables | self.right.variables
-
 
 @dataclass(frozen=True, eq=False)
-class Minus:
+class Minus(_Node):
     """Solutions of the left pattern that are compatible with none of the right one."""
 
     left: Pattern
     right: Pattern
 
-    @property
+    @cached_property
     def variables(self) -> Variables:
         """The variables of the left side."""
         return self.left.variables
 
 
 @dataclass(frozen=True, eq=False)
-class Union:
+class Union(_Node):
     """Solutions of either pattern."""
 
     left: Pattern
     right: Pattern
 
-    @cached_property
-    def variables(self) -> Variables:
-        """The variables of both sides."""
-        return self.left.variables | self.right.variables
-
 
 @dataclass(frozen=True, eq=False)
-class Filter:
+class Filter(_Node):
     """Solutions for which all conditions are true."""
 
     of: Pattern
     conditions: tuple[Expression, ...]
 
-    @property
-    def variables(self) -> Variables:
-        """The variables of the pattern."""
-        return self.of.variables
-
 
 @dataclass(frozen=True, eq=False)
-class Extend:
+class Extend(_Node):
     """Solutions with one more variable (BIND, AS)."""
 
     of: Pattern
@@ -332,7 +293,7 @@ class Extend:
 
 
 @dataclass(frozen=True, eq=False)
-class InlineData:
+class InlineData(_Node):
     """Solutions that are given in the text (VALUES).
 
     Attributes
@@ -353,50 +314,40 @@ class InlineData:
 
 
 @dataclass(frozen=True, eq=False)
-class Project:
+class Project(_Node):
     """Solutions with some of their variables."""
 
     of: Pattern
-    variables: Variables
+    names: Variables
+
+    @cached_property
+    def variables(self) -> Variables:
+        """The names."""
+        return self.names
 
 
 @dataclass(frozen=True, eq=False)
-class Distinct:
+class Distinct(_Node):
     """Each solution once."""
 
     of: Pattern
 
-    @property
-    def variables(self) -> Variables:
-        """The variables of the pattern."""
-        return self.of.variables
-
 
 @dataclass(frozen=True, eq=False)
-class SolutionSlice:
+class SolutionSlice(_Node):
     """Solutions from `start` on, at most `length` (OFFSET, LIMIT)."""
 
     of: Pattern
     start: int
     length: int | None
 
-    @property
-    def variables(self) -> Variables:
-        """The variables of the pattern."""
-        return self.of.variables
-
 
 @dataclass(frozen=True, eq=False)
-class OrderBy:
+class OrderBy(_Node):
     """Solutions in the order of expressions, each with True for descending."""
 
     of: Pattern
     by: tuple[tuple[Expression, bool], ...]
-
-    @property
-    def variables(self) -> Variables:
-        """The variables of the pattern."""
-        return self.of.variables
 
 
 @dataclass(frozen=True, eq=False)
@@ -420,7 +371,7 @@ class Aggregate:
 
 
 @dataclass(frozen=True, eq=False)
-class GroupPattern:
+class GroupPattern(_Node):
     """One solution for each group.
 
     Attributes
@@ -455,7 +406,3 @@ Pattern = (
     | OrderBy
     | GroupPattern
 )
-
-
-def _all_variables(*parts: Expression | TriplePattern) -> Variables:
-    return frozenset().union(*(each.variables for each in parts))

@@ -6,14 +6,13 @@ All that can be wrong with a query is found here, before it is evaluated.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext
 from functools import partial
 from itertools import product
 from typing import Any
 
 import rdflib
-from rdflib.plugins.sparql.parserutils import CompValue
 
 from semmap.language.algebra import (
     Aggregate,
@@ -37,7 +36,7 @@ from semmap.language.algebra import (
     Union,
 )
 from semmap.language.error import QueryError
-from semmap.language.expression_checker import check_condition, check_expression
+from semmap.language.expression_checker import check_condition, check_expression, conjuncts
 from semmap.language.schema import SideKind, ValueKind, with_article
 from semmap.language.scope import TextScope
 from semmap.language.terms import EVERYTHING, name_of, number_of, position_of
@@ -98,7 +97,7 @@ class Checker(TextScope):
         outer = self.visible
         inner, trees = tree.graph, []
         if inner.name == "Filter":
-            inner, trees = inner.p, list(_conjuncts(inner.expr))
+            inner, trees = inner.p, list(conjuncts(inner.expr))
         with self.detached():
             pattern = self.check(inner)
             conditions = self.seeing(outer | pattern.variables, check_condition, *trees)
@@ -157,7 +156,7 @@ class Checker(TextScope):
     def _check_LeftJoin(self, node: Any) -> Pattern:
         left, right = self.check(node.p1), self.check(node.p2)
         plain = getattr(node.expr, "name", "") == "TrueFilter"
-        trees = () if plain else tuple(_conjuncts(node.expr))
+        trees = () if plain else tuple(conjuncts(node.expr))
         both = left.variables | right.variables
         return LeftJoin(left, right, self.seeing(both, check_condition, *trees))
 
@@ -172,7 +171,7 @@ class Checker(TextScope):
 
     def _check_Filter(self, node: Any) -> Pattern:
         of = self.check(node.p)
-        return Filter(of, self.seeing(of.variables, check_condition, *_conjuncts(node.expr)))
+        return Filter(of, self.seeing(of.variables, check_condition, *conjuncts(node.expr)))
 
     def _check_Extend(self, node: Any) -> Pattern:
         of = self.check(node.p)
@@ -308,12 +307,3 @@ class Checker(TextScope):
             raise self.error(f"{kind} has no order{fix}", of.position)
         result: ValueKind = "number" if function in ("Count", "Sum", "Avg") else of.kind
         return Aggregate(name, function, of, distinct, result)
-
-
-def _conjuncts(tree: Any) -> Iterator[Any]:
-    """Yield the parts of a condition that must all be true."""
-    if isinstance(tree, CompValue) and tree.name == "ConditionalAndExpression":
-        for each in (tree.expr, *tree.other):
-            yield from _conjuncts(each)
-    else:
-        yield tree

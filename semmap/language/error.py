@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from semmap.error import Error
+
 __all__ = ["TOO_DEEP", "QueryError"]
 
 TOO_DEEP = "this is nested too deeply, or has too many parts: use fewer brackets and UNIONs"
@@ -11,7 +13,7 @@ WIDEST = 200
 """The most characters of a line that are shown on either side of an error."""
 
 
-class QueryError(ValueError):
+class QueryError(Error, ValueError):
     """A query or update is wrong; nothing was changed.
 
     The message gives line and column, the reason, the line of the text, and a caret below the

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any, Protocol
 
@@ -21,10 +21,13 @@ from semmap.language.algebra import (
     VariableValue,
 )
 from semmap.language.error import QueryError
-from semmap.language.schema import Function, ValueKind, with_article
+from semmap.language.schema import SPARQL_FUNCTIONS, Function, ValueKind, with_article
 from semmap.language.terms import name_of, number_of, position_of
 
-__all__ = ["Scope", "check_condition", "check_expression"]
+__all__ = ["MIRRORED", "Scope", "check_condition", "check_expression", "conjuncts"]
+
+MIRRORED = {"<": ">", ">": "<", "<=": ">=", ">=": "<=", "=": "=", "!=": "!="}
+"""For each comparison the one with exchanged sides."""
 
 
 class Scope(Protocol):
@@ -106,6 +109,15 @@ def check_condition(tree: Any, scope: Scope) -> Expression:
     )
 
 
+def conjuncts(tree: Any) -> Iterator[Any]:
+    """Yield the parts of a condition that must all be true."""
+    if isinstance(tree, CompValue) and tree.name == "ConditionalAndExpression":
+        for each in (tree.expr, *tree.other):
+            yield from conjuncts(each)
+    else:
+        yield tree
+
+
 def _operand(tree: Any, scope: Scope) -> Operand:
     position = position_of(tree) or 0
     if isinstance(tree, rdflib.Variable):
@@ -179,11 +191,8 @@ def _arithmetic(tree: Any, scope: Scope) -> Expression:
     return Arithmetic("number", operands[0].position, None, operands, operators)
 
 
-def _of_number(function: str, key: str) -> Any:
-    def check(tree: Any, scope: Scope) -> Expression:
-        return _call("number", function, _number(tree[key], scope))
-
-    return check
+def _signed(tree: Any, scope: Scope) -> Expression:
+    return _call("number", tree.name, _number(tree.expr, scope))
 
 
 # Comparisons
@@ -199,8 +208,7 @@ def _compared(a: Operand, operator: str, b: Operand, tree: Any, scope: Scope) ->
     if isinstance(a, _Name):
         if isinstance(b, _Name):
             raise scope.error("both sides are constants: one has to be a variable", tree)
-        reverse = {"<": ">", ">": "<", "<=": ">=", ">=": "<="}.get(operator, operator)
-        return _compared(b, reverse, a, tree, scope)
+        return _compared(b, MIRRORED[operator], a, tree, scope)
     if isinstance(b, _Name):
         if a.kind == "entity":
             return _is_one_of(a, operator, b, tree, scope)
@@ -294,21 +302,6 @@ def _str(tree: Any, scope: Scope) -> Expression:
     return _call("text", "STR", operand)
 
 
-def _of_text(kind: ValueKind, function: str) -> Any:
-    def check(tree: Any, scope: Scope) -> Expression:
-        return _call(kind, function, _text(_operand(tree.arg, scope), scope))
-
-    return check
-
-
-def _of_text_and_constant(function: str) -> Any:
-    def check(tree: Any, scope: Scope) -> Expression:
-        part = Constant("text", position_of(tree.arg2) or 0, None, _constant_text(tree.arg2, scope))
-        return _call("boolean", function, _text(_operand(tree.arg1, scope), scope), part)
-
-    return check
-
-
 def _constant_text(tree: Any, scope: Scope) -> str:
     if not (isinstance(tree, rdflib.Literal) and name_of(tree) is not None):
         raise scope.error('this has to be a constant: write "..."', tree)
@@ -333,7 +326,18 @@ def _regex(tree: Any, scope: Scope) -> Expression:
     return RegexMatch("boolean", text.position, None, text, pattern)
 
 
-# Functions of the back end
+# Functions
+
+
+def _of_sparql(tree: Any, scope: Scope) -> Expression:
+    """Check a function of one number, of one text, or of a text and a constant."""
+    function = SPARQL_FUNCTIONS[tree.name.removeprefix("Builtin_")]
+    if function.arguments == ("number",):
+        return _call(function.result, function.name, _number(tree.arg, scope))
+    if len(function.arguments) == 1:
+        return _call(function.result, function.name, _text(_operand(tree.arg, scope), scope))
+    part = Constant("text", position_of(tree.arg2) or 0, None, _constant_text(tree.arg2, scope))
+    return _call(function.result, function.name, _text(_operand(tree.arg1, scope), scope), part)
 
 
 def _function(tree: Any, scope: Scope) -> Expression:
@@ -359,25 +363,16 @@ _CHECKS: Mapping[str, Callable[[Any, Scope], Expression]] = {
     "AdditiveExpression": _arithmetic,
     "MultiplicativeExpression": _arithmetic,
     "UnaryNot": _not,
-    "UnaryMinus": _of_number("-", "expr"),
-    "UnaryPlus": _of_number("+", "expr"),
-    "Builtin_ABS": _of_number("ABS", "arg"),
-    "Builtin_CEIL": _of_number("CEIL", "arg"),
-    "Builtin_FLOOR": _of_number("FLOOR", "arg"),
-    "Builtin_ROUND": _of_number("ROUND", "arg"),
+    "UnaryMinus": _signed,
+    "UnaryPlus": _signed,
     "Builtin_BOUND": _bound,
     "Builtin_IF": _if,
     "Builtin_COALESCE": _coalesce,
     "Builtin_sameTerm": _same_term,
     "Builtin_STR": _str,
-    "Builtin_STRLEN": _of_text("number", "STRLEN"),
-    "Builtin_UCASE": _of_text("text", "UCASE"),
-    "Builtin_LCASE": _of_text("text", "LCASE"),
-    "Builtin_STRSTARTS": _of_text_and_constant("STRSTARTS"),
-    "Builtin_STRENDS": _of_text_and_constant("STRENDS"),
-    "Builtin_CONTAINS": _of_text_and_constant("CONTAINS"),
     "Builtin_REGEX": _regex,
     "Builtin_EXISTS": lambda tree, scope: scope.exists(tree),
     "Builtin_NOTEXISTS": lambda tree, scope: scope.exists(tree),
     "Function": _function,
+    **{f"Builtin_{name}": _of_sparql for name in SPARQL_FUNCTIONS},
 }

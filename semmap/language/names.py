@@ -2,15 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
 
 from semmap.snake_case import snake_case
 from semmap.suggestions import suggestion
-
-if TYPE_CHECKING:
-    from semmap.ingest.ontology.tbox import TypeRecord
 
 __all__ = ["NameIndex"]
 
@@ -35,27 +31,6 @@ class NameIndex:
     entities: Mapping[str, str | None] = field(default_factory=dict)
     supertypes: Mapping[str, frozenset[str]] = field(default_factory=dict)
     synonyms: Mapping[str, str] = field(default_factory=dict)
-
-    @classmethod
-    def from_tbox(
-        cls, records: Iterable[TypeRecord], entities: Mapping[str, str | None] | None = None
-    ) -> NameIndex:
-        """Index the types of a T-Box.
-
-        Parameters
-        ----------
-        records : as `read_tbox` returns them, each type after its parents
-        entities : the type of each entity
-        """
-        supertypes: dict[str, frozenset[str]] = {}
-        synonyms = {}
-        for record in records:
-            supertypes[record.name] = frozenset({record.name}).union(
-                *(supertypes[parent] for parent in record.parents)
-            )
-            for word in (record.label, *record.synonyms):
-                synonyms[snake_case(word)] = record.name
-        return cls(dict(entities or {}), supertypes, synonyms)
 
     def is_a(self, type_: str | None, supertype: str) -> bool:
         """Return whether a type is subsumed by another; True for an unknown type."""

@@ -118,16 +118,9 @@ def parse_update(text: str) -> ParsedText:
     with _errors_of(normalised):
         (tree,) = read_syntax(normalised, "update")
         refuse_unsupported(normalised, [tree])
-        requests, prologue = [], None
-        for declarations, request in zip(tree.prologue or (), tree.request or (), strict=False):
-            known = FIELD_PREFIXES if prologue is None else None
-            prologue = algebra.translatePrologue(declarations, None, known, prologue)
-            request = algebra.traverse(request, visitPost=_resolver(normalised, prologue))
-            request = algebra.traverse(request, visitPost=algebra._simplifyFilters)
-            request = algebra.traverse(request, visitPost=algebra.translatePath)
-            _mark_everything(request)
-            requests.append(algebra.translateUpdate1(request, prologue))
-    return ParsedText(normalised, "Update", requests=tuple(requests))
+        _mark_everything(tree)
+        requests = tuple(_requests(normalised, tree, tuple(FIELD_PREFIXES.items())))
+    return ParsedText(normalised, "Update", requests=requests)
 
 
 @lru_cache(maxsize=256)
@@ -155,9 +148,8 @@ def parse_sparql(text: str, form: Form, prefixes: Prefixes = ()) -> ParsedText:
         refuse_unsafe(normalised, tree)
         if form == "update":
             (update,) = tree
-            return ParsedText(
-                normalised, "Update", requests=tuple(_requests(normalised, update, prefixes))
-            )
+            requests = tuple(_requests(normalised, update, prefixes))
+            return ParsedText(normalised, "Update", requests=requests)
         declarations, tree = tree
         prologue = algebra.translatePrologue(declarations, None, dict(prefixes))
         tree = algebra.traverse(tree, visitPost=_resolver(normalised, prologue))
@@ -202,6 +194,9 @@ def _resolver(text: NormalisedText, prologue: Any) -> Callable[[Any], Any]:
         if getattr(part, "name", "") == "Function" and str(part.iri).startswith(_AGGREGATES):
             name = str(part.iri).rpartition("/")[2]
             return CompValue(f"Aggregate_{name}", vars=part.expr[0], distinct=part.distinct)
+        if getattr(part, "name", "") == "Filter" and not _innermost(part.expr):
+            # rdflib drops a filter whose expression is falsy in Python: FILTER(false), FILTER(0)
+            part["expr"] = CompValue("ConditionalAndExpression", expr=part.expr, other=[])
         try:
             term = algebra.translatePName(part, prologue)
         except Exception as error:
@@ -212,6 +207,13 @@ def _resolver(text: NormalisedText, prologue: Any) -> Callable[[Any], Any]:
         return term if term is None or position is None else with_position(term, position)
 
     return resolve
+
+
+def _innermost(tree: Any) -> Any:
+    """Return what the levels of precedence around a single operand contain."""
+    while getattr(tree, "name", "").endswith("Expression") and list(tree) == ["expr"]:
+        tree = tree.expr
+    return tree
 
 
 def _take_clauses(text: NormalisedText, tree: CompValue) -> list[CompValue]:

@@ -6,7 +6,15 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Literal, Protocol
 
-__all__ = ["Function", "Property", "Schema", "SideKind", "ValueKind", "with_article"]
+__all__ = [
+    "SPARQL_FUNCTIONS",
+    "Function",
+    "Property",
+    "Schema",
+    "SideKind",
+    "ValueKind",
+    "with_article",
+]
 
 SideKind = Literal["voxel", "entity", "number"]
 """What stands on a side of a statement. An "entity" is an entity of the map or a semantic type."""
@@ -56,6 +64,28 @@ class Function:
     name: str
     arguments: tuple[ValueKind, ...]
     result: ValueKind
+
+
+SPARQL_FUNCTIONS: Mapping[str, Function] = {
+    each.name: each
+    for each in (
+        Function("ABS", ("number",), "number"),
+        Function("CEIL", ("number",), "number"),
+        Function("FLOOR", ("number",), "number"),
+        Function("ROUND", ("number",), "number"),
+        Function("STRLEN", ("text",), "number"),
+        Function("UCASE", ("text",), "text"),
+        Function("LCASE", ("text",), "text"),
+        Function("STRSTARTS", ("text", "text"), "boolean"),
+        Function("STRENDS", ("text", "text"), "boolean"),
+        Function("CONTAINS", ("text", "text"), "boolean"),
+    )
+}
+"""The functions of SPARQL (1.1, section 17.4) that the evaluator of fields and SQL both have.
+
+Each has a meaning on columns in `semmap.fields.queries.expressions`, and one in SQL in
+`semmap.knowledge.sparql.expressions`; a test runs both.
+"""
 
 
 class Schema(Protocol):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+from decimal import Decimal
 from typing import Any
 
 import rdflib
@@ -115,12 +116,17 @@ def name_of(term: object) -> str | None:
 
 
 def number_of(term: object) -> float | None:
-    """Return the value of a numeric literal; None for other terms."""
-    if not isinstance(term, rdflib.Literal) or term.datatype in (None, rdflib.XSD.boolean):
+    """Return the value of a numeric literal; None for other terms.
+
+    Examples
+    --------
+    >>> [number_of(rdflib.Literal("5", datatype=rdflib.XSD[n])) for n in ("integer", "string")]
+    [5.0, None]
+    """
+    value = term.value if isinstance(term, rdflib.Literal) else None
+    if isinstance(value, bool) or not isinstance(value, (int, float, Decimal)):
         return None
     try:
-        return float(term.value) if term.value is not None else None
+        return float(value)
     except OverflowError:
-        return math.inf if term.value > 0 else -math.inf
-    except (TypeError, ValueError):
-        return None
+        return math.inf if value > 0 else -math.inf

@@ -22,14 +22,14 @@ ITEM = 0.04
 """Radius of the smallest ball for which there must be room in the gripper, metres."""
 
 
-def carrying_posture(arm: Arm, *, seed: int = 0) -> dict[str, float]:
+def carrying_posture(arm: Arm) -> dict[str, float]:
     """Return positions of an arm's joints with which a robot can drive, by name, radians or metres.
 
     Of random postures in which the arm, with a ball in its gripper, touches nothing of the robot,
     it is the one that stays nearest to the vertical axis of the robot. The arm stays at rest where
     all touch something.
     """
-    random = np.random.default_rng(seed)
+    random = np.random.default_rng(0)
     drawn = random.uniform(arm.low, arm.high, (DRAWN, len(arm.low)))
     ball = _ball(max(ITEM, arm.gripper.opening / 2))
     nothing = Obstacles(np.empty((0, 3, 3)))

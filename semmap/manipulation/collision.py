@@ -6,7 +6,7 @@ the hull of both ends is all that a convex link passes, so it is checked exactly
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from typing import Any
 from weakref import WeakKeyDictionary
 
@@ -118,7 +118,6 @@ def free_grasps(
     obstacles: Obstacles,
     *,
     item: Obstacles | None = None,
-    skip: Iterable[str] = (),
 ) -> NDArray[np.bool_]:
     """Return (N,) whether the gripper reaches each grasp without touching an obstacle.
 
@@ -132,11 +131,9 @@ def free_grasps(
     obstacles : Obstacles
         Without the object.
     item : the object, which only the closed fingers may touch
-    skip : names of links that are not checked
     """
     gripper = grasps.gripper
-    left_out = frozenset(skip)
-    chosen = [i for i, link in enumerate(gripper.links) if link not in left_out]
+    chosen = range(len(gripper.links))
     poses = model @ grasps.poses
     inverse = np.linalg.inv(grasps.poses)
     back = _way((inverse @ grasps.pre_grasps)[:, :3, 3])

@@ -153,7 +153,6 @@ def learn_grasp(
     attempt: Callable[[Grasp], TrialOutcome],
     upright: Callable[[Grasp], Floats],
     *,
-    expected: Expected | None = None,
     tries: int = 12,
 ) -> Lesson:
     """Try grasps, correct failures, and return the attempts up to the first success.
@@ -163,10 +162,9 @@ def learn_grasp(
     grasps : the first to try first
     attempt : executes a grasp, in simulation or by a robot
     upright : returns the direction of gravity in the frame of a grasp, (3,)
-    expected : the outcomes that count as a success
     tries : attempts, at most
     """
-    expected = expected or Expected()
+    expected = Expected()
     failed: dict[str, int] = {}
     made: list[Attempt] = []
     for grasp in grasps:

@@ -77,7 +77,6 @@ def plan_motion(
     fingers: Mapping[str, float] | None = None,
     held: Held | None = None,
     seconds: float = 5.0,
-    seed: int = 1,
 ) -> Floats | None:
     """Return positions (N, D) from start to goal that are free of collisions; None if not found.
 
@@ -115,7 +114,7 @@ def plan_motion(
     direct = _dense(np.stack([start, goal]))
     if all(free(p) for p in direct):
         return direct
-    return _planned(arm, start, goal, free, seconds, seed)
+    return _planned(arm, start, goal, free, seconds)
 
 
 def is_free(arm: Arm, position: Floats, stroke: Stroke) -> bool:
@@ -127,12 +126,10 @@ def is_free(arm: Arm, position: Floats, stroke: Stroke) -> bool:
     return arm.is_free(position, stroke.obstacles, fingers=fingers, held=item)
 
 
-def _planned(
-    arm: Arm, start: Floats, goal: Floats, is_free: Any, seconds: float, seed: int
-) -> Floats | None:
+def _planned(arm: Arm, start: Floats, goal: Floats, is_free: Any, seconds: float) -> Floats | None:
     base, geometric, util = (library(f"ompl.{name}") for name in ("base", "geometric", "util"))
     util.setLogLevel(util.LOG_NONE)
-    util.RNG.setSeed(seed)
+    util.RNG.setSeed(1)
     count = len(start)
     space = base.RealVectorStateSpace(count)
     bounds = base.RealVectorBounds(count)
@@ -175,7 +172,7 @@ def _dense(path: Floats) -> Floats:
     return np.concatenate([*pieces, path[-1:]])
 
 
-def straight_motion(arm: Arm, start: Floats, pose: Floats, steps: int = 10) -> Floats | None:
+def straight_motion(arm: Arm, start: Floats, pose: Floats) -> Floats | None:
     """Return positions (N, D) that move the gripper straight to a pose without turning it.
 
     Parameters
@@ -185,7 +182,7 @@ def straight_motion(arm: Arm, start: Floats, pose: Floats, steps: int = 10) -> F
     """
     begin = arm.grasp_pose(start)
     found = [start]
-    for share in np.linspace(0, 1, steps + 1)[1:]:
+    for share in np.linspace(0, 1, 11)[1:]:
         between = pose.copy()
         between[:3, 3] = (1 - share) * begin[:3, 3] + share * pose[:3, 3]
         position = arm.reach(between, found[-1], starts=1)

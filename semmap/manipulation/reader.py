@@ -17,7 +17,7 @@ from psycopg.rows import dict_row
 from semmap.belief.store.beliefs import MapConnection, driver
 from semmap.finite_number import finite_numbers, is_finite_number
 from semmap.geometry.pose import Pose
-from semmap.manipulation.action_record import KINDS, pose_of
+from semmap.manipulation.action_record import KINDS
 from semmap.manipulation.error import ManipulationError
 from semmap.manipulation.store.devices import ABLE, gripper_id
 from semmap.manipulation.store.statements import refusals
@@ -26,15 +26,12 @@ from semmap.suggestions import suggestion
 __all__ = [
     "actions_by_shape",
     "actions_on",
-    "approach_outcomes",
     "entities_meant",
     "function_named",
-    "known_actions",
     "list_automata",
     "list_contributors",
     "list_grippers",
     "list_tasks",
-    "path_between",
     "read_shape",
 ]
 
@@ -184,29 +181,6 @@ def function_named(connection: MapConnection, word: str) -> str:
     )
 
 
-def known_actions(
-    connection: MapConnection,
-    function: str,
-    *,
-    gripper: str | None = None,
-    kind: str = "grasp",
-    limit: int = 10,
-) -> list[Row]:
-    """Return the best stored actions on all object models for a function, also of other maps.
-
-    Returns
-    -------
-    list of dict
-        `action_id`, `object_id`, `expected`.
-    """
-    session = driver(connection)
-    return _rows(
-        session,
-        "SELECT * FROM known_actions(%s, %s, %s, %s)",
-        (function_named(session, function), gripper, kind, limit),
-    )
-
-
 def actions_by_shape(
     connection: MapConnection,
     shape: str,
@@ -256,16 +230,6 @@ def actions_by_shape(
     )
 
 
-def approach_outcomes(
-    connection: MapConnection, object_id: int, kind: str = "grasp"
-) -> dict[str, tuple[float, float]]:
-    """Return attempts and successes of each approach to an object model, with any gripper."""
-    rows = driver(connection).execute(
-        "SELECT approach, attempts, successes FROM approach_outcomes(%s, %s)", (object_id, kind)
-    )
-    return {approach: (attempts, successes) for approach, attempts, successes in rows.fetchall()}
-
-
 def read_shape(connection: MapConnection, object_id: int) -> Row | None:
     """Return `shape`, `size`, `shape_pose`, `inliers` and `deviation` of an object model."""
     rows = _rows(
@@ -275,38 +239,6 @@ def read_shape(connection: MapConnection, object_id: int) -> Row | None:
         (object_id,),
     )
     return rows[0] if rows else None
-
-
-def path_between(
-    connection: MapConnection,
-    automaton: str,
-    start: Any,
-    goal: Any,
-    *,
-    link: str = "",
-    tolerance: float = 0.01,
-) -> list[Pose] | None:
-    """Return the stored path between two poses, if nothing has moved into its way since.
-
-    Parameters
-    ----------
-    start, goal : (4, 4) or seven numbers, in the map's frame
-    tolerance : metres
-    """
-    session = driver(connection)
-    with refusals():
-        row = session.execute(
-            "SELECT poses FROM path WHERE id = path_between(%s, %s::float8[], %s::float8[], %s, "
-            "%s)",
-            (
-                automaton,
-                pose_of(start, "start").row,
-                pose_of(goal, "goal").row,
-                link,
-                tolerance,
-            ),
-        ).fetchone()
-    return None if row is None else [Pose(*pose) for pose in row[0]]
 
 
 def list_grippers(connection: MapConnection) -> list[Row]:

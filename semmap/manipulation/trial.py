@@ -179,12 +179,9 @@ class Trial:
     body : Body
     standing : (4, 4)
         The pose of the object's model on the table, whose top is at z = 0.
-    table : bool
     """
 
-    def __init__(
-        self, gripper: Gripper, body: Body, standing: Floats, *, table: bool = True
-    ) -> None:
+    def __init__(self, gripper: Gripper, body: Body, standing: Floats) -> None:
         self.gripper, self.body, self.standing = gripper, body, standing
         mujoco = library("mujoco")
         self._mujoco = mujoco
@@ -194,11 +191,10 @@ class Trial:
         spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
         spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
         spec.option.impratio = 10.0
-        if table:
-            floor = spec.worldbody.add_geom(
-                name="table", type=mujoco.mjtGeom.mjGEOM_PLANE, size=[2, 2, 0.1]
-            )
-            floor.friction = [0.5, 0.005, 1e-4]
+        floor = spec.worldbody.add_geom(
+            name="table", type=mujoco.mjtGeom.mjGEOM_PLANE, size=[2, 2, 0.1]
+        )
+        floor.friction = [0.5, 0.005, 1e-4]
         self._add_object(spec)
         self._links = self._add_gripper(spec)
         self.model = spec.compile()

@@ -1,13 +1,10 @@
-"""The map as typed SQLAlchemy classes (Deeken et al., section 3); `schema/` is what they mirror."""
+"""The map as typed SQLAlchemy classes (Deeken et al., section 3); `schema/` is what they mirror.
+
+Tables that only the programs read and write have no class; SQL reaches them all.
+"""
 
 from semmap.model.base import Base, PoseColumn
-from semmap.model.belief import (
-    Belief,
-    BeliefModel,
-    Observation,
-    TaughtAction,
-    TaughtRelation,
-)
+from semmap.model.belief import Belief, Observation
 from semmap.model.entity import (
     Agent,
     Connector,
@@ -21,107 +18,52 @@ from semmap.model.entity import (
     StoredMap,
     Storey,
 )
-from semmap.model.field import Field, FieldBlock, FieldVersion
-from semmap.model.geometry import Chunk, EntityChunk, EntityModel, GeometricModel, SupportSurface
-from semmap.model.history import (
-    Change,
-    EntityHistory,
-    Import,
-    PlacementHistory,
-    Retention,
-)
-from semmap.model.interlinking import DataRecord, DataSet, LinkSet, RecordLink
+from semmap.model.geometry import EntityModel, GeometricModel
+from semmap.model.history import EntityHistory, PlacementHistory
 from semmap.model.manipulation import (
-    ActionStep,
-    Automaton,
     Contributor,
     Device,
     EntityObject,
-    Experience,
     ManipulationTask,
-    ObjectMesh,
     ObjectModel,
     StoredAction,
     StoredGripper,
-    StoredPath,
 )
-from semmap.model.mission import Mission, MissionStep, Reservation
+from semmap.model.mission import Mission, MissionStep
 from semmap.model.placement import Placement, WorldPlacement
-from semmap.model.reasoning import BindingShapes, Reasoning, inference
-from semmap.model.semantics import Ontology, SemanticType, TypeClosure, TypeParent
-from semmap.model.statement import Statement
-from semmap.model.topology import (
-    Execution,
-    RobotClassRecord,
-    TravelTime,
-    TravelTimeMap,
-    TravelTimePlace,
-)
+from semmap.model.semantics import SemanticType, TypeParent
 
 __all__ = [
-    "ActionStep",
     "Agent",
-    "Automaton",
     "Base",
     "Belief",
-    "BeliefModel",
-    "BindingShapes",
-    "Change",
-    "Chunk",
     "Connector",
     "Contributor",
-    "DataRecord",
-    "DataSet",
     "Device",
     "Elevator",
     "Entity",
-    "EntityChunk",
     "EntityHistory",
     "EntityModel",
     "EntityObject",
-    "Execution",
-    "Experience",
-    "Field",
-    "FieldBlock",
-    "FieldVersion",
     "GeometricModel",
-    "Import",
     "Link",
-    "LinkSet",
     "ManipulationTask",
     "Mission",
     "MissionStep",
     "Object",
-    "ObjectMesh",
     "ObjectModel",
     "ObjectType",
     "Observation",
-    "Ontology",
     "Placement",
     "PlacementHistory",
     "PoseColumn",
-    "Reasoning",
-    "RecordLink",
     "Region",
-    "Reservation",
-    "Retention",
-    "RobotClassRecord",
     "Room",
     "SemanticType",
-    "Statement",
     "StoredAction",
     "StoredGripper",
     "StoredMap",
-    "StoredPath",
     "Storey",
-    "SupportSurface",
-    "TaughtAction",
-    "TaughtRelation",
-    "TravelTime",
-    "TravelTimeMap",
-    "TravelTimePlace",
-    "TypeClosure",
     "TypeParent",
     "WorldPlacement",
-    "inference",
 ]

@@ -1,4 +1,4 @@
-"""What was taught and observed, and where things probably are."""
+"""What was observed, and where things probably are."""
 
 from __future__ import annotations
 
@@ -9,52 +9,9 @@ from sqlalchemy.dialects.postgresql import ARRAY, DOUBLE_PRECISION
 from sqlalchemy.orm import Mapped, mapped_column, relationship
 
 from semmap.model.base import Base
-from semmap.model.entity import Entity, StoredMap
+from semmap.model.entity import Entity
 
-__all__ = ["Belief", "BeliefModel", "Observation", "TaughtAction", "TaughtRelation"]
-
-
-class TaughtRelation(Base):
-    """A directed relation between names of entities and types, such as ``found_in``."""
-
-    __tablename__ = "taught_relation"
-
-    map_id: Mapped[int] = mapped_column(
-        ForeignKey(StoredMap.id, ondelete="CASCADE"), primary_key=True
-    )
-    subject: Mapped[str] = mapped_column(primary_key=True)
-    relation: Mapped[str] = mapped_column(primary_key=True)
-    object: Mapped[str] = mapped_column(primary_key=True)
-
-
-class TaughtAction(Base):
-    """What an action needs (`cause`) and brings about (`effect`)."""
-
-    __tablename__ = "taught_action"
-
-    map_id: Mapped[int] = mapped_column(
-        ForeignKey(StoredMap.id, ondelete="CASCADE"), primary_key=True
-    )
-    action: Mapped[str] = mapped_column(primary_key=True)
-    cause: Mapped[str] = mapped_column(primary_key=True)
-    effect: Mapped[str] = mapped_column(primary_key=True)
-
-
-class BeliefModel(Base):
-    """How sightings of a map are judged, and what priors are made of."""
-
-    __tablename__ = "belief_model"
-
-    map_id: Mapped[int] = mapped_column(
-        ForeignKey(StoredMap.id, ondelete="CASCADE"), primary_key=True
-    )
-    there: Mapped[float] = mapped_column(server_default=text("0.6"))
-    elsewhere: Mapped[float] = mapped_column(server_default=text("0.3"))
-    change: Mapped[float] = mapped_column(server_default=text("0.1"))
-    seconds: Mapped[float] = mapped_column(server_default=text("10"))
-    prior_elsewhere: Mapped[float] = mapped_column(server_default=text("0.1"))
-    prior_history: Mapped[float] = mapped_column(server_default=text("0.5"))
-    prior_typical: Mapped[float] = mapped_column(server_default=text("4"))
+__all__ = ["Belief", "Observation"]
 
 
 class Observation(Base):

@@ -5,13 +5,12 @@ from __future__ import annotations
 from typing import Any
 
 from geoalchemy2 import Geometry
-from sqlalchemy import BigInteger, ForeignKey, Identity, Index, Integer, UniqueConstraint, text
-from sqlalchemy.dialects.postgresql import ARRAY
+from sqlalchemy import BigInteger, ForeignKey, Identity, Index
 from sqlalchemy.orm import Mapped, mapped_column
 
 from semmap.model.base import Base
 
-__all__ = ["Chunk", "EntityChunk", "EntityModel", "GeometricModel", "SupportSurface"]
+__all__ = ["EntityModel", "GeometricModel"]
 
 
 class GeometricModel(Base):
@@ -33,18 +32,6 @@ class GeometricModel(Base):
     outline: Mapped[Any | None] = mapped_column(Geometry("MULTIPOLYGON", spatial_index=False))
 
 
-class Chunk(Base):
-    """A patch of a model's triangles, as a TIN in the model's frame."""
-
-    __tablename__ = "chunk"
-    __table_args__ = (UniqueConstraint("model_id", "number", name="chunk_model_id_number_key"),)
-
-    id: Mapped[int] = mapped_column(BigInteger, Identity(), primary_key=True)
-    model_id: Mapped[int] = mapped_column(ForeignKey(GeometricModel.id, ondelete="CASCADE"))
-    number: Mapped[int]
-    geom: Mapped[Any] = mapped_column(Geometry("GEOMETRYZ", dimension=3, spatial_index=False))
-
-
 class EntityModel(Base):
     """That an entity has a model, to be seen (`visual`) or to be bumped into (`collision`)."""
 
@@ -56,39 +43,3 @@ class EntityModel(Base):
     )
     model_id: Mapped[int] = mapped_column(ForeignKey(GeometricModel.id), primary_key=True)
     role: Mapped[str] = mapped_column(server_default="visual", default="visual", primary_key=True)
-
-
-class EntityChunk(Base):
-    """Which patch belongs to which entity: a row of the views `face` and `fa_to_ob`."""
-
-    __tablename__ = "entity_chunk"
-    __table_args__ = (
-        Index(
-            "entity_chunk_entity",
-            "entity_id",
-            postgresql_include=["id"],
-            postgresql_where=text("entity_id IS NOT NULL"),
-        ),
-        Index("entity_chunk_chunk", "chunk_id"),
-    )
-
-    id: Mapped[int] = mapped_column(BigInteger, Identity(), primary_key=True)
-    entity_id: Mapped[int] = mapped_column(ForeignKey("semmap.entity.id", ondelete="CASCADE"))
-    chunk_id: Mapped[int] = mapped_column(ForeignKey(Chunk.id, ondelete="CASCADE"))
-
-
-class SupportSurface(Base):
-    """A level patch of a model on which things can stand, in the model's frame.
-
-    A row without height says that the model was searched and has none.
-    """
-
-    __tablename__ = "support_surface"
-
-    model_id: Mapped[int] = mapped_column(
-        ForeignKey(GeometricModel.id, ondelete="CASCADE"), primary_key=True
-    )
-    number: Mapped[int] = mapped_column(primary_key=True)
-    height: Mapped[float | None]
-    outline: Mapped[Any | None] = mapped_column(Geometry("POLYGON", spatial_index=False))
-    faces: Mapped[list[int] | None] = mapped_column(ARRAY(Integer))

@@ -1,19 +1,18 @@
-"""Former versions with their time span, what changed when, and what was imported."""
+"""Former versions with their time span."""
 
 from __future__ import annotations
 
-from datetime import datetime, timedelta
+from datetime import datetime
 from typing import Any
 
-from sqlalchemy import BigInteger, ForeignKey, Identity, Index, Interval, text
-from sqlalchemy.dialects.postgresql import JSONB, TSTZRANGE, Range
+from sqlalchemy import BigInteger, Index, text
+from sqlalchemy.dialects.postgresql import TSTZRANGE, Range
 from sqlalchemy.orm import Mapped, mapped_column
 
 from semmap.geometry.pose import Pose
 from semmap.model.base import Base, PoseColumn
-from semmap.model.entity import StoredMap
 
-__all__ = ["Change", "ChangePruned", "EntityHistory", "Import", "PlacementHistory", "Retention"]
+__all__ = ["EntityHistory", "PlacementHistory"]
 
 
 class EntityHistory(Base):
@@ -56,56 +55,3 @@ class PlacementHistory(Base):
     confidence: Mapped[float | None]
     during: Mapped[Range[datetime]] = mapped_column(TSTZRANGE)
     reason: Mapped[str | None]
-
-
-class Retention(Base):
-    """How much history of a kind of entity is kept: a placement per `keep_every`, up to `keep_for`.
-
-    The kind ``change`` is for rows of `Change`. Writers apply it as they go.
-    """
-
-    __tablename__ = "retention"
-
-    kind: Mapped[str] = mapped_column(primary_key=True)
-    keep_every: Mapped[timedelta | None] = mapped_column(Interval)
-    keep_for: Mapped[timedelta | None] = mapped_column(Interval)
-
-
-class Change(Base):
-    """What a statement changed: one row each, announced once a transaction."""
-
-    __tablename__ = "change"
-    __table_args__ = (Index("change_xid", "xid"),)
-
-    id: Mapped[int] = mapped_column(BigInteger, Identity(), primary_key=True)
-    xid: Mapped[int] = mapped_column(
-        BigInteger, server_default=text("(pg_current_xact_id()::text)::bigint")
-    )
-    at: Mapped[datetime] = mapped_column(server_default=text("clock_timestamp()"))
-    map_id: Mapped[int]
-    what: Mapped[str]
-    entities: Mapped[list[int]]
-    facts: Mapped[Any | None] = mapped_column(JSONB())
-
-
-class ChangePruned(Base):
-    """The newest transaction of which a change was pruned: older cursors have missed changes."""
-
-    __tablename__ = "change_pruned"
-
-    id: Mapped[int] = mapped_column(primary_key=True, server_default="1", autoincrement=False)
-    xid: Mapped[int] = mapped_column(BigInteger)
-
-
-class Import(Base):
-    """A file as it was imported: repeating it changes nothing."""
-
-    __tablename__ = "import"
-    __table_args__ = (Index("import_map", "map_id", "source"),)
-
-    id: Mapped[int] = mapped_column(BigInteger, Identity(), primary_key=True)
-    map_id: Mapped[int] = mapped_column(ForeignKey(StoredMap.id, ondelete="CASCADE"))
-    source: Mapped[str]
-    digest: Mapped[str]
-    at: Mapped[datetime] = mapped_column(server_default=text("now()"))
-    summary: Mapped[dict[str, Any]]

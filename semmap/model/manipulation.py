@@ -6,7 +6,6 @@ from datetime import datetime
 from typing import Any
 from uuid import UUID
 
-from geoalchemy2 import Geometry
 from sqlalchemy import (
     ARRAY,
     BigInteger,
@@ -28,18 +27,13 @@ from semmap.model.entity import Entity, StoredMap
 from semmap.model.semantics import SemanticType
 
 __all__ = [
-    "ActionStep",
-    "Automaton",
     "Contributor",
     "Device",
     "EntityObject",
-    "Experience",
     "ManipulationTask",
-    "ObjectMesh",
     "ObjectModel",
     "StoredAction",
     "StoredGripper",
-    "StoredPath",
 ]
 
 OWN = text("1")
@@ -95,26 +89,6 @@ class StoredGripper(Base):
     device: Mapped[Device] = relationship()
 
 
-class Automaton(Base):
-    """A robot with the gripper and the sensor that are mounted on it.
-
-    `posture` has the positions of joints with which it drives, radians or metres; others are at 0.
-    """
-
-    __tablename__ = "automaton"
-
-    id: Mapped[int] = mapped_column(Integer, Identity(), primary_key=True)
-    name: Mapped[str] = mapped_column(unique=True)
-    robot_id: Mapped[int] = mapped_column(ForeignKey(Device.id))
-    gripper_id: Mapped[int | None] = mapped_column(ForeignKey(StoredGripper.device_id))
-    sensor_id: Mapped[int | None] = mapped_column(ForeignKey(Device.id))
-    posture: Mapped[dict[str, Any]] = mapped_column(server_default=EMPTY)
-
-    robot: Mapped[Device] = relationship(foreign_keys=robot_id)
-    gripper: Mapped[StoredGripper | None] = relationship()
-    sensor: Mapped[Device | None] = relationship(foreign_keys=sensor_id)
-
-
 class ObjectModel(Base):
     """What all objects of the same meshes share: functions, shape, actions; or a shape alone.
 
@@ -142,20 +116,7 @@ class ObjectModel(Base):
     deviation: Mapped[list[float] | None] = mapped_column(ARRAY(DOUBLE_PRECISION()))
     contributor_id: Mapped[int] = mapped_column(ForeignKey(Contributor.id), server_default=OWN)
 
-    meshes: Mapped[list[ObjectMesh]] = relationship(back_populates="object")
     actions: Mapped[list[StoredAction]] = relationship(back_populates="object")
-
-
-class ObjectMesh(Base):
-    """A mesh of an object model, by the digest of a `GeometricModel`."""
-
-    __tablename__ = "object_mesh"
-    __table_args__ = (Index("object_mesh_object", "object_id"),)
-
-    digest: Mapped[str] = mapped_column(primary_key=True)
-    object_id: Mapped[int] = mapped_column(ForeignKey(ObjectModel.id, ondelete="CASCADE"))
-
-    object: Mapped[ObjectModel] = relationship(back_populates="meshes")
 
 
 class EntityObject(Base):
@@ -233,71 +194,6 @@ class StoredAction(Base):
     object: Mapped[ObjectModel] = relationship(back_populates="actions")
     gripper: Mapped[StoredGripper] = relationship()
     contributor: Mapped[Contributor] = relationship()
-    steps: Mapped[list[StoredAction]] = relationship(
-        secondary="semmap.action_step",
-        primaryjoin=lambda: StoredAction.id == ActionStep.whole_id,
-        secondaryjoin=lambda: StoredAction.id == ActionStep.step_id,
-        order_by="ActionStep.number",
-        viewonly=True,
-    )
-
-
-class ActionStep(Base):
-    """A step of a composed action, numbered from 1."""
-
-    __tablename__ = "action_step"
-    __table_args__ = (Index("action_step_step", "step_id"),)
-
-    whole_id: Mapped[int] = mapped_column(
-        ForeignKey(StoredAction.id, ondelete="CASCADE"), primary_key=True
-    )
-    number: Mapped[int] = mapped_column(primary_key=True)
-    step_id: Mapped[int] = mapped_column(ForeignKey(StoredAction.id, ondelete="CASCADE"))
-
-
-class Experience(Base):
-    """How often an action was tried and succeeded, as one contributor counts it."""
-
-    __tablename__ = "experience"
-    __table_args__ = (Index("experience_contributor", "contributor_id"),)
-
-    action_id: Mapped[int] = mapped_column(
-        ForeignKey(StoredAction.id, ondelete="CASCADE"), primary_key=True
-    )
-    contributor_id: Mapped[int] = mapped_column(
-        ForeignKey(Contributor.id, ondelete="CASCADE"), primary_key=True
-    )
-    attempts: Mapped[int]
-    successes: Mapped[int]
-
-
-class StoredPath(Base):
-    """Poses (n, 7) in the map's frame that led a robot, or a link of it, from a start to an end."""
-
-    __tablename__ = "path"
-    __table_args__ = (
-        Index(
-            "path_line",
-            "line",
-            postgresql_using="gist",
-            postgresql_ops={"line": "gist_geometry_ops_nd"},
-        ),
-        Index("path_map", "map_id", "automaton_id"),
-        Index("path_automaton", "automaton_id"),
-    )
-
-    id: Mapped[int] = mapped_column(BigInteger, Identity(), primary_key=True)
-    map_id: Mapped[int] = mapped_column(ForeignKey(StoredMap.id, ondelete="CASCADE"))
-    automaton_id: Mapped[int] = mapped_column(ForeignKey(Automaton.id, ondelete="CASCADE"))
-    link: Mapped[str] = mapped_column(server_default=text("''"))
-    poses: Mapped[list[list[float]]] = mapped_column(ARRAY(DOUBLE_PRECISION(), dimensions=2))
-    joints: Mapped[list[str] | None] = mapped_column(ARRAY(Text()))
-    positions: Mapped[list[list[float]] | None] = mapped_column(
-        ARRAY(DOUBLE_PRECISION(), dimensions=2)
-    )
-    clearance: Mapped[float] = mapped_column(server_default=text("0.1"))
-    line: Mapped[Any] = mapped_column(Geometry("LINESTRINGZ", dimension=3, spatial_index=False))
-    at: Mapped[datetime] = mapped_column(server_default=NOW)
 
 
 class ManipulationTask(Base):

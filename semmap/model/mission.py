@@ -12,7 +12,7 @@ from sqlalchemy.orm import Mapped, mapped_column
 from semmap.model.base import Base
 from semmap.model.entity import Entity, StoredMap
 
-__all__ = ["Mission", "MissionStep", "Reservation"]
+__all__ = ["Mission", "MissionStep"]
 
 
 class Mission(Base):
@@ -67,17 +67,3 @@ class MissionStep(Base):
     ended_at: Mapped[datetime | None]
     cause: Mapped[str | None]
     message: Mapped[str | None]
-
-
-class Reservation(Base):
-    """A connector or an elevator that one robot alone uses until it gives it back, or `expires`."""
-
-    __tablename__ = "reservation"
-    __table_args__ = (Index("reservation_robot", "robot_id"),)
-
-    resource_id: Mapped[int] = mapped_column(
-        ForeignKey(Entity.id, ondelete="CASCADE"), primary_key=True
-    )
-    robot_id: Mapped[int] = mapped_column(ForeignKey(Entity.id, ondelete="CASCADE"))
-    since: Mapped[datetime] = mapped_column(server_default=text("clock_timestamp()"))
-    expires: Mapped[datetime]

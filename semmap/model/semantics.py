@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from typing import Any
 
-from sqlalchemy import ARRAY, DOUBLE_PRECISION, ForeignKey, Index, Text, text
+from sqlalchemy import ARRAY, DOUBLE_PRECISION, ForeignKey, Text, text
 from sqlalchemy.orm import Mapped, mapped_column, relationship
 
 from semmap.model.base import Base
 
-__all__ = ["Ontology", "SemanticType", "TypeClosure", "TypeParent"]
+__all__ = ["SemanticType", "TypeParent"]
 
 
 class SemanticType(Base):
@@ -46,22 +46,3 @@ class TypeParent(Base):
     parent: Mapped[str] = mapped_column(
         ForeignKey(SemanticType.name, onupdate="CASCADE", ondelete="CASCADE"), primary_key=True
     )
-
-
-class TypeClosure(Base):
-    """A type and each of its supertypes, itself among them; kept by triggers."""
-
-    __tablename__ = "type_closure"
-    __table_args__ = (Index("type_closure_super", "super", "sub"),)
-
-    sub: Mapped[str] = mapped_column(primary_key=True)
-    super: Mapped[str] = mapped_column(primary_key=True)
-
-
-class Ontology(Base):
-    """An ontology file that the T-Box was loaded from, and the state in which it was."""
-
-    __tablename__ = "ontology"
-
-    name: Mapped[str] = mapped_column(primary_key=True)
-    digest: Mapped[str]

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from semmap.error import Error
+
 __all__ = ["PerceptionError"]
 
 
-class PerceptionError(ValueError):
+class PerceptionError(Error, ValueError):
     """A cloud or mesh that cannot be used: the text says what, where and the fix."""

@@ -86,13 +86,12 @@ class ChangeFeed:
         self,
         engine: Engine,
         map_name: str | None = None,
-        cursor: str | None = None,
         *,
         durable: bool = True,
         one_connection: bool = False,
     ) -> None:
         self.map_name = map_name
-        self.cursor = cursor
+        self.cursor: str | None = None
         self._engine = engine
         self._durable = durable
         self._one_connection = one_connection

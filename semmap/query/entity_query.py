@@ -33,6 +33,10 @@ Row = dict[str, Any]
 Near = str | Sequence[float]
 """A point (x, y, z) in the map's frame, metres, or the name of an entity: its place."""
 
+CLOSE = 10.0
+"""Within so many metres, one plan that begins with the spatial index serves all types: a subquery
+hides the place from the planner. A wider one is planned each time, to begin with rare types."""
+
 
 def list_maps(session: Session) -> list[Row]:
     """The maps of the database, the oldest first, and how many entities each has.
@@ -142,7 +146,7 @@ def find(
     """
     conditions = ["e.map_id = current_map()"]
     values: dict[str, Any] = {}
-    order, extra = "e.kind, e.name", ""
+    order, extra, is_close = "e.kind, e.name", "", False
     if type is not None:
         types = _column(session, "SELECT name FROM semantic_type")
         if type not in types:
@@ -180,7 +184,9 @@ def find(
         if within is not None:
             if not 0 <= within < math.inf:
                 raise ValueError(f"within takes metres from 0 on, not {within}")
-            conditions.append("w.box &&& around(%(x)s, %(y)s, %(z)s, %(within)s)")
+            cube = "around(%(x)s, %(y)s, %(z)s, %(within)s)"
+            is_close = within <= CLOSE
+            conditions.append(f"w.box && (SELECT {cube})" if is_close else f"w.box &&& {cube}")
             conditions.append("box_distance(w.box, %(x)s, %(y)s, %(z)s) <= %(within)s")
             values["within"] = within
     elif within is not None:
@@ -195,6 +201,7 @@ def find(
         "LEFT JOIN entity s ON s.id = w.storey_id "
         f"WHERE {' AND '.join(conditions)} ORDER BY {order}",
         values,
+        prepare=None if within is None or is_close else False,
     )
 
 
@@ -318,9 +325,11 @@ SETTLE = (
 """Writes what this transaction saw to disk when it commits (`semmap.query.change_feed.settle`)."""
 
 
-def _rows(session: Session, statement: str, values: Any = None) -> list[Row]:
+def _rows(
+    session: Session, statement: str, values: Any = None, prepare: bool | None = None
+) -> list[Row]:
     with session.cursor(row_factory=dict_row) as cursor:
-        return cursor.execute(statement, values).fetchall()
+        return cursor.execute(statement, values, prepare=prepare).fetchall()
 
 
 def _column(session: Session, statement: str, values: Any = None) -> list[Any]:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from semmap.error import Error
+
 __all__ = ["RobotError"]
 
 
-class RobotError(ValueError):
+class RobotError(Error, ValueError):
     """A robot description that cannot be used: the text names file, element and fix."""

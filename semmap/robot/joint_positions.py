@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 from semmap.finite_number import is_finite_number
 from semmap.robot.srdf import read_states
@@ -11,14 +13,14 @@ from semmap.robot.srdf import read_states
 __all__ = ["joints_of"]
 
 
-def joints_of(robot: Path, state: str | None) -> dict[str, float]:
+def joints_of(robot: Path, state: str | Mapping[str, float] | None) -> dict[str, float]:
     """Return the joint positions that an option ``--state`` describes, radians or metres.
 
     Parameters
     ----------
     robot : the URDF
-    state : JSON, the name of a file that holds it, or that of a state in the SRDF of the robot;
-        None for none
+    state : joint positions by name; JSON of them, the name of a file that holds it, or that of a
+        state in the SRDF of the robot; None for none
 
     Raises
     ------
@@ -27,6 +29,8 @@ def joints_of(robot: Path, state: str | None) -> dict[str, float]:
     """
     if state is None:
         return {}
+    if not isinstance(state, str):
+        return _checked(dict(state))
     text = state
     if not state.lstrip().startswith("{"):
         named = read_states(robot)
@@ -44,6 +48,10 @@ def joints_of(robot: Path, state: str | None) -> dict[str, float]:
         joints = json.loads(text)
     except json.JSONDecodeError as error:
         raise ValueError(f'--state: is not JSON ({error}); give {{"joint": number}}') from None
+    return _checked(joints)
+
+
+def _checked(joints: Any) -> dict[str, float]:
     if not isinstance(joints, dict) or not all(map(is_finite_number, joints.values())):
         raise ValueError('--state: give joint positions as {"joint": number}')
     return joints

@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 
 from semmap import Map
 from semmap.belief.error import BeliefError
-from semmap.belief.priors import make_prior
 from semmap.belief.reader import read_columns
+from tests.oracles.priors import make_prior
 
 
 @given(st.integers(0, 2**32 - 1), st.floats(0, 0.99), st.floats(0, 0.99))

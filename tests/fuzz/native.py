@@ -352,7 +352,6 @@ def neighbours(random: Random) -> Arguments:
 FUNCTIONS: dict[str, tuple[Callable[..., Any], Good]] = {
     "closed_solids": (semmap_native.closed_solids, mesh),
     "occupancy": (semmap_native.occupancy, drawing),
-    "occupancy_solids": (semmap_native.occupancy_solids, drawing),
     "inflate": (semmap_native.inflate, inflating),
     "travel": (semmap_native.travel, travelling),
     "way": (semmap_native.way, way),

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -9,7 +11,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 from sqlalchemy import Engine, text
 
-from semmap.geometry.tin import decode, encode_chunks, to_mesh
+from semmap.geometry.tin import decode_patch, encode_chunks, to_mesh
 
 some_triangles = arrays.arrays(
     np.float64,
@@ -20,6 +22,10 @@ some_triangles = arrays.arrays(
 
 def in_any_order(triangles: np.ndarray) -> list[bytes]:  # type: ignore[type-arg]
     return sorted(t.tobytes() for t in triangles)
+
+
+def decode(patches: Iterable[bytes]) -> np.ndarray:  # type: ignore[type-arg]
+    return np.concatenate([np.empty((0, 3, 3)), *map(decode_patch, patches)])
 
 
 @settings(max_examples=50)
@@ -45,7 +51,7 @@ def test_postgis_reads_and_writes_the_same(engine: Engine) -> None:
         ).one()
     assert (count, kind) == (5, "TIN")
     assert z == triangles[1, 2, 2]
-    np.testing.assert_array_equal(decode([bytes(back)]), triangles)
+    np.testing.assert_array_equal(decode_patch(bytes(back)), triangles)
 
 
 def test_patches_are_compact() -> None:
@@ -53,7 +59,7 @@ def test_patches_are_compact() -> None:
     centres = random.uniform(0, 100, (4096, 1, 3))
     triangles = centres + random.uniform(-0.1, 0.1, (4096, 3, 3))
     extents = [
-        np.ptp(decode([p]).reshape(-1, 3), axis=0).prod() for p in encode_chunks(triangles, 256)
+        np.ptp(decode_patch(p).reshape(-1, 3), axis=0).prod() for p in encode_chunks(triangles, 256)
     ]
     assert sum(extents) < 0.5 * len(extents) * 100**3
 
@@ -61,7 +67,7 @@ def test_patches_are_compact() -> None:
 @pytest.mark.parametrize("damage", [b"", b"\x00" * 9, b"\x01\x10\x00\x00\x80\x05\x00\x00\x00"])
 def test_other_bytes_are_refused(damage: bytes) -> None:
     with pytest.raises(ValueError, match=r"TIN|buffer"):
-        decode([damage])
+        decode_patch(damage)
 
 
 def test_a_mesh_shares_its_corners() -> None:

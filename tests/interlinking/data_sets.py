@@ -7,6 +7,7 @@ import string
 from dataclasses import dataclass
 from xml.sax.saxutils import escape
 
+from semmap.interlinking.interlink import Interlinking, Workbench
 from semmap.interlinking.records import Records
 
 
@@ -279,3 +280,11 @@ def alignment_xml(links: set[tuple[str, str]]) -> str:
         'xmlns:rdf="http://www.w3.org/1999/02/22-rdf-syntax-ns#">'
         f"<Alignment>{cells}</Alignment></rdf:RDF>"
     )
+
+
+def interlink(left, right, labels, ask=None, questions=0) -> Interlinking:
+    """The links of two data sets, after so many questions."""
+    work = Workbench(left, right, labels)
+    if ask is not None:
+        work.ask(ask, questions)
+    return work.interlink()

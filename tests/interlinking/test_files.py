@@ -5,7 +5,8 @@ from __future__ import annotations
 import pytest
 import rdflib
 
-from semmap.interlinking.alignment_file import read_alignment, read_folder, read_labels
+from benchmarks.interlinking import read_folder
+from semmap.interlinking.alignment_file import read_alignment, read_labels
 from semmap.interlinking.csv_file import append_label, read_csv_labels, read_csv_records
 from semmap.interlinking.error import InterlinkingError
 from semmap.interlinking.rdf_file import read_rdf_records

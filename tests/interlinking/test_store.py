@@ -6,18 +6,15 @@ import json
 
 import psycopg
 import pytest
-from sqlalchemy import Engine, select
-from sqlalchemy.orm import Session
+from sqlalchemy import Engine
 from typer.testing import CliRunner
 
 from semmap.api.database import connect
 from semmap.cli import app
 from semmap.interlinking.error import InterlinkingError
-from semmap.interlinking.interlink import interlink
 from semmap.interlinking.reader import read_map_objects, read_object_models
 from semmap.interlinking.store import link_sets, merged_records, store_links, undo_links
-from semmap.model import DataRecord, DataSet, LinkSet, RecordLink
-from tests.interlinking.data_sets import Case, person1, person2
+from tests.interlinking.data_sets import Case, interlink, person1, person2
 
 SIZE = ("width", "length", "height")
 TABLES = ("data_set", "data_record", "link_set", "record_link")
@@ -74,16 +71,23 @@ def test_undo_restores_what_was_there(session, case, found) -> None:
 
 def test_links_and_records_are_stored_as_found(connection, session, case, found) -> None:
     number = store_links(session, found)
-    with Session(bind=connection) as orm:
-        stored = orm.get_one(LinkSet, number)
-        assert {(x.left_key, x.right_key): x.confidence for x in stored.links} == found.links()
-        assert stored.labels == len(found.labels)
-        assert [r.key for r in stored.left.records] == sorted(case.left.keys)
-        one = orm.scalars(
-            select(DataRecord).join(DataSet).where(DataRecord.key == case.left.keys[3])
-        )
-        assert {k: tuple(v) for k, v in one.one().properties.items()} == case.left.record(3)
-        assert orm.scalars(select(RecordLink)).first().confidence > 0
+    stored = session.execute(
+        "SELECT left_key, right_key, confidence FROM record_link WHERE link_set_id = %s", (number,)
+    ).fetchall()
+    assert {(left, right): confidence for left, right, confidence in stored} == found.links()
+    assert all(confidence > 0 for _, _, confidence in stored)
+    labels, left_id = session.execute(
+        "SELECT labels, left_id FROM link_set WHERE id = %s", (number,)
+    ).fetchone()
+    assert labels == len(found.labels)
+    records = dict(
+        session.execute(
+            "SELECT key, properties FROM data_record WHERE data_set_id = %s", (left_id,)
+        ).fetchall()
+    )
+    assert sorted(records) == sorted(case.left.keys)
+    one = records[case.left.keys[3]]
+    assert {name: tuple(values) for name, values in one.items()} == case.left.record(3)
 
 
 def test_the_merged_view_has_each_record_once(session, case, found) -> None:

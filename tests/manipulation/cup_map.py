@@ -14,6 +14,7 @@ import trimesh
 import semmap
 from semmap import Map
 from semmap.geometry.pose import Pose
+from semmap.manipulation.action_record import pose_of
 from semmap.manipulation.store.devices import add_gripper
 from tests.conftest import MakeDatabase
 
@@ -44,6 +45,17 @@ def primitive(kind: str, *size: float, pose: Any = None) -> SimpleNamespace:
         inliers=1.0,
         deviation=tuple(0.001 for _ in size),
     )
+
+
+def path_between(
+    here: psycopg.Connection[Any], automaton: str, start: Any, goal: Any, link: str = ""
+) -> list[Pose] | None:
+    """The stored path between two poses, (4, 4) or seven numbers, if nothing is in its way."""
+    row = here.execute(
+        "SELECT poses FROM path WHERE id = path_between(%s, %s::float8[], %s::float8[], %s)",
+        (automaton, pose_of(start, "start").row, pose_of(goal, "goal").row, link),
+    ).fetchone()
+    return None if row is None else [Pose(*pose) for pose in row[0]]
 
 
 @pytest.fixture(scope="module")

@@ -23,10 +23,10 @@ from semmap.manipulation.automata import (
 )
 from semmap.manipulation.error import ManipulationError
 from semmap.manipulation.places import find_places
-from semmap.manipulation.reader import path_between
 from semmap.manipulation.retrieval import find_grasps
 from semmap.manipulation.store.tasks import record_task
 from tests.command_line import semmap
+from tests.manipulation.cup_map import path_between
 from tests.manipulation.grippers import gripper_by_hand, urdf
 
 BASE = Pose.planar(0.85, 1.0, 0.6, 0.7)

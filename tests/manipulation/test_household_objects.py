@@ -13,7 +13,6 @@ from scipy.spatial.transform import Rotation
 from semmap import Map
 from semmap.manipulation.error import ManipulationError
 from semmap.manipulation.household_objects import import_household_grasps
-from semmap.manipulation.reader import known_actions
 
 W = 0.7071067811865476
 """Half a right angle."""
@@ -74,7 +73,7 @@ def test_files_of_each_kind(cups: Map, tmp_path: Path, ending: str) -> None:
     assert other[5] == {"joint1": 0.2}
     assert best[1:3] == (("Wine glass", "wine_glass") if ending == ".sql" else (None, None))
     if ending == ".sql":
-        assert len(known_actions(here, "drinking")) == 2
+        assert len(here.execute("SELECT * FROM known_actions('drinking')").fetchall()) == 2
     import_household_grasps(here, [path], HANDS)
     assert len(stored(cups)) == 2
 

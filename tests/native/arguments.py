@@ -136,37 +136,35 @@ def native_calls() -> Iterator[tuple[str, Call]]:
         "fill": True,
         "filled": None,
     }
-    for name in ("occupancy", "occupancy_solids"):
-        yield from variants(
-            name,
-            getattr(semmap_native, name),
-            good,
-            {
-                **wrong_mesh,
-                "intervals": [
-                    ("upside down", [(1.0, 0.0)]),
-                    ("NaN", [(NAN, 1.0)]),
-                    ("infinite", [(0.0, INF)]),
-                    ("single numbers", [1.0]),
-                    ("None", None),
-                ],
-                "origin_x": wrong_numbers(),
-                "origin_y": wrong_numbers(),
-                "resolution": wrong_numbers(0.0, -0.1, 1e-200),
-                "rows": wrong_counts(),
-                "columns": wrong_counts(),
-                "filled": filled,
-            },
-        )
-        function = getattr(semmap_native, name)
-        yield (
-            f"{name}: more cells than fit",
-            lambda f=function: f(**good | {"rows": 2**24, "columns": 2**24}),
-        )
-        yield (
-            f"{name}: vertices NaN",
-            lambda f=function: f(**good | {"vertices": np.full((4, 3), NAN)}),
-        )
+    yield from variants(
+        "occupancy",
+        semmap_native.occupancy,
+        good,
+        {
+            **wrong_mesh,
+            "intervals": [
+                ("upside down", [(1.0, 0.0)]),
+                ("NaN", [(NAN, 1.0)]),
+                ("infinite", [(0.0, INF)]),
+                ("single numbers", [1.0]),
+                ("None", None),
+            ],
+            "origin_x": wrong_numbers(),
+            "origin_y": wrong_numbers(),
+            "resolution": wrong_numbers(0.0, -0.1, 1e-200),
+            "rows": wrong_counts(),
+            "columns": wrong_counts(),
+            "filled": filled,
+        },
+    )
+    yield (
+        "occupancy: more cells than fit",
+        lambda: semmap_native.occupancy(**good | {"rows": 2**24, "columns": 2**24}),
+    )
+    yield (
+        "occupancy: vertices NaN",
+        lambda: semmap_native.occupancy(**good | {"vertices": np.full((4, 3), NAN)}),
+    )
     costs = np.zeros(26, U8)
     grid = np.zeros((6, 7), bool)
     yield from variants(

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from navgrid.grid import Grid
-from navgrid.slabs import occupancy, occupancy_solids, slices
+from navgrid.slabs import occupancy
 from semmap.geometry.mesh import box_mesh, join
 from tests.navgrid.rational import occupied
 
@@ -185,20 +185,9 @@ def test_a_slab_contains_its_slices() -> None:
     mesh = soup(3000, 4)
     for low, high in [(0.0, 0.5), (-1.0, 2.0), (0.3, 0.3)]:
         (slab,) = occupancy(mesh, [(low, high)], WIDE)
-        planes = slices(mesh, list(np.linspace(low, high, 12)), WIDE)
+        planes = occupancy(mesh, [(h, h) for h in np.linspace(low, high, 12)], WIDE)
         assert (slab | ~planes).all()
         assert slab.sum() >= planes.any(axis=0).sum()
-
-
-def test_occupancy_solids_has_the_lowest_solid_of_a_cell() -> None:
-    vertices, faces = soup(3000, 5)
-    solid = np.random.default_rng(6).integers(0, 50, len(faces))
-    found = occupancy_solids((vertices, faces), [(0.0, 0.6)], WIDE, solid=solid)[0]
-    wanted = np.full(WIDE.shape, -1, np.int32)
-    for number in range(49, -1, -1):
-        cells = occupancy((vertices, faces[solid == number]), [(0.0, 0.6)], WIDE)[0]
-        wanted[cells] = number
-    np.testing.assert_array_equal(found, wanted)
 
 
 ball = trimesh.creation.icosphere(subdivisions=3, radius=0.7)

@@ -7,10 +7,10 @@ import pytest
 import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from navgrid.grid import Grid
-from navgrid.slabs import occupancy, slices
+from navgrid.slabs import occupancy
 from semmap.geometry.mesh import Mesh, box_mesh
 
 GRID = Grid((-1.0, -0.5), 0.25, (16, 20))
@@ -47,6 +47,13 @@ def squares() -> list[list[shapely.Polygon]]:
 
 
 SQUARES = squares()
+
+
+def slices(
+    mesh: tuple[ArrayLike, ArrayLike], heights: list[float], grid: Grid
+) -> NDArray[np.bool_]:
+    """The cells that the sections of a mesh with level planes meet: a plane is [h, h]."""
+    return occupancy(mesh, [(h, h) for h in heights], grid)
 
 
 @settings(max_examples=60, deadline=None)
@@ -102,7 +109,7 @@ def test_the_order_of_triangles_does_not_matter() -> None:
         (np.full((3, 3), np.nan), [[0, 1, 2]], [0], "finite"),
         (np.zeros((3, 3)), [[0, 1, 3]], [0], "0 to 2"),
         (np.zeros((3, 3)), [[0, 1, -1]], [0], "0 to 2"),
-        (np.zeros((3, 3)), [[0, 1, 2]], [np.inf], "heights"),
+        (np.zeros((3, 3)), [[0, 1, 2]], [np.inf], "give ends within"),
     ],
 )
 def test_bad_input_is_refused(

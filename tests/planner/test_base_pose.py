@@ -84,30 +84,30 @@ def check(robot, things, target, poses, walls=NOWHERE):
 def test_poses_around_a_crate_are_free_face_it_and_reach_it():
     crate = box(10, 1.5, 1.2, 0.2, name="crate", high=0.6)
     made = ground([crate])
-    poses = poses_to_reach(made, target_of(crate), most=24)
+    poses = poses_to_reach(made.ground("left"), target_of(crate), most=24)
     check(ROBOT, [crate], target_of(crate), poses)
     assert len(poses) > 12
-    assert len(poses_to_reach(made, target_of(crate), most=3)) == 3
+    assert len(poses_to_reach(made.ground("left"), target_of(crate), most=3)) == 3
 
 
 def test_along_a_long_counter_the_robot_faces_what_is_before_it():
     counter = box(10, 1.5, 3.0, 1.4, name="counter")
     made = ground([counter])
     target = target_of(counter)
-    poses = poses_to_reach(made, target, most=24)
+    poses = poses_to_reach(made.ground("left"), target, most=24)
     check(ROBOT, [counter], target, poses)
 
 
 def test_with_a_cupboard_in_front_other_sides_are_taken():
     crate = box(10, 1.5, 1.2, 0.15, name="crate")
     things = [crate, box(11, 0.9, 1.2, 0.2), box(12, 1.5, 1.9, 0.2)]
-    poses = poses_to_reach(ground(things), target_of(crate), most=24)
+    poses = poses_to_reach(ground(things).ground("left"), target_of(crate), most=24)
     check(ROBOT, things, target_of(crate), poses)
 
 
 def test_no_robot_stands_in_a_doorway():
     crate = box(10, 2.5, 2.5, 0.2, name="crate")
-    poses = poses_to_reach(ground([crate]), target_of(crate), most=24)
+    poses = poses_to_reach(ground([crate]).ground("left"), target_of(crate), most=24)
     door = shapely.LineString([(3.1, 1.0), (3.1, 2.0)])
     assert not any(turned(p, pose).intersects(door) for pose in poses for p in ROBOT.parts)
 
@@ -119,7 +119,7 @@ def test_no_wall_is_between():
     triangles = wall.triangles.copy()
     triangles[..., 1] = (triangles[..., 1] - 1.5) * 60 + 1.5  # 3 m long in y
     wall = type(wall)(11, "wall", "object", ("wall", "building_element"), triangles)
-    poses = poses_to_reach(ground([crate, wall]), target_of(crate), most=24)
+    poses = poses_to_reach(ground([crate, wall]).ground("left"), target_of(crate), most=24)
     x0, y0, x1, y1 = wall.bounds
     check(ROBOT, [crate, wall], target_of(crate), poses, shapely.box(x0, y0, x1, y1))
     assert all(p.x < 1.4 for p in poses)
@@ -133,17 +133,17 @@ def test_what_cannot_be_reached_is_said():
     with pytest.raises(
         NoBasePoseError, match=r"lamp is 2.20 to 2.40 m above the floor; cube reach"
     ):
-        poses_to_reach(made, high)
+        poses_to_reach(made.ground("left"), high)
     with pytest.raises(NoBasePoseError, match="no room holds lamp"):
-        poses_to_reach(made, LocatedEntity("lamp", "object", None))
+        poses_to_reach(made.ground("left"), LocatedEntity("lamp", "object", None))
     with pytest.raises(NoBasePoseError, match="does not say where in left lamp is"):
-        poses_to_reach(made, LocatedEntity("lamp", "object", "left"))
+        poses_to_reach(made.ground("left"), LocatedEntity("lamp", "object", "left"))
     full = ground([box(10, 1.5, 1.5, 1.4)])
     inside = LocatedEntity("lamp", "object", "left", Pose(1.5, 1.5), None, (0.0, 1.0))
     with pytest.raises(NoBasePoseError, match=r"finds no free place within 0.80 m of lamp in left"):
-        poses_to_reach(full, inside)
+        poses_to_reach(full.ground("left"), inside)
     with pytest.raises(NoBasePoseError, match="does not say where in above lamp is"):
-        poses_to_reach(made, LocatedEntity("lamp", "object", "above", Pose()))
+        poses_to_reach(made.ground("above"), LocatedEntity("lamp", "object", "above", Pose()))
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -152,13 +152,13 @@ def test_poses_drawn_in_a_region_are_in_it_and_free(seed):
     made = ground(things)
     area = shapely.Polygon([(0.3, 0.3), (2.8, 0.4), (2.5, 2.7), (1.0, 2.4)])
     target = LocatedEntity("home", "region", "left", Pose(1.5, 1.5), area)
-    poses = poses_in(made, target, np.random.default_rng(seed))
+    poses = poses_in(made.ground("left"), target, np.random.default_rng(seed))
     assert len(poses) == 12
     assert len({(p.x, p.y) for p in poses}) == 12
     for pose in poses:
         assert area.covers(shapely.Point(pose.x, pose.y))
         assert is_free(ROBOT, things, pose)
-    again = poses_in(made, target, np.random.default_rng(seed))
+    again = poses_in(made.ground("left"), target, np.random.default_rng(seed))
     assert poses == again
 
 
@@ -172,7 +172,7 @@ def test_a_narrow_region_has_poses_along_it():
     area = shapely.box(1.4, 1.4, 1.6, 1.6)
     target = LocatedEntity("slot", "region", "left", Pose(1.5, 1.5), area)
     for seed in range(4):
-        for pose in poses_in(made, target, np.random.default_rng(seed), 2):
+        for pose in poses_in(made.ground("left"), target, np.random.default_rng(seed), 2):
             assert is_free(robot, things, pose)
             assert abs(math.sin(pose.yaw)) < 0.5
 
@@ -182,9 +182,13 @@ def test_a_full_region_is_said():
         "home", "region", "left", Pose(1.5, 1.5), shapely.box(1.2, 1.2, 1.8, 1.8)
     )
     with pytest.raises(NoBasePoseError, match="cube finds no free pose in home"):
-        poses_in(ground([box(10, 1.5, 1.5, 0.4)]), target, np.random.default_rng(0))
+        poses_in(ground([box(10, 1.5, 1.5, 0.4)]).ground("left"), target, np.random.default_rng(0))
     with pytest.raises(NoBasePoseError, match="in which room home is, or has no outline"):
-        poses_in(ground(), LocatedEntity("home", "region", "left"), np.random.default_rng(0))
+        poses_in(
+            ground().ground("left"),
+            LocatedEntity("home", "region", "left"),
+            np.random.default_rng(0),
+        )
 
 
 @pytest.mark.parametrize("with_pose", [True, False])
@@ -196,12 +200,12 @@ def test_at_a_waypoint_the_robot_stands_on_the_point_if_it_fits(with_pose):
         if with_pose
         else LocatedEntity("lounge", "region", "left", None, shapely.Point(1.5, 1.2))
     )
-    (pose,) = poses_in(ground(), target, rng)
+    (pose,) = poses_in(ground().ground("left"), target, rng)
     assert (pose.x, pose.y) == (1.5, 1.2)
     assert pose.yaw == pytest.approx(0.5 if with_pose else 0.0)
     things = [box(10, 1.5, 0.9, 0.2)]  # 0.1 m from the point
-    (pose,) = poses_in(ground(things), target, rng)
+    (pose,) = poses_in(ground(things).ground("left"), target, rng)
     assert is_free(ROBOT, things, pose)
     assert 0 < math.dist(pose[:2], at[:2]) <= 0.3
     with pytest.raises(NoBasePoseError, match=r"no free pose within 0\.3 m of lounge"):
-        poses_in(ground([box(10, 1.5, 1.2, 0.4)]), target, rng)
+        poses_in(ground([box(10, 1.5, 1.2, 0.4)]).ground("left"), target, rng)

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from semmap.robot import Part, load_robot, robot_parts
 from semmap.robot.error import RobotError
 from semmap.robot.joint_positions import joints_of
 from semmap.robot.srdf import read_states

@@ -267,7 +267,7 @@ def test_pgrouting_is_there_and_finds_the_routes_of_the_documents(
 def test_the_simulated_robot_passes_every_connector_of_the_hotel(
     engine: Engine, tmp_path: Path
 ) -> None:
-    with MissionStore(engine, "hotel") as store:
+    with MissionStore(MapHandle(engine, "hotel")) as store:
         topology = store.topology()
     graph = RoutingGraph(topology)
     passed = set()
@@ -299,7 +299,7 @@ class Building:
 
     def __init__(self, engine: Engine, name: str, folder: Path) -> None:
         self.live = LiveTopology(MapHandle(engine, name), "folded")
-        self.store = MissionStore(engine, name, "test")
+        self.store = MissionStore(MapHandle(engine, name), "test")
         self.file = folder / "world"
 
     def add_robot(self, place: str) -> None:

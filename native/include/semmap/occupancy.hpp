@@ -47,11 +47,6 @@ template <typename Index>
 Flaw occupancy(const MeshView<Index>& mesh, const std::vector<Interval>& intervals,
                const GridFrame& grid, const Fill& fill, unsigned threads, std::uint8_t* cells);
 
-// Writes to `cells` (rows x columns) the lowest number of a solid that occupies the cell, or -1.
-template <typename Index>
-Flaw lowest_solids(const MeshView<Index>& mesh, Interval interval, const GridFrame& grid,
-                   const Fill& fill, unsigned threads, std::int32_t* cells);
-
 // Writes 1 for each solid whose surface is closed: each directed edge is met by as many opposite
 // ones, vertices of equal coordinates being one. Decided by a hash that an open surface meets with
 // a chance of about 2^-60.

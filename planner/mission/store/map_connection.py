@@ -5,15 +5,17 @@ from __future__ import annotations
 from contextlib import suppress
 from typing import Self
 
-from sqlalchemy import Connection, Engine, text
+from sqlalchemy import Connection, text
 from sqlalchemy.exc import DBAPIError
 
 from semmap.database.maps import pick_map, see_map
+from semmap.error import Error
+from semmap.query.map_handle import MapSource
 
 __all__ = ["MapConnection", "MissionError"]
 
 
-class MissionError(ValueError):
+class MissionError(Error, ValueError):
     """A mission cannot be made or run; the message says why."""
 
 
@@ -22,8 +24,8 @@ class MapConnection:
 
     Parameters
     ----------
-    map_name
-        By default the chosen map, else the only one.
+    source
+        A `semmap.Map`, or another handle of a map.
 
     Raises
     ------
@@ -31,11 +33,11 @@ class MapConnection:
         There is no such map, none at all, or several and none is chosen.
     """
 
-    def __init__(self, engine: Engine, map_name: str | None = None) -> None:
-        self._connection = engine.connect()
+    def __init__(self, source: MapSource) -> None:
+        self._connection = source.engine.connect()
         try:
             with self._begin() as connection:
-                self.map_name = _see_map(connection, map_name)
+                self.map_name = _see_map(connection, source.name)
         except MissionError:
             self._connection.close()
             raise

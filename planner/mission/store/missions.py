@@ -11,7 +11,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from sqlalchemy import Connection, Engine, text
+from sqlalchemy import Connection, text
 
 from planner.mission.behaviours import Outcome, RobotObservation
 from planner.mission.command import Command, with_spot
@@ -45,6 +45,7 @@ from planner.mission.store.robot_placement import read_home, read_robot, write_r
 from planner.readers.topology import read_topology
 from planner.topology import Topology
 from semmap.geometry.pose import Pose
+from semmap.query.map_handle import MapSource
 
 __all__ = ["LostMissionError", "MissionError", "MissionStatus", "MissionStore", "TakenMission"]
 
@@ -84,8 +85,8 @@ class MissionStore(MissionList):
 
     Parameters
     ----------
-    map_name
-        By default the chosen map, else the only one.
+    source
+        A `semmap.Map`, or another handle of a map.
     runner
         Name of the process. It keeps its missions as long as it lives.
     grasps
@@ -94,12 +95,11 @@ class MissionStore(MissionList):
 
     def __init__(
         self,
-        engine: Engine,
-        map_name: str | None = None,
+        source: MapSource,
         runner: str = "",
         grasps: GraspMemory | None = None,
     ) -> None:
-        super().__init__(engine, map_name)
+        super().__init__(source)
         self.runner = runner
         self.grasps = grasps
 

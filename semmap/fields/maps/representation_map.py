@@ -189,18 +189,6 @@ class RepresentationMap:
         """Return a map of the same property, type and lattice with other voxels."""
         return self._on(self.lattice, evaluate)
 
-    def crop(self, low: ArrayLike, high: ArrayLike) -> RepresentationMap:
-        """Return the map in a box of the shared frame.
-
-        Parameters
-        ----------
-        low, high : (3,) corners of the box, metres; voxels that meet it are in it
-        """
-        box = self.lattice.box(low, high)
-        return self.like(
-            lambda wider: self.within(box if wider is None else box.common(wider)),
-        )
-
     def placed(self, pose: ArrayLike) -> RepresentationMap:
         """Return the map with its frame at another pose; this takes no time.
 

@@ -32,7 +32,7 @@ from semmap.limits import REGEX_SECONDS
 if TYPE_CHECKING:
     import regex
 
-__all__ = ["evaluate_expression", "is_true"]
+__all__ = ["ELEMENTWISE", "OF_TEXT", "evaluate_expression", "is_true"]
 
 Values = NDArray[Any]
 
@@ -117,23 +117,19 @@ def _(expression: ExtensionCall, context: Context, table: Table) -> TermColumn:
 @evaluate_expression.register
 def _(expression: Call, context: Context, table: Table) -> TermColumn:
     function, arguments = expression.function, expression.arguments
-    if function in _OF_TEXT_AND_CONSTANT:
-        text, part = arguments
-        assert isinstance(part, Constant)
-        column = evaluate_expression(text, context, table)
-        test, constant = _OF_TEXT_AND_CONSTANT[function], str(part.value)
-        return _of_names("boolean", lambda name: test(name, constant), column, context)
+    of_text = OF_TEXT.get(function)
+    if of_text is not None and arguments[0].kind == "text":
+        column = evaluate_expression(arguments[0], context, table)
+        constants = [str(each.value) for each in arguments[1:] if isinstance(each, Constant)]
+        return _of_names(expression.kind, lambda name: of_text(name, *constants), column, context)
     columns = [evaluate_expression(each, context, table) for each in arguments]
     if function in _CHOICES:
         return _CHOICES[function](columns)
-    kind = arguments[0].kind
-    if kind == "text" and function in _OF_TEXT:
-        return _of_names(expression.kind, _OF_TEXT[function], columns[0], context)
     values = [column.values for column in columns]
-    if kind == "text" and function in _ORDERS:
+    if arguments[0].kind == "text" and function in _ORDERS:
         ranks = context.names.ranks()
         values = [ranks[each] for each in values]
-    return TermColumn(expression.kind, _ELEMENTWISE[function](*values), _all_bound(columns))
+    return TermColumn(expression.kind, ELEMENTWISE[function](*values), _all_bound(columns))
 
 
 def _all_bound(columns: Iterable[TermColumn]) -> NDArray[np.bool_] | None:
@@ -218,7 +214,8 @@ def _is_not_zero(numbers: Values) -> Values:
 
 
 def _round_half_up(numbers: Values) -> Values:
-    rounded: Values = np.floor(numbers + 0.5)
+    whole = np.floor(numbers)
+    rounded: Values = whole + (numbers - whole >= 0.5)  # a sum with 0.5 would be rounded
     return rounded
 
 
@@ -237,30 +234,28 @@ _ORDERS: Mapping[str, Callable[..., Values]] = {
     "<=": np.less_equal,
     ">=": np.greater_equal,
 }
-_ELEMENTWISE: Mapping[str, Callable[..., Values]] = {
+ELEMENTWISE: Mapping[str, Callable[..., Values]] = {
     **_ORDERS,
     "=": np.equal,
     "!=": np.not_equal,
     "!": np.logical_not,
     "boolean": _is_not_zero,
-    "-": np.negative,
-    "+": np.positive,
+    "UnaryMinus": np.negative,
+    "UnaryPlus": np.positive,
     "ABS": np.abs,
     "CEIL": np.ceil,
     "FLOOR": np.floor,
     "ROUND": _round_half_up,
     "STR": _same,  # entities and texts have the same codes
 }
-_OF_TEXT: Mapping[str, Callable[[str], Any]] = {
+OF_TEXT: Mapping[str, Callable[..., Any]] = {
     "STRLEN": len,
     "UCASE": str.upper,
     "LCASE": str.lower,
-    "boolean": bool,
-}
-_OF_TEXT_AND_CONSTANT: Mapping[str, Callable[[str, str], bool]] = {
     "STRSTARTS": str.startswith,
     "STRENDS": str.endswith,
     "CONTAINS": str.__contains__,
+    "boolean": bool,
 }
 _CHOICES: Mapping[str, Callable[[list[TermColumn]], TermColumn]] = {
     "&&": _all,

@@ -14,6 +14,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from semmap.error import Error
 from semmap.language.schema import Property, Schema
 
 __all__ = [
@@ -28,7 +29,7 @@ __all__ = [
 ]
 
 
-class UnknownError(LookupError):
+class UnknownError(Error, LookupError):
     """Nothing states what is queried, so that the answer is neither yes nor no."""
 
 

@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from semmap.error import Error
 from semmap.geometry.voxel_keys import sorted_unique
 from semmap.language.schema import ValueKind
 from semmap.limits import QUERY_ROWS
@@ -43,7 +44,7 @@ Otherwise the rows of one are searched in the other.
 Rows = NDArray[np.intp]
 
 
-class LimitError(Exception):
+class LimitError(Error):
     """A query has too many solutions or takes too long."""
 
 

@@ -8,7 +8,7 @@ import threading
 from collections import deque
 from collections.abc import Callable, Hashable, Iterable, Iterator
 from dataclasses import dataclass
-from types import TracebackType
+from typing import Any
 
 from semmap.fields.relations.facts import RelationEvent
 
@@ -51,12 +51,7 @@ class Subscription:
         """Return the subscription; the end of the `with` block cancels it."""
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: Any) -> None:
         """Cancel the subscription."""
         self.cancel()
 
@@ -111,12 +106,7 @@ class EventStream:
         """Return the stream; the end of the `with` block closes it."""
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         """Close the stream."""
         self.close()
 

@@ -1,9 +1,8 @@
 """Relations between entities as these move: in, on, near, touching, and what an agent sees.
 
 Each relation begins at one threshold and ends at another; this hysteresis prevents event floods.
-The names are those of `semmap.query.relations`, which computes them from the surfaces in the
-database. Here they are computed from the voxels of a `RegionMap`, only for pairs in which an entity
-changed.
+The SQL functions `is_on`, `is_in`, ... compute them from the surfaces in the database, and this
+module from the voxels of a `RegionMap`, only for pairs in which an entity changed.
 
 Source: "VDB-based Spatially Grounded Semantics for Interactive Robots", section VI, which names
 this as future work ("tell me when the human looks at the book").

@@ -9,7 +9,6 @@ import logging
 import threading
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from datetime import timedelta
 from time import monotonic
 from typing import Any
 
@@ -68,7 +67,6 @@ class SourceManager:
         percepts: Callable[[], Any],
         *,
         rate: float = 10.0,
-        span: timedelta | None = None,
         timeout: float | None = None,
     ) -> None:
         """Start a source.
@@ -83,7 +81,6 @@ class SourceManager:
         percepts : returns the newest percept, with its `time`, or None; the same percept makes no
             new maps
         rate : calls of `percepts` per second
-        span : how long former maps are kept
         timeout : seconds without a new percept after which the maps are removed: what the source
             provides is then unknown; never if not given
 
@@ -97,7 +94,7 @@ class SourceManager:
         with self._lock:
             if name in self._workers:
                 raise ValueError(f"the source {name} is running: deactivate it first")
-            worker = _Worker(name, source, percepts, self.maps, rate, span, timeout)
+            worker = _Worker(name, source, percepts, self.maps, rate, timeout)
             self._workers[name] = worker
         worker.start()
 
@@ -145,7 +142,6 @@ class _Worker:
         percepts: Callable[[], Any],
         maps: MapBuffer,
         rate: float,
-        span: timedelta | None,
         timeout: float | None,
     ) -> None:
         self._timeout = timeout
@@ -155,7 +151,6 @@ class _Worker:
         self._source = source
         self._percepts = percepts
         self._maps = maps
-        self._span = span
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._work, name=f"source {name}", daemon=True)
         self._last: Any = None
@@ -208,7 +203,6 @@ class _Worker:
                 self._name,
                 self._source(percept),
                 percept.time,
-                span=self._span,
                 provides=getattr(self._source, "provides", ()),
             )
             count += 1

@@ -156,9 +156,7 @@ class SyntheticScene:
         return People(motions, self.time)
 
 
-def standpoints(
-    scene: SyntheticScene, target: str, floor: float, *, distance: float = 1.6, directions: int = 24
-) -> list[tuple[float, float]]:
+def standpoints(scene: SyntheticScene, target: str, floor: float) -> list[tuple[float, float]]:
     """Return places from which a person can see an object, the best view first.
 
     No object is within 0.3 m of a place from knee to head; places are more than 0.8 m apart.
@@ -168,8 +166,6 @@ def standpoints(
     scene : objects and people
     target : name of the object
     floor : height of the floor, metres
-    distance : to the object, metres; 0.7 and 1.3 times that are tried, too
-    directions : number of directions that are tried
 
     Returns
     -------
@@ -181,8 +177,8 @@ def standpoints(
     number = scene.objects.index(wanted)
     low, high = scene.triangles.min(axis=1), scene.triangles.max(axis=1)
     found: list[tuple[int, float, float]] = []
-    for angle in np.arange(directions) * 2 * math.pi / directions:
-        for away in (distance, 0.7 * distance, 1.3 * distance):
+    for angle in np.arange(24) * 2 * math.pi / 24:
+        for away in (1.6, 1.12, 2.08):  # metres
             x, y = middle[:2] + away * np.array([math.cos(angle), math.sin(angle)])
             near = (low[:, 0] < x + 0.3) & (high[:, 0] > x - 0.3)
             near &= (low[:, 1] < y + 0.3) & (high[:, 1] > y - 0.3)

@@ -11,7 +11,6 @@ import json
 from collections import deque
 from collections.abc import Hashable, Iterable, Iterator
 from datetime import datetime
-from types import TracebackType
 
 import psycopg
 from sqlalchemy import Engine, text
@@ -126,12 +125,7 @@ class EventListener:
         """Return the listener; the end of the `with` block closes it."""
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         """Stop listening."""
         self.close()
 

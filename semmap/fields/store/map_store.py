@@ -17,8 +17,12 @@ if TYPE_CHECKING:
 __all__ = ["load_maps", "load_maps_during", "save_map"]
 
 
-def save_map(connection: Any, name: str, map: RepresentationMap) -> int:
+def save_map(connection: Any, name: str, map: RepresentationMap, **more: Any) -> int:
     """Store a map as the newest version of a field.
+
+    Parameters
+    ----------
+    **more : `state` and `at` of `field_store.save`
 
     Returns
     -------
@@ -36,6 +40,7 @@ def save_map(connection: Any, name: str, map: RepresentationMap) -> int:
         property=map.property.iri,
         about=map.about,
         legend=map.legend or None,
+        **more,
     )
 
 

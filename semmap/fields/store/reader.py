@@ -87,17 +87,10 @@ def read_visible_objects(connection: Connection) -> list[VisibleObject]:
     return [VisibleObject(e.name, e.types[0], e.triangles) for e in found if len(e.triangles)]
 
 
-def read_zones(connection: Connection, ids: Iterable[int] | None = None) -> list[Zone]:
-    """Return the rooms and regions of the current map that are valid now.
-
-    Parameters
-    ----------
-    connection : sees the map
-    ids : only the zones of these entities; all if not given
-    """
+def read_zones(connection: Connection) -> list[Zone]:
+    """Return the rooms and regions of the current map that are valid now."""
     found = read_entities(
         connection,
-        ids,
         kinds=("room", "region"),
         moment=datetime.now(UTC),
         triangles=False,

@@ -15,6 +15,7 @@ from semmap.fields.maps.lattice import Lattice
 from semmap.fields.maps.map_buffer import SourceUpdate
 from semmap.fields.maps.representation_map import RepresentationMap
 from semmap.fields.store import field_store
+from semmap.fields.store.map_store import save_map
 from semmap.fields.store.statements import Connection, run
 
 if TYPE_CHECKING:
@@ -80,16 +81,7 @@ class SourceHistory:
         before = self._versions.get(name)
         if before is not None and before[0] is map:
             return before[1]
-        number = field_store.save(
-            connection,
-            name,
-            map.grid,
-            property=map.property.iri,
-            about=map.about,
-            legend=map.legend or None,
-            state={"of": "source"},
-            at=time,
-        )
+        number = save_map(connection, name, map, state={"of": "source"}, at=time)
         self._versions[name] = (map, number)
         return number
 

@@ -18,6 +18,7 @@ from defusedxml import DefusedXmlException
 from defusedxml.ElementTree import iterparse
 from numpy.typing import ArrayLike, NDArray
 
+from semmap.error import Error
 from semmap.geometry.mesh import Mesh, join
 from semmap.ingest.meshes.mesh_size import check_size
 from semmap.ingest.meshes.octomap_file import read_octomap
@@ -34,7 +35,7 @@ X_UP = np.array([[0.0, -1, 0], [0, 0, -1], [1, 0, 0]])
 """Rotation from coordinates with x up (COLLADA: right -y, towards the viewer z) to z up."""
 
 
-class MeshFileError(Exception):
+class MeshFileError(Error):
     """A mesh file that cannot be used: what is wrong, and how to fix it."""
 
     def __init__(self, problem: str, fix: str) -> None:

@@ -3,23 +3,21 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Sequence
-from pathlib import Path
 
 from sqlalchemy import Connection
 
-from semmap.ingest.ontology.tbox import ontology_files, own_tbox, read_tbox
+from semmap.ingest.ontology.tbox import ontology_files, own_tbox
 
 __all__ = ["load_tbox"]
 
 
-def load_tbox(connection: Connection, paths: Sequence[Path] | None = None) -> int:
+def load_tbox(connection: Connection) -> int:
     """Store the semantic types of the ontology files; return their number, 0 if nothing changed.
 
     Types that imports added stay; a type that an ontology now has becomes the ontology's. Unchanged
     files are not read.
     """
-    files = ontology_files() if paths is None else list(paths)
+    files = ontology_files()
     digest = hashlib.sha256(b"".join(p.read_bytes() for p in files)).hexdigest()
     name = ",".join(p.name for p in files)
     known = connection.exec_driver_sql(
@@ -27,7 +25,7 @@ def load_tbox(connection: Connection, paths: Sequence[Path] | None = None) -> in
     ).scalar()
     if known == digest:
         return 0
-    records = own_tbox() if paths is None else read_tbox(files)
+    records = own_tbox()
     # One statement each: a trigger recomputes the closure after every one.
     connection.exec_driver_sql(
         "INSERT INTO semantic_type (name, label, iri, comment, origin) "

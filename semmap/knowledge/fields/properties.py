@@ -7,20 +7,23 @@ that answers the rest.
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass
-from decimal import Decimal
 from functools import cache
 from typing import Any, Protocol
 
 import rdflib
 from rdflib.plugins.sparql.parserutils import CompValue
 
+from semmap.error import Error
 from semmap.fields.store.names import read_map_vocabulary
 from semmap.knowledge.mapping import COMPUTED, TRIPLES
 from semmap.knowledge.sparql.constants import parts_of
-from semmap.language.schema import Property
+from semmap.language.expression_checker import MIRRORED, conjuncts
+from semmap.language.schema import Property, SideKind, with_article
+from semmap.language.terms import number_of
 
 __all__ = [
     "FieldAnswer",
@@ -38,7 +41,7 @@ __all__ = [
 ]
 
 
-class FieldError(ValueError):
+class FieldError(Error, ValueError):
     """Fields cannot answer their part of a query, for instance because no source provides it.
 
     Attributes
@@ -72,7 +75,7 @@ class FieldTriple:
     object: FieldPart
     place: Any = None
 
-    def variables(self) -> Iterator[tuple[str, str]]:
+    def variables(self) -> Iterator[tuple[str, SideKind]]:
         """Yield the variables with what they stand for: a voxel, an entity or a number."""
         if isinstance(self.subject, str):
             yield self.subject, self.property.subject
@@ -114,14 +117,12 @@ class FieldQuery:
         conditions : variable, operator and number of comparisons that all solutions meet
         """
         place = next(iter(triples)).place
-        kinds: dict[str, str] = {}
+        kinds: dict[str, SideKind] = {}
         for triple in triples:
             for name, kind in triple.variables():
                 if kinds.setdefault(name, kind) != kind:
-                    raise FieldError(
-                        f"?{name} is {_a(kinds[name])} and {_a(kind)}: use two variables",
-                        triple.place,
-                    )
+                    both = f"{with_article(kinds[name])} and {with_article(kind)}"
+                    raise FieldError(f"?{name} is {both}: use two variables", triple.place)
         short = {name: f"?v{i}" for i, name in enumerate(kinds)}
 
         def side(part: FieldPart) -> str:
@@ -233,25 +234,22 @@ def count_variables(tree: Any) -> Counter[str]:
     return found
 
 
-_MIRRORED = {"<": ">", ">": "<", "<=": ">=", ">=": "<=", "=": "="}
-
-
 def comparisons(tree: Any) -> Iterator[tuple[str, str, str]]:
-    """Yield variable, operator and number of the comparisons that a condition consists of."""
-    name = getattr(tree, "name", "")
-    if name == "ConditionalAndExpression":
-        for part in (tree.expr, *tree.other):
-            yield from comparisons(part)
-    elif name == "RelationalExpression" and tree.op in _MIRRORED:
-        left, operator, right = tree.expr, str(tree.op), tree.other
+    """Yield variable, operator and number of the comparisons that a condition consists of.
+
+    Examples
+    --------
+    >>> from semmap.language.parser import parse_query
+    >>> text = 'ASK { ?v :distanceToPerson ?d FILTER(2 > ?d && ?d < "INF"^^xsd:double) }'
+    >>> list(comparisons(parse_query(text).algebra.p.expr))
+    [('d', '<', '2.0')]
+    """
+    for part in conjuncts(tree):
+        if getattr(part, "name", "") != "RelationalExpression" or part.op not in MIRRORED:
+            continue
+        left, operator, right = part.expr, str(part.op), part.other
         if isinstance(right, rdflib.Variable):
-            left, operator, right = right, _MIRRORED[operator], left
-        value = right.value if isinstance(right, rdflib.Literal) else None
-        if isinstance(value, bool) or not isinstance(value, (int, float, Decimal)):
-            return
-        if isinstance(left, rdflib.Variable):
-            yield str(left), operator, repr(float(value))
-
-
-def _a(kind: str) -> str:
-    return "an entity" if kind == "entity" else f"a {kind}"
+            left, operator, right = right, MIRRORED[operator], left
+        number = number_of(right)
+        if isinstance(left, rdflib.Variable) and number is not None and math.isfinite(number):
+            yield str(left), operator, repr(number)

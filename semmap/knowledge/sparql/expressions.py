@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Mapping
 from datetime import UTC
 from typing import Any
@@ -24,6 +25,7 @@ from semmap.knowledge.sparql.values import (
     text_of,
 )
 from semmap.knowledge.vocabulary import XSD
+from semmap.language.schema import SPARQL_FUNCTIONS
 
 __all__ = ["Environment", "Expressions", "UntranslatedError"]
 
@@ -31,6 +33,14 @@ Environment = Mapping[str, Value]
 """The value of each variable that an expression sees."""
 
 STRING = DATATYPES["string"]
+
+_DOT = re.compile(r"\\.|\[\^?\]?(?:\\.|[^\]\\])*\]|\.", re.DOTALL)
+"""A dot of a regular expression; or what dots may stand in, an escape or a set, as a whole."""
+
+_CASE = '{}({{0}} COLLATE "und-x-icu") COLLATE "default"'
+"""By Unicode, where one letter may become two; the server's own tables have single letters."""
+
+_SHA = "encode(sha{}(convert_to({{0}}, 'UTF8')), 'hex')"
 
 
 class UntranslatedError(Exception):
@@ -90,6 +100,11 @@ class Expressions:
             if method is not None:
                 found: Value = method(tree, seen)
                 return found
+            if name in _WITHOUT_ARGUMENTS:
+                return _WITHOUT_ARGUMENTS[name]
+            if name in _ROWS:
+                translate, sql = _ROWS[name]
+                return translate(self, tree, seen, sql)
             raise UntranslatedError(f"{name} has no translation to SQL", tree)
         raise UntranslatedError(f"{type(tree).__name__} has no translation to SQL", tree)
 
@@ -299,29 +314,11 @@ class Expressions:
         call = f"rdf_calculate('{operator}', {x_.sql}, {x_.tag}, {y_.sql}, {y_.tag})"
         return Value("term", f"({call})[1]", f"({call})[2]")
 
-    def _of_UnaryMinus(self, tree: Any, seen: Environment) -> Value:
+    def _signed(self, tree: Any, seen: Environment, sign: str) -> Value:
         value = self.value(tree.expr, seen)
         if value.form in NUMERIC:
-            return Value(value.form, f"(- {value.sql})")
-        return self._calculated(Value("integer", "0::numeric"), "-", value)
-
-    def _of_UnaryPlus(self, tree: Any, seen: Environment) -> Value:
-        value = self.value(tree.expr, seen)
-        if value.form in NUMERIC:
-            return value
-        return self._calculated(Value("integer", "0::numeric"), "+", value)
-
-    def _of_ABS(self, tree: Any, seen: Environment) -> Value:
-        return self._rounded(tree, seen, "abs({0})")
-
-    def _of_CEIL(self, tree: Any, seen: Environment) -> Value:
-        return self._rounded(tree, seen, "ceil({0})")
-
-    def _of_FLOOR(self, tree: Any, seen: Environment) -> Value:
-        return self._rounded(tree, seen, "floor({0})")
-
-    def _of_ROUND(self, tree: Any, seen: Environment) -> Value:
-        return self._rounded(tree, seen, "floor({0} + 0.5)")  # halves towards positive infinity
+            return Value(value.form, f"({sign} {value.sql})")
+        return self._calculated(Value("integer", "0::numeric"), sign, value)
 
     def _rounded(self, tree: Any, seen: Environment, sql: str) -> Value:
         value = self.value(tree.arg, seen)
@@ -336,9 +333,6 @@ class Expressions:
             f"THEN rdf_decimal({number}::numeric) ELSE {number}::numeric::text END)"
         )
         return Value("term", text, f"(CASE WHEN {double} THEN '{XSD}double' ELSE {value.tag} END)")
-
-    def _of_RAND(self, tree: Any, seen: Environment) -> Value:
-        return Value("double", "random()")
 
     # Terms
 
@@ -399,17 +393,6 @@ class Expressions:
         known = f"{self.value(tree.arg, seen).sql} IS NOT NULL"
         return Value("boolean", f"(CASE WHEN {known} THEN {condition.format(tag)} END)")
 
-    def _of_isIRI(self, tree: Any, seen: Environment) -> Value:
-        return self._tagged(tree, seen, "{0} = 'I'")
-
-    _of_isURI = _of_isIRI
-
-    def _of_isBLANK(self, tree: Any, seen: Environment) -> Value:
-        return self._tagged(tree, seen, "{0} = 'B'")
-
-    def _of_isLITERAL(self, tree: Any, seen: Environment) -> Value:
-        return self._tagged(tree, seen, "{0} NOT IN ('I', 'B')")
-
     def _of_isNUMERIC(self, tree: Any, seen: Environment) -> Value:
         value = self.value(tree.arg, seen)
         valid = f"text_number({self._text(value)}) IS NOT NULL" if value.form == "term" else "true"
@@ -420,30 +403,14 @@ class Expressions:
             raise UntranslatedError("BNODE with a label has no translation to SQL", tree)
         return Value("term", "gen_random_uuid()::text", "'B'::text")
 
-    def _of_UUID(self, tree: Any, seen: Environment) -> Value:
-        return Value("term", "('urn:uuid:' || gen_random_uuid())", "'I'::text")
-
-    def _of_STRUUID(self, tree: Any, seen: Environment) -> Value:
-        return Value("string", "gen_random_uuid()::text")
-
     # Strings
 
-    def _of_STRLEN(self, tree: Any, seen: Environment) -> Value:
-        text = self._string(self.value(tree.arg, seen))
-        return Value("integer", f"length({text})::numeric")
+    def _length(self, tree: Any, seen: Environment, sql: str) -> Value:
+        return Value("integer", f"{sql.format(self._string(self.value(tree.arg, seen)))}::numeric")
 
     def _made(self, tree: Any, seen: Environment, sql: str) -> Value:
         value = self.value(tree.arg, seen)
         return self._like(value, sql.format(self._string(value)))
-
-    def _of_UCASE(self, tree: Any, seen: Environment) -> Value:
-        return self._made(tree, seen, "upper({0})")
-
-    def _of_LCASE(self, tree: Any, seen: Environment) -> Value:
-        return self._made(tree, seen, "lower({0})")
-
-    def _of_ENCODE_FOR_URI(self, tree: Any, seen: Environment) -> Value:
-        return Value("string", f"iri_encode({self._string(self.value(tree.arg, seen))})")
 
     def _of_CONCAT(self, tree: Any, seen: Environment) -> Value:
         values = [self.value(each, seen) for each in tree.arg]
@@ -461,15 +428,6 @@ class Expressions:
         found = sql.format(self._string(a), self._string(b))
         return Value("boolean", f"({self._beside(a, b, found)})")
 
-    def _of_CONTAINS(self, tree: Any, seen: Environment) -> Value:
-        return self._pair(tree, seen, "strpos({0}, {1}) > 0")
-
-    def _of_STRSTARTS(self, tree: Any, seen: Environment) -> Value:
-        return self._pair(tree, seen, "starts_with({0}, {1})")
-
-    def _of_STRENDS(self, tree: Any, seen: Environment) -> Value:
-        return self._pair(tree, seen, "right({0}, length({1})) = {1}")
-
     def _around(self, tree: Any, seen: Environment, sql: str) -> Value:
         a, b = self._arguments(tree, seen, "arg1", "arg2")
         x, y = self._string(a), self._string(b)
@@ -481,12 +439,6 @@ class Expressions:
         return Value(
             "term", found, f"(CASE WHEN strpos({x}, {y}) > 0 THEN {a.tag} ELSE '{STRING}' END)"
         )
-
-    def _of_STRBEFORE(self, tree: Any, seen: Environment) -> Value:
-        return self._around(tree, seen, "left({0}, strpos({0}, {1}) - 1)")
-
-    def _of_STRAFTER(self, tree: Any, seen: Environment) -> Value:
-        return self._around(tree, seen, "substr({0}, strpos({0}, {1}) + length({1}))")
 
     def _of_SUBSTR(self, tree: Any, seen: Environment) -> Value:
         text = self.value(tree.arg, seen)
@@ -505,71 +457,38 @@ class Expressions:
         # XPath: s lets the dot match a newline, m lets ^ and $ match at each line.
         return f"translate({flags}, 'ms', 'w')"
 
+    def _pattern(self, tree: Any, seen: Environment) -> str:
+        """Return the SQL of a pattern; in one that the text has, a dot matches no newline."""
+        pattern = tree.pattern
+        if isinstance(pattern, rdflib.Literal) and not set(str(tree.flags or "")) & set("sq"):
+            dots = _DOT.sub(lambda found: r"[^\n]" if found[0] == "." else found[0], str(pattern))
+            pattern = rdflib.Literal(dots)
+        return self._string(self.value(pattern, seen))
+
     def _of_REGEX(self, tree: Any, seen: Environment) -> Value:
-        text, pattern = (self._string(v) for v in self._arguments(tree, seen, "text", "pattern"))
+        text, pattern = self._string(self.value(tree.text, seen)), self._pattern(tree, seen)
         return Value("boolean", f"regexp_like({text}, {pattern}, {self._flags(tree, seen)})")
 
     def _of_REPLACE(self, tree: Any, seen: Environment) -> Value:
         text = self.value(tree.arg, seen)
-        pattern = self._string(self.value(tree.pattern, seen))
+        pattern = self._pattern(tree, seen)
         by = self._string(self.value(tree.replacement, seen))
         by = f"regexp_replace({by}, '\\$(\\d)', '\\\\\\1', 'g')"
         flags = f"{self._flags(tree, seen)} || 'g'"
         return self._like(text, f"regexp_replace({self._string(text)}, {pattern}, {by}, {flags})")
 
-    def _hash(self, tree: Any, seen: Environment, sql: str) -> Value:
+    def _plain(self, tree: Any, seen: Environment, sql: str) -> Value:
         return Value("string", sql.format(self._string(self.value(tree.arg, seen))))
 
-    def _of_MD5(self, tree: Any, seen: Environment) -> Value:
-        return self._hash(tree, seen, "md5({0})")
-
-    def _of_SHA256(self, tree: Any, seen: Environment) -> Value:
-        return self._hash(tree, seen, "encode(sha256(convert_to({0}, 'UTF8')), 'hex')")
-
-    def _of_SHA384(self, tree: Any, seen: Environment) -> Value:
-        return self._hash(tree, seen, "encode(sha384(convert_to({0}, 'UTF8')), 'hex')")
-
-    def _of_SHA512(self, tree: Any, seen: Environment) -> Value:
-        return self._hash(tree, seen, "encode(sha512(convert_to({0}, 'UTF8')), 'hex')")
-
     # Times
-
-    def _of_NOW(self, tree: Any, seen: Environment) -> Value:
-        return Value("time", "now()")
-
-    def _time(self, value: Value) -> str:
-        if value.form == "time":
-            return value.sql
-        if value.form == "term":
-            return f"(CASE WHEN {value.tag} = '{XSD}dateTime' THEN text_time({value.sql}) END)"
-        return "NULL::timestamptz"
 
     def _field(self, tree: Any, seen: Environment, name: str) -> Value:
         value = self.value(tree.arg, seen)
         if value.form == "term":
             raise UntranslatedError(f"{name.upper()} of a stated time has its own time zone", tree)
-        moment = f"{self._time(value)} AT TIME ZONE 'UTC'"
-        form = "decimal" if name == "seconds" else "integer"
-        name = "second" if name == "seconds" else name
-        return Value(form, f"extract({name} FROM {moment})")
-
-    def _of_YEAR(self, tree: Any, seen: Environment) -> Value:
-        return self._field(tree, seen, "year")
-
-    def _of_MONTH(self, tree: Any, seen: Environment) -> Value:
-        return self._field(tree, seen, "month")
-
-    def _of_DAY(self, tree: Any, seen: Environment) -> Value:
-        return self._field(tree, seen, "day")
-
-    def _of_HOURS(self, tree: Any, seen: Environment) -> Value:
-        return self._field(tree, seen, "hour")
-
-    def _of_MINUTES(self, tree: Any, seen: Environment) -> Value:
-        return self._field(tree, seen, "minute")
-
-    def _of_SECONDS(self, tree: Any, seen: Environment) -> Value:
-        return self._field(tree, seen, "seconds")
+        moment = value.sql if value.form == "time" else "NULL::timestamptz"
+        form = "decimal" if name == "second" else "integer"
+        return Value(form, f"extract({name} FROM {moment} AT TIME ZONE 'UTC')")
 
     # Casts and functions of GeoSPARQL
 
@@ -641,6 +560,61 @@ class Expressions:
             f"ELSE coalesce({written}, {number}::{SQL_OF[form]}) END)"
         )
 
+
+SHARED: Mapping[str, str] = {
+    "ABS": "abs({0})",
+    "CEIL": "ceil({0})",
+    "FLOOR": "floor({0})",
+    "ROUND": "floor({0}) + ({0} - floor({0}) >= 0.5)::int",  # a sum with 0.5 would be rounded
+    "STRLEN": "length({0})",
+    "UCASE": _CASE.format("upper"),
+    "LCASE": _CASE.format("lower"),
+    "STRSTARTS": "starts_with({0}, {1})",
+    "STRENDS": "right({0}, length({1})) = {1}",
+    "CONTAINS": "strpos({0}, {1}) > 0",
+}
+"""The SQL of each of `semmap.language.schema.SPARQL_FUNCTIONS`."""
+
+_BY_KINDS = {
+    ("number", "number"): Expressions._rounded,
+    ("text", "number"): Expressions._length,
+    ("text", "text"): Expressions._made,
+    ("text", "text", "boolean"): Expressions._pair,
+}
+
+_ROWS: Mapping[str, tuple[Callable[[Expressions, Any, Environment, str], Value], str]] = {
+    **{
+        name: (_BY_KINDS[*function.arguments, function.result], SHARED[name])
+        for name, function in SPARQL_FUNCTIONS.items()
+    },
+    "UnaryMinus": (Expressions._signed, "-"),
+    "UnaryPlus": (Expressions._signed, "+"),
+    "isIRI": (Expressions._tagged, "{0} = 'I'"),
+    "isURI": (Expressions._tagged, "{0} = 'I'"),
+    "isBLANK": (Expressions._tagged, "{0} = 'B'"),
+    "isLITERAL": (Expressions._tagged, "{0} NOT IN ('I', 'B')"),
+    "STRBEFORE": (Expressions._around, "left({0}, strpos({0}, {1}) - 1)"),
+    "STRAFTER": (Expressions._around, "substr({0}, strpos({0}, {1}) + length({1}))"),
+    "ENCODE_FOR_URI": (Expressions._plain, "iri_encode({0})"),
+    "MD5": (Expressions._plain, "md5({0})"),
+    "SHA256": (Expressions._plain, _SHA.format(256)),
+    "SHA384": (Expressions._plain, _SHA.format(384)),
+    "SHA512": (Expressions._plain, _SHA.format(512)),
+    "YEAR": (Expressions._field, "year"),
+    "MONTH": (Expressions._field, "month"),
+    "DAY": (Expressions._field, "day"),
+    "HOURS": (Expressions._field, "hour"),
+    "MINUTES": (Expressions._field, "minute"),
+    "SECONDS": (Expressions._field, "second"),
+}
+"""By rdflib's names: what translates a function, and its SQL."""
+
+_WITHOUT_ARGUMENTS: Mapping[str, Value] = {
+    "NOW": Value("time", "now()"),
+    "RAND": Value("double", "random()"),
+    "STRUUID": Value("string", "gen_random_uuid()::text"),
+    "UUID": Value("term", "('urn:uuid:' || gen_random_uuid())", "'I'::text"),
+}
 
 SQL_OF = {
     "string": "text",

@@ -400,8 +400,7 @@ class _Translator(TriplePatterns):
             )
         if distinct:
             for each in order:
-                names = {str(v) for v in _variables_of(each.expr)}
-                if not names <= rows.variables.keys():
+                if not count_variables(each.expr).keys() <= rows.variables.keys():
                     raise UntranslatedError(
                         "ORDER BY with DISTINCT is translated for variables of the result", each
                     )
@@ -565,13 +564,3 @@ def _is_of_one_graph(node: Any) -> bool:
     if node.name != "BGP":
         return False
     return bool(node.triples) and not any(isinstance(verb, Path) for _, verb, _ in node.triples)
-
-
-def _variables_of(tree: Any) -> list[rdflib.Variable]:
-    if isinstance(tree, rdflib.Variable):
-        return [tree]
-    if isinstance(tree, CompValue):
-        return [v for part in tree.values() for v in _variables_of(part)]
-    if isinstance(tree, (list, tuple)):
-        return [v for part in tree for v in _variables_of(part)]
-    return []

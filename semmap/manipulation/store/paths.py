@@ -20,7 +20,6 @@ def add_path(
     poses: Sequence[Any],
     *,
     link: str = "",
-    clearance: float = 0.1,
     positions: Mapping[str, Sequence[float]] | None = None,
 ) -> int:
     """Store the poses that led a robot, or a link of it, through the map; return the path's id.
@@ -29,7 +28,6 @@ def add_path(
     ----------
     poses : at least two, (4, 4) or seven numbers, in the map's frame
     link : whose poses they are; empty for the base
-    clearance : metres beside the path in which nothing may have moved when it is reused
     positions : of an arm's joints by name, at each pose, radians or metres
 
     Raises
@@ -54,8 +52,8 @@ def add_path(
     with refusals():
         return number(
             session.execute(
-                "INSERT INTO path (map_id, automaton_id, link, poses, clearance, joints, "
-                "positions) VALUES (current_map(), %s, %s, %s, %s, %s, %s) RETURNING id",
-                (row[0], link, rows, clearance, joints, at_poses),
+                "INSERT INTO path (map_id, automaton_id, link, poses, joints, positions) "
+                "VALUES (current_map(), %s, %s, %s, %s, %s) RETURNING id",
+                (row[0], link, rows, joints, at_poses),
             )
         )

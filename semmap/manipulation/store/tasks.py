@@ -17,7 +17,7 @@ from semmap.manipulation.store.statements import (
 )
 from semmap.query.entity_query import entity_id
 
-__all__ = ["add_task", "end_task", "record_task", "replace_action"]
+__all__ = ["add_task", "record_task", "replace_action"]
 
 
 def add_task(
@@ -97,28 +97,6 @@ def _check_action(session: Any, action: int) -> None:
         raise LookupError(
             f"there is no action {action}: semmap grasp NAME --json prints each action_id"
         )
-
-
-def end_task(
-    connection: MapConnection, task: int, outcome: str, message: str | None = None
-) -> None:
-    """State how a task ended (``completed`` or ``error``), or that it is ``running``.
-
-    Raises
-    ------
-    LookupError
-        There is no such task.
-    ManipulationError
-        It has ended before.
-    """
-    session = driver(connection)
-    with refusals():
-        found = session.execute(
-            "UPDATE task SET outcome = %s, message = %s WHERE id = %s RETURNING id",
-            (outcome, message, task),
-        ).fetchone()
-    if found is None:
-        raise LookupError(f"there is no task {task} of this robot")
 
 
 def record_task(

@@ -21,11 +21,20 @@ from semmap.fields.regions.shapes import Box, Sphere, voxels_of
 from semmap.geometry.voxel_keys import keys_of, voxels_of_keys
 from semmap.ingest.ontology.tbox import read_tbox
 from semmap.language.names import NameIndex
+from semmap.snake_case import snake_case
 
 ONTOLOGY = schema_folder() / "ontology"
 VOCABULARY = read_vocabulary([ONTOLOGY / "fields.ttl"])
-NAMES = NameIndex.from_tbox(
-    read_tbox(sorted(ONTOLOGY.glob("*.ttl"))), {"mug1": "mug", "desk1": "desk", "anna": "person"}
+TYPES = read_tbox(sorted(ONTOLOGY.glob("*.ttl")))
+SUPERTYPES: dict[str, frozenset[str]] = {}
+for each_type in TYPES:  # each after its parents
+    SUPERTYPES[each_type.name] = frozenset({each_type.name}).union(
+        *(SUPERTYPES[parent] for parent in each_type.parents)
+    )
+NAMES = NameIndex(
+    {"mug1": "mug", "desk1": "desk", "anna": "person"},
+    SUPERTYPES,
+    {snake_case(word): t.name for t in TYPES for word in (t.label, *t.synonyms)},
 )
 NOW = datetime(2026, 11, 21, 12, tzinfo=UTC)
 SIZE = 0.05

@@ -334,3 +334,13 @@ def test_bound_voxels_limit_optional_patterns(text: str) -> None:
     (within,) = occupied.withins
     assert within is not None
     assert len(within) == 3
+
+
+def test_numbers_beyond_the_largest_are_infinite() -> None:
+    free = "?v :distanceToPerson ?d FILTER(?d = 1)"
+    wide = f"SELECT (?d * 1e308 * 10 AS ?n) {{ {free} }}"
+    assert list(rows(wide)) == [(np.inf,)]
+    none = f"SELECT (ROUND(?d * 1e308 * 10) AS ?n) (?d * 1e308 * 10 * 0 AS ?m) {{ {free} }}"
+    ((infinite, not_a_number),) = rows(none)
+    assert infinite == np.inf
+    assert np.isnan(not_a_number)

@@ -17,7 +17,7 @@ from sqlalchemy.orm import Session
 from semmap.database import connect
 from semmap.geometry.mesh import Mesh, box_mesh, join
 from semmap.geometry.pose import Pose
-from semmap.geometry.tin import decode
+from semmap.geometry.tin import decode_patch
 from semmap.ingest.importer import import_file
 from semmap.ingest.ontology.type_store import load_tbox
 from semmap.ingest.regions.extraction import (
@@ -257,12 +257,12 @@ def test_a_subset_of_faces_is_just_these_triangles_in_the_world(
         {"id": region},
     ).one()
     assert tuple(row[:3]) == ("handle", "soup", len(chosen))
-    seen = decode([bytes(row[3])])
+    seen = decode_patch(bytes(row[3]))
     wanted = pose.apply(stored.reshape(-1, 3)).reshape(-1, 3, 3)
     np.testing.assert_allclose(sorted_triangles(seen), sorted_triangles(wanted), atol=2e-6)
     assert footprint(connection, region).area > 0
     connection.execute(text("SELECT move_to(:id, 0, 0, 0, 0.0)"), {"id": thing})
-    again = decode([bytes(ask(connection, "SELECT ST_AsEWKB(geom) FROM region_face"))])
+    again = decode_patch(bytes(ask(connection, "SELECT ST_AsEWKB(geom) FROM region_face")))
     np.testing.assert_allclose(sorted_triangles(again), sorted_triangles(stored), atol=2e-6)
 
 

@@ -8,7 +8,6 @@ import pytest
 from hypothesis import given, settings
 
 from planner.exchange.dot import dot
-from planner.exchange.route_graph import ExchangeError
 from planner.topology import OUTSIDE, Topology
 from tests.planner.exchange.buildings import buildings, figure_4
 
@@ -112,5 +111,5 @@ def test_one_storey_with_what_it_leads_to() -> None:
     read = Dot(dot(figure_4(), storey="floor-1st"))
     assert set(read.nodes) == {"lab1", "corridor1", "foyer-1st", "elevator-1st", OUTSIDE}
     assert read.nodes[OUTSIDE] is None
-    with pytest.raises(ExchangeError, match="no storey attic; there are"):
+    with pytest.raises(LookupError, match="no storey attic; there are"):
         dot(figure_4(), storey="attic")

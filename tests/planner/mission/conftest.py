@@ -16,6 +16,7 @@ from planner.mission.sim_robot import SimulatedRobot
 from planner.mission.sim_world import SimWorld
 from semmap.database import connect
 from semmap.geometry.pose import Pose
+from semmap.query.map_handle import MapHandle
 from tests.conftest import Import
 from tests.planner.mission.simple import simple_planner
 
@@ -77,7 +78,7 @@ class World:
         self.world.put_robot(name, place, pose)
 
     def store(self, runner: str = "test") -> MissionStore:
-        return MissionStore(self.engine, "office", runner)
+        return MissionStore(MapHandle(self.engine, "office"), runner)
 
     def robot(self, name: str = "robot", **more: Any) -> SimulatedRobot:
         return SimulatedRobot(name, self.world, self.topology, **{"speed": SPEED, **more})

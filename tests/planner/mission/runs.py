@@ -16,6 +16,7 @@ from planner.mission.behaviours import Outcome, RunningBehaviour
 from planner.mission.runner import MissionEvent
 from planner.mission.sim_robot import SimulatedRobot
 from planner.mission.sim_world import SimWorld
+from semmap.query.map_handle import MapHandle
 from tests.forked import context
 from tests.planner.mission.simple import simple_planner
 
@@ -94,7 +95,7 @@ def _child(
             die()
 
     engine = create_engine(url, connect_args={"options": "-c search_path=semmap,public"})
-    with MissionStore(engine, "office", f"{os.getpid()}") as store:
+    with MissionStore(MapHandle(engine, "office"), f"{os.getpid()}") as store:
         world = SimWorld(file)
         body = Mortal(SimulatedRobot(robot, world, store.topology(), speed=speed), look)
         Runner(

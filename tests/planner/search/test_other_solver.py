@@ -7,10 +7,11 @@ from pathlib import Path
 
 import pytest
 
-from planner.search.point_based import solve
 from planner.search.pomdp import Pomdp
-from planner.search.pomdp_file import read_pomdp, write_pomdp
+from planner.search.pomdp_file import write_pomdp
 from planner.search.search_problem import as_pomdp
+from tests.oracles.point_based import solve
+from tests.planner.search.pomdp_reader import read_pomdp
 from tests.planner.search.problems import random_search
 
 pytest.importorskip("pomdp_py")  # it has no wheel for newer Pythons

@@ -1,12 +1,13 @@
 import numpy as np
 import pytest
 
-from planner.search.point_based import solve
 from planner.search.pomdp import Pomdp
-from planner.search.pomdp_file import read_pomdp, write_pomdp
+from planner.search.pomdp_file import write_pomdp
 from planner.search.receding_horizon import decide
 from planner.search.search_problem import NOT_SEEN, SearchProblem, as_pomdp
+from tests.oracles.point_based import solve
 from tests.planner.search.brute import best_order, expectimax
+from tests.planner.search.pomdp_reader import read_pomdp
 from tests.planner.search.problems import random_search
 
 

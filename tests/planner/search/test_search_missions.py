@@ -13,7 +13,6 @@ from planner.mission import Runner
 from planner.mission.runner import MissionEvent
 from planner.search import search_mission
 from planner.search.line_of_sight import LineOfSight, line_of_sight
-from planner.search.point_based import solve
 from planner.search.problem_builder import Detector, MapSearch, build_search
 from planner.search.search_mission import NotFoundError, SearchPlanner
 from planner.search.search_problem import as_pomdp
@@ -25,6 +24,7 @@ from planner.task_planner import TaskPlanner
 from semmap.geometry.mesh import box_mesh
 from semmap.query.map_handle import MapHandle
 from tests.command_line import semmap
+from tests.oracles.point_based import solve
 from tests.planner.mission.conftest import SPEED, World, mission_url, world
 from tests.planner.search.problems import random_search
 

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 from PIL import Image
 
-from semmap.draw.voxel_slices import VoxelSet, VoxelSlice, draw_slices, set_colour, slices_picture
+from examples.voxel_slices import VoxelSet, VoxelSlice, draw_slices, set_colour, slices_picture
 
 COLOURS = {"mug": "#ff0000", "view": "#ffff00", "zone": "#0000ff"}
 SETS = {

@@ -1,0 +1,247 @@
+"""Runs a mission with a simulated robot, in a copy of the map or in the map itself."""
+
+from __future__ import annotations
+
+import os
+import socket
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack, closing
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from planner.live_topology import LiveTopology
+from planner.mission.failures import FailureRule
+from planner.mission.runner import MissionEvent, Runner
+from planner.mission.sim_setup import entry_pose, open_world, simulated_robot
+from planner.mission.store.grasp_memory import GraspMemory
+from planner.mission.store.mission_list import MissionList
+from planner.mission.store.missions import MissionError, MissionStore
+from planner.mission.store.simulation_map import simulation_map
+from planner.search.problem_builder import Detector
+from planner.search.search_mission import SearchPlanner, SearchResult
+from planner.search.setup import put_objects, searching_robot
+from planner.search.task_search import FOUND, SearchingPlanner, objects_to_find
+from planner.search.viewpoints import Sight
+from planner.task_planner import TaskPlanner
+from planner.tasks.domain_file import Domain
+from planner.tasks.goal import parse_goal
+from semmap.database.maps import see_map
+from semmap.query.map_handle import MapHandle, MapSource
+
+__all__ = ["SimulatedMission", "SimulatedRun"]
+
+_WORLDS = Path("out/missions")
+"""Folder for the states of simulated worlds."""
+
+
+@dataclass(frozen=True)
+class SimulatedMission:
+    """How a simulated mission ended.
+
+    Attributes
+    ----------
+    mission : its number
+    state : ``done``, ``failed`` or ``cancelled``
+    reason : why it failed or was cancelled
+    steps : each with its action, arguments, state, times, cause and message
+    world : the file with the state of the simulated world
+    map, original : the map in which it happened, and that which was asked for
+    found : the answers of searches by object
+    """
+
+    mission: int
+    state: str
+    reason: str | None
+    steps: list[dict[str, Any]] = field(repr=False)
+    world: Path
+    map: str
+    original: str
+    found: dict[str, SearchResult] = field(default_factory=dict)
+
+    @property
+    def done(self) -> bool:
+        """Whether the goal was reached."""
+        return self.state == "done"
+
+
+@dataclass
+class SimulatedRun:
+    """How a simulated robot pursues goals.
+
+    Attributes
+    ----------
+    source : the map
+    start : where the robot begins: a room, object or region; by default where it is, or its home
+    robot : name of the agent
+    robot_class : a stored class; by default robots without shape
+    speed : how many times faster than real time
+    fail : which actions fail, as `planner.mission.failures.FailureRule` reads them
+    seed : of the simulation's chance
+    world : the file for the state of the simulated world
+    apply : change the map itself, not a copy
+    domain : additional actions
+    put : ``OBJECT=PLACE``: where objects are in the simulated world
+    gripper : of the robot; by default its own or the preferred one
+    sight, detector : the robot's camera, and how well it recognises objects
+    try_grasps : try each grasp in physics; by default where MuJoCo is installed
+    assume_sizes : give objects without geometry a typical box for their type
+    on_event : called with what happens
+    say : called with notes for a person
+    """
+
+    source: MapSource
+    start: str | None = None
+    robot: str = "robot"
+    robot_class: str | None = None
+    speed: float = 20.0
+    fail: Sequence[str] = ()
+    seed: int = 0
+    world: Path | None = None
+    apply: bool = False
+    domain: Domain | None = None
+    put: Sequence[str] = ()
+    gripper: str | None = None
+    sight: Sight | None = None
+    detector: Detector | None = None
+    try_grasps: bool | None = None
+    assume_sizes: bool = False
+    on_event: Callable[[MissionEvent], None] | None = None
+    say: Callable[[str], object] = lambda text: None
+
+    def run(
+        self, goal: str | None, mission: int | None = None, *, resume: bool = False
+    ) -> SimulatedMission:
+        """Run a new mission with a goal, or resume one.
+
+        Raises
+        ------
+        MissionError, planner.tasks.GoalError
+            There is no such mission, or the goal cannot be read.
+        """
+        grasps = self._grasps()
+        rules = [FailureRule.parse(text) for text in self.fail]
+        relations = ((FOUND, 1), *(() if self.domain is None else self.domain.relations))
+        if goal is not None:
+            parse_goal(goal, relations)
+        engine, robot = self.source.engine, self.robot
+        process = f"{socket.gethostname()} {os.getpid()}"
+        with ExitStack() as opened_here:
+            with MissionList(self.source) as missions:
+                original = happens_in = missions.map_name
+                number = _resumed(missions, mission) if resume else None
+                if number is not None:
+                    robot, happens_in = missions.robot_of(number), missions.map_of(number)
+                    goal = missions.goal_of(number)
+            if not (self.apply or resume):
+                happens_in = opened_here.enter_context(simulation_map(engine, original, self.world))
+            with engine.connect() as connection:
+                see_map(connection, happens_in)
+                grasps.check(connection, robot, self.robot_class)
+            copy = MapHandle(engine, happens_in)
+            store = opened_here.enter_context(MissionStore(copy, process, grasps))
+            live = LiveTopology(copy, self.robot_class, assume_sizes=self.assume_sizes)
+            tasks = TaskPlanner(live, self.domain)
+            assert goal is not None
+            with live.snapshot() as connection:
+                names = objects_to_find(connection, parse_goal(goal, relations))
+            self._place_robot(store, live, robot, new=number is None)
+            if number is None:
+                number = store.add(robot, goal)
+            file = self.world or _WORLDS / f"{original}-{number}.sqlite"
+            if self.world is None and not resume:
+                file.unlink(missing_ok=True)  # of a mission of another database
+            opened = open_world(file, store, live.topology, robot, rules, resume=resume)
+            with closing(opened) as sim_world:
+                put_objects(sim_world, store, live, self.put)
+                body, planner, found = self._actors(live, sim_world, robot, names, tasks, relations)
+                runner = Runner(
+                    store,
+                    body,
+                    planner,
+                    speed=self.speed,
+                    tick=min(0.05, 1.0 / self.speed),
+                    on_event=self.on_event,
+                )
+                result = runner.run(number)
+            return SimulatedMission(
+                result.mission,
+                result.state,
+                result.reason,
+                store.steps(number),
+                file,
+                happens_in,
+                original,
+                found,
+            )
+
+    def _place_robot(
+        self, store: MissionStore, live: LiveTopology, robot: str, *, new: bool
+    ) -> None:
+        """Put the robot where it starts, unless the map knows where it is."""
+        start = self.start
+        if start is not None and not new:
+            raise MissionError("a mission resumes where its robot is: leave out --from")
+        if start is None and new and store.robot(robot) is None:
+            start = store.home()
+            if start is not None:
+                self.say(f"{robot} starts in {start}, where the map has a home region")
+        if start is not None:
+            live.topology.place(start)
+            store.add_robot(robot, start, entry_pose(live.topology, start), self.robot_class)
+
+    def _actors(
+        self,
+        live: LiveTopology,
+        sim_world: Any,
+        robot: str,
+        names: Sequence[str],
+        tasks: TaskPlanner,
+        relations: Sequence[tuple[str, int]],
+    ) -> tuple[Any, Any, dict[str, SearchResult]]:
+        """The simulated robot, its planner, and where the answers of its searches appear."""
+        motion: Any = {"speed": self.speed, "seed": self.seed}
+        if not names:
+            return simulated_robot(live, sim_world, robot, **motion), tasks, {}
+        sight, detector = self.sight or Sight(), self.detector or Detector()
+        search = SearchPlanner(live, sight, detector, self.say)
+        body = searching_robot(live, sim_world, robot, names, sight, detector, **motion)
+        return body, SearchingPlanner(tasks, search, relations[1:]), search.answers
+
+    def _grasps(self) -> GraspMemory:
+        """Chooses grasps and places; tries them in simulation, as far as that is possible."""
+        from semmap.manipulation.error import ManipulationError
+        from semmap.manipulation.extra import library
+
+        trial = self.try_grasps is not False
+        try:
+            if trial:
+                library("mujoco")
+        except ManipulationError as error:
+            if self.try_grasps:
+                raise
+            self.say(f"grasps are not tried: {error}")
+            trial = False
+        seconds: float | None = GraspMemory.motion_seconds
+        try:
+            library("ompl")
+        except ManipulationError as error:
+            self.say(f"motions of arms are not planned: {error}")
+            seconds = None
+        return GraspMemory(
+            self.gripper,
+            simulated=True,
+            trial=trial,
+            lenient=self.try_grasps is not True,
+            motion_seconds=seconds,
+        )
+
+
+def _resumed(missions: MissionList, mission: int | None) -> int:
+    """The number of the mission to resume."""
+    if mission is not None:
+        return mission
+    unfinished = missions.unfinished()
+    if not unfinished:
+        raise MissionError("there is no mission to resume: `semmap missions` lists them")
+    return unfinished[0]

@@ -1,0 +1,231 @@
+"""Pictures of the map, and its topology as files for other programs."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, replace
+from enum import StrEnum
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from semmap.api.map_tasks import MapTasks
+
+if TYPE_CHECKING:
+    from planner.robot_class import RobotClass
+    from planner.routing_graph import RoutingGraph
+    from planner.topology import Place, PlaceConnector, Topology
+    from semmap.draw.picture import Picture
+    from semmap.draw.view import StoreyView
+
+__all__ = ["MapDrawing", "TopologyFormat", "topology_as_json", "topology_format"]
+
+
+class TopologyFormat(StrEnum):
+    """File formats of a topology."""
+
+    nav2 = "nav2"
+    rmf = "rmf"
+    dot = "dot"
+    png = "png"
+    json = "json"
+
+
+_ENDINGS = {
+    ".geojson": TopologyFormat.nav2,
+    ".yaml": TopologyFormat.rmf,
+    ".yml": TopologyFormat.rmf,
+    ".dot": TopologyFormat.dot,
+    ".gv": TopologyFormat.dot,
+    ".png": TopologyFormat.png,
+    ".json": TopologyFormat.json,
+}
+
+
+class MapDrawing(MapTasks):
+    """The part of `Map` that draws, and writes the topology."""
+
+    def draw(self, storey: str | None = None, *, walls: bool = True, title: str = "") -> Picture:
+        """The floor plan of a storey, or those of all storeys one below another.
+
+        Parameters
+        ----------
+        walls : show what the occupancy grid has between the rooms; without it, outlines alone
+
+        Raises
+        ------
+        LookupError
+            There is no such storey, or nothing to draw.
+        """
+        from navgrid.grid_output import with_grid
+        from semmap.draw.floor_plan import floor_plan
+        from semmap.draw.picture import Picture
+
+        views = (
+            [with_grid(made) for made in self.grids(storey=storey)] if walls else self.views(storey)
+        )
+        if not views:
+            raise LookupError(f"the map {self.name} has nothing to draw: import a world file")
+        return Picture.stacked(
+            Picture.drawn(partial(floor_plan, view, title=title)) for view in views
+        )
+
+    def draw_3d(self, *, cut: float | None = None, width: int = 2200, title: str = "") -> Picture:
+        """All storeys in 3D, with their furniture.
+
+        Parameters
+        ----------
+        cut : height above each floor at which walls are cut, metres; by default nothing is cut
+        width : pixels
+        """
+        from semmap.draw.picture import Picture
+        from semmap.draw.scene3d import scene3d
+
+        views = self.views()
+        options: dict[str, Any] = {} if cut is None else {"cut": cut}
+        return Picture.drawn(
+            lambda path: scene3d(views, path, width=width, title=title or self.name, **options)
+        )
+
+    def views(self, storey: str | None = None) -> list[StoreyView]:
+        """What `semmap.draw` shows of each storey, the lowest first."""
+        from semmap.draw.view import storey_view
+        from semmap.query.storey_reader import read_storeys
+
+        with self.snapshot() as seen:
+            return [storey_view(scene) for scene in read_storeys(seen.connection, storey)]
+
+    def write_topology(
+        self,
+        file: Path | str,
+        *,
+        format: str | None = None,
+        storey: str | None = None,
+        robot: str | RobotClass | None = None,
+        unlocks: bool = False,
+        speed: float = 0.5,
+    ) -> list[Path]:
+        """Write the topology: a route graph for Nav2 or Open-RMF, DOT, a picture or JSON.
+
+        Parameters
+        ----------
+        format : nav2, rmf, dot, png or json; by default that of the file's ending
+        storey : only this one
+        robot : a stored class whose paths and times are used, in place of straight lines
+        unlocks, speed : of the robot, metres a second, where none is named
+
+        Returns
+        -------
+        The files that were written.
+
+        Raises
+        ------
+        ValueError
+            The map has no connectors, or the ending stands for no format.
+        """
+        import json
+
+        from planner.exchange.dot import dot
+        from planner.exchange.nav2_route import write_nav2
+        from planner.exchange.reader import read_building_outline
+        from planner.exchange.rmf_nav import write_rmf_nav
+
+        file = Path(file)
+        chosen = topology_format(file, format)
+        graph = self.routing_graph(robot, unlocks=unlocks, speed=speed)
+        options: Any = {"storey": storey, "name": self.name}
+        if chosen in (TopologyFormat.nav2, TopologyFormat.rmf):
+            with self.snapshot() as seen:
+                options["building"] = read_building_outline(seen.connection)
+            if chosen is TopologyFormat.nav2:
+                return write_nav2(graph, file, **options)
+            return [write_rmf_nav(graph, file, **options)]
+        if chosen is TopologyFormat.png:
+            return self._draw_topology(graph.topology, file, storey)
+        if chosen is TopologyFormat.dot:
+            text = dot(graph.topology, **options)
+        else:
+            text = json.dumps(topology_as_json(graph.topology, storey), indent=1)
+        file.parent.mkdir(parents=True, exist_ok=True)
+        file.write_text(text.rstrip("\n") + "\n", encoding="utf-8")
+        return [file]
+
+    def routing_graph(
+        self,
+        robot: str | RobotClass | None = None,
+        *,
+        unlocks: bool = False,
+        speed: float = 0.5,
+    ) -> RoutingGraph:
+        """The topology as a graph of travel times; options are those of `write_topology`.
+
+        Raises
+        ------
+        ValueError
+            The map has no connectors.
+        """
+        from planner.exchange.route_graph import ExchangeError
+        from planner.robot_class import RobotClass
+
+        graph = self.live_topology(robot or RobotClass(speed=speed, unlocks=unlocks)).graph
+        if not graph.topology.connectors:
+            raise ExchangeError(
+                f"the map {self.name} has no connectors: import an annotation that has them "
+                "(GeoJSON, GeoPackage) or an Open-RMF building"
+            )
+        return graph
+
+    def _draw_topology(self, topology: Topology, file: Path, storey: str | None) -> list[Path]:
+        from navgrid.map_file import file_name
+        from planner.exchange.picture import topology_plan
+
+        written = []
+        views = self.views(storey)
+        for view in views:
+            path, title = file, f"{self.name}: topology"
+            if len(views) > 1:
+                path = file.with_name(f"{file.stem}.{file_name(view.name)}{file.suffix or '.png'}")
+            if view.name != self.name:
+                title = f"{self.name}, {view.name}: topology"
+            bare = replace(view, objects=[])
+            written.append(topology_plan(topology, bare, path, title=title))
+        return written
+
+
+def topology_format(file: Path, given: str | None) -> TopologyFormat:
+    """Return the format of a file: the one given, or that of its ending.
+
+    Raises
+    ------
+    ValueError
+        The ending stands for none.
+    """
+    if given is not None:
+        return TopologyFormat(given)
+    found = _ENDINGS.get(file.suffix.lower())
+    if found is None:
+        raise ValueError(
+            f"{file.name}: its ending stands for no format: give --format, one of "
+            f"{', '.join(TopologyFormat)}"
+        )
+    return found
+
+
+def topology_as_json(topology: Topology, storey: str | None = None) -> dict[str, Any]:
+    """Return places and connectors as plain values; poses as x, y, z and quaternion."""
+    places = topology.places_on(storey)
+    names = {p.name for p in places}
+    connectors = [c for c in topology.connectors.values() if names & set(c.places)]
+    return {
+        "places": [_plain(p) for p in places],
+        "connectors": [
+            _plain(c)
+            | {"poses": [p._asdict() for p in c.poses], "permissions": sorted(c.permissions)}
+            for c in connectors
+        ],
+        "elevators": topology.cabins(),
+    }
+
+
+def _plain(entity: Place | PlaceConnector) -> dict[str, Any]:
+    """The attributes without the id, which has a meaning only in the database."""
+    return {key: value for key, value in asdict(entity).items() if key != "id"}

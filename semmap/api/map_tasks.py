@@ -1,0 +1,257 @@
+"""What robots do: plans, missions, and searches for objects."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from semmap.api.map_driving import MapDriving, Progress
+
+if TYPE_CHECKING:
+    from planner.mission.runner import MissionEvent
+    from planner.mission.store.mission_list import MissionList
+    from planner.robot_class import RobotClass
+    from planner.search.problem_builder import Detector
+    from planner.search.viewpoints import Sight
+    from planner.simulated_run import SimulatedMission
+    from semmap.api.map_plan import MapPlan, ObjectSearch
+
+__all__ = ["MapTasks"]
+
+
+class MapTasks(MapDriving):
+    """The part of `Map` about tasks."""
+
+    def plan(
+        self,
+        goal: str,
+        *,
+        start: str | None = None,
+        robot: str | RobotClass | None = None,
+        domain: Path | str | None = None,
+        patience: float = 10.0,
+        pddl: Path | str | None = None,
+        assume_sizes: bool = False,
+    ) -> MapPlan:
+        """The actions that reach a goal in the least time (Deeken et al., Figure 4).
+
+        Parameters
+        ----------
+        goal : ``on(mug1, desk4) and in(robot, kitchen)``: names, labels or types of the map
+        start : the room, object, agent or region where the robot is; by default its place in the
+            map, else the map's home region
+        robot : a stored class, or a `planner.RobotClass`; by default a robot without shape
+        domain : a YAML file of additional actions
+        patience : seconds after which the best plan found so far is taken
+        pddl : write ``domain.pddl`` and ``problem.pddl`` into this folder
+        assume_sizes : give objects without geometry a typical box for their type
+
+        Raises
+        ------
+        LookupError
+            The map has no entity or robot of a name.
+        ValueError
+            The goal cannot be read, or no plan reaches it; the message says why.
+
+        Examples
+        --------
+        >>> house.plan("on(mug1, desk4)", start="bedroom").run(simulate=True)  # doctest: +SKIP
+        """
+        from planner.search.search_mission import SearchPlanner
+        from planner.search.task_search import plan_with_search
+        from planner.task_planner import TaskPlanner
+        from planner.tasks.domain_file import read_domain
+        from planner.tasks.pddl import write_pddl
+        from semmap.api.map_plan import MapPlan
+
+        added = None if domain is None else read_domain(Path(domain))
+        agent = robot if isinstance(robot, str) else None
+        live = self.live_topology(robot, assume_sizes=assume_sizes)
+        tasks = TaskPlanner(live, added)
+        with live.snapshot() as seen:
+            found = plan_with_search(
+                seen,
+                tasks,
+                SearchPlanner(live),
+                goal,
+                start,
+                agent=agent,
+                relations=() if added is None else added.relations,
+                patience=patience,
+            )
+            if found is None or pddl is not None:
+                task = tasks.task(seen, goal, start, agent=agent)
+                if pddl is not None:
+                    write_pddl(task.problem(), Path(pddl))
+                found = found or (task.plan(patience), [])
+        plan, reasons = found
+        options = {"start": start, "robot": agent, "domain": domain, "assume_sizes": assume_sizes}
+        return MapPlan.of(self, plan, reasons=tuple(reasons), options=options)
+
+    def run(
+        self,
+        goal: str | None = None,
+        *,
+        start: str | None = None,
+        robot: str | None = None,
+        agent: str = "robot",
+        simulate: bool = True,
+        speed: float = 20.0,
+        fail: Sequence[str] = (),
+        seed: int = 0,
+        put: Sequence[str] = (),
+        gripper: str | None = None,
+        world: Path | str | None = None,
+        apply: bool = False,
+        domain: Path | str | None = None,
+        try_grasps: bool | None = None,
+        assume_sizes: bool = False,
+        sight: Sight | None = None,
+        detector: Detector | None = None,
+        resume: bool = False,
+        mission: int | None = None,
+        on_event: Callable[[MissionEvent], None] | None = None,
+        say: Callable[[str], object] | None = None,
+    ) -> SimulatedMission:
+        """Let a simulated robot pursue a goal, step by step, through failures and restarts.
+
+        It happens in a copy of the map. A real robot runs missions with
+        `planner.mission.runner.Runner` and its own behaviours.
+
+        Parameters
+        ----------
+        goal : as for `plan`; None to resume a mission
+        start : as for `plan`
+        robot : a stored class; by default robots without shape
+        agent : the name of the robot in the map
+        speed : how many times faster than real time
+        fail, seed : which actions fail (``pass_door(door3) 0.5``), and the seed of chance
+        put : where objects are in the simulated world: ``mug1 on table2``
+        gripper : by default the robot's own, or the preferred one
+        world : a file for the state of the simulated world
+        apply : change the map itself, in place of a copy
+        domain : a YAML file of additional actions
+        try_grasps : try each grasp in physics; by default where MuJoCo is installed
+        resume, mission : go on with this mission, by default the oldest, whose process has ended
+        sight, detector : of searches: the camera, and how well it recognises objects
+        on_event, say : called with what happens, and with notes for a person
+
+        Raises
+        ------
+        LookupError, ValueError
+            A name is unknown, the goal cannot be read, or there is no mission to resume.
+        """
+        from planner.simulated_run import SimulatedRun
+        from planner.tasks.domain_file import read_domain
+
+        if not simulate:
+            raise ValueError(
+                "a map can only simulate a robot: simulate=True; a real robot runs missions with "
+                "planner.mission.runner.Runner and its behaviours"
+            )
+        if resume == (goal is not None):
+            raise ValueError("give either a goal, or resume=True")
+        run = SimulatedRun(
+            self,
+            start,
+            agent,
+            robot,
+            speed=speed,
+            fail=fail,
+            seed=seed,
+            world=None if world is None else Path(world),
+            apply=apply,
+            domain=None if domain is None else read_domain(Path(domain)),
+            put=put,
+            gripper=gripper,
+            sight=sight,
+            detector=detector,
+            try_grasps=try_grasps,
+            assume_sizes=assume_sizes,
+            on_event=on_event,
+            say=say or (lambda text: None),
+        )
+        return run.run(goal, mission, resume=resume)
+
+    def search(
+        self,
+        name: str,
+        *,
+        start: str | None = None,
+        robot: str | None = None,
+        sight: Sight | None = None,
+        detector: Detector | None = None,
+        progress: Progress | None = None,
+    ) -> ObjectSearch:
+        """Where to look for an object, and why (O'Neill, section 4.4.2).
+
+        Parameters
+        ----------
+        name : of the object
+        start, robot : as for `plan`
+        sight, detector : the robot's camera, and how well it recognises objects
+        progress : called with a place that is measured, its number, and the number of places
+
+        Raises
+        ------
+        LookupError
+            The map has no such object, robot or start.
+        ValueError
+            It cannot be searched for; the message says why.
+        """
+        from planner.search.receding_horizon import decide
+        from planner.search.search_mission import SearchPlanner
+        from planner.tasks.reader import read_state
+        from semmap.api.map_plan import ObjectSearch
+
+        live = self.live_topology(robot)
+        with live.snapshot() as seen:
+            state = read_state(seen, live.topology, start)
+            begin = live.graph.endpoint(state.place, state.pose)
+            planner = SearchPlanner(live, sight, detector)
+            problem = planner.begin(seen, name, begin, progress=progress)
+        decision = decide(problem.problem, problem.belief)
+        options = {"start": start, "robot": robot, "sight": sight, "detector": detector}
+        return ObjectSearch(name, problem, decision, self, options)
+
+    def missions(self) -> list[dict[str, Any]]:
+        """The missions of the map, the newest first, with the counts of their steps."""
+        with self._missions() as store:
+            return store.missions()
+
+    def mission_steps(self, mission: int) -> list[dict[str, Any]]:
+        """The steps of a mission in order: action, arguments, state, times, cause and message.
+
+        Raises
+        ------
+        ValueError
+            There is no such mission.
+        """
+        from planner.mission.store.missions import MissionError
+
+        with self._missions() as store:
+            if mission not in {row["id"] for row in store.missions()}:
+                raise MissionError(f"there is no mission {mission}: `semmap missions` lists them")
+            return store.steps(mission)
+
+    def cancel_mission(self, mission: int) -> None:
+        """Cancel a mission; its robot stops.
+
+        Raises
+        ------
+        ValueError
+            It does not exist, has ended, or belongs to another robot.
+        """
+        from planner.mission.store.missions import MissionError
+
+        with self._missions() as store:
+            if not store.cancel(mission):
+                raise MissionError(
+                    f"mission {mission} does not exist or has ended: `semmap missions` lists them"
+                )
+
+    def _missions(self) -> MissionList:
+        from planner.mission.store.mission_list import MissionList
+
+        return MissionList(self)

@@ -1,0 +1,94 @@
+"""The table of operations says what the face can do: no method and no command is left out."""
+
+from __future__ import annotations
+
+import ast
+import inspect
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import click
+import pytest
+import typer
+
+import semmap
+from semmap import cli
+from semmap.api.operations import COMMANDS, OPERATIONS, Operation
+
+ROOT = Path(__file__).parents[2]
+
+HANDLES = {
+    "close", "connection", "engine", "in_transaction", "parameters", "session", "snapshot",
+    "transaction",
+}  # fmt: skip
+"""What opens, closes and lends connections: not operations on a map."""
+
+OWN = {"demo", "db"}
+"""Commands of the program itself: the demo, and the database's server and schema."""
+
+
+def leaves(group: Any, words: tuple[str, ...] = ()) -> Iterator[tuple[str, Any]]:
+    """Each command without commands below it, by its words."""
+    for name in group.list_commands(None):
+        command = group.get_command(None, name)
+        if isinstance(command, click.Group) or hasattr(command, "list_commands"):
+            yield from leaves(command, (*words, name))
+        else:
+            yield " ".join((*words, name)), command
+
+
+def commands() -> dict[str, Any]:
+    """The commands of the program, by their words."""
+    return dict(leaves(typer.main.get_command(cli.app)))
+
+
+def test_each_command_is_an_operation() -> None:
+    listed = {operation.command for operation in OPERATIONS}
+    known = {words for words in commands() if words.split()[0] not in OWN}
+    assert known - listed == set()
+    assert listed - known == {None}
+
+
+@pytest.mark.parametrize("operation", OPERATIONS, ids=lambda each: each.method)
+def test_an_operation_is_described(operation: Operation) -> None:
+    function = operation.function
+    assert operation.summary.endswith((".", ":"))
+    if not isinstance(function, property):
+        for name, one in operation.arguments.items():
+            assert one.annotation is not inspect.Parameter.empty, name
+        assert operation.result
+
+
+@pytest.mark.parametrize("owner", [semmap.Map, semmap.Database], ids=lambda each: each.__name__)
+def test_each_public_method_is_an_operation(owner: type) -> None:
+    listed = {each.method for each in OPERATIONS}
+    public = {name for name in dir(owner) if not name.startswith("_")} - HANDLES
+    missing = {name for name in public if f"{owner.__name__}.{name}" not in listed}
+    assert missing == set()
+
+
+def test_no_operation_is_listed_twice() -> None:
+    rows = [(each.method, each.command) for each in OPERATIONS]
+    assert len(set(rows)) == len(rows)
+
+
+MOST_LINES = 40
+
+
+def test_the_body_of_a_command_is_short() -> None:
+    """A command parses, calls a method and prints: its body has at most 40 lines."""
+    long = []
+    for file in sorted((ROOT / "semmap/cli").glob("*.py")):
+        for node in ast.walk(ast.parse(file.read_text())):
+            if isinstance(node, ast.FunctionDef):
+                body = node.body[1:] if ast.get_docstring(node) else node.body
+                lines = body[-1].end_lineno - body[0].lineno + 1 if body else 0
+                if lines > MOST_LINES:
+                    long.append(f"{file.name}: {node.name}, {lines} lines")
+    assert long == []
+
+
+def test_the_face_holds_each_command_once() -> None:
+    homes = [home.partition(":")[0] for home in COMMANDS.values()]
+    assert all(home.startswith(("semmap.cli.", "planner.cli.demo")) for home in homes)
