@@ -1,11 +1,13 @@
-"""Which values of a file are numbers that a float can hold."""
+"""Which values of a file or a user are numbers that a float can hold."""
 
 from __future__ import annotations
 
+import math
 import sys
-from typing import TypeGuard
+from collections.abc import Iterable
+from typing import Any, TypeGuard
 
-__all__ = ["is_finite_number"]
+__all__ = ["finite_numbers", "is_finite_number"]
 
 
 def is_finite_number(value: object) -> TypeGuard[float]:
@@ -23,3 +25,22 @@ def is_finite_number(value: object) -> TypeGuard[float]:
         and not isinstance(value, bool)
         and abs(value) <= sys.float_info.max
     )
+
+
+def finite_numbers(given: Iterable[Any], count: int | None = None) -> tuple[float, ...] | None:
+    """Return finite numbers as floats, also those of NumPy; None where one is not, or for texts.
+
+    Parameters
+    ----------
+    count : how many they have to be
+
+    Examples
+    --------
+    >>> finite_numbers((1, 2.5), 2), finite_numbers((1, 2.5), 3), finite_numbers("12")
+    ((1.0, 2.5), None, None)
+    """
+    try:
+        found = tuple(math.nan if isinstance(value, str) else float(value) for value in given)
+    except (TypeError, ValueError, OverflowError):
+        return None
+    return found if all(map(math.isfinite, found)) and count in (None, len(found)) else None

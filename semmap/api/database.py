@@ -11,6 +11,8 @@ from typing import TYPE_CHECKING, Any, Literal, Self
 import psycopg
 from psycopg import sql
 
+from semmap.api.database_interlinking import DatabaseInterlinking
+from semmap.api.database_manipulation import DatabaseManipulation
 from semmap.api.map import Map
 from semmap.database.configuration import READER
 from semmap.database.maps import pick_map
@@ -76,7 +78,7 @@ def _is_new_cluster(url: str | Cluster | None) -> bool:
     return isinstance(cluster, Cluster) and not cluster.exists
 
 
-class Database:
+class Database(DatabaseManipulation, DatabaseInterlinking):
     """The maps of a database; for one thread at a time. `connect` opens it.
 
     Attributes

@@ -8,11 +8,17 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 from semmap.api.entity_collection import MapCollections
+from semmap.api.map_beliefs import MapBeliefs
 from semmap.api.map_drawing import MapDrawing
 from semmap.api.map_entity import MapEntity
 from semmap.api.map_events import MapEvents
 from semmap.api.map_export import MapExport
+from semmap.api.map_manipulation import MapManipulation
+from semmap.api.map_observations import MapObservations
 from semmap.api.map_pictures import MapPictures
+from semmap.api.map_practice import MapPractice
+from semmap.api.map_regions import MapRegions
+from semmap.api.map_teaching import MapTeaching
 
 if TYPE_CHECKING:
     import shapely
@@ -28,7 +34,19 @@ PlanarPose = Sequence[float]
 """(x, y, z, yaw): metres and radians in the map's frame; yaw may be left out."""
 
 
-class Map(MapDrawing, MapCollections, MapEvents, MapPictures, MapExport):
+class Map(
+    MapDrawing,
+    MapCollections,
+    MapEvents,
+    MapPictures,
+    MapExport,
+    MapBeliefs,
+    MapManipulation,
+    MapObservations,
+    MapPractice,
+    MapRegions,
+    MapTeaching,
+):
     """A map of one environment, by the names of its entities.
 
     Attributes
@@ -187,50 +205,6 @@ class Map(MapDrawing, MapCollections, MapEvents, MapPictures, MapExport):
         shape = DoorShape(line, width, height, clearance)
         self._add(door(name, place_a, place_b, shape, distances, form, direction, state))
         return self.doors[name]
-
-    def teach(self, teaching: str | Path | Mapping[str, Any]) -> dict[str, int]:
-        """Teach knowledge, relations, actions, objects and where they were seen; all or nothing.
-
-        Parameters
-        ----------
-        teaching : a JSON file, a Map.xml of the thesis, or the same as a mapping
-            (`semmap.belief.teaching.parse_teaching` describes it)
-
-        Returns
-        -------
-        How many `types`, `relations`, `actions`, `objects` and `observations` were stored.
-
-        Raises
-        ------
-        LookupError, ValueError
-            As `semmap.belief.store.teaching.teach`: what contradicts the map is refused.
-        """
-        from semmap.belief.store.teaching import teach
-        from semmap.belief.teaching import parse_teaching, read_teaching
-
-        parsed = (
-            read_teaching(Path(teaching))
-            if isinstance(teaching, str | Path)
-            else parse_teaching(teaching)
-        )
-        return teach(self.connection, parsed)
-
-    def observe(self, name: str, place: str, *, seen: bool = True, **values: Any) -> None:
-        """Store that an object or agent was seen at a place, or looked for and not seen.
-
-        Parameters
-        ----------
-        values : `at`, `visible`, `hit`, `false_alarm`, `position`, `inside`, `observer`, as of
-            `semmap.belief.store.beliefs.add_observations`
-
-        Raises
-        ------
-        LookupError, ValueError
-            As `semmap.belief.store.beliefs.add_observations`.
-        """
-        from semmap.belief.store.beliefs import add_observations
-
-        add_observations(self.connection, [{"object": name, "place": place, "seen": seen} | values])
 
     def spot(self, holder: MapEntity, relation: str) -> tuple[float, float, float]:
         """A point on or in a holder: the middle of its highest surface, or of its floor."""

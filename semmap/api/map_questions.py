@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import AbstractContextManager
+from contextlib import AbstractContextManager, contextmanager
 from datetime import datetime
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, cast
@@ -15,6 +15,7 @@ from semmap.api.door import Door
 from semmap.api.map_entity import MapEntity
 from semmap.database.maps import see_map
 from semmap.database.session import twin_session
+from semmap.database.shared_engine import shared_engine
 from semmap.query import entity_query
 from semmap.query.entity_query import Near
 from semmap.query.snapshot import Snapshot, open_snapshot
@@ -22,12 +23,11 @@ from semmap.suggestions import suggestion
 
 if TYPE_CHECKING:
     import psycopg
-    from sqlalchemy import Engine
+    from sqlalchemy import Connection, Engine
     from sqlalchemy.orm import Session
 
     from semmap.api.database import Database
     from semmap.api.map import Map
-    from semmap.belief.teaching import KnownAction
 
 __all__ = ["MapQuestions"]
 
@@ -152,32 +152,6 @@ class MapQuestions:
         """The entities whose type an import guessed from a name, the least certain first."""
         return entity_query.list_guessed_types(self.connection)
 
-    def where(self, name: str, at: datetime | None = None) -> dict[str, float]:
-        """Where an object or agent probably is, now or at a time: probabilities by places.
-
-        The most probable place is the first; `elsewhere` is no place of the map. They sum to 1.
-
-        Raises
-        ------
-        LookupError, ValueError
-            As `semmap.belief.store.beliefs.read_belief`.
-        """
-        from semmap.belief.store.beliefs import read_belief
-
-        return read_belief(self.connection, name, at)
-
-    def how_to(self, goal: str, given: Sequence[str] = ()) -> list[KnownAction]:
-        """The shortest chain of taught actions that brings about a goal, the first one first.
-
-        Raises
-        ------
-        ValueError
-            As `semmap.belief.action_chains.action_chain`.
-        """
-        from semmap.belief.store.teaching import how_to
-
-        return how_to(self.connection, goal, given)
-
     def check(self) -> list[dict[str, Any]]:
         """Where the map disagrees with itself; empty for a sound map."""
         return entity_query.contradictions(self.connection)
@@ -242,6 +216,27 @@ class MapQuestions:
         session = twin_session(self.database.session)
         see_map(session, self.name, lasting=True)
         return session
+
+    @contextmanager
+    def _sqlalchemy(self) -> Iterator[Connection]:
+        """A connection of SQLAlchemy in a transaction of this map's connection.
+
+        Raises
+        ------
+        ValueError
+            A statement breaks a rule of the map; it changed nothing.
+        """
+        from sqlalchemy.exc import DBAPIError
+
+        try:
+            with self.transaction(), shared_engine(self.connection).connect() as connection:
+                yield connection
+        except DBAPIError as error:
+            refused = error.orig
+            if not isinstance(refused, errors.CheckViolation | errors.DataError):
+                raise
+            parts = (refused.diag.message_primary or str(refused), refused.diag.message_hint)
+            raise ValueError(". ".join(filter(None, parts))) from error
 
     def snapshot(self) -> AbstractContextManager[Snapshot]:
         """One state of the map while a ``with`` block lasts, for readers of other packages."""

@@ -1,4 +1,4 @@
-"""Beliefs: where objects probably are, from what was seen and what was looked for in vain.
+"""Beliefs: where objects probably are, from sightings and from looks in vain.
 
 The model is that of O'Neill ("Semantic Maps for Domestic Robots", 2015). Modules take and return
 arrays, except those that read and write the map.

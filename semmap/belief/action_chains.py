@@ -21,7 +21,7 @@ def action_chain(
     """Return the shortest chain of actions that brings about a goal, the first action first.
 
     An action brings about a goal if its effect is a kind of the goal, or the goal a kind of its
-    effect: what holds of movable objects holds of a coke. A cause that no action brings about, or
+    effect: a state of movable objects is one of a coke. A cause that no action brings about, or
     that is `given`, ends the chain.
 
     Parameters

@@ -1,4 +1,4 @@
-"""What a recogniser found in a point cloud, as observations of the map."""
+"""Objects that a recogniser found in a point cloud, as observations of the map."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def observe_cloud(
     hit: float | None = None,
     false_alarm: float | None = None,
 ) -> list[Row]:
-    """Recognise objects of the map on the table that a camera saw, and store what it showed.
+    """Recognise objects of the map on the table that a camera saw, and store the observations.
 
     Parameters
     ----------

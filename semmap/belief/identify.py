@@ -16,6 +16,7 @@ from semmap.belief.motion import DAILY, MotionModel, infer_with_motion
 from semmap.belief.places import place_at
 from semmap.belief.reader import read_agent_pose, read_columns, read_model, read_places
 from semmap.belief.store.beliefs import driver
+from semmap.finite_number import finite_numbers
 from semmap.query.entity_query import find
 
 if TYPE_CHECKING:
@@ -45,7 +46,7 @@ class Detection:
 
 @dataclass(frozen=True)
 class Identity:
-    """What a detection may be.
+    """The objects that a detection may be.
 
     Attributes
     ----------
@@ -140,9 +141,9 @@ def _place(
     at: datetime | None,
 ) -> str:
     """The place of a detection among those with room for an object like it."""
-    point = seen.point
-    if not all(math.isfinite(v) for v in point):
-        raise BeliefError(f"{seen.type} was detected at {point}: give x, y, z in metres")
+    point = finite_numbers(seen.point, 3)
+    if point is None:
+        raise BeliefError(f"{seen.type} was detected at {seen.point}: give x, y, z in metres")
     if frame is not None:
         point = tuple(read_agent_pose(connection, frame, at).apply([point])[0])
     place = place_at(read_places(connection, like), point)
@@ -159,6 +160,7 @@ def _size(seen: Detection) -> float:
     """The edge of a cube of the volume of a detection, metres; NaN if unknown."""
     if seen.sides is None:
         return math.nan
-    if not all(math.isfinite(side) and side > 0 for side in seen.sides):
+    sides = finite_numbers(seen.sides, 3)
+    if sides is None or min(sides) <= 0:
         raise BeliefError(f"{seen.type} has the sides {seen.sides}: give metres above 0")
-    return math.prod(seen.sides) ** (1 / 3)
+    return math.prod(sides) ** (1 / 3)

@@ -1,8 +1,7 @@
-"""What a robot saw, and what it looked at without seeing it, as observations of the map."""
+"""Objects that a robot saw, and places where it looked in vain, as observations of the map."""
 
 from __future__ import annotations
 
-import math
 from collections.abc import Collection, Mapping, Sequence
 from datetime import datetime
 from typing import TYPE_CHECKING, Any
@@ -11,14 +10,15 @@ from semmap.belief.error import BeliefError
 from semmap.belief.places import place_at
 from semmap.belief.reader import read_agent_pose, read_height, read_occluders, read_places
 from semmap.belief.store.beliefs import Row, add_observations
-from semmap.belief.views import visible_shares
+from semmap.belief.views import camera_at, visible_shares
 from semmap.draw.depth_camera import DepthCamera
+from semmap.finite_number import finite_numbers
 from semmap.geometry.pose import Pose
 
 if TYPE_CHECKING:
     from sqlalchemy import Connection
 
-__all__ = ["observe_point", "observe_view", "spot"]
+__all__ = ["agent_view", "observe_point", "observe_view", "spot"]
 
 LEAST_SHARE = 0.02
 """A place of which a view shows less was not looked at."""
@@ -60,9 +60,10 @@ def spot(
     BeliefError
         A point that is not three finite numbers, or is at no place.
     """
-    if len(point) != 3 or not all(math.isfinite(v) for v in point):
+    numbers = finite_numbers(point, 3)
+    if numbers is None:
         raise BeliefError(f"{name} was detected at {tuple(point)}: give x, y, z in metres")
-    there = [float(v) for v in point]
+    there = list(numbers)
     if frame is not None:
         there = [float(v) for v in read_agent_pose(connection, frame, at).apply([there])[0]]
     place = place_at(read_places(connection, name), there)
@@ -116,7 +117,7 @@ def observe_view(
     observer: str | None = None,
     **values: Any,
 ) -> list[Row]:
-    """Store what a view showed: detections, and for the rest that it was looked for and not seen.
+    """Store detections in a view, and for the other objects that they were looked for and not seen.
 
     The map's meshes decide which share of each place was in view.
 
@@ -168,6 +169,48 @@ def observe_view(
         ]
     add_observations(connection, rows)
     return rows
+
+
+def agent_view(
+    connection: Connection,
+    view: Sequence[float],
+    opening: float,
+    seen: Mapping[str, Sequence[float]],
+    frame: str | None,
+    at: datetime | None,
+) -> tuple[DepthCamera, dict[str, Sequence[float]]]:
+    """Return the camera of a view, and its detections, in the map's frame.
+
+    Parameters
+    ----------
+    view
+        x, y, z (metres), yaw and pitch (radians) in the frame of an agent, or in that of the map.
+    opening
+        Horizontal opening angle, radians.
+    seen
+        (x, y, z) of detections in the same frame, by names of objects.
+    frame, at
+        The agent, and when it was where it was; the map's frame where None.
+
+    Raises
+    ------
+    LookupError, BeliefError
+        As `read_agent_pose` and `camera_at`; numbers that are not five, or not three of a point.
+    """
+    numbers = finite_numbers(view, 5)
+    if numbers is None:
+        raise BeliefError(f"a view is x, y, z, yaw and pitch, not {tuple(view)}")
+    for name, point in seen.items():
+        if finite_numbers(point, 3) is None:
+            raise BeliefError(f"{name} was detected at {tuple(point)}: give x, y, z in metres")
+    x, y, z, yaw, pitch = numbers
+    detected: dict[str, Sequence[float]] = dict(seen)
+    if frame is not None:
+        pose = read_agent_pose(connection, frame, at)
+        x, y, z = (float(v) for v in pose.apply([[x, y, z]])[0])
+        yaw += pose.yaw
+        detected = {n: [float(v) for v in pose.apply([p])[0]] for n, p in seen.items()}
+    return camera_at((x, y, z), yaw, pitch, field_of_view=opening), detected
 
 
 def _within(pose: Pose, point: Sequence[float]) -> list[float]:

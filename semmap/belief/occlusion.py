@@ -130,7 +130,7 @@ def _groups(
 
 
 class _Step(NamedTuple):
-    """What the place of one object makes of the sets of occupied places.
+    """Return the sets of occupied places that follow from the place of one object.
 
     Attributes
     ----------

@@ -110,7 +110,7 @@ def _volume(place: BeliefPlace) -> float:
 
 
 def sample_points(place: BeliefPlace, step: float, lift: float) -> NDArray[np.float64]:
-    """Return points evenly over the surfaces of a place, and in the middle of what can store.
+    """Return points evenly over the surfaces of a place, and in the middle of one that can store.
 
     A view of the top of a closed cabinet shows a part of the place, not all of it.
 

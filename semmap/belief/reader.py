@@ -1,4 +1,4 @@
-"""Read places, and what hides them, from the map."""
+"""Read places, and the meshes that hide them, from the map."""
 
 from __future__ import annotations
 
@@ -97,7 +97,7 @@ def _place(row: Any) -> BeliefPlace:
 
 
 def read_occluders(connection: Connection, without: Collection[str]) -> NDArray[np.float64]:
-    """Return the triangles of rooms and objects, and of shut doors, that hide what is behind them.
+    """Return the triangles of rooms and objects, and of shut doors, that hide objects behind them.
 
     Parameters
     ----------
@@ -144,18 +144,19 @@ def read_height(connection: Connection, name: str) -> float | None:
     return None if height is None else float(height)
 
 
-def is_wide(connection: Connection, place: str) -> bool:
+def is_wide(connection: MapConnection, place: str) -> bool:
     """Whether a place is a room, storey or region: a person means anywhere in it."""
-    kind = connection.execute(
-        text("SELECT kind FROM entity WHERE map_id = current_map() AND name = :name"),
-        {"name": place},
-    ).scalar()
-    return kind in ("room", "storey", "region")
+    row = (
+        driver(connection)
+        .execute("SELECT kind FROM entity WHERE map_id = current_map() AND name = %s", (place,))
+        .fetchone()
+    )
+    return row is not None and row[0] in ("room", "storey", "region")
 
 
 @dataclass(frozen=True, eq=False)
 class BeliefColumns:
-    """What the map has about some objects, as arrays for `infer`, occlusion, motion and ProbLog.
+    """Priors and observations of some objects, as arrays for inference.
 
     Attributes
     ----------
@@ -202,9 +203,14 @@ def read_columns(
     ------
     LookupError
         The map has no entity of a name.
+    BeliefError
+        One that is not an object or agent, or is named twice.
     """
     session = driver(connection)
     ids = [entity_id(session, name) for name in names]
+    for number, name in enumerate(names):
+        if name in names[:number]:
+            raise BeliefError(f"{name} is named twice: name each object once")
     moment = at or datetime.now(UTC)
     values = {"ids": ids, "at": moment}
     priors = session.execute(_PRIORS, values).fetchall()
@@ -215,6 +221,9 @@ def read_columns(
     prior = np.zeros((len(names), len(places)))
     for name, place, share in priors:
         prior[row_of[name], column_of[place]] = share
+    for name, shares in zip(names, prior, strict=True):
+        if not shares.any():
+            raise BeliefError(f"{name} has no place in a belief: name an object or an agent")
     looks = session.execute(_LOOKS, values).fetchall()
     sizes = session.execute(
         "SELECT coalesce(property_of(t.id, 'mobility'), 1), coalesce(property_of(t.id, 'volume'), "

@@ -1,4 +1,4 @@
-"""Teachings: what a module or a person tells the map, checked before the map is asked.
+"""Teachings of modules and people, checked before the map is asked.
 
 The parts are those of the thesis's teaching topic (appendix B.1), by its names or by plainer ones.
 """
@@ -81,7 +81,7 @@ class KnownRelation:
 
 @dataclass(frozen=True)
 class KnownAction:
-    """An action, what it needs, and what it brings about."""
+    """An action, the state that it needs, and the state that it brings about."""
 
     name: str
     cause: str
@@ -125,7 +125,7 @@ class Teaching:
 
 
 def is_a(relation: str) -> bool:
-    """Whether a relation is that of a class to what subsumes it: isA, is_a, IsA."""
+    """Whether a relation is that of a class to a class that subsumes it: isA, is_a, IsA."""
     return snake_case(relation) in ("is_a", "isa")
 
 
@@ -135,7 +135,7 @@ def read_teaching(path: Path) -> Teaching:
     Raises
     ------
     BeliefError
-        The file cannot be read, or `parse_teaching` refuses what it says.
+        The file cannot be read, or `parse_teaching` refuses its content.
     WorldError
         The file ends in ``.xml`` and is not XML.
     """
@@ -316,6 +316,10 @@ def _properties(row: Row, where: str) -> Row:
     for key in ("base_area", "volume", "mobility"):
         if key in given and not _number(given[key], key, where) >= 0:
             raise BeliefError(f"{where}: {key} is {given[key]:g}: give at least 0")
+    try:
+        json.dumps(dict(given), allow_nan=False)
+    except (TypeError, ValueError) as error:
+        raise BeliefError(f"{where}: properties: {error}: give values that JSON has") from error
     return dict(given)
 
 

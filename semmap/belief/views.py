@@ -1,4 +1,4 @@
-"""Which part of each place a camera sees: what a look could have shown, and did not."""
+"""Which part of each place a camera sees, whether or not it shows the object there."""
 
 from __future__ import annotations
 

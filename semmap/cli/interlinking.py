@@ -13,7 +13,11 @@ from semmap import cli
 
 # NumPy, SciPy and rdflib are slow to import: the functions below import what they use.
 if TYPE_CHECKING:
-    from semmap.interlinking.interlink import Ask, Workbench
+    from collections.abc import Callable
+
+    from semmap.api.database import Database
+    from semmap.api.map import Map
+    from semmap.interlinking.interlink import Interlinking, PairQuestion
     from semmap.interlinking.records import Records
 
 __all__ = ["interlink"]
@@ -36,6 +40,21 @@ interlink = typer.Typer(
     help="Find which records of two data sets are the same, and store the links.",
 )
 
+Labels = Annotated[
+    Path | None,
+    typer.Option(help="CSV of LEFT,RIGHT,yes|no, or an alignment; --ask adds to a CSV file."),
+]
+AskPerson = Annotated[
+    bool, typer.Option("--ask", help="Ask for the labels that tell most; y, n, or q to end.")
+]
+Turtle = Annotated[
+    Path | None, typer.Option("--turtle", help="Write the links as owl:sameAs to this file.")
+]
+Reference = Annotated[
+    Path | None, typer.Option(help="All true links (CSV or alignment): show precision, recall.")
+]
+TypeName = Annotated[str | None, typer.Option("--type", help="Of the resources in RDF files.")]
+
 
 @interlink.command()
 def link(
@@ -43,23 +62,12 @@ def link(
         str, typer.Argument(metavar="A", help="RDF or CSV file, map[:NAME], or models.")
     ],
     right: Annotated[str, typer.Argument(metavar="B", help="The same.")],
-    labels: Annotated[
-        Path | None,
-        typer.Option(help="CSV of LEFT,RIGHT,yes|no, or an alignment; --ask adds to a CSV file."),
-    ] = None,
-    ask: Annotated[
-        bool, typer.Option("--ask", help="Ask for the labels that tell most; y, n, or q to end.")
-    ] = False,
+    labels: Labels = None,
+    ask: AskPerson = False,
     questions: Annotated[int, typer.Option(min=1, help="The most questions.")] = QUESTIONS,
-    turtle: Annotated[
-        Path | None, typer.Option("--turtle", help="Write the links as owl:sameAs to this file.")
-    ] = None,
-    reference: Annotated[
-        Path | None, typer.Option(help="All true links (CSV or alignment): show precision, recall.")
-    ] = None,
-    type_name: Annotated[
-        str | None, typer.Option("--type", help="Of the resources in RDF files.")
-    ] = None,
+    turtle: Turtle = None,
+    reference: Reference = None,
+    type_name: TypeName = None,
     dry_run: Annotated[bool, typer.Option("--dry-run", help="Store nothing.")] = False,
     map_name: cli.MapName = None,
     json_: cli.Json = False,
@@ -69,9 +77,7 @@ def link(
     semmap interlink people.rdf clients.csv --labels labels.csv --ask
     """
     from semmap.interlinking.alignment_file import read_labels
-    from semmap.interlinking.interlink import Workbench
     from semmap.interlinking.same_as import write_same_as
-    from semmap.interlinking.store import store_links
 
     if labels is None and not ask:
         raise typer.BadParameter("give --labels FILE, or --ask, or both")
@@ -79,29 +85,74 @@ def link(
         raise typer.BadParameter("--ask adds to a CSV file; give --labels FILE.csv")
     known = read_labels(labels) if labels and (labels.exists() or not ask) else {}
     truth = {pair for pair, same in read_labels(reference).items() if same} if reference else None
-    sets = (_records(left, type_name, map_name), _records(right, type_name, map_name))
-    with _progress() as report:
-        work = Workbench(*sets, known, report)
-    if ask:
-        work.ask(_asker(work, labels), questions)
-    found = work.interlink()
-    number = None
-    if not dry_run:
-        with cli.engine(migrate=True).begin() as connection:
-            number = store_links(connection.connection.driver_connection, found)  # type: ignore[arg-type]
+    bar = _Bar()
+    asked = {"ask": _asker(labels, bar) if ask else None, "questions": questions}
+    found = _linked(left, right, type_name, map_name, dry_run, known, bar, asked)
     if turtle is not None:
         write_same_as(turtle, found.left, found.right, found.links())
-    summary: dict[str, Any] = {
-        "link_set": number,
-        "links": len(found.pairs),
-        "candidates": found.candidates,
-        "labels": len(found.labels),
-        "pattern": found.pattern,
-        "correspondences": [vars(c) for c in found.correspondences],
-        "unexplained": [list(pair) for pair in found.unexplained],
-        "quality": vars(found.quality(truth)) if truth else None,
-    }
+    _show(found, truth, json_)
+
+
+def _linked(
+    left: str,
+    right: str,
+    type_name: str | None,
+    map_name: str | None,
+    dry_run: bool,
+    known: dict[tuple[str, str], bool],
+    bar: _Bar,
+    asked: dict[str, Any],
+) -> Interlinking:
+    """The links; no database is opened for files without a link set to store."""
+    from semmap.api.database_interlinking import link_records
+
+    first, second = (_file_records(given, type_name) for given in (left, right))
+    files_only = first is not None and second is not None
+    asked |= {"progress": bar.report}
+    with bar:
+        if first is not None and second is not None and dry_run:
+            return link_records(first, second, known, **asked)
+        with cli.open_database(migrate=files_only) as db:
+            one = _stored_set(db, left, map_name) if first is None else first
+            other = _stored_set(db, right, map_name) if second is None else second
+            return db.interlink(one, other, known, store=not dry_run, **asked)
+
+
+def _file_records(given: str, type_name: str | None) -> Records | None:
+    """The records of a file; None for a data set of the database."""
+    from semmap.interlinking.data_set_file import SUFFIXES, read_records
+
+    kind, colon, _ = given.partition(":")
+    if given in ("map", "models") or (kind == "map" and colon):
+        return None
+    if Path(given).suffix.lower() not in SUFFIXES:
+        names = ", ".join(f"FILE{suffix}" for suffix in SUFFIXES)
+        raise typer.BadParameter(f"{given}: is not one of map, map:NAME, models, {names}")
+    return read_records(Path(given), type_name)
+
+
+def _stored_set(db: Database, given: str, map_name: str | None) -> Map | str:
+    if given == "models":
+        return given
+    try:
+        return db.map(given.partition(":")[2] or map_name)
+    except LookupError as error:
+        raise typer.BadParameter(str(error)) from None
+
+
+def _show(found: Interlinking, truth: set[tuple[str, str]] | None, json_: bool) -> None:
+    quality = found.quality(truth) if truth else None
     if json_:
+        summary: dict[str, Any] = {
+            "link_set": found.link_set,
+            "links": len(found.pairs),
+            "candidates": found.candidates,
+            "labels": len(found.labels),
+            "pattern": found.pattern,
+            "correspondences": [vars(c) for c in found.correspondences],
+            "unexplained": [list(pair) for pair in found.unexplained],
+            "quality": vars(quality) if quality else None,
+        }
         cli.print_json(summary)
         return
     for c in found.correspondences:
@@ -109,20 +160,17 @@ def link(
     print(f"link if {found.pattern}")
     for a, b in found.unexplained:
         print(f"{a} and {b} are labelled the same, but no pattern separates them from others")
-    if truth:
-        quality = found.quality(truth)
+    if quality:
         print(f"precision {quality.precision:.3f}, recall {quality.recall:.3f}, F {quality.f:.3f}")
-    stored = "nothing stored" if number is None else f"link set {number}"
+    stored = "nothing stored" if found.link_set is None else f"link set {found.link_set}"
     print(f"{len(found.pairs)} links of {len(found.labels)} labels: {stored}")
 
 
 @interlink.command()
 def ls(json_: cli.Json = False) -> None:
     """List the stored link sets, the newest first."""
-    from semmap.interlinking.store import link_sets
-
-    with cli.database() as engine, engine.connect() as connection:
-        rows = link_sets(connection.connection.driver_connection)  # type: ignore[arg-type]
+    with cli.open_database() as db:
+        rows = db.list_link_sets()
     cli.show_table(rows, json_, ("id", "left", "right", "links", "labels", "by", "at"))
 
 
@@ -133,10 +181,8 @@ def show(
     json_: cli.Json = False,
 ) -> None:
     """Show both data sets of a link set as one."""
-    from semmap.interlinking.store import merged_records
-
-    with cli.database() as engine, engine.connect() as connection:
-        rows = merged_records(connection.connection.driver_connection, link_set)  # type: ignore[arg-type]
+    with cli.open_database() as db:
+        rows = db.merged_records(link_set)
     columns = ("resource", "left_keys", "right_keys", "confidence") + ("properties",) * json_
     cli.show_table([r for r in rows if all_ or r["resource"] is not None], json_, columns)
 
@@ -144,46 +190,19 @@ def show(
 @interlink.command()
 def undo(link_set: Annotated[int, typer.Argument(metavar="ID")]) -> None:
     """Take a link set back."""
-    from semmap.interlinking.store import undo_links
-
-    with cli.engine().begin() as connection:
-        count = undo_links(connection.connection.driver_connection, link_set)  # type: ignore[arg-type]
-    print(f"{count} links taken back")
+    with cli.open_database() as db:
+        print(f"{db.undo_links(link_set)} links taken back")
 
 
-def _records(given: str, type_name: str | None, map_name: str | None) -> Records:
-    """The data set that an argument names."""
-    from semmap.interlinking.csv_file import read_csv_records
-    from semmap.interlinking.rdf_file import FORMATS, read_rdf_records
-    from semmap.interlinking.reader import read_map_objects, read_object_models
-
-    kind, colon, name = given.partition(":")
-    if given in ("map", "models") or (kind == "map" and colon):
-        with cli.database() as engine, engine.connect() as connection:
-            session: Any = connection.connection.driver_connection
-            if given == "models":
-                return read_object_models(session)
-            return read_map_objects(session, cli.show_map(session, name or map_name))
-    path = Path(given)
-    if path.suffix.lower() == ".csv":
-        return read_csv_records(path)
-    if path.suffix.lower() in FORMATS:
-        return read_rdf_records(path, type_name)
-    raise typer.BadParameter(
-        f"{given}: is not one of map, map:NAME, models, FILE.csv, FILE{', FILE'.join(FORMATS)}"
-    )
-
-
-def _asker(work: Workbench, labels: Path | None) -> Ask:
+def _asker(labels: Path | None, bar: _Bar) -> Callable[[PairQuestion], bool | None]:
     """Asks a person about pairs, and keeps the answers in the file of labels."""
     from semmap.interlinking.csv_file import append_label
     from semmap.terminal import visible
 
-    def answer(a: str, b: str) -> bool | None:
-        left, right = (s.record(s.number[k]) for s, k in ((work.left, a), (work.right, b)))
-        rows = [("", a, b)] + [
-            (c.left, ", ".join(left.get(c.left, ())), ", ".join(right.get(c.right, ())))
-            for c in work.correspondences
+    def answer(pair: PairQuestion) -> bool | None:
+        bar.stop()
+        rows = [("", pair.left, pair.right)] + [
+            (name, ", ".join(left), ", ".join(right)) for name, left, right in pair.values
         ]
         widths = [max(len(visible(row[i])) for row in rows) for i in range(2)]
         for row in rows:
@@ -196,7 +215,7 @@ def _asker(work: Workbench, labels: Path | None) -> Ask:
             said = sys.stdin.readline().strip().lower()
             if said in ("y", "yes", "n", "no"):
                 if labels is not None:
-                    append_label(labels, a, b, said.startswith("y"))
+                    append_label(labels, pair.left, pair.right, said.startswith("y"))
                 return said.startswith("y")
             if said in ("", "q", "quit"):
                 return None
@@ -204,20 +223,25 @@ def _asker(work: Workbench, labels: Path | None) -> Ask:
     return answer
 
 
-def _progress() -> Any:
+class _Bar:
     """A bar on standard error while records are compared."""
-    from contextlib import contextmanager
 
-    @contextmanager
-    def shown() -> Any:
+    def __enter__(self) -> None:
         from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
         from rich.progress import TimeElapsedColumn as Elapsed
 
         columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), Elapsed())
-        with Progress(*columns, console=cli.err, transient=True) as bars:
-            task = bars.add_task("compare", total=None)
-            yield lambda stage, done, total: bars.update(
-                task, description=stage, completed=done, total=total
-            )
+        self._bars = Progress(*columns, console=cli.err, transient=True)
+        self._task = self._bars.add_task("compare", total=None)
+        self._bars.start()
 
-    return shown()
+    def report(self, stage: str, done: int, total: int) -> None:
+        """Show how much of a stage is done."""
+        self._bars.update(self._task, description=stage, completed=done, total=total)
+
+    def stop(self) -> None:
+        """Remove the bar."""
+        self._bars.stop()
+
+    def __exit__(self, *_: object) -> None:
+        self.stop()

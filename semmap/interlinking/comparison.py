@@ -1,4 +1,4 @@
-"""What is known of candidate pairs: similarities, their aggregate, and the rank of a pair."""
+"""Candidate pairs: similarities, their aggregate, and the rank of a pair."""
 
 from __future__ import annotations
 

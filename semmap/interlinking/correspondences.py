@@ -32,9 +32,9 @@ def find_correspondences(left: Records, right: Records) -> list[Correspondence]:
 
     K-medoids groups the properties of both data sets by their statistics and by the words that
     they have in common; there are at most as many groups as the larger data set has properties.
-    Within a group, and among what is left over then, the assignment of the smallest dissimilarity
-    is taken. A wrong correspondence does little harm, because the aggregate gives it no weight; a
-    missing one does.
+    Within a group, and among the properties that are left over then, the assignment of the smallest
+    dissimilarity is taken. A wrong correspondence does little harm, because the aggregate gives it
+    no weight; a missing one does.
     """
     columns = [*left.columns.items(), *right.columns.items()]
     split = len(left.columns)

@@ -14,11 +14,29 @@ from semmap.interlinking.error import InterlinkingError
 from semmap.interlinking.link_pattern import LinkPattern, learn_pattern, next_question
 from semmap.interlinking.records import Records
 
-__all__ = ["Ask", "Interlinking", "Quality", "Workbench"]
+__all__ = ["Ask", "Interlinking", "PairQuestion", "Quality", "Workbench"]
 
 Pair = tuple[str, str]
 Ask = Callable[[str, str], bool | None]
 """Answers whether a left and a right key describe the same resource; None ends the questions."""
+
+
+@dataclass(frozen=True)
+class PairQuestion:
+    """A pair of records whose label tells much.
+
+    Attributes
+    ----------
+    left, right
+        Their keys.
+    values
+        Of each correspondence of properties: its name in the left data set, and the values of both
+        records.
+    """
+
+    left: str
+    right: str
+    values: Sequence[tuple[str, Sequence[str], Sequence[str]]]
 
 
 @dataclass(frozen=True)
@@ -47,6 +65,10 @@ class Interlinking:
         All labels, those that were asked included.
     unexplained
         Pairs labelled the same that no pattern separates from pairs labelled different.
+    candidates
+        How many pairs were compared.
+    link_set
+        The number of the stored link set; None where the links are not stored.
     """
 
     left: Records
@@ -58,6 +80,7 @@ class Interlinking:
     labels: Mapping[Pair, bool]
     unexplained: Sequence[Pair]
     candidates: int
+    link_set: int | None = None
 
     def links(self) -> dict[Pair, float]:
         """Return (left key, right key) to confidence."""
@@ -146,6 +169,13 @@ class Workbench:
                 return number
             self._labels[place] = same
         return questions
+
+    def question(self, left: str, right: str) -> PairQuestion:
+        """Return the values by which a person tells whether two records are the same."""
+        records = self.left, self.right
+        a, b = (r.record(r.number[key]) for r, key in zip(records, (left, right), strict=True))
+        values = [(c.left, a.get(c.left, ()), b.get(c.right, ())) for c in self.correspondences]
+        return PairQuestion(left, right, values)
 
     def pattern(self) -> LinkPattern:
         """Return the pattern that agrees with the labels."""

@@ -136,8 +136,8 @@ def next_question(comparison: Comparison, labels: Mapping[int, bool]) -> int | N
     """Return the candidate pair whose label tells most; None where all are labelled.
 
     Undecided is a pair that some patterns of the version space link and others do not. Of those
-    that are best for one of their records, it is the one in the middle between what is labelled
-    the same and what is labelled different. Without an undecided pair, any other one.
+    that are best for one of their records, it is the one in the middle between pairs labelled
+    the same and pairs labelled different. Without an undecided pair, any other one.
     """
     v = comparison.likelihood
     best = np.asarray((comparison.similarities[:, -2:] >= 1).any(axis=1))

@@ -20,7 +20,7 @@ __all__ = ["PropertyColumn", "Records", "Values", "plain_text"]
 Values = tuple[str, ...]
 
 NOT_WORDS = regex.compile(r"[^\p{L}\p{N}.]+|\.(?!\d)|(?<!\d)\.")
-"""What separates words: a point is part of a number only."""
+"""Separators of words: a point is part of a number only."""
 
 
 JOINED = regex.compile(r"(?<=\p{Ll})(?=\p{Lu})|(?<=\p{Lu})(?=\p{Lu}\p{Ll})")

@@ -25,7 +25,7 @@ MOTIONS = {"push": 3, "turn": 7, "open": 7}
 """How many numbers the motion of a kind has: a translation, or an axis with an angle."""
 
 ROUND = 6
-"""Decimals of lengths and angles in keys: what differs by less is the same action."""
+"""Decimals of lengths and angles in keys: actions that differ by less are the same."""
 
 
 @dataclass(frozen=True)
@@ -39,7 +39,7 @@ class ActionRecord:
     pre_pose, post_pose : where the approach begins and the retreat ends
     motion : metres (x, y, z) of a push; a point of the axis, its direction and the angle (radians)
         of a turn or an opening; in the model's frame
-    approach, family : names of the way to the object, and of what equal shapes share
+    approach, family : names of the way to the object, and of its like on equal shapes
     width : metres between the fingers at contact
     posture, pre_posture : positions of joints, radians or metres, at contact and before; of a
         place, at contact and after

@@ -22,7 +22,7 @@ __all__ = ["Arm"]
 Floats = NDArray[np.float64]
 
 POSITION, ROTATION = 5e-4, 5e-3
-"""What a solution may be off, metres and radians."""
+"""The largest error of a solution, metres and radians."""
 
 ITERATIONS = 60
 STARTS = 16
@@ -143,7 +143,7 @@ class Arm:
         return frames
 
     def _moves(self, position: Floats) -> Floats:
-        """(D, 4, 4): what each joint does; turns are those of Rodrigues."""
+        """(D, 4, 4): the motion of each joint; turns are those of Rodrigues."""
         slides, axes, cross = self._axes
         turns, angles = ~slides, position[~slides, None, None]
         moves = np.tile(np.eye(4), (len(position), 1, 1))

@@ -1,4 +1,4 @@
-"""Motions of stored robots' arms among what the map has: to grasp, to put down, to push.
+"""Motions of stored robots' arms among the objects of the map: to grasp, to put down, to push.
 
 The way of the gripper to where an action begins is planned once; its path is stored and followed
 again until something moves into it. From there the gripper moves straight, as the action states
@@ -286,14 +286,14 @@ class _Planner(NamedTuple):
         return moved
 
     def around(self, entity: str, without: str | None = None) -> Obstacles:
-        """What is around an object, in the robot's frame."""
+        """The obstacles around an object, in the robot's frame."""
         from semmap.manipulation.collision import Obstacles
 
         found = obstacles_around(self.session, entity, AROUND, without=without)
         return Obstacles(self.local(found.triangles))
 
     def with_itself(self, entity: str, around: Obstacles) -> Obstacles:
-        """What is around an object, and the object, in the robot's frame."""
+        """The obstacles around an object, and the object, in the robot's frame."""
         return around.joined(self.local(entity_triangles(self.session, entity)))
 
     def grasping(self, entity: str, around: Obstacles | None = None) -> _Strokes:
@@ -313,7 +313,7 @@ class _Planner(NamedTuple):
         return self.arm.grasp_pose(self.start)
 
     def width(self, row: dict[str, Any]) -> float:
-        """Metres between the pads around what an action holds."""
+        """Metres between the pads around the object that an action holds."""
         return float(self.arm.gripper.opening if row["width"] is None else row["width"])
 
     def first(

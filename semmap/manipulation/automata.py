@@ -209,7 +209,7 @@ def base_pose(connection: MapConnection, name: str, given: Sequence[float] | Non
 def facing_first(rows: Sequence[dict[str, Any]], base: Pose) -> list[dict[str, Any]]:
     """Return actions in order: of equally good ones, those that face away from a robot first.
 
-    An arm reaches what is before it most easily. Expected shares of successes that differ by less
+    An arm reaches objects before it most easily. Expected shares of successes that differ by less
     than 0.01 are equal.
     """
 

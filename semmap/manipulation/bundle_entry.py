@@ -1,4 +1,4 @@
-"""What the entries of a bundle hold: the forms of their values, checked before anything is used."""
+"""The forms of the values in a bundle, checked before anything is used."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ LARGEST = 1e9
 
 
 class _Form(NamedTuple):
-    """What a value is, in words, and whether a value is one."""
+    """A form of values in words, and a test for it."""
 
     words: str
     holds: Callable[[Any], bool]
@@ -123,11 +123,11 @@ OPTIONAL: dict[str, dict[str, _Form]] = {
         "steps": _list(KEY),
     },
 }
-"""The values of each kind of entry; what is optional may be null."""
+"""The values of each kind of entry; optional ones may be null."""
 
 
 def check_entry(kind: str, entry: Mapping[str, Any]) -> None:
-    """Check that the values of an entry are what they stand for.
+    """Check that the values of an entry have their forms.
 
     Raises
     ------

@@ -75,7 +75,7 @@ class Obstacles:
         return Obstacles(self.triangles[met])
 
     def searched(self, low: Floats, high: Floats) -> Obstacles:
-        """Return what to search for contacts within a box: these, or few of them.
+        """Return obstacles to search for contacts within a box: these, or few of them.
 
         FCL prepares triangles before it searches them, which is done once for each `Obstacles`.
         """
@@ -168,7 +168,7 @@ def free_places(
     before : (N, 4, 4) where the gripper begins to move down, in the frame of the model
     model : (4, 4)
         The pose at which the object is put, in the frame of the obstacles.
-    obstacles : without the object, with what it is put on
+    obstacles : without the object, with its support
     item : (V, 3) vertices of the object, in its model's frame
     """
     gripper = places.gripper

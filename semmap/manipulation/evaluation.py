@@ -1,7 +1,7 @@
-"""The effect evaluator: was a grasp what was expected, and what to try next (Tosello et al., IV-C).
+"""The effect evaluator: did a grasp go as expected, and which is tried next (Tosello et al., IV-C).
 
 A failure has a cause, and a cause has a correction of the grasp; where that does not help either,
-the next grasp of another kind is tried. What worked replaces what did not.
+the next grasp of another kind is tried. A grasp that works replaces one that failed.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ CORRECTIONS = 3
 
 @dataclass(frozen=True)
 class Expected:
-    """What a successful grasp leads to; metres and radians, the least or the most.
+    """The outcome of a successful grasp; metres and radians, the least or the most.
 
     Attributes
     ----------
@@ -122,7 +122,7 @@ class Lesson:
 
 
 def group_of(family: str) -> str:
-    """Return what grasps have in common that fail alike: approach, closing axis, offset."""
+    """Return the group of grasps that fail alike: approach, closing axis, offset."""
     words = family.split()
     return " ".join((*words[:2], words[3])) if len(words) == 5 else family
 
@@ -155,7 +155,7 @@ def learn_grasp(
     *,
     tries: int = 12,
 ) -> Lesson:
-    """Try grasps, correct what fails, and return the attempts up to the first success.
+    """Try grasps, correct failures, and return the attempts up to the first success.
 
     Parameters
     ----------

@@ -60,10 +60,10 @@ class Stroke(NamedTuple):
     """(4, 4) of the grasp frame at its end, in the robot's frame."""
 
     obstacles: Obstacles
-    """In the robot's frame: what must not be touched meanwhile."""
+    """In the robot's frame: obstacles that must not be touched meanwhile."""
 
     fingers: Mapping[str, float] | None = None
-    """Positions of the finger joints; by default open, or around what is held."""
+    """Positions of the finger joints; by default open, or around the object that is held."""
 
     held: Held | None = None
 
@@ -88,7 +88,7 @@ def plan_motion(
     ----------
     start, goal : (D,)
     obstacles : in the robot's frame
-    fingers : positions of the finger joints; by default open, or around what is held
+    fingers : positions of the finger joints; by default open, or around the object that is held
     held : an object that moves with the gripper
     seconds : the longest time to plan, of the processor
 
@@ -118,7 +118,7 @@ def plan_motion(
 
 
 def is_free(arm: Arm, position: Floats, stroke: Stroke) -> bool:
-    """Return whether the arm, with what it holds, touches nothing at a position (D,)."""
+    """Return whether the arm, with the object that it holds, touches nothing at a position (D,)."""
     held, fingers = stroke.held, stroke.fingers
     if fingers is None and held is not None:
         fingers = arm.gripper.posture(held.width)

@@ -2,7 +2,7 @@
 
 A place belongs to a model and a gripper, as the grasp that it ends: the gripper and its joints are
 those of the grasp, and its way back is that of the grasp reversed (Tosello et al., section III-A).
-The spot on the support is found each time, since it depends on what stands there.
+The spot on the support is found each time, since it depends on the objects there.
 """
 
 from __future__ import annotations
@@ -14,21 +14,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from semmap.belief.store.beliefs import MapConnection, driver
+from semmap.finite_number import finite_numbers
 from semmap.geometry.mesh import Mesh
 from semmap.geometry.pose import Pose
 from semmap.geometry.surfaces import support_surfaces
 from semmap.manipulation.action_record import ActionRecord
 from semmap.manipulation.automata import facing_first, reachable_rows
 from semmap.manipulation.error import ManipulationError
+from semmap.manipulation.found_actions import FoundActions
 from semmap.manipulation.placing import PlacePose, place_candidates, stability
 from semmap.manipulation.ranking import ranked
 from semmap.manipulation.reader import actions_on
-from semmap.manipulation.retrieval import (
-    Found,
-    find_grasps,
-    gripper_name,
-    stored_gripper,
-)
+from semmap.manipulation.retrieval import find_grasps, gripper_name, stored_gripper
 from semmap.manipulation.store.actions import add_actions
 from semmap.manipulation.store.shapes import model_mesh, shape_of
 from semmap.manipulation.surroundings import entity_triangles, obstacles_around
@@ -74,7 +71,7 @@ def find_places(
     arm: Arm | None = None,
     base: Pose | None = None,
     limit: int = 10,
-) -> Found:
+) -> FoundActions:
     """Return the best places of an object on another one; they are generated where none is stored.
 
     The object stands as it does now, or as it did before a robot took it, turned about the
@@ -83,7 +80,7 @@ def find_places(
 
     Parameters
     ----------
-    entity, on : names in the map: the object, and what it is put on
+    entity, on : names in the map: the object, and its support
     gripper : name; the preferred one where None
     grasps : ids of the grasp that holds it, or of those that may; by default the one with which an
         agent of the map took it, else the best ones
@@ -94,7 +91,7 @@ def find_places(
 
     Returns
     -------
-    Found
+    FoundActions
         Rows as of `semmap.manipulation.reader.actions_on`, the poses of the gripper for the object
         at its spot; also `on`, `spot` (the pose of the object, map's frame), `clearance` (metres)
         and `grasp_id` and `grasp_expected` of the grasp that it ends; with an arm, `position` of
@@ -109,6 +106,8 @@ def find_places(
     """
     session = driver(connection)
     item = entity_id(session, entity)
+    if towards is not None and finite_numbers(towards, 2) is None:
+        raise ManipulationError(f"{entity}: {towards} is not a point: give x, y in metres")
     if item == entity_id(session, on):
         raise ManipulationError(f"{entity}: cannot be put on itself: name another object")
     chosen = gripper_name(session, gripper)
@@ -124,11 +123,12 @@ def find_places(
     held, problems = _grasps(session, entity, chosen, grasps)
     places, generated = _places(session, entity, chosen, held, vertices, upright)
     if not places:
-        return Found([], [], problems or [f"{entity}: gripper {chosen} has no grasp of it"])
+        return FoundActions([], problems or [f"{entity}: gripper {chosen} has no grasp of it"])
     obstacles = obstacles_around(session, on, without=entity)
     spots = place_candidates(vertices, upright, surfaces, obstacles.triangles, all_headings=True)
     if not spots:
-        return Found([], generated, [f"{on}: none of its surfaces has room for {entity}"])
+        problem = f"{on}: none of its surfaces has room for {entity}"
+        return FoundActions([], [problem], generated)
     free = _FreePlaces(places, stored_gripper(session, chosen), obstacles, vertices)
     if towards is None and arm is not None and base is not None:
         ordered = _in_order(spots, (base.x, base.y), room=1.0)
@@ -139,7 +139,7 @@ def find_places(
         problems.append(free.problem(entity, on, base))
     if towards is None:
         rows = sorted(rows, key=_doubt)
-    return Found([row | {"on": on} for row in rows], generated, problems)
+    return FoundActions([row | {"on": on} for row in rows], problems, generated)
 
 
 def place_of(

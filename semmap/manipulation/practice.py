@@ -34,7 +34,7 @@ STORED = 1000
 """The most stored grasps among which those of places are looked up."""
 
 NOT_HELD = "not held"
-"""What happens at a place whose grasp fails."""
+"""The outcome at a place whose grasp fails."""
 
 STRAY = 0.3
 """Share of the way of a push by which the object may be off at its end."""
@@ -54,7 +54,7 @@ def practise(
     attempt: Callable[[Grasp], TrialOutcome] | None = None,
     simulated: bool = True,
 ) -> list[dict[str, Any]]:
-    """Try grasps of an object until one succeeds; store each outcome and what worked.
+    """Try grasps of an object until one succeeds; store each outcome, and corrected grasps.
 
     The stored grasps come first, the best before others; where there is none, they are generated.
     A corrected grasp that succeeds is stored and replaces the one that failed (Tosello et al.,

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from shapely import Polygon
 
 from semmap.belief.store.beliefs import MapConnection, driver
+from semmap.finite_number import is_finite_number
 from semmap.geometry.mesh import Mesh
 from semmap.geometry.pose import Pose
 from semmap.geometry.surfaces import support_surfaces
@@ -18,10 +19,11 @@ from semmap.manipulation.action_record import ActionRecord
 from semmap.manipulation.automata import reachable_rows
 from semmap.manipulation.collision import Obstacles
 from semmap.manipulation.error import ManipulationError
+from semmap.manipulation.found_actions import FoundActions
 from semmap.manipulation.pushing import Push, free_pushes, push_candidates
 from semmap.manipulation.ranking import ranked
 from semmap.manipulation.reader import actions_on
-from semmap.manipulation.retrieval import Found, gripper_name, stored_gripper
+from semmap.manipulation.retrieval import gripper_name, stored_gripper
 from semmap.manipulation.store.actions import add_actions
 from semmap.manipulation.store.shapes import model_mesh, shape_of
 from semmap.manipulation.surroundings import obstacles_around
@@ -56,10 +58,10 @@ def find_pushes(
     arm: Arm | None = None,
     base: Pose | None = None,
     limit: int = 10,
-) -> Found:
+) -> FoundActions:
     """Return the best level pushes of an object; they are generated where none is stored.
 
-    The object stays on what it stands on, and neither it nor the closed gripper meets anything.
+    The object stays on its support, and neither it nor the closed gripper meets anything.
 
     Parameters
     ----------
@@ -72,7 +74,7 @@ def find_pushes(
 
     Returns
     -------
-    Found
+    FoundActions
         Rows as of `semmap.manipulation.reader.actions_on`; also `end` (the pose of the gripper
         where the push ends), and `direction`, degrees in the map's frame; with an arm, `position`
         of its joints where the approach begins.
@@ -82,10 +84,12 @@ def find_pushes(
     LookupError
         There is no such entity or gripper.
     ManipulationError
-        The object has no mesh, or stands on nothing level.
+        The object has no mesh, or stands on nothing level, or the distance is not above 0.
     """
     session = driver(connection)
     entity_id(session, entity)
+    if not (is_finite_number(distance) and distance > 0):
+        raise ManipulationError(f"{entity}: distance is {distance}: give metres above 0")
     chosen = gripper_name(session, gripper)
     hand = stored_gripper(session, chosen)
     vertices = np.asarray(model_mesh(session, entity).vertices)
@@ -106,14 +110,15 @@ def find_pushes(
     found = [_told(rows[i]) for i in np.flatnonzero(free)]
     if not found:
         problem = f"{entity}: at all {len(rows)} pushes, it or the gripper meets what is around"
-        return Found([], generated, [problem])
+        return FoundActions([], [problem], generated)
     if arm is None or base is None:
-        return Found(found[:limit], generated, [])
+        return FoundActions(found[:limit], [], generated)
     reached = reachable_rows(found, arm, base, limit)
     if reached:
-        return Found(reached, generated, [])
+        return FoundActions(reached, [], generated)
     where = f"the arm at ({base.x:g}, {base.y:g})"
-    return Found([], generated, [f"{entity}: {where} reaches none of {len(found)} free pushes"])
+    problem = f"{entity}: {where} reaches none of {len(found)} free pushes"
+    return FoundActions([], [problem], generated)
 
 
 def _surface(entity: str, vertices: Floats, model: Floats, obstacles: Obstacles) -> Polygon:

@@ -7,7 +7,6 @@ the object at pose [x, y, z]!" `actions_on(connection, point=(x, y, z))`.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, nullcontext
 from typing import Any
@@ -16,6 +15,7 @@ import psycopg
 from psycopg.rows import dict_row
 
 from semmap.belief.store.beliefs import MapConnection, driver
+from semmap.finite_number import finite_numbers, is_finite_number
 from semmap.geometry.pose import Pose
 from semmap.manipulation.action_record import KINDS
 from semmap.manipulation.error import ManipulationError
@@ -121,9 +121,11 @@ def _meant(
     if function is not None:
         return "entities_for(%s)", (function,)
     assert point is not None
-    numbers = [float(v) for v in point]
-    if len(numbers) != 3 or not all(math.isfinite(v) for v in (*numbers, tolerance)):
+    numbers = finite_numbers(point, 3)
+    if numbers is None:
         raise ManipulationError(f"a point is x, y, z in metres, not {point}")
+    if not (is_finite_number(tolerance) and tolerance >= 0):
+        raise ManipulationError(f"the tolerance is {tolerance}: give metres, at least 0")
     return "ARRAY[entity_at(%s, %s, %s, %s)]", (*numbers, tolerance)
 
 
@@ -159,9 +161,10 @@ def function_named(connection: MapConnection, word: str) -> str:
     """
     session = driver(connection)
     exact = "SELECT 1 FROM {} WHERE functions @> ARRAY[%s] LIMIT 1"
-    for table in ("semantic_type", "object_model"):
-        if session.execute(exact.format(table).encode(), (word,)).fetchone():
-            return word
+    with refusals():
+        for table in ("semantic_type", "object_model"):
+            if session.execute(exact.format(table).encode(), (word,)).fetchone():
+                return word
     known = [
         row[0]
         for row in session.execute(
@@ -203,21 +206,27 @@ def actions_by_shape(
 
     Raises
     ------
+    LookupError
+        There is no such gripper.
     ManipulationError
-        Not a shape.
+        Not a shape, a kind or a tolerance.
     """
     counts = {"sphere": 1, "cylinder": 2, "cone": 2, "cuboid": 3}
-    numbers = [float(v) for v in size]
-    if len(numbers) != counts.get(shape) or not all(math.isfinite(v) and v > 0 for v in numbers):
+    if kind not in KINDS:
+        raise ManipulationError(f"{kind} is not one of {', '.join(KINDS)}")
+    numbers = finite_numbers(size, counts.get(shape, -1))
+    if numbers is None or min(numbers) <= 0:
         known = ", ".join(f"{name} ({count} sizes)" for name, count in counts.items())
         raise ManipulationError(
-            f"{shape} {numbers} is not a shape: give one of {known}, sizes in metres above 0"
+            f"{shape} {list(size)} is not a shape: give one of {known}, sizes in metres above 0"
         )
+    if not (is_finite_number(tolerance) and tolerance >= 0):
+        raise ManipulationError(f"the tolerance is {tolerance}: give metres, at least 0")
     session = driver(connection)
     return _rows(
         session,
         "SELECT * FROM actions_by_shape(%s, %s::float8[], %s, %s, %s, %s)",
-        (shape, numbers, tolerance, gripper, kind, limit),
+        (shape, list(numbers), tolerance, gripper, kind, limit),
     )
 
 

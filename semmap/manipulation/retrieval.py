@@ -7,16 +7,16 @@ et al., section IV-B: the Action Generator works where the knowledge base has no
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from semmap.belief.store.beliefs import MapConnection, driver
 from semmap.manipulation.error import ManipulationError
+from semmap.manipulation.found_actions import FoundActions
 from semmap.manipulation.linked import fitting_rows, prepare_links
 from semmap.manipulation.ranking import best_first, moved_alike, ranked
-from semmap.manipulation.reader import actions_on, entities_meant
+from semmap.manipulation.reader import actions_by_shape, actions_on, entities_meant
 from semmap.manipulation.store.actions import add_actions
 from semmap.manipulation.store.devices import add_gripper, gripper_id
 from semmap.manipulation.store.shapes import shape_of
@@ -27,11 +27,14 @@ if TYPE_CHECKING:
 
 __all__ = [
     "DEFAULT_GRIPPER",
-    "Found",
     "find_grasps",
     "generate",
     "gripper_name",
+    "gripper_or_urdf",
+    "is_urdf",
     "register_gripper",
+    "stored_actions",
+    "stored_for_shape",
     "stored_gripper",
 ]
 
@@ -45,22 +48,6 @@ RANKED = 1000
 """The most grasps of one query that are ranked and checked for collisions."""
 
 
-@dataclass(frozen=True)
-class Found:
-    """The answer to a query.
-
-    Attributes
-    ----------
-    rows : as `semmap.manipulation.reader.actions_on` returns them, the best first
-    generated : names of entities whose models had no stored grasp before
-    problems : why there is none for some objects
-    """
-
-    rows: list[dict[str, Any]]
-    generated: list[str]
-    problems: list[str]
-
-
 def find_grasps(
     connection: MapConnection,
     *,
@@ -71,7 +58,7 @@ def find_grasps(
     gripper: str | None = None,
     limit: int = 10,
     check: bool = True,
-) -> Found:
+) -> FoundActions:
     """Return the best grasps of objects; those of models without any are generated and stored.
 
     The expected share of successes is that of `semmap.manipulation.ranking.ranked`. Where it is
@@ -133,7 +120,55 @@ def find_grasps(
                 f"{names}: at all {len(every)} grasps, the gripper touches what is around, "
                 "or the object before it closes"
             )
-    return Found(rows, generated, problems)
+    return FoundActions(rows, problems, generated)
+
+
+def stored_actions(connection: MapConnection, *, kind: str, **asked: Any) -> FoundActions:
+    """Return the best stored actions of a kind; none is generated.
+
+    Parameters
+    ----------
+    kind : grasp, place, push, turn, open or put
+    asked : as for `semmap.manipulation.reader.actions_on`
+
+    Raises
+    ------
+    LookupError, ManipulationError
+        As `semmap.manipulation.reader.actions_on`.
+    """
+    session = driver(connection)
+    rows, problems = fitting_rows(session, actions_on(session, kind=kind, **asked))
+    if not rows and not problems:
+        problems = [f"no {kind} is stored for such an object"]
+    return FoundActions(rows, problems)
+
+
+def stored_for_shape(
+    connection: MapConnection,
+    shape: str,
+    size: Sequence[float],
+    *,
+    gripper: str | Path | None = None,
+    kind: str = "grasp",
+    **options: Any,
+) -> FoundActions:
+    """Return the best stored actions on objects of a similar shape, in the frame of the shape.
+
+    Parameters
+    ----------
+    gripper : name, or a URDF whose gripper is stored first
+    shape, size, kind, options : as for `semmap.manipulation.reader.actions_by_shape`
+
+    Raises
+    ------
+    LookupError, ManipulationError
+        As `semmap.manipulation.reader.actions_by_shape`.
+    """
+    session = driver(connection)
+    with session.transaction():
+        hand = gripper_or_urdf(session, gripper)
+        rows = actions_by_shape(session, shape, size, gripper=hand, kind=kind, **options)
+    return FoundActions(rows, [] if rows else [f"no {kind} of a similar {shape} is stored"])
 
 
 def _ranked(session: Any, rows: Sequence[dict[str, Any]], gripper: str) -> list[dict[str, Any]]:
@@ -246,6 +281,18 @@ def register_gripper(
         preferred=preferred,
     )
     return chosen
+
+
+def is_urdf(given: str | Path) -> bool:
+    """Whether the name of a device is the path of a URDF."""
+    return Path(given).suffix in (".urdf", ".xml")
+
+
+def gripper_or_urdf(connection: MapConnection, given: str | Path | None) -> str | None:
+    """Return the name of a gripper; that of a URDF is stored first (`register_gripper`)."""
+    if given is None or not is_urdf(given):
+        return given if given is None else str(given)
+    return register_gripper(connection, Path(given))
 
 
 def stored_gripper(connection: MapConnection, name: str) -> Gripper:

@@ -102,9 +102,8 @@ def entity_id(session: Session, name: str) -> int:
     LookupError
         The map has none of this name; the message names those that come near it.
     """
-    row = session.execute(
-        "SELECT id FROM entity WHERE map_id = current_map() AND name = %s", (name,)
-    ).fetchone()
+    query = "SELECT id FROM entity WHERE map_id = current_map() AND name = %s"
+    row = None if "\0" in name else session.execute(query, (name,)).fetchone()  # no text has it
     if row is None:
         names = _column(session, "SELECT name FROM entity WHERE map_id = current_map()")
         raise LookupError(

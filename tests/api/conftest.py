@@ -1,4 +1,4 @@
-"""A map that the tests of the API share: a flat of two rooms."""
+"""Maps on which the methods of the API are tried: a flat of two rooms, and those of other tests."""
 
 from __future__ import annotations
 
@@ -9,6 +9,11 @@ import shapely
 import trimesh
 
 import semmap
+from tests.belief.conftest import flat_map
+from tests.manipulation.cup_map import cup_map, cups
+from tests.manipulation.house_map import house, house_map
+
+__all__ = ["cup_map", "cups", "flat_map", "house", "house_map"]
 
 
 @pytest.fixture

@@ -42,7 +42,8 @@ def test_the_shapes_of_all_meshes_are_found_once(house: Map) -> None:
         mesh=trimesh.Trimesh([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]]),
         pose=(0, 0, 0),
     )
-    rows, problems = store_shapes(here)
+    found = store_shapes(here)
+    rows, problems = found.rows, found.problems
     assert {row["entity"]: row["shape"] for row in rows} == {
         "table": "cuboid",
         "Vase_01": "cylinder",

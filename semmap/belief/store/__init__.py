@@ -1,1 +1,1 @@
-"""Database access of beliefs: observations, what is inferred from them, what people teach."""
+"""Database access of beliefs: observations, inferences from them, teachings."""

@@ -39,7 +39,7 @@ Row = dict[str, Any]
 
 RATES = ("hit", "false_alarm")
 COLUMNS = ("object", "place", "seen", "at", "inside", "position", "visible", *RATES, "observer")
-"""What a row of an observation may have; the first three are required."""
+"""The values of an observation; the first three are required."""
 
 
 def read_belief(
@@ -135,8 +135,8 @@ def add_observations(connection: MapConnection, rows: Iterable[Mapping[str, Any]
         Mappings. `object` and `place` are names, `seen` is a bool. Optional: `at` (aware datetime,
         or text in ISO 8601 with a time zone; by default now), `visible` (the share of the place in
         view, in (0, 1]), `hit` and `false_alarm` (rates of the detector), `position` (x, y, z in
-        the frame of the place, metres), `inside` (anywhere in the place, also on or in what it
-        holds), `observer` (name of an agent).
+        the frame of the place, metres), `inside` (anywhere in the place, also on or in the
+        furniture there), `observer` (name of an agent).
 
     Returns
     -------
@@ -195,7 +195,7 @@ def driver(connection: MapConnection) -> psycopg.Connection[Any]:
 
 
 def refusal(error: errors.CheckViolation) -> BeliefError:
-    """Return the database's refusal as an error of this package: what is wrong, and the fix.
+    """Return the database's refusal as an error of this package, with the fix.
 
     The names of constraints are sentences.
     """

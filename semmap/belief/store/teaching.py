@@ -1,4 +1,4 @@
-"""Teachings into the map, all or nothing; what contradicts the map is refused with the reason."""
+"""Teachings into the map, all or nothing; contradictions to the map are refused with the reason."""
 
 from __future__ import annotations
 
@@ -56,6 +56,9 @@ def teach(connection: MapConnection, teaching: Teaching) -> dict[str, int]:
             return _Lesson(session).store(teaching)
     except errors.CheckViolation as error:
         raise refusal(error) from error
+    except errors.DataError as error:
+        reason = error.diag.message_primary or str(error)
+        raise BeliefError(f"a value cannot be stored: {reason}") from error
     except errors.InsufficientPrivilege as error:
         raise BeliefError(
             f"this login may not teach that ({error.diag.message_primary}): robots teach objects, "
@@ -361,10 +364,20 @@ class _Lesson:
 
     def _add_actions(self, actions: Sequence[KnownAction]) -> int:
         for action in actions:
+            states = {"cause": action.cause, "effect": action.effect}
+            for role, state in states.items():
+                try:
+                    states[role] = self.resolved(state)
+                except LookupError:
+                    hint = suggestion(state, [*self.kinds, *self.known])
+                    raise LookupError(
+                        f"action {action.name}: neither the map nor the teaching has {state}, its "
+                        f'{role}: teach it as knowledge, {{"name": "{state}"}}{hint}'
+                    ) from None
             self.session.execute(
                 "INSERT INTO taught_action (map_id, action, cause, effect) "
                 "VALUES (current_map(), %s, %s, %s) ON CONFLICT DO NOTHING",
-                (action.name, self.resolved(action.cause), self.resolved(action.effect)),
+                (action.name, states["cause"], states["effect"]),
             )
         return len(actions)
 

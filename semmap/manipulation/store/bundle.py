@@ -76,7 +76,7 @@ ORDER BY a.kind = 'put', a.id
 def export_bundle(
     connection: MapConnection, path: Path, name: str, *, simulated: bool = False, key: Any = None
 ) -> dict[str, int]:
-    """Write what this database learned to a signed bundle.
+    """Write the knowledge of this database to a signed bundle.
 
     Actions that were imported and never tried here are left out: their contributors share them.
 
@@ -90,6 +90,11 @@ def export_bundle(
     -------
     dict
         How many `grippers`, `objects` and `actions` it has.
+
+    Raises
+    ------
+    ManipulationError
+        The name is not one for a contributor, or the file cannot be written.
     """
     if name in RESERVED or not name.strip():
         raise ManipulationError(f"{name!r} is not a name for a contributor: choose another one")
@@ -119,7 +124,13 @@ def export_bundle(
             row["replaced_by"] = None
         lines.append({"action": row})
     body = "".join(json.dumps(line, default=str) + "\n" for line in lines).encode()
-    path.write_bytes(body + json.dumps({"signature": sign(signer, body).hex()}).encode() + b"\n")
+    signature = json.dumps({"signature": sign(signer, body).hex()}).encode() + b"\n"
+    try:
+        path.write_bytes(body + signature)
+    except OSError as error:
+        raise ManipulationError(
+            f"{path}: cannot be written ({error.strerror}): check the path"
+        ) from error
     return {"grippers": len(grippers), "objects": len(objects), "actions": len(actions)}
 
 
@@ -267,12 +278,12 @@ WHERE old.key = %(old)s AND new.key = %(new)s AND old.replaced_by IS NULL
       SELECT new.id UNION SELECT a.replaced_by FROM later l JOIN action a ON a.id = l.id
       WHERE a.replaced_by IS NOT NULL) SELECT id FROM later)
 """
-"""What failed for the contributor is replaced here, too, unless it succeeded here."""
+"""An action that failed for the contributor is replaced here, too, unless it succeeded here."""
 
 
 @dataclass
 class _Import:
-    """The ids of what a bundle names, while it is stored."""
+    """The ids of grippers, objects and actions of a bundle, while it is stored."""
 
     session: psycopg.Connection[Any]
     error: Refuse
@@ -437,7 +448,7 @@ class _Import:
             )
 
     def _count(self, actions: list[dict[str, Any]]) -> int:
-        """Replace the outcomes of the contributor, and take over what it replaced."""
+        """Replace the outcomes of the contributor, and take over its replacements."""
         self.session.execute(
             "DELETE FROM experience WHERE contributor_id = %s", (self.contributor,)
         )

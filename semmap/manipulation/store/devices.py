@@ -1,4 +1,4 @@
-"""Robots, grippers, sensors, and what is mounted on what, into the database."""
+"""Robots, grippers and sensors, and how they are mounted, into the database."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ CAPABILITIES = {
     "robot": ("reaching",),
     "sensor": ("sensing",),
 }
-"""What components are able to do, where nothing else is stated."""
+"""The capabilities of components, where nothing else is stated."""
 
 ABLE = ("gripping", "pushing", "reaching", "sensing", "seeing", "ranging", "orienting", "feeling")
 """All capabilities of the ontology."""

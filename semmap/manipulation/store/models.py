@@ -1,4 +1,4 @@
-"""Object models into the database: what all instances of a mesh share, with their primitive."""
+"""Object models into the database: one for all instances of a mesh, with its primitive."""
 
 from __future__ import annotations
 
@@ -73,7 +73,7 @@ def add_object(
     Parameters
     ----------
     key : the same in all databases
-    functions : what it is used for, beside the functions of its type
+    functions : its uses, beside the functions of its type
     primitive : as `set_shape` takes it
     digests : of its meshes
 

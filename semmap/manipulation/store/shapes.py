@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from semmap.belief.store.beliefs import MapConnection, driver
+from semmap.found_rows import FoundRows
 from semmap.manipulation.error import ManipulationError
 from semmap.manipulation.reader import read_shape
 from semmap.manipulation.store.models import object_model_id, set_shape
 from semmap.perception.error import PerceptionError
+from semmap.query.entity_query import entity_id
 from semmap.query.meshes import models_triangles
 
 if TYPE_CHECKING:
@@ -90,22 +92,31 @@ def model_mesh(connection: MapConnection, entity: str) -> trimesh.Trimesh:
 
 
 def store_shapes(
-    connection: MapConnection, names: Sequence[str] | None = None
-) -> tuple[list[dict[str, Any]], list[str]]:
+    connection: MapConnection,
+    names: Sequence[str] | None = None,
+    progress: Callable[[str, int, int], None] = lambda name, done, total: None,
+) -> FoundRows:
     """Store the primitives of all meshes of the map that have none yet.
 
     Parameters
     ----------
     names : of entities; by default all objects with a mesh, one of each model
+    progress : called with each name, how many are done and how many there are
 
     Returns
     -------
-    rows : list of dict
-        `entity`, `shape`, `size` and `inliers` of each model.
-    problems : list of str
-        Why a mesh has no primitive, such as one without a volume.
+    FoundRows
+        `entity`, `shape`, `size` (metres) and `inliers` of each model; `problems` says why a mesh
+        has no primitive, such as one without a volume.
+
+    Raises
+    ------
+    LookupError
+        The map has no entity of a name.
     """
     session = driver(connection)
+    for name in names or ():
+        entity_id(session, name)
     found = session.execute(
         "SELECT DISTINCT ON (coalesce(object_of(e.id)::text, m.digest)) e.name FROM entity e "
         "JOIN entity_model em ON em.entity_id = e.id "
@@ -116,7 +127,8 @@ def store_shapes(
         {"all": names is None, "names": list(names or ())},
     ).fetchall()
     rows, problems = [], []
-    for (name,) in sorted(found):
+    for done, (name,) in enumerate(sorted(found)):
+        progress(name, done, len(found))
         try:
             with session.transaction():
                 shape_of(session, name)
@@ -129,4 +141,4 @@ def store_shapes(
         ).fetchone()
         assert row is not None
         rows.append({"entity": name, "shape": row[0], "size": row[1], "inliers": row[2]})
-    return rows, problems
+    return FoundRows(rows, problems)

@@ -1,4 +1,4 @@
-"""What the stores of manipulation knowledge share: refusals of the database, and small reads."""
+"""Shared by the stores of manipulation knowledge: refusals of the database, and small reads."""
 
 from __future__ import annotations
 
@@ -30,6 +30,9 @@ def refusals() -> Iterator[None]:
         raise ManipulationError(
             f"refused: {name.replace('_', ' ')}" if name else ". ".join(filter(None, parts))
         ) from error
+    except errors.DataError as error:
+        reason = error.diag.message_primary or str(error)
+        raise ManipulationError(f"a value cannot be stored: {reason}") from error
     except errors.NoDataFound as error:
         parts = (error.diag.message_primary, error.diag.message_hint)
         raise LookupError(". ".join(filter(None, parts))) from error

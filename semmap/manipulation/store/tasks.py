@@ -51,7 +51,7 @@ def add_task(
     Raises
     ------
     LookupError
-        The map has no such entity.
+        The map has no such entity, or the database no such action.
     ManipulationError
         A value is not one of those allowed.
     """
@@ -59,6 +59,8 @@ def add_task(
     if deadline is not None and deadline.tzinfo is None:
         raise ManipulationError(f"the deadline {deadline.isoformat()} has no time zone: add one")
     of_entity = entity_id(session, entity)
+    if action is not None:
+        _check_action(session, action)
     begins = None if start is None else pose_of(start, "start").row
     ends = None if goal is None else pose_of(goal, "goal").row
     made_by = ASSUMED if assumed else SIMULATION if simulated else None
@@ -85,6 +87,15 @@ def add_task(
                     *((source,) if source else ()),
                 ),
             )
+        )
+
+
+def _check_action(session: Any, action: int) -> None:
+    with refusals():
+        known = session.execute("SELECT 1 FROM action WHERE id = %s", (action,)).fetchone()
+    if known is None:
+        raise LookupError(
+            f"there is no action {action}: semmap grasp NAME --json prints each action_id"
         )
 
 
@@ -126,10 +137,15 @@ def replace_action(connection: MapConnection, failed: int, action: int | None) -
 
     Raises
     ------
+    LookupError
+        There is no such action.
     ManipulationError
         The two actions are not of the same kind, object model and gripper.
     """
     session = driver(connection)
+    for known in (failed, action):
+        if known is not None:
+            _check_action(session, known)
     session.execute("UPDATE action SET replaced_by = NULL WHERE id = %s", (action,))
     found = session.execute(
         "UPDATE action old SET replaced_by = new.id FROM action new "

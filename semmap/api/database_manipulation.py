@@ -1,0 +1,251 @@
+"""Manipulation knowledge of all maps: grippers, robots with arms, and knowledge of others."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    import psycopg
+
+    from semmap.manipulation.found_actions import FoundActions
+
+__all__ = ["DatabaseManipulation"]
+
+
+class DatabaseManipulation:
+    """The part of `Database` about manipulation."""
+
+    session: psycopg.Connection[Any]
+
+    def grasps_of_shape(
+        self,
+        shape: str,
+        size: Sequence[float],
+        *,
+        tolerance: float = 0.01,
+        gripper: str | Path | None = None,
+        kind: str = "grasp",
+        limit: int = 10,
+    ) -> FoundActions:
+        """The stored grasps of objects of a similar shape, in the frame of the shape.
+
+        Parameters
+        ----------
+        shape : sphere (radius), cylinder and cone (radius, height), or cuboid (three sides)
+        size : metres
+        tolerance : the most by which a size may differ, metres
+        gripper : a stored one, or the path of a URDF; by default the preferred one
+        kind : grasp, place, push, turn, open or put
+
+        Raises
+        ------
+        LookupError, ValueError
+            There is no such gripper, or it is not a shape.
+
+        Examples
+        --------
+        ::
+
+            db.grasps_of_shape("cylinder", (0.03, 0.1), tolerance=0.005)
+        """
+        from semmap.manipulation.retrieval import stored_for_shape
+
+        options: dict[str, Any] = {"tolerance": tolerance, "gripper": gripper}
+        return stored_for_shape(self.session, shape, size, kind=kind, limit=limit, **options)
+
+    def add_gripper(
+        self,
+        urdf: str | Path,
+        name: str | None = None,
+        *,
+        palm: str | None = None,
+        prefer: bool | None = None,
+    ) -> str:
+        """Store the gripper of a URDF, for which grasps are stored and generated.
+
+        Parameters
+        ----------
+        urdf : of a gripper, or of a robot that has one
+        name : by default that of the robot
+        palm : the link that holds the fingers; by default the first one
+        prefer : it is meant where no gripper is named; by default the first one that is stored is
+
+        Returns
+        -------
+        str
+            Its name.
+
+        Raises
+        ------
+        ValueError
+            The file is not a usable URDF, or has no gripper.
+        """
+        from semmap.manipulation.retrieval import register_gripper
+
+        return register_gripper(self.session, Path(urdf), name, palm=palm, preferred=prefer)
+
+    def list_grippers(self) -> list[dict[str, Any]]:
+        """The stored grippers: `name`, `form`, `opening`, `depth` (metres), `preferred`, ..."""
+        from semmap.manipulation.reader import list_grippers
+
+        return list_grippers(self.session)
+
+    def add_manipulator(
+        self,
+        urdf: str | Path,
+        name: str | None = None,
+        *,
+        palm: str | None = None,
+        posture: Mapping[str, float] | str | None = None,
+    ) -> str:
+        """Store a robot with its arm, gripper and sensors, for `robot` of `Map.grasps`.
+
+        Parameters
+        ----------
+        urdf : of the whole robot
+        name : by default that in the URDF; missions of the class of this name use the arm
+        palm : the link that holds the fingers; by default the first one
+        posture : positions of joints with which it drives and carries, radians or metres; or
+            JSON, a file of it, or a state of its SRDF; by default one near the robot is found
+
+        Returns
+        -------
+        str
+            Its name.
+
+        Raises
+        ------
+        ValueError
+            The file is not a usable URDF, has no gripper or arm, or cannot take the posture.
+        """
+        from semmap.manipulation.automata import register_robot
+        from semmap.robot.joint_positions import joints_of
+
+        path = Path(urdf)
+        joints = joints_of(path, posture) if isinstance(posture, str) else posture
+        return register_robot(self.session, path, name, palm=palm, posture=joints)
+
+    def list_manipulators(self, can: Sequence[str] = ()) -> list[dict[str, Any]]:
+        """The stored robots with arms: `name`, `gripper`, `sensor`, `sensors`, `capabilities`.
+
+        Parameters
+        ----------
+        can : only those able to do all of these: grasp, push, ..., see, feel
+
+        Raises
+        ------
+        LookupError
+            Neither a kind of action nor a capability of any device.
+        """
+        from semmap.manipulation.reader import list_automata
+
+        return list_automata(self.session, can)
+
+    def import_grasps(
+        self,
+        paths: Sequence[str | Path],
+        grippers: Mapping[str, str] | None = None,
+        *,
+        tool: Sequence[float] | None = None,
+        scale: float = 1.0,
+    ) -> dict[str, int]:
+        """Store grasps of the Household Objects Database, or of files with its columns.
+
+        Parameters
+        ----------
+        paths : CSV, JSON or pg_dump, of grasps and of their models
+        grippers : names of stored grippers by the hands in the files
+        tool : x, y, z, qx, qy, qz, qw of the grasp frame in the frame of the file's hand; by
+            default the same
+        scale : metres per unit of the files
+
+        Returns
+        -------
+        dict
+            How many of each were stored.
+
+        Raises
+        ------
+        LookupError, ValueError
+            There is no such gripper, or a file or row cannot be used; nothing is stored.
+        """
+        from semmap.manipulation.household_objects import import_household_grasps
+
+        files = [Path(path) for path in paths]
+        return import_household_grasps(self.session, files, grippers, tool=tool, scale=scale)
+
+    def export_manipulation(
+        self, path: str | Path, name: str | None = None, *, simulated: bool = False
+    ) -> dict[str, int]:
+        """Write the knowledge of this database to a signed file, for other robots.
+
+        Parameters
+        ----------
+        name : of the contributor; by default that of this machine
+        simulated : with outcomes of simulated robots
+
+        Returns
+        -------
+        dict
+            How many `grippers`, `objects` and `actions` it has.
+
+        Raises
+        ------
+        ValueError
+            The name is not one for a contributor, or the file cannot be written.
+        """
+        import socket
+
+        from semmap.manipulation.store.bundle import export_bundle
+
+        chosen = socket.gethostname() if name is None else name
+        return export_bundle(self.session, Path(path), chosen, simulated=simulated)
+
+    def import_manipulation(self, path: str | Path) -> dict[str, int]:
+        """Store the knowledge of a signed file, as a whole, of a contributor that is trusted.
+
+        Returns
+        -------
+        dict
+            How many `grippers`, `objects` and `actions` were new, and its `outcomes`.
+
+        Raises
+        ------
+        ValueError
+            The file was changed, nobody who is trusted signed it, or it cannot be used.
+        """
+        from semmap.manipulation.store.bundle import import_bundle
+
+        return import_bundle(self.session, Path(path))
+
+    @staticmethod
+    def manipulation_key() -> str:
+        """The public key with which `export_manipulation` signs, 64 digits; others trust it."""
+        from semmap.manipulation.signing import own_key, public_key
+
+        return public_key(own_key()).hex()
+
+    def trust_contributor(self, name: str, key: str, level: float = 1.0) -> None:
+        """Trust a contributor, so that its files can be imported.
+
+        Parameters
+        ----------
+        key : the 64 digits of its `manipulation_key`
+        level : how much its outcomes count, 0 to 1; with 0 its files are refused
+
+        Raises
+        ------
+        ValueError
+            Not a key or a level, or the name or the key belongs to another contributor.
+        """
+        from semmap.manipulation.store.bundle import trust
+
+        trust(self.session, name, key, level)
+
+    def list_contributors(self) -> list[dict[str, Any]]:
+        """Whose knowledge the database has: `name`, `trust`, `actions`, `attempts`, `key`, ..."""
+        from semmap.manipulation.reader import list_contributors
+
+        return list_contributors(self.session)

@@ -1,0 +1,253 @@
+"""Where objects of a map probably are."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from datetime import datetime
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from semmap.api.map_questions import MapQuestions
+from semmap.api.moments import aware
+
+if TYPE_CHECKING:
+    from semmap.belief.believed_places import BelievedPlaces
+    from semmap.belief.identify import Detection, Identity
+
+__all__ = ["MapBeliefs"]
+
+
+class MapBeliefs(MapQuestions):
+    """The part of `Map` about beliefs; they follow from what `MapObservations` stores."""
+
+    def where(
+        self, name: str, at: datetime | None = None, *, moves: float | None = None
+    ) -> BelievedPlaces:
+        """Where an object or agent probably is: a mapping of places to probabilities.
+
+        The most probable place is the first; `elsewhere` is no place of the map. They sum to 1.
+
+        Parameters
+        ----------
+        at : by the observations until then; local without a time zone, by default now
+        moves : seconds in which an object of mobility 1 moves once; sightings then keep their
+            value as they age
+
+        Raises
+        ------
+        LookupError
+            The map has no entity of this name.
+        ValueError
+            It is not an object or agent.
+
+        Examples
+        --------
+        ::
+
+            found = house.where("mug1")
+            found.best, found["desk4"], found.rows[0]["last_seen"]
+        """
+        return self.beliefs([name], at, moves=moves)[name]
+
+    def beliefs(
+        self,
+        names: Sequence[str],
+        at: datetime | None = None,
+        *,
+        occlusion: bool = False,
+        moves: float | None = None,
+    ) -> dict[str, BelievedPlaces]:
+        """Where several objects probably are, by name.
+
+        Parameters
+        ----------
+        at, moves : as for `where`
+        occlusion : the larger ones of these objects may hide the smaller ones
+
+        Raises
+        ------
+        LookupError, ValueError
+            As `where`; `occlusion` and `moves` together, or an object of unknown volume.
+        """
+        from semmap.belief.believed_places import BelievedPlaces
+        from semmap.belief.estimates import belief_with_motion, belief_with_occlusion
+        from semmap.belief.motion import MotionModel
+        from semmap.belief.store.beliefs import where
+
+        if occlusion and moves is not None:
+            raise ValueError("choose occlusion or moves: no model has both")
+        motion = None if moves is None else MotionModel(moves)
+        moment, session = aware(at), self.connection
+        found = {name: BelievedPlaces(name, where(session, name, moment), moment) for name in names}
+        estimates: Mapping[str, Mapping[str, float]] = {}
+        if occlusion:
+            estimates = belief_with_occlusion(session, names, moment)
+        elif motion is not None:
+            estimates = belief_with_motion(session, names, motion, moment)
+        return found | {name: found[name].revised(of) for name, of in estimates.items()}
+
+    def draw_belief(
+        self, about: str | BelievedPlaces, path: str | Path, *, storey: str | None = None
+    ) -> Path:
+        """Draw a heat map of a belief on the floor plan, as PNG; return its path.
+
+        Parameters
+        ----------
+        about : an object or agent, or the answer of `where`
+        storey : by default that of the most probable place
+
+        Raises
+        ------
+        LookupError, ValueError
+            As `where`; there is no such storey, or none at all.
+        """
+        from semmap.belief.heat_map import heat_map
+        from semmap.belief.reader import read_places
+        from semmap.draw.view import storey_view
+        from semmap.query.storey_reader import read_storeys
+
+        belief = self.where(about) if isinstance(about, str) else about
+        with self.snapshot() as seen:
+            places = read_places(seen.connection, belief.name)
+            best = max(places, key=lambda place: belief.get(place.name, 0.0), default=None)
+            chosen = storey or (best.storey if best else None)
+            scenes = read_storeys(seen.connection, chosen)
+        if not scenes:
+            raise ValueError("the map has no storey to draw")
+        here = [place for place in places if chosen is None or place.storey in (chosen, None)]
+        return heat_map(storey_view(scenes[0]), here, belief, path, name=belief.name)
+
+    def initial_belief(
+        self, names: Sequence[str], at: datetime | None = None
+    ) -> dict[str, list[Any]]:
+        """The initial belief as a message: `location`, and the probabilities for each name.
+
+        Returns
+        -------
+        dict
+            `location` has the names of all places, `elsewhere` last; each of `names` has its
+            probabilities in that order.
+
+        Raises
+        ------
+        LookupError, ValueError
+            As `where`; an object of the name ``location``.
+        """
+        from semmap.belief.store.beliefs import initial_belief
+
+        return initial_belief(self.connection, names, aware(at))
+
+    def identify(
+        self,
+        detections: Sequence[Detection],
+        *,
+        frame: str | None = None,
+        at: datetime | None = None,
+        moves: float = 86_400.0,
+        new: float = 0.05,
+    ) -> list[Identity]:
+        """Which objects the detections of one view are: known ones, perhaps moved, or new ones.
+
+        Parameters
+        ----------
+        detections : `semmap.belief.identify.Detection` (type, point, sides), metres
+        frame : the agent in whose frame the points are; by default that of the map
+        at : the time of the detections; local without a time zone, by default now
+        moves : seconds in which an object of mobility 1 moves once
+        new : expected number of objects of a type at a place that the map lacks
+
+        Returns
+        -------
+        list of Identity
+            For each detection its `place`, the probability of each `known` object, and `new`.
+
+        Raises
+        ------
+        LookupError, ValueError
+            There is no such type or agent, or a point is not finite or at no place.
+        """
+        from semmap.belief.identify import identify
+        from semmap.belief.motion import MotionModel
+
+        motion = MotionModel(moves)
+        with self.snapshot() as seen:
+            return identify(
+                seen.connection, detections, frame=frame, at=aware(at), motion=motion, new=new
+            )
+
+    def belief_field(
+        self,
+        name: str,
+        keep_as: str | None = None,
+        *,
+        voxel_size: float = 0.05,
+        at: datetime | None = None,
+    ) -> dict[str, Any]:
+        """Store a belief as a field of probabilities, for queries and costmaps.
+
+        Parameters
+        ----------
+        keep_as : the name of the field; by default ``belief-NAME``
+        voxel_size : edge of a voxel in metres
+
+        Returns
+        -------
+        dict
+            `field`, its name, with its `version` and how many `voxels` it has.
+
+        Raises
+        ------
+        LookupError, ValueError
+            As `where`; a name that no field can have, or an edge that is not above 0.
+        """
+        from semmap.belief.belief_field import belief_map
+        from semmap.belief.reader import read_places
+        from semmap.fields.store.map_store import save_map
+        from semmap.fields.store.names import read_map_vocabulary
+
+        moment = aware(at)
+        belief = self.where(name, moment)
+        with self._sqlalchemy() as connection:
+            made = belief_map(
+                read_map_vocabulary(),
+                read_places(connection, name),
+                belief,
+                about=name,
+                voxel_size=voxel_size,
+                time=moment,
+            )
+            field = keep_as or f"belief-{name}"
+            return {
+                "field": field,
+                "version": save_map(connection, field, made),
+                "voxels": len(made),
+            }
+
+    def export_belief(
+        self, names: Sequence[str], *, occlusion: bool = False, at: datetime | None = None
+    ) -> str:
+        """Priors and observations of objects as a ProbLog program, for other programs.
+
+        Parameters
+        ----------
+        occlusion : the larger ones of `names` may hide the smaller ones
+
+        Raises
+        ------
+        LookupError, ValueError
+            As `where`; a name that appears twice, or with occlusion an unknown volume.
+        """
+        from semmap.belief.estimates import known_volumes
+        from semmap.belief.problog_program import problog_program
+        from semmap.belief.reader import read_columns, read_model
+
+        columns = read_columns(self.connection, names, aware(at))
+        return problog_program(
+            columns.prior,
+            columns.observations,
+            columns.mobility,
+            columns.objects,
+            columns.places,
+            known_volumes(columns) if occlusion else None,
+            model=read_model(self.connection),
+        )

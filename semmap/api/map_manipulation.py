@@ -1,0 +1,244 @@
+"""How robots act on the objects of a map: grasps, places and pushes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from semmap.api.map_questions import MapQuestions
+
+if TYPE_CHECKING:
+    from semmap.manipulation.found_actions import FoundActions
+    from semmap.manipulation.robot_actions import RobotActions
+
+__all__ = ["MapManipulation"]
+
+
+class MapManipulation(MapQuestions):
+    """The part of `Map` about actions on objects; `MapPractice` stores how they end."""
+
+    def grasps(
+        self,
+        name: str | None = None,
+        *,
+        for_: str | None = None,
+        at: Sequence[float] | None = None,
+        shape: Sequence[Any] | None = None,
+        tolerance: float | None = None,
+        gripper: str | Path | None = None,
+        kind: str = "grasp",
+        stored: bool = False,
+        check: bool = True,
+        robot: str | Path | None = None,
+        base: Sequence[float] | None = None,
+        plan: bool = False,
+        state: Mapping[str, float] | None = None,
+        limit: int = 10,
+    ) -> FoundActions:
+        """How to grasp objects: the stored grasps, the best first, else generated ones.
+
+        Generated grasps are stored for the model of the object and the gripper.
+
+        Parameters
+        ----------
+        name : an object, or a type: any object of it
+        for_ : a function, such as ``drinking``: any object for it
+        at : (x, y, z), metres: the object there
+        shape : a shape alone, with its sizes in metres: ``("cylinder", 0.03, 0.1)``; as
+            `Database.grasps_of_shape`
+        tolerance : metres, of `at` (0.05) and of each size of `shape` (0.01)
+        gripper : a stored one, or the path of a URDF; by default the preferred one
+        kind : grasp, or a kind that is stored: place, push, turn, open or put
+        stored : generate and store nothing
+        check : leave out grasps at which the gripper touches what is around
+        robot : only grasps that its arm reaches: a stored one, or the path of a URDF
+        base : x, y (metres), yaw (radians) and, if known, z where the robot stands; by default
+            the pose of the agent of its name
+        plan : plan the motion of the arm to the first grasp that it can do, and back
+        state : positions of its joints before the motion, radians or metres; others are at rest
+        limit : the most rows
+
+        Returns
+        -------
+        FoundActions
+            A sequence of rows (`semmap.manipulation.reader.actions_on` describes them) with
+            `problems`, `generated` and `motion`.
+
+        Raises
+        ------
+        LookupError
+            There is no such name, function, gripper or robot, or no object at the point.
+        ValueError
+            Not exactly one of `name`, `for_`, `at` and `shape`, or arguments that exclude others.
+
+        Examples
+        --------
+        ::
+
+            best = house.grasps("mug1", gripper="panda")[0]
+            best["pose"], best["width"]
+            house.grasps("mug1", robot="tiago", base=(1.2, 0.4, 1.57), plan=True).motion
+        """
+        from semmap.manipulation.retrieval import (
+            find_grasps,
+            gripper_or_urdf,
+            stored_actions,
+            stored_for_shape,
+        )
+
+        asked: dict[str, Any]
+        if sum(given is not None for given in (name, for_, at, shape)) != 1:
+            raise ValueError("give one of name, for_, at and shape")
+        _at_least_one(limit)
+        if shape is not None:
+            if not shape:
+                raise ValueError("shape is a name and sizes, such as ('sphere', 0.04)")
+            _for_robots_only(robot=robot, base=base, plan=plan, state=state)
+            asked = {"tolerance": 0.01 if tolerance is None else tolerance, "gripper": gripper}
+            return stored_for_shape(
+                self.connection, shape[0], shape[1:], kind=kind, limit=limit, **asked
+            )
+        near = 0.05 if tolerance is None else tolerance
+        asked = {"name": name, "function": for_, "point": at, "tolerance": near}
+        with self.transaction():
+            if robot is not None:
+                if gripper is not None or stored or not check or kind != "grasp":
+                    raise ValueError("a robot grasps with its own gripper, and checks the grasps")
+                acting = self._robot(robot, base, plan=plan, state=state, limit=limit)
+                found = acting.grasps(**asked)
+            else:
+                _for_robots_only(base=base, plan=plan, state=state)
+                asked |= {"gripper": gripper_or_urdf(self.connection, gripper), "limit": limit}
+                if stored or kind != "grasp":
+                    found = stored_actions(self.connection, kind=kind, **asked)
+                else:
+                    found = find_grasps(self.connection, **asked, check=check)
+        if not found.rows and not found.problems:
+            found.problems.append(f"the map has no {name or f'object for {for_}'}")
+        return found
+
+    def places(
+        self,
+        name: str,
+        on: str,
+        *,
+        gripper: str | Path | None = None,
+        towards: Sequence[float] | None = None,
+        robot: str | Path | None = None,
+        base: Sequence[float] | None = None,
+        plan: bool = False,
+        state: Mapping[str, float] | None = None,
+        limit: int = 10,
+    ) -> FoundActions:
+        """Where and how to put an object down: stored places, the best first, else generated ones.
+
+        Parameters
+        ----------
+        name, on : the object, and the one on which it is put, such as a table
+        towards : (x, y), metres: spots near it come first; by default those with most room
+        gripper, robot, base, plan, state, limit : as for `grasps`; the object is in the gripper
+
+        Returns
+        -------
+        FoundActions
+            Rows as of `grasps`; also `spot`, the pose of the object where it stands, and
+            `clearance` in metres.
+
+        Raises
+        ------
+        LookupError, ValueError
+            As `grasps`; the object has no mesh, or the other one no level surface.
+
+        Examples
+        --------
+        ::
+
+            house.places("mug1", on="desk4", towards=(1.2, 0.5))[0]["spot"]
+        """
+        from semmap.manipulation.places import find_places
+        from semmap.manipulation.retrieval import gripper_or_urdf
+
+        _at_least_one(limit)
+        with self.transaction():
+            if robot is not None:
+                _own_gripper(robot, gripper)
+                acting = self._robot(robot, base, plan=plan, state=state, limit=limit)
+                return acting.places(name, on, towards)
+            _for_robots_only(base=base, plan=plan, state=state)
+            hand = gripper_or_urdf(self.connection, gripper)
+            return find_places(
+                self.connection, name, on, gripper=hand, towards=towards, limit=limit
+            )
+
+    def pushes(
+        self,
+        name: str,
+        *,
+        distance: float = 0.1,
+        gripper: str | Path | None = None,
+        robot: str | Path | None = None,
+        base: Sequence[float] | None = None,
+        plan: bool = False,
+        state: Mapping[str, float] | None = None,
+        limit: int = 10,
+    ) -> FoundActions:
+        """How to push an object along its support: stored pushes, else generated ones.
+
+        Parameters
+        ----------
+        distance : metres that the object is pushed
+        gripper, robot, base, plan, state, limit : as for `grasps`; the gripper is closed
+
+        Returns
+        -------
+        FoundActions
+            Rows as of `grasps`; also `end`, the pose of the gripper at the end, and `direction`,
+            degrees in the map's frame.
+
+        Raises
+        ------
+        LookupError, ValueError
+            As `grasps`; the object has no mesh, or stands on nothing level.
+
+        Examples
+        --------
+        ::
+
+            house.pushes("book", distance=0.2)[0]["direction"]
+        """
+        from semmap.manipulation.pushes import find_pushes
+        from semmap.manipulation.retrieval import gripper_or_urdf
+
+        _at_least_one(limit)
+        with self.transaction():
+            if robot is not None:
+                _own_gripper(robot, gripper)
+                acting = self._robot(robot, base, plan=plan, state=state, limit=limit)
+                return acting.pushes(name, distance)
+            _for_robots_only(base=base, plan=plan, state=state)
+            hand = gripper_or_urdf(self.connection, gripper)
+            return find_pushes(self.connection, name, gripper=hand, distance=distance, limit=limit)
+
+    def _robot(
+        self, robot: str | Path, base: Sequence[float] | None, **options: Any
+    ) -> RobotActions:
+        from semmap.manipulation.robot_actions import RobotActions
+
+        return RobotActions.of(self.connection, robot, base, **options)
+
+
+def _at_least_one(limit: int) -> None:
+    if limit < 1:
+        raise ValueError(f"limit is {limit}: give the most rows, 1 or more")
+
+
+def _for_robots_only(**given: Any) -> None:
+    names = [name for name, value in given.items() if value not in (None, False)]
+    if names:
+        raise ValueError(f"{' and '.join(names)}: only for a robot: name one by robot=")
+
+
+def _own_gripper(robot: str | Path, gripper: str | Path | None) -> None:
+    if gripper is not None:
+        raise ValueError(f"{robot} has its own gripper: give one of robot and gripper")

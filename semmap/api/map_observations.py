@@ -1,0 +1,188 @@
+"""Observations of a map: what was seen where, or was looked for and not seen."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping, Sequence
+from datetime import datetime
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from semmap.api.map_questions import MapQuestions
+from semmap.api.moments import aware
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
+
+__all__ = ["MapObservations"]
+
+
+class MapObservations(MapQuestions):
+    """The part of `Map` that stores observations; `Map.where` follows them."""
+
+    def observe(
+        self,
+        name: str,
+        place: str,
+        *,
+        seen: bool = True,
+        at: datetime | None = None,
+        visible: float = 1.0,
+        position: Sequence[float] | None = None,
+        inside: bool | None = None,
+        observer: str | None = None,
+        hit: float | None = None,
+        false_alarm: float | None = None,
+    ) -> dict[str, Any]:
+        """Store that an object or agent was seen at a place, or looked for and not seen.
+
+        Parameters
+        ----------
+        name, place : of the object or agent, and of furniture, a room, ...
+        seen : whether it was seen there
+        at : local without a time zone, by default now
+        visible : the share of the place in view, in (0, 1]
+        position : (x, y, z) in the frame of the place, metres
+        inside : anywhere in the place, also on or in the furniture there; by default so for rooms,
+            storeys and regions without a position
+        observer : the agent that looked
+        hit, false_alarm : P(seen | there) and P(seen | not there) of the detector
+
+        Returns
+        -------
+        dict
+            The stored observation.
+
+        Raises
+        ------
+        LookupError
+            The map has no such object, place or agent.
+        ValueError
+            A number out of its range, a time in the future, or a place without room for the object.
+
+        Examples
+        --------
+        ::
+
+            house.observe("mug1", "desk4")
+            house.observe("mug1", "kitchen", seen=False, visible=0.8)
+        """
+        from semmap.belief.reader import is_wide
+        from semmap.belief.store.beliefs import add_observations
+
+        row: dict[str, Any] = {"object": name, "place": place, "seen": seen, "at": aware(at)}
+        row |= {"visible": visible, "observer": observer, "hit": hit, "false_alarm": false_alarm}
+        with self.transaction():
+            if inside is None:
+                inside = position is None and is_wide(self.connection, place)
+            row |= {"inside": inside, "position": position}
+            add_observations(self.connection, [row])
+        return row
+
+    def observe_point(
+        self,
+        name: str,
+        point: Sequence[float],
+        *,
+        frame: str | None = None,
+        at: datetime | None = None,
+        hit: float | None = None,
+        false_alarm: float | None = None,
+    ) -> dict[str, Any]:
+        """Store that an object was detected at a point; the map tells at which place that is.
+
+        Parameters
+        ----------
+        point : (x, y, z) metres
+        frame : the agent in whose frame the point is; by default that of the map
+        at, hit, false_alarm : as for `observe`
+
+        Returns
+        -------
+        dict
+            The stored observation, with its `place` and `position` there.
+
+        Raises
+        ------
+        LookupError, ValueError
+            As `observe`; the point is at no place.
+
+        Examples
+        --------
+        ::
+
+            house.observe_point("mug1", (0.8, 0.1, 0.9), frame="robot1")["place"]
+        """
+        from semmap.belief.looks import observe_point
+
+        rates = {"hit": hit, "false_alarm": false_alarm}
+        with self._sqlalchemy() as connection:
+            return observe_point(connection, name, point, frame=frame, at=aware(at), **rates)
+
+    def observe_view(
+        self,
+        view: Sequence[float],
+        looked_for: Collection[str] = (),
+        seen: Mapping[str, Sequence[float]] | None = None,
+        *,
+        frame: str | None = None,
+        cloud: str | Path | ArrayLike | None = None,
+        without: Collection[str] = (),
+        opening: float = 1.05,
+        furthest: float = 5.0,
+        at: datetime | None = None,
+        hit: float | None = None,
+        false_alarm: float | None = None,
+    ) -> list[dict[str, Any]]:
+        """Store detections in the view of a camera, and looks in vain for the other objects.
+
+        The meshes of the map tell which share of each place was in view.
+
+        Parameters
+        ----------
+        view : x, y, z (metres), yaw and pitch (radians, downwards) of the camera
+        looked_for : objects that the detector knows
+        seen : (x, y, z) in metres of those that it detected, by name
+        frame : the agent in whose frame `view` and `seen` are; by default that of the map
+        cloud : points in the optical frame (x right, y down, z ahead), metres: a PLY or NPY file,
+            or an array (n, 3); `looked_for` are recognised in it, in place of `seen`
+        without : furniture whose points are removed from the cloud first, such as a shelf
+        opening : horizontal opening angle, radians
+        furthest : range of the detector, metres
+        at, hit, false_alarm : as for `observe`
+
+        Returns
+        -------
+        list of dict
+            The stored observations.
+
+        Raises
+        ------
+        LookupError, ValueError
+            As `observe`; no name, a camera out of range, or a cloud without a table.
+
+        Examples
+        --------
+        ::
+
+            house.observe_view((1, 2, 1.2, 0, 0.4), ["coke", "mug1"], {"mug1": (1.8, 2.1, 0.8)})
+        """
+        from semmap.belief.looks import agent_view, observe_view
+
+        if not seen and not looked_for:
+            raise ValueError("name the objects that are looked for, or where some were seen")
+        if cloud is not None and seen:
+            raise ValueError("give one of cloud and seen: objects are found in the cloud")
+        if cloud is None and without:
+            raise ValueError("without is for a cloud: furniture to remove from its points")
+        moment = aware(at)
+        options: dict[str, Any] = {"furthest": furthest, "at": moment, "observer": frame}
+        options |= {"hit": hit, "false_alarm": false_alarm}
+        with self._sqlalchemy() as connection:
+            camera, detected = agent_view(connection, view, opening, seen or {}, frame, moment)
+            if cloud is None:
+                return observe_view(connection, camera, looked_for, detected, **options)
+            from semmap.belief.cloud_looks import observe_cloud
+            from semmap.perception.cloud_file import read_cloud
+
+            points = read_cloud(Path(cloud)) if isinstance(cloud, str | Path) else cloud
+            return observe_cloud(connection, camera, points, looked_for, without=without, **options)

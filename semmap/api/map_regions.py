@@ -1,0 +1,184 @@
+"""Regions of a map: drawn, or found in the geometry of rooms and objects."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from datetime import datetime
+from typing import TYPE_CHECKING, Any
+
+from semmap.api.map_questions import MapQuestions
+from semmap.api.moments import aware
+from semmap.finite_number import finite_numbers
+
+if TYPE_CHECKING:
+    import shapely
+
+    from semmap.found_rows import FoundRows
+
+__all__ = ["MapRegions"]
+
+
+class MapRegions(MapQuestions):
+    """The part of `Map` about regions."""
+
+    def find_regions(
+        self,
+        sort: str,
+        names: str | Sequence[str] = (),
+        *,
+        type: str | None = None,
+        near: float = 0.5,
+        far: float = 1.2,
+        headroom: float = 2.0,
+        max_step: float = 0.03,
+    ) -> FoundRows:
+        """Find regions in the geometry of rooms or objects, and store them.
+
+        A region of the same name is updated; its room or object holds it.
+
+        Parameters
+        ----------
+        sort : ``surfaces`` where other objects can stand; ``floor``, the walkable floor of a room
+            as it is now; ``observation``, the ring around an object from which to observe it
+        names : rooms for ``floor``, else objects
+        type : all of this type: table, kitchen, room
+        near, far : of ``observation``: distances from the object, metres
+        headroom, max_step : of ``floor``: free height above it, and the highest step, metres
+
+        Returns
+        -------
+        FoundRows
+            Rows as of `list_regions`; `problems` has the reasons for those of the type that have
+            no such region.
+
+        Raises
+        ------
+        LookupError
+            The map has no such entity or type.
+        ValueError
+            Neither `names` nor `type`, a sort that is not known, or one of `names` without such a
+            region.
+
+        Examples
+        --------
+        ::
+
+            house.find_regions("surfaces", "desk4")
+            house.find_regions("floor", type="room", headroom=1.9).problems
+        """
+        from semmap.ingest.regions.region_search import find_regions
+
+        if not names and type is None:
+            raise ValueError("name rooms or objects, or give their type")
+        chosen = [names] if isinstance(names, str) else names
+        options: dict[str, dict[str, float]] = {
+            "floor": {"headroom": headroom, "max_step": max_step},
+            "observation": {"near": near, "far": far},
+        }
+        with self._sqlalchemy() as connection:
+            return find_regions(connection, sort, chosen, type, **options.get(sort, {}))
+
+    def draw_region(
+        self,
+        name: str,
+        polygon: shapely.Polygon | Sequence[Sequence[float]] | None = None,
+        *,
+        box: Sequence[float] | None = None,
+        type: str = "region",
+        holder: str | None = None,
+        properties: Mapping[str, Any] | None = None,
+        since: datetime | None = None,
+        until: datetime | None = None,
+    ) -> dict[str, Any]:
+        """Draw or redraw a region: a polygon from floor to ceiling, or a box.
+
+        Parameters
+        ----------
+        polygon : corners (x, y) in the map's frame, metres
+        box : instead, (x0, y0, z0, x1, y1, z1) in the map's frame, metres
+        type : a semantic type, such as ``blocked_region``
+        holder : room or object that holds it, and with which it moves
+        properties : added to those that it has
+        since, until : when it is valid; local without a time zone
+
+        Returns
+        -------
+        dict
+            The region, as of `list_regions`.
+
+        Raises
+        ------
+        LookupError
+            There is no such type or holder.
+        ValueError
+            Both or neither of polygon and box, one without extent, or a name that is taken.
+
+        Examples
+        --------
+        ::
+
+            house.draw_region("wet", [(0, 0), (1, 0), (1, 1)], type="blocked_region",
+                              holder="kitchen")
+        """
+        from semmap.ingest.regions.extraction import draw_region
+        from semmap.ingest.regions.region_search import list_regions
+
+        if not name:
+            raise ValueError("a region needs a name")
+        if name == holder:
+            raise ValueError(f"{name}: a region is not in itself: name a room or object as holder")
+        try:
+            json.dumps(dict(properties or {}), allow_nan=False)
+        except (TypeError, ValueError) as error:
+            raise ValueError(f"{name}: properties: {error}: give values that JSON has") from None
+        valid = None if since is None and until is None else (aware(since), aware(until))
+        with self._sqlalchemy() as connection:
+            made = draw_region(
+                connection,
+                self.execute("SELECT current_map()")[0][0],
+                name,
+                None if polygon is None else _outline(polygon),
+                box=None if box is None else _box(name, box),
+                type=type,
+                holder=None if holder is None else self[holder].id,
+                properties=dict(properties or {}),
+                valid=valid,
+            )
+            return list_regions(connection, [made])[0]
+
+    def list_regions(self) -> list[dict[str, Any]]:
+        """The regions: `name`, `type`, `origin`, `of`, `holder`, `area`, `low`, `high`, `faces`.
+
+        Metres and square metres in the map's frame; `of` is the room or object of which a region
+        is a part.
+        """
+        from semmap.ingest.regions.region_search import list_regions
+
+        with self._sqlalchemy() as connection:
+            return list_regions(connection)
+
+
+def _outline(given: Any) -> Any:
+    """The polygon of some corners."""
+    import shapely
+
+    if isinstance(given, shapely.Geometry):
+        if given.geom_type not in ("Polygon", "MultiPolygon") or given.is_empty:
+            kind = "nothing" if given.is_empty else f"a {given.geom_type}"
+            raise ValueError(f"the region is drawn as {kind}, not as a polygon")
+        return given
+    if len(given) < 3 or any(finite_numbers(corner, 2) is None for corner in given):
+        raise ValueError(f"a polygon has three corners (x, y) or more, not {list(given)}")
+    polygon = shapely.Polygon(given)
+    if not polygon.is_valid:
+        reason = shapely.is_valid_reason(polygon)
+        raise ValueError(f"the polygon crosses its own border: {reason}")
+    return polygon
+
+
+def _box(name: str, given: Sequence[float]) -> Any:
+    numbers = finite_numbers(given, 6)
+    if numbers is None:
+        raise ValueError(f"{name}: a box is (x0, y0, z0, x1, y1, z1), not {tuple(given)}")
+    return numbers

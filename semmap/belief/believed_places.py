@@ -1,0 +1,64 @@
+"""Where an object probably is: a probability for each place, with the reasons."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from datetime import datetime
+from typing import Any
+
+from semmap.found_rows import html_table
+
+__all__ = ["BelievedPlaces"]
+
+
+@dataclass(frozen=True, eq=False)
+class BelievedPlaces(Mapping[str, float]):
+    """The probability of each place, the most probable first; they sum to 1.
+
+    `elsewhere` is no place of the map.
+
+    Attributes
+    ----------
+    name : of the object or agent
+    rows : `place`, `probability`, `prior`, `holder` of the place, `last_seen` there and
+        `last_missed`
+    at : the time of the belief; None for the present
+
+    Examples
+    --------
+    >>> found = BelievedPlaces("mug", [{"place": "desk", "probability": 0.9}, {"place": "sink",
+    ...                                                                        "probability": 0.1}])
+    >>> found.best, found["sink"], dict(found)
+    ('desk', 0.1, {'desk': 0.9, 'sink': 0.1})
+    """
+
+    name: str
+    rows: list[dict[str, Any]]
+    at: datetime | None = None
+
+    @property
+    def best(self) -> str:
+        """The most probable place."""
+        return next(iter(self))
+
+    def revised(self, probability: Mapping[str, float]) -> BelievedPlaces:
+        """Return the same places with other probabilities, in their order."""
+        rows = [row | {"probability": probability[row["place"]]} for row in self.rows]
+        rows.sort(key=lambda row: -row["probability"])
+        return BelievedPlaces(self.name, rows, self.at)
+
+    def __getitem__(self, place: str) -> float:
+        for row in self.rows:
+            if row["place"] == place:
+                return float(row["probability"])
+        raise KeyError(place)
+
+    def __iter__(self) -> Iterator[str]:
+        return (row["place"] for row in self.rows)
+
+    def __len__(self) -> int:
+        return len(self.rows)
+
+    def _repr_html_(self) -> str:
+        return html_table(self.rows)

@@ -1,0 +1,261 @@
+"""The commands `semmap manipulation ...`."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from semmap import cli
+from semmap.cli.manipulation import Gripper, Limit
+from semmap.cli.texts import numbers
+
+__all__ = ["manipulation"]
+
+manipulation = typer.Typer(
+    no_args_is_help=True, help="Grippers, shapes, outcomes, and sharing of manipulation knowledge."
+)
+
+
+@manipulation.command("add-gripper")
+def add_gripper(
+    urdf: Annotated[Path, typer.Argument(help="URDF of a gripper, or of a robot that has one.")],
+    name: Annotated[str | None, typer.Option(help="By default that of the robot.")] = None,
+    palm: Annotated[
+        str | None, typer.Option(help="The link that holds the fingers; by default the first.")
+    ] = None,
+    prefer: Annotated[
+        bool | None,
+        typer.Option("--prefer/--no-prefer", help="Meant where none is named; the first one is."),
+    ] = None,
+) -> None:
+    """Store the gripper of a URDF, for which grasps are stored and generated."""
+    with cli.open_database() as db:
+        print(db.add_gripper(urdf, name, palm=palm, prefer=prefer))
+
+
+@manipulation.command("add-robot")
+def add_robot(
+    urdf: Annotated[Path, typer.Argument(help="URDF of a robot with an arm and a gripper.")],
+    name: Annotated[str | None, typer.Option(help="By default that in the URDF.")] = None,
+    palm: Annotated[
+        str | None, typer.Option(help="The link that holds the fingers; by default the first.")
+    ] = None,
+    state: Annotated[
+        str | None,
+        typer.Option(
+            help="Joint positions with which it drives and carries: JSON, a file, or a state of "
+            "its SRDF; by default, some that keep the arm near the robot."
+        ),
+    ] = None,
+) -> None:
+    """Store a robot with its arm, gripper and sensors, for --robot and missions of its class."""
+    with cli.open_database() as db:
+        print(db.add_manipulator(urdf, name, palm=palm, posture=state))
+
+
+@manipulation.command()
+def robots(
+    can: Annotated[
+        list[str] | None,
+        typer.Option(help="Only those able to: grasp, push, ..., see, feel; repeatable."),
+    ] = None,
+    json_: cli.Json = False,
+) -> None:
+    """List the stored robots with their grippers and sensors, and what they are able to do.
+
+    semmap manipulation robots --can grasp --can see
+    """
+    with cli.open_database() as db:
+        rows = db.list_manipulators(can or ())
+    if not json_:
+        lists = ("sensors", "capabilities")
+        rows = [row | {key: ", ".join(row[key]) for key in lists} for row in rows]
+    cli.show_table(rows, json_, ("name", "gripper", "sensor", "sensors", "capabilities"))
+
+
+@manipulation.command()
+def grippers(json_: cli.Json = False) -> None:
+    """List the stored grippers."""
+    with cli.open_database() as db:
+        rows = db.list_grippers()
+    for row in rows:
+        row |= {key: round(row[key], 4) for key in ("opening", "depth")}
+    cli.show_table(rows, json_, ("name", "form", "opening", "depth", "preferred", "actions"))
+
+
+@manipulation.command()
+def shapes(
+    names: Annotated[
+        list[str] | None, typer.Argument(metavar="[NAME]...", help="By default all objects.")
+    ] = None,
+    map_name: cli.MapName = None,
+    json_: cli.Json = False,
+) -> None:
+    """Find and store the primitive of each model of the map: sphere, cylinder, cone, cuboid."""
+    with cli.open_database() as db:
+        found = db.map(map_name).find_shapes(names or None)
+    for problem in found.problems:
+        print(problem, file=sys.stderr)
+    rows = found.rows
+    for row in rows:
+        row["inliers"] = row["inliers"] and round(row["inliers"], 3)
+        row["size"] = [round(v, 4) for v in row["size"]]
+    if not json_:
+        rows = [row | {"size": " x ".join(f"{v:g}" for v in row["size"])} for row in rows]
+    cli.show_table(rows, json_, ("entity", "shape", "size", "inliers"))
+
+
+@manipulation.command()
+def record(
+    name: Annotated[str, typer.Argument(help="The object.")],
+    action: Annotated[int, typer.Argument(help="The action_id that `semmap grasp --json` prints.")],
+    outcome: Annotated[str, typer.Argument(help="completed or error.")],
+    kind: Annotated[str, typer.Option(help="grasp, place, push, turn, open or put.")] = "grasp",
+    instead_of: Annotated[
+        int | None, typer.Option("--instead-of", help="The action that failed and is replaced.")
+    ] = None,
+    robot: Annotated[str | None, typer.Option(help="The agent that acted.")] = None,
+    message: Annotated[str | None, typer.Option(help="Why it failed.")] = None,
+    simulated: Annotated[bool, typer.Option("--simulated", help="It counts less.")] = False,
+    map_name: cli.MapName = None,
+) -> None:
+    """Store how an attempt ended; later queries propose what succeeds most."""
+    with cli.open_database() as db:
+        task = db.map(map_name).record_attempt(
+            name,
+            action,
+            outcome,
+            kind=kind,
+            instead_of=instead_of,
+            robot=robot,
+            message=message,
+            simulated=simulated,
+        )
+    print(f"task {task}: {outcome}")
+
+
+@manipulation.command("try")
+def try_command(
+    name: Annotated[str, typer.Argument(help="The object.")],
+    gripper: Gripper = None,
+    tries: Annotated[int, typer.Option(min=1, help="The most attempts.")] = 12,
+    mass: Annotated[
+        float | None, typer.Option(help="kg; by default the object's property, else by volume.")
+    ] = None,
+    friction: Annotated[float, typer.Option(help="Between the pads and the object.")] = 0.5,
+    on: Annotated[
+        str | None, typer.Option(metavar="NAME", help="Try places of the object on this one.")
+    ] = None,
+    push: Annotated[bool, typer.Option("--push", help="Try pushes of the object.")] = False,
+    map_name: cli.MapName = None,
+    json_: cli.Json = False,
+) -> None:
+    """Try actions on an object in simulation until one succeeds, and store what was learned.
+
+    Grasps by default; with --on or --push, places or pushes.
+    """
+    if on is not None and push:
+        raise typer.BadParameter("give one of --on and --push")
+    with cli.open_database() as db:
+        rows = db.map(map_name).practise(
+            name, on=on, push=push, gripper=gripper, tries=tries, mass=mass, friction=friction
+        )
+    grasps = on is None and not push
+    told = ("moved", "outcome", "stored") if grasps else ("off", "tilted", "outcome")
+    cli.show_table(rows, json_, ("action_id", "family", *told))
+
+
+@manipulation.command()
+def tasks(limit: Limit = 20, map_name: cli.MapName = None, json_: cli.Json = False) -> None:
+    """List the newest manipulations of the map with their outcomes."""
+    with cli.open_database() as db:
+        rows = db.map(map_name).list_manipulations(limit)
+    columns = ("id", "kind", "entity", "robot", "outcome", "action_id", "contributor", "message")
+    cli.show_table(rows, json_, columns)
+
+
+@manipulation.command("import-grasps")
+def import_grasps(
+    files: Annotated[
+        list[Path], typer.Argument(help="CSV, JSON or pg_dump of grasps and of their models.")
+    ],
+    gripper: Annotated[
+        list[str] | None,
+        typer.Option("--gripper", metavar="HAND=GRIPPER", help="A stored gripper; repeatable."),
+    ] = None,
+    tool: Annotated[
+        str | None,
+        typer.Option(
+            metavar="X,Y,Z,QX,QY,QZ,QW",
+            help="The grasp frame in the frame of the file's hand; by default the same.",
+        ),
+    ] = None,
+    scale: Annotated[float, typer.Option(help="Metres per unit: 0.001 for millimetres.")] = 1.0,
+) -> None:
+    """Store grasps of the Household Objects Database, or of a file with its columns."""
+    hands = dict(pair.split("=", 1) for pair in gripper or () if "=" in pair)
+    if len(hands) != len(gripper or ()):
+        raise typer.BadParameter("--gripper takes HAND=GRIPPER")
+    pose = None if tool is None else numbers(tool, "--tool")
+    with cli.open_database() as db:
+        counts = db.import_grasps(files, hands, tool=pose, scale=scale)
+    print(_counted(counts))
+
+
+@manipulation.command("export")
+def export_command(
+    file: Path,
+    name: Annotated[
+        str | None, typer.Option(help="Of the contributor; by default that of this machine.")
+    ] = None,
+    simulated: Annotated[
+        bool, typer.Option("--simulated", help="With outcomes of simulated robots.")
+    ] = False,
+) -> None:
+    """Write what this database learned to a signed file, for other robots."""
+    with cli.open_database() as db:
+        counts = db.export_manipulation(file, name or None, simulated=simulated)
+    print(f"{file}: {_counted(counts)}")
+
+
+@manipulation.command("import")
+def import_command(files: list[Path]) -> None:
+    """Store the knowledge of signed files: each as a whole, from those whom you trust."""
+    with cli.open_database() as db:
+        for file in files:
+            print(f"{file}: {_counted(db.import_manipulation(file))}")
+
+
+def _counted(counts: Mapping[str, int]) -> str:
+    return ", ".join(f"{count} {what}" for what, count in counts.items())
+
+
+@manipulation.command()
+def key() -> None:
+    """Print the public key with which `export` signs; others trust it."""
+    from semmap.api.database import Database
+
+    print(Database.manipulation_key())
+
+
+@manipulation.command("trust")
+def trust_command(
+    name: str,
+    key: Annotated[str, typer.Argument(help="64 digits that `semmap manipulation key` prints.")],
+    level: Annotated[float, typer.Option(help="How much outcomes count; 0: refuse bundles.")] = 1.0,
+) -> None:
+    """Trust a contributor, so that its files can be imported."""
+    with cli.open_database() as db:
+        db.trust_contributor(name, key, level)
+
+
+@manipulation.command()
+def contributors(json_: cli.Json = False) -> None:
+    """List whose knowledge the database has, and how much it is trusted."""
+    with cli.open_database() as db:
+        rows = db.list_contributors()
+    cli.show_table(rows, json_, ("name", "trust", "actions", "attempts", "latest", "key"))

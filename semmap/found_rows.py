@@ -1,0 +1,79 @@
+"""Rows of named values with the reasons for missing ones; a notebook shows them as a table."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from html import escape
+from typing import Any, overload
+
+__all__ = ["FoundRows", "html_table"]
+
+Row = dict[str, Any]
+
+LONGEST = 7
+"""The most numbers that a cell of a notebook's table shows, as a pose has them."""
+
+
+@dataclass(frozen=True)
+class FoundRows(Sequence[Row]):
+    """The answer to a question: a sequence of rows.
+
+    Attributes
+    ----------
+    rows : the rows, the best first
+    problems : why some are missing: what is wrong, where, and how to fix it
+
+    Examples
+    --------
+    >>> found = FoundRows([{"name": "desk4", "area": 1.28}], ["shelf1: has no triangles"])
+    >>> len(found), found[0]["area"], found.problems
+    (1, 1.28, ['shelf1: has no triangles'])
+    """
+
+    rows: list[Row]
+    problems: list[str] = field(default_factory=list)
+
+    def __len__(self) -> int:
+        return len(self.rows)
+
+    @overload
+    def __getitem__(self, index: int) -> Row: ...
+    @overload
+    def __getitem__(self, index: slice) -> list[Row]: ...
+    def __getitem__(self, index: int | slice) -> Row | list[Row]:
+        return self.rows[index]
+
+    def _repr_html_(self) -> str:
+        return html_table(self.rows) + "".join(f"<p>{escape(text)}</p>" for text in self.problems)
+
+
+def html_table(rows: Sequence[Mapping[str, Any]]) -> str:
+    """Return rows as a table in HTML; columns with long or nested values are left out.
+
+    Examples
+    --------
+    >>> html_table([{"name": "<mug>", "size": (0.08, 0.08, 0.1)}])
+    '<table><tr><th>name</th><th>size</th></tr><tr><td>&lt;mug&gt;</td><td>0.08, 0.08, 0.1</td></tr></table>'
+    """  # noqa: E501
+    names = [key for key in (rows[0] if rows else ()) if all(_is_short(row[key]) for row in rows)]
+    lines = [_line("th", names), *(_line("td", [_cell(row[key]) for key in names]) for row in rows)]
+    return f"<table>{''.join(lines)}</table>"
+
+
+def _line(tag: str, cells: Iterable[str]) -> str:
+    return f"<tr>{''.join(f'<{tag}>{escape(cell)}</{tag}>' for cell in cells)}</tr>"
+
+
+def _is_short(value: Any) -> bool:
+    if isinstance(value, list | tuple):
+        return len(value) <= LONGEST and not any(isinstance(v, list | tuple | dict) for v in value)
+    return not isinstance(value, dict)
+
+
+def _cell(value: Any) -> str:
+    if isinstance(value, list | tuple):
+        return ", ".join(map(_cell, value))
+    if isinstance(value, float):
+        return f"{value:.4g}"
+    return "" if value is None else str(value)

@@ -1,0 +1,115 @@
+"""Regions of many entities at once: found in their geometry, and listed."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from functools import partial
+from typing import Any
+
+import psycopg
+from sqlalchemy import Connection, text
+from sqlalchemy.exc import DBAPIError
+
+from semmap.database.maps import driver_of
+from semmap.found_rows import FoundRows
+from semmap.ingest.regions.extraction import (
+    find_observation_area,
+    find_support_surfaces,
+    find_walkable_floor,
+)
+from semmap.query import entity_query
+
+__all__ = ["SORTS", "find_regions", "list_regions"]
+
+SORTS: dict[str, str] = {"surfaces": "object", "floor": "room", "observation": "object"}
+"""The kind of the entities that have regions of a sort."""
+
+REGIONS = """
+SELECT e.name, e.type, r.origin, o.name AS of, h.name AS holder, ST_Area(w.footprint) AS area,
+       ST_ZMin(w.box) AS low, ST_ZMax(w.box) AS high, cardinality(r.faces) AS faces
+FROM region r JOIN entity e ON e.id = r.entity_id
+LEFT JOIN entity o ON o.id = r.of_id LEFT JOIN placement p ON p.entity_id = e.id
+LEFT JOIN entity h ON h.id = p.holder_id LEFT JOIN world w ON w.entity_id = e.id
+WHERE e.map_id = current_map() AND (CAST(:ids AS bigint[]) IS NULL OR e.id = ANY(:ids))
+ORDER BY e.name
+"""
+
+
+def list_regions(connection: Connection, ids: Sequence[int] | None = None) -> list[dict[str, Any]]:
+    """Return the regions of the current map, or those with these ids.
+
+    Returns
+    -------
+    list of dict
+        `name`, `type`, `origin`, the entity that it is a part `of`, its `holder`, `area` (square
+        metres), `low` and `high` (metres), rounded to 0.001, and the number of its `faces`.
+    """
+    rows = connection.execute(text(REGIONS), {"ids": ids}).mappings()
+    return [
+        {key: round(v, 3) if isinstance(v, float) else v for key, v in row.items()} for row in rows
+    ]
+
+
+def find_regions(
+    connection: Connection,
+    sort: str,
+    names: Sequence[str] = (),
+    type: str | None = None,
+    **options: Any,
+) -> FoundRows:
+    """Find regions in the geometry of rooms or objects, and store them.
+
+    Parameters
+    ----------
+    sort : surfaces, where other objects can stand; floor, the walkable floor of a room as it is
+        now; observation, the ring around an object from which to observe it
+    names : of rooms or objects
+    type : also all rooms or objects of this type, subtypes included
+    options : of `semmap.ingest.regions.extraction.find_walkable_floor` and `find_observation_area`
+
+    Returns
+    -------
+    FoundRows
+        The regions, as of `list_regions`; `problems` has the reasons for those of the type that
+        have none.
+
+    Raises
+    ------
+    LookupError
+        The map has no such entity or type.
+    ValueError
+        A sort that is not known, or an entity of `names` without such a region.
+    """
+    seek: dict[str, Callable[[Connection, int], int | list[int]]] = {
+        "surfaces": find_support_surfaces,
+        "floor": partial(find_walkable_floor, **options),
+        "observation": partial(find_observation_area, **options),
+    }
+    if sort not in seek:
+        raise ValueError(f"the sort of regions {sort} is not one of {', '.join(seek)}")
+    session = driver_of(connection)
+    found: list[int] = []
+    problems: list[str] = []
+    for name in names:
+        made = seek[sort](connection, entity_query.entity_id(session, name))
+        found += made if isinstance(made, list) else [made]
+    for entity in _of_type(session, type, SORTS[sort]) if type is not None else []:
+        try:
+            with connection.begin_nested():
+                made = seek[sort](connection, entity)
+        except (ValueError, DBAPIError) as error:  # some of many may have none
+            problems.append(str(error.orig if isinstance(error, DBAPIError) else error))
+            continue
+        found += made if isinstance(made, list) else [made]
+    return FoundRows(list_regions(connection, found), problems)
+
+
+def _of_type(session: psycopg.Connection[Any], type: str, kind: str) -> list[int]:
+    """The ids of the placed entities of a kind and type, by name."""
+    names = [row["name"] for row in entity_query.find(session, type=type) if row["kind"] == kind]
+    rows = session.execute(
+        "SELECT e.id FROM entity e JOIN world w ON w.entity_id = e.id "
+        "WHERE e.map_id = current_map() AND e.name = ANY (%s) ORDER BY e.name",
+        (names,),
+    )
+    return [row[0] for row in rows.fetchall()]

@@ -1,0 +1,146 @@
+"""Actions that a stored robot does from where it stands, with the motion of its arm."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from semmap.belief.store.beliefs import MapConnection
+from semmap.geometry.pose import Pose
+from semmap.manipulation.arm_motions import ArmMotion, plan_grasp, plan_place, plan_push
+from semmap.manipulation.automata import base_pose, reachable_rows, register_robot, stored_arm
+from semmap.manipulation.found_actions import FoundActions
+from semmap.manipulation.places import find_places
+from semmap.manipulation.pushes import find_pushes
+from semmap.manipulation.retrieval import find_grasps, is_urdf
+
+if TYPE_CHECKING:
+    from semmap.manipulation.arm import Arm
+
+__all__ = ["RobotActions"]
+
+PLANNED = 40
+"""Actions within reach among which one is chosen whose motion is free."""
+
+RANKED = 1000
+"""The most grasps whose reach is computed."""
+
+
+@dataclass(frozen=True)
+class RobotActions:
+    """A stored robot at a place: what its arm reaches there, and how it moves.
+
+    Attributes
+    ----------
+    connection : sees the map
+    name : of the robot
+    gripper : name of its gripper
+    arm : of the robot
+    base : where it stands, map's frame
+    plan : plan the motion of the arm to the first action for which it is free
+    state : positions of joints at the start of the motion; by default as the robot carries
+    limit : the most rows; a motion has one
+    """
+
+    connection: MapConnection
+    name: str
+    gripper: str
+    arm: Arm
+    base: Pose
+    plan: bool = False
+    state: Mapping[str, float] | None = None
+    limit: int = 10
+
+    @classmethod
+    def of(
+        cls,
+        connection: MapConnection,
+        robot: str | Path,
+        base: Sequence[float] | None = None,
+        **options: Any,
+    ) -> RobotActions:
+        """Return a stored robot, or that of a URDF, which is stored first.
+
+        Parameters
+        ----------
+        base : x, y (metres, map's frame), yaw (radians) and z; by default the pose of the agent of
+            this name
+        options : `plan`, `state` and `limit`
+
+        Raises
+        ------
+        LookupError, ManipulationError
+            As `semmap.manipulation.automata.stored_arm` and `base_pose`.
+        """
+        name = register_robot(connection, Path(robot)) if is_urdf(robot) else str(robot)
+        gripper, arm = stored_arm(connection, name)
+        at = base_pose(connection, name, base)
+        return cls(connection, name, gripper, arm, at, **options)
+
+    @property
+    def count(self) -> int:
+        """The most actions within reach that are looked for."""
+        return max(self.limit, PLANNED) if self.plan else self.limit
+
+    def grasps(self, **asked: Any) -> FoundActions:
+        """Return the grasps that the arm reaches; arguments as of `find_grasps`."""
+        found = find_grasps(self.connection, **asked, gripper=self.gripper, limit=RANKED)
+        rows = reachable_rows(found.rows, self.arm, self.base, self.count)
+        problems = found.problems
+        if found.rows and not rows:
+            where = f"{self.base.x:g}, {self.base.y:g}"
+            problem = f"{self.name} reaches none of {len(found.rows)} free grasps from ({where})"
+            problems = [*problems, problem]
+        keys = ("to_pre_grasp", "approach_positions", "retreat_positions")
+        return self._planned(replace(found, rows=rows, problems=problems), plan_grasp, keys)
+
+    def places(self, name: str, on: str, towards: Sequence[float] | None = None) -> FoundActions:
+        """Return the places of an object that the arm reaches; arguments as of `find_places`."""
+        found = find_places(
+            self.connection,
+            name,
+            on,
+            gripper=self.gripper,
+            towards=towards,
+            arm=self.arm,
+            base=self.base,
+            limit=self.count,
+        )
+        keys = ("to_pre_place", "approach_positions", "retreat_positions")
+        return self._planned(found, plan_place, keys)
+
+    def pushes(self, name: str, distance: float = 0.1) -> FoundActions:
+        """Return the pushes of an object that the arm reaches; arguments as of `find_pushes`."""
+        found = find_pushes(
+            self.connection,
+            name,
+            gripper=self.gripper,
+            distance=distance,
+            arm=self.arm,
+            base=self.base,
+            limit=self.count,
+        )
+        keys = ("to_pre_push", "approach_positions", "push_positions")
+        return self._planned(found, plan_push, keys)
+
+    def _planned(
+        self, found: FoundActions, planner: Callable[..., ArmMotion | None], keys: Sequence[str]
+    ) -> FoundActions:
+        """The action of a motion, its positions under these keys; or why there is none."""
+        if not self.plan or not found.rows:
+            return found
+        motion = planner(self.connection, self.name, self.base, found.rows, state=self.state)
+        if motion is None:
+            count = len(found.rows)
+            problem = f"{self.name}: no motion to one of {count} within reach was found"
+            return replace(found, rows=[], problems=[*found.problems, problem])
+        pieces = (motion.to_pre_grasp, motion.approach, motion.after, motion.back)
+        moved = {
+            key: positions.tolist()
+            for key, positions in zip((*keys, "back_positions"), pieces, strict=True)
+            if len(positions)
+        }
+        row = motion.row | {"joints": list(motion.joints), "path": motion.path} | moved
+        return replace(found, rows=[row], motion=motion)
