@@ -8,6 +8,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 from semmap.api.map_entity import MapEntity
+from semmap.api.map_fields import MapSpace
+from semmap.api.map_knowledge import MapKnowledge
 from semmap.api.map_questions import MapQuestions
 
 if TYPE_CHECKING:
@@ -24,7 +26,7 @@ PlanarPose = Sequence[float]
 """(x, y, z, yaw): metres and radians in the map's frame; yaw may be left out."""
 
 
-class Map(MapQuestions):
+class Map(MapKnowledge, MapSpace, MapQuestions):
     """A map of one environment, by the names of its entities.
 
     Attributes

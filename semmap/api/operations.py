@@ -36,7 +36,8 @@ class Operation:
     def function(self) -> Any:
         """The method itself."""
         owner, name = self.method.split(".")
-        return inspect.getattr_static(getattr(import_module(_HOMES[owner]), owner), name)
+        found = inspect.getattr_static(getattr(import_module(_HOMES[owner]), owner), name)
+        return found.fget if isinstance(found, property) else found
 
     @property
     def arguments(self) -> dict[str, inspect.Parameter]:
@@ -60,6 +61,7 @@ _HOMES = {
     "Database": "semmap.api.database",
     "Map": "semmap.api.map",
     "MapEntity": "semmap.api.map_entity",
+    "SpatialFields": "semmap.api.spatial_fields",
 }
 
 COMMANDS = {
@@ -99,4 +101,37 @@ OPERATIONS: tuple[Operation, ...] = (
     Operation("Map.table", "ls", "reader"),
     Operation("Map.describe", "show", "reader"),
     Operation("Map.check", "check", "reader"),
+    Operation("Database.sql", "sql", "reader"),
+    Operation("Map.sql", "sql", "reader"),
+    Operation("Map.sparql", "sparql", "reader"),
+    Operation("Map.update", "sparql", "robot"),
+    Operation("Map.watch_sparql", "sparql", "reader"),
+    Operation("Map.knowledge_client", None, "robot"),
+    Operation("Map.graph", "rdf export", "reader"),
+    Operation("Map.export_rdf", "rdf export", "reader"),
+    Operation("Map.import_rdf", "rdf import", "robot"),
+    Operation("Map.push_fields", "rdf push", "robot"),
+    Operation("Map.serve_sparql", "rdf serve", "reader"),
+    Operation("Map.reason", "knowledge reason", "robot"),
+    Operation("Map.keep_reasoning", "knowledge reason", "robot"),
+    Operation("Map.forget_inferences", "knowledge reason", "robot"),
+    Operation("Map.contradictions", "knowledge contradictions", "reader"),
+    Operation("Map.why", "knowledge why", "reader"),
+    Operation("Map.validate", "knowledge validate", "reader"),
+    Operation("Map.bind_shapes", "knowledge bind", "admin"),
+    Operation("Map.unbind_shapes", "knowledge bind", "admin"),
+    Operation("Map.binding_shapes", "knowledge bind", "reader"),
+    Operation("SpatialFields.at", "fields at", "reader"),
+    Operation("SpatialFields.ls", "fields ls", "reader"),
+    Operation("SpatialFields.query", "fields query", "reader"),
+    Operation("SpatialFields.update", "fields update", "robot"),
+    Operation("SpatialFields.kept", "fields kept", "reader"),
+    Operation("SpatialFields.forget", "fields forget", "robot"),
+    Operation("SpatialFields.watch", "fields watch", "robot"),
+    Operation("SpatialFields.export", "fields export", "reader"),
+    Operation("SpatialFields.serve", "fields serve", "robot"),
+    Operation("SpatialFields.send", "fields send", "none"),
+    Operation("SpatialFields.sources", "fields source ls", "none"),
+    Operation("SpatialFields.start_source", "fields source start", "none"),
+    Operation("SpatialFields.stop_source", "fields source stop", "none"),
 )

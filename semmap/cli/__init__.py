@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from semmap.cli.application import app, main, print_summary
     from semmap.cli.chosen import (
         choose_map,
+        chosen_map,
         chosen_url,
         database,
         engine,
@@ -28,6 +29,7 @@ __all__ = [
     "MapName",
     "app",
     "choose_map",
+    "chosen_map",
     "chosen_url",
     "database",
     "engine",
@@ -47,6 +49,7 @@ _HOMES = {
     "application": ("app", "main", "print_summary"),
     "chosen": (
         "choose_map",
+        "chosen_map",
         "chosen_url",
         "database",
         "engine",

@@ -13,12 +13,14 @@ if TYPE_CHECKING:
     from sqlalchemy import Connection, Engine
 
     from semmap.api.database import Database
+    from semmap.api.map import Map
 
     Session = psycopg.Connection[Any]
 
 __all__ = [
     "CliOptions",
     "choose_map",
+    "chosen_map",
     "chosen_url",
     "database",
     "engine",
@@ -47,6 +49,23 @@ def open_database(*, migrate: bool = False) -> Iterator[Database]:
 
     with connect(CliOptions.url, migrate=migrate) as chosen:
         yield chosen
+
+
+@contextmanager
+def chosen_map(name: str | None) -> Iterator[Map]:
+    """The map of a name, else the chosen one, else the only one, while its database is open.
+
+    Raises
+    ------
+    typer.BadParameter
+        There is no such map, none at all, or several and none is chosen.
+    """
+    with open_database() as opened:
+        try:
+            found = opened.map(name)
+        except LookupError as error:
+            raise typer.BadParameter(str(error)) from None
+        yield found
 
 
 def engine(*, migrate: bool = False) -> Engine:
