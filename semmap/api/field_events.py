@@ -57,7 +57,6 @@ def watch_service(
 
     def close() -> None:
         closed.set()
-        found.close()
         opened.close()
 
     return LiveEvents(count, events(), close, callback=callback)

@@ -37,35 +37,36 @@ class LiveEvents(Generic[Item]):
         callback: Callable[[Item], Any] | None = None,
     ) -> None:
         self.count = count
-        self._events, self._close = events, close
+        self._events: Iterable[Item] = events if callback is None else ()
+        self._close = close
         self._closed = threading.Event()
         self._timer = threading.Timer(seconds or 0, self.close)
         self._timer.daemon = True
         if seconds is not None:
             self._timer.start()
         if callback is not None:
-            threading.Thread(target=self._call, args=(callback,), daemon=True).start()
 
-    def _call(self, callback: Callable[[Item], Any]) -> None:
-        events, self._events = self._events, ()
-        for event in events:
-            callback(event)
+            def call() -> None:
+                for event in events:
+                    callback(event)
+
+            threading.Thread(target=call, daemon=True).start()
 
     def __iter__(self) -> Iterator[Item]:
-        """Yield events as they come, until the stream is closed."""
-        yield from self._events
+        """Iterate over events as they come, until this is closed."""
+        return iter(self._events)
 
     def close(self) -> None:
-        """End the stream, and loops over it."""
+        """End it, and loops over it."""
         if not self._closed.is_set():
             self._closed.set()
             self._timer.cancel()
             self._close()
 
     def __enter__(self) -> Self:
-        """Return the stream; the end of the ``with`` block closes it."""
+        """Return this; the end of the ``with`` block closes it."""
         return self
 
     def __exit__(self, *_: object) -> None:
-        """Close the stream."""
+        """Close this."""
         self.close()

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -19,12 +19,6 @@ from semmap.model import Entity, Object, WorldPlacement
 from tests.command_line import semmap as semmap_cli
 from tests.ingest.worlds_by_hand import box_world
 from tests.next_revision import next_revision
-
-
-@pytest.fixture
-def db(database: str) -> Iterator[semmap.Database]:
-    with semmap.connect(database) as opened:
-        yield opened
 
 
 @pytest.fixture

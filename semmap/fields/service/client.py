@@ -119,6 +119,9 @@ def find_service(
                 same = voxel_size is None or abs(hello["voxel_size"] - voxel_size) < 1e-9
                 if hello["is_meant"] and same:
                     found.map_name = hello["map"]
-                    yield found
+                    try:
+                        yield found
+                    finally:
+                        found.close()  # a thread that waits for a reply would keep the stream open
                     return
     yield None

@@ -14,7 +14,7 @@ import time
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import AbstractContextManager, contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from datetime import datetime
 from typing import Any
 
@@ -52,7 +52,7 @@ class Event:
     subscription: int
     what: str
     bindings: dict[str, Any]
-    map_name: str = ""
+    map_name: str = field(default="", compare=False)
 
     @property
     def values(self) -> dict[str, Any]:
