@@ -14,6 +14,7 @@ from psycopg import sql
 from semmap.api.database_interlinking import DatabaseInterlinking
 from semmap.api.database_manipulation import DatabaseManipulation
 from semmap.api.map import Map
+from semmap.api.map_sql import sql_rows
 from semmap.database.configuration import READER
 from semmap.database.maps import pick_map
 from semmap.database.parameters import connection_parameters
@@ -28,6 +29,7 @@ if TYPE_CHECKING:
     from semmap.database.embedded import Cluster
     from semmap.ingest.importer import ImportSummary
     from semmap.ingest.store.model_store import Progress
+    from semmap.query.sql_statement import SqlRows
 
 __all__ = ["Database", "connect"]
 
@@ -106,9 +108,12 @@ class Database(DatabaseManipulation, DatabaseInterlinking):
         """Close the sessions, and the pool of `engine`."""
         for opened in self._maps.values():
             opened.close()
-        self.session.close()
-        if "engine" in vars(self):
-            self.engine.dispose()
+        for session in (vars(self).get("_reader"), self.session):
+            if session is not None:
+                session.close()
+        for name in ("reading_engine", "engine"):
+            if name in vars(self):
+                getattr(self, name).dispose()
 
     @cached_property
     def engine(self) -> Engine:
@@ -117,10 +122,26 @@ class Database(DatabaseManipulation, DatabaseInterlinking):
 
         return connect(self._url, check=True)
 
+    @cached_property
+    def reading_engine(self) -> Engine:
+        """As `engine`; on the embedded database, its login can only read."""
+        from semmap.database.reader import as_reader
+
+        return as_reader(self.engine) or self.engine
+
     @property
     def parameters(self) -> dict[str, Any]:
         """libpq's connection parameters."""
         return connection_parameters(self._url)
+
+    @property
+    def address(self) -> str | None:
+        """Which database it is, as `connect` takes it: a URL; None for the default one."""
+        if self._url is None or isinstance(self._url, str):
+            return self._url
+        from semmap.fields.service.endpoint import url_of
+
+        return url_of(self.session)
 
     @property
     def maps(self) -> list[str]:
@@ -181,6 +202,30 @@ class Database(DatabaseManipulation, DatabaseInterlinking):
     def list_maps(self) -> list[dict[str, Any]]:
         """Each map with its numbers of entities and rooms, as ``semmap maps`` prints them."""
         return entity_query.list_maps(self.session)
+
+    def sql(self, statement: str, *values: Any, write: bool = False) -> SqlRows:
+        """As `Map.sql` of the map that `map` takes; without one, views show no entity.
+
+        Raises
+        ------
+        ValueError
+            As of `Map.sql`.
+        LookupError
+            The setting ``semmap.map`` names a map that is not there.
+        """
+        row = self.session.execute(
+            "SELECT count(*) = 1 OR coalesce(current_setting('semmap.map', true), '') <> '' "
+            "AND count(*) > 0 FROM map WHERE copy_of IS NULL"
+        ).fetchone()
+        if row is not None and row[0]:
+            return self.map().sql(statement, *values, write=write)
+        return sql_rows(self.session if write else self._reader, statement, values, write=write)
+
+    @cached_property
+    def _reader(self) -> psycopg.Connection[Any]:
+        from semmap.database.reader import reading_session
+
+        return reading_session(self.session) or self.session
 
     def use(self, name: str) -> None:
         """Choose the map that later sessions of this user see where they name none.

@@ -13,6 +13,8 @@ from semmap.api.map_drawing import MapDrawing
 from semmap.api.map_entity import MapEntity
 from semmap.api.map_events import MapEvents
 from semmap.api.map_export import MapExport
+from semmap.api.map_fields import MapSpace
+from semmap.api.map_knowledge import MapKnowledge
 from semmap.api.map_manipulation import MapManipulation
 from semmap.api.map_observations import MapObservations
 from semmap.api.map_pictures import MapPictures
@@ -46,6 +48,8 @@ class Map(
     MapPractice,
     MapRegions,
     MapTeaching,
+    MapKnowledge,
+    MapSpace,
 ):
     """A map of one environment, by the names of its entities.
 

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 import typer
 
-from semmap.cli.chosen import CliOptions, choose_map, engine, open_database
+from semmap.cli.chosen import CliOptions, open_database
 from semmap.cli.database_commands import app as database_commands
 from semmap.cli.options import Json, MapName
 from semmap.cli.plugin_group import PluginGroup
@@ -22,7 +22,6 @@ from semmap.terminal import guard_streams
 
 if TYPE_CHECKING:
     from rich.progress import Progress, TaskID
-    from sqlalchemy import Connection, Engine
 
     from semmap.ingest.importer import ImportSummary
 
@@ -246,35 +245,6 @@ def check(map_name: MapName = None, json_: Json = False) -> None:
         raise typer.Exit(1)
 
 
-SUPERUSER_NOTE = (
-    "note: this login is a superuser, and a hostile statement could take that right back; "
-    "to read what others wrote, log in as a reader (docs/semmap.md)"
-)
-
-
-def _reading() -> Engine:
-    """The database that the user chose; an embedded one by a login that can only read."""
-    from semmap.database.reader import as_reader
-
-    chosen = engine()
-    reader = as_reader(chosen)
-    if reader is None:
-        return chosen
-    if CliOptions.context is not None:
-        CliOptions.context.call_on_close(reader.dispose)
-    return reader
-
-
-def _has_one_map(connection: Connection) -> bool:
-    """Whether views can show a map although none is named."""
-    return bool(
-        connection.exec_driver_sql(
-            "SELECT count(*) = 1 OR coalesce(current_setting('semmap.map', true), '') <> '' "
-            "AND count(*) > 0 FROM map WHERE copy_of IS NULL"
-        ).scalar()
-    )
-
-
 def sql(
     statement: Annotated[str, typer.Argument(help="SQL, or - for standard input.")],
     map_name: MapName = None,
@@ -283,17 +253,15 @@ def sql(
 ) -> None:
     """Run a SQL statement; one that reads, unless --write is given."""
     from semmap.cli.output import err, show_rows
-    from semmap.query.sql_statement import is_superuser, run_sql
 
     if statement == "-":
         statement = sys.stdin.read()
-    with (engine() if write else _reading()).begin() as connection:
-        if not write and is_superuser(connection):
-            err.print(SUPERUSER_NOTE, style="dim")
-        if map_name is not None or _has_one_map(connection):
-            choose_map(connection, map_name)
-        columns, rows = run_sql(connection, statement, write=write)
-    show_rows(columns, rows, json_)
+    with open_database() as db:
+        source = db if map_name is None else db.map(map_name)
+        found = source.sql(statement, write=write)
+    for note in found.notes:
+        err.print(note, style="dim")
+    show_rows(list(found.columns), found, json_)
 
 
 def changes(

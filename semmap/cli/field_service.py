@@ -10,7 +10,7 @@ from typing import Annotated, Any
 import typer
 
 from semmap import cli
-from semmap.fields.service.client import ServiceConnection, find_service
+from semmap.cli.chosen_fields import chosen_fields
 
 __all__ = ["add_service_commands"]
 
@@ -52,36 +52,24 @@ def serve(
     import signal
     import threading
 
-    from semmap.fields.service.endpoint import socket_of
-    from semmap.fields.service.server import serving
-    from semmap.fields.service.service import FieldService
-    from semmap.fields.service.settings import read_settings
-
-    settings = read_settings(config, sources or (), rates or ())
-    engine = cli.engine()
-    with engine.connect() as connection:
-        name = cli.choose_map(connection, map_name)
-    with find_service(cli.chosen_url(), name) as running:
-        if running is not None:
-            raise ValueError(f"a service of {name} is running: stop it first")
-    path = socket_of(cli.chosen_url(), name)
-    service = FieldService(engine, name, voxel_size, settings)
     stop = threading.Event()
-    if threading.current_thread() is threading.main_thread():
-        for each in (signal.SIGTERM, signal.SIGINT):
-            signal.signal(each, lambda *_: stop.set())
-    timer = threading.Timer(seconds or 0, stop.set)
-    timer.daemon = True
-    if seconds is not None:
-        timer.start()
-    names = ", ".join(each.name for each in settings.sources) or "none yet"
-    try:
-        with service.running(), serving(path, service.answer):
-            print(f"serving {name} on {path}; sources: {names}; Ctrl-C stops", flush=True)
-            stop.wait()
-    finally:
-        timer.cancel()
-        engine.dispose()
+
+    def started(name: str, path: Path, names: list[str]) -> None:
+        if threading.current_thread() is threading.main_thread():
+            for each in (signal.SIGTERM, signal.SIGINT):
+                signal.signal(each, lambda *_: stop.set())
+        running = ", ".join(names) or "none yet"
+        print(f"serving {name} on {path}; sources: {running}; Ctrl-C stops", flush=True)
+
+    with chosen_fields(map_name, voxel_size) as found:
+        found.serve(
+            config,
+            sources=sources or (),
+            rates=rates or (),
+            seconds=seconds,
+            stop=stop,
+            started=started,
+        )
 
 
 def send(
@@ -90,18 +78,16 @@ def send(
     map_name: cli.MapName = None,
 ) -> None:
     """Send percepts to a source of the running service."""
-    with find_service(cli.chosen_url(), map_name) as found:
-        service = _needed(found)
-        for line in sys.stdin if percept == "-" else [percept]:
-            if line.strip():
-                service.ask("percept", name=name, percept=_json(line))
+    lines = sys.stdin if percept == "-" else [percept]
+    with chosen_fields(map_name) as found:
+        found.send(name, (_json(line) for line in lines if line.strip()))
 
 
 @source.command("ls")
 def list_sources(map_name: cli.MapName = None, json_: cli.Json = False) -> None:
     """List the running sources: their updates, what they provide, and their errors."""
-    with find_service(cli.chosen_url(), map_name) as found:
-        rows = _needed(found).ask("sources")
+    with chosen_fields(map_name) as found:
+        rows = found.sources()
     if json_:
         print(json.dumps(rows))
         return
@@ -138,32 +124,15 @@ def start_source(
         if not equals:
             raise ValueError(f"--option {each}: write KEY=VALUE")
         given[key] = _value(value)
-    kept, _, path = percepts.partition(":")
-    if kept in ("recording", "mcap"):
-        percepts = f"{kept}:{Path(path).absolute()}"
-    with find_service(cli.chosen_url(), map_name) as found:
-        _needed(found).ask(
-            "start",
-            name=name,
-            source=kind or name,
-            percepts=percepts,
-            rate=rate,
-            timeout=timeout,
-            options=given,
-        )
+    with chosen_fields(map_name) as found:
+        found.start_source(name, percepts, source=kind, rate=rate, timeout=timeout, options=given)
 
 
 @source.command("stop")
 def stop_source(name: str, map_name: cli.MapName = None) -> None:
     """Stop a source of the running service; what it provides is unknown from then on."""
-    with find_service(cli.chosen_url(), map_name) as found:
-        _needed(found).ask("stop", name=name)
-
-
-def _needed(found: ServiceConnection | None) -> ServiceConnection:
-    if found is None:
-        raise LookupError("no service is running for this map: start one by semmap fields serve")
-    return found
+    with chosen_fields(map_name) as found:
+        found.stop_source(name)
 
 
 def _json(text: str) -> Any:

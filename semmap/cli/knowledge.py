@@ -1,10 +1,9 @@
-"""The commands `semmap sparql` and `semmap rdf`."""
+"""The commands `semmap sparql`, `semmap rdf` and `semmap knowledge`."""
 
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import suppress
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -15,8 +14,7 @@ from semmap import cli
 
 # rdflib and SQLAlchemy are slow to import: the functions below import what they use.
 if TYPE_CHECKING:
-    from semmap.knowledge.map_view import Session
-    from semmap.knowledge.queries import Answer
+    from semmap.knowledge.answer import Answer
     from semmap.knowledge.reasoning.runs import Reasoned
 
 __all__ = ["knowledge", "rdf", "sparql_command"]
@@ -27,8 +25,7 @@ knowledge = typer.Typer(
     no_args_is_help=True, help="Infer facts, explain contradictions, and validate against shapes."
 )
 
-FORMATS = {".ttl": "turtle", ".jsonld": "json-ld", ".trig": "trig", ".nt": "nt", ".nq": "nquads"}
-"""Endings of files, with rdflib's names of their formats."""
+ENDINGS = ".ttl, .jsonld, .trig, .nt, .nq"
 
 
 def sparql_command(
@@ -60,9 +57,6 @@ def sparql_command(
     The prefixes semmap:, prop:, rel:, geo:, geof:, bot:, oro: and the usual ones are declared; the
     empty prefix is that of the map's entities, so that :table1 is the entity table1.
     """
-    from semmap.knowledge.queries import query
-    from semmap.knowledge.updates import update as update_map
-
     text = _text(text)
     if watch:
         if update or explain or rows is not None or told:
@@ -70,79 +64,64 @@ def sparql_command(
                 "--watch does not go with --update, --explain, --rows or --told"
             )
         _watch(text, map_name, seconds, json_)
-        return
-    with _session(map_name, write=update) as session:
-        if update:
-            changes = update_map(session, text, seconds=seconds)
-            if json_:
-                cli.print_json({"added": changes.added, "removed": changes.removed})
-            else:
-                print(f"{changes.added} added, {changes.removed} removed")
-            return
-        answer = query(session, text, seconds=seconds, rows=rows, inferred=not told)
-        known = _prefixes(session)
-    for note in answer.notes:
-        print(note, file=sys.stderr)
-    if explain:
-        for part in answer.explanation:
-            print(part, file=sys.stderr if json_ else sys.stdout)
-        if not json_:
-            return
-    _show(answer, known, json_)
+    elif update:
+        _update(text, map_name, seconds, json_)
+    else:
+        with cli.chosen_map(map_name) as chosen:
+            answer = chosen.sparql(text, seconds=seconds, rows=rows, inferred=not told)
+        _show(answer, explain, json_)
+
+
+def _update(text: str, map_name: str | None, seconds: float | None, json_: bool) -> None:
+    with cli.chosen_map(map_name) as chosen:
+        changes = chosen.update(text, seconds=seconds)
+    if json_:
+        cli.print_json({"added": changes.added, "removed": changes.removed})
+    else:
+        print(f"{changes.added} added, {changes.removed} removed")
 
 
 def _watch(text: str, map_name: str | None, seconds: float | None, json_: bool) -> None:
     """Print events until the time is over, or Ctrl-C."""
-    import threading
-    from contextlib import suppress
-
-    from semmap.database.reader import as_reader
     from semmap.knowledge.results import event_json, shown
-    from semmap.knowledge.standing.subscriptions import Subscriptions
     from semmap.knowledge.vocabulary import prefixes
 
-    engine = cli.engine()
-    reader = as_reader(engine)
-    with engine.connect() as connection:
-        name = cli.choose_map(connection, map_name)
-    known = prefixes(name)
-    with Subscriptions(reader or engine, name) as standing, suppress(KeyboardInterrupt):
-        _, count = standing.add(text)
-        print(f"{count} rows now; Ctrl-C stops", file=sys.stderr, flush=True)
-        timer = threading.Timer(seconds or 0, standing.close)
-        timer.daemon = True
-        if seconds is not None:
-            timer.start()
-        for event in standing.events():
+    with (
+        cli.chosen_map(map_name) as chosen,
+        suppress(KeyboardInterrupt),
+        chosen.watch_sparql(text, seconds=seconds) as events,
+    ):
+        known = prefixes(chosen.name)
+        print(f"{events.count} rows now; Ctrl-C stops", file=sys.stderr, flush=True)
+        for event in events:
             if json_:
                 print(event_json(event.what, event.bindings), flush=True)
             else:
                 row = (f"?{n} = {shown(term, known)}" for n, term in event.bindings.items())
                 print(f"{event.what}: {', '.join(row) or 'yes'}", flush=True)
-        timer.cancel()
 
 
-def _prefixes(session: Session) -> dict[str, str]:
-    from semmap.knowledge.map_view import MapView
-    from semmap.knowledge.vocabulary import prefixes
-
-    return prefixes(MapView.of(session).name)
-
-
-def _show(answer: Answer, known: dict[str, str], json_: bool) -> None:
+def _show(answer: Answer, explain: bool, json_: bool) -> None:
     from semmap.knowledge.results import shown, sparql_json
+    from semmap.knowledge.vocabulary import prefixes
     from semmap.knowledge.whole_graph import serialized
 
-    if json_:
-        if answer.graph is not None:
-            print(serialized(answer.graph, "json-ld"))
-        else:
-            print(sparql_json(answer))
+    for note in answer.notes:
+        print(note, file=sys.stderr)
+    for part in answer.explanation if explain else ():
+        print(part, file=sys.stderr if json_ else sys.stdout)
+    if explain and not json_:
+        return
+    if json_ and answer.graph is not None:
+        print(serialized(answer.graph, "json-ld"))
+    elif json_:
+        print(sparql_json(answer))
     elif answer.graph is not None:
         print(serialized(answer.graph, "turtle"), end="")
     elif answer.form == "ASK":
         print("yes" if answer.truth else "no")
     else:
+        known = prefixes(answer.map_name)
         rows = [tuple(shown(term, known) for term in row) for row in answer.rows]
         cli.show_rows(list(answer.names), rows, False)
 
@@ -161,9 +140,7 @@ def _text(text: str) -> str:
 
 @rdf.command()
 def export(
-    file: Annotated[
-        Path | None, typer.Argument(help=f"Its ending is one of {', '.join(FORMATS)}.")
-    ] = None,
+    file: Annotated[Path | None, typer.Argument(help=f"Its ending is one of {ENDINGS}.")] = None,
     inferences: Annotated[
         bool,
         typer.Option("--inferences", help="Write what semmap knowledge reason inferred, too."),
@@ -175,41 +152,24 @@ def export(
     Protégé opens the file. Named graphs are written to .trig, .nq and .jsonld: there, inferences
     are in the graph urn:semmap:inferred, else among all facts.
     """
-    from semmap.knowledge.map_view import MapView
-    from semmap.knowledge.mapping import INFERRED_GRAPH
-    from semmap.knowledge.reasoning.runs import is_reasoned
-    from semmap.knowledge.whole_graph import dump, has_graphs, serialized
+    from semmap.knowledge.whole_graph import serialized
 
-    format_ = "turtle" if file is None else _format(file)
-    with _session(map_name) as session:
-        if inferences and not is_reasoned(MapView.of(session)):
-            raise ValueError("nothing is inferred from this map: run semmap knowledge reason")
-        dataset = dump(session, inferences=inferences)
-    if inferences and not has_graphs(format_):
-        for triple in dataset.graph(INFERRED_GRAPH):
-            dataset.default_graph.add(triple)
-    written = serialized(dataset, format_)
-    if file is None:
-        print(written, end="")
-    else:
-        file.write_text(written, encoding="utf-8")
-        print(f"{len(dataset)} facts -> {file}")
+    with cli.chosen_map(map_name) as chosen:
+        if file is None:
+            print(serialized(chosen.graph(inferences=inferences), "turtle"), end="")
+        else:
+            print(f"{chosen.export_rdf(file, inferences=inferences)} facts -> {file}")
 
 
 @rdf.command("import")
 def import_(
-    files: Annotated[list[Path], typer.Argument(help=f"Endings: {', '.join(FORMATS)}.")],
+    files: Annotated[list[Path], typer.Argument(help=f"Endings: {ENDINGS}.")],
     map_name: cli.MapName = None,
     json_: cli.Json = False,
 ) -> None:
     """Add the facts of RDF files to the map, each file as a whole or not at all."""
-    from semmap.knowledge.rdf_file import read_facts, store_facts
-
-    counts = []
-    with _session(map_name, write=True) as session:
-        for path in files:
-            facts = read_facts(path, _format(path))
-            counts.append({"file": str(path), "added": store_facts(session, facts, path)})
+    with cli.chosen_map(map_name) as chosen:
+        counts = [{"file": str(path), "added": chosen.import_rdf(path)} for path in files]
     if json_:
         cli.print_json(counts)
         return
@@ -235,26 +195,16 @@ def push(
 
     `semmap sparql --watch` and subscriptions then see them begin and end.
     """
-    import threading
-    from contextlib import suppress
-
-    from semmap.fields.service.client import find_service
-    from semmap.knowledge.fields.push import FieldPush, read_pushed
-
     if not relations and not perspectives:
         raise typer.BadParameter("name a relation, such as sees=looksAt, or --perspectives")
-    engine = cli.engine()
-    with engine.connect() as connection:
-        name = cli.choose_map(connection, map_name)
-    pushed = read_pushed(relations or (), name)
-    with find_service(cli.chosen_url(), name) as service:
-        if service is None:
-            raise ValueError(f"no service of {name} is running: start `semmap fields serve`")
-        service.send("watch", seconds=seconds)
-        print(f"pushing {', '.join(pushed) or 'perspectives'} of {name}; Ctrl-C stops", flush=True)
-        with suppress(KeyboardInterrupt):
-            follower = FieldPush(engine, name, pushed, perspectives=perspectives)
-            follower.follow(service.replies(), threading.Event())
+
+    with cli.chosen_map(map_name) as chosen, suppress(KeyboardInterrupt):
+
+        def say(pushed: list[str]) -> None:
+            names = ", ".join(pushed) or "perspectives"
+            print(f"pushing {names} of {chosen.name}; Ctrl-C stops", flush=True)
+
+        chosen.push_fields(relations, perspectives=perspectives, seconds=seconds, started=say)
 
 
 @rdf.command()
@@ -273,30 +223,12 @@ def serve(
 
     Everybody who reaches the address may read; changes need a token.
     """
-    try:
-        import uvicorn
+    with cli.chosen_map(map_name) as chosen:
 
-        from semmap.knowledge.service import SparqlEndpoint, read_tokens, session_opener
-    except ModuleNotFoundError as error:
-        raise typer.BadParameter(
-            f"{error.name} is not installed: pip install 'semmap[knowledge]'"
-        ) from None
-    from semmap.database.reader import as_reader
+        def say(url: str) -> None:
+            print(f"map {chosen.name}: {url}", flush=True)
 
-    known = {} if tokens is None else read_tokens(tokens)
-    engine = cli.engine()
-    reader = as_reader(engine)
-    with engine.connect() as connection:
-        name = cli.choose_map(connection, map_name)
-    endpoint = SparqlEndpoint(
-        session_opener(reader or engine, name),
-        session_opener(engine, name),
-        known,
-        seconds=seconds,
-        rows=rows,
-    )
-    print(f"map {name}: http://{host}:{port}/sparql", flush=True)
-    uvicorn.run(endpoint.app, host=host, port=port, log_level="warning")
+        chosen.serve_sparql(host, port, tokens=tokens, seconds=seconds, rows=rows, started=say)
 
 
 @knowledge.command("reason")
@@ -318,19 +250,18 @@ def reason_(
 
     The exit code is 1 if facts contradict each other.
     """
-    from semmap.knowledge.reasoning.runs import forget, reason
-
     if off and (complete or watch):
         raise typer.BadParameter("--off does not go with --complete or --watch")
-    if watch:
-        _keep_reasoning(map_name, seconds, json_)
-        return
-    with _session(map_name, write=True) as session:
+    with cli.chosen_map(map_name) as chosen:
+        if watch:
+            with suppress(KeyboardInterrupt):
+                chosen.keep_reasoning(lambda done: _show_run(done, json_), seconds=seconds)
+            return
         if off:
-            forget(session)
+            chosen.forget_inferences()
             print("no inferences are kept")
             return
-        done = reason(session, complete=complete, seconds=seconds)
+        done = chosen.reason(complete=complete, seconds=seconds)
     _show_run(done, json_)
     if done.contradictions:
         raise typer.Exit(1)
@@ -339,54 +270,22 @@ def reason_(
 def _show_run(done: Reasoned, json_: bool) -> None:
     if json_:
         cli.print_json(asdict(done))
-        return
-    what = "all facts read" if done.complete else "changes only"
-    print(
-        f"{done.inferences:,} inferences, {done.added:,} new, {done.removed:,} removed "
-        f"({what}, {done.seconds:.2f} s)"
-    )
-    if done.contradictions:
-        print(f"{done.contradictions:,} contradictions: semmap knowledge contradictions")
-
-
-def _keep_reasoning(map_name: str | None, seconds: float | None, json_: bool) -> None:
-    """Infer after each change, until the time is over, or Ctrl-C."""
-    import threading
-    from contextlib import suppress
-
-    from semmap.knowledge.reasoning.runs import reason
-    from semmap.query.change_feed import ChangeFeed
-
-    engine = cli.engine()
-    with engine.connect() as connection:
-        name = cli.choose_map(connection, map_name)
-    feed, stop = ChangeFeed(engine, name), threading.Event()
-
-    def infer(payloads: tuple[str, ...] | None) -> None:
-        if payloads == ():
-            return
-        with _session(name, write=True) as session:
-            done = reason(session)
-        if done.complete or done.added or done.removed:
-            _show_run(done, json_)
-            sys.stdout.flush()
-
-    timer = threading.Timer(seconds or 0, stop.set)
-    timer.daemon = True
-    if seconds is not None:
-        timer.start()
-    with suppress(KeyboardInterrupt):
-        feed.follow(stop, infer)
-    timer.cancel()
+    else:
+        what = "all facts read" if done.complete else "changes only"
+        print(
+            f"{done.inferences:,} inferences, {done.added:,} new, {done.removed:,} removed "
+            f"({what}, {done.seconds:.2f} s)"
+        )
+        if done.contradictions:
+            print(f"{done.contradictions:,} contradictions: semmap knowledge contradictions")
+    sys.stdout.flush()
 
 
 @knowledge.command()
 def contradictions(map_name: cli.MapName = None, json_: cli.Json = False) -> None:
     """List which facts contradict which axiom; exit code 1 if any do."""
-    from semmap.knowledge.reasoning.runs import contradictions
-
-    with _session(map_name) as session:
-        found = contradictions(session)
+    with cli.chosen_map(map_name) as chosen:
+        found = chosen.contradictions()
     if json_:
         keys = ("name", "axiom", "because")
         cli.print_json([dict(zip(keys, each.as_json().values(), strict=True)) for each in found])
@@ -405,10 +304,8 @@ def why_(
     json_: cli.Json = False,
 ) -> None:
     """Explain why a fact is one: the axioms, down to facts that were told."""
-    from semmap.knowledge.reasoning.runs import why
-
-    with _session(map_name) as session:
-        proof = why(session, fact)
+    with cli.chosen_map(map_name) as chosen:
+        proof = chosen.why(fact)
     if json_:
         cli.print_json(proof.as_json())
     elif not proof.axiom:
@@ -428,11 +325,8 @@ def validate_(
     json_: cli.Json = False,
 ) -> None:
     """Validate the map against SHACL shapes; exit code 1 if there are violations."""
-    from semmap.knowledge.shapes import domain_shapes, read_shapes, validate
-
-    chosen = [read_shapes(path) for path in shapes or ()] or [domain_shapes()]
-    with _session(map_name) as session:
-        found = validate(session, chosen, seconds=seconds)
+    with cli.chosen_map(map_name) as chosen:
+        found = chosen.validate(shapes, seconds=seconds)
     if json_:
         cli.print_json([asdict(each) for each in found])
     else:
@@ -455,49 +349,15 @@ def bind(
     json_: cli.Json = False,
 ) -> None:
     """Let shapes bind the map: from then on, an update that breaks them is refused as a whole."""
-    from semmap.knowledge.map_view import MapView
-    from semmap.knowledge.shapes import bind_shapes, binding_shapes, read_shapes, unbind_shapes
-
     if shapes is not None and remove is not None:
         raise typer.BadParameter("--remove does not go with a file")
-    read = None if shapes is None else read_shapes(shapes)
-    with _session(map_name, write=True) as session:
-        if read is not None:
-            bind_shapes(session, read)
+    with cli.chosen_map(map_name) as chosen:
+        if shapes is not None:
+            chosen.bind_shapes(shapes)
         if remove is not None:
-            unbind_shapes(session, remove)
-        names = [each.name for each in binding_shapes(MapView.of(session))]
+            chosen.unbind_shapes(remove)
+        names = chosen.binding_shapes
     if json_:
         cli.print_json(names)
     else:
         print(f"binding shapes: {', '.join(names) or 'none'}")
-
-
-def _format(path: Path) -> str:
-    known = FORMATS.get(path.suffix.lower())
-    if known is None:
-        raise typer.BadParameter(
-            f"{path}: the ending {path.suffix!r} is not one of {', '.join(FORMATS)}"
-        )
-    return known
-
-
-@contextmanager
-def _session(map_name: str | None, *, write: bool = False) -> Iterator[Session]:
-    """A session that sees the map; of an embedded database, by a login that only reads."""
-    import psycopg
-
-    from semmap.database.reader import as_reader
-
-    engine = cli.engine()
-    reader = None if write else as_reader(engine)
-    try:
-        with (reader or engine).connect() as connection:
-            cli.choose_map(connection, map_name)
-            driver = connection.connection.driver_connection
-            assert isinstance(driver, psycopg.Connection)
-            driver.commit()  # each query is a transaction of its own
-            yield driver
-    finally:
-        if reader is not None:
-            reader.dispose()

@@ -4,30 +4,34 @@ from __future__ import annotations
 
 import time
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
-from sqlalchemy import Engine
-from sqlalchemy.exc import OperationalError
+import psycopg
+from psycopg.conninfo import make_conninfo
 
 from semmap.database.configuration import READER, SUPERUSER
 from semmap.database.embedded import Cluster
-from semmap.database.engine import make_engine
 from semmap.database.error import DatabaseError
 from semmap.database.rights import excess_rights, limit_rights
+from semmap.database.shared_engine import SharedConnection
 
-__all__ = ["as_reader"]
+if TYPE_CHECKING:
+    from sqlalchemy import Engine
+
+__all__ = ["as_reader", "reading_session"]
 
 RELOAD_SECONDS = 10.0
 """How long the server may take to read its user map again."""
 
 
-def as_reader(engine: Engine) -> Engine | None:
-    """An engine on the same embedded database whose login, ``semmap_read``, can only read.
+def reading_session(session: psycopg.Connection[Any]) -> psycopg.Connection[Any] | None:
+    """Open a session with the same embedded database whose login, ``semmap_read``, can only read.
 
     A cluster or database that was made without that login, or gave everybody more, is changed now.
 
     Parameters
     ----------
-    engine : one of `connect`
+    session : one of `semmap.database.session.open_session`
 
     Returns
     -------
@@ -38,62 +42,83 @@ def as_reader(engine: Engine) -> Engine | None:
     DatabaseError
         The login cannot be made, or has rights beyond reading that have to be taken by hand.
     """
-    folder = engine.url.query.get("host")
-    if engine.url.username != SUPERUSER or not isinstance(folder, str) or folder[:1] != "/":
+    if session.info.user != SUPERUSER or session.info.host[:1] != "/":
         return None
-    reader = make_engine(engine.url.set(username=READER))
-    try:
-        excess = _excess(reader)
-        if excess != []:
-            cluster = _cluster(engine, Path(folder))
-            if cluster is None:
-                reader.dispose()
-                return None
-            _prepare(cluster, engine)
-            excess = _excess(reader, patience=RELOAD_SECONDS)
-        if excess:
-            raise DatabaseError(
-                f"the login {READER} can do more than read: {', '.join(excess)}. Take it away "
-                "(semmap db psql), or call with --write"
-            )
-    except BaseException:
-        reader.dispose()
-        raise
+    conninfo = make_conninfo(session.info.dsn, user=READER)
+    reader = _login(conninfo)
+    excess = None if reader is None else excess_rights(reader)
+    if excess != []:
+        if reader is not None:
+            reader.close()
+        cluster = _cluster(session)
+        if cluster is None:
+            return None
+        _prepare(cluster, session)
+        reader = _login(conninfo, patience=RELOAD_SECONDS)
+        assert reader is not None
+        excess = excess_rights(reader)
+    if excess:
+        assert reader is not None
+        reader.close()
+        raise DatabaseError(
+            f"the login {READER} can do more than read: {', '.join(excess)}. Take it away "
+            "(semmap db psql), or call with --write"
+        )
     return reader
 
 
-def _excess(reader: Engine, patience: float = 0.0) -> list[str] | None:
-    """What the login has beyond reading; None if it cannot log in, also not within `patience`."""
+def as_reader(engine: Engine) -> Engine | None:
+    """An engine on the same embedded database, with the login of `reading_session`.
+
+    Returns
+    -------
+    None if the database is not an embedded one
+
+    Raises
+    ------
+    DatabaseError
+        As of `reading_session`.
+    """
+    from semmap.database.engine import make_engine
+    from semmap.database.maps import driver_of
+
+    with engine.connect().execution_options(isolation_level="AUTOCOMMIT") as connection:
+        reader = reading_session(driver_of(connection))
+    if reader is None:
+        return None
+    reader.close()
+    return make_engine(engine.url.set(username=READER))
+
+
+def _login(conninfo: str, patience: float = 0.0) -> psycopg.Connection[Any] | None:
+    """Log in as the reader; None if that is not possible, without `patience`, seconds."""
     deadline = time.monotonic() + patience
     while True:
         try:
-            with reader.connect() as connection:
-                return excess_rights(connection)
-        except OperationalError as error:
+            return SharedConnection.connect(conninfo, autocommit=True)
+        except psycopg.OperationalError as error:
             if not patience:
                 return None
             if time.monotonic() > deadline:
-                raise DatabaseError(f"the login {READER} does not work: {error.orig}") from error
+                raise DatabaseError(f"the login {READER} does not work: {error}") from error
         time.sleep(0.05)
 
 
-def _cluster(engine: Engine, socket_folder: Path) -> Cluster | None:
-    """The cluster of this user that an engine is connected with, if it is one."""
-    with engine.connect() as connection:
-        data = connection.exec_driver_sql(
-            "SELECT setting FROM pg_settings WHERE name = 'data_directory'"
-        ).scalar()
-    if data is None:  # only a superuser is told
+def _cluster(session: psycopg.Connection[Any]) -> Cluster | None:
+    """The cluster of this user that a session is connected with, if it is one."""
+    row = session.execute(
+        "SELECT setting FROM pg_settings WHERE name = 'data_directory'"
+    ).fetchone()
+    if row is None:  # only a superuser is told
         return None
-    cluster = Cluster(Path(data).parent)
+    cluster = Cluster(Path(row[0]).parent)
     running = cluster.running()
-    return cluster if running is not None and running.samefile(socket_folder) else None
+    return cluster if running is not None and running.samefile(session.info.host) else None
 
 
-def _prepare(cluster: Cluster, engine: Engine) -> None:
+def _prepare(cluster: Cluster, session: psycopg.Connection[Any]) -> None:
     """Make the login, take from everybody what it must not have, and let it in."""
-    with engine.begin() as connection:
-        limit_rights(connection)
+    with session.transaction():
+        limit_rights(session)
     cluster.write_user_map()
-    with engine.connect() as connection:
-        connection.exec_driver_sql("SELECT pg_reload_conf()")
+    session.execute("SELECT pg_reload_conf()")

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
-import psycopg
+from typing import TYPE_CHECKING, Any
 
 from semmap.database.configuration import READER
 
 if TYPE_CHECKING:
-    from sqlalchemy import Connection
+    import psycopg
 
 __all__ = ["LIMIT_RIGHTS", "excess_rights", "limit_rights"]
 
@@ -106,13 +104,11 @@ UNION ALL SELECT 'CREATE in public' WHERE has_schema_privilege('public', 'CREATE
 """
 
 
-def limit_rights(connection: Connection) -> None:
+def limit_rights(session: psycopg.Connection[Any]) -> None:
     """Run `LIMIT_RIGHTS` on a database, as superuser."""
-    driver = connection.connection.driver_connection
-    assert isinstance(driver, psycopg.Connection)
-    driver.execute(LIMIT_RIGHTS)  # as it stands: its percent signs are its own
+    session.execute(LIMIT_RIGHTS)  # as it stands: its percent signs are its own
 
 
-def excess_rights(connection: Connection) -> list[str]:
-    """The rights of a connection's login that a reader must not have."""
-    return list(connection.exec_driver_sql(_EXCESS).scalars())
+def excess_rights(session: psycopg.Connection[Any]) -> list[str]:
+    """The rights of a session's login that a reader must not have."""
+    return [row[0] for row in session.execute(_EXCESS)]

@@ -11,9 +11,10 @@ from typing import TYPE_CHECKING
 from semmap.lazy_names import load_on_use
 
 if TYPE_CHECKING:
+    from semmap.knowledge.answer import Answer
     from semmap.knowledge.client import KnowledgeClient
     from semmap.knowledge.knowledge_core import KB, KbError
-    from semmap.knowledge.queries import Answer, KnowledgeError, query
+    from semmap.knowledge.queries import KnowledgeError, query
     from semmap.knowledge.updates import update
     from semmap.knowledge.whole_graph import dump
 
@@ -31,7 +32,7 @@ __all__ = [
 _HOMES = {
     "KB": "semmap.knowledge.knowledge_core",
     "KbError": "semmap.knowledge.knowledge_core",
-    "Answer": "semmap.knowledge.queries",
+    "Answer": "semmap.knowledge.answer",
     "KnowledgeClient": "semmap.knowledge.client",
     "KnowledgeError": "semmap.knowledge.queries",
     "dump": "semmap.knowledge.whole_graph",

@@ -16,11 +16,12 @@ import rdflib
 from sqlalchemy import Engine
 
 from semmap.database.maps import see_map
+from semmap.knowledge.answer import Answer
 from semmap.knowledge.consequences import with_consequences
 from semmap.knowledge.facts import Fact, FactWriter, RefusedError
 from semmap.knowledge.map_view import MapView
 from semmap.knowledge.patterns import ClientPattern, name_of, parse_pattern, query_text, variables
-from semmap.knowledge.queries import Answer, limited, query
+from semmap.knowledge.queries import limited, query
 from semmap.knowledge.standing.subscriptions import Event, Subscriptions
 from semmap.knowledge.updates import GraphChanges
 from semmap.knowledge.vocabulary import OWL, RDF, RDFS, SEMMAP, encode, map_namespace

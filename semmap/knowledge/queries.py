@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from itertools import islice
 from typing import Any
@@ -16,6 +16,7 @@ from rdflib.plugins.sparql import prepareQuery
 from rdflib.plugins.sparql.evaluate import evalQuery
 
 from semmap.error import Error
+from semmap.knowledge.answer import Answer
 from semmap.knowledge.fields.properties import FieldError
 from semmap.knowledge.map_store import MapStore
 from semmap.knowledge.map_view import MapView, Row, Session, Term
@@ -28,7 +29,7 @@ from semmap.knowledge.whole_graph import without_warnings
 from semmap.language.parser import ParsedText, parse_sparql
 from semmap.limits import QUERY_ROWS, QUERY_SECONDS
 
-__all__ = ["Answer", "KnowledgeError", "errors_of", "filled", "limited", "plain", "query"]
+__all__ = ["KnowledgeError", "errors_of", "filled", "limited", "plain", "query"]
 
 KEPT = KeptQueries()
 """The queries of this process that were translated."""
@@ -40,31 +41,6 @@ _SETTINGS = "; ".join(
 
 class KnowledgeError(Error, ValueError):
     """A query or update that was stopped: it took too long, or has too many rows."""
-
-
-@dataclass(frozen=True)
-class Answer:
-    """The answer of a query.
-
-    Attributes
-    ----------
-    form : "SELECT", "ASK", "CONSTRUCT" or "DESCRIBE"
-    names : the variables of a SELECT
-    rows : the solutions of a SELECT; None where a variable is unbound
-    truth : the answer of an ASK
-    graph : the triples of a CONSTRUCT or DESCRIBE
-    explanation : how it was evaluated: what fields were asked, the SQL, or what rdflib evaluated
-    notes : what the answer says nothing of: entities without voxels, names that the map does not
-        have
-    """
-
-    form: str
-    names: tuple[str, ...] = ()
-    rows: tuple[Row, ...] = ()
-    truth: bool | None = None
-    graph: rdflib.Graph | None = None
-    explanation: tuple[str, ...] = ()
-    notes: tuple[str, ...] = ()
 
 
 def query(
@@ -118,12 +94,15 @@ def query(
         view.chosen = dataset or Chosen.by(parsed.dataset)
         with errors_of(parsed):
             try:
-                answer = _described(view, parsed, most) or _answer(view, parsed, most, key)
+                if parsed.form == "DescribeQuery":
+                    answer = _described(view, parsed, most)
+                else:
+                    answer = _answer(view, parsed, most, key)
             except UntranslatedError as error:
                 view.statements.clear()
                 view.notes += unknown_names(view, view.constants(parsed.algebra), parsed.algebra)
                 answer = _by_rdflib(view, parsed, error, most)
-    return replace(answer, notes=tuple(dict.fromkeys(view.notes)))
+    return replace(answer, notes=tuple(dict.fromkeys(view.notes)), map_name=view.name)
 
 
 def _answer(view: MapView, parsed: ParsedText, most: int, key: tuple[Any, ...]) -> Answer:
@@ -176,15 +155,16 @@ def _made(
 ) -> Answer:
     """Return the answer that solutions make."""
     _refuse_too_many(len(found), most)
+    about: dict[str, Any] = {"explanation": explanation, "notes": notes, "map_name": map_name}
     if parsed.form == "SelectQuery":
-        return Answer("SELECT", names, tuple(found), explanation=explanation, notes=notes)
+        return Answer("SELECT", names, tuple(found), **about)
     if parsed.form == "AskQuery":
-        return Answer("ASK", truth=bool(found), explanation=explanation, notes=notes)
+        return Answer("ASK", truth=bool(found), **about)
     graph = _empty_graph(map_name)
     for row in found:
         for triple in filled(_template(parsed), dict(zip(names, row, strict=True))):
             graph.add(triple)
-    return Answer("CONSTRUCT", graph=graph, explanation=explanation, notes=notes)
+    return Answer("CONSTRUCT", graph=graph, **about)
 
 
 def _refuse_too_many(rows: int, most: int) -> None:
@@ -241,10 +221,8 @@ def plain(term: Any) -> Any:
     return rdflib.BNode(str(term))
 
 
-def _described(view: MapView, parsed: ParsedText, most: int) -> Answer | None:
-    """Answer DESCRIBE: the triples of each resource; None for other forms."""
-    if parsed.form != "DescribeQuery":
-        return None
+def _described(view: MapView, parsed: ParsedText, most: int) -> Answer:
+    """Answer DESCRIBE: the triples of each resource."""
     tree = parsed.algebra
     found: dict[Term, None] = {}
     for term in tree.PV:

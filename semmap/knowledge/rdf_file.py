@@ -20,7 +20,24 @@ from semmap.knowledge.whole_graph import facts as stored_facts
 from semmap.knowledge.whole_graph import without_warnings
 from semmap.limits import TEXT_BYTES
 
-__all__ = ["parse_facts", "read_facts", "store_facts"]
+__all__ = ["FORMATS", "format_of", "parse_facts", "read_facts", "store_facts"]
+
+FORMATS = {".ttl": "turtle", ".jsonld": "json-ld", ".trig": "trig", ".nt": "nt", ".nq": "nquads"}
+"""Endings of files, with rdflib's names of their formats."""
+
+
+def format_of(path: Path) -> str:
+    """Return rdflib's name of the format of a file, by its ending.
+
+    Raises
+    ------
+    ValueError
+        The ending is not one of `FORMATS`.
+    """
+    known = FORMATS.get(path.suffix.lower())
+    if known is None:
+        raise ValueError(f"{path}: the ending {path.suffix!r} is not one of {', '.join(FORMATS)}")
+    return known
 
 
 def read_facts(path: Path, format_: str) -> list[Fact]:

@@ -11,7 +11,7 @@ from xml.sax.saxutils import escape, quoteattr
 
 import rdflib
 
-from semmap.knowledge.queries import Answer
+from semmap.knowledge.answer import Answer
 from semmap.knowledge.vocabulary import short
 
 __all__ = [

@@ -9,8 +9,9 @@ from __future__ import annotations
 import hmac
 import json
 import re
+import threading
 from collections.abc import AsyncIterator, Callable, Iterator, Mapping
-from contextlib import asynccontextmanager, contextmanager
+from contextlib import asynccontextmanager, contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -18,6 +19,7 @@ from urllib.parse import parse_qsl
 
 import psycopg
 import rdflib
+import uvicorn
 from psycopg import sql
 from sqlalchemy import Engine
 from starlette.applications import Starlette
@@ -29,12 +31,13 @@ from starlette.routing import Route
 from semmap.database.maps import see_map
 from semmap.database.parameters import SETTINGS
 from semmap.ingest.world import WorldError
+from semmap.knowledge.answer import Answer
 from semmap.knowledge.consequences import with_consequences
 from semmap.knowledge.facts import Fact, FactWriter, RefusedError
 from semmap.knowledge.idle_sessions import IdleSessions
 from semmap.knowledge.map_view import MapView
 from semmap.knowledge.mapping import INFERRED_GRAPH
-from semmap.knowledge.queries import Answer, KnowledgeError, limited, query
+from semmap.knowledge.queries import KnowledgeError, limited, query
 from semmap.knowledge.rdf_file import parse_facts
 from semmap.knowledge.results import RESULT_FORMATS
 from semmap.knowledge.shapes import BrokenShapeError
@@ -44,7 +47,7 @@ from semmap.knowledge.vocabulary import prefixes
 from semmap.knowledge.whole_graph import facts, serialized
 from semmap.language.error import QueryError
 
-__all__ = ["SparqlEndpoint", "read_tokens", "session_opener"]
+__all__ = ["SparqlEndpoint", "read_tokens", "serve", "session_opener"]
 
 Connect = Callable[[], psycopg.Connection[Any]]
 
@@ -262,6 +265,32 @@ class SparqlEndpoint:
             limited(session, self._seconds),
         ):
             yield session
+
+
+def serve(
+    endpoint: SparqlEndpoint, host: str, port: int, stop: threading.Event | None = None
+) -> None:
+    """Answer requests at an address, until `stop` is set, or the program is interrupted.
+
+    Raises
+    ------
+    ValueError
+        The address cannot be used.
+    """
+    server = uvicorn.Server(uvicorn.Config(endpoint.app, host=host, port=port, log_level="warning"))
+
+    def end() -> None:
+        assert stop is not None
+        stop.wait()
+        server.should_exit = True
+
+    if stop is not None:
+        threading.Thread(target=end, daemon=True).start()
+    try:
+        with suppress(KeyboardInterrupt):
+            server.run()
+    except SystemExit:
+        raise ValueError(f"{host}:{port} cannot be used: choose another port or host") from None
 
 
 def session_opener(engine: Engine, map_name: str) -> Connect:

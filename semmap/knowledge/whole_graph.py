@@ -81,13 +81,18 @@ def has_graphs(format_: str) -> bool:
 
 
 def serialized(graph: rdflib.Graph, format_: str) -> str:
-    """Return a graph as text; of a dataset, Turtle and N-Triples have the default graph alone.
+    """Return a graph as text.
+
+    Of a dataset, Turtle and N-Triples have the default graph and the inferences, without other
+    named graphs.
 
     Parameters
     ----------
     format_ : rdflib's name of the format
     """
     if isinstance(graph, rdflib.Dataset) and not has_graphs(format_):
+        for triple in graph.graph(INFERRED_GRAPH):
+            graph.default_graph.add(triple)
         graph = graph.default_graph
     with without_warnings():
         exact = _EXACT.get(format_)

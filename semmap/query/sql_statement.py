@@ -2,73 +2,146 @@
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
 
 import psycopg
 from psycopg.abc import Buffer, Loader
-from psycopg.pq import ExecStatus
+from psycopg.pq import ExecStatus, TransactionStatus
 from psycopg.types.datetime import DateLoader, TimestampLoader, TimestamptzLoader
-from sqlalchemy import Connection
 
+from semmap.database.maps import driver_of
+from semmap.html_table import html_table
 from semmap.query.statements import READING, kind
 
-__all__ = ["is_superuser", "run_sql"]
+if TYPE_CHECKING:
+    from sqlalchemy import Connection
 
-Rows = tuple[list[str], list[tuple[Any, ...]]]
+__all__ = ["SUPERUSER_NOTE", "SqlRows", "is_superuser", "run_sql"]
+
+SUPERUSER_NOTE = (
+    "note: this login is a superuser, and a hostile statement could take that right back; "
+    "to read what others wrote, log in as a reader (docs/semmap.md)"
+)
 
 
-def run_sql(connection: Connection, statement: str, *, write: bool) -> Rows:
-    """Run one statement as it stands; without `write`, one that reads, and can only read.
+@dataclass(frozen=True)
+class SqlRows(Sequence[tuple[Any, ...]]):
+    """The rows of a SQL statement: a sequence of tuples.
 
-    Without `write`, the transaction is read-only, and a superuser has the role ``semmap_reader``
-    in it. That role is left by a function such as ``set_config``: only a login that is not a
-    superuser keeps a hostile statement from it (`semmap.database.as_reader`).
+    Attributes
+    ----------
+    columns : their names, in order; a name may be there twice
+    rows : values of Python
+    notes : what a user should know beside them
+    """
+
+    columns: tuple[str, ...]
+    rows: tuple[tuple[Any, ...], ...]
+    notes: tuple[str, ...] = ()
+
+    def __len__(self) -> int:
+        """The number of rows."""
+        return len(self.rows)
+
+    def __getitem__(self, index: Any) -> Any:
+        """A row, or a tuple of rows for a slice."""
+        return self.rows[index]
+
+    def _repr_html_(self) -> str:
+        return html_table(self.columns, self.rows)
+
+
+def run_sql(
+    connection: Connection | psycopg.Connection[Any],
+    statement: str,
+    values: Sequence[Any] = (),
+    *,
+    write: bool,
+) -> tuple[list[str], list[tuple[Any, ...]]]:
+    """Run one statement in a transaction, or in that of the connection; return columns and rows.
+
+    Without `write`, it is one statement that reads: the transaction is read-only and undone, and a
+    superuser has the role ``semmap_reader`` in it. That role is left by a function such as
+    ``set_config``: only a login that is not a superuser keeps a hostile statement from it
+    (`semmap.database.reader.reading_session`).
+
+    Parameters
+    ----------
+    statement : as it stands, or with ``%s`` for each of `values`
 
     Raises
     ------
     ValueError
-        There is no statement, or it copies from standard input or to standard output, or it does
-        not read while `write` is not given.
+        There is no statement, it is wrong or not allowed, it copies from standard input or to
+        standard output, or it does not read while `write` is not given.
     """
-    driver = connection.connection.driver_connection
-    assert isinstance(driver, psycopg.Connection)
+    session = driver_of(connection)
     if not statement.strip(" \t\r\n;"):
         raise ValueError("no statement: give one, or - to read it from standard input")
-    if not write:
-        _check_that_it_reads(driver, statement)
-        connection.exec_driver_sql("SET TRANSACTION READ ONLY")
-        if is_superuser(connection):
-            connection.exec_driver_sql("SET LOCAL ROLE semmap_reader")
-    cursor = driver.cursor()
-    for name, loader in _LENIENT.items():
-        cursor.adapters.register_loader(name, loader)
     try:
-        # Prepared, so that it is one statement: no COMMIT in it ends the read-only transaction.
-        cursor.execute(statement, prepare=None if write else True)
-    except psycopg.ProgrammingError as error:
-        if "COPY" not in str(error) or error.sqlstate is not None:
-            raise
-        connection.invalidate()  # it waits for data that nobody sends
-        raise ValueError("semmap sql copies nothing to and fro: semmap db psql does") from None
-    if cursor.description is None:
-        return ["rows"], [(cursor.rowcount,)]
-    return [column[0] for column in cursor.description], cursor.fetchall()
+        if not write:
+            _check_that_it_reads(session, statement)
+        with session.transaction(force_rollback=not write), session.cursor() as cursor:
+            if not write:
+                session.execute("SET TRANSACTION READ ONLY")
+                if is_superuser(session):
+                    session.execute("SET LOCAL ROLE semmap_reader")
+            for name, loader in _LENIENT.items():
+                cursor.adapters.register_loader(name, loader)
+            # Prepared, so that it is one statement: no COMMIT in it ends the read-only transaction.
+            try:
+                cursor.execute(statement.encode(), values or None, prepare=None if write else True)
+            except psycopg.ProgrammingError as error:
+                if "COPY" not in str(error) or error.sqlstate is not None:
+                    raise
+                _end_copy(session)
+                raise ValueError(
+                    "semmap sql copies nothing to and fro: semmap db psql does"
+                ) from None
+            if cursor.description is None:
+                return ["rows"], [(cursor.rowcount,)]
+            return [column[0] for column in cursor.description], cursor.fetchall()
+    except psycopg.OperationalError:
+        raise
+    except psycopg.Error as error:
+        raise ValueError(_reason(error)) from error
 
 
-def is_superuser(connection: Connection) -> bool:
-    """Whether a connection has the rights of a superuser."""
-    return bool(
-        connection.exec_driver_sql(
-            "SELECT rolsuper FROM pg_roles WHERE rolname = current_user"
-        ).scalar()
-    )
+def is_superuser(session: psycopg.Connection[Any]) -> bool:
+    """Whether a session has the rights of a superuser."""
+    row = session.execute("SELECT rolsuper FROM pg_roles WHERE rolname = current_user").fetchone()
+    return row is not None and bool(row[0])
 
 
-def _check_that_it_reads(driver: psycopg.Connection[Any], statement: str) -> None:
+def _end_copy(session: psycopg.Connection[Any]) -> None:
+    """Let a session that waits for data, or for somebody who takes its data, go on."""
+    if session.pgconn.transaction_status == TransactionStatus.ACTIVE:
+        session.cancel()
+        with suppress(psycopg.Error):
+            session.pgconn.put_copy_end(b"nothing is copied")
+        with suppress(psycopg.Error):
+            while session.pgconn.get_copy_data(0)[0] > 0:
+                pass
+        while session.pgconn.get_result() is not None:
+            pass
+
+
+def _reason(error: psycopg.Error) -> str:
+    """Why a statement was not run, and what to do."""
+    message = ". ".join(filter(None, (error.diag.message_primary, error.diag.message_hint)))
+    if isinstance(error, psycopg.errors.ReadOnlySqlTransaction):
+        message += ". Add --write to let the statement change the map"
+    return message or str(error).strip()
+
+
+def _check_that_it_reads(session: psycopg.Connection[Any], statement: str) -> None:
     word = kind(statement)
     if word in READING:
         return
-    parsed = driver.pgconn.prepare(b"", statement.encode())
+    parsed = session.pgconn.prepare(b"", statement.encode())
     if parsed.status != ExecStatus.COMMAND_OK:  # not a statement, or several
         raise psycopg.errors.error_from_result(parsed)
     raise ValueError(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from pathlib import Path
 
 import pytest
 import shapely
@@ -10,8 +11,10 @@ import trimesh
 
 import semmap
 from tests.belief.conftest import flat_map
+from tests.conftest import Import
 from tests.manipulation.cup_map import cup_map, cups
 from tests.manipulation.house_map import house, house_map
+from tests.worlds.conftest import HOUSE, ROOMS
 
 __all__ = ["cup_map", "cups", "flat_map", "house", "house_map"]
 
@@ -33,3 +36,12 @@ def flat(db: semmap.Database) -> semmap.Map:
     cylinder = trimesh.creation.cylinder(0.04, 0.1)
     made.add_object("mug7", type="mug", mesh=cylinder, on="desk4", properties={"colour": "red"})
     return made
+
+
+@pytest.fixture(scope="module")
+def small_house(imported: Import, worlds: Path) -> Iterator[semmap.Map]:
+    """The small house with its rooms; the tests of a module share it."""
+    with imported((worlds / HOUSE, "house"), (ROOMS, "house")) as engine:
+        url = engine.url.set(drivername="postgresql").render_as_string(hide_password=False)
+        with semmap.connect(url) as opened:
+            yield opened.map("house")

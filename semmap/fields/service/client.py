@@ -5,12 +5,38 @@ from __future__ import annotations
 import json
 import socket
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager, suppress
+from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
-from semmap.fields.service.endpoint import socket_folder
+from semmap.fields.service.endpoint import socket_folder, socket_of
 
-__all__ = ["ServiceConnection", "find_service"]
+__all__ = ["ServiceAddress", "ServiceConnection", "find_service"]
+
+
+@dataclass(frozen=True)
+class ServiceAddress:
+    """Where the service of a map is.
+
+    Attributes
+    ----------
+    url : of the database; `SEMMAP_DB` or the embedded database if not given
+    map_name : the map; if not given, the one that commands use
+    """
+
+    url: str | None
+    map_name: str | None
+
+    def find(
+        self, voxel_size: float | None = None
+    ) -> AbstractContextManager[ServiceConnection | None]:
+        """Connect with the service as `find_service` does."""
+        return find_service(self.url, self.map_name, voxel_size)
+
+    def socket(self, map_name: str) -> Path:
+        """Return the socket for a map of the database, as `socket_of` does."""
+        return socket_of(self.url, map_name)
 
 
 class ServiceConnection:
@@ -21,9 +47,14 @@ class ServiceConnection:
     map_name : the map that it serves
     """
 
-    def __init__(self, stream: Any, map_name: str = "") -> None:
-        self._stream = stream
+    def __init__(self, stream: Any, channel: socket.socket, map_name: str = "") -> None:
+        self._stream, self._channel = stream, channel
         self.map_name = map_name
+
+    def close(self) -> None:
+        """End the connection, and loops over `replies` in other threads."""
+        with suppress(OSError):
+            self._channel.shutdown(socket.SHUT_RDWR)
 
     def ask(self, action: str, **arguments: Any) -> Any:
         """Return the reply to a request.
@@ -83,11 +114,14 @@ def find_service(
             except OSError:
                 continue  # left behind by a service that was killed
             with channel.makefile("rwb") as stream:
-                found = ServiceConnection(stream)
+                found = ServiceConnection(stream, channel)
                 hello = found.ask("hello", map=map_name)
                 same = voxel_size is None or abs(hello["voxel_size"] - voxel_size) < 1e-9
                 if hello["is_meant"] and same:
                     found.map_name = hello["map"]
-                    yield found
+                    try:
+                        yield found
+                    finally:
+                        found.close()  # a thread that waits for a reply would keep the stream open
                     return
     yield None

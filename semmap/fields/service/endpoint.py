@@ -10,11 +10,22 @@ import os
 import stat
 import tempfile
 from pathlib import Path
-from urllib.parse import parse_qs, unquote, urlsplit
+from typing import TYPE_CHECKING, Any
+from urllib.parse import parse_qs, quote, unquote, urlsplit
 
 from semmap.data_folder import default_home
 
-__all__ = ["socket_folder", "socket_of"]
+if TYPE_CHECKING:
+    import psycopg
+
+__all__ = ["socket_folder", "socket_of", "url_of"]
+
+
+def url_of(session: psycopg.Connection[Any]) -> str:
+    """Return a URL, without login, of the database that a session is connected with."""
+    info = session.info
+    host = quote(info.host, safe="")
+    return f"postgresql:///{quote(info.dbname, safe='')}?host={host}&port={info.port}"
 
 
 def socket_folder(url: str | None) -> Path:

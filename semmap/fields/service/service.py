@@ -26,7 +26,7 @@ from semmap.fields.service.percept_json import read_percept
 from semmap.fields.service.query_reply import query_reply
 from semmap.fields.service.settings import ServiceSettings, SourceSettings
 from semmap.fields.sources.manager import SourceManager
-from semmap.fields.sources.source import make_source
+from semmap.fields.sources.source import Source, check_percept, make_source
 from semmap.fields.store.event_channel import EventPublisher, ServerError, as_json
 from semmap.fields.store.map_store import load_maps
 from semmap.fields.store.names import read_map_vocabulary, read_names
@@ -83,7 +83,7 @@ class FieldService:
         )
         self.tracker.update(mirror.regions.entities())
         self._manager = SourceManager(mirror.maps)
-        self._inboxes: dict[str, Inbox] = {}
+        self._inboxes: dict[str, tuple[Inbox, Source]] = {}
         self._running: dict[str, SourceSettings] = {}
         self._most = max(1, round(self.settings.keep_for / max(self.settings.keep_every, 1e-3)))
         self._history = SourceHistory(self._most)
@@ -219,7 +219,7 @@ class FieldService:
         )
         self._running[given.name] = given
         if isinstance(feed, Inbox):
-            self._inboxes[given.name] = feed
+            self._inboxes[given.name] = feed, source
 
     def stop_source(self, name: str) -> None:
         """Stop a source; what it provides is unknown from then on.
@@ -266,7 +266,10 @@ class FieldService:
         if name not in self._inboxes:
             there = ", ".join(sorted(self._inboxes)) or "none"
             raise LookupError(f"no source {name} takes percepts from the socket; sources: {there}")
-        self._inboxes[name].put(read_percept(percept))
+        inbox, source = self._inboxes[name]
+        read = read_percept(percept)
+        check_percept(name, source, read)
+        inbox.put(read)
 
     # Requests
 

@@ -29,6 +29,8 @@ class GazeSource:
     graded : make float32 maps, 1 on the axis of the cone and 0 at its rim, instead of bool maps
     """
 
+    takes = Gaze
+
     def __init__(
         self,
         vocabulary: Vocabulary,

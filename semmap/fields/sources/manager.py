@@ -13,7 +13,7 @@ from time import monotonic
 from typing import Any
 
 from semmap.fields.maps.map_buffer import MapBuffer
-from semmap.fields.sources.source import Source
+from semmap.fields.sources.source import Source, check_percept
 
 __all__ = ["EndOfPercepts", "SourceManager", "SourceStatus"]
 
@@ -199,6 +199,7 @@ class _Worker:
             if percept is None or percept is self._last:
                 return
             self._last, self._latest = percept, monotonic()
+            check_percept(self._name, self._source, percept)
             self._maps.put(
                 self._name,
                 self._source(percept),

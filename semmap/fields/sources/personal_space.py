@@ -57,6 +57,7 @@ class PersonalSpaceSource:
     least : the smallest value that a voxel gets
     """
 
+    takes = People
     provides = ("inPersonalSpace", "personalSpace")
 
     def __init__(

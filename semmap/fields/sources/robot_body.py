@@ -28,6 +28,7 @@ class RobotBodySource:
     voxel_size : metres
     """
 
+    takes = RobotState
     provides = ("containsRobot",)
 
     def __init__(

@@ -20,6 +20,7 @@ __all__ = ["ObjectSource", "PeopleSource"]
 class _LabelSource:
     """Makes an int32 map of the voxels in which the points of pixels lie, with their labels."""
 
+    takes = Segmentation
     property_name: str
 
     def __init__(

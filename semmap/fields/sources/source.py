@@ -10,11 +10,22 @@ from typing import Any, Protocol
 
 from semmap.fields.maps.representation_map import RepresentationMap
 from semmap.fields.maps.vocabulary import Vocabulary
+from semmap.fields.sources.percepts import Gaze, People, RobotState, Segmentation, Zones
 
-__all__ = ["GROUP", "Source", "installed_sources", "make_source"]
+__all__ = ["GROUP", "Source", "check_percept", "installed_sources", "make_source"]
 
 GROUP = "semmap.sources"
 """The group of entry points for sources in packages: `name = "module:Class"`."""
+
+
+KEYS: Mapping[type, str] = {
+    Gaze: "poses",
+    People: "people",
+    RobotState: "pose",
+    Segmentation: "depth and labels",
+    Zones: "zones",
+}
+"""By what percepts of a kind are known where they are JSON."""
 
 
 class Source(Protocol):
@@ -22,12 +33,34 @@ class Source(Protocol):
 
     A source may have an attribute `provides`, the names of the properties that it states. Where a
     percept makes no map of one of them, a query answers that there is none; without a source that
-    provides a property, a query on it is an error.
+    provides a property, a query on it is an error. It may have an attribute `takes`, the class of
+    its percepts.
     """
 
     def __call__(self, percept: Any) -> Iterable[RepresentationMap]:
         """Return the maps of a percept; their number may differ each time."""
         ...
+
+
+def check_percept(name: str, source: Source, percept: Any) -> None:
+    """Refuse a percept of another kind than a source takes.
+
+    Parameters
+    ----------
+    name : of the running source
+
+    Raises
+    ------
+    ValueError
+        It is of another kind; the message names both by their keys in JSON.
+    """
+    takes = getattr(source, "takes", None)
+    if takes is not None and not isinstance(percept, takes):
+        given = KEYS.get(type(percept), type(percept).__name__)
+        raise ValueError(
+            f"the source {name} takes percepts with {KEYS.get(takes, takes.__name__)}, not with "
+            f"{given}: send them to a source that takes them (docs/fields.md)"
+        )
 
 
 def installed_sources() -> Mapping[str, str]:

@@ -24,6 +24,7 @@ class StandingPeopleSource:
     radius, height : of a body, metres
     """
 
+    takes = People
     provides = ("containsPerson",)
 
     def __init__(

@@ -32,6 +32,7 @@ class ZoneSource:
         For each zone without a map the reason: it has more voxels than `semmap.limits` allow.
     """
 
+    takes = Zones
     provides = ("inRoom", "inZone")
 
     def __init__(self, vocabulary: Vocabulary, *, voxel_size: float = 0.05) -> None:

@@ -8,7 +8,6 @@ from collections import OrderedDict
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from typing import Any
-from urllib.parse import quote
 
 import psycopg
 from sqlalchemy import URL
@@ -20,6 +19,7 @@ from semmap.fields.queries import query
 from semmap.fields.queries.mirror_catalogue import mirror_catalogue
 from semmap.fields.queries.query_result import SelectResult
 from semmap.fields.service.client import find_service
+from semmap.fields.service.endpoint import url_of
 from semmap.fields.service.kept_answer import show_kept
 from semmap.fields.store.names import read_map_vocabulary, read_names
 from semmap.fields.store.voxel_mirror import VoxelMirror
@@ -73,7 +73,7 @@ class MapFields:
                 query.place,
             )
         try:
-            with find_service(self._service_url(), self._map_name, VOXEL_SIZE) as service:
+            with find_service(url_of(self._session), self._map_name, VOXEL_SIZE) as service:
                 if service is not None:
                     reply = service.ask("query", text=query.text, limit=None)
                     rows = [tuple(row) for row in reply["rows"]]
@@ -110,11 +110,6 @@ class MapFields:
             database=info.dbname,
             query=given,
         )
-
-    def _service_url(self) -> str:
-        info = self._session.info
-        host = quote(info.host, safe="")
-        return f"postgresql:///{quote(info.dbname, safe='')}?host={host}&port={info.port}"
 
 
 class _Kept:

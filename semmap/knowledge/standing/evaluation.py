@@ -10,8 +10,9 @@ from typing import Any, NamedTuple
 import psycopg
 import rdflib
 
+from semmap.knowledge.answer import Answer
 from semmap.knowledge.map_view import MapView, Row, Term, term_of
-from semmap.knowledge.queries import Answer, errors_of, limited, query
+from semmap.knowledge.queries import errors_of, limited, query
 from semmap.knowledge.sparql.constants import tag_and_text
 from semmap.knowledge.sparql.translator import GIVEN, SqlStatement
 from semmap.knowledge.standing.parts import QueryPart, Solution

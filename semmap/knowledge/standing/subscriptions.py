@@ -14,12 +14,13 @@ import time
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import AbstractContextManager, contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from datetime import datetime
 from typing import Any
 
 from sqlalchemy import Engine
 
+from semmap.knowledge.answer import plain_value
 from semmap.knowledge.map_view import MapView, Row
 from semmap.knowledge.sparql.scope import Inferred
 from semmap.knowledge.standing.changes import Changes
@@ -45,11 +46,18 @@ class Event:
     subscription : its number
     what : "appeared" or "disappeared"
     bindings : the terms of the variables that are bound; none where the query is ASK
+    map_name : the map
     """
 
     subscription: int
     what: str
     bindings: dict[str, Any]
+    map_name: str = field(default="", compare=False)
+
+    @property
+    def values(self) -> dict[str, Any]:
+        """The plain values of the variables (`semmap.knowledge.answer.plain_value`)."""
+        return {name: plain_value(term, self.map_name) for name, term in self.bindings.items()}
 
 
 @dataclass
@@ -311,8 +319,8 @@ class Subscriptions:
             for what, rows in (("disappeared", disappeared), ("appeared", appeared)):
                 for row in rows:
                     bound = zip(found.names, row, strict=True)
-                    event = Event(number, what, {n: t for n, t in bound if t is not None})
-                    yield subscriber.callback, event
+                    terms = {n: t for n, t in bound if t is not None}
+                    yield subscriber.callback, Event(number, what, terms, str(self._feed.map_name))
 
 
 def _sorted(rows: list[Row]) -> list[Row]:

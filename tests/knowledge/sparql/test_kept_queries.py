@@ -10,6 +10,7 @@ import psycopg
 import pytest
 
 from semmap import Map
+from semmap.database.maps import see_map
 from semmap.knowledge import Answer, KnowledgeError, queries, query, update
 from semmap.knowledge.reasoning.runs import forget, reason
 from semmap.knowledge.sparql import kept_queries
@@ -79,12 +80,15 @@ def test_queries_that_differ_in_an_entity_share_a_plan(loft: psycopg.Connection)
 
 def test_another_map(attic: Map, loft_map: Map) -> None:
     text = "SELECT ?x { ?x a semmap:Table FILTER EXISTS { :table semmap:kind ?kind } }"
+    session = attic.connection
     for _ in range(3):
-        assert names(query(attic.connection, text)) == {"table"}
-        of_loft = query(loft_map.connection, text)
+        see_map(session, attic.name, lasting=True)
+        assert names(query(session, text)) == {"table"}
+        see_map(session, loft_map.name, lasting=True)
+        of_loft = query(session, text)
         assert len(of_loft.rows) == 1
         assert "map:loft#" in str(of_loft.rows[0][0])
-    session = attic.connection
+    see_map(session, attic.name, lasting=True)
     assert again(session, text) is None  # it was the loft's
     session.execute("SELECT set_config('semmap.map', 'no such map', false)")
     with pytest.raises(LookupError, match="no such map"):

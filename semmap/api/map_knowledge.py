@@ -1,0 +1,286 @@
+"""The map as RDF: queries and updates in SPARQL, files, and the endpoint."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from semmap.api.map_reasoning import MapReasoning
+
+if TYPE_CHECKING:
+    import rdflib
+
+    from semmap.api.live_events import LiveEvents
+    from semmap.knowledge.answer import Answer
+    from semmap.knowledge.client import KnowledgeClient
+    from semmap.knowledge.standing.subscriptions import Event
+    from semmap.knowledge.updates import GraphChanges
+
+__all__ = ["MapKnowledge"]
+
+
+class MapKnowledge(MapReasoning):
+    """The part of `Map` that is a graph of RDF; see docs/knowledge.md."""
+
+    def sparql(
+        self,
+        text: str,
+        *,
+        seconds: float | None = None,
+        rows: int | None = None,
+        inferred: bool = True,
+    ) -> Answer:
+        """Answer a query of SPARQL 1.1 on the facts, geometry and T-Box of the map.
+
+        Parameters
+        ----------
+        text : the usual prefixes are declared, and the empty one is that of the map's entities, so
+            that ``:table1`` is the entity table1
+        seconds, rows : limits; by default those of `semmap.limits`
+        inferred : see what `reason` inferred, too
+
+        Returns
+        -------
+        An answer that yields its rows as plain values, is true or false where it is ASK, and has
+        the `names` of its columns, the terms (`rows`), the `graph` of CONSTRUCT, and `notes`.
+
+        Raises
+        ------
+        ValueError
+            The text is wrong (with line and column), or a limit is exceeded.
+
+        Examples
+        --------
+        >>> for chair, room in house.sparql(  # doctest: +SKIP
+        ...     "SELECT ?x ?room { ?x a semmap:Chair ; semmap:heldBy ?room }"
+        ... ):
+        ...     house[chair].put_in("kitchen")
+        """
+        from semmap.knowledge.queries import query
+
+        with self.reading() as session:
+            return query(session, text, seconds=seconds, rows=rows, inferred=inferred)
+
+    def update(self, text: str, *, seconds: float | None = None) -> GraphChanges:
+        """Carry out an update of SPARQL 1.1, as a whole or not at all.
+
+        Returns
+        -------
+        The numbers of facts that were `added` and `removed`.
+
+        Raises
+        ------
+        ValueError
+            The text is wrong, the map or shapes that bind it do not allow a fact, or it took too
+            long; nothing was changed.
+
+        Examples
+        --------
+        >>> house.update("INSERT DATA { :mug1 prop:colour 'red' }").added  # doctest: +SKIP
+        1
+        """
+        from semmap.knowledge.updates import update
+
+        return update(self.connection, text, seconds=seconds)
+
+    def watch_sparql(
+        self,
+        text: str,
+        callback: Callable[[Event], Any] | None = None,
+        *,
+        seconds: float | None = None,
+    ) -> LiveEvents[Event]:
+        """Follow the map: which answers of a query appear and disappear.
+
+        Parameters
+        ----------
+        text : SELECT or ASK
+        callback : gets each event, in a thread of its own; without it, loop over the result
+        seconds : stop after this time; by default when the result is closed
+
+        Returns
+        -------
+        Events with `what` ("appeared" or "disappeared") and `values`, plain values by variable. Its
+        `count` is the number of answers that there are already, which are no events.
+
+        Raises
+        ------
+        ValueError
+            The text is wrong, or neither SELECT nor ASK.
+
+        Examples
+        --------
+        >>> with house.watch_sparql("SELECT ?x { ?x semmap:heldBy :kitchen }") as events:
+        ...     for event in events:  # doctest: +SKIP
+        ...         print(event.what, event.values["x"])
+        """
+        from semmap.api.live_events import LiveEvents
+        from semmap.knowledge.standing.subscriptions import Subscriptions
+
+        standing = Subscriptions(self.database.reading_engine, self.name)
+        try:
+            _, count = standing.add(text, callback=callback)
+        except BaseException:
+            standing.close()
+            raise
+        return LiveEvents(count, standing.events(), standing.close, seconds=seconds)
+
+    def knowledge_client(self) -> KnowledgeClient:
+        """A client with the interface of KnowledgeCore: revise, find, subscribe; close it."""
+        from semmap.knowledge.client import KnowledgeClient
+
+        return KnowledgeClient(self.engine, self.name)
+
+    # --- files
+
+    def graph(self, *, inferences: bool = False) -> rdflib.Dataset:
+        """Return all facts of the map, with its named graphs.
+
+        Parameters
+        ----------
+        inferences : what `reason` inferred, too, in the graph ``urn:semmap:inferred``
+
+        Raises
+        ------
+        ValueError
+            `inferences` are wanted, and the map is not reasoned about.
+        """
+        from semmap.knowledge.map_view import MapView
+        from semmap.knowledge.reasoning.runs import is_reasoned
+        from semmap.knowledge.whole_graph import dump
+
+        with self.reading() as session:
+            if inferences and not is_reasoned(MapView.of(session)):
+                raise ValueError("nothing is inferred from this map: run semmap knowledge reason")
+            return dump(session, inferences=inferences)
+
+    def export_rdf(self, path: str | Path, *, inferences: bool = False) -> int:
+        """Write all facts of the map to a file, and return how many there are.
+
+        Parameters
+        ----------
+        path : its ending says the format: .ttl, .jsonld, .trig, .nt or .nq. Named graphs are
+            written to .trig, .nq and .jsonld
+        inferences : what `reason` inferred, too: in the graph ``urn:semmap:inferred``, or among all
+            facts where the format has no graphs
+
+        Raises
+        ------
+        ValueError
+            The ending is unknown, or the map is not reasoned about.
+        """
+        from semmap.knowledge.rdf_file import format_of
+        from semmap.knowledge.whole_graph import serialized
+
+        format_ = format_of(Path(path))
+        graph = self.graph(inferences=inferences)
+        Path(path).write_text(serialized(graph, format_), encoding="utf-8")
+        return len(graph)
+
+    def import_rdf(self, path: str | Path) -> int:
+        """Add the facts of a file, all or none, and return how many were new.
+
+        Parameters
+        ----------
+        path : its ending is one of `export_rdf`
+
+        Raises
+        ------
+        WorldError
+            The file cannot be read, is not of its format, or has a fact that the map does not
+            allow.
+        ValueError
+            The ending is unknown.
+        """
+        from semmap.knowledge.rdf_file import format_of, read_facts, store_facts
+
+        file = Path(path)
+        return store_facts(self.connection, read_facts(file, format_of(file)), file)
+
+    # --- programs that go on
+
+    def push_fields(
+        self,
+        relations: Mapping[str, str] | Sequence[str] | None = None,
+        *,
+        perspectives: bool = False,
+        seconds: float | None = None,
+        started: Callable[[list[str]], Any] = lambda relations: None,
+    ) -> None:
+        """Keep relations of the running service of fields as facts of the map, while this runs.
+
+        Standing queries then see them begin and end.
+
+        Parameters
+        ----------
+        relations : the property of each relation: ``{"sees": "looksAt"}`` or ``["sees=looksAt"]``
+        perspectives : put what an agent sees into its model
+        seconds : end after this time; by default when it is interrupted
+        started : called with the relations when it has begun
+
+        Raises
+        ------
+        ValueError
+            Nothing is to be pushed, a property is computed already, or no service is running.
+        """
+        from semmap.fields.service.client import find_service
+        from semmap.fields.service.endpoint import url_of
+        from semmap.knowledge.fields.push import FieldPush, read_pushed
+
+        if not relations and not perspectives:
+            raise ValueError("name a relation, such as sees=looksAt, or --perspectives")
+        lines: Sequence[str] = relations or ()  # type: ignore[assignment]
+        if isinstance(relations, Mapping):
+            lines = [f"{relation}={verb}" for relation, verb in relations.items()]
+        pushed = read_pushed(lines, self.name)
+        with find_service(url_of(self.database.session), self.name) as service:
+            if service is None:
+                raise ValueError(
+                    f"no service of {self.name} is running: start `semmap fields serve`"
+                )
+            service.send("watch", seconds=seconds)
+            started([*pushed])
+            follower = FieldPush(self.engine, self.name, pushed, perspectives=perspectives)
+            follower.follow(service.replies(), threading.Event())
+
+    def serve_sparql(
+        self,
+        host: str = "127.0.0.1",
+        port: int = 8890,
+        *,
+        tokens: str | Path | None = None,
+        seconds: float = 60,
+        rows: int = 1_000_000,
+        stop: threading.Event | None = None,
+        started: Callable[[str], Any] = lambda url: None,
+    ) -> None:
+        """Serve the map by the SPARQL 1.1 protocol: /sparql, /update and /graph.
+
+        Parameters
+        ----------
+        host, port : the address to listen on
+        tokens : a file with a token and its database role in each line; without it, nobody may
+            write
+        seconds, rows : limits of a request
+        stop : ends the call when it is set; by default an interrupt does
+        started : called with the URL before requests are answered
+
+        Raises
+        ------
+        ValueError
+            A package is missing, or the file of tokens is wrong.
+        """
+        try:
+            from semmap.knowledge.service import SparqlEndpoint, read_tokens, serve, session_opener
+        except ModuleNotFoundError as error:
+            raise ValueError(
+                f"{error.name} is not installed: pip install 'semmap[knowledge]'"
+            ) from None
+        known = {} if tokens is None else read_tokens(Path(tokens))
+        reader = session_opener(self.database.reading_engine, self.name)
+        writer = session_opener(self.engine, self.name)
+        endpoint = SparqlEndpoint(reader, writer, known, seconds=seconds, rows=rows)
+        started(f"http://{host}:{port}/sparql")
+        serve(endpoint, host, port, stop)

@@ -1,0 +1,359 @@
+"""What space contains: the fields of a map, asked of the running service or of the kept state."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from semmap.api.field_sources import FieldSources
+from semmap.html_table import html_table
+
+if TYPE_CHECKING:
+    from semmap.api.kept_fields import Note
+    from semmap.api.live_events import LiveEvents
+    from semmap.api.map_questions import MapQuestions
+    from semmap.fields.service.client import ServiceAddress
+
+__all__ = ["EntityVoxels", "FieldChanges", "KeptField", "SpaceAnswer", "SpatialFields"]
+
+VOXEL_SIZE = 0.05
+"""Metres."""
+
+
+class EntityVoxels(NamedTuple):
+    """An entity, its kind, the number of its voxels and their volume in cubic metres."""
+
+    name: str
+    kind: str
+    voxels: int
+    volume: float
+
+
+class KeptField(NamedTuple):
+    """A stored field: its property, the entity it is about, its voxels and its versions."""
+
+    name: str
+    property: str
+    about: str | None
+    voxels: int
+    versions: int
+
+
+class FieldChanges(NamedTuple):
+    """What an update changed: the names of new regions by blank node, and all changed names."""
+
+    new: dict[str, str]
+    changed: list[str]
+
+
+@dataclass(frozen=True)
+class SpaceAnswer(Sequence[tuple[Any, ...]]):
+    """The answer of a query on fields: a sequence of rows; it is true if an ASK is.
+
+    Attributes
+    ----------
+    names : the variables of a SELECT
+    rows : names of entities, numbers, texts, and voxels as (x, y, z), metres in the map's frame
+    total : the number of rows without the limit
+    truth : the answer of an ASK
+    stored : of STORE, a mapping with `property` and `voxels`, and `file`, `kept` and `version`
+    left_out : the entities without voxels, of which the answer says nothing
+    notes : who answered, and from what
+    """
+
+    names: tuple[str, ...] = ()
+    rows: tuple[tuple[Any, ...], ...] = ()
+    total: int = 0
+    truth: bool | None = None
+    stored: dict[str, Any] | None = None
+    left_out: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
+
+    def __bool__(self) -> bool:
+        """Whether an ASK is true; else, whether there are rows, or a map."""
+        return bool(self.rows or self.stored) if self.truth is None else self.truth
+
+    def __len__(self) -> int:
+        """The number of rows."""
+        return len(self.rows)
+
+    def __getitem__(self, index: Any) -> Any:
+        """A row, or a tuple of rows for a slice."""
+        return self.rows[index]
+
+    def _repr_html_(self) -> str:
+        if self.truth is not None:
+            return f"<p>{'yes' if self.truth else 'no'}</p>"
+        if self.stored is not None:
+            return html_table(list(self.stored), [tuple(self.stored.values())])
+        return html_table(self.names, self.rows)
+
+
+class SpatialFields(FieldSources):
+    """The fields of a map: occupied and free space, rooms, views, stored fields; docs/fields.md.
+
+    The running service of the map answers, if there is one, else what the map and sources kept.
+
+    Parameters
+    ----------
+    address : where the service is
+    open_map : gives the map; called when the service cannot answer
+    voxel_size : metres; a service with voxels of another size is not asked
+    note : gets what a user should know: who answered, and what has no voxels
+    """
+
+    def __init__(
+        self,
+        address: ServiceAddress,
+        open_map: Callable[[], MapQuestions],
+        voxel_size: float = VOXEL_SIZE,
+        note: Note = lambda text: None,
+    ) -> None:
+        super().__init__(address, open_map, voxel_size)
+        self._note = note
+
+    def with_voxel_size(self, voxel_size: float) -> SpatialFields:
+        """The same with voxels of another size, metres."""
+        return SpatialFields(self._address, self._open_map, voxel_size, self._note)
+
+    def at(self, x: float, y: float, z: float) -> list[tuple[str, str]]:
+        """Return name and kind of the entities that have the voxel at a point.
+
+        Parameters
+        ----------
+        x, y, z : metres in the map's frame
+        """
+        import math
+
+        point = [float(x), float(y), float(z)]
+        if not all(map(math.isfinite, point)):
+            raise ValueError(f"({x}, {y}, {z}) is not a point: give three finite numbers")
+        with self._address.find(self.voxel_size) as service:
+            if service is not None:
+                rows = service.ask("at", point=point)
+            else:
+                mirror = self._kept_space()
+                (found,) = mirror.regions.entities_at([point])
+                rows = sorted((mirror.names[n], mirror.roles[n]) for n in found)
+        return [(name, kind) for name, kind in rows]
+
+    def ls(self) -> list[EntityVoxels]:
+        """List the entities that have voxels."""
+        with self._address.find(self.voxel_size) as service:
+            if service is not None:
+                found = service.ask("ls")
+            else:
+                mirror = self._kept_space()
+                found = sorted(
+                    (name, mirror.roles[each], mirror.regions.size(each))
+                    for each, name in mirror.names.items()
+                )
+        cube = self.voxel_size**3
+        return [EntityVoxels(name, kind, n, round(n * cube, 6)) for name, kind, n in found]
+
+    def query(
+        self,
+        text: str,
+        *,
+        limit: int | None = None,
+        output: str | Path | None = None,
+        keep: str | None = None,
+    ) -> SpaceAnswer:
+        """Answer a query of docs/fields_language.md.
+
+        Parameters
+        ----------
+        limit : the most rows
+        output : file for the map of STORE (.vdb)
+        keep : name under which the map of STORE is stored in the database
+
+        Raises
+        ------
+        ValueError
+            The text is wrong, or nothing states a property, such as where people look without a
+            source of gazes.
+
+        Examples
+        --------
+        >>> for name, voxels in house.fields.query(  # doctest: +SKIP
+        ...     "SELECT ?o (COUNT(?v) AS ?n) { ?v :occupiedBy ?o ; :inRoom :kitchen } GROUP BY ?o"
+        ... ):
+        ...     print(name, voxels)
+        """
+        from semmap.api.kept_fields import query_kept
+
+        given = {
+            "limit": limit,
+            "output": None if output is None else str(Path(output).absolute()),
+            "keep": keep,
+        }
+        notes: list[str] = []
+
+        def note(text: str) -> None:
+            notes.append(text)
+            self._note(text)
+
+        with self._address.find(self.voxel_size) as service:
+            if service is not None:
+                note(f"answered by the service of {service.map_name}")
+                reply = service.ask("query", text=text, **given)
+            else:
+                reply = query_kept(self._open_map(), self.voxel_size, note, text, **given)
+        if reply["left_out"]:
+            left_out = reply["left_out"]
+            more = ", ..." if len(left_out) > 5 else ""
+            names = ", ".join(left_out[:5])
+            note(f"unknown, as they have no voxels: {len(left_out)} entities: {names}{more}")
+        rows = ((*map(_plain, row),) for row in reply.get("rows", ()))
+        return SpaceAnswer(
+            tuple(reply.get("variables", ())),
+            tuple(rows),
+            reply.get("total", 0),
+            reply.get("ask"),
+            reply.get("store"),
+            tuple(reply["left_out"]),
+            tuple(notes),
+        )
+
+    def update(self, text: str) -> FieldChanges:
+        """Insert and delete regions of entities; the map keeps them.
+
+        Parameters
+        ----------
+        text : INSERT or DELETE; a blank node, or a name that is not in the map, becomes a region
+
+        Raises
+        ------
+        ValueError
+            The text is wrong, or changes what a source sees; nothing was changed.
+        """
+        from semmap.api.kept_fields import update_kept
+
+        with self._address.find(self.voxel_size) as service:
+            if service is not None:
+                reply = service.ask("update", text=text)
+            else:
+                reply = update_kept(self._open_map(), self.voxel_size, self._note, text)
+        return FieldChanges(**reply)
+
+    # --- stored fields
+
+    def kept(self) -> list[KeptField]:
+        """List the stored fields."""
+        from semmap.fields.store import field_store
+        from semmap.fields.store.map_store import load_maps
+        from semmap.fields.store.names import read_map_vocabulary
+
+        session = self._open_map().connection
+        return [
+            KeptField(
+                name, m.property.name, m.about, len(m), len(field_store.versions(session, name))
+            )
+            for name, m in load_maps(session, read_map_vocabulary()).items()
+        ]
+
+    def __iter__(self) -> Iterator[KeptField]:
+        """Iterate over the stored fields."""
+        return iter(self.kept())
+
+    def forget(self, name: str) -> None:
+        """Delete a stored field with all its versions.
+
+        Raises
+        ------
+        LookupError
+            There is no such field.
+        """
+        from semmap.fields.store import field_store
+
+        opened = self._open_map()
+        with opened.transaction():
+            known = field_store.names(opened.connection, stateless=True)
+            if name not in known:
+                raise LookupError(
+                    f"there is no field {name} in this map; fields: {', '.join(known) or 'none'}"
+                )
+            field_store.forget(opened.connection, name)
+
+    def export(
+        self, folder: str | Path, kept: str | None = None, version: int | None = None
+    ) -> dict[str, Any]:
+        """Write the voxels of all entities, or a stored field: OpenVDB, JSON and points.
+
+        Parameters
+        ----------
+        folder : gets sets.vdb, sets.json and points.ply, or field.vdb, points.ply and legend.json
+        kept : the stored field
+        version : of the stored field; by default the newest
+
+        Returns
+        -------
+        What was written: `folder`, `voxel_size`, `voxels` and further counts.
+
+        Raises
+        ------
+        LookupError
+            There is no such field or version.
+        """
+        from semmap.api.kept_fields import current_mirror, export_entities, export_field
+
+        if kept is not None:
+            return export_field(self._open_map(), kept, version, Path(folder))
+        if version is not None:
+            raise ValueError(
+                "--version is a version of a stored field: name the field by --kept NAME"
+            )
+        mirror = current_mirror(self._open_map(), self.voxel_size, self._note)
+        return export_entities(mirror, Path(folder))
+
+    def watch(
+        self,
+        callback: Callable[[dict[str, Any]], Any] | None = None,
+        *,
+        seconds: float | None = None,
+        save_every: float | None = None,
+    ) -> LiveEvents[dict[str, Any]]:
+        """Follow the map: the relations between entities that begin and end.
+
+        Without a service, they are published on the channel `semmap_events` of the database, too.
+
+        Parameters
+        ----------
+        callback : gets each event, in a thread of its own; without it, loop over the result
+        seconds : stop after this time; by default when the result is closed
+        save_every : seconds between saves of the voxels, from which later calls start; the service
+            has its own
+
+        Returns
+        -------
+        Events as mappings: `event` ("begin" or "end"), `subject`, `relation`, `object` and `time`.
+        Its `count` is the number of relations that are true already.
+
+        Examples
+        --------
+        >>> with house.fields.watch(seconds=60) as events:  # doctest: +SKIP
+        ...     for event in events:
+        ...         print(event["subject"], event["relation"], event["object"], event["event"])
+        """
+        from semmap.api.field_events import watch_map, watch_service
+
+        found = watch_service(self._address.find(self.voxel_size), seconds, callback, self._note)
+        if found is not None:
+            return found
+        self._note("no service is running: relations of the map alone, without sources")
+        opened = self._open_map()
+        return watch_map(
+            opened.engine, opened.name, self.voxel_size, self._note, seconds, save_every, callback
+        )
+
+    def _kept_space(self) -> Any:
+        from semmap.api.kept_fields import kept_space
+
+        return kept_space(self._open_map(), self.voxel_size, self._note)
+
+
+def _plain(value: Any) -> Any:
+    """A value of a reply; a voxel of the service is a list."""
+    return tuple(value) if isinstance(value, list) else value
