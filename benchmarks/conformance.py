@@ -36,9 +36,10 @@ from benchmarks.conformance_failures import why
 from benchmarks.geosparql import requirements_table, small_map
 from semmap import Database
 from semmap.database import Cluster
-from semmap.knowledge import query, update
 from semmap.knowledge.facts import SKOLEM, Fact, FactWriter
 from semmap.knowledge.map_view import MapView
+from semmap.knowledge.queries import query
+from semmap.knowledge.updates import update
 from semmap.knowledge.whole_graph import facts
 
 __all__ = ["Case", "cases", "empty_map", "main", "run"]

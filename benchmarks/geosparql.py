@@ -12,8 +12,8 @@ import psycopg
 from rich.table import Table
 
 from semmap import Database
-from semmap.knowledge import query
 from semmap.knowledge.mapping import TOPOLOGICAL
+from semmap.knowledge.queries import query
 
 __all__ = ["REQUIREMENTS", "Requirement", "failed", "requirements_table", "small_map"]
 

@@ -19,10 +19,9 @@ import rdflib
 import semmap
 from benchmarks.database import map_name, map_of
 from benchmarks.timing import Row, median_seconds, medians_in_turn, print_rows
-from semmap.knowledge import query
 from semmap.knowledge.map_view import MapView
 from semmap.knowledge.mapping import TRIPLES
-from semmap.knowledge.queries import KEPT, limited
+from semmap.knowledge.queries import KEPT, limited, query
 from semmap.knowledge.vocabulary import GEO, RDF, SEMMAP, prefixes
 from semmap.knowledge.whole_graph import triple_query
 from semmap.language.parser import parse_sparql

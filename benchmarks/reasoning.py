@@ -13,10 +13,10 @@ import semmap
 from benchmarks.bench_map import use_bench_database
 from benchmarks.timing import Row, median_seconds, print_rows
 from semmap import Map
-from semmap.knowledge import update
 from semmap.knowledge.map_view import MapView
 from semmap.knowledge.reasoning.runs import reason, refresh
 from semmap.knowledge.sparql.scope import NOTHING_INFERRED
+from semmap.knowledge.updates import update
 from semmap.knowledge.vocabulary import PREFIXES
 
 __all__ = ["main"]

@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterator
 import semmap
 from benchmarks.bench_map import fresh_map
 from benchmarks.timing import Row, print_rows
-from semmap.knowledge import query
+from semmap.knowledge.queries import query
 from semmap.knowledge.standing.subscriptions import Event, Subscriptions
 
 __all__ = ["main"]

@@ -7,8 +7,8 @@ from typing import Any
 
 from planner.demo.reader import DemoChoices
 from semmap import cli
-from semmap.knowledge import query
 from semmap.knowledge.map_view import MapView
+from semmap.knowledge.queries import query
 from semmap.knowledge.results import shown
 from semmap.knowledge.vocabulary import TYPE, encode, prefixes, short
 

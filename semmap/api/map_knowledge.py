@@ -131,7 +131,7 @@ class MapKnowledge(MapReasoning):
         """A client with the interface of KnowledgeCore: revise, find, subscribe; close it."""
         from semmap.knowledge.client import KnowledgeClient
 
-        return KnowledgeClient(self.engine, self.name)
+        return KnowledgeClient(self)
 
     # --- files
 

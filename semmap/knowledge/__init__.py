@@ -14,9 +14,7 @@ if TYPE_CHECKING:
     from semmap.knowledge.answer import Answer
     from semmap.knowledge.client import KnowledgeClient
     from semmap.knowledge.knowledge_core import KB, KbError
-    from semmap.knowledge.queries import KnowledgeError, query
-    from semmap.knowledge.updates import update
-    from semmap.knowledge.whole_graph import dump
+    from semmap.knowledge.queries import KnowledgeError
 
 __all__ = [
     "KB",
@@ -24,9 +22,6 @@ __all__ = [
     "KbError",
     "KnowledgeClient",
     "KnowledgeError",
-    "dump",
-    "query",
-    "update",
 ]
 
 _HOMES = {
@@ -35,9 +30,6 @@ _HOMES = {
     "Answer": "semmap.knowledge.answer",
     "KnowledgeClient": "semmap.knowledge.client",
     "KnowledgeError": "semmap.knowledge.queries",
-    "dump": "semmap.knowledge.whole_graph",
-    "query": "semmap.knowledge.queries",
-    "update": "semmap.knowledge.updates",
 }
 
 __getattr__ = load_on_use(__name__, _HOMES)

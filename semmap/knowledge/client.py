@@ -13,7 +13,6 @@ from typing import Any
 
 import psycopg
 import rdflib
-from sqlalchemy import Engine
 
 from semmap.database.maps import see_map
 from semmap.knowledge.answer import Answer
@@ -25,6 +24,7 @@ from semmap.knowledge.queries import limited, query
 from semmap.knowledge.standing.subscriptions import Event, Subscriptions
 from semmap.knowledge.updates import GraphChanges
 from semmap.knowledge.vocabulary import OWL, RDF, RDFS, SEMMAP, encode, map_namespace
+from semmap.query.map_handle import MapSource
 
 __all__ = ["KnowledgeClient"]
 
@@ -41,24 +41,23 @@ class KnowledgeClient:
 
     Parameters
     ----------
-    engine : of the database
-    map_name : the current map if not given
+    source : a `semmap.Map`, or another handle of a map
 
     Examples
     --------
     >>> with semmap.connect() as database:  # doctest: +SKIP
-    ...     kb = KnowledgeClient(database.engine, "house")
+    ...     kb = KnowledgeClient(database.map("house"))
     ...     kb += ["human1 looksAt book", "book rdf:type Book"]
     ...     kb.find(["who"], ["?who looksAt ?what", "?what rdf:type Book"])
     {'human1'}
     """
 
-    def __init__(self, engine: Engine, map_name: str | None = None) -> None:
-        self._engine = engine
-        with engine.connect() as connection:
-            self.map_name = see_map(connection, map_name)
+    def __init__(self, source: MapSource) -> None:
+        self._engine = source.engine
+        with source.engine.connect() as connection:
+            self.map_name = see_map(connection, source.name)
             MapView.of(_driver(connection))
-        self._subscriptions = Subscriptions(engine, self.map_name)
+        self._subscriptions = Subscriptions(source.engine, self.map_name)
 
     def __enter__(self) -> KnowledgeClient:
         return self

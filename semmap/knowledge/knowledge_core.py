@@ -19,7 +19,6 @@ from queue import SimpleQueue
 from typing import Any
 
 import rdflib
-from sqlalchemy import Engine
 
 from semmap.database import connect
 from semmap.error import Error
@@ -31,6 +30,7 @@ from semmap.knowledge.rdf_file import read_facts, store_facts
 from semmap.knowledge.results import sparql_json
 from semmap.knowledge.standing.subscriptions import Event
 from semmap.knowledge.vocabulary import OWL, RDFS, SEMMAP
+from semmap.query.map_handle import MapHandle, MapSource
 
 __all__ = ["KB", "KbError"]
 
@@ -62,8 +62,8 @@ class KB:
 
     Parameters
     ----------
-    engine : of the database; by default that of ``semmap.connect()``
-    map_name : the current map if not given
+    source : a `semmap.Map`, or another handle of a map; by default the chosen or only map of the
+        user's database
 
     Examples
     --------
@@ -73,11 +73,11 @@ class KB:
     [{'var1': 'alfred'}]
     """
 
-    def __init__(self, engine: Engine | None = None, map_name: str | None = None) -> None:
-        if engine is None:
-            engine = connect()
-        self._engine = engine
-        self._client = KnowledgeClient(engine, map_name)
+    def __init__(self, source: MapSource | None = None) -> None:
+        if source is None:
+            source = MapHandle(connect())
+        self._engine = source.engine
+        self._client = KnowledgeClient(source)
         self.events: SimpleQueue[tuple[str, list[dict[str, Any]]]] = SimpleQueue()
         self._subscribed: dict[tuple[str, Any], list[int]] = {}
 

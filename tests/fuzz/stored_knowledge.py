@@ -22,7 +22,9 @@ from nacl.signing import SigningKey
 import semmap
 from semmap.database.embedded import Cluster
 from semmap.fields.queries import QueryError
-from semmap.knowledge import KnowledgeError, query, update
+from semmap.knowledge import KnowledgeError
+from semmap.knowledge.queries import query
+from semmap.knowledge.updates import update
 from semmap.manipulation.error import ManipulationError
 from semmap.manipulation.household_objects import import_household_grasps
 from semmap.manipulation.signing import public_key, sign

@@ -9,7 +9,7 @@ import pytest
 
 import semmap
 from semmap import Map
-from semmap.knowledge import update
+from semmap.knowledge.updates import update
 from tests.conftest import MakeDatabase
 from tests.knowledge.engines import Engines
 

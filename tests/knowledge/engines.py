@@ -10,10 +10,10 @@ import psycopg
 import pyoxigraph
 import rdflib
 
-from semmap.knowledge import Answer, dump
+from semmap.knowledge import Answer
 from semmap.knowledge.map_view import MapView
 from semmap.knowledge.vocabulary import prefixes
-from semmap.knowledge.whole_graph import serialized, without_warnings
+from semmap.knowledge.whole_graph import dump, serialized, without_warnings
 
 NUMBERS = ("integer", "decimal", "double", "float")
 

@@ -22,6 +22,7 @@ from semmap.ingest.importer import import_file
 from semmap.knowledge import KnowledgeClient
 from semmap.knowledge.patterns import parse_pattern
 from semmap.knowledge.standing.subscriptions import Event, Subscriptions
+from semmap.query.map_handle import MapHandle
 
 ROOM = [(0, 0), (5, 0), (5, 5), (0, 5)]
 
@@ -40,7 +41,7 @@ def lab(module_engine: Engine) -> Iterator[Database]:
 @pytest.fixture
 def kb(lab: Database) -> Iterator[KnowledgeClient]:
     """A client of the lab, whose statements are removed at the end."""
-    with KnowledgeClient(lab.engine, "lab") as client:
+    with KnowledgeClient(MapHandle(lab.engine, "lab")) as client:
         yield client
     with lab.engine.begin() as connection:
         connection.execute(text("DELETE FROM statement"))
@@ -242,7 +243,7 @@ def test_other_mistakes_are_errors(kb: KnowledgeClient) -> None:
         with pytest.raises(ValueError, match=reason):
             call()
     with pytest.raises(LookupError):
-        KnowledgeClient(kb._engine, "nowhere")
+        KnowledgeClient(MapHandle(kb._engine, "nowhere"))
     with Subscriptions(kb._engine, "lab") as standing, pytest.raises(ValueError, match="DESCRIBE"):
         standing.add("DESCRIBE :table")
 
@@ -268,7 +269,7 @@ def test_words_of_all_alphabets_are_names() -> None:
 def test_a_cup_that_is_moved_in_the_small_house(module_engine: Engine, worlds: Path) -> None:
     import_file(module_engine, worlds / "small_house/worlds/small_house.world", map_name="house")
     cup, table = "Tableware_01_001", "KitchenTable_01_001"
-    with KnowledgeClient(module_engine, "house") as kb:
+    with KnowledgeClient(MapHandle(module_engine, "house")) as kb:
         assert kb.find("on", f"{cup} semmap:placedOn ?on") == {table}
         kb.subscribe(f"{cup} heldBy {table}")
         url = module_engine.url.render_as_string(hide_password=False)

@@ -6,7 +6,7 @@ import psycopg
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from semmap.knowledge import query
+from semmap.knowledge.queries import query
 from tests.knowledge.engines import Engines, comparable
 
 VARIABLES = ("?a", "?b", "?c", "?d")

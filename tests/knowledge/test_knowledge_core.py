@@ -13,6 +13,7 @@ from sqlalchemy import Engine
 
 import semmap
 from semmap.knowledge import KB, KbError
+from semmap.query.map_handle import MapHandle
 
 
 @pytest.fixture(scope="module")
@@ -27,7 +28,7 @@ def lab(module_engine: Engine) -> Iterator[Engine]:
 
 @pytest.fixture
 def kb(lab: Engine) -> Iterator[KB]:
-    with KB(lab, "lab") as kb:
+    with KB(MapHandle(lab, "lab")) as kb:
         kb.clear()
         yield kb
         kb.clear()

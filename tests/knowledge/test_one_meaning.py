@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from semmap.fields.queries import SelectResult
 from semmap.fields.queries import query as query_fields
 from semmap.fields.queries.expressions import ELEMENTWISE, OF_TEXT
-from semmap.knowledge import query as query_sql
+from semmap.knowledge.queries import query as query_sql
 from semmap.knowledge.sparql.expressions import SHARED
 from semmap.language.schema import SPARQL_FUNCTIONS
 from tests.fields.queries.arrays import Arrays

@@ -5,7 +5,7 @@ from __future__ import annotations
 import psycopg
 import pytest
 
-from semmap.knowledge import query
+from semmap.knowledge.queries import query
 from tests.knowledge.engines import Engines, comparable
 
 EX = "PREFIX ex: <http://example.org/>\n"

@@ -11,7 +11,6 @@ from hypothesis import HealthCheck, Phase, given, settings
 from hypothesis import strategies as st
 
 from semmap.ingest.world import WorldError
-from semmap.knowledge import update
 from semmap.knowledge.map_view import MapView
 from semmap.knowledge.rdf_file import parse_facts, store_facts
 from semmap.knowledge.reasoning.runs import reason
@@ -24,6 +23,7 @@ from semmap.knowledge.shapes import (
     unbind_shapes,
     validate,
 )
+from semmap.knowledge.updates import update
 from semmap.language.error import QueryError
 
 EX = "PREFIX ex: <http://example.org/> "

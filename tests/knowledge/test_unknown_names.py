@@ -6,8 +6,9 @@ import psycopg
 import pytest
 import rdflib
 
-from semmap.knowledge import dump, query
+from semmap.knowledge.queries import query
 from semmap.knowledge.vocabulary import SEMMAP, TYPE, map_namespace
+from semmap.knowledge.whole_graph import dump
 
 UNKNOWN = (
     ("SELECT * { ?x semmap:heldby ?y }", "semmap:heldby is neither a class nor a property; "),

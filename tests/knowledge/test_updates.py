@@ -9,9 +9,11 @@ import pytest
 
 from semmap import Map
 from semmap.ingest.world import WorldError
-from semmap.knowledge import KnowledgeError, dump, query, update
+from semmap.knowledge import KnowledgeError
+from semmap.knowledge.queries import query
 from semmap.knowledge.rdf_file import parse_facts, store_facts
-from semmap.knowledge.whole_graph import serialized
+from semmap.knowledge.updates import update
+from semmap.knowledge.whole_graph import dump, serialized
 from semmap.language.error import QueryError
 
 EX = "PREFIX ex: <http://example.org/> "

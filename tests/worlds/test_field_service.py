@@ -24,7 +24,7 @@ from semmap.draw.depth_camera import look_at
 from semmap.fields.queries import QueryError
 from semmap.fields.service.client import ServiceConnection, find_service
 from semmap.geometry.pose import Pose
-from semmap.knowledge import query
+from semmap.knowledge.queries import query
 from semmap.knowledge.standing.subscriptions import Subscriptions
 from tests.command_line import semmap
 from tests.fields.service.ros_recordings import Message, bag, transforms

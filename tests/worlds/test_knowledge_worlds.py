@@ -9,7 +9,8 @@ import psycopg
 import pytest
 from sqlalchemy import Engine
 
-from semmap.knowledge import KnowledgeError, query
+from semmap.knowledge import KnowledgeError
+from semmap.knowledge.queries import query
 from semmap.language.error import QueryError
 from tests.command_line import semmap
 from tests.question_page import plain, questions, written

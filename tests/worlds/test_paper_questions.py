@@ -26,8 +26,9 @@ from semmap.fields.store.source_history import SourceHistory
 from semmap.fields.store.voxel_mirror import VoxelMirror
 from semmap.ingest.importer import import_file
 from semmap.interlinking.reader import read_map_objects, read_object_models
-from semmap.knowledge import query, update
 from semmap.knowledge.manipulation_triples import MANIPULATION_TRIPLES
+from semmap.knowledge.queries import query
+from semmap.knowledge.updates import update
 from semmap.knowledge.vocabulary import SEMMAP
 from semmap.language.error import QueryError
 from semmap.manipulation.store.actions import add_actions

@@ -13,8 +13,10 @@ from sqlalchemy import Engine
 
 import semmap
 from semmap import Map
-from semmap.knowledge import KnowledgeClient, query
+from semmap.knowledge import KnowledgeClient
 from semmap.knowledge.fields.push import FieldPush, read_pushed
+from semmap.knowledge.queries import query
+from semmap.query.map_handle import MapHandle
 
 PUSHED = read_pushed(["sees=looksAt"], "house")
 SALLY_SEES_CUP = ("sees", "sally", "cup")
@@ -41,7 +43,7 @@ def places(kb: KnowledgeClient, model: str | None) -> Any:
 def test_an_agent_keeps_what_it_saw_last(house: Map) -> None:
     engine = house.database.engine
     push = FieldPush(engine, "house", PUSHED, perspectives=True)
-    with KnowledgeClient(engine, "house") as kb:
+    with KnowledgeClient(MapHandle(engine, "house")) as kb:
         kb.subscribe("?who looksAt cup")
         push.begin([SALLY_SEES_CUP, ("sees", "anne", "cup"), ("near", "cup", "table")])
         assert {e.bindings["who"] for e in (next(kb.events(5)), next(kb.events(5)))} == {
@@ -79,7 +81,7 @@ def test_messages_of_the_service_are_followed_until_it_ends(house: Map) -> None:
         target=push.follow, args=(iter(messages.get, None), threading.Event())
     )
     thread.start()
-    with KnowledgeClient(house.database.engine, "house") as kb:
+    with KnowledgeClient(house) as kb:
         for truth, message in (
             (True, None),
             (False, fact | {"event": "end"}),

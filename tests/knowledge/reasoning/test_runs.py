@@ -21,10 +21,11 @@ from hypothesis import strategies as st
 
 import semmap
 from semmap import Map
-from semmap.knowledge import query, update
+from semmap.knowledge.queries import query
 from semmap.knowledge.rdf_file import read_facts
 from semmap.knowledge.reasoning.changes import Changed
 from semmap.knowledge.reasoning.runs import contradictions, forget, reason, why
+from semmap.knowledge.updates import update
 from semmap.language.error import QueryError
 from tests import command_line
 from tests.conftest import MakeDatabase

@@ -12,8 +12,8 @@ import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from semmap.knowledge import query
 from semmap.knowledge.mapping import TOPOLOGICAL
+from semmap.knowledge.queries import query
 
 Shape: TypeAlias = shapely.Geometry
 

@@ -11,9 +11,11 @@ import pytest
 
 from semmap import Map
 from semmap.database.maps import see_map
-from semmap.knowledge import Answer, KnowledgeError, queries, query, update
+from semmap.knowledge import Answer, KnowledgeError, queries
+from semmap.knowledge.queries import query
 from semmap.knowledge.reasoning.runs import forget, reason
 from semmap.knowledge.sparql import kept_queries
+from semmap.knowledge.updates import update
 from semmap.limits import QUERY_ROWS
 from tests.knowledge.test_query import EX, QUERIES
 

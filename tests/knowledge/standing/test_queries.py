@@ -15,11 +15,12 @@ from sqlalchemy import Engine
 
 import semmap
 from semmap import Database, Map
-from semmap.knowledge import query, update
 from semmap.knowledge.facts import Fact, FactWriter
 from semmap.knowledge.map_view import MapView
+from semmap.knowledge.queries import query
 from semmap.knowledge.reasoning.runs import forget, reason
 from semmap.knowledge.standing.subscriptions import Subscriptions
+from semmap.knowledge.updates import update
 from semmap.language.error import QueryError
 
 LOCAL = (
