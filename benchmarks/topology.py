@@ -14,7 +14,6 @@ from sqlalchemy import Engine, text
 
 from benchmarks.rooms import rooms
 from benchmarks.timing import Row, print_rows
-from planner.demo.office import delivery_robot, office_files
 from planner.live_topology import LiveTopology, TopologyChange
 from planner.measured_travel import MeasuredTravel
 from planner.readers.robot_class import store_robot_class
@@ -22,6 +21,7 @@ from planner.readers.travel_times import store_measured_until, store_travel_time
 from planner.robot_class import RobotClass
 from planner.route_planner import RoutePlanner
 from planner.topology import OUTSIDE, Topology
+from semmap.cli.demo.office import delivery_robot, office_files
 from semmap.database import connect
 from semmap.ingest.importer import import_file
 from semmap.query.change_feed import cursor

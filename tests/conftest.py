@@ -55,7 +55,7 @@ MEMORY_FOR_TESTS = 6 << 30
 
 SLOW = (
     "database/test_crash.py",
-    "planner/demo/test_run.py",
+    "cli/demo/test_run.py",
     "planner/search/test_search_missions.py",
     "worlds/test_one_grid.py",
     "worlds/test_costmaps.py",

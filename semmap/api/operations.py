@@ -68,7 +68,7 @@ _HOMES = {
 COMMANDS = {
     "belief": "semmap.cli.belief:belief",
     "costmap": "semmap.cli.costmap:costmap_command",
-    "demo": "planner.cli.demo:demo_command",
+    "demo": "semmap.cli.demo.command:demo_command",
     "fields": "semmap.cli.fields:fields",
     "grasp": "semmap.cli.manipulation:grasp_command",
     "grid": "semmap.cli.grid:grid_command",

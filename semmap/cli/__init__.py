@@ -12,14 +12,10 @@ from semmap.lazy_names import load_on_use
 if TYPE_CHECKING:
     from semmap.cli.application import app, main, print_summary
     from semmap.cli.chosen import (
-        choose_map,
         chosen_map,
         chosen_url,
-        database,
         engine,
         open_database,
-        open_map,
-        show_map,
     )
     from semmap.cli.options import Json, MapName
     from semmap.cli.output import err, out, print_json, show_rows, show_table
@@ -28,19 +24,15 @@ __all__ = [
     "Json",
     "MapName",
     "app",
-    "choose_map",
     "chosen_map",
     "chosen_url",
-    "database",
     "engine",
     "err",
     "main",
     "open_database",
-    "open_map",
     "out",
     "print_json",
     "print_summary",
-    "show_map",
     "show_rows",
     "show_table",
 ]
@@ -48,14 +40,10 @@ __all__ = [
 _HOMES = {
     "application": ("app", "main", "print_summary"),
     "chosen": (
-        "choose_map",
         "chosen_map",
         "chosen_url",
-        "database",
         "engine",
         "open_database",
-        "open_map",
-        "show_map",
     ),
     "options": ("Json", "MapName"),
     "output": ("err", "out", "print_json", "show_rows", "show_table"),

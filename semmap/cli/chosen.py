@@ -10,7 +10,7 @@ import typer
 
 if TYPE_CHECKING:
     import psycopg
-    from sqlalchemy import Connection, Engine
+    from sqlalchemy import Engine
 
     from semmap.api.database import Database
     from semmap.api.map import Map
@@ -19,14 +19,10 @@ if TYPE_CHECKING:
 
 __all__ = [
     "CliOptions",
-    "choose_map",
     "chosen_map",
     "chosen_url",
-    "database",
     "engine",
     "open_database",
-    "open_map",
-    "show_map",
 ]
 
 
@@ -68,18 +64,6 @@ def engine(*, migrate: bool = False) -> Engine:
 
 
 @contextmanager
-def database(*, migrate: bool = False) -> Iterator[Engine]:
-    """An engine on the database that the user chose, while it lasts; `migrate` as in `engine`."""
-    from semmap.database.engine import connect
-
-    chosen = connect(CliOptions.url, migrate=migrate, check=not migrate)
-    try:
-        yield chosen
-    finally:
-        chosen.dispose()
-
-
-@contextmanager
 def chosen_map(name: str | None, *, migrate: bool = False) -> Iterator[Map]:
     """The map of a name, else the chosen one, else the only one, while it lasts.
 
@@ -94,34 +78,3 @@ def chosen_map(name: str | None, *, migrate: bool = False) -> Iterator[Map]:
         except LookupError as error:
             raise typer.BadParameter(str(error)) from None
         yield found
-
-
-@contextmanager
-def open_map(name: str | None) -> Iterator[Connection]:
-    """A connection that sees the map of a name; without one, the map that `choose_map` takes."""
-    with database() as engine, engine.connect() as connection:
-        choose_map(connection, name)
-        yield connection
-
-
-def choose_map(connection: Connection, name: str | None) -> str:
-    """Let a connection's views show the map of a name, else the chosen one, else the only one.
-
-    Returns the map's name.
-
-    Raises
-    ------
-    typer.BadParameter
-        There is no such map, none at all, or several and none is chosen.
-    """
-    return show_map(connection.connection.driver_connection, name)  # type: ignore[arg-type]
-
-
-def show_map(session: Session, name: str | None) -> str:
-    """Let a session of psycopg see a map, as `choose_map` does."""
-    from semmap.database.maps import pick_map, see_map
-
-    try:
-        return see_map(session, pick_map(session, name), lasting=True)
-    except LookupError as error:
-        raise typer.BadParameter(str(error)) from None

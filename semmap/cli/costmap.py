@@ -77,7 +77,7 @@ def costmap_command(
 ) -> None:
     """Compute a robot's layered costmaps and write them for Nav2."""
     from navgrid.map_file import folder_of
-    from semmap.cli.costmap_output import show_explanation, show_files, show_notes
+    from semmap.cli.costmap_output import show_explanation, show_files
 
     if folder is None and explain is None:
         raise typer.BadParameter("give a folder (-o) or a point (--explain X,Y)")
@@ -114,7 +114,5 @@ def costmap_command(
     ]
     if json_:
         print(json.dumps(written))
-        return
-    show_files(written)
-    for costmap in costmaps:
-        show_notes(costmap)
+    else:
+        show_files(written, costmaps)

@@ -16,7 +16,7 @@ from navgrid.nav2 import Files
 from semmap import cli
 from semmap.draw.palette import PART_COLOURS
 
-__all__ = ["show_explanation", "show_files", "show_notes"]
+__all__ = ["show_explanation", "show_files"]
 
 
 def show_explanation(costmaps: Iterable[Costmap], x: float, y: float, json_: bool) -> None:
@@ -70,8 +70,8 @@ def _source_table(sources: Sequence[CostSource]) -> Table:
     return table
 
 
-def show_files(written: Iterable[Files]) -> None:
-    """Print what was written, per storey."""
+def show_files(written: Iterable[Files], costmaps: Iterable[Costmap]) -> None:
+    """Print what was written, per storey, and what costmaps say of objects and fields."""
     for files in written:
         cli.out.print(
             f"{files['storey']}: {files['folder']}: {len(files['maps'])} maps of "
@@ -88,9 +88,6 @@ def show_files(written: Iterable[Files]) -> None:
                     f": {low:.2f} to {high:.2f} m, {part['inflate_by']} radius {radius:.2f} m",
                 )
             )
-
-
-def show_notes(costmap: Costmap) -> None:
-    """Print which objects have no geometry or an assumed size, and where fields are."""
-    for note in costmap.notes:
-        cli.out.print(f"{costmap.scene.storey}: {note}", style="yellow")
+    for costmap in costmaps:
+        for note in costmap.notes:
+            cli.out.print(f"{costmap.scene.storey}: {note}", style="yellow")

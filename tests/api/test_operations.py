@@ -19,10 +19,21 @@ from semmap.api.operations import COMMANDS, OPERATIONS, Operation
 ROOT = Path(__file__).parents[2]
 
 HANDLES = {
-    "close", "connection", "engine", "in_transaction", "parameters", "session", "snapshot",
+    "address",
+    "close",
+    "connection",
+    "engine",
+    "entity",
+    "fields",
+    "in_transaction",
+    "parameters",
+    "reading",
+    "reading_engine",
+    "session",
+    "snapshot",
     "transaction",
-}  # fmt: skip
-"""What opens, closes and lends connections: not operations on a map."""
+}
+"""What opens, closes and lends connections, or leads to other operations."""
 
 OWN = {"demo", "db"}
 """Commands of the program itself: the demo, and the database's server and schema."""
@@ -91,4 +102,4 @@ def test_the_body_of_a_command_is_short() -> None:
 
 def test_the_face_holds_each_command_once() -> None:
     homes = [home.partition(":")[0] for home in COMMANDS.values()]
-    assert all(home.startswith(("semmap.cli.", "planner.cli.demo")) for home in homes)
+    assert all(home.startswith("semmap.cli.") for home in homes)

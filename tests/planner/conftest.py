@@ -9,10 +9,10 @@ import pytest
 from sqlalchemy import Engine
 from typer.testing import Result
 
-from planner.demo.office import delivery_robot as make_delivery_robot
-from planner.demo.office import office_files
 from planner.live_topology import LiveTopology
 from planner.robot_class import RobotClass
+from semmap.cli.demo.office import delivery_robot as make_delivery_robot
+from semmap.cli.demo.office import office_files
 from semmap.query.map_handle import MapHandle
 from tests.command_line import semmap
 from tests.conftest import Import

@@ -12,13 +12,13 @@ import pytest
 import shapely
 from sqlalchemy import event, text
 
-from planner.demo.office import office_files
 from planner.live_topology import LiveTopology, no_garbage_collection
 from planner.readers.robot_class import read_robot_class, store_robot_class
 from planner.readers.travel_times import may_store_travel_times, read_travel_times
 from planner.route import NoRouteError
 from planner.route_planner import RoutePlanner
 from planner.topology import OUTSIDE, TopologyError
+from semmap.cli.demo.office import office_files
 from semmap.database import connect
 from semmap.ingest.regions.extraction import draw_region
 from semmap.query.map_handle import MapHandle

@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from planner.demo.run import run_demo
 from semmap import connect
 from semmap.cli.chosen import CliOptions
+from semmap.cli.demo.run import run_demo
 from tests.conftest import MakeDatabase
 from tests.worlds.conftest import HOUSE, ROOMS
 

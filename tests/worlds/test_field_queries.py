@@ -12,7 +12,7 @@ import trimesh
 from numpy.typing import NDArray
 from sqlalchemy import Engine
 
-from planner.demo.fields import PAPERS_QUERY, arrange_scene, perceived_maps
+from semmap.cli.demo.fields import PAPERS_QUERY, arrange_scene, perceived_maps
 from semmap.fields.maps.map_buffer import MapBuffer
 from semmap.fields.queries import QueryError, SelectResult, StoreResult, query
 from semmap.fields.queries.catalogue import FieldCatalogue

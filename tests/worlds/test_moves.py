@@ -13,9 +13,9 @@ from sqlalchemy import Connection, Engine, select, text
 from sqlalchemy.orm import Session
 
 import semmap
-from planner.demo.reader import DemoChoices, figure_3
 from planner.mission.behaviours import RobotObservation, Sighting
 from planner.mission.store.observations import write_observation
+from semmap.cli.demo.reader import DemoChoices, figure_3
 from semmap.database.maps import see_map
 from semmap.geometry.pose import Pose
 from semmap.model import Entity, Placement

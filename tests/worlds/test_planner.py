@@ -21,7 +21,6 @@ from sqlalchemy.exc import DBAPIError
 import semmap
 from navgrid.occupancy_grid import storey_grid
 from planner.base_pose import NoBasePoseError
-from planner.demo.reader import DemoChoices, choose, figure_3
 from planner.live_topology import LiveTopology
 from planner.mission import Command, MissionResult, MissionStore, Runner
 from planner.mission.sim_robot import SimulatedRobot
@@ -45,6 +44,7 @@ from planner.task_planner import TaskPlanner
 from planner.tasks import parse_goal
 from planner.tasks.reader import read_world
 from planner.topology import OUTSIDE, UnknownPlaceError
+from semmap.cli.demo.reader import DemoChoices, choose, figure_3
 from semmap.database.maps import see_map
 from semmap.geometry.pose import Pose
 from semmap.query.map_handle import MapHandle

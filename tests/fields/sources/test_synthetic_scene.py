@@ -11,7 +11,7 @@ import pytest
 from PIL import Image
 from sqlalchemy import Engine
 
-from planner.demo.fields import field_demo
+from semmap.cli.demo.fields import field_demo
 from semmap.fields.sources.synthetic_scene import (
     ScenePerson,
     SyntheticScene,

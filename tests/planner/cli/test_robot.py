@@ -6,8 +6,8 @@ import pytest
 import typer
 from sqlalchemy import text
 
-from planner.demo.office import office_files
 from planner.readers.robot_class import read_robot_class
+from semmap.cli.demo.office import office_files
 
 URDF = office_files()[0].parent / "delivery_robot.urdf"
 

@@ -12,12 +12,12 @@ from PIL import Image
 from sqlalchemy import Engine, text
 
 from navgrid.nav2 import frame_name
-from planner.demo.office import office_files
 from planner.exchange.route_graph import ExchangeError
 from planner.readers.drawn_graph import read_drawn_graph
 from planner.readers.topology import read_topology
 from planner.route_planner import RoutePlanner
 from planner.routing_graph import RoutingGraph
+from semmap.cli.demo.office import office_files
 from semmap.database import connect
 from semmap.ingest.importer import import_file
 from semmap.query.storey_reader import read_storeys

@@ -9,11 +9,11 @@ from typing import Any
 import pytest
 from sqlalchemy import Engine, text
 
-from planner.demo.office import office_files
 from planner.mission import MissionStore, Runner, Sighting
 from planner.mission.failures import FailureRule
 from planner.mission.sim_robot import SimulatedRobot
 from planner.mission.sim_world import SimWorld
+from semmap.cli.demo.office import office_files
 from semmap.database import connect
 from semmap.geometry.pose import Pose
 from semmap.query.map_handle import MapHandle

@@ -5,12 +5,12 @@ from collections.abc import Iterator
 import pytest
 from sqlalchemy import Connection, Engine
 
-from semmap.cli import choose_map
+from semmap.database.maps import see_map
 
 
 @pytest.fixture
 def connection(office_engine: Engine) -> Iterator[Connection]:
     with office_engine.connect() as connection:
-        choose_map(connection, "office")
+        see_map(connection, "office")
         yield connection
         connection.rollback()

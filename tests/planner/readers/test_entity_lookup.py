@@ -1,7 +1,7 @@
 import pytest
 
 from planner.readers.entity_lookup import find_entities
-from semmap.cli import choose_map
+from semmap.database.maps import see_map
 
 
 @pytest.mark.parametrize(
@@ -19,5 +19,5 @@ from semmap.cli import choose_map
 )
 def test_people_may_name_a_thing_a_label_or_a_type(office_engine, said, places):
     with office_engine.connect() as connection:
-        choose_map(connection, "office")
+        see_map(connection, "office")
         assert sorted({e.place for e in find_entities(connection, said)}) == places

@@ -5,14 +5,14 @@ from sqlalchemy import text
 
 from planner.mission.behaviours import RobotObservation
 from planner.mission.store.observations import write_observation
-from semmap.cli import choose_map
+from semmap.database.maps import see_map
 from semmap.geometry.pose import Pose
 
 
 @pytest.mark.parametrize("state", ["closed", "locked", "open"])
 def test_doors_that_it_sees_are_in_the_map_as_it_saw_them(office_engine, state):
     with office_engine.connect() as connection:
-        choose_map(connection, "office")
+        see_map(connection, "office")
         robot = connection.execute(
             text(
                 "INSERT INTO entity (map_id, kind, name) VALUES (current_map(), 'agent', 'seer') "

@@ -7,7 +7,6 @@ from contextlib import closing
 from pathlib import Path
 from typing import Any
 
-from planner.demo.reader import DemoChoices
 from planner.live_topology import LiveTopology
 from planner.mission.runner import MissionEvent, MissionResult, Runner
 from planner.mission.sim_setup import entry_pose, open_world, simulated_robot
@@ -18,7 +17,8 @@ from planner.readers.robot_class import store_robot_class
 from planner.robot_class import RobotClass
 from planner.task_planner import TaskPlanner
 from planner.topology import OUTSIDE, Topology
-from semmap import cli
+from semmap.api.map import Map
+from semmap.cli.demo.reader import DemoChoices
 from semmap.query.map_handle import MapHandle
 
 __all__ = ["task_demo"]
@@ -31,12 +31,12 @@ MOST = 6
 
 
 def task_demo(
-    map_name: str,
+    house: Map,
     choices: DemoChoices,
     robot: RobotClass,
     folder: Path,
     say: Callable[..., Any],
-    then: Callable[[Any], None],
+    then: Callable[[Map], None],
 ) -> MissionResult | None:
     """Let a robot bring the chosen object to a table, in a copy of the map.
 
@@ -46,9 +46,10 @@ def task_demo(
     Parameters
     ----------
     then
-        Called with a connection to the copy after the run.
+        Called with the copy after the run.
     """
-    with cli.database() as engine, simulation_map(engine, map_name) as copy:
+    engine = house.engine
+    with simulation_map(engine, house.name) as copy:
         with engine.begin() as connection:
             store_robot_class(connection, robot)
         live = LiveTopology(MapHandle(engine, copy), robot.name)
@@ -66,9 +67,7 @@ def task_demo(
             for reason in reasons:
                 say(f"   {reason}")
             result = _drive(engine, live, planner, start, goal, folder, say)
-            with engine.connect() as connection:
-                cli.choose_map(connection, copy)
-                then(connection)
+            then(house.database.map(copy))
             return result
     for reason in reasons:
         say(f"   {reason}")

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from planner.demo.demo_robot import DemoRobot
 from planner.robot_class import RobotClass
+from semmap.cli.demo.demo_robot import DemoRobot
 
 __all__ = ["delivery_robot", "demo_robot", "office_files", "office_folder"]
 
@@ -18,7 +18,7 @@ def office_folder() -> Path:
     LookupError
         This package was installed without the examples.
     """
-    folder = Path(__file__).parents[2] / "examples" / "office"
+    folder = Path(__file__).parents[3] / "examples" / "office"
     if not (folder / "office.sdf").is_file():
         raise LookupError(
             f"{folder} does not exist: run the demo in a checkout of semmap, or name a world file"

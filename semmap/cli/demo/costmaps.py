@@ -14,10 +14,10 @@ from navgrid.grid import scene_grid
 from navgrid.inflation import INSCRIBED, UNKNOWN
 from navgrid.map_file import file_name
 from navgrid.nav2 import write_nav2
-from planner.demo.demo_robot import DemoRobot
-from planner.demo.figures import blocked_region, passage, robot_figures
-from planner.demo.passage_search import find_passage
-from semmap import cli
+from semmap.api.map import Map
+from semmap.cli.demo.demo_robot import DemoRobot
+from semmap.cli.demo.figures import blocked_region, passage, robot_figures
+from semmap.cli.demo.passage_search import find_passage
 from semmap.draw.view import RoomView, StoreyView
 from semmap.geometry.mesh import Mesh
 from semmap.query.storey_reader import read_scene
@@ -29,7 +29,7 @@ MOST = 4
 
 
 def robot_demo(
-    map_name: str,
+    house: Map,
     folder: Path,
     storeys: Sequence[StoreyView],
     robot: DemoRobot,
@@ -40,7 +40,8 @@ def robot_demo(
     meshes = robot.meshes
     pictures = robot_figures(robot.parts, meshes, folder)
     wanted: list[tuple[float, StoreyView, RoomView]] = []
-    with cli.open_map(map_name) as connection:
+    with house.snapshot() as seen:
+        connection = seen.connection
         for storey in storeys:
             scene = read_scene(connection, storey.name)
             if not scene.entities and not scene.floors:

@@ -6,7 +6,7 @@ import numpy as np
 from scipy.ndimage import label
 
 from navgrid.grid import Grid
-from planner.demo.passage_search import find_passage
+from semmap.cli.demo.passage_search import find_passage
 
 GRID = Grid((10.0, -3.0), 0.05, (60, 80))
 

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 import shapely
 
-from planner.demo.office import office_files
+from semmap.cli.demo.office import office_files
 from semmap.ingest.annotation import read_annotation
 from semmap.ingest.sdf import read_sdf
 from semmap.ingest.world import Entry
@@ -74,7 +74,7 @@ def test_no_name_of_the_example_in_the_demo(entries: list[Entry]) -> None:
     assert {"desk4", "office4", "muffin1"} <= names
     found = [
         (where, node.value)
-        for where, node in literals("planner/demo")
+        for where, node in literals("semmap/cli/demo")
         if isinstance(node, ast.Constant)
         and isinstance(node.value, str)
         and names & set(re.findall(r"[\w-]+", node.value))

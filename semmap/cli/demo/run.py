@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -11,14 +12,6 @@ from typing import Any
 from navgrid.grid_output import with_grid, write_grid
 from navgrid.map_file import file_name
 from navgrid.occupancy_grid import StoreyGrid, storey_grid
-from planner.demo.costmaps import robot_demo
-from planner.demo.demo_robot import DemoRobot
-from planner.demo.fields import field_demo
-from planner.demo.office import demo_robot, office_files
-from planner.demo.reader import DemoChoices, choose, figure_3, read_choices
-from planner.demo.search import search_demo
-from planner.demo.sparql import ask_in_sparql
-from planner.demo.task import task_demo
 from planner.exchange.picture import topology_plan
 from planner.readers.topology import read_topology
 from planner.route import NoRouteError, Route
@@ -27,11 +20,18 @@ from planner.route_search import find_route
 from planner.routing_graph import RoutingGraph
 from planner.topology import OUTSIDE, Topology
 from semmap import cli
+from semmap.api.map import Map
+from semmap.cli.demo.costmaps import robot_demo
+from semmap.cli.demo.demo_robot import DemoRobot
+from semmap.cli.demo.fields import field_demo
+from semmap.cli.demo.office import demo_robot, office_files
+from semmap.cli.demo.reader import DemoChoices, choose, figure_3, read_choices
+from semmap.cli.demo.search import search_demo
+from semmap.cli.demo.sparql import ask_in_sparql
+from semmap.cli.demo.task import task_demo
 from semmap.draw.floor_plan import floor_plan
 from semmap.draw.scene3d import scene3d
 from semmap.draw.view import StoreyView, storey_view
-from semmap.ingest.importer import import_file
-from semmap.query.sql_statement import run_sql
 from semmap.query.storey_reader import read_storeys
 
 __all__ = ["run_demo"]
@@ -70,22 +70,38 @@ def run_demo(
     pixels
         Width of the pictures.
     """
+    with ExitStack() as opened:
+        return _run_demo(opened, worlds, folder, start, goal, robot, model_path, pixels, say)
+
+
+def _run_demo(
+    opened: ExitStack,
+    worlds: Sequence[Path],
+    folder: Path,
+    start: str | None,
+    goal: str | None,
+    robot: DemoRobot | None,
+    model_path: Sequence[Path],
+    pixels: int,
+    say: Say,
+) -> list[Path]:
     began = time.perf_counter()
     files = _files(worlds) or office_files()
     map_name = files[0].name.split(".")[0] if worlds else files[0].parent.name
     robot = robot or demo_robot()
 
     say(f"\n1. {', '.join(f.name for f in files)} into the map {map_name}")
-    with cli.database(migrate=True) as engine:
-        say(f"   the database is ready: {time.perf_counter() - began:.1f} s")
-        for file in files:
-            cli.print_summary(import_file(engine, file, map_name=map_name, model_path=model_path))
-    with cli.open_map(map_name) as connection:
-        choices = choose(connection, read_choices(files[0].with_name("demo.yaml")))
-        _ask(connection, choices, say)
-        ask_in_sparql(connection, choices, say)
-        scenes = read_storeys(connection)
-        topology = read_topology(connection)
+    db = opened.enter_context(cli.open_database(migrate=True))
+    say(f"   the database is ready: {time.perf_counter() - began:.1f} s")
+    for file in files:
+        cli.print_summary(db.import_file(file, map=map_name, model_path=model_path))
+    house = db.map(map_name)
+    with house.snapshot() as seen:
+        choices = choose(seen.connection, read_choices(files[0].with_name("demo.yaml")))
+        scenes = read_storeys(seen.connection)
+        topology = read_topology(seen.connection)
+    _ask(house, choices, say)
+    ask_in_sparql(house, choices, say)
     storeys = [storey_view(scene) for scene in scenes]
 
     say("\n3. A Nav2 map of each storey")
@@ -107,27 +123,26 @@ def run_demo(
         paths = route_lines(found, topology, grids, choices.type)
 
     say("\n5. A robot's costmaps (Figures 5, 6, 7 and 9)")
-    pictures = robot_demo(map_name, folder, storeys, robot, say, min(pixels, 1800))
+    pictures = robot_demo(house, folder, storeys, robot, say, min(pixels, 1800))
 
     say("\n6. What somebody sees (the query of reMap, section 4)")
-    with cli.open_map(map_name) as connection:
-        pictures += field_demo(connection, folder, say, pixels=min(pixels, 1400))
+    with house.snapshot() as seen:
+        pictures += field_demo(seen.connection, folder, say, pixels=min(pixels, 1400))
 
     say("\n7. A task (Figure 4), in a copy of the map")
     if choices.type is None:
         say("   there is no small object on a table to fetch, so the robot drives to a room")
     task_demo(
-        map_name,
+        house,
         replace(choices, start=start or choices.start),
         robot.robot_class("delivery"),
         folder,
         say,
-        lambda connection: _ask(connection, choices, say, again=True),
+        lambda copy: _ask(copy, choices, say, again=True),
     )
     say("\n8. A search, as if nobody had seen the object lately")
-    pictures += search_demo(
-        map_name, replace(choices, start=start or choices.start), storeys, folder, say
-    )
+    begin = replace(choices, start=start or choices.start)
+    pictures += search_demo(house, begin, storeys, folder, say)
 
     say("\n9. Pictures")
     for picture in _draw(map_name, folder, storeys, topology, grids, paths, pixels):
@@ -137,7 +152,7 @@ def run_demo(
     return pictures
 
 
-def _ask(connection: Any, choices: DemoChoices, say: Say, *, again: bool = False) -> None:
+def _ask(house: Map, choices: DemoChoices, say: Say, *, again: bool = False) -> None:
     """Ask which tables hold an object of the chosen type, as Figure 3 does."""
     if choices.type is None:
         if not again:
@@ -149,7 +164,8 @@ def _ask(connection: Any, choices: DemoChoices, say: Say, *, again: bool = False
     article = "an" if wanted[0] in "aeiou" else "a"
     question = f"Which {table} holds {article} {wanted}"
     say(f"   {question} now? (Figure 3, again)" if again else f"\n2. {question}? (Figure 3)")
-    cli.show_rows(*run_sql(connection, figure_3(choices), write=False), False)
+    rows = house.sql(figure_3(choices))
+    cli.show_rows([*rows.columns], [*rows], False)
 
 
 def _draw(

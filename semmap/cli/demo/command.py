@@ -33,9 +33,9 @@ def demo_command(
     ] = Path("out/demo"),
 ) -> None:
     """Import a world, query it, write its grids, find a route, drive a task, and draw it all."""
-    from planner.demo.demo_robot import DemoRobot
-    from planner.demo.run import run_demo
     from semmap import cli
+    from semmap.cli.demo.demo_robot import DemoRobot
+    from semmap.cli.demo.run import run_demo
 
     robot = None if urdf is None else DemoRobot(urdf, state, parts)
     run_demo(

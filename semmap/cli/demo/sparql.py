@@ -5,10 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from planner.demo.reader import DemoChoices
 from semmap import cli
-from semmap.knowledge.map_view import MapView
-from semmap.knowledge.queries import query
+from semmap.api.map import Map
+from semmap.cli.demo.reader import DemoChoices
 from semmap.knowledge.results import shown
 from semmap.knowledge.vocabulary import TYPE, encode, prefixes, short
 
@@ -29,36 +28,32 @@ DOORS = """SELECT ?room (COUNT(?door) AS ?doors) {
 """What is asked where no small object stands on a piece of furniture."""
 
 
-def figure_3_in_sparql(connection: Any, choices: DemoChoices) -> str:
+def figure_3_in_sparql(house: Map, choices: DemoChoices) -> str:
     """Return the query of Figure 3 for the chosen types, or one on doors where there are none."""
     if choices.type is None:
         return DOORS
     types = (choices.table_type, choices.type)
     found = dict(
-        connection.exec_driver_sql(
-            "SELECT name, iri FROM semantic_type WHERE name IN (%s, %s)", types
-        ).fetchall()
+        house.execute("SELECT name, iri FROM semantic_type WHERE name IN (%s, %s)", *types)
     )
     known = prefixes("")
     table, object_ = (short(found.get(t) or f"{TYPE}{encode(t)}", known) for t in types)
     return FIGURE_3.format(table=table, object=object_)
 
 
-def ask_in_sparql(connection: Any, choices: DemoChoices, say: Callable[..., Any]) -> None:
+def ask_in_sparql(house: Map, choices: DemoChoices, say: Callable[..., Any]) -> None:
     """Ask the map in SPARQL, and print question and answer.
 
     Parameters
     ----------
-    connection : SQLAlchemy's, which sees the map
     choices : the object and its type of table
     say : prints a line
     """
-    text = figure_3_in_sparql(connection, choices)
+    text = figure_3_in_sparql(house, choices)
     say("   The same in SPARQL:" if choices.type else "   How many doors has each room? In SPARQL:")
     for line in text.splitlines():
         say(f"   {line}")
-    session = connection.connection.driver_connection
-    answer = query(session, text)
-    known = prefixes(MapView.of(session).name)
+    answer = house.sparql(text)
+    known = prefixes(house.name)
     rows = [tuple(shown(term, known) for term in row) for row in answer.rows]
     cli.show_rows(list(answer.names), rows, False)

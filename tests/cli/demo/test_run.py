@@ -3,12 +3,11 @@ import pytest
 from matplotlib.colors import to_rgb
 from PIL import Image
 
-from planner.demo import run as demo
-from planner.demo.reader import DemoChoices, figure_3
 from semmap import cli
 from semmap.cli.chosen import CliOptions
+from semmap.cli.demo import run as demo
+from semmap.cli.demo.reader import DemoChoices, figure_3
 from semmap.draw.palette import PATH
-from semmap.query import sql_statement
 
 FIGURE_4 = (
     "pass_door(door1, lab1, corridor1) · pass_door(door2, corridor1, foyer-1st) · call_elevator · "
@@ -32,6 +31,11 @@ def chosen(url):
     before, CliOptions.url = CliOptions.url, url
     yield
     CliOptions.url = before
+
+
+@pytest.fixture
+def folder(tmp_path):
+    return tmp_path / "out"
 
 
 @pytest.fixture
@@ -74,9 +78,8 @@ def test_the_demo_does_the_main_job_from_end_to_end(folder, said, capsys):
     before, after = [line.split()[:2] for line in lines if "BOX3D" in line]
     assert before == ["office4", "desk4"]
     assert after == ["lab2", "desk1"]
-    with cli.open_map("office") as connection:  # the README's commands come next: desk4 again
-        asked = figure_3(DemoChoices("muffin", "table"))
-        _, ((room, table, _),) = sql_statement.run_sql(connection, asked, write=False)
+    with cli.chosen_map("office") as office:  # the README's commands come next: desk4 again
+        ((room, table, _),) = office.sql(figure_3(DemoChoices("muffin", "table")))
     assert (room, table) == ("office4", "desk4")
     assert (folder / "floor-3rd" / "map.pgm").is_file()
 

@@ -6,16 +6,14 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-from planner.demo.reader import DemoChoices
-from planner.live_topology import LiveTopology
 from planner.readers.entity_lookup import find_entities
 from planner.search.picture import search_picture
 from planner.search.receding_horizon import decide
 from planner.search.search_mission import SearchPlanner, explain
 from planner.topology import OUTSIDE
-from semmap import cli
+from semmap.api.map import Map
+from semmap.cli.demo.reader import DemoChoices
 from semmap.draw.view import StoreyView
-from semmap.query.map_handle import MapHandle
 
 __all__ = ["search_demo"]
 
@@ -24,32 +22,31 @@ NAMED = 8
 
 
 def search_demo(
-    map_name: str,
+    house: Map,
     choices: DemoChoices,
     storeys: Sequence[StoreyView],
     folder: Path,
     say: Callable[..., Any],
 ) -> list[Path]:
     """Say where to look for the chosen object first and why; draw all looks until it is found."""
-    with cli.database() as engine:
-        live = LiveTopology(MapHandle(engine, map_name))
-        rooms = [
-            name
-            for name, place in live.topology.places.items()
-            if name != OUTSIDE and place.elevator is None
-        ]
-        if choices.type is None or not rooms:
-            say("   none: the map has no small object on a table, or no room")
+    live = house.live_topology()
+    rooms = [
+        name
+        for name, place in live.topology.places.items()
+        if name != OUTSIDE and place.elevator is None
+    ]
+    if choices.type is None or not rooms:
+        say("   none: the map has no small object on a table, or no room")
+        return []
+    start = choices.start if choices.start in rooms else rooms[0]
+    with live.snapshot() as connection:
+        name = find_entities(connection, choices.type)[0].name
+        planner = SearchPlanner(live)
+        try:
+            found = planner.begin(connection, name, live.graph.endpoint(start))
+        except ValueError as error:
+            say(f"   none: {error}")
             return []
-        start = choices.start if choices.start in rooms else rooms[0]
-        with live.snapshot() as connection:
-            name = find_entities(connection, choices.type)[0].name
-            planner = SearchPlanner(live)
-            try:
-                found = planner.begin(connection, name, live.graph.endpoint(start))
-            except ValueError as error:
-                say(f"   none: {error}")
-                return []
     decision = decide(found.problem, found.belief)
     say(f"   {explain(found, found.belief, decision)}")
     tour = [found.viewpoints[k] for k in dict.fromkeys(decision.tour)]
@@ -59,6 +56,6 @@ def search_demo(
     rooms_of_tour = {v.room for v in tour[:1]}
     for storey in storeys:
         if rooms_of_tour & {room.name for room in storey.rooms}:
-            title = f"{map_name}: where to look for {name}, from {start}"
+            title = f"{house.name}: where to look for {name}, from {start}"
             return [search_picture(storey, found, decision, folder / "search.png", title=title)]
     return []

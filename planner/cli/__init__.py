@@ -1,1 +1,0 @@
-"""The commands of the planner: `semmap plan`, `route`, `topology`, `run`, `missions`, `robot`."""
