@@ -6,6 +6,7 @@ import queue
 import threading
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import AbstractContextManager, ExitStack
+from itertools import takewhile
 from typing import TYPE_CHECKING, Any
 
 from semmap.api.live_events import LiveEvents
@@ -43,23 +44,8 @@ def watch_service(
             count += 1
         opened = stack.pop_all()
 
-    closed = threading.Event()
-
-    def events() -> Iterator[Event]:
-        try:
-            for event in replies:
-                if "over" in event:
-                    return
-                yield event
-        except (OSError, ValueError):
-            if not closed.is_set():  # else it is read no more
-                raise
-
-    def close() -> None:
-        closed.set()
-        opened.close()
-
-    return LiveEvents(count, events(), close, callback=callback)
+    events = takewhile(lambda event: "over" not in event, replies)
+    return LiveEvents(count, events, opened.close, callback=callback)
 
 
 def watch_map(

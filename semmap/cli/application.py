@@ -394,6 +394,8 @@ def _expected(error: Exception) -> str | None:
         if isinstance(cause, psycopg.errors.ReadOnlySqlTransaction):
             message += ". Add --write to let the statement change the map"
         return message
+    if isinstance(error, OSError) and error.filename is not None:
+        return f"{error.filename}: {error.strerror}"
     if isinstance(error, LookupError) and error.args:
         return str(error.args[0])
     if isinstance(error, (Error, LookupError, ValueError)):

@@ -5,12 +5,15 @@ from __future__ import annotations
 import json
 import sys
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from semmap import cli
 from semmap.cli.chosen_fields import chosen_fields
+
+if TYPE_CHECKING:
+    import threading
 
 __all__ = ["add_service_commands"]
 
@@ -49,27 +52,27 @@ def serve(
 
     `semmap fields query`, `at`, `ls`, `watch` and `source` then ask this service.
     """
-    import signal
     import threading
 
     stop = threading.Event()
 
     def started(name: str, path: Path, names: list[str]) -> None:
-        if threading.current_thread() is threading.main_thread():
-            for each in (signal.SIGTERM, signal.SIGINT):
-                signal.signal(each, lambda *_: stop.set())
+        _stop_on_signals(stop)
         running = ", ".join(names) or "none yet"
         print(f"serving {name} on {path}; sources: {running}; Ctrl-C stops", flush=True)
 
+    given: dict[str, Any] = {"sources": sources or (), "rates": rates or (), "seconds": seconds}
     with chosen_fields(map_name, voxel_size) as found:
-        found.serve(
-            config,
-            sources=sources or (),
-            rates=rates or (),
-            seconds=seconds,
-            stop=stop,
-            started=started,
-        )
+        found.serve(config, **given, stop=stop, started=started)
+
+
+def _stop_on_signals(stop: threading.Event) -> None:
+    import signal
+    import threading
+
+    if threading.current_thread() is threading.main_thread():
+        for each in (signal.SIGTERM, signal.SIGINT):
+            signal.signal(each, lambda *_: stop.set())
 
 
 def send(

@@ -14,7 +14,7 @@ from semmap.cli.chosen_fields import chosen_fields
 from semmap.cli.field_service import add_service_commands
 
 if TYPE_CHECKING:
-    from semmap.api.spatial_fields import SpaceAnswer
+    from semmap.api.space_answer import SpaceAnswer
 
 __all__ = ["fields"]
 

@@ -58,11 +58,9 @@ def sparql_command(
     empty prefix is that of the map's entities, so that :table1 is the entity table1.
     """
     text = _text(text)
+    if watch and (update or explain or rows is not None or told):
+        raise typer.BadParameter("--watch does not go with --update, --explain, --rows or --told")
     if watch:
-        if update or explain or rows is not None or told:
-            raise typer.BadParameter(
-                "--watch does not go with --update, --explain, --rows or --told"
-            )
         _watch(text, map_name, seconds, json_)
     elif update:
         _update(text, map_name, seconds, json_)

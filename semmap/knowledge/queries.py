@@ -80,7 +80,9 @@ def query(
     ...     query(session, "SELECT ?room { ?room a semmap:Kitchen }").rows
     """
     most = int(QUERY_ROWS.value if rows is None else rows)
-    stop = float(QUERY_SECONDS.value if seconds is None else seconds)
+    if most < 1:
+        raise ValueError(f"rows is {rows}: give a number of at least 1")
+    stop = _checked(seconds)
     key = (text, most, inferred, dataset)
     known: Answer | None = KEPT.ask(session, key, stop)
     if known is not None:
@@ -284,11 +286,11 @@ def _empty_graph(map_name: str) -> rdflib.Graph:
 @contextmanager
 def limited(session: Session, seconds: float | None) -> Iterator[float]:
     """Run statements in a transaction that the server stops after some seconds; yield the end."""
-    most = float(QUERY_SECONDS.value if seconds is None else seconds)
+    most = _checked(seconds)
     idle = session.info.transaction_status == psycopg.pq.TransactionStatus.IDLE
     try:
         with session.transaction():
-            session.execute(_SETTINGS.format(max(1, int(1e3 * most))).encode())
+            session.execute(_SETTINGS.format(min(max(1, int(1e3 * most)), 2**31 - 1)).encode())
             yield time.monotonic() + most
             if not idle:  # the transaction goes on
                 session.execute("SET LOCAL statement_timeout = 0")
@@ -297,6 +299,14 @@ def limited(session: Session, seconds: float | None) -> Iterator[float]:
             f"it took more than {most:g} s and was stopped: make it more selective, or raise "
             f"{QUERY_SECONDS.variable}"
         ) from error
+
+
+def _checked(seconds: float | None) -> float:
+    """Return after how many seconds a query is stopped."""
+    found = float(QUERY_SECONDS.value if seconds is None else seconds)
+    if not 0 < found < float("inf"):
+        raise ValueError(f"seconds is {seconds}: give a number above 0")
+    return found
 
 
 @contextmanager

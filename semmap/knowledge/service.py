@@ -277,6 +277,8 @@ def serve(
     ValueError
         The address cannot be used.
     """
+    if not 0 <= port <= 65535:
+        raise ValueError(f"port is {port}: give a number from 0 to 65535")
     server = uvicorn.Server(uvicorn.Config(endpoint.app, host=host, port=port, log_level="warning"))
 
     def end() -> None:

@@ -22,6 +22,7 @@ from semmap.knowledge.rdf_file import FORMATS
 from semmap.knowledge.vocabulary import prefixes
 from semmap.knowledge.whole_graph import without_warnings
 from semmap.language.error import QueryError
+from tests.forked import semmap_process
 
 HELD = "SELECT ?x ?room { ?x semmap:heldBy ?room . ?room semmap:kind 'room' ; semmap:name ?n }"
 
@@ -217,3 +218,23 @@ def test_a_client_in_the_notation_of_knowledge_core(flat: semmap.Map) -> None:
     with flat.knowledge_client() as kb:
         kb += ["human1 looksAt table1"]
         assert kb.find(["who"], ["?who looksAt table1"]) == {"human1"}
+
+
+def test_limits_are_numbers_above_zero(flat: semmap.Map) -> None:
+    for seconds in (0, -1, float("inf"), float("nan")):
+        with pytest.raises(ValueError, match=f"seconds is {seconds}: give a number above 0"):
+            flat.sparql("ASK {}", seconds=seconds)
+        with pytest.raises(ValueError, match="give a number above 0"):
+            flat.reason(seconds=seconds)
+    with pytest.raises(ValueError, match="rows is -1: give a number of at least 1"):
+        flat.sparql("SELECT ?x { ?x a ?y }", rows=-1)
+    assert flat.sparql("ASK {}", seconds=1e12)
+    with pytest.raises(ValueError, match="port is 99999"):
+        flat.serve_sparql(port=99_999)
+
+
+def test_a_missing_folder_is_one_line_for_a_user(flat: semmap.Map, tmp_path: Path) -> None:
+    url = flat.database.address
+    done = semmap_process(url, "rdf", "export", tmp_path / "none" / "a.ttl")
+    assert done.returncode == 2
+    assert done.stderr == f"error: {tmp_path}/none/a.ttl: No such file or directory\n"

@@ -106,6 +106,14 @@ def test_stored_fields_have_versions_and_files(small_house: semmap.Map, tmp_path
         fields.export(tmp_path / "none", "cold", 2)
     with pytest.raises(ValueError, match="name the field"):
         fields.export(tmp_path / "none", version=2)
+    for wrong, says in (
+        ({"keep": "a\0"}, "has a NUL"),
+        ({"keep": ""}, "needs a name"),
+        ({"output": tmp_path / "none" / "a.vdb"}, "there is no folder"),
+        ({"limit": -1}, "limit is -1"),
+    ):
+        with pytest.raises(ValueError, match=says):
+            fields.query(cold, **wrong)
     fields.forget("cold")
     with pytest.raises(LookupError, match="there is no field cold in this map; fields: none"):
         fields.forget("cold")

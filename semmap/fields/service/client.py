@@ -49,10 +49,20 @@ class ServiceConnection:
 
     def __init__(self, stream: Any, channel: socket.socket, map_name: str = "") -> None:
         self._stream, self._channel = stream, channel
+        self._closed = False
         self.map_name = map_name
+
+    def _next_line(self) -> bytes:
+        try:
+            return bytes(self._stream.readline())
+        except (OSError, ValueError):
+            if not self._closed:
+                raise
+            return b""
 
     def close(self) -> None:
         """End the connection, and loops over `replies` in other threads."""
+        self._closed = True
         with suppress(OSError):
             self._channel.shutdown(socket.SHUT_RDWR)
 
@@ -85,8 +95,8 @@ class ServiceConnection:
         return reply["reply"]
 
     def replies(self) -> Iterator[Any]:
-        """Yield replies until the service ends."""
-        while line := self._stream.readline():
+        """Yield replies until the service ends, or this connection is closed."""
+        while line := self._next_line():
             reply = json.loads(line)
             if "error" in reply:
                 raise ValueError(str(reply["error"]))

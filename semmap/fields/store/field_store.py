@@ -124,6 +124,10 @@ def save(
     value_type = value_type_of(grid)
     if not name or not property:
         raise ValueError("a field needs a name and a property: give both")
+    if "\0" in name:
+        raise ValueError(
+            f"the name {name!r} has a NUL, which the database cannot store: leave it out"
+        )
     if legend is not None and value_type != "int32":
         raise ValueError(f"a {value_type} field cannot have a legend: leave it out")
     given = (property, about, value_type, grid.voxel_size)
