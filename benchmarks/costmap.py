@@ -19,7 +19,7 @@ from benchmarks.timing import Row, medians_in_turn, print_rows
 from navgrid.costmap import Costmap
 from navgrid.grid import Grid
 from navgrid.readers.fields import read_mirror
-from semmap.database import connect
+from semmap.database import open_engine
 from semmap.database.maps import current_name
 from semmap.fields.store.voxel_mirror import VoxelMirror
 from semmap.geometry.mesh import join
@@ -81,7 +81,7 @@ def store_office(connection: psycopg.Connection[object], map_id: int) -> None:
 def main() -> None:
     """Print the table."""
     use_bench_database()
-    engine = connect()
+    engine = open_engine()
     with engine.begin() as connection:
         load_tbox(connection)
         connection.execute(text("SELECT drop_map(name) FROM map WHERE name = 'office40'"))

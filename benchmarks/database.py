@@ -13,7 +13,7 @@ from sqlalchemy import Engine, text
 
 from benchmarks.bench_map import use_bench_database
 from benchmarks.timing import Row, median_seconds, print_rows
-from semmap.database import connect
+from semmap.database import open_engine
 from semmap.query.entity_query import find
 
 FIGURE_3 = (Path(__file__).parent / "figure3.sql").read_text()
@@ -24,7 +24,7 @@ MILLION = (Path(__file__).parent / "million.sql").read_text()
 def map_of(objects: int) -> Iterator[Engine]:
     """A database of its own with a map of objects, kept for the next run; its name: `map_name`."""
     use_bench_database()
-    engine = connect()
+    engine = open_engine()
     name = map_name(objects)
     with engine.begin() as connection:
         there = connection.execute(text("SELECT 1 FROM map WHERE name = :n"), {"n": name}).scalar()

@@ -13,7 +13,7 @@ import psycopg
 from sqlalchemy import text
 
 from benchmarks.timing import Row, median_seconds, print_rows
-from semmap.database import Cluster, connect
+from semmap.database import Cluster, open_engine
 from semmap.geometry.mesh import box_mesh
 from semmap.geometry.pose import Pose
 from semmap.ingest.store.holder_store import derive_inventories
@@ -63,7 +63,7 @@ def measured() -> list[Row]:
     folder = Path(tempfile.mkdtemp(prefix="semmap-inventory-", dir="/tmp"))
     folder.chmod(0o755)
     os.environ["SEMMAP_DATA"] = str(folder)
-    engine = connect()
+    engine = open_engine()
     with engine.begin() as connection:
         of_map = connection.execute(text("INSERT INTO map (name) VALUES ('building') RETURNING id"))
         number = of_map.scalar_one()

@@ -21,7 +21,7 @@ from psycopg.pq import Format
 
 from benchmarks.bench_map import use_bench_database
 from benchmarks.timing import Row, median_seconds, print_rows
-from semmap.database import connect
+from semmap.database import open_engine
 from semmap.fields.queries import SelectResult, query
 from semmap.fields.queries.statements import (
     Entities,
@@ -260,7 +260,7 @@ def run_sql(session: psycopg.Connection[Any], sql: str, *sides: NDArray[Any]) ->
 def tables(fields: Fields) -> Iterator[psycopg.Connection[Any]]:
     """Yield a session with a table of each field, with an index and statistics."""
     use_bench_database()
-    with connect().connect() as connection:
+    with open_engine().connect() as connection:
         session: Any = connection.connection.driver_connection
         # As fast as it can be: the tables and their hashes in memory, in one process.
         session.execute("SET work_mem = '256MB'; SET max_parallel_workers_per_gather = 0")

@@ -12,7 +12,7 @@ from sqlalchemy import text
 
 from benchmarks.bench_map import use_bench_database
 from benchmarks.timing import Row, median_seconds, medians_in_turn, print_rows
-from semmap.database import connect
+from semmap.database import open_engine
 from semmap.geometry.mesh import Mesh
 from semmap.geometry.tin import encode_chunks
 from semmap.ingest.importer import import_file
@@ -35,7 +35,7 @@ def terrain(side: int) -> Mesh:
 def main() -> None:
     """Print the table."""
     use_bench_database()
-    engine = connect()
+    engine = open_engine()
     mesh = terrain(708)
     triangles = len(mesh.faces)
     url = engine.url.set(drivername="postgresql").render_as_string(hide_password=False)

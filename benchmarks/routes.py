@@ -25,7 +25,7 @@ from benchmarks.building import Building, building
 from benchmarks.timing import Row, median_seconds, medians_in_turn, print_rows
 from navgrid.travel import travel
 from planner.graph import Graph
-from semmap.database import connect
+from semmap.database import open_engine
 
 __all__ = ["main"]
 
@@ -145,7 +145,7 @@ def by_rustworkx_astar(there: Building) -> Cost:
 def with_pgrouting() -> Iterator[Connection | None]:
     """A transaction that is undone, in which pgRouting is there; None where the server has none."""
     use_bench_database()
-    engine = connect()
+    engine = open_engine()
     with engine.connect() as connection:
         known = "SELECT 1 FROM pg_available_extensions WHERE name = 'pgrouting'"
         if connection.execute(text(known)).scalar():

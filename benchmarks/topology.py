@@ -22,7 +22,7 @@ from planner.robot_class import RobotClass
 from planner.route_planner import RoutePlanner
 from planner.topology import OUTSIDE, Topology
 from semmap.cli.demo.office import delivery_robot, office_files
-from semmap.database import connect
+from semmap.database import open_engine
 from semmap.ingest.importer import import_file
 from semmap.query.change_feed import cursor
 from semmap.query.map_handle import MapHandle
@@ -36,7 +36,7 @@ ROBOT = "benchmark"
 
 def main() -> None:
     """Print the table."""
-    engine = connect()
+    engine = open_engine()
     robot = delivery_robot(ROBOT)
     try:
         with _map(engine, "benchmark building") as name:

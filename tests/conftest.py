@@ -27,7 +27,7 @@ from sqlalchemy.exc import OperationalError
 from sqlalchemy.orm import Session
 from sqlalchemy.pool import NullPool
 
-from semmap.database import Cluster, connect
+from semmap.database import Cluster, open_engine
 from semmap.ingest.importer import import_file
 from tests.cluster_folder import cluster_folder, remove_abandoned
 from tests.consistency import contradictions
@@ -189,7 +189,7 @@ def make_database(cluster: URL, databases: dict[str, str]) -> Iterator[MakeDatab
     with administrator(cluster) as run:
         run(f"CREATE DATABASE {template}")
         databases[template] = "the empty schema"
-        connect(cluster.set(database=template)).dispose()
+        open_engine(cluster.set(database=template)).dispose()
 
         def make(of: URL | None = None) -> URL:
             name = f"{prefix}_{next(numbers)}"
@@ -237,7 +237,7 @@ def imported(make_database: MakeDatabase, drop_database: Callable[[URL], None]) 
         if files and files not in made:
             *others, (path, map_name) = files
             url = make_database(holding(tuple(others)))
-            engine = connect(url)
+            engine = open_engine(url)
             import_file(engine, path, map_name=map_name)
             engine.dispose()
             made[files] = url
@@ -245,7 +245,7 @@ def imported(make_database: MakeDatabase, drop_database: Callable[[URL], None]) 
 
     @contextmanager
     def engine_on(*files: tuple[Path, str]) -> Iterator[Engine]:
-        engine = connect(make_database(holding(files)))
+        engine = open_engine(make_database(holding(files)))
         yield engine
         engine.dispose()
         drop_database(engine.url)
@@ -264,7 +264,7 @@ def database(make_database: MakeDatabase, drop_database: Callable[[URL], None]) 
 @pytest.fixture
 def engine(database: str) -> Iterator[Engine]:
     """An engine on a fresh, migrated database for one test."""
-    engine = connect(database)
+    engine = open_engine(database)
     yield engine
     engine.dispose()
 
@@ -274,7 +274,7 @@ def module_engine(
     make_database: MakeDatabase, drop_database: Callable[[URL], None]
 ) -> Iterator[Engine]:
     """An engine on a migrated database that the tests of a module share."""
-    engine = connect(make_database())
+    engine = open_engine(make_database())
     yield engine
     engine.dispose()
     drop_database(engine.url)
@@ -342,7 +342,7 @@ def docker_postgis(docker_server: URL) -> Iterator[Engine]:
     name = f"fresh_{uuid4().hex}"
     with administrator(docker_server) as run:
         run(f"CREATE DATABASE {name}")
-        engine = connect(docker_server.set(database=name), migrate=False)
+        engine = open_engine(docker_server.set(database=name), migrate=False)
         yield engine
         engine.dispose()
         run(f"DROP DATABASE {name} WITH (FORCE)")

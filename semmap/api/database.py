@@ -118,9 +118,9 @@ class Database(DatabaseManipulation, DatabaseInterlinking):
     @cached_property
     def engine(self) -> Engine:
         """A SQLAlchemy engine on the same database, for the ORM and other packages."""
-        from semmap.database.engine import connect
+        from semmap.database.engine import open_engine
 
-        return connect(self._url, check=True)
+        return open_engine(self._url, check=True)
 
     @cached_property
     def reading_engine(self) -> Engine:

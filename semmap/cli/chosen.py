@@ -55,9 +55,9 @@ def engine(*, migrate: bool = False) -> Engine:
     migrate : make the schema or bring it to the newest revision; without it, a database that lacks
         it is refused with the command that helps
     """
-    from semmap.database.engine import connect
+    from semmap.database.engine import open_engine
 
-    chosen = connect(CliOptions.url, migrate=migrate, check=not migrate)
+    chosen = open_engine(CliOptions.url, migrate=migrate, check=not migrate)
     if CliOptions.context is not None:
         CliOptions.context.call_on_close(chosen.dispose)
     return chosen

@@ -34,9 +34,9 @@ def _chosen(context: typer.Context, db: str | None) -> str | None:
 @contextmanager
 def _as_it_is(context: typer.Context, db: str | None) -> Iterator[Engine]:
     """The chosen database, its schema not brought up to date."""
-    from semmap.database.engine import connect
+    from semmap.database.engine import open_engine
 
-    engine = connect(_chosen(context, db), migrate=False)
+    engine = open_engine(_chosen(context, db), migrate=False)
     try:
         yield engine
     finally:
@@ -47,11 +47,11 @@ def _as_it_is(context: typer.Context, db: str | None) -> Iterator[Engine]:
 def start() -> None:
     """Start the embedded database; it is made at first use."""
     from semmap.database.embedded import Cluster
-    from semmap.database.engine import connect
+    from semmap.database.engine import open_engine
 
     cluster = Cluster()
     before, new = time.perf_counter(), not cluster.exists
-    connect(cluster).dispose()
+    open_engine(cluster).dispose()
     print(
         f"{cluster.home}: {'made and ' if new else ''}ready "
         f"after {time.perf_counter() - before:.1f} s"
@@ -72,7 +72,7 @@ def status(context: typer.Context, db: Db = None) -> None:
     """Show which database is used, and the revision of its schema; starts nothing."""
     from semmap.database import revisions
     from semmap.database.embedded import Cluster
-    from semmap.database.engine import connect, database_url
+    from semmap.database.engine import database_url, open_engine
 
     url = _chosen(context, db) or os.environ.get("SEMMAP_DB")
     if url is None:
@@ -86,7 +86,7 @@ def status(context: typer.Context, db: Db = None) -> None:
     else:
         chosen = database_url(url)
         print(f"database: {chosen.render_as_string(hide_password=True)}")
-    engine = connect(chosen, migrate=False)
+    engine = open_engine(chosen, migrate=False)
     with engine.connect() as connection:
         server = connection.exec_driver_sql("SHOW server_version").scalar()
         postgis = connection.exec_driver_sql(
@@ -158,7 +158,7 @@ def drop(
 @app.command(context_settings={"allow_extra_args": True, "ignore_unknown_options": True})
 def psql(context: typer.Context) -> None:
     """Open psql on the database; arguments that follow are passed to it."""
-    from semmap.database.engine import connect
+    from semmap.database.engine import open_engine
     from semmap.database.error import DatabaseError
 
     program = shutil.which("psql")
@@ -166,7 +166,7 @@ def psql(context: typer.Context) -> None:
         raise DatabaseError(
             "psql is not installed. Debian, Ubuntu: apt-get install postgresql-client"
         )
-    engine = connect(_chosen(context, None), migrate=False)
+    engine = open_engine(_chosen(context, None), migrate=False)
     chosen = engine.url
     engine.dispose()
     if chosen.password is not None:

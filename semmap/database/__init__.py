@@ -10,16 +10,16 @@ from semmap.database.session import open_session
 from semmap.lazy_names import load_on_use
 
 if TYPE_CHECKING:
-    from semmap.database.engine import connect, database_url
+    from semmap.database.engine import database_url, open_engine
     from semmap.database.reader import as_reader
 
-__all__ = ["Cluster", "DatabaseError", "as_reader", "connect", "database_url", "open_session"]
+__all__ = ["Cluster", "DatabaseError", "as_reader", "database_url", "open_engine", "open_session"]
 
 __getattr__ = load_on_use(
     __name__,
     {
         "as_reader": "semmap.database.reader",
-        "connect": "semmap.database.engine",
+        "open_engine": "semmap.database.engine",
         "database_url": "semmap.database.engine",
     },
 )

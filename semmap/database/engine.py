@@ -22,7 +22,7 @@ from semmap.database.parameters import (
 from semmap.database.patience import Patience
 from semmap.terminal import print_waiting
 
-__all__ = ["connect", "database_url", "make_engine"]
+__all__ = ["database_url", "make_engine", "open_engine"]
 
 
 def database_url(url: str | URL | Cluster | None = None) -> URL:
@@ -59,7 +59,7 @@ def database_url(url: str | URL | Cluster | None = None) -> URL:
     return parsed.set(drivername="postgresql+psycopg")
 
 
-def connect(
+def open_engine(
     url: str | URL | Cluster | None = None, *, migrate: bool = True, check: bool = False
 ) -> Engine:
     """An engine for the map's database, which is made, started and brought up to date at need.
@@ -83,7 +83,7 @@ def connect(
 
     Examples
     --------
-    >>> engine = connect()
+    >>> engine = open_engine()
     >>> with engine.connect() as connection:
     ...     connection.exec_driver_sql("SELECT count(*) FROM map").scalar()
     0
@@ -142,7 +142,7 @@ def _upgrade(engine: Engine, version: str | None) -> None:
 
 
 def make_engine(url: URL) -> Engine:
-    """An engine whose connections have what `connect` says; it reaches for no server."""
+    """An engine whose connections have what `open_engine` says; it reaches for no server."""
     query = dict(url.query)
     given = query.pop("options", "")
     options = " ".join([*([given] if isinstance(given, str) else given), *_options()]).strip()

@@ -76,9 +76,9 @@ def open_session(
         session.close()
         if not migrate:
             raise
-        from semmap.database.engine import connect  # with Alembic and SQLAlchemy
+        from semmap.database.engine import open_engine  # with Alembic and SQLAlchemy
 
-        connect(url).dispose()
+        open_engine(url).dispose()
         del error
         return open_session(url)
     except BaseException:

@@ -20,7 +20,7 @@ from typing import Any
 
 import rdflib
 
-from semmap.database import connect
+from semmap.database import open_engine
 from semmap.error import Error
 from semmap.ingest.world import WorldError
 from semmap.knowledge.client import KnowledgeClient
@@ -75,7 +75,7 @@ class KB:
 
     def __init__(self, source: MapSource | None = None) -> None:
         if source is None:
-            source = MapHandle(connect())
+            source = MapHandle(open_engine())
         self._engine = source.engine
         self._client = KnowledgeClient(source)
         self.events: SimpleQueue[tuple[str, list[dict[str, Any]]]] = SimpleQueue()

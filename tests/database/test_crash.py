@@ -15,7 +15,7 @@ import psycopg
 import pytest
 from sqlalchemy import Connection, create_engine
 
-from semmap.database import Cluster, connect
+from semmap.database import Cluster, open_engine
 from semmap.database.leftovers import servers_in
 from semmap.query.entity_query import changes_since
 from tests.database.conftest import as_owner, python, query, said
@@ -31,7 +31,7 @@ main()
 ZOMBIE = """
 import ctypes, json, os, signal, sys, time
 from pathlib import Path
-from semmap.database import Cluster, connect
+from semmap.database import Cluster, open_engine
 
 def state(pid):
     return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0]
@@ -92,7 +92,7 @@ def driver(connection: Connection) -> psycopg.Connection[Any]:
 
 def test_a_cursor_outlives_the_server(own: Cluster) -> None:
     """A crashed server gives the number of a transaction that was undone to another one."""
-    engine = connect(own.ensure())
+    engine = open_engine(own.ensure())
     with engine.begin() as connection:
         connection.exec_driver_sql("INSERT INTO map (name) VALUES ('m')")
     with engine.connect() as connection:
@@ -102,7 +102,7 @@ def test_a_cursor_outlives_the_server(own: Cluster) -> None:
         cursor, _ = changes_since(driver(connection), None)
     kill_server(own)
     engine.dispose()
-    engine = connect(own.ensure())
+    engine = open_engine(own.ensure())
     with engine.begin() as connection:
         connection.exec_driver_sql(
             "INSERT INTO entity (map_id, kind, name) SELECT id, 'object', 'mug' FROM map"
@@ -195,12 +195,12 @@ def test_command_at_once_after_kill_9(
         for _ in range(5):
             backends.enter_context(closing(psycopg.connect(url)))
         os.kill(int((own.data / "postmaster.pid").read_text().split()[0]), signal.SIGKILL)
-        connect(migrate=False).dispose()
+        open_engine(migrate=False).dispose()
 
 
 def test_command_line_at_once_after_kill_9(own: Cluster, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("SEMMAP_DATA", str(own.home))
-    connect().dispose()
+    open_engine().dispose()
     os.kill(int((own.data / "postmaster.pid").read_text().split()[0]), signal.SIGKILL)
     process = python(COMMAND)
     out, err = process.communicate(timeout=60)

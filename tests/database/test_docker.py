@@ -10,7 +10,7 @@ import pytest
 import yaml
 from sqlalchemy import URL, Engine
 
-from semmap.database import DatabaseError, connect, revisions
+from semmap.database import DatabaseError, open_engine, revisions
 
 ROOT = Path(__file__).parents[2]
 
@@ -18,7 +18,7 @@ pytestmark = pytest.mark.docker
 
 
 def test_the_image_meets_the_requirements_of_the_schema(docker_server: URL) -> None:
-    engine = connect(docker_server)
+    engine = open_engine(docker_server)
     assert revisions.installed_on(engine) == revisions.newest()
     with engine.connect() as connection:
         assert connection.exec_driver_sql("SELECT count(*) FROM entity").scalar() == 0
@@ -35,13 +35,13 @@ def test_the_image_meets_the_requirements_of_the_schema(docker_server: URL) -> N
 
 def test_connect_migrates_a_fresh_database(docker_postgis: Engine) -> None:
     assert revisions.installed_on(docker_postgis) is None
-    connect(docker_postgis.url).dispose()
+    open_engine(docker_postgis.url).dispose()
     assert revisions.installed_on(docker_postgis) == revisions.newest()
 
 
 def test_wrong_password_is_refused(docker_server: URL) -> None:
     with pytest.raises(DatabaseError, match="password authentication failed"):
-        connect(docker_server.set(password="guess"))
+        open_engine(docker_server.set(password="guess"))
 
 
 def test_no_password_no_start(docker: str, docker_server: URL) -> None:

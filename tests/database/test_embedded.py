@@ -51,9 +51,9 @@ except OperationalError as error:
 MAKE = """
 import sys
 from pathlib import Path
-from semmap.database import Cluster, connect
+from semmap.database import Cluster, open_engine
 cluster = Cluster(Path(sys.argv[1]))
-connect(cluster).dispose()
+open_engine(cluster).dispose()
 cluster.stop()
 """
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 from sqlalchemy import Engine
 
-from semmap.database import DatabaseError, connect, database_url
+from semmap.database import DatabaseError, database_url, open_engine
 
 
 def test_session_settings(engine: Engine) -> None:
@@ -25,7 +25,7 @@ def test_url_from_environment(database: str, monkeypatch: pytest.MonkeyPatch) ->
 
 
 def test_url_options_are_kept(database: str) -> None:
-    engine = connect(database + "&options=-c%20work_mem%3D7MB&application_name=robot")
+    engine = open_engine(database + "&options=-c%20work_mem%3D7MB&application_name=robot")
     with engine.connect() as connection:
         assert connection.exec_driver_sql("SHOW work_mem").scalar() == "7MB"
         assert connection.exec_driver_sql("SHOW search_path").scalar() == "semmap,public"
@@ -44,5 +44,5 @@ def test_url_options_are_kept(database: str) -> None:
 )
 def test_unusable_url(url: str, said: str) -> None:
     with pytest.raises(DatabaseError, match=said) as caught:
-        connect(url)
+        open_engine(url)
     assert "secret" not in str(caught.value)

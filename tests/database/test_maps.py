@@ -1,14 +1,14 @@
 import pytest
 from sqlalchemy import text
 
-from semmap.database import connect
+from semmap.database import open_engine
 from semmap.database.maps import current_name, see_map, snapshot
 
 
 @pytest.fixture
 def maps(make_database):
     """A database with two maps."""
-    engine = connect(make_database())
+    engine = open_engine(make_database())
     with engine.begin() as connection:
         connection.execute(text("INSERT INTO map (name) VALUES ('older'), ('newer')"))
     yield engine
@@ -29,7 +29,7 @@ def test_the_map_of_a_name_is_seen_in_one_transaction(maps):
 
 
 def test_a_missing_map_is_reported(make_database):
-    engine = connect(make_database())
+    engine = open_engine(make_database())
     with engine.connect() as connection, pytest.raises(LookupError, match="semmap import FILE"):
         see_map(connection, None)
     engine.dispose()

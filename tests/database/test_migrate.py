@@ -13,7 +13,7 @@ from alembic.script import ScriptDirectory
 from sqlalchemy import URL, Engine, create_engine
 from sqlalchemy.exc import NotSupportedError, ProgrammingError
 
-from semmap.database import DatabaseError, connect, migrate, revisions
+from semmap.database import DatabaseError, migrate, open_engine, revisions
 from semmap.database.files import migrations_folder
 from semmap.database.revisions import OldSchema
 from tests.conftest import administrator
@@ -22,8 +22,8 @@ from tests.next_revision import next_revision
 
 CONNECT = """
 import json, sys
-from semmap.database import connect
-engine = connect(sys.argv[1])
+from semmap.database import open_engine
+engine = open_engine(sys.argv[1])
 with engine.connect() as connection:
     print(json.dumps(connection.exec_driver_sql("SELECT count(*) FROM map").scalar()))
 engine.dispose()
@@ -155,15 +155,15 @@ def test_revisions_change_what_functions_depend_on(engine: Engine) -> None:
         connection.exec_driver_sql(to_numeric)
     released = revisions.newest()
     with next_revision([to_numeric], [back]) as following:
-        connect(engine.url).dispose()
+        open_engine(engine.url).dispose()
         assert migrate.current(engine) == following
         migrate.downgrade(engine, released)
         assert migrate.current(engine) == f"{released} without functions"
         with pytest.raises(OldSchema, match=f"{released} without functions, .* needs {following}"):
-            connect(engine.url, check=True)
+            open_engine(engine.url, check=True)
     with pytest.raises(OldSchema, match=f"{released} without functions, .* needs {released}"):
-        connect(engine.url, check=True)
-    connect(engine.url).dispose()
+        open_engine(engine.url, check=True)
+    open_engine(engine.url).dispose()
     assert migrate.current(engine) == released
 
 
@@ -172,14 +172,14 @@ def test_drop_and_install_again(engine: Engine) -> None:
         connection.exec_driver_sql("INSERT INTO map (name) VALUES ('gone')")
     migrate.drop(engine)
     assert migrate.current(engine) is None
-    again = connect(engine.url)
+    again = open_engine(engine.url)
     with again.connect() as connection:
         assert connection.exec_driver_sql("SELECT count(*) FROM map").scalar() == 0
     again.dispose()
 
 
 def test_without_migrate_nothing_is_changed(empty: URL) -> None:
-    engine = connect(empty, migrate=False)
+    engine = open_engine(empty, migrate=False)
     assert migrate.current(engine) is None
     with engine.connect() as connection:
         assert connection.exec_driver_sql("SELECT to_regnamespace('semmap')").scalar() is None
@@ -200,7 +200,7 @@ def test_unknown_revision(engine: Engine, revision: str, check: bool) -> None:
     with engine.begin() as connection:
         connection.exec_driver_sql(f"UPDATE public.semmap_version SET version_num = '{revision}'")
     with pytest.raises(DatabaseError, match=f"{revision}, .*a newer semmap made it, or one from"):
-        connect(engine.url, check=check)
+        open_engine(engine.url, check=check)
     with pytest.raises(DatabaseError, match=f"'{revision}'.*knows the revisions 0001"):
         migrate.upgrade(engine)
     with engine.connect() as connection:
@@ -211,7 +211,7 @@ def test_files_run_as_they_stand(empty: URL, own_schema: Path) -> None:
     (own_schema / "schema/tables/2.sql").write_text("INSERT INTO times VALUES (DEFAULT);")
     (own_schema / "schema/tables/1.sql").write_text(COLONS_AND_PERCENTS)
     write_revision(own_schema, "x1", None, "tables/*.sql")
-    engine = connect(empty)
+    engine = open_engine(empty)
     assert migrate.current(engine) == "x1"
     with engine.connect() as connection:
         asked = "SELECT odd(3), odd(4), extract(hour FROM at)::int FROM times"
@@ -227,8 +227,8 @@ def test_failing_file_is_named_and_nothing_stays(empty: URL, own_schema: Path) -
     write_revision(own_schema, "x1", None, "tables/1.sql")
     write_revision(own_schema, "x2", "x1", "tables/2.sql")
     with pytest.raises(DatabaseError, match=r'tables/2.sql:4: column "nonsense" does not exist'):
-        connect(empty)
-    engine = connect(empty, migrate=False)
+        open_engine(empty)
+    engine = open_engine(empty, migrate=False)
     assert migrate.current(engine) is None
     with engine.connect() as connection:
         assert connection.exec_driver_sql("SELECT to_regnamespace('semmap')").scalar() is None
@@ -238,7 +238,7 @@ def test_failing_file_is_named_and_nothing_stays(empty: URL, own_schema: Path) -
 def test_pattern_that_fits_no_file(empty: URL, own_schema: Path) -> None:
     write_revision(own_schema, "x1", None, "views/*.sql")
     with pytest.raises(DatabaseError, match=r"no file that fits views/\*.sql"):
-        connect(empty)
+        open_engine(empty)
 
 
 def test_schema_that_is_not_installed(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
@@ -260,7 +260,7 @@ def visitor(docker_postgis: Engine) -> Iterator[URL]:
 
 def asked_of_an_administrator(visitor: URL) -> list[str]:
     with pytest.raises(DatabaseError, match="visitor may not install the schema") as caught:
-        connect(visitor)
+        open_engine(visitor)
     return str(caught.value).split("administrator run: ")[1].split("; ")
 
 
@@ -277,7 +277,7 @@ def test_the_named_rights_are_enough_to_install(docker_postgis: Engine, visitor:
     with docker_postgis.begin() as connection:
         for statement in asked_of_an_administrator(visitor):
             connection.exec_driver_sql(statement)
-    engine = connect(visitor)
+    engine = open_engine(visitor)
     assert migrate.current(engine) == revisions.newest()
     engine.dispose()
 
@@ -287,13 +287,13 @@ def test_reader_connects_and_does_not_upgrade(docker_postgis: Engine, visitor: U
     migrate.upgrade(docker_postgis)
     with docker_postgis.begin() as connection:
         connection.exec_driver_sql("GRANT semmap_reader TO visitor")
-    engine = connect(visitor)
+    engine = open_engine(visitor)
     with engine.connect() as connection:
         assert connection.exec_driver_sql("SELECT count(*) FROM map").scalar() == 0
     engine.dispose()
     refused = pytest.raises(DatabaseError, match=r"visitor may not change the schema .* admin")
     with next_revision(), refused:
-        connect(visitor)
+        open_engine(visitor)
 
 
 @pytest.mark.docker
@@ -316,7 +316,7 @@ def test_server_without_fitting_postgis(
             if control is not None:
                 assert run(["sh", "-c", f'echo "{control}" > {file}']).exit_code == 0
             with pytest.raises(DatabaseError, match=said):
-                connect(docker_server.set(database="bare"))
+                open_engine(docker_server.set(database="bare"))
         finally:
             assert run(f"mv -T /tmp/kept.control {file}").exit_code == 0
             execute("DROP DATABASE bare WITH (FORCE)")
@@ -329,4 +329,4 @@ def test_postgis_in_another_schema(empty: URL) -> None:
         connection.exec_driver_sql("CREATE EXTENSION postgis SCHEMA elsewhere")
     engine.dispose()
     with pytest.raises(DatabaseError, match="PostGIS lies in the schema elsewhere"):
-        connect(empty)
+        open_engine(empty)

@@ -16,7 +16,7 @@ import pytest
 from psycopg import pq
 from sqlalchemy import URL
 
-from semmap.database import Cluster, DatabaseError, connect
+from semmap.database import Cluster, DatabaseError, open_engine
 from semmap.database.programs import find_programs
 from tests.database.conftest import as_owner, query
 
@@ -39,7 +39,7 @@ def wait_until_it_rejects(url: str) -> None:
 
 
 def ask(url: Any) -> Any:
-    engine = connect(url, migrate=False)
+    engine = open_engine(url, migrate=False)
     with engine.connect() as connection:
         answer = connection.exec_driver_sql("SELECT 7").scalar()
     engine.dispose()
@@ -140,7 +140,7 @@ def test_hopeless_connections_fail_soon(
         url = URL.create(url.drivername)
     begin = time.monotonic()
     with pytest.raises(DatabaseError, match=says):
-        connect(url.set(**change))
+        open_engine(url.set(**change))
     assert time.monotonic() - begin < seconds
 
 
@@ -151,6 +151,6 @@ def test_patience_ends(own: Cluster, monkeypatch: pytest.MonkeyPatch) -> None:
         shut_down_smartly(own)
         wait_until_it_rejects(plain(url))
         with pytest.raises(DatabaseError, match=r"starting, recovering or stopping .* call again"):
-            connect(url)
+            open_engine(url)
     while (own.data / "postmaster.pid").exists():
         time.sleep(0.01)

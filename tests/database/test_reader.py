@@ -11,7 +11,7 @@ from sqlalchemy.exc import DBAPIError
 from typer.testing import CliRunner
 
 from semmap import cli
-from semmap.database import Cluster, DatabaseError, as_reader, connect
+from semmap.database import Cluster, DatabaseError, as_reader, open_engine
 from semmap.database.account import server_account
 from tests.command_line import semmap
 from tests.database.conftest import query
@@ -37,7 +37,7 @@ GRANT TEMPORARY ON DATABASE semmap TO PUBLIC;
 def embedded(own: Cluster, monkeypatch: pytest.MonkeyPatch) -> Cluster:
     """The user's own cluster, with a schema."""
     monkeypatch.setenv("SEMMAP_DATA", str(own.home))
-    connect().dispose()
+    open_engine().dispose()
     return own
 
 

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from semmap.database import connect
+from semmap.database import open_engine
 from semmap.ingest.importer import import_file
 
 ROOT = Path(__file__).parents[2]
@@ -17,7 +17,7 @@ BLOCK = re.compile(r"^```python\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 def test_page_shows_what_python_prints(
     page: str, database: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    engine = connect(database)
+    engine = open_engine(database)
     for name in ("office.sdf", "office_rooms.geojson"):
         import_file(engine, ROOT / "examples/office" / name, map_name="office")
     engine.dispose()

@@ -24,7 +24,7 @@ from typing import Any
 import psycopg
 
 import semmap
-from semmap.database import Cluster, connect
+from semmap.database import Cluster, open_engine
 from semmap.ingest.importer import import_file
 from tests.growth.moves import RETENTION, TABLES, expired_changes, gaps, move, sizes, versions
 
@@ -65,7 +65,7 @@ def ask(process: subprocess.Popen[str]) -> int:
 def run(cluster: Cluster, worlds: list[Path], kind: str, moves: int, keep: float) -> list[str]:
     """Import, move and watch; returns what exceeds its bound."""
     (cluster.home / "local.conf").write_text("fsync = off\nautovacuum_naptime = 2s\n")
-    engine = connect(cluster)
+    engine = open_engine(cluster)
     for world in worlds:
         import_file(engine, world, map_name="growth")
     url = engine.url.set(drivername="postgresql").render_as_string(hide_password=False)

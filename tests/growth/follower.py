@@ -6,14 +6,14 @@ import sys
 import threading
 
 from planner.live_topology import LiveTopology
-from semmap.database import connect
+from semmap.database import open_engine
 from semmap.fields.store.voxel_mirror import VoxelMirror
 from semmap.query.map_handle import MapHandle
 
 
 def main() -> None:
     """Follow the map of a database: both are arguments; answer each line with a number of looks."""
-    engine = connect(sys.argv[1], migrate=False)
+    engine = open_engine(sys.argv[1], migrate=False)
     mirror = VoxelMirror(engine, sys.argv[2])
     topology = LiveTopology(MapHandle(engine, sys.argv[2]))
     looks = 0

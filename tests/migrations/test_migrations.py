@@ -11,7 +11,7 @@ from alembic.migration import MigrationContext
 from sqlalchemy import Engine, create_engine, text
 from sqlalchemy.orm import configure_mappers
 
-from semmap.database import DatabaseError, connect
+from semmap.database import DatabaseError, open_engine
 from semmap.database.migrate import current, downgrade, upgrade
 from semmap.database.revisions import newest, parents
 from semmap.ingest.importer import import_file
@@ -182,7 +182,7 @@ def test_the_next_revision_goes_up_and_down_with_data(docker_postgis: Engine, du
     assert len(before["storey"]) == 2
 
     with next_revision(UP, DOWN) as following:
-        connect(engine.url).dispose()
+        open_engine(engine.url).dispose()
         assert current(engine) == following
         assert rows(engine, read) == before
         assert len(rows(engine, columns(engine))["weighing"]) == len(before["entity"])
@@ -195,8 +195,8 @@ def test_the_next_revision_goes_up_and_down_with_data(docker_postgis: Engine, du
         assert rows(engine, read) == before
 
     with pytest.raises(DatabaseError, match=f"{released} without functions.*semmap db upgrade"):
-        connect(engine.url, check=True)
-    connect(engine.url).dispose()
+        open_engine(engine.url, check=True)
+    open_engine(engine.url).dispose()
     assert current(engine) == released
     assert rows(engine, read) == before
     assert dump() == schema

@@ -45,9 +45,9 @@ def commands(office_url: str) -> Commands:
 @pytest.fixture
 def office_engine(office_url: str) -> Iterator[Engine]:
     """An engine on the office."""
-    from semmap.database import connect
+    from semmap.database import open_engine
 
-    engine = connect(office_url)
+    engine = open_engine(office_url)
     yield engine
     engine.dispose()
 
@@ -61,9 +61,9 @@ def delivery_robot() -> RobotClass:
 @pytest.fixture(scope="session")
 def office_live(office_url: str, delivery_robot: RobotClass) -> Iterator[LiveTopology]:
     """The topology of the office for that robot; nobody changes it."""
-    from semmap.database import connect
+    from semmap.database import open_engine
 
-    engine = connect(office_url)
+    engine = open_engine(office_url)
     yield LiveTopology(MapHandle(engine, "office"), delivery_robot)
     engine.dispose()
 

@@ -19,7 +19,7 @@ from planner.route import NoRouteError
 from planner.route_planner import RoutePlanner
 from planner.topology import OUTSIDE, TopologyError
 from semmap.cli.demo.office import office_files
-from semmap.database import connect
+from semmap.database import open_engine
 from semmap.ingest.regions.extraction import draw_region
 from semmap.query.map_handle import MapHandle
 
@@ -511,7 +511,7 @@ def test_a_follower_survives_its_connections(changing, live, robot):
                     "WHERE datname = current_database() AND pid <> pg_backend_pid()"
                 )
             )
-        other = connect(changing.url, migrate=False)
+        other = open_engine(changing.url, migrate=False)
         set_state(other, "door2", "closed")
         assert event.wait(10.0)
         set_state(other, "door2", "open")
@@ -524,7 +524,7 @@ def test_a_follower_survives_its_connections(changing, live, robot):
 
 def test_a_reader_loads_and_keeps_nothing_and_a_robot_keeps(changing, robot):
     def as_role(role):
-        engine = connect(changing.url, migrate=False)
+        engine = open_engine(changing.url, migrate=False)
 
         @event.listens_for(engine, "connect")
         def set_role(driver, record):
@@ -616,7 +616,7 @@ def test_a_class_that_was_replaced_is_not_given_the_walks_of_its_former_shape(ch
 def test_no_map_and_no_class_are_said(changing, make_database):
     with pytest.raises(LookupError, match="no robot class named testr; there are: tester"):
         LiveTopology(MapHandle(changing, "office"), "testr")
-    empty = connect(make_database())
+    empty = open_engine(make_database())
     with pytest.raises(LookupError, match="there is no map yet: semmap import"):
         LiveTopology(MapHandle(empty))
     empty.dispose()

@@ -139,9 +139,9 @@ def robot(make_database: Any) -> Iterator[Robot]:
     Each statement of the table of rights is a function `attack.s<number>` whose names are bound,
     so that only the schema's own code can meet the shadows.
     """
-    from semmap.database import connect
+    from semmap.database import open_engine
 
-    engine = connect(make_database())
+    engine = open_engine(make_database())
     own, other = f"shadow_{os.getpid()}", f"victim_{os.getpid()}"
     with Session(engine) as session:
         ids = scene(session, own, other)

@@ -19,7 +19,7 @@ from planner.route import NoRouteError
 from planner.route_search import find_route
 from planner.routing_graph import RoutingGraph
 from planner.topology import OUTSIDE, Place, PlaceConnector, Topology
-from semmap.database import connect
+from semmap.database import open_engine
 from semmap.geometry.pose import Pose
 from tests.planner.stored import store
 
@@ -41,7 +41,7 @@ GROUP BY a.place, b.place
 @pytest.fixture(scope="module")
 def routed(make_database):
     """A database with pgRouting."""
-    engine = connect(make_database())
+    engine = open_engine(make_database())
     try:
         with engine.begin() as connection:
             connection.execute(text("CREATE EXTENSION IF NOT EXISTS pgrouting SCHEMA public"))

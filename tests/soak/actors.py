@@ -24,7 +24,7 @@ import psycopg
 from sqlalchemy import Engine
 from sqlalchemy.exc import DBAPIError
 
-from semmap.database import Cluster, DatabaseError, connect
+from semmap.database import Cluster, DatabaseError, open_engine
 from semmap.database.maps import see_map
 from semmap.fields.service.endpoint import socket_of
 from semmap.fields.service.server import serving
@@ -51,7 +51,7 @@ def for_ever(cluster: Cluster, work: Callable[[Engine], None]) -> None:
     """Repeat some work, and connect again where the server or the transaction was lost."""
     while True:
         try:
-            engine = connect(cluster, migrate=False)
+            engine = open_engine(cluster, migrate=False)
         except LOST:
             time.sleep(0.05)
             continue

@@ -14,7 +14,7 @@ from pathlib import Path
 import psycopg
 from sqlalchemy.exc import DBAPIError
 
-from semmap.database import Cluster, DatabaseError, connect
+from semmap.database import Cluster, DatabaseError, open_engine
 from semmap.ingest.importer import import_file
 from tests.soak.actors import IMPORTED
 from tests.soak.invariants import signature, violations
@@ -48,7 +48,7 @@ def full_disk(folder: Path) -> list[str]:
     """Import until the disk is full, and again when it has room; returns what is wrong."""
     cluster = Cluster(folder / "home")
     files = [boxes(folder / f"boxes{i}.sdf", range(5 * i, 20 + 5 * i)) for i in range(2)]
-    engine = connect(cluster)
+    engine = open_engine(cluster)
     versions = set()
     for file in (*files, *files):
         import_file(engine, file, map_name=IMPORTED, source="versions")
@@ -67,7 +67,7 @@ def full_disk(folder: Path) -> list[str]:
     wrong += command(cluster, "maps") + command(cluster, "import", str(big), "--map", "big")
     filler.unlink()
     engine.dispose()
-    engine = connect(cluster)
+    engine = open_engine(cluster)
     wrong += violations(engine, folder, IMPORTED, versions)
     import_file(engine, files[0], map_name=IMPORTED, source="versions")
     engine.dispose()
@@ -86,7 +86,7 @@ def fill(folder: Path) -> Path:
 def read_only_disk(folder: Path) -> list[str]:
     """Run commands on a disk that is read-only, and then is not; returns what is wrong."""
     cluster = Cluster(folder / "home")
-    engine = connect(cluster)
+    engine = open_engine(cluster)
     with engine.connect() as connection:
         before = signature(connection, IMPORTED)
     engine.dispose()
@@ -94,7 +94,7 @@ def read_only_disk(folder: Path) -> list[str]:
     subprocess.run(["mount", "-o", "remount,ro", folder], check=True)
     wrong = command(cluster, "maps") + command(cluster, "import", str(folder / "boxes0.sdf"))
     subprocess.run(["mount", "-o", "remount,rw", folder], check=True)
-    engine = connect(cluster)
+    engine = open_engine(cluster)
     wrong += violations(engine, folder, IMPORTED, {before})
     engine.dispose()
     return [f"on a read-only disk: {each}" for each in wrong]

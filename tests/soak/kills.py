@@ -16,7 +16,7 @@ from random import Random
 import psycopg
 
 import semmap
-from semmap.database import Cluster, connect
+from semmap.database import Cluster, open_engine
 from semmap.ingest.importer import import_file
 from tests.soak.actors import IMPORTED
 from tests.soak.invariants import (
@@ -78,7 +78,7 @@ class Soak:
 
     def prepare(self, writers: int, readers: int) -> None:
         """Import the map and start all processes."""
-        engine = connect(self.cluster)
+        engine = open_engine(self.cluster)
         for world in self.worlds:
             import_file(engine, world, map_name=MIRRORED)
         files = [boxes(self.state / f"boxes{i}.sdf", range(5 * i, 20 + 5 * i)) for i in range(2)]
@@ -123,7 +123,7 @@ class Soak:
             self._end(actor)
         self.killed[name] += 1
         start = time.monotonic()
-        engine = connect(self.cluster, migrate=False)  # as the next command does
+        engine = open_engine(self.cluster, migrate=False)  # as the next command does
         self.longest = max(self.longest, time.monotonic() - start)
         found = violations(engine, self.state, IMPORTED, self._versions)
         found += wrong_service(engine, MIRRORED, self.state / "service")
@@ -146,7 +146,7 @@ class Soak:
 
     def look(self) -> list[str]:
         """What is wrong with the map, the stored mirror and the stored cursor."""
-        engine = connect(self.cluster, migrate=False)
+        engine = open_engine(self.cluster, migrate=False)
         wrong = violations(engine, self.state, IMPORTED, self._versions)
         wrong += wrong_mirror(engine, MIRRORED)
         wrong += wrong_service(engine, MIRRORED, self.state / "service")

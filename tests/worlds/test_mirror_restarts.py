@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from sqlalchemy import Engine, text
 
-from semmap.database import Cluster, connect
+from semmap.database import Cluster, open_engine
 from semmap.fields.store.voxel_mirror import VoxelMirror
 from semmap.ingest.importer import import_file
 from tests.database.conftest import made, own
@@ -34,7 +34,7 @@ def looked(engine: Engine) -> tuple[VoxelMirror, float]:
 
 
 def test_restarts_of_everything(own: Cluster, worlds: Path) -> None:
-    engine = connect(own.ensure())
+    engine = open_engine(own.ensure())
     world = worlds / "small_house" / "worlds" / "small_house.world"
     import_file(engine, world, map_name="house")
     mirror, _ = looked(engine)
@@ -42,7 +42,7 @@ def test_restarts_of_everything(own: Cluster, worlds: Path) -> None:
     for end in (kill_server, Cluster.stop):
         end(own)
         engine.dispose()
-        engine = connect(own.ensure())
+        engine = open_engine(own.ensure())
         number = min(mirror.names)
         with engine.begin() as connection:
             connection.execute(

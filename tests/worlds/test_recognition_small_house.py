@@ -12,7 +12,7 @@ from sqlalchemy import Engine
 import semmap
 from semmap.belief.reader import read_occluders
 from semmap.belief.views import camera_at
-from semmap.database import connect
+from semmap.database import open_engine
 from semmap.database.maps import see_map
 from semmap.geometry.pose import Pose
 from semmap.ingest.meshes.mesh_file import read_mesh
@@ -45,7 +45,7 @@ def url(house: Engine, worlds: Path) -> str:
 
 def photographed(url: str, without: list[str]) -> np.ndarray:
     """The cloud of the view, in the optical frame, with noise."""
-    engine = connect(url)
+    engine = open_engine(url)
     with engine.connect() as connection:
         see_map(connection, "house")
         triangles = read_occluders(connection, without)

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from sqlalchemy import Engine, text
 from sqlalchemy.exc import DBAPIError
 
-from semmap.database import Cluster, connect
+from semmap.database import Cluster, open_engine
 from semmap.database.maps import see_map
 from semmap.fields import Box, Sphere
 from semmap.fields.maps.grids import GRIDS, Grid, ValueType
@@ -344,7 +344,7 @@ def test_fields_survive_a_crash_of_the_server(own: Cluster) -> None:
         for step in (("fill", (-8, 16, 0), 1, 40), ("set", (-20, 3, 9), 3, 30)):
             apply(grid, step)
         grids.append(grid)
-    engine = connect(own.ensure())
+    engine = open_engine(own.ensure())
     with engine.begin() as connection:
         connection.execute(text("INSERT INTO map (name) VALUES ('lasting')"))
         for kind, grid in zip(GRIDS, grids, strict=True):
@@ -355,14 +355,14 @@ def test_fields_survive_a_crash_of_the_server(own: Cluster) -> None:
     lost.invalidate()
     engine.dispose()
     for end in (kill_server, Cluster.stop):
-        engine = connect(own.ensure())
+        engine = open_engine(own.ensure())
         with engine.connect() as connection:
             assert field_store.names(connection) == sorted(GRIDS)
             for kind, grid in zip(GRIDS, grids, strict=True):
                 assert same(field_store.load(connection, kind).grid, grid)
         engine.dispose()
         end(own)
-    engine = connect(own.ensure())
+    engine = open_engine(own.ensure())
     with engine.begin() as connection:
         connection.execute(text("SELECT drop_map('lasting')"))
     engine.dispose()

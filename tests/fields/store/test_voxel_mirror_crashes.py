@@ -14,7 +14,7 @@ import pytest
 from sqlalchemy import Engine, text
 from sqlalchemy.exc import DBAPIError
 
-from semmap.database import Cluster, connect
+from semmap.database import Cluster, open_engine
 from semmap.fields.store import field_store
 from semmap.fields.store.voxel_mirror import VoxelMirror
 from semmap.ingest.importer import import_file
@@ -31,12 +31,12 @@ WHERE pid <> pg_backend_pid() AND datname = current_database()
 FOLLOW = """
 import sys, threading, time
 from sqlalchemy.exc import DBAPIError
-from semmap.database import DatabaseError, connect
+from semmap.database import DatabaseError, open_engine
 from semmap.fields.store.voxel_mirror import VoxelMirror
 
 while True:
     try:
-        mirror = VoxelMirror.resume(connect(sys.argv[1]), "scene", float(sys.argv[2]))
+        mirror = VoxelMirror.resume(open_engine(sys.argv[1]), "scene", float(sys.argv[2]))
         break
     except (DatabaseError, DBAPIError):  # the server is away
         time.sleep(0.05)
@@ -133,7 +133,7 @@ def test_transaction_numbers_that_a_crash_repeats(own: Cluster, tmp_path: Path) 
     """The number of a transaction undone before a crash is used again; a mirror reads both."""
     with (own.home / "local.conf").open("a") as file:
         file.write("wal_writer_delay = 10s\nautovacuum = off\nbgwriter_delay = 10s\n")
-    first = engine = connect(own.ensure())
+    first = engine = open_engine(own.ensure())
     try:
         import_file(engine, boxes(tmp_path, a=(0, 0, 0.2)), map_name="scene")
         mirror = VoxelMirror(engine, "scene", SIZE)
@@ -147,7 +147,7 @@ def test_transaction_numbers_that_a_crash_repeats(own: Cluster, tmp_path: Path) 
         mirror.catch_up()
         kill_server(own)
         first.dispose()
-        engine = connect(own.ensure())
+        engine = open_engine(own.ensure())
         mirror._engine = engine
         change(engine, "SELECT move_to(entity_id('a'), 2.0, 0.0, 0.2, 0.0)")
         assert mirror.catch_up() == {number(engine, "a")}
@@ -190,7 +190,7 @@ def test_crashes_at_random_moments(own: Cluster, tmp_path: Path) -> None:
     dice = random.Random(7)
     url = own.ensure()
     name = url.render_as_string(hide_password=False)
-    engine = connect(url)
+    engine = open_engine(url)
     at = {"a": (0, 0, 0.2), "b": (2, 0, 0.2), "c": (2, 0, 0.6), "d": (5, 5, 0.2)}
     import_file(engine, boxes(tmp_path, **at), map_name="scene")
     here, stop, writer = VoxelMirror(engine, "scene", SIZE), threading.Event(), Writer(engine)

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from sqlalchemy import Connection, Engine, text
 from sqlalchemy.orm import Session
 
-from semmap.database import connect
+from semmap.database import open_engine
 from semmap.geometry.mesh import Mesh, box_mesh, join
 from semmap.geometry.pose import Pose
 from semmap.geometry.tin import decode_patch
@@ -446,7 +446,7 @@ def flat(make_database: MakeDatabase, tmp_path_factory: pytest.TempPathFactory) 
     things = folder / "things.sdf"
     things.write_text(f"<sdf version='1.7'><world name='flat'>{models}</world></sdf>")
     url = make_database()
-    engine = connect(url)
+    engine = open_engine(url)
     for path in (rooms, things):
         import_file(engine, path, map_name="flat")
     engine.dispose()

@@ -18,7 +18,7 @@ from planner.readers.topology import read_topology
 from planner.route_planner import RoutePlanner
 from planner.routing_graph import RoutingGraph
 from semmap.cli.demo.office import office_files
-from semmap.database import connect
+from semmap.database import open_engine
 from semmap.ingest.importer import import_file
 from semmap.query.storey_reader import read_storeys
 from tests.command_line import semmap
@@ -86,7 +86,7 @@ def test_the_route_graph_comes_back_as_it_went(
     path = tmp_path / "graph.geojson"
     topology("-o", path)
     graph = read(path)
-    engine = connect(make_database())
+    engine = open_engine(make_database())
     for file in [*office_files(), path]:
         summary = import_file(engine, file, map_name="office")
     assert (summary.added, summary.skipped) == (len(graph), [])

@@ -14,7 +14,7 @@ from planner.mission.failures import FailureRule
 from planner.mission.sim_robot import SimulatedRobot
 from planner.mission.sim_world import SimWorld
 from semmap.cli.demo.office import office_files
-from semmap.database import connect
+from semmap.database import open_engine
 from semmap.geometry.pose import Pose
 from semmap.query.map_handle import MapHandle
 from tests.conftest import Import
@@ -56,7 +56,7 @@ class World:
     def __init__(self, url: str, folder: Path) -> None:
         self.url = url
         self.file = folder / "sim_world"
-        self.engine: Engine = connect(url)
+        self.engine: Engine = open_engine(url)
         self.begin_anew()
 
     def begin_anew(self) -> None:

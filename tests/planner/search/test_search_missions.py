@@ -149,9 +149,9 @@ def test_an_object_that_is_nowhere_ends_the_mission_with_a_reason(clean):
 @pytest.fixture(scope="module")
 def office_search(mission_url: str):
     """The search for the muffin in the office, from lab1."""
-    from semmap.database import connect
+    from semmap.database import open_engine
 
-    engine = connect(mission_url)
+    engine = open_engine(mission_url)
     live = LiveTopology(MapHandle(engine, "office"))
     with live.snapshot() as connection:
         found = SearchPlanner(live).begin(connection, "muffin1", live.graph.endpoint("lab1"))
