@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -70,20 +70,21 @@ class MapBeliefs(MapQuestions):
             As `where`; `occlusion` and `moves` together, or an object of unknown volume.
         """
         from semmap.belief.believed_places import BelievedPlaces
-        from semmap.belief.estimates import belief_with_motion, belief_with_occlusion
-        from semmap.belief.motion import MotionModel
         from semmap.belief.store.beliefs import where
 
         if occlusion and moves is not None:
             raise ValueError("choose occlusion or moves: no model has both")
-        motion = None if moves is None else MotionModel(moves)
         moment, session = aware(at), self.connection
         found = {name: BelievedPlaces(name, where(session, name, moment), moment) for name in names}
-        estimates: Mapping[str, Mapping[str, float]] = {}
-        if occlusion:
+        if not occlusion and moves is None:
+            return found
+        from semmap.belief.estimates import belief_with_motion, belief_with_occlusion
+        from semmap.belief.motion import MotionModel
+
+        if moves is None:
             estimates = belief_with_occlusion(session, names, moment)
-        elif motion is not None:
-            estimates = belief_with_motion(session, names, motion, moment)
+        else:
+            estimates = belief_with_motion(session, names, MotionModel(moves), moment)
         return found | {name: found[name].revised(of) for name, of in estimates.items()}
 
     def draw_belief(

@@ -122,7 +122,7 @@ class MapRegions(MapQuestions):
                               holder="kitchen")
         """
         from semmap.ingest.regions.extraction import draw_region
-        from semmap.ingest.regions.region_search import list_regions
+        from semmap.ingest.regions.region_list import list_regions
 
         if not name:
             raise ValueError("a region needs a name")
@@ -145,7 +145,7 @@ class MapRegions(MapQuestions):
                 properties=dict(properties or {}),
                 valid=valid,
             )
-            return list_regions(connection, [made])[0]
+            return list_regions(self.connection, [made])[0]
 
     def list_regions(self) -> list[dict[str, Any]]:
         """The regions: `name`, `type`, `origin`, `of`, `holder`, `area`, `low`, `high`, `faces`.
@@ -153,10 +153,9 @@ class MapRegions(MapQuestions):
         Metres and square metres in the map's frame; `of` is the room or object of which a region
         is a part.
         """
-        from semmap.ingest.regions.region_search import list_regions
+        from semmap.ingest.regions.region_list import list_regions
 
-        with self._sqlalchemy() as connection:
-            return list_regions(connection)
+        return list_regions(self.connection)
 
 
 def _outline(given: Any) -> Any:

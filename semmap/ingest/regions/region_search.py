@@ -1,4 +1,4 @@
-"""Regions of many entities at once: found in their geometry, and listed."""
+"""Regions of many entities at once, found in their geometry."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from functools import partial
 from typing import Any
 
 import psycopg
-from sqlalchemy import Connection, text
+from sqlalchemy import Connection
 from sqlalchemy.exc import DBAPIError
 
 from semmap.database.maps import driver_of
@@ -17,37 +17,13 @@ from semmap.ingest.regions.extraction import (
     find_support_surfaces,
     find_walkable_floor,
 )
+from semmap.ingest.regions.region_list import list_regions
 from semmap.query import entity_query
 
-__all__ = ["SORTS", "find_regions", "list_regions"]
+__all__ = ["SORTS", "find_regions"]
 
 SORTS: dict[str, str] = {"surfaces": "object", "floor": "room", "observation": "object"}
 """The kind of the entities that have regions of a sort."""
-
-REGIONS = """
-SELECT e.name, e.type, r.origin, o.name AS of, h.name AS holder, ST_Area(w.footprint) AS area,
-       ST_ZMin(w.box) AS low, ST_ZMax(w.box) AS high, cardinality(r.faces) AS faces
-FROM region r JOIN entity e ON e.id = r.entity_id
-LEFT JOIN entity o ON o.id = r.of_id LEFT JOIN placement p ON p.entity_id = e.id
-LEFT JOIN entity h ON h.id = p.holder_id LEFT JOIN world w ON w.entity_id = e.id
-WHERE e.map_id = current_map() AND (CAST(:ids AS bigint[]) IS NULL OR e.id = ANY(:ids))
-ORDER BY e.name
-"""
-
-
-def list_regions(connection: Connection, ids: Sequence[int] | None = None) -> list[dict[str, Any]]:
-    """Return the regions of the current map, or those with these ids.
-
-    Returns
-    -------
-    list of dict
-        `name`, `type`, `origin`, the entity that it is a part `of`, its `holder`, `area` (square
-        metres), `low` and `high` (metres), rounded to 0.001, and the number of its `faces`.
-    """
-    rows = connection.execute(text(REGIONS), {"ids": ids}).mappings()
-    return [
-        {key: round(v, 3) if isinstance(v, float) else v for key, v in row.items()} for row in rows
-    ]
 
 
 def find_regions(
@@ -101,7 +77,7 @@ def find_regions(
             problems.append(str(error.orig if isinstance(error, DBAPIError) else error))
             continue
         found += made if isinstance(made, list) else [made]
-    return FoundRows(list_regions(connection, found), problems)
+    return FoundRows(list_regions(session, found), problems)
 
 
 def _of_type(session: psycopg.Connection[Any], type: str, kind: str) -> list[int]:
