@@ -49,7 +49,9 @@ CREATE TABLE change (
     what     text NOT NULL CHECK (what IN ('added', 'changed', 'moved', 'removed', 'reshaped', 'field', 'belief', 'statement', 'linked', 'inferred')),
     entities bigint[] NOT NULL,                                -- none for fields and inferences
     facts    jsonb                                             -- of statements, up to 200: arrays of graph, subject,
-);                                                             -- property, object and tag; an entity is its id
+                                                               -- property, object and tag; an entity is its id.
+                                                               -- Of entities: an object of former and new states
+);
 CREATE INDEX change_xid ON change (xid);
 
 -- The newest transaction of which a change was pruned: a cursor that did not see it has missed changes.

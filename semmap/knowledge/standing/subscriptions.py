@@ -334,7 +334,8 @@ _NO_ENTITIES = _OTHERS | _FACTS
 _NEWS = """
 SELECT m.id, r.properties, r.classes, reaches_back(%(since)s),
        CASE WHEN reaches_back(%(since)s) THEN (
-           SELECT jsonb_agg(jsonb_build_array(c.what, c.entities, c.facts))
+           SELECT jsonb_agg(jsonb_build_array(c.what, c.entities,
+                  CASE WHEN jsonb_typeof(c.facts) = 'array' THEN c.facts END))
            FROM changes_since(%(since)s) c WHERE c.map_id = m.id) END,
        (SELECT jsonb_agg(jsonb_build_array(
                    s.graph, coalesce(to_jsonb(s.subject), to_jsonb(s.subject_id)),
