@@ -205,7 +205,7 @@ def test_the_service_answers(served: semmap.Map) -> None:
         eventually(lambda: heard.get(timeout=20)["relation"] == "sees")
     answer = fields.query("ASK { :human1 :sees :Tableware_01_001 }")
     assert answer
-    assert answer.notes[0] == "answered by the service of small_house"
+    assert answer.notes[0] == "answered by the service of house"
     assert "human1_view" in dict(fields.at(7.153, 0.983, 0.85))
     assert served.sparql("ASK { :human1 semmap:sees :Tableware_01_001 }")
     assert {row.name for row in fields.ls()} >= {"human1_view", FRIDGE}
