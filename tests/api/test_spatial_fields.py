@@ -209,7 +209,7 @@ def test_the_service_answers(served: semmap.Map) -> None:
     assert "human1_view" in dict(fields.at(7.153, 0.983, 0.85))
     assert served.sparql("ASK { :human1 semmap:sees :Tableware_01_001 }")
     assert {row.name for row in fields.ls()} >= {"human1_view", FRIDGE}
-    with pytest.raises(ValueError, match="a service of small_house is running: stop it first"):
+    with pytest.raises(ValueError, match="a service of house is running: stop it first"):
         fields.serve()
 
 
