@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -171,3 +173,16 @@ def test_bad_input_changes_nothing(
         said.simulate(*arguments)
     assert world.ask("SELECT count(*) FROM mission") == [(0,)]
     assert not said.world.exists()
+
+
+def test_a_run_ends_without_reports_of_leaks(mission_url: str, tmp_path: Path) -> None:
+    command = [sys.executable, "-c", "from semmap.cli import main; main()", "--db", mission_url]
+    told = subprocess.run(
+        [*command, "run", "in(robot, lab1)", "--from", "lab1", "--simulate", "--speed", "500"],
+        capture_output=True,
+        text=True,
+        cwd=tmp_path,
+        check=False,
+    )
+    assert told.returncode == 0, told.stderr
+    assert "leaked" not in told.stderr
