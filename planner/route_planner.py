@@ -45,7 +45,7 @@ class RoutePlanner:
 
     Examples
     --------
-    >>> from planner.topology import PlaceConnector, Topology
+    >>> from planner.topology import Place, PlaceConnector, Topology
     >>> door = PlaceConnector("door1", ("lab", "hall"), (Pose(0.0, -1.0), Pose(0.0, 1.0)))
     >>> building = Topology.of([Place("lab"), Place("hall")], [door])
     >>> route = RoutePlanner(RoutingGraph(building)).route("lab", "hall")

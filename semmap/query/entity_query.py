@@ -210,10 +210,10 @@ def find(
                 cube = "around(%(x)s, %(y)s, %(z)s, %(within)s)"
                 is_close = within <= CLOSE
             conditions.append(f"w.box && (SELECT {cube})" if is_close else f"w.box &&& {cube}")
-            conditions.append("distance <= %(within)s")
+            conditions.append("measured.distance <= %(within)s")
             values["within"] = within
         extra = ", round(distance::numeric, 3) AS distance"
-        order = "distance, e.name"
+        order = "measured.distance, e.name"  # not the rounded one
     elif within is not None:
         raise ValueError("within needs near: a point (x, y, z) or a name")
     if limit is not None and not 0 <= limit < 2**31:

@@ -109,7 +109,7 @@ def test_one_plan_on_the_index_serves_all_places(session: psycopg.Connection) ->
         names(session, "hall_ware", (5.0 * i, 50.0, 5.0), 3.0)
     name, parameters, kept, anew = session.execute(
         "SELECT name, cardinality(parameter_types), generic_plans, custom_plans "
-        "FROM pg_prepared_statements WHERE statement LIKE '%box_distance%'"
+        "FROM pg_prepared_statements WHERE statement LIKE '%shape_distance%'"
     ).fetchone()
     assert anew <= 5 < kept + anew
     session.execute("SET plan_cache_mode = force_generic_plan")
@@ -128,7 +128,7 @@ def test_a_rare_and_far_type_is_not_searched_place_by_place(session: psycopg.Con
     for i in range(12):
         assert names(session, "hall_relic", (40.0 + i, 50.0, 5.0), 90.0) == ["relic"]
     prepared = session.execute(
-        "SELECT FROM pg_prepared_statements WHERE statement LIKE '%box_distance%'"
+        "SELECT FROM pg_prepared_statements WHERE statement LIKE '%shape_distance%'"
     )
     assert prepared.fetchall() == []
     asked = [plan for plan in plans if "AS distance" in plan]
