@@ -2,6 +2,8 @@
 
 `map_server` loads each map; `costmap_2d`'s static layer takes the master costmap (with
 ``trinary_costmap: false``), and its filters take the masks.
+
+Why: docs/decisions/the_master_costmap_is_written_with_253_as_lethal.md
 """
 
 from __future__ import annotations

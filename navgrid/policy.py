@@ -1,4 +1,7 @@
-"""Which entity, and which field, goes on which layer: a YAML file of rules (Deeken et al., 4.2)."""
+"""Which entity, and which field, goes on which layer: a YAML file of rules (Deeken et al., 4.2).
+
+Why: docs/decisions/the_checks_of_yaml_files_stay_our_own.md
+"""
 
 from __future__ import annotations
 

@@ -2,6 +2,8 @@
 
 rustworkx, networkit and pgRouting take 10 to 1,000 times as long for a path among 25,600 rooms, and
 rustworkx 10 times for a matrix of costs: ``python -m benchmarks routes``.
+
+Why: docs/decisions/routes_are_found_by_a_with_landmarks_in_our_own_c_core.md
 """
 
 from __future__ import annotations

@@ -1,6 +1,8 @@
 """Limits on input: one table, checked where input enters.
 
 The defaults are ample for a building. An environment variable changes each of them.
+
+Why: docs/decisions/limits_are_one_table_raised_by_environment_variables.md
 """
 
 from __future__ import annotations

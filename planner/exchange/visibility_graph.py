@@ -3,6 +3,8 @@
 A route server drives straight from node to node, so two doors around a corner need a node at that
 corner. The shortest paths of a robot in a polygon are those of a point in the polygon shrunk by the
 robot's radius, and bend only at its reflex corners (Lozano-Pérez and Wesley, 1979).
+
+Why: docs/decisions/edges_of_exported_route_graphs_go_around_corners.md
 """
 
 from __future__ import annotations

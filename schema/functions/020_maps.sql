@@ -1,4 +1,5 @@
 -- Which map the views show.
+-- Why: docs/decisions/the_names_in_functions_are_bound_or_their_search_path_is_fixed.md
 
 CREATE FUNCTION current_map()
 RETURNS integer LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path = semmap, public, pg_temp AS $$

@@ -1,4 +1,5 @@
 -- The change log: one row per changing statement, one notification per transaction, and a cursor with which
+-- Why: docs/decisions/one_notify_for_each_transaction.md
 -- readers catch up.
 
 CREATE FUNCTION record_change(kind_of_change text, ids bigint[])

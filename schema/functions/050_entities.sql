@@ -1,4 +1,5 @@
 -- Triggers on entities: they maintain the supertypes, the history and the change log.
+-- Why: docs/decisions/transition_tables_are_joined_with_full_join.md
 
 CREATE FUNCTION entity_stamp()
 RETURNS trigger LANGUAGE plpgsql SET search_path = semmap, public, pg_temp AS $$

@@ -1,3 +1,4 @@
+-- docs/decisions/indexes_with_a_condition_that_is_always_true_and_keys_without_histograms.md
 -- Settings for planning the joins of Figure 3 (object_type thrice, placement and entity_chunk twice each):
 -- run in under a millisecond, they were weighed for four. A plan read 2,469 pages to weigh merge joins
 -- that it never takes: the ends of each index of a column with a histogram. So the keys of these tables

@@ -4,6 +4,8 @@ Revisions change tables only. The code (functions, triggers, views, rights) is d
 first of them, since it depends on the tables, and made by `schema/` after the last. It fits the
 newest tables: a downgrade leaves the tables without code, until the semmap whose tables these are
 makes its own.
+
+Why: docs/decisions/revisions_only_append_and_change_tables_alone.md
 """
 
 from __future__ import annotations

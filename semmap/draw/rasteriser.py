@@ -2,6 +2,8 @@
 
 It needs neither a display nor a graphics card. A fragment is one number with the depth in its upper
 bits and the triangle in its lower bits, so that the nearest fragment is the maximum.
+
+Why: docs/decisions/3d_pictures_come_from_a_software_renderer_of_our_own_not_from_pyvista.md
 """
 
 from __future__ import annotations

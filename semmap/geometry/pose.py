@@ -1,4 +1,7 @@
-"""Rigid poses: a translation in metres and a unit quaternion (x, y, z, w)."""
+"""Rigid poses: a translation in metres and a unit quaternion (x, y, z, w).
+
+Why: docs/decisions/pose_keeps_its_own_arithmetic.md
+"""
 
 from __future__ import annotations
 

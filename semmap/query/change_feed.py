@@ -2,6 +2,8 @@
 
 A notification only wakes. What changed is read from the table `change` by a cursor, a transaction
 snapshot: no change is skipped, whenever its transaction was committed.
+
+Why: docs/decisions/a_reader_s_cursor_is_on_disk_before_it_is_used.md
 """
 
 from __future__ import annotations

@@ -1,4 +1,7 @@
-"""Questions about the entities of one map, as plain rows; the session sees that map."""
+"""Questions about the entities of one map, as plain rows; the session sees that map.
+
+Why: docs/decisions/a_near_point_is_hidden_from_the_planner_a_distant_one_is_not.md
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""The copy of a map in which a simulated run takes place: the map itself does not change."""
+"""The copy of a map in which a simulated run takes place: the map itself does not change.
+
+Why: docs/decisions/a_simulated_run_happens_in_a_copy_of_the_map.md
+"""
 
 from __future__ import annotations
 

@@ -2,6 +2,8 @@
 
 A field belongs to the current map. All changes of a call are part of the transaction of the caller,
 whose connection is one of SQLAlchemy or, for commands that start quickly, of psycopg.
+
+Why: docs/decisions/a_stored_field_has_cubes_of_32_voxels_in_its_own_format.md
 """
 
 from __future__ import annotations

@@ -1,4 +1,7 @@
-"""The state of a mirror: one grid for all entities, as the database keeps it between processes."""
+"""The state of a mirror: one grid for all entities, as the database keeps it between processes.
+
+Why: docs/decisions/the_state_of_a_mirror_is_its_grid_of_set_numbers_the_sets_and_a_cursor.md
+"""
 
 from __future__ import annotations
 
