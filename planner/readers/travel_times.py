@@ -2,7 +2,7 @@
 
 A travel time takes a costmap to measure. If the contents of a place change, so does its digest.
 
-Why: docs/decisions/travel_times_are_stored_with_a_digest_of_their_room_s_contents_and_with_a_cursor.md
+Why: docs/decisions/travel_times_are_stored_with_a_digest_and_a_cursor.md
 """
 
 from __future__ import annotations
