@@ -9,11 +9,12 @@
 # make fuzz-sanitized      the native functions, built with address and undefined-behaviour sanitizers
 # make explore             the property tests again, with examples that no run has had
 # make lint                ruff, mypy, import-linter, clang-format
+# make docs               the pages as HTML: build/docs
 # make bench               the speed tables
 # make clean               what these left
 
 WORLD ?=
-.PHONY: demo test test-docker soak growth fuzz fuzz-sanitized explore lint bench clean
+.PHONY: docs demo test test-docker soak growth fuzz fuzz-sanitized explore lint bench clean
 
 demo:
 	@scripts/setup
@@ -64,6 +65,12 @@ lint:
 bench:
 	@scripts/setup test bench
 	@.venv/bin/python -m benchmarks
+
+docs:
+	@scripts/setup docs
+	@.venv/bin/python scripts/reference
+	@.venv/bin/mkdocs build -q
+	@echo build/docs/index.html
 
 clean:
 	rm -rf build out .pytest_cache .mypy_cache .ruff_cache .hypothesis

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import runpy
 from pathlib import Path
 
 import pytest
@@ -57,3 +58,17 @@ def test_the_decisions_that_code_names_are_there() -> None:
                 named |= set(NAMED.findall(file.read_text(encoding="utf-8")))
     assert len(named) >= 12
     assert {name for name in named if not (ROOT / "docs/decisions" / name).exists()} == set()
+
+
+def test_the_reference_is_made_from_the_docstrings() -> None:
+    made = runpy.run_path(str(ROOT / "scripts/reference"))["page"]()
+    assert made == (ROOT / "docs/reference.md").read_text(), "run scripts/reference"
+
+
+def test_each_page_is_in_the_contents() -> None:
+    contents = (ROOT / "mkdocs.yml").read_text()
+    listed = set(re.findall(r": ([\w/]+\.md)$", contents, re.MULTILINE))
+    pages = {str(file.relative_to(ROOT / "docs")) for file in (ROOT / "docs").glob("*.md")}
+    assert listed == pages | {"decisions/README.md"}
+    linked = set(re.findall(r"\]\(([\w/]+\.md)\)", (ROOT / "docs/index.md").read_text()))
+    assert linked | {"index.md"} == listed
