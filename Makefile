@@ -9,7 +9,7 @@
 # make fuzz-sanitized      the native functions, built with address and undefined-behaviour sanitizers
 # make explore             the property tests again, with examples that no run has had
 # make lint                ruff, mypy, import-linter, clang-format
-# make docs               the pages as HTML: build/docs
+# make docs                the pages as HTML: build/docs
 # make bench               the speed tables
 # make clean               what these left
 
