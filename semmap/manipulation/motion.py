@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Iterator, Mapping, Sequence
-from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -111,7 +110,8 @@ def plan_motion(
             raise ManipulationError(
                 f"{name} of the motion: the arm touches an obstacle or itself; choose another"
             )
-    direct = _dense(np.stack([start, goal]))
+    steps = math.ceil(float(np.abs(goal - start).max()) / STEP)
+    direct = np.linspace(start, goal, max(steps, 1) + 1)
     if all(free(p) for p in direct):
         return direct
     return _planned(arm, start, goal, free, seconds)
@@ -158,18 +158,10 @@ def _planned(arm: Arm, start: Floats, goal: Floats, is_free: Any, seconds: float
     else:
         return None
     setup.simplifySolution(min(1.0, seconds / 5))
-    path = np.array([[s[i] for i in range(count)] for s in setup.getSolutionPath().getStates()])
-    dense = _dense(path)
-    return dense if all(is_free(p) for p in dense) else None
-
-
-def _dense(path: Floats) -> Floats:
-    """The positions of a path with steps of at most `STEP`."""
-    pieces = []
-    for a, b in pairwise(path):
-        steps = max(1, math.ceil(float(np.abs(b - a).max()) / STEP))
-        pieces.append(a + (b - a) * np.linspace(0, 1, steps, endpoint=False)[:, None])
-    return np.concatenate([*pieces, path[-1:]])
+    found = setup.getSolutionPath()
+    found.interpolate()  # to the very states that the planner checked
+    path = np.array([[s[i] for i in range(count)] for s in found.getStates()])
+    return path if all(is_free(p) for p in path) else None
 
 
 def straight_motion(arm: Arm, start: Floats, pose: Floats) -> Floats | None:

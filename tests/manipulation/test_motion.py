@@ -138,6 +138,31 @@ def test_ends_that_touch_are_refused():
         plan_motion(arm, READY, READY + 3 * np.eye(7)[3], NOTHING)
 
 
+class Point:
+    """A point in a square with a wall across it, as thin as a step of motions, with one gap."""
+
+    low, high = np.array([-1.0, -1.0]), np.array([1.0, 1.0])
+
+    def __init__(self, x, gap, width):
+        self.x, self.gap, self.width = x, gap, width
+
+    def is_free(self, position, *_, **__):
+        x, y = position
+        return bool(abs(x - self.x) >= self.width / 2 or abs(y - self.gap) <= 0.06)
+
+
+@pytest.mark.parametrize("width", [0.03, 0.045])
+def test_a_motion_that_was_found_is_not_lost_on_the_way_out(width):
+    start, goal = np.array([-0.8, 0.1]), np.array([0.8, -0.1])
+    for k in range(12):
+        point = Point(0.013 * k, 0.15 * k - 0.9, width)
+        path = plan_motion(point, start, goal, NOTHING, seconds=2)
+        assert path is not None
+        np.testing.assert_array_equal(path[[0, -1]], [start, goal])
+        assert np.abs(np.diff(path, axis=0)).max() <= STEP + 1e-9
+        assert all(map(point.is_free, path))
+
+
 def test_a_can_on_the_kitchen_table_is_picked(kitchen):
     """The first grasp that is reachable and free, in the small house."""
     arm = panda()
