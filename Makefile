@@ -1,4 +1,4 @@
-# make demo [WORLD=path]   the main job on examples/office, or on your own world
+# make demo [WORLD=path] [ROBOT=urdf]   the main job on examples/office, or on your own world
 # make test                the tests, one process more than cores
 # make test-docker         those that need a Docker engine
 # make soak                server and clients are killed 50 times, SEMMAP_KILLS=1000 for more; a full disk; readers and
@@ -13,12 +13,14 @@
 # make bench               the speed tables
 # make clean               what these left
 
-WORLD ?=
+OFFICE = examples/office
+WORLD ?= $(OFFICE)/office.sdf $(OFFICE)/office_rooms.geojson
+ROBOT ?= $(OFFICE)/delivery_robot.urdf --parts $(OFFICE)/delivery_robot_parts.yaml
 .PHONY: docs demo test test-docker soak growth fuzz fuzz-sanitized explore lint bench clean
 
 demo:
 	@scripts/setup
-	@.venv/bin/semmap demo $(WORLD)
+	@.venv/bin/semmap demo $(WORLD) --robot $(ROBOT)
 
 test: export PYTHONDONTWRITEBYTECODE =  # else each run compiles the tests anew, ten seconds a worker
 test:

@@ -21,11 +21,11 @@ from planner.readers.travel_times import store_measured_until, store_travel_time
 from planner.robot_class import RobotClass
 from planner.route_planner import RoutePlanner
 from planner.topology import OUTSIDE, Topology
-from semmap.cli.demo.office import delivery_robot, office_files
 from semmap.database import open_engine
 from semmap.ingest.importer import import_file
 from semmap.query.change_feed import cursor
 from semmap.query.map_handle import MapHandle
+from tests.office import OFFICE_FILES, delivery_robot
 from tests.planner.stored import store
 
 __all__ = ["main"]
@@ -42,7 +42,7 @@ def main() -> None:
         with _map(engine, "benchmark building") as name:
             rows = _loading(engine, name, robot)
         with _map(engine, "benchmark office") as name:
-            for file in office_files():
+            for file in OFFICE_FILES:
                 import_file(engine, file, map_name=name)
             rows += _following(engine, name, robot)
     finally:

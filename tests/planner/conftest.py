@@ -11,11 +11,11 @@ from typer.testing import Result
 
 from planner.live_topology import LiveTopology
 from planner.robot_class import RobotClass
-from semmap.cli.demo.office import delivery_robot as make_delivery_robot
-from semmap.cli.demo.office import office_files
 from semmap.query.map_handle import MapHandle
 from tests.command_line import semmap
 from tests.conftest import Import
+from tests.office import OFFICE_FILES
+from tests.office import delivery_robot as make_delivery_robot
 
 
 class Commands:
@@ -32,7 +32,7 @@ class Commands:
 @pytest.fixture(scope="session")
 def office_url(imported: Import) -> Iterator[str]:
     """A database that holds the office."""
-    with imported(*((path, "office") for path in office_files())) as engine:
+    with imported(*((path, "office") for path in OFFICE_FILES)) as engine:
         yield engine.url.render_as_string(hide_password=False)
 
 

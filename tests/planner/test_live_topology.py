@@ -18,10 +18,10 @@ from planner.readers.travel_times import may_store_travel_times, read_travel_tim
 from planner.route import NoRouteError
 from planner.route_planner import RoutePlanner
 from planner.topology import OUTSIDE, TopologyError
-from semmap.cli.demo.office import office_files
 from semmap.database import open_engine
 from semmap.ingest.regions.extraction import draw_region
 from semmap.query.map_handle import MapHandle
+from tests.office import OFFICE_FILES
 
 
 @pytest.fixture(scope="module")
@@ -32,7 +32,7 @@ def robot(delivery_robot):
 @pytest.fixture(scope="module")
 def changing(imported, robot):
     """The office, in a database that tests change: each compares with one made fresh."""
-    with imported(*((path, "office") for path in office_files())) as engine:
+    with imported(*((path, "office") for path in OFFICE_FILES)) as engine:
         with engine.begin() as connection:
             store_robot_class(connection, robot)
         yield engine

@@ -15,6 +15,7 @@ from semmap import connect
 from semmap.cli.chosen import CliOptions
 from semmap.cli.demo.run import run_demo
 from tests.conftest import MakeDatabase
+from tests.office import OFFICE_ROBOT
 from tests.worlds.conftest import HOUSE, ROOMS
 
 PICTURES = {
@@ -48,7 +49,9 @@ def demo(
     said: list[str] = []
     folder = tmp_path_factory.mktemp("demo")
     files = [worlds / HOUSE, ROOMS]
-    pictures = run_demo(files, folder, pixels=400, say=lambda line: said.append(str(line)))
+    pictures = run_demo(
+        files, folder, OFFICE_ROBOT, pixels=400, say=lambda line: said.append(str(line))
+    )
     yield Demo(url, "\n".join(said), pictures)
     CliOptions.url = before
 

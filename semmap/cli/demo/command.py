@@ -7,21 +7,16 @@ from typing import Annotated
 
 import typer
 
-from semmap.cli.grid_options import Parts, State
+from semmap.cli.grid_options import Parts, State, Urdf
 
 __all__ = ["demo_command"]
 
 
 def demo_command(
-    world: Annotated[
-        list[Path] | None, typer.Argument(help="World files; by default the example office.")
-    ] = None,
+    world: Annotated[list[Path], typer.Argument(help="World files, or folders of them.")],
+    urdf: Urdf,
     start: Annotated[str | None, typer.Option("--from", help="Room to start in.")] = None,
     goal: Annotated[str | None, typer.Option("--to", help="Room to go to.")] = None,
-    urdf: Annotated[
-        Path | None,
-        typer.Option("--robot", help="The robot's URDF; by default that of the example office."),
-    ] = None,
     state: State = None,
     parts: Parts = None,
     model_path: Annotated[
@@ -37,13 +32,12 @@ def demo_command(
     from semmap.cli.demo.demo_robot import DemoRobot
     from semmap.cli.demo.run import run_demo
 
-    robot = None if urdf is None else DemoRobot(urdf, state, parts)
     run_demo(
-        world or [],
+        world,
         folder,
+        DemoRobot(urdf, state, parts),
         start=start,
         goal=goal,
-        robot=robot,
         model_path=model_path or (),
         say=cli.out.print,
     )

@@ -1,4 +1,4 @@
-"""The robot of the demo: that of the example building, or one that the user names."""
+"""The robot of the demo."""
 
 from __future__ import annotations
 

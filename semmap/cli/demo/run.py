@@ -24,7 +24,6 @@ from semmap.api.map import Map
 from semmap.cli.demo.costmaps import robot_demo
 from semmap.cli.demo.demo_robot import DemoRobot
 from semmap.cli.demo.fields import field_demo
-from semmap.cli.demo.office import demo_robot, office_files
 from semmap.cli.demo.reader import DemoChoices, choose, figure_3, read_choices
 from semmap.cli.demo.search import search_demo
 from semmap.cli.demo.sparql import ask_in_sparql
@@ -47,10 +46,10 @@ Say = Callable[..., Any]
 def run_demo(
     worlds: Sequence[Path],
     folder: Path,
+    robot: DemoRobot,
     *,
     start: str | None = None,
     goal: str | None = None,
-    robot: DemoRobot | None = None,
     model_path: Sequence[Path] = (),
     pixels: int = 2200,
     say: Say = print,
@@ -60,35 +59,34 @@ def run_demo(
     Parameters
     ----------
     worlds
-        Files or folders; by default the example building.
+        Files or folders, at least one.
+    robot
+        Its costmaps are made, and it drives the task.
     start, goal
         Rooms of the route; by default the robot's home, and the room of the chosen object.
-    robot
-        By default the delivery robot of the examples.
     model_path
         Folders of SDF models, searched first.
     pixels
         Width of the pictures.
     """
     with ExitStack() as opened:
-        return _run_demo(opened, worlds, folder, start, goal, robot, model_path, pixels, say)
+        return _run_demo(opened, worlds, folder, robot, start, goal, model_path, pixels, say)
 
 
 def _run_demo(
     opened: ExitStack,
     worlds: Sequence[Path],
     folder: Path,
+    robot: DemoRobot,
     start: str | None,
     goal: str | None,
-    robot: DemoRobot | None,
     model_path: Sequence[Path],
     pixels: int,
     say: Say,
 ) -> list[Path]:
     began = time.perf_counter()
-    files = _files(worlds) or office_files()
-    map_name = files[0].name.split(".")[0] if worlds else files[0].parent.name
-    robot = robot or demo_robot()
+    files = _files(worlds)
+    map_name = files[0].name.split(".")[0]
 
     say(f"\n1. {', '.join(f.name for f in files)} into the map {map_name}")
     db = opened.enter_context(cli.open_database(migrate=True))

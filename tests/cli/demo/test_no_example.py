@@ -10,10 +10,10 @@ from pathlib import Path
 import pytest
 import shapely
 
-from semmap.cli.demo.office import office_files
 from semmap.ingest.annotation import read_annotation
 from semmap.ingest.sdf import read_sdf
 from semmap.ingest.world import Entry
+from tests.office import OFFICE_FILES
 
 ROOT = Path(__file__).parents[3]
 PACKAGES = ("semmap", "navgrid", "planner")
@@ -23,7 +23,7 @@ READERS = {".geojson": read_annotation, ".sdf": read_sdf}
 @pytest.fixture(scope="module")
 def entries() -> list[Entry]:
     """All that the example has."""
-    return [entry for file in office_files() for entry in READERS[file.suffix](file).entries]
+    return [entry for file in OFFICE_FILES for entry in READERS[file.suffix](file).entries]
 
 
 def places(entry: Entry) -> Iterator[tuple[float, float]]:

@@ -8,6 +8,7 @@ from semmap.cli.chosen import CliOptions
 from semmap.cli.demo import run as demo
 from semmap.cli.demo.reader import DemoChoices, figure_3
 from semmap.draw.palette import PATH
+from tests.office import OFFICE_FILES, OFFICE_ROBOT
 
 FIGURE_4 = (
     "pass_door(door1, lab1, corridor1) · pass_door(door2, corridor1, foyer-1st) · call_elevator · "
@@ -44,7 +45,9 @@ def said():
 
 
 def test_the_demo_does_the_main_job_from_end_to_end(folder, said, capsys):
-    pictures = demo.run_demo([], folder, pixels=700, say=lambda text: said.append(str(text)))
+    pictures = demo.run_demo(
+        OFFICE_FILES, folder, OFFICE_ROBOT, pixels=700, say=lambda text: said.append(str(text))
+    )
     assert [str(p.relative_to(folder)) for p in pictures] == [
         "figure6_parts.png",
         "figure7_footprints.png",
@@ -92,7 +95,9 @@ def test_another_world_takes_files_and_folders(folder, said, tmp_path):
         "<link name='l'><visual name='v'><geometry><box><size>1 1 1</size></box></geometry>"
         "</visual></link></model></world></sdf>"
     )
-    pictures = demo.run_demo([world], folder, pixels=400, say=lambda text: said.append(str(text)))
+    pictures = demo.run_demo(
+        [world], folder, OFFICE_ROBOT, pixels=400, say=lambda text: said.append(str(text))
+    )
     assert [p.name for p in pictures] == [
         "figure6_parts.png",
         "figure7_footprints.png",
@@ -106,4 +111,4 @@ def test_another_world_takes_files_and_folders(folder, said, tmp_path):
     assert any("none: the map has no rooms that doors join" in s for s in said)
     assert any("How many doors has each room? In SPARQL:" in s for s in said)
     with pytest.raises(LookupError, match="no world in it"):
-        demo.run_demo([folder], folder)
+        demo.run_demo([folder], folder, OFFICE_ROBOT)

@@ -7,9 +7,9 @@ import typer
 from sqlalchemy import text
 
 from planner.readers.robot_class import read_robot_class
-from semmap.cli.demo.office import office_files
+from tests.office import OFFICE
 
-URDF = office_files()[0].parent / "delivery_robot.urdf"
+URDF = OFFICE / "delivery_robot.urdf"
 
 
 @pytest.fixture

@@ -17,13 +17,13 @@ from planner.readers.drawn_graph import read_drawn_graph
 from planner.readers.topology import read_topology
 from planner.route_planner import RoutePlanner
 from planner.routing_graph import RoutingGraph
-from semmap.cli.demo.office import office_files
 from semmap.database import open_engine
 from semmap.ingest.importer import import_file
 from semmap.query.storey_reader import read_storeys
 from tests.command_line import semmap
 from tests.conftest import MakeDatabase
 from tests.ingest.worlds_by_hand import room_features
+from tests.office import OFFICE_FILES
 from tests.planner.exchange.nav2_reader import read
 
 
@@ -87,7 +87,7 @@ def test_the_route_graph_comes_back_as_it_went(
     topology("-o", path)
     graph = read(path)
     engine = open_engine(make_database())
-    for file in [*office_files(), path]:
+    for file in [*OFFICE_FILES, path]:
         summary = import_file(engine, file, map_name="office")
     assert (summary.added, summary.skipped) == (len(graph), [])
     with engine.connect() as connection:

@@ -13,11 +13,11 @@ from planner.mission import MissionStore, Runner, Sighting
 from planner.mission.failures import FailureRule
 from planner.mission.sim_robot import SimulatedRobot
 from planner.mission.sim_world import SimWorld
-from semmap.cli.demo.office import office_files
 from semmap.database import open_engine
 from semmap.geometry.pose import Pose
 from semmap.query.map_handle import MapHandle
 from tests.conftest import Import
+from tests.office import OFFICE_FILES
 from tests.planner.mission.simple import simple_planner
 
 START = Pose.planar(13.0, 2.5)
@@ -27,7 +27,7 @@ SPEED = 1e5
 @pytest.fixture(scope="session")
 def mission_url(imported: Import) -> Iterator[str]:
     """A database with the office, which missions may change; each test begins with it as it was."""
-    with imported(*((path, "office") for path in office_files())) as engine:
+    with imported(*((path, "office") for path in OFFICE_FILES)) as engine:
         with engine.begin() as connection:
             for name in ("placement", "connector"):
                 connection.execute(text(f"CREATE TABLE public.was_{name} AS SELECT * FROM {name}"))
