@@ -20,7 +20,7 @@ from navgrid.costmap import Costmap
 from navgrid.grid import Grid
 from navgrid.readers.fields import read_mirror
 from semmap.database import open_engine
-from semmap.database.maps import current_name
+from semmap.database.maps import pick_map
 from semmap.fields.store.voxel_mirror import VoxelMirror
 from semmap.geometry.mesh import join
 from semmap.geometry.pose import Pose
@@ -167,7 +167,7 @@ def measure_voxels(connection: Connection, parts: list) -> list[Row]:  # type: i
     voxelised = time.perf_counter() - start
     mirror.save()
     start = time.perf_counter()
-    voxels = read_mirror(MapHandle(connection.engine, current_name(connection)))
+    voxels = read_mirror(MapHandle(connection.engine, pick_map(connection)))
     loaded = time.perf_counter() - start
     scenes = [
         read_scene(connection, "office40"),

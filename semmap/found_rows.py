@@ -26,7 +26,7 @@ class FoundRows(Sequence[Row]):
 
     Examples
     --------
-    >>> found = FoundRows([{"name": "desk4", "area": 1.28}], ["shelf1: has no triangles"])
+    >>> found = FoundRows([{"name": "table1", "area": 1.28}], ["shelf1: has no triangles"])
     >>> len(found), found[0]["area"], found.problems
     (1, 1.28, ['shelf1: has no triangles'])
     """

@@ -14,6 +14,7 @@ from navgrid.terrain import DriveLimits
 from planner.duration import Durations
 from planner.readers.rows import fetch_rows
 from planner.robot_class import RobotClass
+from semmap.query.snapshot import Snapshot
 from semmap.robot import Part
 
 __all__ = [
@@ -195,7 +196,7 @@ def _no_class(connection: Connection, name: str) -> LookupError:
     )
 
 
-def read_robot_urdf(connection: Connection, name: str) -> Path:
+def read_robot_urdf(seen: Snapshot, name: str) -> Path:
     """The URDF that a class of robots was made from.
 
     Raises
@@ -203,10 +204,9 @@ def read_robot_urdf(connection: Connection, name: str) -> Path:
     LookupError
         There is no class of this name, or its file is not known or is gone.
     """
-    read_robot_class(connection, name)
-    urdf = connection.execute(
-        text("SELECT urdf FROM robot_class WHERE name = :name"), {"name": name}
-    ).scalar()
+    read_robot_class(seen.connection, name)
+    found = seen.session.execute("SELECT urdf FROM robot_class WHERE name = %s", (name,)).fetchone()
+    urdf = found and found[0]
     if urdf is None or not Path(urdf).is_file():
         where = "was stored without its URDF" if urdf is None else f"was made from {urdf}, now gone"
         raise LookupError(f"the robot class {name} {where}: give the URDF in place of the name")

@@ -66,7 +66,7 @@ def put_objects(
         found = _PUT.fullmatch(text.strip())
         if found is None:
             raise MissionError(
-                f"{text!r} is not 'OBJECT on PLACE'; write for example 'mug on desk1'"
+                f"{text!r} is not 'OBJECT on PLACE'; write for example 'mug on table1'"
             )
         item, target = found["item"].strip(), found["target"].strip()
         with live.snapshot() as connection:

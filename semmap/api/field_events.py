@@ -12,10 +12,9 @@ from typing import TYPE_CHECKING, Any
 from semmap.api.live_events import LiveEvents
 
 if TYPE_CHECKING:
-    from sqlalchemy import Engine
-
     from semmap.api.kept_fields import Note
     from semmap.fields.service.client import ServiceConnection
+    from semmap.query.map_handle import MapSource
 
 __all__ = ["watch_map", "watch_service"]
 
@@ -49,8 +48,7 @@ def watch_service(
 
 
 def watch_map(
-    engine: Engine,
-    map_name: str,
+    map: MapSource,
     voxel_size: float,
     note: Note,
     seconds: float | None,
@@ -63,11 +61,11 @@ def watch_map(
     from semmap.fields.store.event_channel import EventPublisher, as_json
 
     stop = threading.Event()
-    mirror = resumed_mirror(engine, map_name, voxel_size, note)
+    mirror = resumed_mirror(map, voxel_size, note)
     names: Mapping[Any, Any] = mirror.names
     tracker = RelationTracker(mirror.regions, names=names, views=mirror.views, spaces=mirror.spaces)
     tracker.update(mirror.regions.entities())
-    publisher = EventPublisher(engine)
+    publisher = EventPublisher(map.engine)
     waiting: queue.SimpleQueue[Event | Exception | None] = queue.SimpleQueue()
 
     def on_change(changed: set[int]) -> None:

@@ -9,11 +9,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from sqlalchemy import Engine
-
     from semmap.api.map_questions import MapQuestions
     from semmap.fields.store.mirror_state import MirrorState
     from semmap.fields.store.voxel_mirror import VoxelMirror
+    from semmap.query.map_handle import MapSource
 
     Mirror = MirrorState | VoxelMirror
 
@@ -43,14 +42,14 @@ def current_mirror(map: MapQuestions, voxel_size: float, note: Note) -> Mirror:
     state = load_state(map.connection, voxel_size)
     if state is not None and is_current(map.connection, state):
         return state
-    return resumed_mirror(map.engine, map.name, voxel_size, note)
+    return resumed_mirror(map, voxel_size, note)
 
 
-def resumed_mirror(engine: Engine, map_name: str, voxel_size: float, note: Note) -> VoxelMirror:
+def resumed_mirror(map: MapSource, voxel_size: float, note: Note) -> VoxelMirror:
     """Return a mirror that has read the map, and keep its state."""
     from semmap.fields.store.voxel_mirror import VoxelMirror
 
-    mirror = VoxelMirror.resume(engine, map_name, voxel_size)
+    mirror = VoxelMirror.resume(map.engine, map.name, voxel_size)
     if mirror.catch_up():
         mirror.try_to_save()  # a user who may only read computes them each time
     for name, reason in mirror.left_out.items():

@@ -45,7 +45,7 @@ class MapBeliefs(MapQuestions):
         ::
 
             found = house.where("mug1")
-            found.best, found["desk4"], found.rows[0]["last_seen"]
+            found.best, found["table1"], found.rows[0]["last_seen"]
         """
         return self.beliefs([name], at, moves=moves)[name]
 

@@ -221,7 +221,7 @@ class MapDriving(MapQuestions):
                 if posture is None and parts is None:
                     robot = read_robot_class(seen.connection, robot).robot
                 else:
-                    robot = read_robot_urdf(seen.connection, robot)
+                    robot = read_robot_urdf(seen, robot)
         if isinstance(robot, str | Path):
             urdf = Path(robot)
             grouped = None if parts is None else Path(parts)

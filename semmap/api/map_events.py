@@ -37,7 +37,7 @@ class MapEvents:
         --------
         >>> for event in house.changes(cursor):  # doctest: +SKIP
         ...     print(event.what, event.name, event.from_holder, event.to_holder)
-        moved mug1 desk4 kitchen
+        moved mug1 table1 kitchen
         """
         from semmap.api.map_subscription import current_cursor
 

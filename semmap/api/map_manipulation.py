@@ -154,7 +154,7 @@ class MapManipulation(MapQuestions):
         --------
         ::
 
-            house.places("mug1", on="desk4", towards=(1.2, 0.5))[0]["spot"]
+            house.places("mug1", on="table1", towards=(1.2, 0.5))[0]["spot"]
         """
         from semmap.manipulation.places import find_places
         from semmap.manipulation.retrieval import gripper_or_urdf

@@ -63,7 +63,7 @@ class MapObservations(MapQuestions):
         --------
         ::
 
-            house.observe("mug1", "desk4")
+            house.observe("mug1", "table1")
             house.observe("mug1", "kitchen", seen=False, visible=0.8)
         """
         from semmap.belief.reader import is_wide

@@ -64,7 +64,7 @@ class MapRegions(MapQuestions):
         --------
         ::
 
-            house.find_regions("surfaces", "desk4")
+            house.find_regions("surfaces", "table1")
             house.find_regions("floor", type="room", headroom=1.9).problems
         """
         from semmap.ingest.regions.region_search import find_regions

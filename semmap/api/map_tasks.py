@@ -38,7 +38,7 @@ class MapTasks(MapDriving):
 
         Parameters
         ----------
-        goal : ``on(mug1, desk4) and in(robot, kitchen)``: names, labels or types of the map
+        goal : ``on(mug1, table1) and in(robot, kitchen)``: names, labels or types of the map
         start : the room, object, agent or region where the robot is; by default its place in the
             map, else the map's home region
         robot : a stored class, or a `planner.RobotClass`; by default a robot without shape
@@ -56,7 +56,7 @@ class MapTasks(MapDriving):
 
         Examples
         --------
-        >>> house.plan("on(mug1, desk4)", start="bedroom").run(simulate=True)  # doctest: +SKIP
+        >>> house.plan("on(mug1, table1)", start="bedroom").run(simulate=True)  # doctest: +SKIP
         """
         from planner.search.search_mission import SearchPlanner
         from planner.search.task_search import plan_with_search

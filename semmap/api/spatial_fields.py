@@ -278,9 +278,8 @@ class SpatialFields(FieldSources):
         if found is not None:
             return found
         self._note("no service is running: relations of the map alone, without sources")
-        opened = self._open_map()
         return watch_map(
-            opened.engine, opened.name, self.voxel_size, self._note, seconds, save_every, callback
+            self._open_map(), self.voxel_size, self._note, seconds, save_every, callback
         )
 
     def _kept_space(self) -> Any:

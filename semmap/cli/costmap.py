@@ -46,7 +46,7 @@ def costmap_command(
     map_name: cli.MapName = None,
     storey: Annotated[str | None, typer.Option(help="Only this storey.")] = None,
     rooms: Annotated[
-        str | None, typer.Option(help="Only these rooms: lab1,corridor1 (semmap route --rooms).")
+        str | None, typer.Option(help="Only these rooms: bath,hall (semmap route --rooms).")
     ] = None,
     box: Annotated[str | None, typer.Option(help="Only X0,Y0,X1,Y1, metres.")] = None,
     resolution: Annotated[float, typer.Option(help="Side of a cell, metres.")] = 0.05,

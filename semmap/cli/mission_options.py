@@ -24,7 +24,7 @@ Fail = Annotated[
 Seed = Annotated[int, typer.Option(help="Seed of random failures and detections.")]
 Put = Annotated[
     list[str] | None,
-    typer.Option("--put", help="'mug on desk1': where an object truly is; repeatable."),
+    typer.Option("--put", help="'mug on table1': where an object truly is; repeatable."),
 ]
 WorldFile = Annotated[
     Path | None,

@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
 import psycopg
 
 if TYPE_CHECKING:
-    from sqlalchemy import Connection, Engine
+    from sqlalchemy import Connection
 
-__all__ = ["current_name", "driver_of", "pick_map", "see_map", "snapshot"]
+__all__ = ["driver_of", "pick_map", "see_map"]
 
 
 def driver_of(connection: Connection | psycopg.Connection[Any]) -> psycopg.Connection[Any]:
@@ -51,17 +49,6 @@ def pick_map(connection: Connection | psycopg.Connection[Any], name: str | None 
     return name or str(known[0])
 
 
-def current_name(connection: Connection | psycopg.Connection[Any]) -> str:
-    """Return the name of the map that a connection sees.
-
-    Raises
-    ------
-    LookupError
-        As for `pick_map`.
-    """
-    return pick_map(connection)
-
-
 def see_map(
     connection: Connection | psycopg.Connection[Any], name: str | None, *, lasting: bool = False
 ) -> str:
@@ -80,10 +67,3 @@ def see_map(
         name = pick_map(connection)
     driver_of(connection).execute("SELECT set_config('semmap.map', %s, %s)", (name, not lasting))
     return name
-
-
-@contextmanager
-def snapshot(engine: Engine) -> Iterator[Connection]:
-    """Open a transaction that sees one state of the database throughout."""
-    with engine.connect().execution_options(isolation_level="REPEATABLE READ") as connection:
-        yield connection

@@ -20,7 +20,7 @@ import psycopg
 from sqlalchemy import Connection, Engine, text
 from sqlalchemy.exc import DBAPIError
 
-from semmap.database.maps import current_name, driver_of, see_map, snapshot
+from semmap.database.maps import driver_of, pick_map, see_map
 from semmap.database.notifications import notifications
 
 __all__ = [
@@ -111,7 +111,7 @@ class ChangeFeed:
     @contextmanager
     def snapshot(self) -> Iterator[Connection]:
         """A transaction that sees one state of the map, whatever changed."""
-        with snapshot(self._engine) as connection:
+        with _one_state(self._engine) as connection:
             self.map_name = see_map(connection, self.map_name)
             yield connection
 
@@ -138,7 +138,7 @@ class ChangeFeed:
             with self._connected() as (connection, driver):
                 connection.begin()
                 if self.map_name is None:
-                    self.map_name = current_name(connection)
+                    self.map_name = pick_map(connection)
                 with driver.pipeline():  # one message
                     see_map(driver, self.map_name)
                     state = driver.execute("SELECT change_cursor(), now()")
@@ -164,7 +164,7 @@ class ChangeFeed:
     def _connected(self) -> Iterator[tuple[Connection, psycopg.Connection[Any]]]:
         """A connection whose transactions see one state of the database."""
         if not self._one_connection:
-            with snapshot(self._engine) as connection:
+            with _one_state(self._engine) as connection:
                 yield connection, driver_of(connection)
             return
         if self._own is None:
@@ -283,3 +283,10 @@ def settle(connection: Connection) -> None:
 def reaches_back(connection: Connection, since: str) -> bool:
     """Whether all changes after a cursor are still kept."""
     return bool(connection.execute(text("SELECT reaches_back(:since)"), {"since": since}).scalar())
+
+
+@contextmanager
+def _one_state(engine: Engine) -> Iterator[Connection]:
+    """A transaction that sees one state of the database throughout."""
+    with engine.connect().execution_options(isolation_level="REPEATABLE READ") as connection:
+        yield connection

@@ -17,7 +17,7 @@ import shapely
 from numpy.typing import NDArray
 from sqlalchemy import Connection, text
 
-from semmap.database.maps import current_name
+from semmap.database.maps import pick_map
 from semmap.geometry.floor_level import floor_level
 from semmap.geometry.mesh import box_mesh
 from semmap.geometry.pose import Pose
@@ -322,7 +322,7 @@ class _StoreyLevel:
 def _storeys(connection: Connection) -> list[_Storey]:
     rows = connection.execute(text(_STOREYS)).all()
     if not rows:
-        return [_Storey(current_name(connection), None, None)]
+        return [_Storey(pick_map(connection), None, None)]
     return [_Storey(row.name, row.elevation, row.id) for row in rows]
 
 

@@ -2,7 +2,8 @@ import pytest
 from sqlalchemy import text
 
 from semmap.database import open_engine
-from semmap.database.maps import current_name, see_map, snapshot
+from semmap.database.maps import pick_map, see_map
+from semmap.query.change_feed import ChangeFeed
 
 
 @pytest.fixture
@@ -39,15 +40,15 @@ def test_a_map_of_another_name_is_missed_by_it(maps):
     with maps.connect() as connection:
         see_map(connection, "nope")
         with pytest.raises(LookupError, match="there is no map nope; there are: older, newer"):
-            current_name(connection)
+            pick_map(connection)
 
 
 def test_a_snapshot_does_not_see_concurrent_commits(maps):
     count = text("SELECT count(*) FROM map")
-    with snapshot(maps) as connection:
+    with ChangeFeed(maps, "older").snapshot() as connection:
         assert connection.execute(count).scalar() == 2
         with maps.begin() as other:
             other.execute(text("INSERT INTO map (name) VALUES ('newest')"))
         assert connection.execute(count).scalar() == 2
-    with snapshot(maps) as connection:
+    with ChangeFeed(maps, "older").snapshot() as connection:
         assert connection.execute(count).scalar() == 3

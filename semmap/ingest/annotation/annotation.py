@@ -43,7 +43,7 @@ def read_annotation(path: Path, name: str | None = None) -> World:
 
     - room: polygon, `floor`, `ceiling`, `elevator` (the elevator whose cabin it is)
     - connector: the line of the opening, or a point with `width` and `heading`; `joins`
-      (``"lab1,corridor1"``, the first being where x comes from; by default the places on both sides
+      (``"bath,hall"``, the first being where x comes from; by default the places on both sides
       of the line), `state`, `direction`, `behaviour`; `height` of the clear opening, `step` of its
       threshold, `permissions` of which one is needed (``"staff,cleaning"``). Stairs and ramps are
       lines along the way.

@@ -94,7 +94,7 @@ def _joins(world: DraftWorld, feature: Feature) -> Joined:
         return None
     names = given.split(",") if isinstance(given, str) else given
     if not isinstance(names, list) or not all(isinstance(n, str) for n in names):
-        raise Refused(f"joins {str(given)[:60]!r}", 'Write it as "lab1,corridor1".')
+        raise Refused(f"joins {str(given)[:60]!r}", 'Write it as "bath,hall".')
     places = [n.strip() for n in names]
     if len(places) != 2 or places[0] == places[1] or not all(places):
         raise Refused(f"joins {', '.join(places) or 'nothing'}", "Name two places.")
