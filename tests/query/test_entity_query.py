@@ -1,4 +1,4 @@
-"""What of a type is near: against brute force, and with the plan that makes it fast."""
+"""Entities of a type near a point: compared with brute force, and found by one plan."""
 
 from __future__ import annotations
 
@@ -107,11 +107,11 @@ def test_one_plan_on_the_index_serves_all_places(session: psycopg.Connection) ->
     """PostgreSQL plans a prepared statement five times, then keeps a plan unless it looks dear."""
     for i in range(12):
         names(session, "hall_ware", (5.0 * i, 50.0, 5.0), 3.0)
-    name, parameters, kept, anew = session.execute(
+    name, parameters, generic, custom = session.execute(
         "SELECT name, cardinality(parameter_types), generic_plans, custom_plans "
         "FROM pg_prepared_statements WHERE statement LIKE '%shape_distance%'"
     ).fetchone()
-    assert anew <= 5 < kept + anew
+    assert custom <= 5 < generic + custom
     session.execute("SET plan_cache_mode = force_generic_plan")
     nothing = ", ".join(["NULL"] * parameters)
     plan = "\n".join(row[0] for row in session.execute(f'EXPLAIN EXECUTE "{name}" ({nothing})'))

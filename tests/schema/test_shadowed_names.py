@@ -231,13 +231,15 @@ def test_the_shadows_are_met_by_a_session_of_its_own(robot: Robot) -> None:
     assert connection.execute("SELECT id FROM entity").fetchall() == []
 
 
-@pytest.mark.parametrize("number", range(len(STATEMENTS)))
+NAMING = [n for n, statement in enumerate(STATEMENTS) if not statement.startswith("CREATE")]
+"""Those with names that could be shadowed: all but the one that makes a table."""
+
+
+@pytest.mark.parametrize("number", NAMING)
 def test_shadows_give_no_rights(robot: Robot, number: int) -> None:
     connection, ids, _ = robot
     statement = STATEMENTS[number]
     parts = statement.format(**ids).split("; ")
-    if parts[0].startswith("CREATE"):
-        pytest.skip("names nothing that could be shadowed")
     allowed = True
     connection.execute("BEGIN")
     try:

@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from xml.etree import ElementTree
 
+import geopandas
 import numpy as np
 import pytest
 import shapely
@@ -133,7 +134,6 @@ def test_a_map_is_a_feature_collection(world: semmap.Map) -> None:
 
 
 def test_geopandas_takes_a_map(world: semmap.Map) -> None:
-    geopandas = pytest.importorskip("geopandas")
     frame = world.to_geodataframe("room")
     assert sorted(frame["name"]) == [room.name for room in world.rooms]
     assert frame.crs is None
