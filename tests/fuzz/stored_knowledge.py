@@ -85,16 +85,22 @@ def prepare(url: str) -> None:
 
 
 @cache
-def session() -> psycopg.Connection[Any]:
-    """The session of this process."""
-    url = os.environ[SERVER]
-    return semmap.connect(url).__enter__().map("loft").connection
+def loft() -> semmap.Map:
+    """The map that this process has open."""
+    return semmap.connect(os.environ[SERVER]).map("loft")
+
+
+def close() -> None:
+    """Close the map, if it is open."""
+    if loft.cache_info().currsize:
+        loft().database.close()
+        loft.cache_clear()
 
 
 @contextmanager
 def undone() -> Iterator[psycopg.Connection[Any]]:
     """The session in a transaction that ends without a change, usable after what was refused."""
-    here = session()
+    here = loft().connection
     with here.transaction() as transaction:
         yield here
         raise psycopg.Rollback(transaction)

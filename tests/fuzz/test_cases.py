@@ -14,7 +14,7 @@ from tests.fuzz.kind import SERVER, Kind
 from tests.fuzz.knowledge_files import KNOWLEDGE_FILE_KINDS
 from tests.fuzz.languages import LANGUAGE_KINDS
 from tests.fuzz.pool import Worker, encoded
-from tests.fuzz.stored_knowledge import STORED_KINDS, prepare
+from tests.fuzz.stored_knowledge import STORED_KINDS, close, prepare
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -24,6 +24,7 @@ def server(make_database: MakeDatabase) -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv(SERVER, url)
         yield
+        close()
 
 
 @pytest.fixture(scope="module")
