@@ -27,7 +27,7 @@ GRANT INSERT (map_id, kind, name, label, type, properties, front) ON entity TO s
 GRANT UPDATE (label, type, properties, front) ON entity TO semmap_robot;
 GRANT INSERT (entity_id, holder_id, pose, relation, confidence) ON placement TO semmap_robot;
 GRANT UPDATE (holder_id, pose, relation, confidence) ON placement TO semmap_robot;
-GRANT INSERT ON entity_model, model, chunk, region, link TO semmap_robot;
+GRANT INSERT ON entity_model, model, chunk, support_surface, region, link TO semmap_robot;
 -- When it redraws a region, the previous outline is deleted.
 GRANT UPDATE ON region TO semmap_robot;
 GRANT DELETE ON entity_model, model TO semmap_robot;
@@ -67,7 +67,7 @@ DO $$
 DECLARE
     name text;
 BEGIN
-    FOREACH name IN ARRAY ARRAY['entity', 'placement', 'entity_model', 'model', 'chunk', 'region', 'link',
+    FOREACH name IN ARRAY ARRAY['entity', 'placement', 'entity_model', 'model', 'chunk', 'support_surface', 'region', 'link',
                                 'mission', 'mission_step', 'reservation', 'robot_class', 'task'] LOOP
         EXECUTE format('ALTER TABLE %I ENABLE ROW LEVEL SECURITY', name);
         EXECUTE format('CREATE POLICY read_all ON %I FOR SELECT USING (true)', name);
@@ -92,6 +92,8 @@ CREATE POLICY robot_drops ON model FOR DELETE TO semmap_robot USING (starts_with
 CREATE POLICY robot_meshes ON chunk FOR INSERT TO semmap_robot
     WITH CHECK (NOT EXISTS (SELECT FROM entity_model m WHERE m.model_id = chunk.model_id)
                 AND (SELECT starts_with(m.digest, current_user || '/') FROM model m WHERE m.id = chunk.model_id));
+CREATE POLICY robot_levels ON support_surface FOR INSERT TO semmap_robot
+    WITH CHECK ((SELECT starts_with(m.digest, current_user || '/') FROM model m WHERE m.id = model_id));
 CREATE POLICY robot_shapes ON entity_model FOR INSERT TO semmap_robot
     WITH CHECK ((SELECT kind FROM entity e WHERE e.id = entity_id) IN ('object', 'region', 'agent')
                 AND NOT is_other_robot(entity_id));

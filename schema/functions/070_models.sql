@@ -65,3 +65,14 @@ CREATE TRIGGER models_exchanged AFTER UPDATE ON entity_model REFERENCING OLD TAB
     FOR EACH STATEMENT EXECUTE FUNCTION models_exchanged();
 CREATE TRIGGER models_taken AFTER DELETE ON entity_model REFERENCING OLD TABLE AS former
     FOR EACH STATEMENT EXECUTE FUNCTION models_taken();
+
+CREATE FUNCTION surfaces_found()
+RETURNS trigger LANGUAGE plpgsql SECURITY DEFINER SET search_path = semmap, public, pg_temp AS $$
+-- What lies on a level patch stands on it.
+BEGIN
+    PERFORM semmap.follow_change(ARRAY(SELECT DISTINCT em.entity_id FROM fresh JOIN semmap.entity_model em USING (model_id)));
+    RETURN NULL;
+END $$;
+
+CREATE TRIGGER surfaces_found AFTER INSERT ON support_surface REFERENCING NEW TABLE AS fresh
+    FOR EACH STATEMENT EXECUTE FUNCTION surfaces_found();

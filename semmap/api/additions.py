@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import uuid
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -258,18 +257,14 @@ def add_entry(
         entry.pose = Pose(float(x), float(y), float(z) - low)
     with map.transaction():
         map_id = map.execute("SELECT current_map()")[0][0]
-        source = f"semmap.api/{uuid.uuid4()}"
         session = map.connection
-        store_world(session, map_id, World(map.name, Path(), [entry]), source)
-        find_surfaces(session, map_id)
+        store_world(session, map_id, World(map.name, Path(), [entry]))
         made = map[entry.name]
-        map.execute("UPDATE entity SET source = NULL, digest = NULL WHERE id = %s", made.id)
+        find_surfaces(session, map_id, made.id)
         if entry.kind in ("object", "agent", "room", "region") and entry.pose is not None:
             if holder is not None:
                 map.execute("SELECT put(%s, %s, %s)", made.id, holder.id, relation)
-            elif entry.kind in ("object", "agent"):
-                map.execute("SELECT derive_again(ARRAY[%s::bigint])", made.id)
-            else:
+            elif entry.kind in ("room", "region"):
                 _into_storey(map, made, storey)
     return made
 

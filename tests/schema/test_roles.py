@@ -97,6 +97,7 @@ LOCK = "SELECT lock_holders('{{1}}')"
 SPOIL_UNUSED = (
     "INSERT INTO chunk (model_id, number, geom) SELECT {spare}, 9, geom FROM chunk LIMIT 1"
 )
+FORGE_LEVEL = "INSERT INTO support_surface (model_id, number) VALUES ({spare}, 0)"
 DROP_UNUSED = "DELETE FROM model WHERE id = {spare}"
 TABLE = "CREATE TABLE semmap.mine (id int)"
 DROP = "SELECT drop_map((SELECT name FROM map WHERE id = {map}))"
@@ -202,6 +203,7 @@ RIGHTS = {
         SLOW_CLASS,
         FORGET_HISTORY,
         SPOIL_UNUSED,
+        FORGE_LEVEL,
         DROP_UNUSED,
     },
 }
@@ -271,6 +273,7 @@ STATEMENTS = [
     FORGET_HISTORY,
     LOCK,
     SPOIL_UNUSED,
+    FORGE_LEVEL,
     DROP_UNUSED,
 ]
 

@@ -12,6 +12,7 @@ import shapely
 
 from semmap.geometry.surfaces import support_surfaces
 from semmap.geometry.tin import to_mesh
+from semmap.ingest.store.copy_rows import copy_rows
 from semmap.limits import SURFACE_TRIANGLES
 from semmap.query.meshes import model_triangles
 
@@ -37,38 +38,29 @@ def derive_inventories(connection: psycopg.Connection[Any], map_id: int) -> int:
     return int(row[0])
 
 
-def find_surfaces(connection: psycopg.Connection[Any], map_id: int) -> None:
-    """Store the support surfaces of the map's models, each searched once, and what they hold."""
+def find_surfaces(
+    connection: psycopg.Connection[Any], map_id: int, entity: int | None = None
+) -> None:
+    """Store the support surfaces of the models of a map, or of one entity; each is searched once.
+
+    A trigger derives what stands on them.
+    """
     with connection.cursor() as cursor:
         cursor.execute(
             "SELECT DISTINCT m.id FROM model m JOIN entity_model em ON em.model_id = m.id "
             "JOIN entity e ON e.id = em.entity_id "
-            "WHERE e.map_id = %s AND e.kind = 'object' AND m.kind IN ('mesh', 'box', 'polygon') "
-            "AND m.triangles BETWEEN 1 AND %s AND NOT EXISTS "
-            "(SELECT FROM support_surface s WHERE s.model_id = m.id) ORDER BY m.id",
-            (map_id, SURFACE_TRIANGLES.value),
+            "WHERE e.map_id = %s AND e.id = coalesce(%s, e.id) AND e.kind = 'object' "
+            "AND m.kind IN ('mesh', 'box', 'polygon') AND m.triangles BETWEEN 1 AND %s "
+            "AND NOT EXISTS (SELECT FROM support_surface s WHERE s.model_id = m.id) ORDER BY m.id",
+            (map_id, entity, SURFACE_TRIANGLES.value),
         )
-        models = [row[0] for row in cursor.fetchall()]
-        for model_id in models:
-            found = support_surfaces(to_mesh(model_triangles(connection, model_id)))
-            for number, surface in enumerate(found):
-                cursor.execute(
-                    "INSERT INTO support_surface (model_id, number, height, outline, faces) "
-                    "VALUES (%s, %s, %s, ST_GeomFromWKB(%s, 0), %s)",
-                    (
-                        model_id,
-                        number,
-                        surface.height,
-                        shapely.to_wkb(surface.outline),
-                        [int(f) for f in surface.faces],
-                    ),
-                )
-            if not found:
-                cursor.execute(
-                    "INSERT INTO support_surface (model_id, number) VALUES (%s, 0)", (model_id,)
-                )
-        cursor.execute(
-            "SELECT follow_change(ARRAY(SELECT entity_id FROM entity_model "
-            "WHERE model_id = ANY(%s)))",
-            (models,),
-        )
+        rows: list[tuple[Any, ...]] = []
+        for (model,) in cursor.fetchall():
+            found = support_surfaces(to_mesh(model_triangles(connection, model)))
+            rows += [
+                (model, number, s.height, shapely.to_wkb(s.outline, hex=True), s.faces.tolist())
+                for number, s in enumerate(found)
+            ] or [(model, 0, None, None, None)]
+        if rows:
+            columns = ("model_id", "number", "height", "outline", "faces")
+            copy_rows(cursor, "support_surface", columns, rows)

@@ -46,7 +46,7 @@ def store_world(
     connection: psycopg.Connection[Any],
     map_id: int,
     world: World,
-    source: str,
+    source: str | None = None,
     progress: Progress = lambda stage, done, total: None,
 ) -> StoreSummary:
     """Store a world in a map, within the caller's transaction.
@@ -56,7 +56,7 @@ def store_world(
     connection : psycopg.Connection, its search path on the schema
     map_id : the map
     world : the result of a parser
-    source : the name by which a repeated import finds its entities
+    source : the name by which a repeated import finds its entities; None: they are new
     progress : called at each stage
     """
     stored = StoreSummary(notes=list(world.notes))
@@ -78,7 +78,8 @@ def store_world(
             elif old.digest != digests[entry.name]:
                 changed.append(entry)
         kept = {entry.name for entry in entries}
-        gone = [n for n, old in known.items() if old.source == source and n not in kept]
+        of_source = [n for n, old in known.items() if old.source == source is not None]
+        gone = [n for n in of_source if n not in kept]
         regrown = [e for e in changed if known[e.name].kind != e.kind]
         gone += [e.name for e in regrown]
         changed = [e for e in changed if known[e.name].kind == e.kind]
@@ -89,14 +90,7 @@ def store_world(
                 "DELETE FROM entity WHERE map_id = %s AND name = ANY(%s)", (map_id, gone)
             )
         ids = {name: old.id for name, old in known.items() if name not in set(gone)}
-        cursor.execute(
-            "SELECT nextval(pg_get_serial_sequence('semmap.entity', 'id')) "
-            "FROM generate_series(1, %s)",
-            (len(fresh),),
-        )
-        ids.update({e.name: row[0] for e, row in zip(fresh, cursor.fetchall(), strict=True)})
-
-        _insert_entities(cursor, map_id, fresh, ids, source, digests, progress)
+        ids |= _insert_entities(cursor, map_id, fresh, source, digests, progress)
         _update_entities(cursor, changed, ids, digests)
         _annotate(cursor, annotations, ids, stored)
         store_details(cursor, fresh + changed, ids, world)
@@ -127,7 +121,11 @@ def _known(cursor: psycopg.Cursor[Any], map_id: int) -> dict[str, _Known]:
 
 
 def _unique_names(
-    cursor: psycopg.Cursor[Any], map_id: int, world: World, source: str, stored: StoreSummary
+    cursor: psycopg.Cursor[Any],
+    map_id: int,
+    world: World,
+    source: str | None,
+    stored: StoreSummary,
 ) -> list[Entry]:
     """Return the entries under names that no other source has; rename references to them.
 
@@ -196,47 +194,28 @@ def _insert_entities(
     cursor: psycopg.Cursor[Any],
     map_id: int,
     entries: Sequence[Entry],
-    ids: dict[str, int],
-    source: str,
+    source: str | None,
     digests: dict[str, str],
     progress: Progress,
-) -> None:
+) -> dict[str, int]:
+    """Insert entities; return their ids by name."""
     progress("entities", 0, len(entries))
     if not entries:
-        return
-    columns = (
-        "id",
-        "map_id",
-        "kind",
-        "name",
-        "label",
-        "type",
-        "properties",
-        "front",
-        "source",
-        "digest",
-    )
-    copy_rows(
-        cursor,
-        "entity",
-        columns,
-        (
-            (
-                ids[e.name],
-                map_id,
-                e.kind,
-                e.name,
-                e.label,
-                e.type,
-                Jsonb(e.properties),
-                e.front,
-                source,
-                digests[e.name],
-            )
-            for e in entries
-        ),
+        return {}
+    columns = ["map_id", "kind", "name", "label", "type", "properties", "front"]
+    rows = [
+        [map_id, e.kind, e.name, e.label, e.type, Jsonb(e.properties), e.front] for e in entries
+    ]
+    if source is not None:  # a robot, which imports nothing, may not write these
+        columns += ["source", "digest"]
+        rows = [[*row, source, digests[e.name]] for row, e in zip(rows, entries, strict=True)]
+    copy_rows(cursor, "entity", columns, rows)
+    cursor.execute(
+        "SELECT name, id FROM entity WHERE map_id = %s AND name = ANY(%s)",
+        (map_id, [e.name for e in entries]),
     )
     progress("entities", len(entries), len(entries))
+    return dict(cursor.fetchall())
 
 
 def _update_entities(
@@ -334,7 +313,7 @@ def _place(
 
 
 def _link(
-    cursor: psycopg.Cursor[Any], map_id: int, world: World, ids: dict[str, int], source: str
+    cursor: psycopg.Cursor[Any], map_id: int, world: World, ids: dict[str, int], source: str | None
 ) -> None:
     """Store the links of the world; delete links between its entities that it no longer has."""
     links = {
