@@ -14,7 +14,7 @@ from semmap.geometry.pose import Pose
 __all__ = ["MapLookup", "find_entities", "read_place_at", "read_similar_names"]
 
 _FIND = """
-WITH RECURSIVE wanted AS (
+WITH wanted AS (
     SELECT e.id FROM entity e WHERE e.map_id = current_map() AND e.name = :word
     UNION
     SELECT e.id FROM entity e WHERE e.map_id = current_map() AND e.label = :word
@@ -23,24 +23,17 @@ WITH RECURSIVE wanted AS (
     SELECT e.id FROM type_closure t JOIN entity e ON e.type = t.sub
     WHERE t.super = :word AND e.map_id = current_map()
       AND NOT EXISTS (SELECT FROM entity n WHERE n.map_id = current_map() AND n.name = :word)
-), up (id, at, depth) AS (
-    SELECT id, id, 0 FROM wanted
-    UNION ALL
-    SELECT u.id, p.holder_id, u.depth + 1 FROM up u JOIN placement p ON p.entity_id = u.at
-    WHERE p.holder_id IS NOT NULL AND NOT EXISTS (SELECT FROM room r WHERE r.entity_id = u.at)
-), held AS (
-    SELECT DISTINCT ON (u.id) u.id, e.name AS place
-    FROM up u JOIN room r ON r.entity_id = u.at JOIN entity e ON e.id = u.at ORDER BY u.id, u.depth
 )
-SELECT e.id, e.name, e.kind, e.type, e.label, w.pose, h.place, g.entity_id IS NOT NULL AS is_region,
+SELECT e.id, e.name, e.kind, e.type, e.label, w.pose, h.name AS place,
+       g.entity_id IS NOT NULL AS is_region,
        ST_AsBinary(w.footprint) AS footprint, ST_ZMin(w.box) AS low, ST_ZMax(w.box) AS high,
        (SELECT n.name FROM world rw JOIN entity n ON n.id = rw.entity_id
-        WHERE h.place IS NULL AND n.kind = 'room' AND n.map_id = e.map_id
+        WHERE h.id IS NULL AND n.kind = 'room' AND n.map_id = e.map_id
           AND rw.storey_id IS NOT DISTINCT FROM coalesce(w.storey_id, rw.storey_id)
           AND ST_Intersects(rw.footprint, coalesce(
               ST_PointOnSurface(w.footprint), ST_Point(w.pose[1], w.pose[2]))) LIMIT 1) AS around
 FROM wanted q JOIN entity e ON e.id = q.id LEFT JOIN world w ON w.entity_id = e.id
-LEFT JOIN held h ON h.id = e.id LEFT JOIN region g ON g.entity_id = e.id
+LEFT JOIN entity h ON h.id = room_of(e.id) LEFT JOIN region g ON g.entity_id = e.id
 WHERE e.kind IN ('room', 'object', 'region', 'agent')
 ORDER BY e.name LIMIT :most
 """

@@ -141,8 +141,7 @@ def read_room(connection: Connection, name: str) -> str | None:
 _KIND = "SELECT kind FROM entity WHERE map_id = current_map() AND name = :name"
 
 _ROOM = """
-SELECT k.name FROM holders_of(ARRAY[entity_id(:name)]) WITH ORDINALITY o (id, n)
-JOIN entity k ON k.id = o.id AND k.kind = 'room' ORDER BY o.n LIMIT 1
+SELECT name FROM entity WHERE id = room_of(entity_id(:name))
 """
 
 _SHUT = """

@@ -43,8 +43,8 @@ WITH RECURSIVE named AS MATERIALIZED (
     UNION
     SELECT p.entity_id FROM down JOIN placement p ON p.holder_id = down.id
 )
-SELECT e.id, e.name, e.type, e.label, e.properties, h.name AS holder, h.id AS holder_id,
-       h.kind AS holder_kind, w.pose, ST_XMin(w.box) AS x0, ST_YMin(w.box) AS y0,
+SELECT e.id, e.name, e.type, e.label, e.properties, r.name AS room,
+       h.name AS holder, h.id AS holder_id, h.kind AS holder_kind, w.pose, ST_XMin(w.box) AS x0, ST_YMin(w.box) AS y0,
        ST_ZMin(w.box) AS z0, ST_XMax(w.box) AS x1, ST_YMax(w.box) AS y1, ST_ZMax(w.box) AS z1,
        ST_Area(w.footprint) AS ground,
        (SELECT array_agg(ARRAY[s.height, ST_Area(s.outline)]) FROM entity_model m
@@ -54,6 +54,7 @@ SELECT e.id, e.name, e.type, e.label, e.properties, h.name AS holder, h.id AS ho
                WHERE m.entity_id = e.id) AS looked
 FROM down JOIN entity e ON e.id = down.id LEFT JOIN world w ON w.entity_id = e.id
 LEFT JOIN placement p ON p.entity_id = e.id LEFT JOIN entity h ON h.id = p.holder_id
+LEFT JOIN entity r ON r.id = room_of(e.id)
 WHERE e.kind = 'object' ORDER BY e.name
 """
 
@@ -69,11 +70,7 @@ UNION SELECT type FROM object_type WHERE map_id = current_map()
 
 _STATE = """
 SELECT e.id, e.name, w.pose, e.kind, e.type,
-       ARRAY(WITH RECURSIVE up (id, depth) AS (
-                 SELECT e.id, 0 UNION ALL
-                 SELECT p.holder_id, up.depth + 1 FROM up JOIN placement p ON p.entity_id = up.id)
-             SELECT r.name FROM up JOIN entity r ON r.id = up.id AND r.kind = 'room'
-             ORDER BY up.depth) AS rooms,
+       (SELECT r.name FROM entity r WHERE r.id = room_of(e.id)) AS room,
        ARRAY(SELECT t.name FROM placement p JOIN entity t ON t.id = p.entity_id
              WHERE p.holder_id = e.id AND e.kind = 'agent' ORDER BY t.name) AS carrying
 FROM entity e LEFT JOIN world w ON w.entity_id = e.id
@@ -152,12 +149,10 @@ def _task_object(
     heights: tuple[float, float],
     taken: float,
 ) -> TaskObject:
-    below, place = row, None
-    for _ in range(len(by_id) + 1):
-        if below.holder_id not in by_id:
-            place = below.holder if below.holder in topology.places else None
-            break
-        below = by_id[below.holder_id]
+    lowest = row
+    while lowest.holder_id in by_id:
+        lowest = by_id[lowest.holder_id]
+    place = row.room if lowest.holder_kind != "agent" and row.room in topology.places else None
     floor = topology.places[place].floor if place is not None else 0.0
     properties = row.properties
     size, height, top = (0.0, 0.0, 0.0), 0.0, 0.0
@@ -218,7 +213,7 @@ def read_state(connection: Connection, topology: Topology, start: str | None = N
         names = ", ".join(row.name for row in rows)
         raise LookupError(f"the robot may be {names}; name one with --from")
     row = rows[0]
-    places = [p for p in row.rooms if p in topology.places]
+    places = [row.room] if row.room in topology.places else []
     places += [p for r in topology.regions if r.name == row.name for p in r.places]
     if not places:
         raise LookupError(f"no room holds {row.name}; place it in one, or give a room with --from")

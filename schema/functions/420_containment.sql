@@ -35,6 +35,68 @@ SELECT coalesce(
 FROM semmap.room r JOIN semmap.world w ON w.entity_id = r.entity_id WHERE r.entity_id = place;
 END;
 
+CREATE FUNCTION room_at(of_map integer, ground geometry, middle double precision, OUT room_id bigint, OUT share double precision)
+LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path = semmap, public, pg_temp SET plan_cache_mode = force_generic_plan AS $$
+-- The room of a place, and which part of the ground lies in it. Of the rooms between whose floor and ceiling the middle
+-- of the height is: the one with most of the ground, if at least half of it lies in rooms; else the room nearest to the
+-- middle of the ground, if all of the ground is at its wall (15 cm), or the middle in an opening: half a metre from it
+-- and from another room on the opposite side. Null outside of rooms.
+DECLARE
+    contact CONSTANT double precision := 0.03;
+    wall CONSTANT double precision := 0.15;
+    opening CONSTANT double precision := 0.5;
+    centre geometry;
+    total double precision;
+BEGIN
+    SELECT c.entity_id, c.share, sum(c.share) OVER () INTO room_id, share, total
+    FROM (SELECT o.entity_id, o.footprint, semmap.ground_share(ground, o.footprint) AS share
+          FROM semmap.world o JOIN semmap.room r ON r.entity_id = o.entity_id
+          WHERE o.map_id = of_map AND o.footprint && ground
+            AND middle BETWEEN o.pose[3] + r.floor - contact AND semmap.ceiling_of(o.entity_id) + contact) c
+    ORDER BY round(c.share::numeric, 6) DESC, ST_Distance(c.footprint, ST_Centroid(ground)), ST_Area(c.footprint), c.entity_id
+    LIMIT 1;
+    IF total >= 0.5 - 1e-9 THEN
+        RETURN;
+    END IF;
+    room_id := NULL;
+    centre := ST_Centroid(ground);
+    WITH close AS (
+        SELECT o.entity_id, o.footprint, ST_Distance(o.footprint, centre) AS away, ST_ClosestPoint(o.footprint, centre) AS edge
+        FROM semmap.world o JOIN semmap.room r ON r.entity_id = o.entity_id
+        WHERE o.map_id = of_map AND o.footprint && ST_Expand(centre, opening) AND ST_DWithin(o.footprint, centre, opening)
+          AND middle BETWEEN o.pose[3] + r.floor - contact AND semmap.ceiling_of(o.entity_id) + contact)
+    SELECT c.entity_id, semmap.ground_share(ground, c.footprint) INTO room_id, share
+    FROM close c
+    WHERE (SELECT bool_and(ST_DWithin(p.geom, c.footprint, wall)) FROM ST_DumpPoints(ground) p) OR EXISTS (
+        SELECT FROM close f WHERE f.entity_id <> c.entity_id
+          AND (ST_X(c.edge) - ST_X(centre)) * (ST_X(f.edge) - ST_X(centre))
+            + (ST_Y(c.edge) - ST_Y(centre)) * (ST_Y(f.edge) - ST_Y(centre)) < 0)
+    ORDER BY c.away, c.entity_id LIMIT 1;
+END $$;
+
+CREATE FUNCTION room_of(thing bigint)
+RETURNS bigint LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path = semmap, public, pg_temp AS $$
+-- The room of an entity: of an object or agent the room of its place (see room_at), also where it stands on something;
+-- where its place shows none, and of anything else, the nearest room among its holders. Of a room, itself.
+DECLARE
+    place semmap.world;
+    around bigint;
+BEGIN
+    IF EXISTS (SELECT FROM semmap.entity WHERE id = thing
+                   AND (kind = 'agent' OR kind = 'object' AND NOT semmap.is_building_part(type))) THEN
+        SELECT * INTO place FROM semmap.world w WHERE w.entity_id = thing;
+        IF FOUND THEN
+            around := (semmap.room_at(place.map_id, semmap.ground_of(place), (ST_ZMin(place.box) + ST_ZMax(place.box)) / 2)).room_id;
+        END IF;
+    END IF;
+    RETURN coalesce(around, (
+        WITH RECURSIVE up (id, depth) AS (
+            SELECT thing, 0
+          UNION ALL
+            SELECT (SELECT p.holder_id FROM semmap.placement p WHERE p.entity_id = up.id), depth + 1 FROM up WHERE up.id IS NOT NULL)
+        SELECT r.entity_id FROM up JOIN semmap.room r ON r.entity_id = up.id ORDER BY depth LIMIT 1));
+END $$;
+
 CREATE FUNCTION level_hull(thing bigint, heading double precision)
 RETURNS box3d LANGUAGE sql STABLE PARALLEL SAFE
 BEGIN ATOMIC
@@ -102,8 +164,9 @@ END $$;
 CREATE FUNCTION is_in(a bigint, b bigint, tolerance double precision DEFAULT 0.01)
 RETURNS boolean LANGUAGE plpgsql STABLE PARALLEL SAFE COST 5000 SET search_path = semmap, public, pg_temp AS $$
 -- b contains a, in the map's frame.
--- A room: more than half of a's footprint lies in the room's outline, and half of its height between
--- floor and ceiling (`tolerance` metres more on either end): a muffin on a desk is in the office.
+-- A room: it is the room of the object or agent, see room_of: a muffin on a desk is in the office. Regions and parts of
+-- the building are in a room with more than half of their footprint, and half of their height between floor and
+-- ceiling (`tolerance` metres more on either end).
 -- A region: the same, or a's bottom is at the region's lowest height, so that a flat region can contain objects.
 -- Anything else: b's surface encloses a, see is_enclosed_by.
 -- Without geometry (a storey, an elevator, a room that was not measured): by placement.
@@ -122,6 +185,9 @@ BEGIN
         RETURN false;
     ELSIF wb.footprint IS NULL OR semmap.is_nowhere(a) THEN
         RETURN semmap.is_held_by(a, b);
+    ELSIF b_kind = 'room' AND EXISTS (SELECT FROM semmap.entity WHERE id = a
+                                       AND (kind = 'agent' OR kind = 'object' AND NOT semmap.is_building_part(type))) THEN
+        RETURN coalesce(semmap.room_of(a) = b, false);
     ELSIF NOT wa.box && wb.box THEN
         RETURN false;
     ELSIF b_kind NOT IN ('room', 'region') THEN

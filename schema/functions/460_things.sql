@@ -70,16 +70,34 @@ WITH RECURSIVE down (id) AS (
 SELECT id FROM down;
 END;
 
+CREATE FUNCTION contents_of(b bigint)
+RETURNS SETOF bigint LANGUAGE plpgsql STABLE ROWS 100 SET search_path = semmap, public, pg_temp AS $$
+-- What b holds, and what that holds. In a room: the objects and agents whose room it is, see room_of; of regions and
+-- parts of the building those that it holds.
+BEGIN
+    IF (SELECT kind FROM semmap.entity WHERE id = b) = 'room' THEN
+        RETURN QUERY
+            SELECT t.id FROM semmap.things_in(b) t (id) JOIN semmap.entity e ON e.id = t.id
+            WHERE e.kind = 'agent' OR e.kind = 'object' AND NOT semmap.is_building_part(e.type)
+          UNION
+            SELECT t.id FROM semmap.things_held(b) t (id) JOIN semmap.entity e ON e.id = t.id
+            WHERE NOT (e.kind = 'agent' OR e.kind = 'object' AND NOT semmap.is_building_part(e.type));
+    ELSE
+        RETURN QUERY SELECT semmap.things_held(b);
+    END IF;
+END $$;
+
 CREATE FUNCTION things_in(b bigint, tolerance double precision DEFAULT 0.01)
 RETURNS SETOF bigint LANGUAGE sql STABLE PARALLEL SAFE ROWS 100 COST 100000
 BEGIN ATOMIC
--- What is in b: see is_in.
+-- What is in b: see is_in. What is in a room can be in its openings.
 SELECT wo.entity_id FROM semmap.world wg JOIN semmap.world wo ON wo.map_id = wg.map_id
-  AND wo.box && semmap.grown(wg.box, tolerance)
+  AND wo.box && semmap.grown(wg.box, tolerance + CASE (SELECT kind FROM semmap.entity WHERE id = b) WHEN 'room' THEN 0.5 ELSE 0 END)
 WHERE wg.entity_id = b AND wg.footprint IS NOT NULL AND semmap.is_in(wo.entity_id, b, tolerance)
 UNION
 SELECT held.id FROM semmap.things_held(b) held (id)
-WHERE (SELECT w.footprint IS NULL FROM semmap.world w WHERE w.entity_id = b) OR semmap.is_nowhere(held.id);
+WHERE (SELECT w.footprint IS NULL FROM semmap.world w WHERE w.entity_id = b) OR semmap.is_nowhere(held.id)
+   OR (SELECT kind FROM semmap.entity WHERE id = b) = 'room' AND semmap.is_in(held.id, b, tolerance);
 END;
 
 CREATE FUNCTION containers_of(a bigint, tolerance double precision DEFAULT 0.01)
@@ -91,5 +109,7 @@ SELECT wo.entity_id FROM semmap.world wg JOIN semmap.world wo ON wo.map_id = wg.
 WHERE wg.entity_id = a AND wo.footprint IS NOT NULL AND semmap.is_in(a, wo.entity_id, tolerance)
 UNION
 SELECT up.id FROM semmap.holders_of(ARRAY[a]) up (id)
-WHERE (SELECT w.footprint IS NULL FROM semmap.world w WHERE w.entity_id = up.id) OR semmap.is_nowhere(a);
+WHERE (SELECT w.footprint IS NULL FROM semmap.world w WHERE w.entity_id = up.id) OR semmap.is_nowhere(a)
+UNION
+SELECT r.id FROM semmap.room_of(a) r (id) WHERE semmap.is_in(a, r.id, tolerance);
 END;

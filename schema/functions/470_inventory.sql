@@ -7,15 +7,89 @@ RETURNS text[] LANGUAGE sql STABLE PARALLEL SAFE
 BEGIN ATOMIC
 -- The types that are parts of the building.
 SELECT ARRAY(SELECT DISTINCT sub FROM semmap.type_closure
-             WHERE super IN ('wall', 'floor', 'ceiling', 'window', 'door_leaf', 'roof'));
+             WHERE super IN ('wall', 'floor', 'ceiling', 'window', 'door_leaf', 'roof', 'building_shell'));
 END;
 
 CREATE FUNCTION is_building_part(of_type text)
 RETURNS boolean LANGUAGE sql STABLE PARALLEL SAFE
 BEGIN ATOMIC
 -- Whether a type is a part of the building: its holder is its storey, and it is not a holder.
-SELECT (of_type = ANY (semmap.building_parts())) IS TRUE;
+SELECT EXISTS (SELECT FROM semmap.type_closure WHERE sub = of_type
+               AND super IN ('wall', 'floor', 'ceiling', 'window', 'door_leaf', 'roof', 'building_shell'));
 END;
+
+CREATE FUNCTION part_by_shape(thing bigint)
+RETURNS text LANGUAGE plpgsql STABLE SET search_path = semmap, public, pg_temp AS $$
+-- The part of the building that an object is by its shape and place, whatever its name; null if it is none.
+-- No furniture covers four fifths of a room: a flat object (half a metre) that does is a floor at the room's floor, and
+-- a ceiling above headroom; a higher one is a roof, and from the floor up a building in one piece. What is flat, a metre
+-- wide and lies below the floor of the room above it is a part of the floor. Where no room is known, what is flat and
+-- larger than 12 square metres. What is upright, thin, long, at the edge of rooms and inside of none is a wall.
+DECLARE
+    flat CONSTANT double precision := 0.5;
+    headroom CONSTANT double precision := 1.8;
+    w semmap.world;
+    low double precision;
+    high double precision;
+    narrow double precision;
+    at_floor double precision;
+    part text;
+BEGIN
+    SELECT * INTO w FROM semmap.world o WHERE o.entity_id = thing AND o.footprint IS NOT NULL;
+    low := ST_ZMin(w.box);
+    high := ST_ZMax(w.box);
+    narrow := least(ST_XMax(w.box) - ST_XMin(w.box), ST_YMax(w.box) - ST_YMin(w.box));
+    IF high - low <= flat AND narrow >= 1 OR narrow >= 1 AND high - low >= 1 THEN
+        SELECT c.part INTO part
+        FROM (SELECT CASE WHEN high - low <= flat AND (covered AND high BETWEEN floor - 0.1 AND floor + flat
+                               OR share >= 0.5 AND high - low > 0.03 AND (low + high) / 2 < floor
+                                  AND abs(high - floor) <= 0.05) THEN 'floor'
+                          WHEN covered AND low <= floor + flat AND high >= floor + headroom THEN 'building_shell'
+                          WHEN covered AND low >= floor + headroom THEN CASE WHEN high - low <= flat THEN 'ceiling' ELSE 'roof' END
+                          WHEN covered AND high - low <= flat AND high BETWEEN floor - flat AND floor THEN 'subfloor'
+                     END AS part
+              FROM (SELECT o.pose[3] + r.floor AS floor, semmap.ground_share(w.footprint, o.footprint) AS share,
+                           semmap.ground_share(o.footprint, w.footprint) >= 0.8 AS covered
+                    FROM semmap.world o JOIN semmap.room r ON r.entity_id = o.entity_id
+                    WHERE o.map_id = w.map_id AND o.footprint && w.footprint) r) c
+        WHERE c.part IS NOT NULL
+        ORDER BY array_position(ARRAY['floor', 'building_shell', 'ceiling', 'roof', 'subfloor'], c.part) LIMIT 1;
+        part := replace(part, 'subfloor', 'floor');
+        IF part IS NULL AND high - low <= flat AND narrow >= 2 AND ST_Area(w.footprint) >= 12 AND NOT EXISTS (
+            SELECT FROM semmap.world o JOIN semmap.room r ON r.entity_id = o.entity_id
+            WHERE o.map_id = w.map_id AND o.footprint && w.footprint) THEN
+            at_floor := coalesce((SELECT s.pose[3] FROM semmap.world s WHERE s.entity_id = w.storey_id), 0);
+            part := CASE WHEN abs(high - at_floor) <= flat THEN 'floor' WHEN low >= at_floor + headroom THEN 'ceiling' END;
+        END IF;
+    END IF;
+    IF part IS NULL AND high - low >= 1.5 AND ST_Perimeter(w.footprint) >= 3.2
+       AND 2 * ST_Area(w.footprint) <= 0.4 * ST_Perimeter(w.footprint) THEN
+        SELECT 'wall' INTO part
+        FROM semmap.world o JOIN semmap.room r ON r.entity_id = o.entity_id
+        WHERE o.map_id = w.map_id AND o.footprint && ST_Expand(w.footprint, 0.5) AND ST_DWithin(o.footprint, w.footprint, 0.5)
+          AND low <= o.pose[3] + r.floor + flat AND high >= o.pose[3] + r.floor + 1.5
+        HAVING max(semmap.ground_share(w.footprint, o.footprint)) <= 0.6;
+    END IF;
+    RETURN part;
+END $$;
+
+CREATE FUNCTION recognise_parts(ids bigint[])
+RETURNS bigint LANGUAGE sql SET search_path = semmap, public, pg_temp AS $$
+-- Gives those of the given objects that are parts of the building by their shape this type; returns how many. A stated
+-- type stays; of a type that a name suggests, the shape only says better what covers a room.
+WITH recognised AS (
+UPDATE semmap.entity e SET type = s.part,
+    properties = e.properties || jsonb_build_object('type_guess', jsonb_build_object('type', s.part, 'confidence', 0.7, 'from', 'shape'))
+FROM (SELECT o.id, o.type, coalesce(o.type, 'object') = 'object' AS untyped, guess ->> 'from' = 'shape' AS shaped
+      FROM semmap.entity o CROSS JOIN LATERAL (SELECT o.properties -> 'type_guess') g (guess)
+      WHERE o.id = ANY (ids) AND o.kind = 'object' AND (coalesce(o.type, 'object') = 'object' OR o.type = guess ->> 'type')) o
+CROSS JOIN LATERAL (SELECT coalesce(semmap.part_by_shape(o.id), CASE WHEN o.shaped THEN 'object' END) OFFSET 0) s (part)
+WHERE e.id = o.id AND s.part IS DISTINCT FROM o.type AND s.part IS NOT NULL
+  AND (o.untyped OR o.shaped OR s.part <> 'wall' AND NOT semmap.is_building_part(o.type)
+       AND (o.type = ANY (semmap.subtypes('ground'))) IS NOT TRUE)
+RETURNING e.id)
+SELECT count(*) FROM recognised
+$$;
 
 CREATE FUNCTION is_stated_in(a bigint, b bigint)
 RETURNS boolean LANGUAGE sql STABLE PARALLEL SAFE
@@ -37,7 +111,7 @@ SET plan_cache_mode = force_generic_plan SET enable_seqscan = off AS $$
 --    flatter than 3 cm and larger than half a square metre, such as a carpet, is not a holder. The holder's
 --    bottom is below that of its contents. For a model without known support surfaces: is_on.
 -- 2. in an object of less than 4 square metres that encloses it, is larger and does not begin above it: is_in.
--- 3. in the room with most of its footprint, at least half, between whose floor and ceiling its middle is.
+-- 3. in the room of its place: room_at.
 -- 4. in the highest storey whose floor is at most half a metre above its bottom, else the lowest.
 -- Agents are in rooms and storeys alone, parts of the building in storeys. Null: none of them.
 -- A holder begins lower, or as low and is larger: derived holders are no cycle.
@@ -97,18 +171,11 @@ BEGIN
           AND i.id NOT IN (SELECT id FROM resting)
           AND semmap.is_in(i.id, o.entity_id) AND NOT semmap.is_stated_in(o.entity_id, i.id)
         ORDER BY i.id, ST_Area(o.footprint), o.entity_id
-    ), roofed AS MATERIALIZED (
-        -- rooms at the height of an item; materialised, so that no shares of other entities are computed
-        SELECT i.id, i.ground, o.entity_id AS owner, o.footprint
-        FROM item i JOIN semmap.world o ON o.map_id = i.map_id AND o.footprint && i.ground
-        JOIN semmap.room r ON r.entity_id = o.entity_id
-        WHERE i.inside AND i.id NOT IN (SELECT id FROM resting)
-          AND (i.low + i.high) / 2 BETWEEN o.pose[3] + r.floor - contact
-              AND coalesce(o.pose[3] + r.ceiling, greatest(ST_ZMax(o.box), o.pose[3] + r.floor + 2.5)) + contact
     ), within AS (
-        SELECT DISTINCT ON (s.id) s.id, s.owner, s.share
-        FROM (SELECT id, owner, semmap.ground_share(ground, footprint) AS share FROM roofed) s
-        WHERE s.share >= 0.5 - 1e-9 ORDER BY s.id, s.share DESC, s.owner
+        SELECT i.id, r.room_id AS owner, r.share
+        FROM item i CROSS JOIN LATERAL (
+            SELECT * FROM semmap.room_at(i.map_id, i.ground, (i.low + i.high) / 2) OFFSET 0) r (room_id, share)
+        WHERE i.inside AND i.id NOT IN (SELECT id FROM resting) AND r.room_id IS NOT NULL
     ), ranked (id, rank, owner, relation, confidence, map_id, low) AS (
         SELECT r.id, 1, r.owner, 'on', CASE WHEN r.share >= 0.95 AND r.gap <= contact / 3 THEN 1
                                             ELSE round((r.share * (1 - r.gap / (2 * contact)))::numeric, 3) END,
@@ -164,12 +231,12 @@ CREATE FUNCTION contradicts(thing bigint, stated bigint, derived bigint, sure do
 RETURNS boolean LANGUAGE sql STABLE
 BEGIN ATOMIC
 -- Whether the geometry contradicts a stated holder: the entity is clearly elsewhere, or on or in another
--- object that the stated one does not hold, or in another room and not in the stated one.
+-- object that the stated one does not hold, or in another room.
 SELECT semmap.is_apart(thing, stated)
-    OR derived <> stated AND sure >= 0.5
+    OR derived <> stated
        AND CASE (SELECT kind FROM semmap.entity WHERE id = derived) || ' ' || (SELECT kind FROM semmap.entity WHERE id = stated)
-           WHEN 'object object' THEN NOT semmap.is_held_by(derived, stated)
-           WHEN 'room room' THEN NOT semmap.is_in(thing, stated, 0.1)
+           WHEN 'object object' THEN sure >= 0.5 AND NOT semmap.is_held_by(derived, stated)
+           WHEN 'room room' THEN true
            ELSE false END;
 END;
 
@@ -281,11 +348,16 @@ END $$;
 
 CREATE FUNCTION follow_change(changed bigint[])
 RETURNS void LANGUAGE plpgsql SECURITY DEFINER SET search_path = semmap, public, pg_temp AS $$
--- After a change of the shape, the heights or the type of entities: derives the holders that it changes, those
--- of their contents too. Does nothing if the setting `semmap.deriving` is off.
+-- After a change of the shape, the heights or the type of entities: recognises the parts of the building among those
+-- whose holders it changes, and derives these holders, those of their contents too. Does nothing if the setting
+-- `semmap.deriving` is off.
+DECLARE
+    around bigint[];
 BEGIN
     IF current_setting('semmap.deriving', true) IS DISTINCT FROM 'off' THEN
-        PERFORM semmap.derive_again(semmap.neighbours_of(changed) || ARRAY(SELECT entity_id FROM semmap.placement WHERE holder_id = ANY (changed)));
+        around := semmap.neighbours_of(changed) || ARRAY(SELECT entity_id FROM semmap.placement WHERE holder_id = ANY (changed));
+        PERFORM semmap.recognise_parts(around);
+        PERFORM semmap.derive_again(around);
     END IF;
 END $$;
 

@@ -103,13 +103,10 @@ class MapEntity(EntityShape, EntityCard):
 
     @property
     def room(self) -> MapEntity | None:
-        """The nearest room among what holds it, directly or not; None outside of rooms."""
+        """The room of its place, else that of what holds it; None outside, and of a room."""
         return self._other(
-            "WITH RECURSIVE up (id, depth) AS ("
-            "SELECT holder_id, 1 FROM placement WHERE entity_id = %s UNION ALL SELECT p.holder_id, "
-            "up.depth + 1 FROM up JOIN placement p ON p.entity_id = up.id) "
-            "SELECT e.id, e.kind, e.name FROM up JOIN entity e ON e.id = up.id AND e.kind = 'room' "
-            "ORDER BY up.depth LIMIT 1"
+            "SELECT r.id, r.kind, r.name FROM entity e JOIN entity r ON r.id = room_of(e.id) "
+            "WHERE e.id = %s AND r.id <> e.id"
         )
 
     @property

@@ -22,7 +22,11 @@ from semmap.ingest.rmf import read_rmf
 from semmap.ingest.route_graph.graph_file import EDGE, is_route_graph, read_route_graph
 from semmap.ingest.route_graph.node_store import check_names, settle_nodes
 from semmap.ingest.sdf import read_sdf
-from semmap.ingest.store.holder_store import derive_inventories, postpone_derivation
+from semmap.ingest.store.holder_store import (
+    derive_inventories,
+    postpone_derivation,
+    recognise_parts,
+)
 from semmap.ingest.store.world_store import Progress, StoreSummary, store_world
 from semmap.ingest.world import Skipped, World, WorldError
 from semmap.limits import ENTRIES, NAME_CHARACTERS
@@ -207,8 +211,9 @@ def import_file(
         if is_graph:
             settle_nodes(psycopg_connection, map_id, world, source)
         progress("inventories", 0, 0)
+        parts = recognise_parts(psycopg_connection, map_id)
         holders = derive_inventories(psycopg_connection, map_id)
-        summary = _summary(world, stored, map_name or world.name, source, holders)
+        summary = _summary(world, stored, map_name or world.name, source, holders, parts)
         see_map(connection, summary.map)
         summary.no_geometry = read_names_without_geometry(connection)
         if summary.no_geometry and (stored.added or stored.changed):
@@ -234,7 +239,12 @@ def _map_id(connection: Connection, name: str) -> int:
 
 
 def _summary(
-    world: World, stored: StoreSummary, map_name: str, source: str, holders: int
+    world: World,
+    stored: StoreSummary,
+    map_name: str,
+    source: str,
+    holders: int,
+    parts: list[dict[str, Any]],
 ) -> ImportSummary:
     kinds: dict[str, int] = {}
     for entry in world.entries:
@@ -250,18 +260,21 @@ def _summary(
         models=stored.models,
         triangles=stored.triangles,
         holders=holders,
-        guessed=_guessed(world),
+        guessed=_guessed(world, parts),
         skipped=world.skipped,
         notes=stored.notes,
     )
 
 
-def _guessed(world: World) -> list[dict[str, Any]]:
-    """The entries whose types are guessed from names, the least certain first."""
+def _guessed(world: World, parts: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """The entities whose types are guessed from names or shapes, the least certain first."""
+    by_shape = {part["name"] for part in parts}
     found = [
-        {"name": e.name, **e.properties[GUESS]} for e in world.entries if GUESS in e.properties
+        {"name": e.name, **e.properties[GUESS]}
+        for e in world.entries
+        if GUESS in e.properties and e.name not in by_shape
     ]
-    return sorted(found, key=lambda guess: (guess["confidence"], guess["name"]))
+    return sorted(found + parts, key=lambda guess: (guess["confidence"], guess["name"]))
 
 
 def _log(connection: Connection, map_id: int, path: Path, summary: ImportSummary) -> None:

@@ -167,11 +167,7 @@ def find(
         conditions.append("(e.label = %(label)s OR e.type = ANY (subtypes(%(label)s)))")
         values["label"] = label
     if holder is not None:
-        conditions.append(
-            "e.id IN (WITH RECURSIVE held (id) AS ("
-            f"SELECT ob_id FROM inventory WHERE inv_id = {_ID.format('holder')} UNION "
-            "SELECT i.ob_id FROM held JOIN inventory i ON i.inv_id = held.id) SELECT id FROM held)"
-        )
+        conditions.append(f"e.id IN (SELECT contents_of({_ID.format('holder')}))")
         values["holder"] = holder
     if on is not None:
         conditions.append(f"p.relation = 'on' AND p.holder_id = {_ID.format('on')}")

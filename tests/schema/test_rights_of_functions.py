@@ -57,6 +57,7 @@ CALLS: dict[str, set[str]] = {
     "put({other}, NULL)": {"admin"},
     "put({room}, NULL)": {"admin"},
     "queue_writer()": WRITERS,
+    "recognise_parts('{{{mug}}}')": {"admin"},
     "record_change('moved', '{{{mug}}}')": set(),
     "record_moves('[[{mug}, null, null, null]]', '{{}}', 'moved')": set(),
     "refresh_belief('{{{mug}}}')": WRITERS,

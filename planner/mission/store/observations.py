@@ -231,8 +231,7 @@ _THINGS = """
 SELECT e.name, r.name AS place, h.name AS holder, p.relation, w.pose
 FROM entity e JOIN placement p ON p.entity_id = e.id JOIN world w ON w.entity_id = e.id
      JOIN entity h ON h.id = p.holder_id
-     CROSS JOIN LATERAL (SELECT k.name FROM holders_of(ARRAY[e.id]) WITH ORDINALITY o (id, n)
-                         JOIN entity k ON k.id = o.id AND k.kind = 'room' ORDER BY o.n LIMIT 1) r
+     JOIN entity r ON r.id = room_of(e.id)
 WHERE e.map_id = current_map() AND e.kind = 'object' AND h.kind IN ('object', 'room')
   AND NOT EXISTS (SELECT FROM placement c WHERE c.holder_id = e.id)
 """

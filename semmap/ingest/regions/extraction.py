@@ -347,15 +347,8 @@ def _owner(connection: Connection, entity: int) -> Owner:
 
 
 def _room_of(connection: Connection, owner: Owner) -> Owner | None:
-    """Return the entity itself if it is a room, else the nearest room that holds it."""
-    room = connection.exec_driver_sql(
-        "WITH RECURSIVE up (id, depth) AS (SELECT %(id)s::bigint, 0 UNION ALL "
-        "SELECT p.holder_id, up.depth + 1 FROM up JOIN placement p ON p.entity_id = up.id "
-        "WHERE p.holder_id IS NOT NULL) "
-        "SELECT e.id FROM up JOIN entity e ON e.id = up.id WHERE e.kind = 'room' "
-        "ORDER BY up.depth LIMIT 1",
-        {"id": owner.id},
-    ).scalar()
+    """The room of an entity; of a room, itself."""
+    room = connection.exec_driver_sql("SELECT room_of(%(id)s)", {"id": owner.id}).scalar()
     return None if room is None else _owner(connection, room)
 
 

@@ -16,12 +16,30 @@ from semmap.ingest.store.copy_rows import copy_rows
 from semmap.limits import SURFACE_TRIANGLES
 from semmap.query.meshes import model_triangles
 
-__all__ = ["derive_inventories", "find_surfaces", "postpone_derivation"]
+__all__ = ["derive_inventories", "find_surfaces", "postpone_derivation", "recognise_parts"]
 
 
 def postpone_derivation(connection: psycopg.Connection[Any]) -> None:
     """Derive no holders at the statements of this transaction; `derive_inventories` does it."""
     connection.execute("SELECT set_config('semmap.deriving', 'off', true)")
+
+
+def recognise_parts(connection: psycopg.Connection[Any], map_id: int) -> list[dict[str, Any]]:
+    """Find the floors, walls and ceilings among objects without a stated type, by their shape.
+
+    Returns name, type and confidence of each that the map has.
+    """
+    connection.execute(
+        "SELECT recognise_parts(ARRAY(SELECT id FROM entity WHERE map_id = %s AND kind = 'object'))",
+        (map_id,),
+    )
+    rows = connection.execute(
+        "SELECT name, properties -> 'type_guess' FROM entity WHERE map_id = %s AND kind = 'object' "
+        "AND properties -> 'type_guess' ->> 'from' = 'shape' "
+        "AND type = properties -> 'type_guess' ->> 'type'",
+        (map_id,),
+    )
+    return [{"name": name, **guess} for name, guess in rows]
 
 
 def derive_inventories(connection: psycopg.Connection[Any], map_id: int) -> int:

@@ -1,0 +1,1 @@
+"""Random buildings that nothing is tuned for, and oracles that judge what a map says of them."""
