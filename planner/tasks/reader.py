@@ -44,7 +44,8 @@ WITH RECURSIVE named AS MATERIALIZED (
     SELECT p.entity_id FROM down JOIN placement p ON p.holder_id = down.id
 )
 SELECT e.id, e.name, e.type, e.label, e.properties, r.name AS room,
-       h.name AS holder, h.id AS holder_id, h.kind AS holder_kind, w.pose, ST_XMin(w.box) AS x0, ST_YMin(w.box) AS y0,
+       h.name AS holder, h.id AS holder_id, h.kind AS holder_kind, w.pose,
+       ST_XMin(w.box) AS x0, ST_YMin(w.box) AS y0,
        ST_ZMin(w.box) AS z0, ST_XMax(w.box) AS x1, ST_YMax(w.box) AS y1, ST_ZMax(w.box) AS z1,
        ST_Area(w.footprint) AS ground,
        (SELECT array_agg(ARRAY[s.height, ST_Area(s.outline)]) FROM entity_model m

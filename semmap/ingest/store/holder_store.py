@@ -30,7 +30,8 @@ def recognise_parts(connection: psycopg.Connection[Any], map_id: int) -> list[di
     Returns name, type and confidence of each that the map has.
     """
     connection.execute(
-        "SELECT recognise_parts(ARRAY(SELECT id FROM entity WHERE map_id = %s AND kind = 'object'))",
+        "SELECT recognise_parts(ARRAY("
+        "SELECT id FROM entity WHERE map_id = %s AND kind = 'object'))",
         (map_id,),
     )
     rows = connection.execute(
