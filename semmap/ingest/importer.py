@@ -10,10 +10,11 @@ from functools import partial
 from pathlib import Path
 from typing import Any, Literal
 
+import psycopg
 from psycopg.types.json import Jsonb
 from sqlalchemy import Connection, Engine
 
-from semmap.database.maps import see_map
+from semmap.database.maps import driver_of, see_map
 from semmap.ingest.annotation import read_annotation
 from semmap.ingest.meshes.mesh_file import read_mesh_world
 from semmap.ingest.naming import GUESS
@@ -28,6 +29,7 @@ from semmap.ingest.store.holder_store import (
     recognise_parts,
 )
 from semmap.ingest.store.world_store import Progress, StoreSummary, store_world
+from semmap.ingest.storeys import FOUND, found_storeys
 from semmap.ingest.world import Skipped, World, WorldError
 from semmap.limits import ENTRIES, NAME_CHARACTERS
 from semmap.query.geometry_notes import names_note, read_names_without_geometry
@@ -201,9 +203,9 @@ def import_file(
     with engine.begin() as connection:
         load_tbox(connection)
         map_id = _map_id(connection, map_name or world.name)
-        psycopg_connection = connection.connection.driver_connection
-        assert psycopg_connection is not None
+        psycopg_connection = driver_of(connection)
         postpone_derivation(psycopg_connection)
+        _settle_storeys(psycopg_connection, map_id, world, source)
         is_graph = any(link.relation == EDGE for link in world.links)
         if is_graph:
             check_names(psycopg_connection, map_id, world, source)
@@ -227,6 +229,27 @@ def import_file(
             )
     summary.seconds = round(time.perf_counter() - start, 3)
     return summary
+
+
+def _settle_storeys(
+    connection: psycopg.Connection[Any], map_id: int, world: World, source: str
+) -> None:
+    """Find storeys where neither file nor map states any; stated ones replace found ones."""
+    if any(entry.kind == "storey" for entry in world.entries):
+        connection.execute(
+            "DELETE FROM entity WHERE map_id = %s AND kind = 'storey' AND properties ? %s",
+            (map_id, FOUND),
+        )
+        return
+    stated = connection.execute(
+        "SELECT 1 FROM entity WHERE map_id = %s AND kind = 'storey' "
+        "AND (source IS DISTINCT FROM %s OR NOT properties ? %s)",
+        (map_id, source, FOUND),
+    )
+    if stated.fetchone() is None:
+        storeys, notes = found_storeys(world.entries)
+        world.entries[:0] = storeys
+        world.notes += notes
 
 
 def _map_id(connection: Connection, name: str) -> int:

@@ -130,7 +130,7 @@ def test_a_world_imported_twice_under_two_names_stands_beside_itself(engine: Eng
     office = Path(__file__).parents[2] / "examples" / "office" / "office.sdf"
     first = import_file(engine, office, map_name="twins", source="one")
     second = import_file(engine, office, map_name="twins", source="two")
-    assert first.added == second.added == 220
+    assert first.kinds["object"] == second.added == 220
 
 
 def test_a_type_missing_from_the_t_box_is_added_and_reported(
