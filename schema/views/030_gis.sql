@@ -38,6 +38,92 @@ CREATE VIEW gis_connector AS
     LEFT JOIN LATERAL (SELECT pose_compose(w.pose, c.pose_a)) pa (pose) ON true
     LEFT JOIN LATERAL (SELECT pose_compose(w.pose, c.pose_b)) pb (pose) ON true;
 
+CREATE FUNCTION map_named(called text)
+RETURNS integer LANGUAGE plpgsql STABLE SET search_path = semmap, public, pg_temp AS $$
+-- The map of a name; the current one without a name.
+DECLARE
+    of_map integer := CASE WHEN called IS NULL THEN semmap.current_map() ELSE (SELECT id FROM semmap.map WHERE name = called) END;
+BEGIN
+    IF of_map IS NULL THEN
+        RAISE EXCEPTION 'there is no map %', coalesce(called, '')
+            USING ERRCODE = 'foreign_key_violation', HINT = 'SELECT name FROM semmap.map lists them.';
+    END IF;
+    RETURN of_map;
+END $$;
+
+CREATE FUNCTION storey_named(of_map integer, called text)
+RETURNS bigint LANGUAGE plpgsql STABLE SET search_path = semmap, public, pg_temp AS $$
+-- The storey of a name; null without a name.
+DECLARE
+    below bigint := (SELECT id FROM semmap.entity WHERE map_id = of_map AND kind = 'storey' AND name = called);
+BEGIN
+    IF below IS NULL AND called IS NOT NULL THEN
+        RAISE EXCEPTION 'the map has no storey %', called
+            USING ERRCODE = 'foreign_key_violation', HINT = 'Leave it empty, or name one of the map''s storeys.';
+    END IF;
+    RETURN below;
+END $$;
+
+CREATE FUNCTION turned_by(former geometry, outline geometry)
+RETURNS double precision LANGUAGE sql IMMUTABLE
+BEGIN ATOMIC
+-- The angle by which an outline was turned about its middle, and otherwise only shifted; null if its shape changed. A
+-- client that moves a feature keeps the order of its corners.
+SELECT t.angle
+FROM (SELECT ST_Azimuth(ST_Centroid(outline), ST_PointN(ST_ExteriorRing(ST_GeometryN(outline, 1)), 1))
+           - ST_Azimuth(ST_Centroid(former), ST_PointN(ST_ExteriorRing(ST_GeometryN(former, 1)), 1))) c (clockwise),
+     LATERAL (VALUES (0.0), (-c.clockwise)) t (angle)
+WHERE ST_HausdorffDistance(
+    ST_Translate(ST_Rotate(former, t.angle, ST_Centroid(former)), ST_X(ST_Centroid(outline)) - ST_X(ST_Centroid(former)),
+                 ST_Y(ST_Centroid(outline)) - ST_Y(ST_Centroid(former))), outline) < 1e-3
+LIMIT 1;
+END;
+
+CREATE FUNCTION put_door(thing bigint, of_map integer, on_storey bigint, whose text, line geometry)
+RETURNS void LANGUAGE plpgsql SET search_path = semmap, public, pg_temp AS $$
+-- Puts a door where a line is drawn: from where a robot faces it in its first room to where it does in its second, or
+-- outside. Makes its row where there is none.
+DECLARE
+    half double precision := ST_Length(line) / 2;
+    middle geometry := ST_LineInterpolatePoint(line, 0.5);
+    heading double precision := pi() / 2 - ST_Azimuth(ST_StartPoint(line), ST_EndPoint(line));
+    rooms bigint[];
+    storey_of bigint;
+    height double precision;
+    wide double precision;
+BEGIN
+    IF ST_NumPoints(line) <> 2 OR NOT 2 * half BETWEEN 0.2 AND 5 THEN
+        RAISE EXCEPTION 'the line of % is not one straight line of 0.2 to 5 m', whose
+            USING ERRCODE = 'check_violation', HINT = 'Draw it through the door, from one room to the other.';
+    END IF;
+    SELECT array_agg((SELECT r.entity_id FROM semmap.room r JOIN semmap.world w ON w.entity_id = r.entity_id
+                      WHERE w.map_id = of_map AND ST_Covers(w.footprint, e.geom) AND (on_storey IS NULL OR w.storey_id = on_storey)
+                      ORDER BY w.pose[3] + r.floor, r.entity_id LIMIT 1) ORDER BY e.path) INTO rooms
+        FROM ST_DumpPoints(line) e;
+    IF rooms[1] IS NULL THEN
+        rooms := ARRAY[rooms[2], rooms[1]];
+        heading := heading + pi();
+    END IF;
+    IF rooms[1] IS NULL OR rooms[1] IS NOT DISTINCT FROM rooms[2] THEN
+        RAISE EXCEPTION '% does not join two rooms', whose
+            USING ERRCODE = 'check_violation', HINT = 'Draw its line from one room into another of the storey, or outside.';
+    END IF;
+    SELECT w.storey_id, w.pose[3] + r.floor INTO storey_of, height
+        FROM semmap.world w JOIN semmap.room r ON r.entity_id = w.entity_id WHERE w.entity_id = rooms[1];
+    INSERT INTO semmap.connector (entity_id, place_a, place_b, pose_a, pose_b)
+        VALUES (thing, rooms[1], rooms[2], semmap.planar_pose(-half, 0), semmap.planar_pose(half, 0, pi()))
+        ON CONFLICT (entity_id) DO UPDATE
+        SET place_a = excluded.place_a, place_b = excluded.place_b, pose_a = excluded.pose_a, pose_b = excluded.pose_b;
+    IF EXISTS (SELECT FROM semmap.placement WHERE entity_id = thing) THEN
+        PERFORM semmap.move_to(thing, ST_X(middle), ST_Y(middle), height, heading);
+    ELSE
+        INSERT INTO semmap.placement (entity_id, holder_id, pose)
+            SELECT thing, storey_of, CASE WHEN storey_of IS NULL THEN d.pose
+                ELSE semmap.pose_compose(semmap.pose_inverse((SELECT w.pose FROM semmap.world w WHERE w.entity_id = storey_of)), d.pose) END
+            FROM (SELECT semmap.planar_pose(ST_X(middle), ST_Y(middle), heading, height)) d (pose);
+    END IF;
+END $$;
+
 CREATE FUNCTION gis_changed()
 RETURNS trigger LANGUAGE plpgsql SET search_path = semmap, public, pg_temp AS $$
 -- Writes the edits of a GIS client to the map. Attributes that are derived (map, storey,
@@ -56,6 +142,8 @@ DECLARE
     reshaped boolean;
     given jsonb;
     old_geom geometry;
+    angle double precision;
+    corner double precision[];
 BEGIN
     IF TG_OP = 'DELETE' THEN
         DELETE FROM semmap.entity WHERE id = OLD.fid;
@@ -77,21 +165,36 @@ BEGIN
     END;
 
     IF layer = 'connector' THEN
-        IF TG_OP = 'INSERT' THEN
-            RAISE EXCEPTION 'connectors are not drawn in this layer'
-                USING ERRCODE = 'feature_not_supported', HINT = 'Draw doors in a GeoPackage or GeoJSON and import it.';
-        END IF;
-        IF ST_AsBinary(NEW.geom) IS DISTINCT FROM ST_AsBinary(OLD.geom) THEN
-            RAISE EXCEPTION 'the line of % follows from its poses', NEW.name
+        thing := OLD.fid;
+        IF coalesce(OLD.form, NEW.form, 'door') <> 'door' AND (TG_OP = 'INSERT' OR NOT ST_OrderingEquals(NEW.geom, OLD.geom)) THEN
+            RAISE EXCEPTION '% is no door: the line of stairs, ramps and elevator doors follows from their poses', NEW.name
                 USING ERRCODE = 'feature_not_supported', HINT = 'Change its attributes here, its place by an import.';
         END IF;
-        UPDATE semmap.entity SET name = NEW.name, type = NEW.type, properties = given
-            WHERE id = OLD.fid AND (name, type, properties) IS DISTINCT FROM (NEW.name, NEW.type, given);
-        UPDATE semmap.connector SET state = NEW.state, direction = NEW.direction, behaviour = NEW.behaviour, width = NEW.width,
+        IF TG_OP = 'INSERT' THEN
+            of_map := semmap.map_named(NEW.map);
+            below := semmap.storey_named(of_map, NEW.storey);
+            INSERT INTO semmap.entity (map_id, kind, name, type, properties)
+                VALUES (of_map, layer, NEW.name, coalesce(NEW.type, (SELECT name FROM semmap.semantic_type WHERE name = 'door')), given) RETURNING id INTO thing;
+            NEW.fid := thing;
+            NEW.width := coalesce(NEW.width, 0.9);
+            PERFORM semmap.put_door(thing, of_map, below, NEW.name, NEW.geom);
+            INSERT INTO semmap.entity_model (entity_id, model_id)
+                VALUES (thing, semmap.drawn_model(ST_Multi(ST_MakeEnvelope(-0.025, -NEW.width / 2, 0.025, NEW.width / 2)), 0, 2.1));
+        ELSE
+            UPDATE semmap.entity SET name = NEW.name, type = NEW.type, properties = given
+                WHERE id = thing AND (name, type, properties) IS DISTINCT FROM (NEW.name, NEW.type, given);
+            IF NOT ST_OrderingEquals(NEW.geom, OLD.geom) THEN
+                PERFORM semmap.put_door(thing, e.map_id, w.storey_id, NEW.name, NEW.geom)
+                    FROM semmap.entity e JOIN semmap.world w ON w.entity_id = e.id WHERE e.id = thing;
+            END IF;
+        END IF;
+        UPDATE semmap.connector SET state = coalesce(NEW.state, state), direction = coalesce(NEW.direction, direction),
+               behaviour = coalesce(NEW.behaviour, behaviour), width = NEW.width,
                height = NEW.height, step = coalesce(NEW.step, 0),
                permissions = coalesce(regexp_split_to_array(NULLIF(trim(NEW.permissions), ''), '\s*,\s*'), '{}')
-            WHERE entity_id = OLD.fid AND (NEW.state, NEW.direction, NEW.behaviour, NEW.width, NEW.height, NEW.step, NEW.permissions)
-                  IS DISTINCT FROM (OLD.state, OLD.direction, OLD.behaviour, OLD.width, OLD.height, OLD.step, OLD.permissions);
+            WHERE entity_id = thing AND (TG_OP = 'INSERT'
+                  OR (NEW.state, NEW.direction, NEW.behaviour, NEW.width, NEW.height, NEW.step, NEW.permissions)
+                  IS DISTINCT FROM (OLD.state, OLD.direction, OLD.behaviour, OLD.width, OLD.height, OLD.step, OLD.permissions));
         RETURN NEW;
     END IF;
 
@@ -106,22 +209,8 @@ BEGIN
 
     IF TG_OP = 'INSERT' THEN
         outline := semmap.check_outline(NEW.geom, NEW.name);
-        IF NEW.map IS NULL THEN
-            of_map := semmap.current_map();
-        ELSE
-            SELECT id INTO of_map FROM semmap.map WHERE name = NEW.map;
-        END IF;
-        IF of_map IS NULL THEN
-            RAISE EXCEPTION 'there is no map %', coalesce(NEW.map, '')
-                USING ERRCODE = 'foreign_key_violation', HINT = 'SELECT name FROM semmap.map lists them.';
-        END IF;
-        IF NEW.storey IS NOT NULL THEN
-            SELECT id INTO below FROM semmap.entity WHERE map_id = of_map AND kind = 'storey' AND name = NEW.storey;
-            IF below IS NULL THEN
-                RAISE EXCEPTION 'the map has no storey %', NEW.storey
-                    USING ERRCODE = 'foreign_key_violation', HINT = 'Leave it empty, or name one of the map''s storeys.';
-            END IF;
-        END IF;
+        of_map := semmap.map_named(NEW.map);
+        below := semmap.storey_named(of_map, NEW.storey);
         IF layer <> 'room' THEN
             IF NEW.high > NEW.low THEN
                 low := NEW.low;
@@ -167,7 +256,17 @@ BEGIN
         outline := semmap.check_outline(NEW.geom, NEW.name);
         SELECT bool_and(m.kind = 'polygon') INTO drawn
             FROM semmap.entity_model em JOIN semmap.model m ON m.id = em.model_id WHERE em.entity_id = thing;
-        IF drawn OR drawn IS NULL THEN
+        IF layer <> 'room' THEN
+            angle := semmap.turned_by(old_geom, outline);
+        END IF;
+        IF angle IS NOT NULL THEN
+            -- The pose turns with the outline about its middle.
+            corner := ARRAY[pose[1] - ST_X(ST_Centroid(old_geom)), pose[2] - ST_Y(ST_Centroid(old_geom))];
+            PERFORM semmap.move_to(thing,
+                ST_X(ST_Centroid(outline)) + cos(angle) * corner[1] - sin(angle) * corner[2],
+                ST_Y(ST_Centroid(outline)) + sin(angle) * corner[1] + cos(angle) * corner[2], pose[3],
+                CASE WHEN angle <> 0 THEN semmap.pose_yaw(pose) + angle END);
+        ELSIF drawn OR drawn IS NULL THEN
             IF layer <> 'room' THEN
                 SELECT min(ST_ZMin(m.hull)), max(ST_ZMax(m.hull)) INTO low, high
                     FROM semmap.entity_model em JOIN semmap.model m ON m.id = em.model_id WHERE em.entity_id = thing;
@@ -177,17 +276,16 @@ BEGIN
             IF pose IS NULL THEN
                 pose := semmap.planar_pose(ST_X(ST_PointOnSurface(outline)), ST_Y(ST_PointOnSurface(outline)));
                 INSERT INTO semmap.placement (entity_id, pose) VALUES (thing, pose);
+            ELSIF layer <> 'room' AND NOT ST_Intersects(outline, ST_MakePoint(pose[1], pose[2])) THEN
+                pose := semmap.planar_pose(ST_X(ST_PointOnSurface(outline)), ST_Y(ST_PointOnSurface(outline)), semmap.pose_yaw(pose), pose[3]);
+                PERFORM semmap.move_to(thing, pose[1], pose[2], pose[3]);
             END IF;
             shape := semmap.drawn_model(ST_Force2D(semmap.pose_apply(ST_Force3D(outline), semmap.pose_inverse(ARRAY[pose[1], pose[2], 0] || pose[4:7]))), low, high);
             DELETE FROM semmap.entity_model WHERE entity_id = thing AND model_id <> shape;
             INSERT INTO semmap.entity_model (entity_id, model_id) VALUES (thing, shape) ON CONFLICT DO NOTHING;
-        ELSIF ST_HausdorffDistance(ST_Translate(old_geom, ST_X(ST_Centroid(outline)) - ST_X(ST_Centroid(old_geom)),
-                                                ST_Y(ST_Centroid(outline)) - ST_Y(ST_Centroid(old_geom))), outline) < 1e-3 THEN
-            PERFORM semmap.move_to(thing, pose[1] + ST_X(ST_Centroid(outline)) - ST_X(ST_Centroid(old_geom)),
-                            pose[2] + ST_Y(ST_Centroid(outline)) - ST_Y(ST_Centroid(old_geom)), pose[3]);
         ELSE
             RAISE EXCEPTION 'the footprint of % follows from its mesh', NEW.name
-                USING ERRCODE = 'feature_not_supported', HINT = 'Move the whole feature; its shape changes with its mesh.';
+                USING ERRCODE = 'feature_not_supported', HINT = 'Move or turn the whole feature; its shape changes with its mesh.';
         END IF;
     END IF;
     RETURN NEW;

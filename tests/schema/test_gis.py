@@ -9,6 +9,10 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+import shapely
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from shapely import Point, Polygon, affinity
 from sqlalchemy import Engine, text
 from sqlalchemy.exc import DBAPIError
 from sqlalchemy.orm import Session
@@ -292,3 +296,137 @@ def test_limits_of_a_door_are_edited_in_its_layer(engine: Engine, building: str)
             {"id": door},
         ).one()
         assert tuple(row) == (1.9, 0.03, [])
+
+
+def placed(engine: Engine, building: str, name: str) -> tuple[list[float], Polygon]:
+    """The pose and the footprint of an entity."""
+    with engine.connect() as connection:
+        pose, footprint = connection.execute(
+            text(
+                "SELECT w.pose, ST_AsBinary(w.footprint) FROM world w JOIN entity e "
+                "ON e.id = w.entity_id JOIN map m ON m.id = e.map_id "
+                "WHERE m.name = :map AND e.name = :name"
+            ),
+            {"map": building, "name": name},
+        ).one()
+    return pose, shapely.from_wkb(bytes(footprint))
+
+
+def edit(engine: Engine, statement: str, **values: Any) -> None:
+    with engine.begin() as connection:
+        connection.execute(text(statement), values)
+
+
+@settings(max_examples=12)
+@given(
+    by=st.tuples(st.floats(-9, 9), st.floats(-9, 9)),
+    degrees=st.sampled_from([0, 0, 30, 90, -150]),
+    layer=st.sampled_from(["gis_object", "gis_region"]),
+)
+def test_a_drawn_outline_that_moves_takes_its_pose_along(
+    module_engine: Engine, by: tuple[float, float], degrees: float, layer: str
+) -> None:
+    """The oracle is Shapely: pose and outline do one motion, and `move_to` centres it after."""
+    engine = module_engine
+    with Session(engine) as session:
+        building = new_map(session).name
+        session.commit()
+    shape = Polygon([(1, 1), (3, 1), (3, 2), (2, 2), (2, 4), (1, 4)])
+    edit(
+        engine,
+        f"INSERT INTO {layer} (map, name, type, low, high, geom) VALUES "
+        "(:map, 'drawn', NULL, 0, 1, ST_GeomFromText(:wkt))",
+        map=building,
+        wkt=shapely.MultiPolygon([shape]).wkt,
+    )
+    before, _ = placed(engine, building, "drawn")
+    turned = affinity.rotate(shape, degrees, "centroid")
+    moved = affinity.translate(turned, *by)
+    edit(
+        engine,
+        f"UPDATE {layer} SET geom = ST_GeomFromText(:wkt) WHERE map = :map AND name = 'drawn'",
+        map=building,
+        wkt=shapely.MultiPolygon([moved]).wkt,
+    )
+    after, outline = placed(engine, building, "drawn")
+    origin = affinity.rotate(Point(before[:2]), degrees, shape.centroid)
+    origin = affinity.translate(origin, *by)
+    assert after[:2] == pytest.approx([origin.x, origin.y], abs=1e-6)
+    assert outline.symmetric_difference(moved).area < 1e-3
+    edit(
+        engine,
+        "SELECT move_to(e.id, 4, 3, 0) FROM entity e JOIN map m ON m.id = e.map_id "
+        "WHERE m.name = :map AND e.name = 'drawn'",
+        map=building,
+    )
+    _, outline = placed(engine, building, "drawn")
+    assert outline.covers(Point(4, 3))
+
+
+def test_a_reshaped_outline_has_its_pose_inside_and_what_stands_on_it_stays(
+    engine: Engine, building: str
+) -> None:
+    draw = (
+        "INSERT INTO gis_object (map, name, low, high, geom) VALUES "
+        "(:map, :name, :low, :high, ST_Multi(ST_MakeEnvelope(:x0, 0, :x1, 1)))"
+    )
+    edit(engine, draw, map=building, name="bench", low=0, high=1, x0=0, x1=1)
+    edit(
+        engine,
+        "UPDATE gis_object SET geom = ST_Multi(ST_MakeEnvelope(5, 0, 9, 1)) "
+        "WHERE map = :map AND name = 'bench'",
+        map=building,
+    )
+    pose, outline = placed(engine, building, "bench")
+    assert outline.equals(shapely.box(5, 0, 9, 1))
+    assert outline.contains(Point(pose[:2]))
+
+
+def test_doors_are_drawn_moved_and_turned(engine: Engine, building: str) -> None:
+    """A door joins the rooms in which its ends lie; in none or one, it is refused."""
+    for name, x in (("west", 0), ("middle", 4.2), ("east", 8.4)):
+        edit(
+            engine,
+            "INSERT INTO gis_room (map, storey, name, ceiling, geom) VALUES "
+            "(:map, 'first', :name, 2.5, ST_Multi(ST_MakeEnvelope(:x, 0, :x + 4, 4)))",
+            map=building,
+            name=name,
+            x=x,
+        )
+    draw = (
+        "INSERT INTO gis_connector (map, storey, name, width, geom) VALUES "
+        "(:map, 'first', 'door1', 1.0, ST_GeomFromText(:line))"
+    )
+    for line in ("LINESTRING(1 1, 2 1)", "LINESTRING(20 1, 21 1)", "LINESTRING(1 1, 9 1)"):
+        with pytest.raises(DBAPIError, match="HINT"):
+            edit(engine, draw, map=building, line=line)
+    edit(engine, draw, map=building, line="LINESTRING(3.6 1, 4.6 1)")
+
+    def door() -> Any:
+        with engine.connect() as connection:
+            return connection.execute(
+                text(
+                    "SELECT place_a, place_b, ST_AsText(geom, 3) AS line, w.pose, d.width, "
+                    "ST_AsBinary(w.footprint) AS leaf FROM gis_connector d "
+                    "JOIN world w ON w.entity_id = d.fid WHERE map = :map"
+                ),
+                {"map": building},
+            ).one()
+
+    found = door()
+    assert (found.place_a, found.place_b) == ("west", "middle")
+    assert found.line == "LINESTRING(3.6 1,4.6 1)"
+    assert found.pose[2] == 3
+    leaf = shapely.from_wkb(bytes(found.leaf))
+    assert leaf.symmetric_difference(shapely.box(4.075, 0.5, 4.125, 1.5)).area < 1e-6
+    move = "UPDATE gis_connector SET geom = ST_GeomFromText(:line) WHERE map = :map"
+    edit(engine, move, map=building, line="LINESTRING(8.0 2, 8.6 2)")
+    assert (door().place_a, door().place_b) == ("middle", "east")
+    edit(engine, move, map=building, line="LINESTRING(12.8 3.4, 12.2 3.4)")  # begins outside
+    found = door()
+    assert (found.place_a, found.place_b) == ("east", "outside")
+    assert found.line == "LINESTRING(12.2 3.4,12.8 3.4)"
+    edit(engine, move, map=building, line="LINESTRING(2 3.6, 2 4.4)")  # turned
+    found = door()
+    assert (found.place_a, found.place_b) == ("west", "outside")
+    assert shapely.from_wkb(bytes(found.leaf)).bounds == pytest.approx((1.5, 3.975, 2.5, 4.025))

@@ -56,6 +56,9 @@ CALLS: dict[str, set[str]] = {
     "put({mug}, NULL)": WRITERS,
     "put({other}, NULL)": {"admin"},
     "put({room}, NULL)": {"admin"},
+    "put_door({door}, {map}, NULL, 'd', ST_MakeLine(ST_MakePoint(501, 1), ST_MakePoint(501, -1)))": {
+        "admin"
+    },
     "queue_writer()": WRITERS,
     "recognise_parts('{{{mug}}}')": {"admin"},
     "record_change('moved', '{{{mug}}}')": set(),
@@ -156,6 +159,13 @@ def server(module_engine: Engine) -> Iterator[tuple[Connection, dict[str, Any]]]
     with Session(module_engine) as session:
         session.execute(text(f"CREATE ROLE {STRANGER}"))
         ids = dict(scene(session, OWN, OTHER))
+        session.execute(
+            text(
+                "INSERT INTO semmap.gis_room (map, name, geom) SELECT name, 'far', "
+                "ST_Multi(ST_MakeEnvelope(500, 0, 503, 3)) FROM semmap.map WHERE id = :map"
+            ),
+            {"map": ids["map"]},
+        )
         ids["large"] = session.execute(text("SELECT lo_from_bytea(0, 'secret')")).scalar_one()
         yield session.connection(), ids
         session.rollback()
