@@ -1,0 +1,165 @@
+"""Judges of a map of a random building: each asks it, and says what disagrees with the truth.
+
+None calls what it judges: rooms and cells are measured by Shapely, ways by networkx.
+"""
+
+from __future__ import annotations
+
+import random
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import networkx as nx
+import numpy as np
+import shapely
+
+import semmap
+from planner.readers.entity_lookup import find_entities
+from semmap.database import Cluster
+from tests.buildings.building import Building, Item, room_of
+
+__all__ = ["JUDGES", "Judge", "stored"]
+
+Judge = Callable[[Building, semmap.Map], tuple[int, list[str]]]
+"""Returns how many questions it asked, and a sentence for each wrong answer."""
+
+
+@contextmanager
+def stored(building: Building, url: str | Cluster, folder: Path) -> Iterator[semmap.Map]:
+    """The map of a building, imported from its files."""
+    with semmap.connect(url) as database:
+        name = f"building{building.seed}"
+        for path in building.write(folder):
+            database.import_file(path, map=name)
+        yield database.map(name)
+
+
+def things(building: Building) -> list[Item]:
+    """What is no part of the building."""
+    return [item for item in building.items if item.what == "thing"]
+
+
+def judge_rooms(building: Building, place: semmap.Map) -> tuple[int, list[str]]:
+    """The inventory, is_in, find, SPARQL and the planner say the one room that Shapely does."""
+    rooms = [room.name for room in building.rooms]
+    found = {name: {e.name for e in place.find(in_=name)} for name in rooms}
+    inside: dict[str, set[str]] = {}
+    for thing, room in place.sql(
+        "SELECT o.name, r.name FROM entity o JOIN entity r ON r.kind = 'room' "
+        "AND r.map_id = o.map_id WHERE o.kind = 'object' AND o.map_id = current_map() "
+        "AND is_in(o.id, r.id)"
+    ):
+        inside.setdefault(thing, set()).add(room)
+    triples: dict[str, set[str]] = {}
+    for row in place.sparql("SELECT ?o ?r { ?o :in ?r . ?r a :Room }").rows:
+        thing, room = (str(value).rpartition("/")[2].rpartition("#")[2] for value in row)
+        triples.setdefault(thing, set()).add(room)
+    wrong = []
+    for item in things(building):
+        room = place[item.name].room
+        with place.snapshot() as seen:
+            (located,) = find_entities(seen.connection, item.name)
+        said = {
+            "inventory": {room.name} if room else set(),
+            "find": {name for name in rooms if item.name in found[name]},
+            "is_in": inside.get(item.name, set()),
+            "SPARQL": triples.get(item.name, set()),
+            "planner": {located.place},
+        }
+        accepted = room_of(building, item)
+        if len(set.union(*said.values())) != 1 or not said["inventory"] <= accepted:
+            wrong.append(f"{item.name} is in one of {accepted}, not {said}")
+    return 5 * len(things(building)), wrong
+
+
+def judge_holders(building: Building, place: semmap.Map) -> tuple[int, list[str]]:
+    """What bears a thing holds it, else its room."""
+    wrong = []
+    for item in things(building):
+        holder = place[item.name].holder
+        said = holder.name if holder else None
+        if said not in ({item.on} if item.on else room_of(building, item)):
+            wrong.append(f"{item.name} is held by {said}, not {item.on or 'its room'}")
+    return len(things(building)), wrong
+
+
+PARTS = {"floor", "wall", "ceiling"}
+
+
+def judge_parts(building: Building, place: semmap.Map) -> tuple[int, list[str]]:
+    """Floors, walls and ceilings are recognised, and things are not taken for them."""
+    types = dict(
+        place.sql("SELECT name, type FROM entity WHERE kind = 'object' AND map_id = current_map()")
+    )
+    judged = [item for item in building.items if item.what in PARTS | {"thing"}]
+    wrong = [
+        f"{item.name} is a {item.what}, not of the type {types[item.name]}"
+        for item in judged
+        if (types[item.name] != item.what)
+        if item.what in PARTS or types[item.name] in {*PARTS, "roof", "building_shell"}
+    ]
+    return len(judged), wrong
+
+
+def judge_grids(building: Building, place: semmap.Map) -> tuple[int, list[str]]:
+    """A cell is occupied where the border of an obstacle meets it, and free where none does."""
+    wrong, asked = [], 0
+    low, high = 0.05, 1.8
+    for name, elevation, _ in building.storeys:
+        made = place.grid(name)
+        grounds = [
+            item.ground
+            for item in building.items
+            if item.low < elevation + high - 1e-6 and item.high > elevation + low + 1e-6
+        ]
+        rows, columns = np.indices(made.cells.shape)
+        x, y = made.grid.origin
+        size = made.grid.resolution
+        slack = 1e-6
+        squares = shapely.box(
+            x + columns * size + slack,
+            y + rows * size + slack,
+            x + (columns + 1) * size - slack,
+            y + (rows + 1) * size - slack,
+        )
+        tree = shapely.STRtree(squares.ravel())
+        met = np.zeros(squares.size, dtype=bool)
+        border = np.zeros(squares.size, dtype=bool)
+        for ground in grounds:
+            met[tree.query(ground.buffer(1e-5), predicate="intersects")] = True
+            border[tree.query(ground.exterior, predicate="intersects")] = True
+        cells = made.cells.ravel()
+        missed, invented = border & (cells != 100), ~met & (cells == 100)
+        asked += cells.size
+        if missed.any() or invented.any():
+            wrong.append(f"storey {name}: {missed.sum()} cells missed, {invented.sum()} invented")
+    return asked, wrong
+
+
+def judge_routes(building: Building, place: semmap.Map) -> tuple[int, list[str]]:
+    """A route goes from room to room through doors, as short as networkx says; or there is none."""
+    graph = nx.Graph()
+    graph.add_nodes_from(room.name for room in building.rooms)
+    graph.add_edges_from(door.rooms for door in building.doors)
+    chance = random.Random(building.seed)
+    names = [room.name for room in building.rooms]
+    pairs = [tuple(chance.sample(names, 2)) for _ in range(6)] if len(names) > 1 else []
+    wrong = []
+    for start, goal in pairs:
+        try:
+            places = place.route(start, goal).places
+        except ValueError:
+            places = []
+        if nx.has_path(graph, start, goal) != bool(places):
+            wrong.append(f"{start} to {goal}: {places or 'no route'}")
+        elif places and not (
+            places[0] == start
+            and places[-1] == goal
+            and all(map(graph.has_edge, places, places[1:]))
+        ):
+            wrong.append(f"{start} to {goal}: {places} is no way through doors")
+    return len(pairs), wrong
+
+
+JUDGES: tuple[Judge, ...] = (judge_rooms, judge_holders, judge_parts, judge_grids, judge_routes)

@@ -1,0 +1,34 @@
+"""What a map says of random buildings agrees with independent judges."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import pytest
+
+import semmap
+from tests.buildings.building import Building, random_building
+from tests.buildings.judges import JUDGES, Judge, stored
+from tests.conftest import MakeDatabase
+
+SEEDS = range(4)
+
+
+@pytest.fixture(scope="module", params=SEEDS)
+def known(
+    request: pytest.FixtureRequest,
+    make_database: MakeDatabase,
+    tmp_path_factory: pytest.TempPathFactory,
+) -> Iterator[tuple[Building, semmap.Map]]:
+    """A random building, and the map that holds it."""
+    building = random_building(request.param)
+    url = make_database().render_as_string(hide_password=False)
+    with stored(building, url, tmp_path_factory.mktemp("building")) as place:
+        yield building, place
+
+
+@pytest.mark.parametrize("judge", JUDGES, ids=lambda judge: judge.__name__)
+def test_the_map_agrees_with(judge: Judge, known: tuple[Building, semmap.Map]) -> None:
+    asked, wrong = judge(*known)
+    assert wrong == []
+    assert asked > 0
