@@ -187,7 +187,7 @@ BEGIN
         RETURN semmap.is_held_by(a, b);
     ELSIF b_kind = 'room' AND EXISTS (SELECT FROM semmap.entity WHERE id = a
                                        AND (kind = 'agent' OR kind = 'object' AND NOT semmap.is_building_part(type))) THEN
-        RETURN coalesce(semmap.room_of(a) = b, false);
+        RETURN (wa.box && semmap.grown(wb.box, 0.5) OR semmap.is_held_by(a, b)) AND coalesce(semmap.room_of(a) = b, false);
     ELSIF NOT wa.box && wb.box THEN
         RETURN false;
     ELSIF b_kind NOT IN ('room', 'region') THEN
