@@ -31,6 +31,7 @@ from semmap.query.change_feed import changed_since, cursor
 from semmap.query.map_handle import MapHandle
 from semmap.query.storey_reader import read_entities, read_scene
 from semmap.robot import LinkGroup, load_robot, robot_parts
+from tests.seen import seen_by
 
 __all__ = ["main"]
 
@@ -117,7 +118,7 @@ def measure(connection: Connection, parts: list) -> list[Row]:  # type: ignore[t
     count = sum(len(t.triangles) for t in scene.entities)
     chair = next(t for t in scene.entities if "chair" in t.types)
     updates = []
-    since = cursor(connection)
+    since = cursor(seen_by(connection))
     connection.commit()
     for turn in range(15):
         connection.execute(
@@ -129,7 +130,7 @@ def measure(connection: Connection, parts: list) -> list[Row]:  # type: ignore[t
         )
         connection.commit()
         start = time.perf_counter()
-        ids, since = changed_since(connection, since), cursor(connection)
+        ids, since = changed_since(seen_by(connection), since), cursor(seen_by(connection))
         assert ids is not None  # the history reaches back
         entities = read_entities(connection, ids)
         costmap.update(entities, set(ids) - {t.id for t in entities})

@@ -27,6 +27,7 @@ from semmap.query.change_feed import cursor
 from semmap.query.map_handle import MapHandle
 from tests.office import OFFICE_FILES, delivery_robot
 from tests.planner.stored import store
+from tests.seen import seen_by
 
 __all__ = ["main"]
 
@@ -74,10 +75,10 @@ def _loading(engine: Engine, name: str, robot: RobotClass) -> list[Row]:
         number = store_robot_class(connection, robot)
         travel = [*_straight(topology, ids, robot.speed)]
         states = {ids[p.name]: "" for p in topology.places.values()}
-        store_travel_times(connection, number, travel, states)
+        store_travel_times(seen_by(connection), number, travel, states)
     with engine.begin() as connection:  # which sees that as done
         connection.execute(text("SELECT set_config('semmap.map', :name, true)"), {"name": name})
-        store_measured_until(connection, number, cursor(connection))
+        store_measured_until(seen_by(connection), number, cursor(seen_by(connection)))
     with engine.connect() as connection:
         connection.execution_options(isolation_level="AUTOCOMMIT")
         connection.execute(text("VACUUM (ANALYZE)"))  # as the server does when idle

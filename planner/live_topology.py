@@ -30,10 +30,11 @@ from planner.storey_costmaps import StoreyCostmaps
 from planner.topology import PlaceConnector, Topology
 from semmap.query.change_feed import ChangeFeed, Look
 from semmap.query.map_handle import MapSource, open_feed
+from semmap.query.snapshot import Snapshot
 from semmap.query.storey_scene import StoreyScene
 
 if TYPE_CHECKING:
-    from sqlalchemy import Connection
+    pass
 
 __all__ = ["LiveTopology", "TopologyChange", "no_garbage_collection"]
 
@@ -120,8 +121,8 @@ class LiveTopology:
         self._lock = threading.RLock()
         self.catch_up()
 
-    def snapshot(self) -> AbstractContextManager[Connection]:
-        """A transaction that sees the present state of the map."""
+    def snapshot(self) -> AbstractContextManager[Snapshot]:
+        """The present state of the map."""
         return self._feed.snapshot()
 
     @property
@@ -159,7 +160,7 @@ class LiveTopology:
                     change = self._apply(look, ids) if ids else TopologyChange()
                     if not change.reloaded:
                         change = self._apply_fields(look, change)
-                change = self._apply_live_fields(look.connection, change)
+                change = self._apply_live_fields(look.seen, change)
                 if change:
                     if on_change is not None:
                         on_change(change)
@@ -215,8 +216,8 @@ class LiveTopology:
         if self.costmaps is None or now < self._polled + POLL:
             return False
         self._polled = now
-        with self._feed.snapshot() as connection:
-            return _live_versions(connection) != self._live_versions
+        with self._feed.snapshot() as seen:
+            return _live_versions(seen) != self._live_versions
 
     def _is_irrelevant(self, payload: str) -> bool:
         """Whether a notification reports nothing but beliefs and agents that moved.
@@ -243,29 +244,29 @@ class LiveTopology:
 
     def _load(self, look: Look) -> TopologyChange:
         """Read everything, with the travel times that still hold; measure the others."""
-        connection = look.connection
+        seen = look.seen
         with no_garbage_collection():
-            places = read_places(connection)
-            connectors = read_connectors(connection, places)
-            regions, validity = read_regions(connection)
+            places = read_places(seen)
+            connectors = read_connectors(seen, places)
+            regions, validity = read_regions(seen)
             topology = Topology.of(places, connectors, regions)
         robot, durations, store = RobotClass(), Durations(), None
         if isinstance(self._robot, RobotClass):
             robot = self._robot
         elif self._robot is not None:
-            read = read_robot_class(connection, self._robot)
+            read = read_robot_class(seen, self._robot)
             robot, durations = read.robot, read.durations
             store = None if self._assume_sizes else TravelTimeStore(read)
         costmaps, stored = None, None
         if robot.parts:
-            self._field_versions = read_field_versions(connection)
+            self._field_versions = read_field_versions(seen.connection)
             costmaps = StoreyCostmaps(
-                topology, robot, self._read_scene, fields=read_fields(connection, live=False)
+                topology, robot, self._read_scene, fields=read_fields(seen.connection, live=False)
             )
             if self._progress is not None:
                 costmaps.report_to(self._report(self._progress, len(topology.places)))
             if store is not None:
-                stored = store.load(connection, topology, some_expire=bool(validity))
+                stored = store.load(seen, topology, some_expire=bool(validity))
         graph = RoutingGraph(topology, robot, costmaps, durations=durations, stored=stored)
         if store is not None:
             store.add(graph.measured)
@@ -278,21 +279,21 @@ class LiveTopology:
         return lambda place, number: progress(place, number, total)
 
     def _read_scene(self, storey: str) -> StoreyScene:
-        with self._feed.snapshot() as connection:
-            return read_storey_scene(connection, storey, assume_sizes=self._assume_sizes)
+        with self._feed.snapshot() as seen:
+            return read_storey_scene(seen, storey, assume_sizes=self._assume_sizes)
 
     def _store_travel_times(self, look: Look, change: TopologyChange) -> None:
         if self._store is None or self.costmaps is None:
             return
         if not change.reloaded or self._store.is_due:
-            self._store.store(look.connection, self.graph, look.cursor, self._near_live)
+            self._store.store(look.seen, self.graph, look.cursor, self._near_live)
 
     # -- changes --------------------------------------------------------------------------------
 
     def _apply(self, look: Look, ids: Collection[int]) -> TopologyChange:
         """Take over states of connectors, moved objects and regions; load all if more changed."""
-        connection = look.connection
-        kinds = read_kinds(connection, ids)
+        seen = look.seen
+        kinds = read_kinds(seen, ids)
         self._agents |= {number for number, kind in kinds.items() if kind == "agent"}
         removed = {number for number in ids if number not in kinds}
         movable = removed | {n for n, kind in kinds.items() if kind in ("object", "region")}
@@ -303,12 +304,12 @@ class LiveTopology:
         if (
             building
             or removed & self._building_ids()
-            or (self._store is not None and self._store.is_outdated(connection))
+            or (self._store is not None and self._store.is_outdated(seen))
             or (movable and self.costmaps is not None and not self.costmaps.is_complete())
         ):
             return self._load(look)
         changed = set()
-        for connector in read_connectors(connection, self.topology.places.values(), connectors):
+        for connector in read_connectors(seen, self.topology.places.values(), connectors):
             before = self.topology.connectors.get(connector.name)
             if before is None or _geometry(before) != _geometry(connector):
                 return self._load(look)
@@ -317,7 +318,7 @@ class LiveTopology:
                 changed.add(connector.name)
         with_regions = "region" in kinds.values()
         if removed or with_regions:
-            regions, self._validity = read_regions(connection)
+            regions, self._validity = read_regions(seen)
             self.graph.change_regions(regions)
         places = self._apply_moves(look, movable, with_regions)
         return TopologyChange(places=frozenset(places), connectors=frozenset(changed))
@@ -327,13 +328,13 @@ class LiveTopology:
         costmaps = self.costmaps
         if costmaps is None:
             return change
-        before, now = self._field_versions, read_field_versions(look.connection)
+        before, now = self._field_versions, read_field_versions(look.seen.connection)
         if now == before:
             return change
         if not costmaps.is_complete():
             return self._load(look)
         changed = [name for name, version in now.items() if before.get(name) != version]
-        fields = read_fields(look.connection, changed, live=False)
+        fields = read_fields(look.seen.connection, changed, live=False)
         removed = dict.fromkeys(before.keys() - now.keys())
         with self.graph.lock:
             places = costmaps.set_fields({**removed, **fields})
@@ -344,15 +345,15 @@ class LiveTopology:
         self._field_versions = now
         return change._replace(places=change.places | places)
 
-    def _apply_live_fields(self, connection: Connection, change: TopologyChange) -> TopologyChange:
+    def _apply_live_fields(self, seen: Snapshot, change: TopologyChange) -> TopologyChange:
         """Measure travel again where live fields changed costs; it is stored when they end."""
         costmaps = self.costmaps
         if costmaps is None:
             return change
-        before, now = self._live_versions, _live_versions(connection)
+        before, now = self._live_versions, _live_versions(seen)
         if now == before:
             return change
-        fields = read_fields(connection, [n for n, v in now.items() if before.get(n) != v])
+        fields = read_fields(seen.connection, [n for n, v in now.items() if before.get(n) != v])
         costmaps.make_costmaps_of(fields.values())
         with self.graph.lock:
             places = costmaps.set_fields({**dict.fromkeys(before.keys() - now.keys()), **fields})
@@ -373,8 +374,8 @@ class LiveTopology:
         if not ids or costmaps is None:
             return set()
         storeys = costmaps.storeys() if with_regions else []
-        regions = {s: read_storey_regions(look.connection, s, ids) for s in storeys}
-        objects = read_objects(look.connection, ids, assume_sizes=self._assume_sizes)
+        regions = {s: read_storey_regions(look.seen, s, ids) for s in storeys}
+        objects = read_objects(look.seen, ids, assume_sizes=self._assume_sizes)
         with self.graph.lock:
             places = costmaps.update(ids, objects, regions)
             for place in places:
@@ -399,10 +400,10 @@ def no_garbage_collection() -> Iterator[None]:
             gc.enable()
 
 
-def _live_versions(connection: Connection) -> dict[str, int]:
+def _live_versions(seen: Snapshot) -> dict[str, int]:
     """The versions of the live fields that have an effect on costs, by name."""
     rule = Policy.default().layer_of_field
-    live = read_live_versions(connection)
+    live = read_live_versions(seen.connection)
     return {n: version for n, (what, version) in live.items() if rule(what) not in (None, NONE)}
 
 

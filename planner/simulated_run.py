@@ -143,8 +143,8 @@ class SimulatedRun:
             live = LiveTopology(copy, self.robot_class, assume_sizes=self.assume_sizes)
             tasks = TaskPlanner(live, self.domain)
             assert goal is not None
-            with live.snapshot() as connection:
-                names = objects_to_find(connection, parse_goal(goal, relations))
+            with live.snapshot() as seen:
+                names = objects_to_find(seen, parse_goal(goal, relations))
             self._place_robot(store, live, robot, new=number is None)
             if number is None:
                 number = store.add(robot, goal)

@@ -26,9 +26,10 @@ from planner.tasks.world import TaskState, TaskWorld
 from planner.topology import Place, PlaceRegion
 from semmap.geometry.pose import Pose
 from semmap.query.map_handle import MapSource
+from semmap.query.snapshot import Snapshot
 
 if TYPE_CHECKING:
-    from sqlalchemy import Connection
+    pass
 
 __all__ = ["Task", "TaskPlanner", "plan_task"]
 
@@ -68,8 +69,8 @@ def plan_task(
         The map has no entity of a name, or the start is not clear.
     """
     live = LiveTopology(source, robot)
-    with live.snapshot() as connection:
-        return TaskPlanner(live, domain).task(connection, goal, start).plan(patience)
+    with live.snapshot() as seen:
+        return TaskPlanner(live, domain).task(seen, goal, start).plan(patience)
 
 
 @dataclass(frozen=True)
@@ -158,7 +159,7 @@ class TaskPlanner:
 
     def task(
         self,
-        connection: Connection,
+        seen: Snapshot,
         goal: str,
         start: str | None = None,
         *,
@@ -181,18 +182,18 @@ class TaskPlanner:
         if without:
             topology = graph.topology.without(without)
             graph = RoutingGraph(topology, graph.robot, graph.costs, durations=graph.durations)
-        state = read_state(connection, graph.topology, start)
+        state = read_state(seen, graph.topology, start)
         words = () if domain is None else domain.words
         heights = graph.robot.heights
-        world = read_world(connection, parsed, graph.topology, heights, words=words, robot=agent)
+        world = read_world(seen, parsed, graph.topology, heights, words=words, robot=agent)
         usable = [o for o in world.objects.values() if o.name not in without]
         world = TaskWorld(usable, world.known)
-        approach_pose = _approach_poses(connection, self._live)
+        approach_pose = _approach_poses(seen, self._live)
         return Task(graph, world, state, parsed, domain, approach_pose)
 
     def __call__(
         self,
-        connection: Connection,
+        seen: Snapshot,
         robot: str,
         goal: str,
         *,
@@ -200,13 +201,13 @@ class TaskPlanner:
     ) -> Plan:
         """The plan of a mission (`planner.mission.runner.Planner`)."""
         self._live.catch_up()
-        return self.task(connection, goal, robot, agent=robot, without=without).plan()
+        return self.task(seen, goal, robot, agent=robot, without=without).plan()
 
     def _parsed(self, goal: str) -> Goal:
         return parse_goal(goal, () if self._domain is None else self._domain.relations)
 
 
-def _approach_poses(connection: Connection, live: LiveTopology) -> ApproachPoseOf | None:
+def _approach_poses(seen: Snapshot, live: LiveTopology) -> ApproachPoseOf | None:
     """Finds base poses on the costmaps; None for a robot without shape."""
     costmaps = live.costmaps
     if costmaps is None:
@@ -219,7 +220,7 @@ def _approach_poses(connection: Connection, live: LiveTopology) -> ApproachPoseO
             return poses_in(costmaps.ground(of.places[0]), region, np.random.default_rng(0))
         if isinstance(of, Place):
             return poses_to_reach(costmaps.ground(of.name), floor_spot(costmaps, of.name))
-        entity = find_entities(connection, of.name)[0]
+        entity = find_entities(seen, of.name)[0]
         ground = None if entity.place is None else costmaps.ground(entity.place)
         return poses_to_reach(ground, entity)
 

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import shapely
 from shapely import MultiPolygon, Polygon
-from sqlalchemy import Connection, text
+from sqlalchemy import text
 
 from planner.exchange.building_outline import BuildingOutline, Cabin, DrawnLane
 from semmap.geometry.pose import Pose
+from semmap.query.snapshot import Snapshot
 
 __all__ = ["read_building_outline"]
 
@@ -34,22 +35,22 @@ MOST_WALL = 0.3
 """Share of a room above which a footprint is not a wall, but the hull of walls around the room."""
 
 
-def read_building_outline(connection: Connection) -> BuildingOutline:
+def read_building_outline(seen: Snapshot) -> BuildingOutline:
     """The outlines of all rooms without walls, each elevator's cabin on one storey, and lanes."""
     standing: dict[int | None, list[shapely.Geometry]] = {}
-    for row in connection.execute(text(_WALLS)):
+    for row in seen.connection.execute(text(_WALLS)):
         standing.setdefault(row.storey_id, []).append(shapely.from_wkb(bytes(row.outline)))
     walls = {storey: shapely.union_all(parts) for storey, parts in standing.items()}
     outlines: dict[str, Polygon | MultiPolygon] = {}
     cabins: dict[str, Cabin] = {}
-    for row in connection.execute(text(_ROOMS)):
+    for row in seen.connection.execute(text(_ROOMS)):
         outline = shapely.from_wkb(bytes(row.outline))
         if not isinstance(outline, Polygon | MultiPolygon):
             continue
         outlines[row.name] = _without(outline, walls.get(row.storey_id))
         if row.elevator is not None:
             cabins.setdefault(row.elevator, _cabin(Pose(*row.pose), outline))
-    lanes = tuple(DrawnLane(*row) for row in connection.execute(text(_LANES)))
+    lanes = tuple(DrawnLane(*row) for row in seen.connection.execute(text(_LANES)))
     return BuildingOutline(outlines, cabins, lanes)
 
 

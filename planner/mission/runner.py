@@ -10,7 +10,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Protocol
+from typing import Protocol
 
 from py_trees.common import Status
 
@@ -21,6 +21,7 @@ from planner.mission.retry_policy import RetryPolicy
 from planner.mission.store.missions import LostMissionError, MissionStore
 from planner.mission.tree import mission_tree
 from planner.plan import Plan
+from semmap.query.snapshot import Snapshot
 
 __all__ = ["MissionEvent", "MissionResult", "Planner", "Runner"]
 
@@ -29,14 +30,14 @@ class Planner(Protocol):
     """Plans on the present state of the map."""
 
     def __call__(
-        self, connection: Any, robot: str, goal: str, *, without: frozenset[str] = frozenset()
+        self, seen: Snapshot, robot: str, goal: str, *, without: frozenset[str] = frozenset()
     ) -> Plan:
         """The actions that reach the goal; none if it is reached.
 
         Parameters
         ----------
-        connection
-            A transaction that sees the map.
+        seen
+            That state.
         without
             Names of objects, connectors and elevators that the plan must not use.
 

@@ -5,11 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-from sqlalchemy import Connection, text
+from sqlalchemy import text
 
 from planner.drawn_graph import DrawnEdge, DrawnGraph, DrawnNode
 from planner.topology import Topology
 from semmap.finite_number import is_finite_number
+from semmap.query.snapshot import Snapshot
 
 __all__ = ["read_drawn_graph"]
 
@@ -20,7 +21,7 @@ WHERE a.map_id = current_map() AND l.relation IN ('lane', 'nav2_edge') ORDER BY 
 """
 
 
-def read_drawn_graph(connection: Connection, topology: Topology) -> DrawnGraph:
+def read_drawn_graph(seen: Snapshot, topology: Topology) -> DrawnGraph:
     """The drawn graph of the current map; its nodes are the point regions of a topology.
 
     Raises
@@ -28,7 +29,7 @@ def read_drawn_graph(connection: Connection, topology: Topology) -> DrawnGraph:
     LookupError
         The map has no drawn edges.
     """
-    rows = connection.execute(text(_EDGES)).all()
+    rows = seen.connection.execute(text(_EDGES)).all()
     if not rows:
         raise LookupError(
             "the map has no drawn graph: import a Nav2 route graph (GeoJSON) or an Open-RMF "

@@ -6,10 +6,11 @@ from collections.abc import Callable
 from contextlib import AbstractContextManager
 
 import shapely
-from sqlalchemy import Connection, text
+from sqlalchemy import text
 
 from planner.entity_lookup import LocatedEntity
 from semmap.geometry.pose import Pose
+from semmap.query.snapshot import Snapshot
 
 __all__ = ["MapLookup", "find_entities", "read_place_at", "read_similar_names"]
 
@@ -59,35 +60,35 @@ class MapLookup:
     Parameters
     ----------
     snapshot
-        Opens a transaction that sees the map.
+        Sees one state of the map.
     """
 
-    def __init__(self, snapshot: Callable[[], AbstractContextManager[Connection]]) -> None:
+    def __init__(self, snapshot: Callable[[], AbstractContextManager[Snapshot]]) -> None:
         self._snapshot = snapshot
 
     def find(self, word: str) -> list[LocatedEntity]:
         """The entity of this name, or else all entities of this label or type."""
-        with self._snapshot() as connection:
-            return find_entities(connection, word)
+        with self._snapshot() as seen:
+            return find_entities(seen, word)
 
     def place_at(self, pose: Pose) -> str | None:
         """The name of the room in which a pose lies; None if it lies in no room."""
-        with self._snapshot() as connection:
-            return read_place_at(connection, pose)
+        with self._snapshot() as seen:
+            return read_place_at(seen, pose)
 
     def similar_names(self, word: str) -> list[str]:
         """Names, labels and types that may be meant by a word that means nothing."""
-        with self._snapshot() as connection:
-            return read_similar_names(connection, word)
+        with self._snapshot() as seen:
+            return read_similar_names(seen, word)
 
 
-def find_entities(connection: Connection, word: str, most: int = 1000) -> list[LocatedEntity]:
+def find_entities(seen: Snapshot, word: str, most: int = 1000) -> list[LocatedEntity]:
     """The entity of the current map with this name, or else all of this label or type.
 
     ``kitchen`` stands for the rooms whose label or type is kitchen, subtypes included; ``muffin1``
     for an object, in the room that holds it; ``home`` for a region.
     """
-    rows = connection.execute(text(_FIND), {"word": word, "most": most}).all()
+    rows = seen.connection.execute(text(_FIND), {"word": word, "most": most}).all()
     return [
         LocatedEntity(
             row.name,
@@ -102,15 +103,15 @@ def find_entities(connection: Connection, word: str, most: int = 1000) -> list[L
     ]
 
 
-def read_similar_names(connection: Connection, word: str) -> list[str]:
+def read_similar_names(seen: Snapshot, word: str) -> list[str]:
     """All types and labels of the current map, and the names that begin like a word."""
     start = word[:2].replace("\\", r"\\").replace("%", r"\%").replace("_", r"\_") + "%"
-    rows = connection.execute(text(_NAMES), {"start": start}).scalars()
+    rows = seen.connection.execute(text(_NAMES), {"start": start}).scalars()
     return [name for name in rows if name is not None]
 
 
-def read_place_at(connection: Connection, pose: Pose) -> str | None:
+def read_place_at(seen: Snapshot, pose: Pose) -> str | None:
     """The room of the current map in which a pose lies: the highest whose floor is not above it."""
     values = {"x": pose.x, "y": pose.y, "z": pose.z}
-    name = connection.execute(text(_PLACE_AT), values).scalar()
+    name = seen.connection.execute(text(_PLACE_AT), values).scalar()
     return None if name is None else str(name)

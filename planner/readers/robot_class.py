@@ -151,12 +151,12 @@ def delete_robot_class(connection: Connection, name: str) -> None:
         raise _no_class(connection, name)
 
 
-def read_robot_class_names(connection: Connection) -> list[str]:
+def read_robot_class_names(seen: Snapshot) -> list[str]:
     """The names of all classes of robots, in alphabetical order."""
-    return [*connection.execute(text("SELECT name FROM robot_class ORDER BY name")).scalars()]
+    return _names(seen.connection)
 
 
-def read_robot_class(connection: Connection, name: str) -> StoredRobotClass:
+def read_robot_class(seen: Snapshot, name: str) -> StoredRobotClass:
     """The class of robots of this name.
 
     Raises
@@ -164,9 +164,9 @@ def read_robot_class(connection: Connection, name: str) -> StoredRobotClass:
     LookupError
         There is no class of this name; the message has the names of all.
     """
-    found = fetch_rows(connection, _READ, (name,), namedtuple_row)
+    found = fetch_rows(seen, _READ, (name,), namedtuple_row)
     if not found:
-        raise _no_class(connection, name)
+        raise _no_class(seen.connection, name)
     (row,) = found
     robot = RobotClass(
         row.name,
@@ -188,8 +188,12 @@ def read_robot_class(connection: Connection, name: str) -> StoredRobotClass:
     )
 
 
+def _names(connection: Connection) -> list[str]:
+    return [*connection.execute(text("SELECT name FROM robot_class ORDER BY name")).scalars()]
+
+
 def _no_class(connection: Connection, name: str) -> LookupError:
-    known = ", ".join(read_robot_class_names(connection))
+    known = ", ".join(_names(connection))
     return LookupError(
         f"there is no robot class named {name}; "
         + (f"there are: {known}" if known else "semmap robot add makes one from a URDF")
@@ -204,7 +208,7 @@ def read_robot_urdf(seen: Snapshot, name: str) -> Path:
     LookupError
         There is no class of this name, or its file is not known or is gone.
     """
-    read_robot_class(seen.connection, name)
+    read_robot_class(seen, name)
     found = seen.session.execute("SELECT urdf FROM robot_class WHERE name = %s", (name,)).fetchone()
     urdf = found and found[0]
     if urdf is None or not Path(urdf).is_file():
@@ -213,9 +217,9 @@ def read_robot_urdf(seen: Snapshot, name: str) -> Path:
     return Path(urdf)
 
 
-def read_robot_class_digest(connection: Connection, robot_class: int) -> str | None:
+def read_robot_class_digest(seen: Snapshot, robot_class: int) -> str | None:
     """The present digest of a class of robots by its id; None if it was deleted."""
-    digest = connection.execute(
+    digest = seen.connection.execute(
         text("SELECT md5(r::text) FROM robot_class r WHERE id = :id"), {"id": robot_class}
     ).scalar()
     return None if digest is None else str(digest)

@@ -5,15 +5,15 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-import psycopg
 from psycopg.rows import tuple_row
-from sqlalchemy import Connection
+
+from semmap.query.snapshot import Snapshot
 
 __all__ = ["fetch_rows"]
 
 
 def fetch_rows(
-    connection: Connection, statement: str, values: Sequence[Any] = (), rows: Any = tuple_row
+    seen: Snapshot, statement: str, values: Sequence[Any] = (), rows: Any = tuple_row
 ) -> list[Any]:
     """The rows that a statement returns, by the driver itself: twice as fast as SQLAlchemy.
 
@@ -24,6 +24,4 @@ def fetch_rows(
     rows
         Row factory of psycopg.
     """
-    driver = connection.connection.driver_connection
-    assert isinstance(driver, psycopg.Connection)
-    return driver.cursor(binary=True, row_factory=rows).execute(statement, values).fetchall()
+    return seen.session.cursor(binary=True, row_factory=rows).execute(statement, values).fetchall()

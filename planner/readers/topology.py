@@ -10,12 +10,13 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 from psycopg.rows import namedtuple_row
-from sqlalchemy import Connection, text
+from sqlalchemy import text
 
 from planner.readers.rows import fetch_rows
 from planner.readers.types import read_supertypes
 from planner.topology import OUTSIDE, Place, PlaceConnector, PlaceRegion, Topology
 from semmap.geometry.pose import Pose
+from semmap.query.snapshot import Snapshot
 
 __all__ = ["read_connectors", "read_kinds", "read_places", "read_regions", "read_topology"]
 
@@ -62,16 +63,16 @@ WHERE w.entity_id = ANY (:ids) GROUP BY w.entity_id
 """
 
 
-def read_topology(connection: Connection) -> Topology:
+def read_topology(seen: Snapshot) -> Topology:
     """The topology of the current map, with all poses in the map's frame."""
-    places = read_places(connection)
-    return Topology.of(places, read_connectors(connection, places), read_regions(connection)[0])
+    places = read_places(seen)
+    return Topology.of(places, read_connectors(seen, places), read_regions(seen)[0])
 
 
-def read_places(connection: Connection) -> list[Place]:
+def read_places(seen: Snapshot) -> list[Place]:
     """The rooms of the current map, and the cabins of its elevators, by name."""
-    rows = fetch_rows(connection, _PLACES)
-    types = read_supertypes(connection, {row[1] for row in rows})
+    rows = fetch_rows(seen, _PLACES)
+    types = read_supertypes(seen, {row[1] for row in rows})
     return [
         Place(
             name,
@@ -88,21 +89,21 @@ def read_places(connection: Connection) -> list[Place]:
     ]
 
 
-def read_regions(connection: Connection) -> tuple[list[PlaceRegion], dict[int, list[datetime]]]:
+def read_regions(seen: Snapshot) -> tuple[list[PlaceRegion], dict[int, list[datetime]]]:
     """The regions that are drawn on the current map and valid now; those without area as points.
 
     Returns
     -------
     The regions, and by id the moments at which regions become valid or invalid, if there are any.
     """
-    rows = fetch_rows(connection, _REGIONS, rows=namedtuple_row)
+    rows = fetch_rows(seen, _REGIONS, rows=namedtuple_row)
     ends = {row.id: [t for t in (row.since, row.until) if t is not None] for row in rows}
     timed = {number: moments for number, moments in ends.items() if moments}
     drawn = [row for row in rows if row.valid_now]
     if not drawn:
         return [], timed
-    types = read_supertypes(connection, {row.type for row in drawn})
-    reached = connection.execute(text(_REACHED), {"ids": [row.id for row in drawn]})
+    types = read_supertypes(seen, {row.type for row in drawn})
+    reached = seen.connection.execute(text(_REACHED), {"ids": [row.id for row in drawn]})
     places = {number: tuple(names) for number, names in reached}
     regions = [
         PlaceRegion(
@@ -120,7 +121,7 @@ def read_regions(connection: Connection) -> tuple[list[PlaceRegion], dict[int, l
 
 
 def read_connectors(
-    connection: Connection, places: Iterable[Place], ids: Collection[int] | None = None
+    seen: Snapshot, places: Iterable[Place], ids: Collection[int] | None = None
 ) -> list[PlaceConnector]:
     """The connectors that join these places.
 
@@ -134,7 +135,7 @@ def read_connectors(
     names: dict[int | None, str] = {p.id: p.name for p in places if p.id is not None}
     names[None] = OUTSIDE
     wanted = None if ids is None else [*ids]
-    rows = fetch_rows(connection, _CONNECTORS, (wanted, wanted))
+    rows = fetch_rows(seen, _CONNECTORS, (wanted, wanted))
     rows = [row for row in rows if row[1] in names and row[2] in names]
     if not rows:
         return []
@@ -167,9 +168,9 @@ def _composed(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.floa
     return np.concatenate([at, turned, w * s - (v * x).sum(axis=1, keepdims=True)], axis=1)
 
 
-def read_kinds(connection: Connection, ids: Collection[int]) -> dict[int, str]:
+def read_kinds(seen: Snapshot, ids: Collection[int]) -> dict[int, str]:
     """The kind of each entity that exists among those with these ids."""
-    rows = connection.execute(
+    rows = seen.connection.execute(
         text("SELECT id, kind FROM entity WHERE id = ANY (:ids)"), {"ids": [*ids]}
     )
     return {row.id: row.kind for row in rows}

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Collection, Iterable
 
 import numpy as np
-from sqlalchemy import Connection
 from sqlalchemy.exc import IntegrityError, OperationalError
 
 from planner.measured_travel import as_travel_edges, travel_in_places
@@ -22,6 +21,7 @@ from planner.readers.travel_times import (
 from planner.robot_class import RobotClass
 from planner.routing_graph import RoutingGraph, TravelEdges
 from planner.topology import OUTSIDE, Topology
+from semmap.query.snapshot import Snapshot
 
 __all__ = ["TravelTimeStore"]
 
@@ -40,13 +40,11 @@ class TravelTimeStore:
         self._unstored: set[str] = set()
         self._compared = False
 
-    def is_outdated(self, connection: Connection) -> bool:
+    def is_outdated(self, seen: Snapshot) -> bool:
         """Whether the class was stored with other values, or deleted, since it was read."""
-        return self._class.digest != read_robot_class_digest(connection, self._class.id)
+        return self._class.digest != read_robot_class_digest(seen, self._class.id)
 
-    def load(
-        self, connection: Connection, topology: Topology, *, some_expire: bool
-    ) -> TravelEdges | None:
+    def load(self, seen: Snapshot, topology: Topology, *, some_expire: bool) -> TravelEdges | None:
         """The travel edges that still hold; None if none are stored.
 
         If anything changed that travel depends on, only the edges of places with the same digest
@@ -57,7 +55,7 @@ class TravelTimeStore:
         some_expire
             Whether the validity of some regions ends or begins at a known moment.
         """
-        rows = read_travel_times(connection, self._class.id)
+        rows = read_travel_times(seen, self._class.id)
         unmeasured = self._class.unmeasured
         if unmeasured is None and not len(rows):
             return None
@@ -65,11 +63,11 @@ class TravelTimeStore:
             some_expire
             or unmeasured is None
             or self._class.fields_changed
-            or _affects_travel(connection, unmeasured)
+            or _affects_travel(seen, unmeasured)
         )
         if self._compared:
-            digests = compute_place_digests(connection, _reach(self._class.robot))
-            measured = read_place_digests(connection, self._class.id)
+            digests = compute_place_digests(seen, _reach(self._class.robot))
+            measured = read_place_digests(seen, self._class.id)
             valid = [number for number, digest in digests.items() if measured.get(number) == digest]
             rows = rows[np.isin(rows["place"], valid)]
         return as_travel_edges(topology, rows)
@@ -85,7 +83,7 @@ class TravelTimeStore:
 
     def store(
         self,
-        connection: Connection,
+        seen: Snapshot,
         graph: RoutingGraph,
         cursor: str,
         but: Collection[str] = (),
@@ -98,29 +96,29 @@ class TravelTimeStore:
         nothing is stored: the next call tries again.
         """
         try:
-            with connection.begin_nested():
-                if may_store_travel_times(connection, self._class.id, self._class.digest):
+            with seen.connection.begin_nested():
+                if may_store_travel_times(seen, self._class.id, self._class.digest):
                     waiting = self._unstored & {*but}
-                    self._write(connection, graph, self._unstored - waiting)
+                    self._write(seen, graph, self._unstored - waiting)
                     if not waiting:
-                        store_measured_until(connection, self._class.id, cursor)
+                        store_measured_until(seen, self._class.id, cursor)
                     self._unstored = waiting
         except (OperationalError, IntegrityError):
             return  # another process has stored some since this transaction began
 
-    def _write(self, connection: Connection, graph: RoutingGraph, places: set[str]) -> None:
+    def _write(self, seen: Snapshot, graph: RoutingGraph, places: set[str]) -> None:
         numbers = [n for p in places if (n := graph.topology.places[p].id) is not None]
         if numbers:
-            digests = compute_place_digests(connection, _reach(graph.robot), numbers)
+            digests = compute_place_digests(seen, _reach(graph.robot), numbers)
             travel = travel_in_places(graph, places)
-            store_travel_times(connection, self._class.id, travel, digests)
+            store_travel_times(seen, self._class.id, travel, digests)
 
 
-def _affects_travel(connection: Connection, ids: Collection[int]) -> bool:
+def _affects_travel(seen: Snapshot, ids: Collection[int]) -> bool:
     """Whether any of these entities is, or was, of a kind that travel depends on."""
     if not ids:
         return False
-    kinds = read_kinds(connection, ids)
+    kinds = read_kinds(seen, ids)
     return any(kinds.get(number) not in ("agent", "elevator") for number in ids)
 
 

@@ -12,11 +12,12 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from sqlalchemy import Connection, text
+from sqlalchemy import text
 
 from planner.measured_travel import MeasuredTravel
 from planner.readers.robot_class import read_robot_class_digest
 from planner.readers.rows import fetch_rows
+from semmap.query.snapshot import Snapshot
 
 __all__ = [
     "compute_place_digests",
@@ -94,19 +95,19 @@ SELECT has_table_privilege('travel_time', 'INSERT') AND has_table_privilege('tra
 _LOCK = "SELECT pg_try_advisory_xact_lock(hashtext('semmap travel times'), :id)"
 
 
-def read_travel_times(connection: Connection, robot_class: int) -> NDArray[Any]:
+def read_travel_times(seen: Snapshot, robot_class: int) -> NDArray[Any]:
     """The travel times of a class of robots in all maps.
 
     Returns
     -------
     (n,) array with the fields of `MeasuredTravel`.
     """
-    rows = np.frombuffer(fetch_rows(connection, _READ, (robot_class,))[0][0], _PACKED)
+    rows = np.frombuffer(fetch_rows(seen, _READ, (robot_class,))[0][0], _PACKED)
     return rows.astype(_PACKED.newbyteorder("="))
 
 
 def store_travel_times(
-    connection: Connection,
+    seen: Snapshot,
     robot_class: int,
     travel: Iterable[MeasuredTravel],
     digests: dict[int, str],
@@ -120,16 +121,16 @@ def store_travel_times(
     """
     places = {"robot": robot_class, "places": [*digests]}
     where = "WHERE robot_class_id = :robot AND place_id = ANY (:places)"
-    connection.execute(text(f"DELETE FROM travel_time {where}"), places)
-    connection.execute(text(f"DELETE FROM travel_time_place {where}"), places)
+    seen.connection.execute(text(f"DELETE FROM travel_time {where}"), places)
+    seen.connection.execute(text(f"DELETE FROM travel_time_place {where}"), places)
     rows = [*travel]
     columns = {k: [getattr(row, k) for row in rows] for k in MeasuredTravel._fields}
-    connection.execute(text(_INSERT), {"robot": robot_class, **columns})
-    connection.execute(text(_INSERT_PLACES), places | {"digests": [*digests.values()]})
+    seen.connection.execute(text(_INSERT), {"robot": robot_class, **columns})
+    seen.connection.execute(text(_INSERT_PLACES), places | {"digests": [*digests.values()]})
 
 
 def compute_place_digests(
-    connection: Connection, reach: float, places: Collection[int] | None = None
+    seen: Snapshot, reach: float, places: Collection[int] | None = None
 ) -> dict[int, str]:
     """The digest of the present state of each place of the current map, by id.
 
@@ -143,25 +144,25 @@ def compute_place_digests(
         Ids of places; by default all.
     """
     values = {"reach": reach, "places": None if places is None else [*places]}
-    rows = connection.execute(text(_DIGESTS), values)
+    rows = seen.connection.execute(text(_DIGESTS), values)
     return {row.id: row.digest for row in rows}
 
 
-def read_place_digests(connection: Connection, robot_class: int) -> dict[int, str]:
+def read_place_digests(seen: Snapshot, robot_class: int) -> dict[int, str]:
     """The digests for which the stored travel times were measured, by id of the place."""
-    rows = connection.execute(
+    rows = seen.connection.execute(
         text("SELECT place_id, digest FROM travel_time_place WHERE robot_class_id = :robot"),
         {"robot": robot_class},
     )
     return {row.place_id: row.digest for row in rows}
 
 
-def store_measured_until(connection: Connection, robot_class: int, cursor: str) -> None:
+def store_measured_until(seen: Snapshot, robot_class: int, cursor: str) -> None:
     """Store up to which change the travel times in the current map are measured."""
-    connection.execute(text(_INSERT_MAP), {"robot": robot_class, "cursor": cursor})
+    seen.connection.execute(text(_INSERT_MAP), {"robot": robot_class, "cursor": cursor})
 
 
-def may_store_travel_times(connection: Connection, robot_class: int, digest: str | None) -> bool:
+def may_store_travel_times(seen: Snapshot, robot_class: int, digest: str | None) -> bool:
     """Whether this transaction may store travel times of a class of robots.
 
     It may if it has the right to write, if the class still has this digest, and if no other
@@ -173,9 +174,9 @@ def may_store_travel_times(connection: Connection, robot_class: int, digest: str
     sqlalchemy.exc.OperationalError
         Another transaction has just changed the class.
     """
-    allowed = connection.execute(text(_MAY_WRITE)).scalar()
-    if not allowed or digest != read_robot_class_digest(connection, robot_class):
+    allowed = seen.connection.execute(text(_MAY_WRITE)).scalar()
+    if not allowed or digest != read_robot_class_digest(seen, robot_class):
         return False
     values = {"id": robot_class}
-    connection.execute(text("SELECT FROM robot_class WHERE id = :id FOR SHARE"), values)
-    return bool(connection.execute(text(_LOCK), values).scalar())
+    seen.connection.execute(text("SELECT FROM robot_class WHERE id = :id FOR SHARE"), values)
+    return bool(seen.connection.execute(text(_LOCK), values).scalar())

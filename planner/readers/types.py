@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Set
 
-from sqlalchemy import Connection, text
+from sqlalchemy import text
+
+from semmap.query.snapshot import Snapshot
 
 __all__ = ["read_supertypes"]
 
@@ -14,12 +16,10 @@ WHERE sub = ANY (:types) GROUP BY sub
 """
 
 
-def read_supertypes(
-    connection: Connection, types: Set[str | None]
-) -> dict[str | None, tuple[str, ...]]:
+def read_supertypes(seen: Snapshot, types: Set[str | None]) -> dict[str | None, tuple[str, ...]]:
     """Each of these types with itself and its supertypes, itself first; None has no entry."""
     named = [t for t in types if t]
     if not named:
         return {}
-    found = connection.execute(text(_SUPERTYPES), {"types": named})
+    found = seen.connection.execute(text(_SUPERTYPES), {"types": named})
     return {sub: tuple(supers) for sub, supers in found}

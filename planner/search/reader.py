@@ -7,11 +7,12 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from sqlalchemy import Connection, text
+from sqlalchemy import text
 
 from semmap.belief.places import BeliefPlace
 from semmap.belief.reader import read_height, read_occluders, read_places
 from semmap.belief.store.beliefs import read_belief
+from semmap.query.snapshot import Snapshot
 from semmap.query.storey_reader import read_entities
 from semmap.query.storey_scene import SceneEntity
 
@@ -69,7 +70,7 @@ class LookRow:
     seen: bool
 
 
-def read_believed_object(connection: Connection, name: str) -> BelievedObject:
+def read_believed_object(seen: Snapshot, name: str) -> BelievedObject:
     """An object or agent of the current map, with the places at which it has room.
 
     Raises
@@ -77,64 +78,66 @@ def read_believed_object(connection: Connection, name: str) -> BelievedObject:
     LookupError
         The map has no entity of this name.
     """
-    belief = read_belief(connection, name)
-    shut = connection.execute(text(_SHUT)).scalars()
+    belief = read_belief(seen.connection, name)
+    shut = seen.connection.execute(text(_SHUT)).scalars()
     return BelievedObject(
         name,
         belief,
-        read_places(connection, name),
-        read_occluders(connection, [name]),
-        read_height(connection, name) or HEIGHT,
+        read_places(seen.connection, name),
+        read_occluders(seen.connection, [name]),
+        read_height(seen.connection, name) or HEIGHT,
         frozenset(map(str, shut)),
     )
 
 
-def read_entity_shapes(connection: Connection) -> dict[str, SceneEntity]:
+def read_entity_shapes(seen: Snapshot) -> dict[str, SceneEntity]:
     """The rooms, objects and shut doors of the current map with their triangles, by name."""
-    entities = read_entities(connection, kinds=("room", "object", "connector"))
+    entities = read_entities(seen.connection, kinds=("room", "object", "connector"))
     return {e.name: e for e in entities if e.kind != "connector" or e.state != "open"}
 
 
-def has_observations(connection: Connection, name: str) -> bool:
+def has_observations(seen: Snapshot, name: str) -> bool:
     """Whether anyone has looked for an entity: then its place is believed, not only recorded."""
-    return bool(connection.execute(text(_OBSERVED), {"name": name}).scalar())
+    return bool(seen.connection.execute(text(_OBSERVED), {"name": name}).scalar())
 
 
-def read_looks(
-    connection: Connection, name: str, robot: str, after: int
-) -> tuple[list[LookRow], int]:
+def read_looks(seen: Snapshot, name: str, robot: str, after: int) -> tuple[list[LookRow], int]:
     """What a robot has observed of an object since an observation, and the newest one of all."""
-    rows = connection.execute(text(_LOOKS), {"name": name, "robot": robot, "after": after}).all()
-    newest = connection.execute(text("SELECT coalesce(max(id), 0) FROM observation")).scalar_one()
+    rows = seen.connection.execute(
+        text(_LOOKS), {"name": name, "robot": robot, "after": after}
+    ).all()
+    newest = seen.connection.execute(
+        text("SELECT coalesce(max(id), 0) FROM observation")
+    ).scalar_one()
     return [LookRow(row.id, row.place, row.seen) for row in rows], int(newest)
 
 
-def read_opened(connection: Connection, robot: str) -> frozenset[str]:
+def read_opened(seen: Snapshot, robot: str) -> frozenset[str]:
     """The containers that a robot has opened in the mission that it runs."""
-    rows = connection.execute(text(_OPENED), {"robot": robot}).scalars()
+    rows = seen.connection.execute(text(_OPENED), {"robot": robot}).scalars()
     return frozenset(map(str, rows))
 
 
-def read_seen_by(connection: Connection, name: str, robot: str) -> bool:
+def read_seen_by(seen: Snapshot, name: str, robot: str) -> bool:
     """Whether a robot has seen an object in the mission that it runs."""
-    return bool(connection.execute(text(_SEEN), {"name": name, "robot": robot}).scalar())
+    return bool(seen.connection.execute(text(_SEEN), {"name": name, "robot": robot}).scalar())
 
 
-def read_holder(connection: Connection, name: str) -> str | None:
+def read_holder(seen: Snapshot, name: str) -> str | None:
     """The name of what an entity is on or in; None if nothing holds it."""
-    holder = connection.execute(text(_HOLDER), {"name": name}).scalar()
+    holder = seen.connection.execute(text(_HOLDER), {"name": name}).scalar()
     return None if holder is None else str(holder)
 
 
-def read_kind(connection: Connection, name: str) -> str | None:
+def read_kind(seen: Snapshot, name: str) -> str | None:
     """The kind of an entity of the current map; None if there is none of this name."""
-    kind = connection.execute(text(_KIND), {"name": name}).scalar()
+    kind = seen.connection.execute(text(_KIND), {"name": name}).scalar()
     return None if kind is None else str(kind)
 
 
-def read_room(connection: Connection, name: str) -> str | None:
+def read_room(seen: Snapshot, name: str) -> str | None:
     """The room in or on whose contents an entity is, or the room itself; None if there is none."""
-    room = connection.execute(text(_ROOM), {"name": name}).scalar()
+    room = seen.connection.execute(text(_ROOM), {"name": name}).scalar()
     return None if room is None else str(room)
 
 

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +23,7 @@ from planner.search.receding_horizon import Decision, decide
 from planner.search.search_problem import NOT_SEEN
 from planner.search.viewpoints import Sight
 from semmap.error import Error
+from semmap.query.snapshot import Snapshot
 
 __all__ = ["NotFoundError", "SearchPlanner", "SearchResult", "explain"]
 
@@ -112,7 +112,7 @@ class SearchPlanner:
 
     def begin(
         self,
-        connection: Any,
+        seen: Snapshot,
         name: str,
         start: Endpoint,
         graph: RoutingGraph | None = None,
@@ -127,7 +127,7 @@ class SearchPlanner:
         ValueError
             The robot can see no place at which the object may be.
         """
-        known = read_believed_object(connection, name)
+        known = read_believed_object(seen, name)
         return build_search(
             name,
             known.belief,
@@ -144,7 +144,7 @@ class SearchPlanner:
 
     def next_steps(
         self,
-        connection: Any,
+        seen: Snapshot,
         robot: str,
         name: str,
         goal: str,
@@ -165,15 +165,13 @@ class SearchPlanner:
             No look is worth its time any more, and the object is probably elsewhere.
         """
         graph = self._graph(without)
-        where = read_robot(connection, robot)
+        where = read_robot(seen, robot)
         if where is None:
             raise LookupError(f"no room holds {robot}: give its start with --from")
         start = graph.endpoint(*where)
-        state = self._state(connection, robot, name, graph, start)
+        state = self._state(seen, robot, name, graph, start)
         opened = frozenset(
-            k
-            for k, v in enumerate(state.search.viewpoints)
-            if v.opens in read_opened(connection, robot)
+            k for k, v in enumerate(state.search.viewpoints) if v.opens in read_opened(seen, robot)
         )
         at = state.search.nearest(*where)
         search = state.search if at is not None else state.search.from_here(start)
@@ -198,31 +196,31 @@ class SearchPlanner:
         return RoutingGraph(topology, graph.robot, graph.costs, durations=graph.durations)
 
     def _state(
-        self, connection: Any, robot: str, name: str, graph: RoutingGraph, start: Endpoint
+        self, seen: Snapshot, robot: str, name: str, graph: RoutingGraph, start: Endpoint
     ) -> _State:
         """The belief after what the robot has seen since the last call."""
         state = self._states.get(name)
         if state is None:
-            search = self.begin(connection, name, start, graph)
-            _, newest = read_looks(connection, name, robot, 0)
+            search = self.begin(seen, name, start, graph)
+            _, newest = read_looks(seen, name, robot, 0)
             self._states[name] = state = _State(search, search.belief, newest)
             return state
-        rows, state.newest = read_looks(connection, name, robot, state.newest)
+        rows, state.newest = read_looks(seen, name, robot, state.newest)
         if not rows or start.pose is None:
             return state
         at = state.search.nearest(start.place, start.pose)
-        seen = next((row.place for row in rows if row.seen), None)
+        where = next((row.place for row in rows if row.seen), None)
         problem = state.search.problem
-        answer = NOT_SEEN if seen not in problem.places else problem.places.index(seen)
+        answer = NOT_SEEN if where not in problem.places else problem.places.index(where)
         state.looks += 1
         state.planned = None
-        state.seen_in |= {seen} if seen is not None else frozenset()
+        state.seen_in |= {where} if where is not None else frozenset()
         if at is not None:
             try:
                 state.belief = problem.after(state.belief, at, [answer])
             except ValueError:  # it is where no look from here should show it: begin again
                 del self._states[name]
-                return self._state(connection, robot, name, graph, start)
+                return self._state(seen, robot, name, graph, start)
         return state
 
     def _declare(self, search: MapSearch, state: _State, name: str, decision: Decision) -> None:

@@ -40,10 +40,10 @@ def searching_robot(
         The map has no object of a name.
     """
     eyes = {}
-    with live.snapshot() as connection:
-        shapes = read_entity_shapes(connection) if objects else {}
+    with live.snapshot() as seen:
+        shapes = read_entity_shapes(seen) if objects else {}
         for target in objects:
-            known = read_believed_object(connection, target)
+            known = read_believed_object(seen, target)
             eyes[target] = SimEyes(
                 known.places, shapes, sight, detector, known.all_shut, known.height, seed
             )
@@ -69,8 +69,8 @@ def put_objects(
                 f"{text!r} is not 'OBJECT on PLACE'; write for example 'mug on table1'"
             )
         item, target = found["item"].strip(), found["target"].strip()
-        with live.snapshot() as connection:
-            room = target if target in live.topology.places else read_room(connection, target)
+        with live.snapshot() as seen:
+            room = target if target in live.topology.places else read_room(seen, target)
         if room is None:
             raise MissionError(f"no room holds {target}: name a place that is in a room")
         spot = store.spot(item, target, Pose(0.0, 0.0, live.topology.places[room].floor))

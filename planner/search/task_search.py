@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import replace
-from typing import Any
 
 from planner.plan import Action, Plan
 from planner.search.problem_builder import ELSEWHERE
@@ -14,6 +13,7 @@ from planner.search.search_mission import MOST_NAMES, SearchPlanner, explain
 from planner.task_planner import TaskPlanner
 from planner.tasks.goal import Atom, Goal, parse_goal
 from planner.tasks.reader import read_state
+from semmap.query.snapshot import Snapshot
 
 __all__ = ["FOUND", "SearchingPlanner", "objects_to_find", "plan_with_search"]
 
@@ -45,7 +45,7 @@ class SearchingPlanner:
 
     def __call__(
         self,
-        connection: Any,
+        seen: Snapshot,
         robot: str,
         goal: str,
         *,
@@ -55,15 +55,15 @@ class SearchingPlanner:
         self._search.live.catch_up()
         parsed = parse_goal(goal, ((FOUND, 1), *self._relations))
         wanted = {w.text for atom in parsed.atoms if atom.relation == FOUND for w in atom.words}
-        for name in objects_to_find(connection, parsed):
+        for name in objects_to_find(seen, parsed):
             if name in self._search.answers:
                 continue
-            holder = read_holder(connection, name)
-            if name not in wanted and (holder == robot or read_seen_by(connection, name, robot)):
+            holder = read_holder(seen, name)
+            if name not in wanted and (holder == robot or read_seen_by(seen, name, robot)):
                 continue
             accepted = ELSEWHERE if name in wanted else holder
             plan = self._search.next_steps(
-                connection, robot, name, goal, without=without, accepted=accepted
+                seen, robot, name, goal, without=without, accepted=accepted
             )
             if plan.actions:
                 return plan
@@ -71,10 +71,10 @@ class SearchingPlanner:
         if not rest:
             return Plan(goal, (), 0.0, 0.0)
         text = goal if len(rest) == len(parsed.atoms) else " and ".join(map(_text, rest))
-        return replace(self._tasks(connection, robot, text, without=without), goal=goal)
+        return replace(self._tasks(seen, robot, text, without=without), goal=goal)
 
 
-def objects_to_find(connection: Any, goal: Goal) -> list[str]:
+def objects_to_find(seen: Snapshot, goal: Goal) -> list[str]:
     """The names in a goal whose place is only believed, in order.
 
     They are those in ``found(...)``, those that someone has looked for, and those that nothing
@@ -87,15 +87,15 @@ def objects_to_find(connection: Any, goal: Goal) -> list[str]:
             if name in found:
                 continue
             if atom.relation == FOUND or (
-                read_kind(connection, name) == "object"
-                and (has_observations(connection, name) or read_holder(connection, name) is None)
+                read_kind(seen, name) == "object"
+                and (has_observations(seen, name) or read_holder(seen, name) is None)
             ):
                 found.append(name)
     return found
 
 
 def plan_with_search(
-    connection: Any,
+    seen: Snapshot,
     tasks: TaskPlanner,
     search: SearchPlanner,
     goal: str,
@@ -111,16 +111,16 @@ def plan_with_search(
     at which the map has the object. A mission plans again after each look.
     """
     parsed = parse_goal(goal, ((FOUND, 1), *relations))
-    names = objects_to_find(connection, parsed)
+    names = objects_to_find(seen, parsed)
     if not names:
         return None
     graph = search.live.graph
     actions: list[Action] = []
     reasons: list[str] = []
-    state = read_state(connection, graph.topology, start)
+    state = read_state(seen, graph.topology, start)
     begin = graph.endpoint(state.place, state.pose)
     for name in names:
-        found = search.begin(connection, name, begin)
+        found = search.begin(seen, name, begin)
         decision = decide(found.problem, found.belief)
         reasons.append(explain(found, found.belief, decision))
         if decision.action == "declare":
@@ -130,7 +130,7 @@ def plan_with_search(
     rest = [atom for atom in parsed.atoms if atom.relation != FOUND]
     bound = 0.0
     if rest:
-        task = tasks.task(connection, " and ".join(map(_text, rest)), start, agent=agent)
+        task = tasks.task(seen, " and ".join(map(_text, rest)), start, agent=agent)
         plan = task.plan(patience)
         actions += plan.actions
         bound = plan.bound

@@ -5,12 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import Any
 
-from sqlalchemy import Connection, text
+from sqlalchemy import text
 
 from planner.tasks.goal import Goal
 from planner.tasks.world import TaskObject, TaskState, TaskWorld
 from planner.topology import Topology
 from semmap.geometry.pose import Pose
+from semmap.query.snapshot import Snapshot
 
 __all__ = ["read_state", "read_world"]
 
@@ -85,7 +86,7 @@ ORDER BY e.kind, e.name
 
 
 def read_world(
-    connection: Connection,
+    seen: Snapshot,
     goal: Goal,
     topology: Topology,
     heights: tuple[float, float],
@@ -105,7 +106,7 @@ def read_world(
         Name of the agent that may carry objects.
     """
     searched = sorted({w.text for w in goal.words()} | set(words))
-    number = connection.execute(
+    number = seen.connection.execute(
         text(
             "SELECT id FROM entity WHERE map_id = current_map() AND kind = 'agent' AND name = :name"
         ),
@@ -116,10 +117,10 @@ def read_world(
         for p in topology.places.values()
         if p.name not in searched and ({p.type, p.label, *p.types} & set(searched))
     ]
-    rows = connection.execute(text(_THINGS), {"words": searched, "robot": number}).all()
+    rows = seen.connection.execute(text(_THINGS), {"words": searched, "robot": number}).all()
     types = {
         sub: tuple(supers)
-        for sub, supers in connection.execute(
+        for sub, supers in seen.connection.execute(
             text(_SUPERTYPES), {"types": [*{row.type for row in rows if row.type}]}
         )
     }
@@ -128,7 +129,7 @@ def read_world(
     found = {row.name for row in rows} | {t for ts in types.values() for t in ts}
     found |= {row.label for row in rows} | set(topology.places)
     if any(w not in found for w in searched):
-        known = [*connection.execute(text(_KNOWN)).scalars()]
+        known = [*seen.connection.execute(text(_KNOWN)).scalars()]
     on_it: dict[int, float] = {}
     for row in rows:
         if row.holder_id in by_id:
@@ -186,7 +187,7 @@ def _task_object(
     )
 
 
-def read_state(connection: Connection, topology: Topology, start: str | None = None) -> TaskState:
+def read_state(seen: Snapshot, topology: Topology, start: str | None = None) -> TaskState:
     """The place and pose of the robot, and the objects that it carries.
 
     Parameters
@@ -203,7 +204,7 @@ def read_state(connection: Connection, topology: Topology, start: str | None = N
     """
     if start is not None and start in topology.places:
         return TaskState(start)
-    rows = connection.execute(text(_STATE), {"name": start}).all()
+    rows = seen.connection.execute(text(_STATE), {"name": start}).all()
     agents = [row for row in rows if row.kind == "agent"]
     rows = agents or rows
     if start is not None and not rows:

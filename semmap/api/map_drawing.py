@@ -135,7 +135,7 @@ class MapDrawing(MapTasks):
         options: Any = {"storey": storey, "name": self.name}
         if chosen in (TopologyFormat.nav2, TopologyFormat.rmf):
             with self.snapshot() as seen:
-                options["building"] = read_building_outline(seen.connection)
+                options["building"] = read_building_outline(seen)
             if chosen is TopologyFormat.nav2:
                 return write_nav2(graph, file, **options)
             return [write_rmf_nav(graph, file, **options)]

@@ -219,7 +219,7 @@ class MapDriving(MapQuestions):
         if isinstance(robot, str) and not robot.endswith((".urdf", ".xml", ".xacro")):
             with self.snapshot() as seen:
                 if posture is None and parts is None:
-                    robot = read_robot_class(seen.connection, robot).robot
+                    robot = read_robot_class(seen, robot).robot
                 else:
                     robot = read_robot_urdf(seen, robot)
         if isinstance(robot, str | Path):
@@ -236,8 +236,8 @@ class MapDriving(MapQuestions):
         from planner.readers.robot_class import read_robot_class, read_robot_class_names
 
         with self.snapshot() as seen:
-            names = read_robot_class_names(seen.connection)
-            return {name: read_robot_class(seen.connection, name).robot for name in names}
+            names = read_robot_class_names(seen)
+            return {name: read_robot_class(seen, name).robot for name in names}
 
     # --- routes
 
@@ -287,8 +287,8 @@ class MapDriving(MapQuestions):
         options: Any = {"avoid": avoid, "at": at or datetime.now()}
         live, planner = self._route_planner(robot, rules, assume_sizes, progress, abilities)
         if drawn:
-            with live.snapshot() as connection:
-                graph = read_drawn_graph(connection, live.topology)
+            with live.snapshot() as seen:
+                graph = read_drawn_graph(seen, live.topology)
             return self._route(live, planner.route_on(graph, start, goal, **options))
         return self._route(live, planner.route(start, goal, **options))
 

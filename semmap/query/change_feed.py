@@ -22,6 +22,7 @@ from sqlalchemy.exc import DBAPIError
 
 from semmap.database.maps import driver_of, pick_map, see_map
 from semmap.database.notifications import notifications
+from semmap.query.snapshot import Snapshot
 
 __all__ = [
     "CHANNEL",
@@ -50,8 +51,7 @@ class Look:
 
     Attributes
     ----------
-    connection : sees that state; a transaction, committed at the end of the look
-    driver : the connection of psycopg
+    seen : that state; its transaction is committed at the end of the look
     changed : ids of the entities that changed, deleted ones included; None where the whole map is
         to be read: at the first look, or where changes since the last one are not kept
     cursor : where the state lies in the history
@@ -59,8 +59,7 @@ class Look:
     rows : what the statement returned that was sent along
     """
 
-    connection: Connection
-    driver: psycopg.Connection[Any]
+    seen: Snapshot
     changed: frozenset[int] | None
     cursor: str
     moment: datetime
@@ -109,11 +108,11 @@ class ChangeFeed:
             driver.close()
 
     @contextmanager
-    def snapshot(self) -> Iterator[Connection]:
-        """A transaction that sees one state of the map, whatever changed."""
+    def snapshot(self) -> Iterator[Snapshot]:
+        """One state of the map, whatever changed."""
         with _one_state(self._engine) as connection:
             self.map_name = see_map(connection, self.map_name)
-            yield connection
+            yield Snapshot.of(connection, self.map_name)
 
     @contextmanager
     def look(
@@ -143,14 +142,15 @@ class ChangeFeed:
                     see_map(driver, self.map_name)
                     state = driver.execute("SELECT change_cursor(), now()")
                     asked = also and driver.execute(also[0].encode(), also[1], prepare=True)
+                seen = Snapshot.of(connection, self.map_name)
                 ((now, moment),) = state.fetchall()
                 rows = tuple(asked.fetchall()) if asked else ()
                 changed = None
                 if self.cursor is not None and entities:
-                    changed = changed_since(connection, self.cursor)
-                yield Look(connection, driver, changed, now, moment, rows)
+                    changed = changed_since(seen, self.cursor)
+                yield Look(seen, changed, now, moment, rows)
                 if self._durable:
-                    settle(connection)
+                    settle(seen)
                 connection.commit()
         except DBAPIError as error:
             if error.connection_invalidated:
@@ -239,21 +239,21 @@ def shows_fields(payload: str, map_name: str | None) -> bool:
     return False
 
 
-def cursor(connection: Connection) -> str:
+def cursor(seen: Snapshot) -> str:
     """The cursor of this transaction's snapshot."""
-    return str(connection.execute(text("SELECT change_cursor()")).scalar_one())
+    return str(seen.connection.execute(text("SELECT change_cursor()")).scalar_one())
 
 
-def changed_since(connection: Connection, since: str) -> frozenset[int] | None:
+def changed_since(seen: Snapshot, since: str) -> frozenset[int] | None:
     """The entities of the current map that changed after a cursor, deleted ones included.
 
     Those of which only a belief, a statement, an inference or a link changed are left out: their
     geometry and types are as before.
     None where the changes after the cursor are not all kept: read the whole map again.
     """
-    if not reaches_back(connection, since):
+    if not reaches_back(seen, since):
         return None
-    rows = connection.execute(
+    rows = seen.connection.execute(
         text(
             "SELECT entities FROM changes_since(:since) "
             "WHERE map_id = current_map() "
@@ -264,7 +264,7 @@ def changed_since(connection: Connection, since: str) -> frozenset[int] | None:
     return frozenset(number for (numbers,) in rows for number in numbers)
 
 
-def settle(connection: Connection) -> None:
+def settle(seen: Snapshot) -> None:
     """Write what a cursor of this transaction saw to disk when it commits.
 
     A server that crashes assigns numbers of transactions again that it had not written yet, such as
@@ -272,7 +272,7 @@ def settle(connection: Connection) -> None:
     Needed where a cursor is stored outside of the database: one that is stored in it is as safe as
     the database.
     """
-    connection.execute(
+    seen.connection.execute(
         text(
             "SELECT set_config('synchronous_commit', 'local', true), CASE WHEN pg_is_in_recovery() "
             "THEN NULL ELSE pg_logical_emit_message(true, 'semmap', '') END"
@@ -280,9 +280,11 @@ def settle(connection: Connection) -> None:
     )
 
 
-def reaches_back(connection: Connection, since: str) -> bool:
+def reaches_back(seen: Snapshot, since: str) -> bool:
     """Whether all changes after a cursor are still kept."""
-    return bool(connection.execute(text("SELECT reaches_back(:since)"), {"since": since}).scalar())
+    return bool(
+        seen.connection.execute(text("SELECT reaches_back(:since)"), {"since": since}).scalar()
+    )
 
 
 @contextmanager

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import psycopg
 
-from semmap.database.maps import see_map
+from semmap.database.maps import driver_of, see_map
 from semmap.database.shared_engine import shared_engine
 
 if TYPE_CHECKING:
@@ -28,12 +28,25 @@ class Snapshot:
     ----------
     session : psycopg's connection
     name : of the map
-    moment : when the transaction began
     """
 
     session: psycopg.Connection[Any]
     name: str
-    moment: datetime
+
+    @classmethod
+    def of(cls, connection: Connection, name: str) -> Snapshot:
+        """What a transaction of SQLAlchemy sees that has begun, and whose owner ends it."""
+        seen = cls(driver_of(connection), name)
+        vars(seen)["connection"] = connection
+        return seen
+
+    @cached_property
+    def moment(self) -> datetime:
+        """When the transaction began."""
+        row = self.session.execute("SELECT now()").fetchone()
+        assert row is not None
+        moment: datetime = row[0]
+        return moment
 
     @cached_property
     def connection(self) -> Connection:
@@ -52,9 +65,7 @@ def open_snapshot(session: psycopg.Connection[Any], name: str) -> Iterator[Snaps
         if not begun:
             session.execute("SET TRANSACTION ISOLATION LEVEL REPEATABLE READ")
         see_map(session, name)
-        row = session.execute("SELECT now()").fetchone()
-        assert row is not None
-        seen = Snapshot(session, name, row[0])
+        seen = Snapshot(session, name)
         try:
             yield seen
         finally:

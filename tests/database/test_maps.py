@@ -45,10 +45,10 @@ def test_a_map_of_another_name_is_missed_by_it(maps):
 
 def test_a_snapshot_does_not_see_concurrent_commits(maps):
     count = text("SELECT count(*) FROM map")
-    with ChangeFeed(maps, "older").snapshot() as connection:
-        assert connection.execute(count).scalar() == 2
+    with ChangeFeed(maps, "older").snapshot() as seen:
+        assert seen.connection.execute(count).scalar() == 2
         with maps.begin() as other:
             other.execute(text("INSERT INTO map (name) VALUES ('newest')"))
-        assert connection.execute(count).scalar() == 2
-    with ChangeFeed(maps, "older").snapshot() as connection:
-        assert connection.execute(count).scalar() == 3
+        assert seen.connection.execute(count).scalar() == 2
+    with ChangeFeed(maps, "older").snapshot() as seen:
+        assert seen.connection.execute(count).scalar() == 3

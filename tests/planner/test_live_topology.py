@@ -22,6 +22,7 @@ from semmap.database import open_engine
 from semmap.ingest.regions.extraction import draw_region
 from semmap.query.map_handle import MapHandle
 from tests.office import OFFICE_FILES
+from tests.seen import seen_by
 
 
 @pytest.fixture(scope="module")
@@ -124,7 +125,9 @@ def check(live, engine, robot):
     places = {p.id: p.name for p in live.topology.places.values()}
     with engine.connect() as connection:
         connection.execute(text("SELECT set_config('semmap.map', 'office', true)"))
-        rows = read_travel_times(connection, read_robot_class(connection, "tester").id)
+        rows = read_travel_times(
+            seen_by(connection), read_robot_class(seen_by(connection), "tester").id
+        )
     kept = {
         (places[r["place"]], *sorted((names[r["a"]], names[r["b"]]))): (r["seconds"], r["metres"])
         for r in rows
@@ -145,7 +148,7 @@ def read_class(engine):
     """The robots' class, as the database has it."""
     with engine.connect() as connection:
         connection.execute(text("SELECT set_config('semmap.map', 'office', true)"))
-        return read_robot_class(connection, "tester")
+        return read_robot_class(seen_by(connection), "tester")
 
 
 def reloaded(engine):
@@ -595,9 +598,9 @@ def test_a_class_that_was_replaced_is_not_given_the_walks_of_its_former_shape(ch
     live.warm()
     slower = replace(robot, speed=0.4)
     with changing.begin() as connection:
-        assert may_store_travel_times(connection, stored.id, stored.digest)
+        assert may_store_travel_times(seen_by(connection), stored.id, stored.digest)
         store_robot_class(connection, slower)
-        assert not may_store_travel_times(connection, stored.id, stored.digest)
+        assert not may_store_travel_times(seen_by(connection), stored.id, stored.digest)
     shift(changing, "potted_plant8", -0.6, -0.3)
     live.catch_up()
     check(LiveTopology(MapHandle(changing, "office"), "tester"), changing, slower)

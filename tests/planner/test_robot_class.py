@@ -16,6 +16,7 @@ from planner.topology import OUTSIDE, Place, PlaceConnector, Topology
 from semmap.geometry.pose import Pose
 from semmap.robot import Part
 from tests.planner.stored import store
+from tests.seen import seen_by
 
 
 def part(width, low, high):
@@ -69,8 +70,8 @@ def test_the_view_bars_what_the_planner_bars(module_engine, robot, connector):
     with module_engine.connect() as connection:
         store(connection, topology)
         number = store_robot_class(connection, robot)
-        again = read_robot_class(connection, "tester").robot
-        (read,) = read_topology(connection).connectors.values()
+        again = read_robot_class(seen_by(connection), "tester").robot
+        (read,) = read_topology(seen_by(connection)).connectors.values()
         costs = connection.execute(
             text("SELECT cost, reverse_cost FROM route_edge WHERE robot_class_id = :id"),
             {"id": number},

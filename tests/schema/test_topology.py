@@ -22,6 +22,7 @@ from planner.topology import OUTSIDE, Place, PlaceConnector, Topology
 from semmap.database import open_engine
 from semmap.geometry.pose import Pose
 from tests.planner.stored import store
+from tests.seen import seen_by
 
 NAMES = ("a", "b", "c", "low", "high")
 LEVEL = {"low": 0.0, "high": 3.0}
@@ -104,9 +105,11 @@ def test_pgr_dijkstra_finds_what_the_planner_finds(routed, topology, robot, time
     with routed.connect() as connection:
         ids = store(connection, topology)
         number = store_robot_class(connection, robot, times)
-        store_travel_times(connection, number, straight(topology, ids, robot.speed), {})
-        read = read_topology(connection)
-        graph = RoutingGraph(read, read_robot_class(connection, "tester").robot, durations=times)
+        store_travel_times(seen_by(connection), number, straight(topology, ids, robot.speed), {})
+        read = read_topology(seen_by(connection))
+        graph = RoutingGraph(
+            read, read_robot_class(seen_by(connection), "tester").robot, durations=times
+        )
         edges = text("SELECT count(*) FROM route_edge WHERE cost >= 0 OR reverse_cost >= 0")
         costs = {}
         if connection.execute(edges).scalar():

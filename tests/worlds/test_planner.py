@@ -54,6 +54,7 @@ from semmap.robot import load_robot, robot_parts
 from tests.command_line import semmap as semmap_command
 from tests.robot.robots import real_robot
 from tests.schema.test_roles import as_role
+from tests.seen import seen_by
 
 SEMMAP = Path(sys.executable).parent / "semmap"
 FOLDED = {
@@ -91,8 +92,8 @@ def test_tiago_looks_from_poses_in_the_rooms_that_they_name(tiago_live: LiveTopo
     """Also beside an open door, where the room's costs reach into the next room."""
     costs = tiago_live.graph.costs
     assert isinstance(costs, StoreyCostmaps)
-    with tiago_live.snapshot() as connection:
-        places = read_believed_object(connection, "Ball_01_003").places
+    with tiago_live.snapshot() as seen:
+        places = read_believed_object(seen, "Ball_01_003").places
     rooms = [place for place in places if place.kind == "room"]
     assert len(rooms) == 4
     for room in rooms:
@@ -137,7 +138,7 @@ def test_a_deleted_room_takes_its_connectors_along(engine: Engine) -> None:
         names = [*balls]
         assert "Ball_01_001" in names
         connection.execute(text("DELETE FROM entity WHERE id = entity_id('balcony')"))
-        topology = read_topology(connection)
+        topology = read_topology(seen_by(connection))
         assert {*topology.places} == {"bedroom", "kitchen", "living-room", "outside"}
         assert {*topology.connectors} == {"bedroom-door", "kitchen-door", "front-door"}
         kinds = "SELECT count(*) FROM entity WHERE map_id = current_map() AND kind = 'connector'"
@@ -172,7 +173,7 @@ def test_an_arm_that_does_not_fit_is_told_of_the_state_that_folds_it(
     """A kitchen door 0.9 m wide is too narrow for the stretched arm; one of 0.5 m for the base."""
     with engine.connect() as connection:
         see_map(connection, "house")
-        topology = read_topology(connection)
+        topology = read_topology(seen_by(connection))
 
     def ways(robot: RobotClass, width: float) -> list[str | None]:
         door = replace(topology.connectors["kitchen-door"], width=width)
@@ -313,9 +314,9 @@ class Building:
 
     def contradictions(self) -> list[Any]:
         """Where the inventory of the map disagrees with its geometry."""
-        with self.live.snapshot() as connection:
+        with self.live.snapshot() as seen:
             own = "SELECT name FROM inventory_contradiction WHERE map = :name"
-            return list(connection.execute(text(own), {"name": self.store.map_name}).scalars())
+            return list(seen.connection.execute(text(own), {"name": self.store.map_name}).scalars())
 
     def close(self) -> None:
         self.world.close()
@@ -389,7 +390,7 @@ def test_placing_keeps_the_doors_of_the_small_house_and_their_ways_free(engine: 
         rows = connection.execute(text(_ON_FLOORS)).all()
         bodies = {row.name: shapely.from_wkb(bytes(row.footprint)) for row in rows}
         assert "FoldingDoor_02_002" in bodies
-        connectors = read_topology(connection).connectors.values()
+        connectors = read_topology(seen_by(connection)).connectors.values()
         sides = [(c, place, side) for c in connectors for side, place in enumerate(c.places)]
         for (connector, place, side), item in product(sides, ("Trash_01_001", "Ball_01_001")):
             if place == OUTSIDE:
@@ -401,7 +402,7 @@ def test_placing_keeps_the_doors_of_the_small_house_and_their_ways_free(engine: 
             others = [body for name, body in bodies.items() if name != item]
             for ahead in (-0.5, 0.0, 0.5):
                 robot = Pose.planar(here.x, here.y, yaw) @ Pose(ahead)
-                spot = find_placement(connection, item, place, robot)
+                spot = find_placement(seen_by(connection), item, place, robot)
                 assert spot is not None
                 body = shapely.Point(spot.x, spot.y).buffer(radius - 1e-3)
                 assert shapely.distance(way, body) > 0.6, (connector.name, item)
@@ -456,7 +457,10 @@ def test_what_can_be_carried_follows_from_type_size_and_mass(engine: Engine) -> 
         for name in ("house", "hotel"):
             connection.execute(text("SELECT set_config('semmap.map', :n, true)"), {"n": name})
             world = read_world(
-                connection, parse_goal("on(object, table)"), read_topology(connection), (0.0, 1.6)
+                seen_by(connection),
+                parse_goal("on(object, table)"),
+                read_topology(seen_by(connection)),
+                (0.0, 1.6),
             )
             for item in world.objects.values():
                 assert item.properties.get("static", True)  # kept, and not what decides
@@ -524,10 +528,10 @@ def state_of(engine: Engine, name: str) -> dict[str, tuple[str | None, tuple[flo
 def test_the_demo_chooses_what_a_world_has(engine: Engine) -> None:
     with engine.connect() as connection:
         connection.execute(text("SELECT set_config('semmap.map', 'house', true)"))
-        house = choose(connection, DemoChoices())
+        house = choose(seen_by(connection), DemoChoices())
         _, rows = run_sql(connection, figure_3(house), write=False)
         connection.execute(text("SELECT set_config('semmap.map', 'hotel', true)"))
-        hotel = choose(connection, DemoChoices())
+        hotel = choose(seen_by(connection), DemoChoices())
     assert house.type == "picture"  # three of them stand on the most furnished table
     assert "CoffeeTable_01_001" in {row[1] for row in rows}
     assert house.place in ("living-room", "bedroom")
@@ -555,7 +559,7 @@ def test_a_copy_of_a_map_is_as_the_map_and_hidden(engine: Engine, url: str) -> N
         for each in ("hotel", name):
             with engine.connect() as connection:
                 connection.execute(text("SELECT set_config('semmap.map', :n, true)"), {"n": each})
-                topologies.append(read_topology(connection))
+                topologies.append(read_topology(seen_by(connection)))
         ours, copied = topologies
         assert {n: replace(p, id=None) for n, p in ours.places.items()} == {
             n: replace(p, id=None) for n, p in copied.places.items()

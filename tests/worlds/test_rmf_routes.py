@@ -35,9 +35,11 @@ from planner.route_search import find_route
 from planner.routing_graph import RoutingGraph
 from planner.task_planner import plan_task
 from planner.topology import OUTSIDE, Topology
+from semmap.query.change_feed import ChangeFeed
 from semmap.query.map_handle import MapHandle
 from tests.conftest import Import
 from tests.planner.office import route
+from tests.seen import seen_by
 
 NAMED = {"hotel": 17, "clinic": 30}
 """Vertices with a name, as the collection's own page states them."""
@@ -128,9 +130,9 @@ class Building:
 
     def __init__(self, name: str, lanes: Lanes, engine: Engine) -> None:
         self.name, self.lanes, self.engine = name, lanes, engine
-        self.lookup = MapLookup(engine.connect)
+        self.lookup = MapLookup(ChangeFeed(engine).snapshot)
         with engine.connect() as connection:
-            self.topology: Topology = read_topology(connection)
+            self.topology: Topology = read_topology(seen_by(connection))
             rows = connection.execute(
                 text(
                     "SELECT e.name, e.label, s.name AS storey FROM entity e "
@@ -138,7 +140,7 @@ class Building:
                     "WHERE e.map_id = current_map() AND e.kind = 'region' ORDER BY e.id"
                 )
             ).all()
-            self.building = read_building_outline(connection)
+            self.building = read_building_outline(seen_by(connection))
             self.walls = {
                 row.storey: shapely.from_wkb(bytes(row.outline))
                 for row in connection.execute(
@@ -152,7 +154,7 @@ class Building:
             }
             self.places: dict[Vertex, str] = {}
             for row in rows:
-                (place,) = {e.place for e in find_entities(connection, row.name)}
+                (place,) = {e.place for e in find_entities(seen_by(connection), row.name)}
                 self.places[self.vertex(row.storey, row.name, row.label)] = place
 
     def vertex(self, level: str, name: str, label: str | None) -> Vertex:
@@ -321,7 +323,7 @@ def test_the_rmf_export_has_the_waypoints_and_lanes_of_the_file(building: Buildi
 def test_routes_on_the_drawn_graph_are_those_of_its_lanes(building: Building) -> None:
     """Between waypoints that the lanes join, as far as networkx drives along the lanes."""
     with building.lookup._snapshot() as connection:
-        drawn = read_drawn_graph(connection, building.topology)
+        drawn = read_drawn_graph(seen_by(connection), building.topology)
     planner = RoutePlanner(RoutingGraph(building.topology), lookup=building.lookup)
     lanes = nx.DiGraph()
     for edge in drawn.edges:

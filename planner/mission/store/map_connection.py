@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from contextlib import suppress
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from typing import Self
 
 from sqlalchemy import Connection, text
@@ -11,6 +12,7 @@ from sqlalchemy.exc import DBAPIError
 from semmap.database.maps import pick_map, see_map
 from semmap.error import Error
 from semmap.query.map_handle import MapSource
+from semmap.query.snapshot import Snapshot
 
 __all__ = ["MapConnection", "MissionError"]
 
@@ -56,6 +58,12 @@ class MapConnection:
 
     def __exit__(self, *_: object) -> None:
         self.close()
+
+    @contextmanager
+    def _snapshot(self) -> Iterator[Snapshot]:
+        """What a transaction on this connection sees."""
+        with self._begin() as connection:
+            yield Snapshot.of(connection, self.map_name)
 
     def _begin(self) -> _Transaction:
         return _Transaction(self._connection)

@@ -105,13 +105,13 @@ class MissionStore(MissionList):
 
     def plan(self, planner: Any, robot: str, goal: str, without: frozenset[str]) -> Any:
         """The plan that a planner makes on the present state of the map."""
-        with self._begin() as connection:
-            return planner(connection, robot, goal, without=without)
+        with self._snapshot() as seen:
+            return planner(seen, robot, goal, without=without)
 
     def topology(self) -> Topology:
         """The places and connectors of the map."""
-        with self._begin() as connection:
-            return read_topology(connection)
+        with self._snapshot() as seen:
+            return read_topology(seen)
 
     # -- robots ---------------------------------------------------------------------------------
 
@@ -135,13 +135,13 @@ class MissionStore(MissionList):
 
     def robot(self, name: str) -> tuple[str, Pose] | None:
         """The place and the pose, in the map's frame, of an agent; None if there is none."""
-        with self._begin() as connection:
-            return read_robot(connection, name)
+        with self._snapshot() as seen:
+            return read_robot(seen, name)
 
     def home(self) -> str | None:
         """The room of a home region, where the map has no agent yet; None without one."""
-        with self._begin() as connection:
-            return read_home(connection)
+        with self._snapshot() as seen:
+            return read_home(seen)
 
     # -- missions -------------------------------------------------------------------------------
 
@@ -294,18 +294,18 @@ class MissionStore(MissionList):
         mission
             Its robot holds the object: where the store chooses grasps, its gripper is free, too.
         """
-        with self._begin() as connection:
+        with self._snapshot() as seen:
             if self.grasps is not None and mission is not None:
-                robot = self._own(connection, mission)
-                spots = self.grasps.spots(connection, robot, item, target, towards)
+                robot = self._own(seen.connection, mission)
+                spots = self.grasps.spots(seen.connection, robot, item, target, towards)
                 if spots is not None:
                     return spots[0] if spots else None
-            return find_placement(connection, item, target, towards)
+            return find_placement(seen, item, target, towards)
 
     def objects(self) -> list[ObjectRow]:
         """The objects of the map that lie in or on something."""
-        with self._begin() as connection:
-            return read_objects(connection)
+        with self._snapshot() as seen:
+            return read_objects(seen)
 
     # -- claims ---------------------------------------------------------------------------------
 

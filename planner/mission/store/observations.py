@@ -17,6 +17,7 @@ from planner.mission.command import Command
 from planner.mission.placement_search import find_free_spot
 from semmap.belief.store.beliefs import add_observations
 from semmap.geometry.pose import Pose
+from semmap.query.snapshot import Snapshot
 
 __all__ = [
     "ObjectRow",
@@ -92,25 +93,25 @@ def write_execution(connection: Connection, robot: int, command: Command, outcom
     )
 
 
-def find_placement(connection: Connection, item: str, target: str, towards: Pose) -> Pose | None:
+def find_placement(seen: Snapshot, item: str, target: str, towards: Pose) -> Pose | None:
     """The free pose on a target that is nearest to another pose; None if there is none.
 
     The pose is on the largest level surface of the target, or else on the top of its box, clear of
     the objects on it; in a room, it is on the floor before the robot, apart from its connectors and
     the objects there.
     """
-    row = connection.execute(text(_TARGET), {"name": target}).one_or_none()
-    size = connection.execute(text(_SIZE), {"name": item}).one_or_none()
+    row = seen.connection.execute(text(_TARGET), {"name": target}).one_or_none()
+    size = seen.connection.execute(text(_SIZE), {"name": item}).one_or_none()
     if row is None or size is None:
         return None
     if row.footprint is None:
         return None
     is_room = row.kind == "room"
     where = {"target": row.id, "item": item}
-    rows = connection.execute(text(_ON_FLOOR if is_room else _ON_TARGET), where).scalars()
+    rows = seen.connection.execute(text(_ON_FLOOR if is_room else _ON_TARGET), where).scalars()
     occupied = [shapely.from_wkb(bytes(k)) for k in rows]
     if is_room:
-        ways = connection.execute(text(_PASSAGES), where).all()
+        ways = seen.connection.execute(text(_PASSAGES), where).all()
         occupied += [shapely.LineString([w.a[:2], w.b[:2]]).buffer(PASSAGE) for w in ways]
         towards @= Pose(AHEAD, 0.0, 0.0)
     found = find_free_spot(
@@ -125,9 +126,9 @@ def find_placement(connection: Connection, item: str, target: str, towards: Pose
     return Pose.planar(found[0], found[1], yaw, (row.floor if is_room else row.top) + size.above)
 
 
-def read_objects(connection: Connection) -> list[ObjectRow]:
+def read_objects(seen: Snapshot) -> list[ObjectRow]:
     """The objects of the current map that lie in or on something."""
-    rows = connection.execute(text(_THINGS)).all()
+    rows = seen.connection.execute(text(_THINGS)).all()
     return [ObjectRow(r.name, r.place, Sighting(r.holder, r.relation, Pose(*r.pose))) for r in rows]
 
 

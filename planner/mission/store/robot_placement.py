@@ -6,6 +6,7 @@ from sqlalchemy import Connection, text
 
 from planner.mission.store.map_connection import MissionError
 from semmap.geometry.pose import Pose
+from semmap.query.snapshot import Snapshot
 
 __all__ = ["read_home", "read_robot", "write_robot"]
 
@@ -32,18 +33,18 @@ def write_robot(
     connection.execute(text(_ADD_PLACEMENT), {"name": name, "place": place, "pose": pose.row})
 
 
-def read_robot(connection: Connection, name: str) -> tuple[str, Pose] | None:
+def read_robot(seen: Snapshot, name: str) -> tuple[str, Pose] | None:
     """The place and the pose, in the map's frame, of an agent; None if there is none."""
-    row = connection.execute(text(_ROBOT), {"name": name}).one_or_none()
+    row = seen.connection.execute(text(_ROBOT), {"name": name}).one_or_none()
     return None if row is None else (row.place, Pose(*row.pose))
 
 
-def read_home(connection: Connection) -> str | None:
+def read_home(seen: Snapshot) -> str | None:
     """The room of the first region of the type ``home_region``, by name; None without one.
 
     None, too, where the map has an agent: a name that it does not have may be a typing error.
     """
-    found = connection.execute(text(_HOME)).scalar()
+    found = seen.connection.execute(text(_HOME)).scalar()
     return None if found is None else str(found)
 
 

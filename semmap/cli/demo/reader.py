@@ -5,8 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from sqlalchemy import Connection, text
+from sqlalchemy import text
 
+from semmap.query.snapshot import Snapshot
 from semmap.yaml_file import parse_yaml, read_text
 
 __all__ = ["DemoChoices", "choose", "figure_3", "read_choices"]
@@ -51,17 +52,19 @@ def read_choices(path: Path) -> DemoChoices:
     )
 
 
-def choose(connection: Connection, given: DemoChoices) -> DemoChoices:
+def choose(seen: Snapshot, given: DemoChoices) -> DemoChoices:
     """Complete the choices from the current map.
 
     The object is the rarest small one on the most furnished table. Tables in other rooms come
     first as targets. The robot starts at home, or else in another room than the object's.
     """
-    row = connection.execute(text(_OBJECT), {"type": given.type, "small": SMALL}).first()
-    start = given.start or connection.execute(text(_HOME)).scalar()
+    row = seen.connection.execute(text(_OBJECT), {"type": given.type, "small": SMALL}).first()
+    start = given.start or seen.connection.execute(text(_HOME)).scalar()
     if row is None:
         return replace(given, type=None, start=start)
-    tables = connection.execute(text(_TABLES), {"holder": row.holder, "room": row.room}).scalars()
+    tables = seen.connection.execute(
+        text(_TABLES), {"holder": row.holder, "room": row.room}
+    ).scalars()
     return DemoChoices(row.type, row.table_type, row.room, given.onto or tuple(tables), start)
 
 

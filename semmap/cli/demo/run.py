@@ -95,9 +95,9 @@ def _run_demo(
         cli.print_summary(db.import_file(file, map=map_name, model_path=model_path))
     house = db.map(map_name)
     with house.snapshot() as seen:
-        choices = choose(seen.connection, read_choices(files[0].with_name("demo.yaml")))
+        choices = choose(seen, read_choices(files[0].with_name("demo.yaml")))
         scenes = read_storeys(seen.connection)
-        topology = read_topology(seen.connection)
+        topology = read_topology(seen)
     _ask(house, choices, say)
     ask_in_sparql(house, choices, say)
     storeys = [storey_view(scene) for scene in scenes]

@@ -39,11 +39,11 @@ def search_demo(
         say("   none: the map has no small object on a table, or no room")
         return []
     start = choices.start if choices.start in rooms else rooms[0]
-    with live.snapshot() as connection:
-        name = find_entities(connection, choices.type)[0].name
+    with live.snapshot() as seen:
+        name = find_entities(seen, choices.type)[0].name
         planner = SearchPlanner(live)
         try:
-            found = planner.begin(connection, name, live.graph.endpoint(start))
+            found = planner.begin(seen, name, live.graph.endpoint(start))
         except ValueError as error:
             say(f"   none: {error}")
             return []

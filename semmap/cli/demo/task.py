@@ -59,8 +59,8 @@ def task_demo(
             if len(reasons) == MOST:
                 break
             try:
-                with live.snapshot() as connection:
-                    planner.task(connection, goal, start).plan()
+                with live.snapshot() as seen:
+                    planner.task(seen, goal, start).plan()
             except (ValueError, LookupError) as error:
                 reasons.append(f"{goal} from {start}: {error}")
                 continue

@@ -110,9 +110,9 @@ class VoxelMirror:
         server, or the history since then was deleted.
         """
         mirror = cls(engine, map_name, voxel_size)
-        with mirror._feed.snapshot() as connection:
-            state = load_state(connection, voxel_size)
-            walls = None if state is None else load_walls(connection, voxel_size, state.cursor)
+        with mirror._feed.snapshot() as seen:
+            state = load_state(seen.connection, voxel_size)
+            walls = None if state is None else load_walls(seen.connection, voxel_size, state.cursor)
         if state is not None and walls is not None:
             mirror.regions, mirror.names = state.regions, state.names
             mirror.walls, mirror._walls_left_out = walls
@@ -197,14 +197,14 @@ class VoxelMirror:
             with self._feed.look() as look:
                 changed = None if look.changed is None else set(look.changed)
                 nothing = changed is not None and not changed and self._zones is not None
-                occupants = [] if nothing else read_occupants(look.connection, changed)
-                walls = [] if nothing else read_walls(look.connection, changed)
-                agents = [] if nothing else read_agents(look.connection, changed)
+                occupants = [] if nothing else read_occupants(look.seen.connection, changed)
+                walls = [] if nothing else read_walls(look.seen.connection, changed)
+                agents = [] if nothing else read_agents(look.seen.connection, changed)
                 zones = self._zones or {}
                 stated: list[StatedVoxels] = []
                 if not nothing:
-                    zones = read_zones_by_id(look.connection)
-                    stated = read_stated(look.connection, changed, self.regions.voxel_size)
+                    zones = read_zones_by_id(look.seen.connection)
+                    stated = read_stated(look.seen.connection, changed, self.regions.voxel_size)
             stale = self._stale(changed, zones) | {each.id for each in stated}
             stale |= self._stated & (changed or set())
             regions = self._regions_of(occupants, agents)

@@ -280,7 +280,7 @@ class Subscriptions:
 
     def _changes(self, look: Look) -> tuple[MapView, Changes, float]:
         """Return the map, what changed or ended since the last look, and when the next one ends."""
-        session = look.driver
+        session = look.seen.session
         ((number, properties, classes, reaches, changed, ended, left),) = look.rows
         assert self._feed.map_name is not None
         view = MapView(session, self._feed.map_name, number) if number else MapView.of(session)

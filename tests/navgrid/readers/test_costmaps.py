@@ -17,6 +17,7 @@ from semmap.ingest.regions.extraction import draw_region
 from semmap.query.change_feed import changed_since, cursor
 from semmap.query.storey_reader import read_entities, read_scene
 from tests.navgrid.scenes import ARM, BASE
+from tests.seen import seen_by
 
 
 @pytest.fixture(scope="module")
@@ -95,17 +96,17 @@ def test_an_update_after_changes_in_the_database_equals_a_new_costmap(office: En
         scene = read_scene(connection, "floor-3rd")
         grid = scene_grid(scene, 0.05)
         costmap = Costmap(scene, [BASE, ARM], grid)
-        since = cursor(connection)
+        since = cursor(seen_by(connection))
         connection.rollback()
         for change in changes:
             before = costmap.master.copy()
             with office.begin() as other:
                 other.execute(text(change))
-            ids, since = changed_since(connection, since), cursor(connection)
+            ids, since = changed_since(seen_by(connection), since), cursor(seen_by(connection))
             entities = read_entities(connection, ids)
             costmap.update(entities, set(ids) - {entity.id for entity in entities})
             expected = Costmap(read_scene(connection, "floor-3rd"), [BASE, ARM], grid)
             assert (costmap.master == expected.master).all(), change
             assert "slab" in change or (costmap.master != before).any(), change
             connection.rollback()
-        assert changed_since(connection, since) == set()
+        assert changed_since(seen_by(connection), since) == set()

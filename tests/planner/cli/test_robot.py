@@ -8,6 +8,7 @@ from sqlalchemy import text
 
 from planner.readers.robot_class import read_robot_class
 from tests.office import OFFICE
+from tests.seen import seen_by
 
 URDF = OFFICE / "delivery_robot.urdf"
 
@@ -43,12 +44,12 @@ def test_a_class_is_added_listed_replaced_and_forgotten(robots, office_engine):
     assert (row["behaviours"], row["permissions"]) == (["pass_door"], ["staff"])
     assert {"base", "arm"} <= set(row["parts"])
     with office_engine.connect() as connection:
-        number, robot, *_ = read_robot_class(connection, "porter")
+        number, robot, *_ = read_robot_class(seen_by(connection), "porter")
     assert (robot.opens, robot.unlocks, robot.heights) == (False, False, (0.1, 1.4))
     assert robot.drive_limits.max_slope == pytest.approx(0.05236, abs=1e-5)
     robots.run("robot", "add", "porter", "--robot", URDF, "--speed", 1.0)
     with office_engine.connect() as connection:
-        again, robot, *_ = read_robot_class(connection, "porter")
+        again, robot, *_ = read_robot_class(seen_by(connection), "porter")
     assert (again, robot.speed, robot.opens) == (number, 1.0, True)
     shown = robots.run("robot", "ls").stdout
     assert "porter" in shown

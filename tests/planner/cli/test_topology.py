@@ -25,6 +25,7 @@ from tests.conftest import MakeDatabase
 from tests.ingest.worlds_by_hand import room_features
 from tests.office import OFFICE_FILES
 from tests.planner.exchange.nav2_reader import read
+from tests.seen import seen_by
 
 
 @pytest.fixture
@@ -91,7 +92,7 @@ def test_the_route_graph_comes_back_as_it_went(
         summary = import_file(engine, file, map_name="office")
     assert (summary.added, summary.skipped) == (len(graph), [])
     with engine.connect() as connection:
-        drawn = read_topology(connection)
+        drawn = read_topology(seen_by(connection))
         nodes = connection.execute(
             text(
                 "SELECT e.name, h.name AS holder, w.pose, e.properties FROM entity e "
@@ -107,7 +108,7 @@ def test_the_route_graph_comes_back_as_it_went(
                 "JOIN entity b ON b.id = l.to_id WHERE l.relation IN ('nav2_edge', 'stands_before')"
             )
         ).all()
-        drawn_graph = read_drawn_graph(connection, drawn)
+        drawn_graph = read_drawn_graph(seen_by(connection), drawn)
     planner = RoutePlanner(RoutingGraph(drawn))
     for start, goal in (("lab1", "office4"), ("office4", "kitchen")):
         route = planner.route_on(drawn_graph, start, goal)

@@ -24,6 +24,7 @@ from semmap.ingest.importer import import_file
 from tests.ingest.rmf.test_building import building, dump
 from tests.planner.exchange.buildings import buildings, figure_4
 from tests.planner.office import route
+from tests.seen import seen_by
 
 RELAXED = settings(
     max_examples=15, suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None
@@ -106,7 +107,10 @@ def test_the_office_of_the_map_has_its_cabin_and_its_rooms(
     office_engine: Engine, tmp_path: Path
 ) -> None:
     with office_engine.connect() as connection:
-        topology, around = read_topology(connection), read_building_outline(connection)
+        topology, around = (
+            read_topology(seen_by(connection)),
+            read_building_outline(seen_by(connection)),
+        )
     path = write_rmf_nav(RoutingGraph(topology), tmp_path / "0.yaml", building=around)
     graph = read(path)
     (lift,) = graph.graph["lifts"].values()
@@ -157,7 +161,10 @@ def test_lanes_keep_their_speed_mutex_and_dock(engine: Engine, tmp_path: Path) -
     ]
     import_file(engine, write_building(tmp_path / "house.building.yaml", drawn))
     with engine.connect() as connection:
-        topology, around = read_topology(connection), read_building_outline(connection)
+        topology, around = (
+            read_topology(seen_by(connection)),
+            read_building_outline(seen_by(connection)),
+        )
     graph = read(write_rmf_nav(RoutingGraph(topology), tmp_path / "0.yaml", building=around))
     shared = {"speed_limit": 0.4, "mutex": "aisle"}
     assert graph.edges["kitchen", "charger"] == {**shared, "dock_name": "dock_1"}

@@ -14,6 +14,7 @@ from planner.route import NoRouteError, Route
 from planner.route_search import find_route
 from planner.routing_graph import RoutingGraph
 from semmap.geometry.pose import Pose
+from tests.seen import seen_by
 
 WHERE = """
 SELECT h.name AS holder, p.relation, w.pose, r.name AS place, rw.pose AS room
@@ -32,7 +33,7 @@ SELECT o.label FROM object_type o WHERE o.map_id = current_map() AND o.type = :t
 def simple_planner(
     connection: Any, robot: str, goal: str, *, without: frozenset[str] = frozenset()
 ) -> Plan:
-    topology = read_topology(connection)
+    topology = read_topology(seen_by(connection))
     graph = RoutingGraph(topology.without(without))
     where = {r: connection.execute(text(WHERE), {"name": r}).one_or_none() for r in (robot,)}
     here, pose = where[robot].place, Pose(*where[robot].pose)

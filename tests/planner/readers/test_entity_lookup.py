@@ -2,6 +2,7 @@ import pytest
 
 from planner.readers.entity_lookup import find_entities
 from semmap.database.maps import see_map
+from tests.seen import seen_by
 
 
 @pytest.mark.parametrize(
@@ -20,4 +21,4 @@ from semmap.database.maps import see_map
 def test_people_may_name_a_thing_a_label_or_a_type(office_engine, said, places):
     with office_engine.connect() as connection:
         see_map(connection, "office")
-        assert sorted({e.place for e in find_entities(connection, said)}) == places
+        assert sorted({e.place for e in find_entities(seen_by(connection), said)}) == places

@@ -19,6 +19,7 @@ from planner.readers.robot_class import (
 from planner.readers.travel_times import read_travel_times, store_travel_times
 from planner.robot_class import RobotClass
 from semmap.robot import Part
+from tests.seen import seen_by
 
 SQUARE = np.array([(-0.3, -0.2), (0.3, -0.2), (0.3, 0.2), (-0.3, 0.2)])
 BASE = Part("base", ("base_link", "wheels"), (0.0, 0.31), SQUARE, 0.2, 0.36, "inscribed")
@@ -49,7 +50,7 @@ times = st.builds(Durations, **dict.fromkeys(("call", "ride", "ride_per_metre", 
 @given(classes, times)
 def test_what_is_read_is_what_was_kept(connection, robot, took):
     store_robot_class(connection, robot, took)
-    kept = read_robot_class(connection, "tester")
+    kept = read_robot_class(seen_by(connection), "tester")
     assert kept.durations == took
     for name, said in vars(robot).items():
         if name != "parts":
@@ -81,11 +82,11 @@ def test_walks_of_another_shape_gait_or_speed_are_forgotten(connection, change, 
         )
     ).scalars()
     store_travel_times(
-        connection, number, [MeasuredTravel(place, a, b, 3.0, 2.0)], {place: "as it was"}
+        seen_by(connection), number, [MeasuredTravel(place, a, b, 3.0, 2.0)], {place: "as it was"}
     )
     changed = {"parts": (BASE, MAST), **change}
     assert store_robot_class(connection, RobotClass("tester", **changed)) == number
-    assert len(read_travel_times(connection, number)) == (0 if forgotten else 1)
+    assert len(read_travel_times(seen_by(connection), number)) == (0 if forgotten else 1)
 
 
 def test_learned_times_come_with_it_in_the_map_where_they_were_learned(connection):
@@ -101,26 +102,26 @@ def test_learned_times_come_with_it_in_the_map_where_they_were_learned(connectio
             ),
             {"robot": number, "door": door, "seconds": seconds, "succeeded": succeeded},
         )
-    assert read_robot_class(connection, "tester").durations.measured == {
+    assert read_robot_class(seen_by(connection), "tester").durations.measured == {
         ("pass_door", "door1"): 6.0
     }
     connection.execute(text("INSERT INTO map (name) VALUES ('elsewhere')"))
     connection.execute(text("SELECT set_config('semmap.map', 'elsewhere', true)"))
-    assert read_robot_class(connection, "tester").durations.measured == {}
+    assert read_robot_class(seen_by(connection), "tester").durations.measured == {}
 
 
 def test_its_state_changes_with_it_and_goes_with_it(connection):
     number = store_robot_class(connection, RobotClass("tester"))
-    first = read_robot_class(connection, "tester").digest
-    assert read_robot_class_digest(connection, number) == first
+    first = read_robot_class(seen_by(connection), "tester").digest
+    assert read_robot_class_digest(seen_by(connection), number) == first
     store_robot_class(connection, RobotClass("tester"))
-    assert read_robot_class_digest(connection, number) == first
+    assert read_robot_class_digest(seen_by(connection), number) == first
     store_robot_class(connection, RobotClass("tester", capacity=2))
-    assert read_robot_class_digest(connection, number) not in (None, first)
-    assert "tester" in read_robot_class_names(connection)
+    assert read_robot_class_digest(seen_by(connection), number) not in (None, first)
+    assert "tester" in read_robot_class_names(seen_by(connection))
     delete_robot_class(connection, "tester")
-    assert read_robot_class_digest(connection, number) is None
-    assert "tester" not in read_robot_class_names(connection)
+    assert read_robot_class_digest(seen_by(connection), number) is None
+    assert "tester" not in read_robot_class_names(seen_by(connection))
 
 
 def test_an_unknown_class_is_named_with_those_there_are(connection):

@@ -7,6 +7,7 @@ from planner.route import NoRouteError
 from planner.topology import OUTSIDE
 from semmap.ingest.regions.extraction import draw_region
 from tests.planner.office import route
+from tests.seen import seen_by
 
 
 def doors(found):
@@ -14,7 +15,7 @@ def doors(found):
 
 
 def test_the_office_is_read_with_its_doors_and_cabins(connection):
-    topology = read_topology(connection)
+    topology = read_topology(seen_by(connection))
     assert topology.places["lab1"].storey == "floor-1st"
     assert topology.cabins() == {"elevator": ["elevator-1st", "elevator-3rd"]}
     assert topology.connectors["entrance"].places == ("foyer-1st", OUTSIDE)
@@ -26,7 +27,7 @@ def test_the_office_is_read_with_its_doors_and_cabins(connection):
 
 
 def test_figure_4_on_the_map(connection):
-    topology = read_topology(connection)
+    topology = read_topology(seen_by(connection))
     expected = ["door1", "door2", "edoor1", "edoor3", "door5", "door6"]
     assert doors(route(topology, "lab1", "office4")) == expected
     assert doors(route(topology, "office4", "lab2")) == ["door7", "door8"]
@@ -40,7 +41,7 @@ def test_a_locked_door_in_the_map_bars_the_way(connection):
         )
     )
     with pytest.raises(NoRouteError, match="door8 is locked"):
-        route(read_topology(connection), "office4", "lab2")
+        route(read_topology(seen_by(connection)), "office4", "lab2")
 
 
 def test_regions_without_end_have_no_times(connection):
@@ -59,7 +60,7 @@ def test_regions_without_end_have_no_times(connection):
             ),
             {"name": name, "valid": valid},
         )
-    found, ends = read_regions(connection)
+    found, ends = read_regions(seen_by(connection))
     assert [r.name for r in found if r.name in {n for n, *_ in regions}] == ["for_ever", "since"]
     ids = dict(connection.execute(text("SELECT name, id FROM entity WHERE kind = 'region'")).all())
     years = {name: [t.year for t in ends.get(ids[name], [])] for name, *_ in regions}

@@ -16,6 +16,7 @@ from planner.readers.travel_times import (
 )
 from planner.robot_class import RobotClass
 from semmap.query.change_feed import cursor
+from tests.seen import seen_by
 
 OFFICES = {"office4", "office2"}
 """Where desk4 stands, and what lies below: of a thing's storey nothing is taken for granted."""
@@ -40,17 +41,19 @@ def test_walks_are_read_as_they_were_kept_and_replaced_by_place(connection, ids,
         MeasuredTravel(office, *sorted((ids["door6"], ids["door7"])), 1e-3, np.pi),  # type: ignore[call-arg]
         MeasuredTravel(office, *sorted((ids["door6"], ids["door8"])), 7.0, 0.0),  # type: ignore[call-arg]
     ]
-    store_travel_times(connection, robot, first, {lab: "a"})
-    store_travel_times(connection, robot, second, {office: "b"})
-    assert sorted(map(tuple, read_travel_times(connection, robot))) == sorted([*first, *second])
-    assert read_place_digests(connection, robot) == {lab: "a", office: "b"}
-    store_travel_times(connection, robot, [], {office: "c"})
-    assert [tuple(w) for w in read_travel_times(connection, robot)] == first
-    assert read_place_digests(connection, robot) == {lab: "a", office: "c"}
+    store_travel_times(seen_by(connection), robot, first, {lab: "a"})
+    store_travel_times(seen_by(connection), robot, second, {office: "b"})
+    assert sorted(map(tuple, read_travel_times(seen_by(connection), robot))) == sorted(
+        [*first, *second]
+    )
+    assert read_place_digests(seen_by(connection), robot) == {lab: "a", office: "b"}
+    store_travel_times(seen_by(connection), robot, [], {office: "c"})
+    assert [tuple(w) for w in read_travel_times(seen_by(connection), robot)] == first
+    assert read_place_digests(seen_by(connection), robot) == {lab: "a", office: "c"}
 
 
 def test_no_walks_are_an_empty_array(connection, robot):
-    walks = read_travel_times(connection, robot)
+    walks = read_travel_times(seen_by(connection), robot)
     assert walks.shape == (0,)
     assert walks.dtype.names == MeasuredTravel._fields
 
@@ -76,19 +79,23 @@ def test_no_walks_are_an_empty_array(connection, robot):
     ids=["a desk moves", "a door is wider", "a door is locked", "a label", "a muffin is carried"],
 )
 def test_the_state_of_a_place_is_that_of_what_walks_depend_on(connection, ids, change, changed):
-    before = compute_place_digests(connection, 0.0)
+    before = compute_place_digests(seen_by(connection), 0.0)
     for statement in change.format_map(ids).split(";"):
         connection.execute(text(statement))
-    after = compute_place_digests(connection, 0.0)
+    after = compute_place_digests(seen_by(connection), 0.0)
     names = {i: n for n, i in ids.items()}
     assert {names[place] for place in before if before[place] != after[place]} == changed
     some = [ids["office4"], ids["lab1"]]
-    assert compute_place_digests(connection, 0.0, some) == {place: after[place] for place in some}
+    assert compute_place_digests(seen_by(connection), 0.0, some) == {
+        place: after[place] for place in some
+    }
 
 
 def test_what_is_near_a_place_counts_within_reach(connection, ids):
     def state(reach):
-        return compute_place_digests(connection, reach, [ids["corridor3"]])[ids["corridor3"]]
+        return compute_place_digests(seen_by(connection), reach, [ids["corridor3"]])[
+            ids["corridor3"]
+        ]
 
     near, far = state(0.0), state(2.0)
     connection.execute(
@@ -100,15 +107,17 @@ def test_what_is_near_a_place_counts_within_reach(connection, ids):
 
 
 def test_what_changed_since_the_walks_comes_with_the_class(connection, ids, robot):
-    assert read_robot_class(connection, "tester").unmeasured is None
-    store_measured_until(connection, robot, cursor(connection))
-    assert read_robot_class(connection, "tester").unmeasured == frozenset()
-    store_measured_until(connection, robot, cursor(connection))  # replaces the former cursor
+    assert read_robot_class(seen_by(connection), "tester").unmeasured is None
+    store_measured_until(seen_by(connection), robot, cursor(seen_by(connection)))
+    assert read_robot_class(seen_by(connection), "tester").unmeasured == frozenset()
+    store_measured_until(
+        seen_by(connection), robot, cursor(seen_by(connection))
+    )  # replaces the former cursor
 
 
 def test_walks_of_a_class_that_changed_are_not_kept(connection, robot):
-    state = read_robot_class_digest(connection, robot)
-    assert may_store_travel_times(connection, robot, state)
-    assert not may_store_travel_times(connection, robot, "another")
+    state = read_robot_class_digest(seen_by(connection), robot)
+    assert may_store_travel_times(seen_by(connection), robot, state)
+    assert not may_store_travel_times(seen_by(connection), robot, "another")
     connection.execute(text("SET TRANSACTION READ ONLY"))
-    assert not may_store_travel_times(connection, robot, state)
+    assert not may_store_travel_times(seen_by(connection), robot, state)

@@ -153,8 +153,8 @@ def office_search(mission_url: str):
 
     engine = open_engine(mission_url)
     live = LiveTopology(MapHandle(engine, "office"))
-    with live.snapshot() as connection:
-        found = SearchPlanner(live).begin(connection, "muffin1", live.graph.endpoint("lab1"))
+    with live.snapshot() as seen:
+        found = SearchPlanner(live).begin(seen, "muffin1", live.graph.endpoint("lab1"))
     engine.dispose()
     return found
 
