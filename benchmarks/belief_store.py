@@ -11,6 +11,7 @@ import semmap
 from benchmarks.bench_map import fresh_map
 from benchmarks.timing import Row, median_seconds, print_rows
 from semmap.belief.store.beliefs import add_observations, read_belief
+from tests.seen import seen_by
 
 __all__ = ["main"]
 
@@ -48,7 +49,7 @@ def make_map(db: semmap.Database) -> semmap.Map:
 
 def rows(made: semmap.Map, url: str) -> list[Row]:
     """Time an observation until another session was notified, and read the belief there."""
-    session = made.connection
+    seen = seen_by(made.connection)
     number = 0
     found: list[float] = []
     with psycopg.connect(url, autocommit=True) as follower:
@@ -60,7 +61,7 @@ def rows(made: semmap.Map, url: str) -> list[Row]:
             nonlocal number
             number += 1
             name, place = f"can{number * 37 % OBJECTS}", f"table{number % TABLES}"
-            add_observations(session, [{"object": name, "place": place, "seen": True}])
+            add_observations(made.connection, [{"object": name, "place": place, "seen": True}])
             select.select([follower.pgconn.socket], [], [], 5)
             assert list(follower.notifies(timeout=0, stop_after=1))
 
@@ -75,9 +76,9 @@ def rows(made: semmap.Map, url: str) -> list[Row]:
             stored()
 
         announced = median_seconds(both, 51, 10)
-        nothing = median_seconds(lambda: session.execute("SELECT 1").fetchall(), 51, 5)
+        nothing = median_seconds(lambda: made.execute("SELECT 1"), 51, 5)
         computed = median_seconds(
-            lambda: found.append(sum(read_belief(session, "can7").values())), 21, 5
+            lambda: found.append(sum(read_belief(seen, "can7").values())), 21, 5
         )
         assert max(abs(total - 1) for total in found) < 1e-12
     return [

@@ -259,9 +259,9 @@ class LiveTopology:
             store = None if self._assume_sizes else TravelTimeStore(read)
         costmaps, stored = None, None
         if robot.parts:
-            self._field_versions = read_field_versions(seen.connection)
+            self._field_versions = read_field_versions(seen)
             costmaps = StoreyCostmaps(
-                topology, robot, self._read_scene, fields=read_fields(seen.connection, live=False)
+                topology, robot, self._read_scene, fields=read_fields(seen, live=False)
             )
             if self._progress is not None:
                 costmaps.report_to(self._report(self._progress, len(topology.places)))
@@ -328,13 +328,13 @@ class LiveTopology:
         costmaps = self.costmaps
         if costmaps is None:
             return change
-        before, now = self._field_versions, read_field_versions(look.seen.connection)
+        before, now = self._field_versions, read_field_versions(look.seen)
         if now == before:
             return change
         if not costmaps.is_complete():
             return self._load(look)
         changed = [name for name, version in now.items() if before.get(name) != version]
-        fields = read_fields(look.seen.connection, changed, live=False)
+        fields = read_fields(look.seen, changed, live=False)
         removed = dict.fromkeys(before.keys() - now.keys())
         with self.graph.lock:
             places = costmaps.set_fields({**removed, **fields})
@@ -353,7 +353,7 @@ class LiveTopology:
         before, now = self._live_versions, _live_versions(seen)
         if now == before:
             return change
-        fields = read_fields(seen.connection, [n for n, v in now.items() if before.get(n) != v])
+        fields = read_fields(seen, [n for n, v in now.items() if before.get(n) != v])
         costmaps.make_costmaps_of(fields.values())
         with self.graph.lock:
             places = costmaps.set_fields({**dict.fromkeys(before.keys() - now.keys()), **fields})
@@ -403,7 +403,7 @@ def no_garbage_collection() -> Iterator[None]:
 def _live_versions(seen: Snapshot) -> dict[str, int]:
     """The versions of the live fields that have an effect on costs, by name."""
     rule = Policy.default().layer_of_field
-    live = read_live_versions(seen.connection)
+    live = read_live_versions(seen)
     return {n: version for n, (what, version) in live.items() if rule(what) not in (None, NONE)}
 
 

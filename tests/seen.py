@@ -2,13 +2,21 @@
 
 from __future__ import annotations
 
+from typing import Any
+
+import psycopg
 from sqlalchemy import Connection
 
+from semmap.database.maps import driver_of
 from semmap.query.snapshot import Snapshot
 
 NAME = "SELECT coalesce(nullif(current_setting('semmap.map', true), ''), min(name), '') FROM map"
 
 
-def seen_by(connection: Connection) -> Snapshot:
-    """The map that is set, else the only one."""
-    return Snapshot.of(connection, connection.exec_driver_sql(NAME).scalar_one())
+def seen_by(connection: Connection | psycopg.Connection[Any]) -> Snapshot:
+    """The map that is set, else the first one."""
+    row = driver_of(connection).execute(NAME).fetchone()
+    assert row is not None
+    if isinstance(connection, psycopg.Connection):
+        return Snapshot(connection, row[0])
+    return Snapshot.of(connection, row[0])

@@ -6,8 +6,6 @@ from collections.abc import Mapping, Sequence
 from datetime import datetime
 from pathlib import Path
 
-from sqlalchemy import Connection
-
 from navgrid.costmap import Costmap, Inflation
 from navgrid.field_layer import FieldVoxels
 from navgrid.grid import MARGIN, scene_grid
@@ -15,6 +13,7 @@ from navgrid.policy import Policy
 from navgrid.static_map import map_layer
 from navgrid.terrain import DriveLimits
 from semmap.geometry.voxels import Voxels
+from semmap.query.snapshot import Snapshot
 from semmap.query.storey_reader import read_scene, read_storey_names
 from semmap.query.storey_scene import Bounds
 from semmap.robot import Part
@@ -23,7 +22,7 @@ __all__ = ["read_costmaps"]
 
 
 def read_costmaps(
-    connection: Connection,
+    seen: Snapshot,
     parts: Sequence[Part],
     *,
     storey: str | None = None,
@@ -43,7 +42,7 @@ def read_costmaps(
 
     Parameters
     ----------
-    connection : Connection that sees the map
+    seen : Snapshot of the map
     parts : sequence of Part
     storey : str, optional
         Only this storey.
@@ -78,12 +77,12 @@ def read_costmaps(
         + max(layer.padding for layer in policy.layers)
     )
     is_part = rooms is not None or bounds is not None
-    names = read_storey_names(connection)
+    names = read_storey_names(seen.connection)
     costmaps = []
     for name in names if storey is None else [storey]:
         try:
             scene = read_scene(
-                connection,
+                seen.connection,
                 name,
                 bounds=bounds,
                 rooms=rooms,

@@ -10,12 +10,13 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 
 import numpy as np
-from sqlalchemy import Connection, text
+from sqlalchemy import text
 
 from navgrid.field_layer import FieldVoxels, field_voxels
 from semmap.geometry.voxels import Voxels
 from semmap.language.terms import local_name
 from semmap.query.map_handle import MapSource
+from semmap.query.snapshot import Snapshot
 from semmap.suggestions import suggestion
 
 __all__ = [
@@ -49,31 +50,31 @@ WHERE f.map_id = current_map() AND f.property = 'urn:semmap:ontology#provides' O
 """The record of a source names its last maps."""
 
 
-def read_field_versions(connection: Connection) -> dict[str, tuple[int, int]]:
+def read_field_versions(seen: Snapshot) -> dict[str, tuple[int, int]]:
     """Return the id and the newest version of each stored field of the current map, by name."""
-    return {row.name: (row.id, row.version) for row in connection.execute(text(_VERSIONS))}
+    return {row.name: (row.id, row.version) for row in seen.connection.execute(text(_VERSIONS))}
 
 
-def read_live_versions(connection: Connection) -> dict[str, tuple[str, int]]:
+def read_live_versions(seen: Snapshot) -> dict[str, tuple[str, int]]:
     """Return the property and the newest version of each live field of a source, by name."""
-    rows = connection.execute(text(_OF_SOURCES), {"live": LIVE})
+    rows = seen.connection.execute(text(_OF_SOURCES), {"live": LIVE})
     return {row.name: (local_name(row.property), row.version) for row in rows if row.live}
 
 
-def read_ended_fields(connection: Connection) -> list[str]:
+def read_ended_fields(seen: Snapshot) -> list[str]:
     """Return the names of the fields of sources that are not live any more."""
-    rows = connection.execute(text(_OF_SOURCES), {"live": LIVE})
+    rows = seen.connection.execute(text(_OF_SOURCES), {"live": LIVE})
     return [row.name for row in rows if not row.live]
 
 
 def read_fields(
-    connection: Connection, names: Sequence[str] | None = None, *, live: bool = True
+    seen: Snapshot, names: Sequence[str] | None = None, *, live: bool = True
 ) -> dict[str, FieldVoxels]:
     """Return fields of the current map by name, in their newest versions.
 
     Parameters
     ----------
-    connection : Connection that sees the map
+    seen : Snapshot of the map
     names : sequence of str, optional
         Only these, live or ended; by default all that are stored or live.
     live : bool
@@ -86,8 +87,8 @@ def read_fields(
     ValueError
         A field has a value that is not finite.
     """
-    of_sources = connection.execute(text(_OF_SOURCES), {"live": LIVE}).all() if live else []
-    versions = dict.fromkeys(read_field_versions(connection))
+    of_sources = seen.connection.execute(text(_OF_SOURCES), {"live": LIVE}).all() if live else []
+    versions = dict.fromkeys(read_field_versions(seen))
     versions |= {row.name: row.version for row in of_sources}
     ended = {row.name for row in of_sources if not row.live}
     known = [*versions]
@@ -102,7 +103,7 @@ def read_fields(
         from semmap.fields.store import field_store
     found = {}
     for name in wanted:
-        stored = field_store.load(connection, name, versions[name])
+        stored = field_store.load(seen, name, versions[name])
         property = local_name(stored.property)
         try:
             found[name] = field_voxels(stored.grid, property, stored.about, stored.legend)

@@ -78,14 +78,14 @@ def read_believed_object(seen: Snapshot, name: str) -> BelievedObject:
     LookupError
         The map has no entity of this name.
     """
-    belief = read_belief(seen.connection, name)
+    belief = read_belief(seen, name)
     shut = seen.connection.execute(text(_SHUT)).scalars()
     return BelievedObject(
         name,
         belief,
-        read_places(seen.connection, name),
-        read_occluders(seen.connection, [name]),
-        read_height(seen.connection, name) or HEIGHT,
+        read_places(seen, name),
+        read_occluders(seen, [name]),
+        read_height(seen, name) or HEIGHT,
         frozenset(map(str, shut)),
     )
 

@@ -39,9 +39,10 @@ def current_mirror(map: MapQuestions, voxel_size: float, note: Note) -> Mirror:
     """
     from semmap.fields.store.mirror_state import is_current, load_state
 
-    state = load_state(map.connection, voxel_size)
-    if state is not None and is_current(map.connection, state):
-        return state
+    with map.snapshot() as seen:
+        state = load_state(seen, voxel_size)
+        if state is not None and is_current(seen, state):
+            return state
     return resumed_mirror(map, voxel_size, note)
 
 
@@ -62,12 +63,13 @@ def kept_space(map: MapQuestions, voxel_size: float, note: Note) -> Mirror:
     from semmap.fields.store.field_store import has_maps
 
     mirror = current_mirror(map, voxel_size, note)
-    if has_maps(map.connection):
-        from semmap.fields.service.kept_answer import PlainVocabulary, show_kept
+    with map.snapshot() as seen:
+        if has_maps(seen):
+            from semmap.fields.service.kept_answer import PlainVocabulary, show_kept
 
-        newest = show_kept(mirror, map.connection, PlainVocabulary())
-        if newest is not None:
-            note(f"no service is running: sources as kept at {newest:%Y-%m-%d %H:%M:%S %Z}")
+            newest = show_kept(mirror, seen, PlainVocabulary())
+            if newest is not None:
+                note(f"no service is running: sources as kept at {newest:%Y-%m-%d %H:%M:%S %Z}")
     return mirror
 
 
@@ -81,20 +83,18 @@ def query_kept(
     from semmap.fields.store.names import read_map_vocabulary, read_names
 
     vocabulary = read_map_vocabulary()
-    session = map.connection
     mirror = current_mirror(map, voxel_size, note)
-    newest = show_kept(mirror, session, vocabulary)
-    seen = f", sources as kept at {newest:%Y-%m-%d %H:%M:%S %Z}" if newest else ""
-    note(f"no service is running: answered from the kept state of the map{seen}")
+    with map.snapshot() as seen:
+        newest, names = show_kept(mirror, seen, vocabulary), read_names(seen)
+    sources = f", sources as kept at {newest:%Y-%m-%d %H:%M:%S %Z}" if newest else ""
+    note(f"no service is running: answered from the kept state of the map{sources}")
 
     @contextmanager
     def transaction() -> Iterator[Any]:
         with map.transaction():
-            yield session
+            yield map.connection
 
-    catalogue = mirror_catalogue(
-        mirror, read_names(session), vocabulary, open_connection=transaction
-    )
+    catalogue = mirror_catalogue(mirror, names, vocabulary, open_snapshot=map.snapshot)
     return query_reply(catalogue, text, transaction, **given)
 
 
@@ -106,11 +106,11 @@ def update_kept(map: MapQuestions, voxel_size: float, note: Note, text: str) -> 
     from semmap.fields.store.names import read_map_vocabulary, read_names
 
     vocabulary = read_map_vocabulary()
-    session = map.connection
     mirror = current_mirror(map, voxel_size, note)
-    show_kept(mirror, session, vocabulary)
-    catalogue = mirror_catalogue(mirror, read_names(session), vocabulary)
-    return update_map(mirror, catalogue, text, session)
+    with map.snapshot() as seen:
+        show_kept(mirror, seen, vocabulary)
+        catalogue = mirror_catalogue(mirror, read_names(seen), vocabulary)
+    return update_map(mirror, catalogue, text, map.connection)
 
 
 def export_entities(mirror: Mirror, folder: Path) -> dict[str, Any]:
@@ -148,7 +148,8 @@ def export_field(map: MapQuestions, name: str, version: int | None, folder: Path
     from semmap.fields.maps.export import write_grid
     from semmap.fields.store import field_store
 
-    field = field_store.load(map.connection, name, version)
+    with map.snapshot() as seen:
+        field = field_store.load(seen, name, version)
     folder.mkdir(parents=True, exist_ok=True)
     write_grid(folder / "field.vdb", field.grid, name)
     write_grid(folder / "points.ply", field.grid, name)

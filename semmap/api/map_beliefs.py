@@ -74,17 +74,18 @@ class MapBeliefs(MapQuestions):
 
         if occlusion and moves is not None:
             raise ValueError("choose occlusion or moves: no model has both")
-        moment, session = aware(at), self.connection
-        found = {name: BelievedPlaces(name, where(session, name, moment), moment) for name in names}
-        if not occlusion and moves is None:
-            return found
-        from semmap.belief.estimates import belief_with_motion, belief_with_occlusion
-        from semmap.belief.motion import MotionModel
+        moment = aware(at)
+        with self.snapshot() as seen:
+            found = {n: BelievedPlaces(n, where(seen, n, moment), moment) for n in names}
+            if not occlusion and moves is None:
+                return found
+            from semmap.belief.estimates import belief_with_motion, belief_with_occlusion
+            from semmap.belief.motion import MotionModel
 
-        if moves is None:
-            estimates = belief_with_occlusion(session, names, moment)
-        else:
-            estimates = belief_with_motion(session, names, MotionModel(moves), moment)
+            if moves is None:
+                estimates = belief_with_occlusion(seen, names, moment)
+            else:
+                estimates = belief_with_motion(seen, names, MotionModel(moves), moment)
         return found | {name: found[name].revised(of) for name, of in estimates.items()}
 
     def draw_belief(
@@ -109,7 +110,7 @@ class MapBeliefs(MapQuestions):
 
         belief = self.where(about) if isinstance(about, str) else about
         with self.snapshot() as seen:
-            places = read_places(seen.connection, belief.name)
+            places = read_places(seen, belief.name)
             best = max(places, key=lambda place: belief.get(place.name, 0.0), default=None)
             chosen = storey or (best.storey if best else None)
             scenes = read_storeys(seen.connection, chosen)
@@ -136,7 +137,8 @@ class MapBeliefs(MapQuestions):
         """
         from semmap.belief.store.beliefs import initial_belief
 
-        return initial_belief(self.connection, names, aware(at))
+        with self.snapshot() as seen:
+            return initial_belief(seen, names, aware(at))
 
     def identify(
         self,
@@ -172,9 +174,7 @@ class MapBeliefs(MapQuestions):
 
         motion = MotionModel(moves)
         with self.snapshot() as seen:
-            return identify(
-                seen.connection, detections, frame=frame, at=aware(at), motion=motion, new=new
-            )
+            return identify(seen, detections, frame=frame, at=aware(at), motion=motion, new=new)
 
     def belief_field(
         self,
@@ -208,10 +208,10 @@ class MapBeliefs(MapQuestions):
 
         moment = aware(at)
         belief = self.where(name, moment)
-        with self._sqlalchemy() as connection:
+        with self._change() as seen:
             made = belief_map(
                 read_map_vocabulary(),
-                read_places(connection, name),
+                read_places(seen, name),
                 belief,
                 about=name,
                 voxel_size=voxel_size,
@@ -220,7 +220,7 @@ class MapBeliefs(MapQuestions):
             field = keep_as or f"belief-{name}"
             return {
                 "field": field,
-                "version": save_map(connection, field, made),
+                "version": save_map(seen.session, field, made),
                 "voxels": len(made),
             }
 
@@ -242,7 +242,8 @@ class MapBeliefs(MapQuestions):
         from semmap.belief.problog_program import problog_program
         from semmap.belief.reader import read_columns, read_model
 
-        columns = read_columns(self.connection, names, aware(at))
+        with self.snapshot() as seen:
+            columns, model = read_columns(seen, names, aware(at)), read_model(seen)
         return problog_program(
             columns.prior,
             columns.observations,
@@ -250,5 +251,5 @@ class MapBeliefs(MapQuestions):
             columns.objects,
             columns.places,
             known_volumes(columns) if occlusion else None,
-            model=read_model(self.connection),
+            model=model,
         )

@@ -165,7 +165,7 @@ class MapDriving(MapQuestions):
         shape = self.robot_parts(robot, posture=posture, parts=parts)
         with self.snapshot() as seen:
             return read_costmaps(
-                seen.connection,
+                seen,
                 shape,
                 storey=storey,
                 rooms=rooms,
@@ -201,7 +201,7 @@ class MapDriving(MapQuestions):
         from navgrid.readers.fields import read_ended_fields
 
         with self.snapshot() as seen:
-            return read_ended_fields(seen.connection)
+            return read_ended_fields(seen)
 
     def robot_parts(
         self,
@@ -390,7 +390,7 @@ def _fields(seen: Snapshot, names: Iterable[str] | None) -> dict[str, FieldVoxel
     from navgrid.readers.fields import read_fields
 
     chosen = None if names is None else [*names]
-    return {} if chosen == [] else read_fields(seen.connection, chosen)
+    return {} if chosen == [] else read_fields(seen, chosen)
 
 
 def _policy(path: Path | str | None) -> Any:

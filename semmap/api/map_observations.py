@@ -71,11 +71,11 @@ class MapObservations(MapQuestions):
 
         row: dict[str, Any] = {"object": name, "place": place, "seen": seen, "at": aware(at)}
         row |= {"visible": visible, "observer": observer, "hit": hit, "false_alarm": false_alarm}
-        with self.transaction():
+        with self.transaction(), self.snapshot() as now:
             if inside is None:
-                inside = position is None and is_wide(self.connection, place)
+                inside = position is None and is_wide(now, place)
             row |= {"inside": inside, "position": position}
-            add_observations(self.connection, [row])
+            add_observations(now.session, [row])
         return row
 
     def observe_point(
@@ -115,8 +115,8 @@ class MapObservations(MapQuestions):
         from semmap.belief.looks import observe_point
 
         rates = {"hit": hit, "false_alarm": false_alarm}
-        with self._sqlalchemy() as connection:
-            return observe_point(connection, name, point, frame=frame, at=aware(at), **rates)
+        with self._change() as now:
+            return observe_point(now, name, point, frame=frame, at=aware(at), **rates)
 
     def observe_view(
         self,
@@ -177,12 +177,12 @@ class MapObservations(MapQuestions):
         moment = aware(at)
         options: dict[str, Any] = {"furthest": furthest, "at": moment, "observer": frame}
         options |= {"hit": hit, "false_alarm": false_alarm}
-        with self._sqlalchemy() as connection:
-            camera, detected = agent_view(connection, view, opening, seen or {}, frame, moment)
+        with self._change() as now:
+            camera, detected = agent_view(now, view, opening, seen or {}, frame, moment)
             if cloud is None:
-                return observe_view(connection, camera, looked_for, detected, **options)
+                return observe_view(now, camera, looked_for, detected, **options)
             from semmap.belief.cloud_looks import observe_cloud
             from semmap.perception.cloud_file import read_cloud
 
             points = read_cloud(Path(cloud)) if isinstance(cloud, str | Path) else cloud
-            return observe_cloud(connection, camera, points, looked_for, without=without, **options)
+            return observe_cloud(now, camera, points, looked_for, without=without, **options)

@@ -15,7 +15,6 @@ from semmap.api.door import Door
 from semmap.api.map_entity import MapEntity
 from semmap.database.maps import see_map
 from semmap.database.session import twin_session
-from semmap.database.shared_engine import shared_engine
 from semmap.query import entity_query
 from semmap.query.entity_query import Near
 from semmap.query.snapshot import Snapshot, open_snapshot
@@ -23,7 +22,7 @@ from semmap.suggestions import suggestion
 
 if TYPE_CHECKING:
     import psycopg
-    from sqlalchemy import Connection, Engine
+    from sqlalchemy import Engine
     from sqlalchemy.orm import Session
 
     from semmap.api.database import Database
@@ -218,8 +217,8 @@ class MapQuestions:
         return session
 
     @contextmanager
-    def _sqlalchemy(self) -> Iterator[Connection]:
-        """A connection of SQLAlchemy in a transaction of this map's connection.
+    def _change(self) -> Iterator[Snapshot]:
+        """What a transaction of this map's connection sees, in which the map is changed.
 
         Raises
         ------
@@ -229,8 +228,8 @@ class MapQuestions:
         from sqlalchemy.exc import DBAPIError
 
         try:
-            with self.transaction(), shared_engine(self.connection).connect() as connection:
-                yield connection
+            with self.transaction(), self.snapshot() as seen:
+                yield seen
         except DBAPIError as error:
             refused = error.orig
             if not isinstance(refused, errors.CheckViolation | errors.DataError):

@@ -76,8 +76,8 @@ class MapRegions(MapQuestions):
             "floor": {"headroom": headroom, "max_step": max_step},
             "observation": {"near": near, "far": far},
         }
-        with self._sqlalchemy() as connection:
-            return find_regions(connection, sort, chosen, type, **options.get(sort, {}))
+        with self._change() as seen:
+            return find_regions(seen.connection, sort, chosen, type, **options.get(sort, {}))
 
     def draw_region(
         self,
@@ -133,9 +133,9 @@ class MapRegions(MapQuestions):
         except (TypeError, ValueError) as error:
             raise ValueError(f"{name}: properties: {error}: give values that JSON has") from None
         valid = None if since is None and until is None else (aware(since), aware(until))
-        with self._sqlalchemy() as connection:
+        with self._change() as seen:
             made = draw_region(
-                connection,
+                seen.connection,
                 self.execute("SELECT current_map()")[0][0],
                 name,
                 None if polygon is None else _outline(polygon),

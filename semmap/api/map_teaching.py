@@ -72,7 +72,8 @@ class MapTeaching(MapQuestions):
         """
         from semmap.belief.store.teaching import how_to
 
-        return how_to(self.connection, goal, given)
+        with self.snapshot() as seen:
+            return how_to(seen, goal, given)
 
     def grammar(self, format: str = "gbnf") -> str:
         """A grammar of the names that the map knows, for speech recognisers and language models.
@@ -89,4 +90,5 @@ class MapTeaching(MapQuestions):
         from semmap.belief.grammar import write_grammar
         from semmap.belief.store.teaching import vocabulary
 
-        return write_grammar(vocabulary(self.connection), format)
+        with self.snapshot() as seen:
+            return write_grammar(vocabulary(seen), format)

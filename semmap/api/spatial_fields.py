@@ -181,13 +181,13 @@ class SpatialFields(FieldSources):
         from semmap.fields.store.map_store import load_maps
         from semmap.fields.store.names import read_map_vocabulary
 
-        session = self._open_map().connection
-        return [
-            KeptField(
-                name, m.property.name, m.about, len(m), len(field_store.versions(session, name))
-            )
-            for name, m in load_maps(session, read_map_vocabulary()).items()
-        ]
+        with self._open_map().snapshot() as seen:
+            return [
+                KeptField(
+                    name, m.property.name, m.about, len(m), len(field_store.versions(seen, name))
+                )
+                for name, m in load_maps(seen, read_map_vocabulary()).items()
+            ]
 
     def __iter__(self) -> Iterator[KeptField]:
         """Iterate over the stored fields."""
@@ -204,13 +204,13 @@ class SpatialFields(FieldSources):
         from semmap.fields.store import field_store
 
         opened = self._open_map()
-        with opened.transaction():
-            known = field_store.names(opened.connection, stateless=True)
+        with opened.transaction(), opened.snapshot() as seen:
+            known = field_store.names(seen, stateless=True)
             if name not in known:
                 raise LookupError(
                     f"there is no field {name} in this map; fields: {', '.join(known) or 'none'}"
                 )
-            field_store.forget(opened.connection, name)
+            field_store.forget(seen.session, name)
 
     def export(
         self, folder: str | Path, kept: str | None = None, version: int | None = None

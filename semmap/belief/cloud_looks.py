@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from semmap.belief.error import BeliefError
 from semmap.belief.looks import observe_view
-from semmap.belief.store.beliefs import Row, driver
+from semmap.belief.store.beliefs import Row
 from semmap.draw.depth_camera import DepthCamera
 from semmap.geometry.mesh import Mesh
 from semmap.perception.models import KnownObject, train_model
@@ -20,11 +20,12 @@ from semmap.perception.point_cloud import Floats
 from semmap.perception.recognition import RATES, recognise
 from semmap.perception.registration import moved
 from semmap.query.entity_query import entity_id
+from semmap.query.snapshot import Snapshot
 from semmap.query.storey_reader import read_entities
 from semmap.query.storey_scene import EntityKind
 
 if TYPE_CHECKING:
-    from sqlalchemy import Connection
+    pass
 
 __all__ = ["observe_cloud", "read_models"]
 
@@ -34,7 +35,7 @@ SPACING = 0.004
 
 
 def observe_cloud(
-    connection: Connection,
+    seen: Snapshot,
     camera: DepthCamera,
     cloud: ArrayLike,
     looked_for: Collection[str],
@@ -77,26 +78,26 @@ def observe_cloud(
     PerceptionError
         A cloud in which there is no table. Nothing is stored.
     """
-    models = read_models(connection, looked_for)
+    models = read_models(seen, looked_for)
     placeholders = [
         Placeholder(_surface(triangles), np.asarray(np.linalg.inv(camera.pose), float))
-        for triangles in _read_triangles(connection, without).values()
+        for triangles in _read_triangles(seen, without).values()
     ]
     up = camera.pose[:3, :3].T @ (0.0, 0.0, 1.0)
-    seen: dict[str, tuple[float, list[float]]] = {}
+    best: dict[str, tuple[float, list[float]]] = {}
     for found in recognise(cloud, models, up=up, placeholders=placeholders):
         if found.name is None or found.pose is None:
             continue
-        if found.score > seen.get(found.name, (0.0, []))[0]:
+        if found.score > best.get(found.name, (0.0, []))[0]:
             model = next(model for model in models if model.name == found.name)
             middle = (model.points.min(axis=0) + model.points.max(axis=0)) / 2
             point = moved(camera.pose @ found.pose, middle[None])[0]
-            seen[found.name] = (found.score, [float(v) for v in point])
+            best[found.name] = (found.score, [float(v) for v in point])
     return observe_view(
-        connection,
+        seen,
         camera,
         looked_for,
-        {name: point for name, (_, point) in seen.items()},
+        {name: point for name, (_, point) in best.items()},
         furthest=furthest,
         at=at,
         observer=observer,
@@ -105,7 +106,7 @@ def observe_cloud(
     )
 
 
-def read_models(connection: Connection, names: Collection[str]) -> list[KnownObject]:
+def read_models(seen: Snapshot, names: Collection[str]) -> list[KnownObject]:
     """Return models of objects, trained from their meshes as they stand in the map.
 
     The origin is the lowest corner of the box around the mesh.
@@ -120,21 +121,21 @@ def read_models(connection: Connection, names: Collection[str]) -> list[KnownObj
     if not names:
         raise BeliefError("name the objects that the recogniser looks for")
     models = []
-    for name, triangles in _read_triangles(connection, names).items():
+    for name, triangles in _read_triangles(seen, names).items():
         corners = triangles.reshape(-1, 3) - triangles.min(axis=(0, 1))
         faces = np.arange(len(corners), dtype=np.int32).reshape(-1, 3)
         models.append(train_model(name, Mesh(corners, faces)))
     return models
 
 
-def _read_triangles(connection: Connection, names: Collection[str]) -> dict[str, Floats]:
+def _read_triangles(seen: Snapshot, names: Collection[str]) -> dict[str, Floats]:
     """The triangles (F, 3, 3) of objects in the map's frame, by name."""
     for name in names:
-        entity_id(driver(connection), name)
+        entity_id(seen.session, name)
     if not names:
         return {}
     objects: tuple[EntityKind, ...] = ("object",)
-    entities = {e.name: e for e in read_entities(connection, kinds=objects) if e.name in names}
+    entities = {e.name: e for e in read_entities(seen.connection, kinds=objects) if e.name in names}
     for name in names:
         if name not in entities or not len(entities[name].triangles):
             raise BeliefError(f"{name} has no mesh to recognise it by: import it with its geometry")

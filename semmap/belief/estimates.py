@@ -12,7 +12,7 @@ from semmap.belief.error import BeliefError
 from semmap.belief.motion import MotionModel, infer_with_motion
 from semmap.belief.occlusion import infer_with_occlusion
 from semmap.belief.reader import BeliefColumns, read_columns, read_model
-from semmap.belief.store.beliefs import MapConnection
+from semmap.query.snapshot import Snapshot
 
 __all__ = ["belief_with_motion", "belief_with_occlusion", "known_volumes"]
 
@@ -21,7 +21,7 @@ Belief = dict[str, dict[str, float]]
 
 
 def belief_with_occlusion(
-    connection: MapConnection, names: Sequence[str], at: datetime | None = None
+    seen: Snapshot, names: Sequence[str], at: datetime | None = None
 ) -> Belief:
     """Return where objects are, if the larger ones among them may hide the smaller ones.
 
@@ -32,7 +32,7 @@ def belief_with_occlusion(
     BeliefError
         The volume of an object is unknown, or too many objects and places depend on each other.
     """
-    columns, model = read_columns(connection, names, at), read_model(connection)
+    columns, model = read_columns(seen, names, at), read_model(seen)
     probability = infer_with_occlusion(
         columns.prior,
         columns.observations,
@@ -44,7 +44,7 @@ def belief_with_occlusion(
 
 
 def belief_with_motion(
-    connection: MapConnection, names: Sequence[str], motion: MotionModel, at: datetime | None = None
+    seen: Snapshot, names: Sequence[str], motion: MotionModel, at: datetime | None = None
 ) -> Belief:
     """Return where objects are, if they may have moved since they were observed.
 
@@ -55,7 +55,7 @@ def belief_with_motion(
     LookupError
         The map has no entity of a name.
     """
-    columns, model = read_columns(connection, names, at), read_model(connection)
+    columns, model = read_columns(seen, names, at), read_model(seen)
     probability = infer_with_motion(
         columns.prior, columns.observations, columns.mobility, motion, model=model
     )

@@ -15,12 +15,12 @@ from semmap.belief.error import BeliefError
 from semmap.belief.motion import DAILY, MotionModel, infer_with_motion
 from semmap.belief.places import place_at
 from semmap.belief.reader import read_agent_pose, read_columns, read_model, read_places
-from semmap.belief.store.beliefs import driver
 from semmap.finite_number import finite_numbers
 from semmap.query.entity_query import find
+from semmap.query.snapshot import Snapshot
 
 if TYPE_CHECKING:
-    from sqlalchemy import Connection
+    pass
 
 __all__ = ["Detection", "Identity", "identify"]
 
@@ -64,7 +64,7 @@ class Identity:
 
 
 def identify(
-    connection: Connection,
+    seen: Snapshot,
     detections: Sequence[Detection],
     *,
     frame: str | None = None,
@@ -94,25 +94,24 @@ def identify(
     BeliefError
         A point or size that is not finite, or a point at no place.
     """
-    session = driver(connection)
     candidates = [
-        [row["name"] for row in find(session, type=seen.type) if row["kind"] == "object"]
-        for seen in detections
+        [row["name"] for row in find(seen.session, type=detection.type) if row["kind"] == "object"]
+        for detection in detections
     ]
     names = sorted({name for of_type in candidates for name in of_type})
     rows = [j for j, of_type in enumerate(candidates) if of_type]
     found = [Identity(None, {}, 1.0) for _ in detections]
     if not rows:
         return found
-    columns = read_columns(connection, names, at)
+    columns = read_columns(seen, names, at)
     belief = infer_with_motion(
         columns.prior,
         columns.observations,
         columns.mobility,
         motion,
-        model=read_model(connection),
+        model=read_model(seen),
     )
-    place = [_place(connection, detections[j], candidates[j][0], frame, at) for j in rows]
+    place = [_place(seen, detections[j], candidates[j][0], frame, at) for j in rows]
     at_place = np.array([columns.places.index(name) for name in place])
     view = np.zeros(len(columns.places))
     view[at_place] = 1.0
@@ -134,24 +133,26 @@ def identify(
 
 
 def _place(
-    connection: Connection,
-    seen: Detection,
+    seen: Snapshot,
+    detection: Detection,
     like: str,
     frame: str | None,
     at: datetime | None,
 ) -> str:
     """The place of a detection among those with room for an object like it."""
-    point = finite_numbers(seen.point, 3)
+    point = finite_numbers(detection.point, 3)
     if point is None:
-        raise BeliefError(f"{seen.type} was detected at {seen.point}: give x, y, z in metres")
+        raise BeliefError(
+            f"{detection.type} was detected at {detection.point}: give x, y, z in metres"
+        )
     if frame is not None:
-        point = tuple(read_agent_pose(connection, frame, at).apply([point])[0])
-    place = place_at(read_places(connection, like), point)
+        point = tuple(read_agent_pose(seen, frame, at).apply([point])[0])
+    place = place_at(read_places(seen, like), point)
     if place is None:
         x, y, z = point
         raise BeliefError(
-            f"{seen.type} was detected at ({x:.2f}, {y:.2f}, {z:.2f}) in the map, where no place "
-            "has room for it: check the frame, or add the furniture or room to the map"
+            f"{detection.type} was detected at ({x:.2f}, {y:.2f}, {z:.2f}) in the map, where no "
+            "place has room for it: check the frame, or add the furniture or room to the map"
         )
     return place.name
 

@@ -14,9 +14,10 @@ from semmap.belief.views import camera_at, visible_shares
 from semmap.draw.depth_camera import DepthCamera
 from semmap.finite_number import finite_numbers
 from semmap.geometry.pose import Pose
+from semmap.query.snapshot import Snapshot
 
 if TYPE_CHECKING:
-    from sqlalchemy import Connection
+    pass
 
 __all__ = ["agent_view", "observe_point", "observe_view", "spot"]
 
@@ -28,7 +29,7 @@ HEIGHT = 0.1
 
 
 def spot(
-    connection: Connection,
+    seen: Snapshot,
     name: str,
     point: Sequence[float],
     *,
@@ -65,8 +66,8 @@ def spot(
         raise BeliefError(f"{name} was detected at {tuple(point)}: give x, y, z in metres")
     there = list(numbers)
     if frame is not None:
-        there = [float(v) for v in read_agent_pose(connection, frame, at).apply([there])[0]]
-    place = place_at(read_places(connection, name), there)
+        there = [float(v) for v in read_agent_pose(seen, frame, at).apply([there])[0]]
+    place = place_at(read_places(seen, name), there)
     if place is None:
         x, y, z = there
         raise BeliefError(
@@ -77,7 +78,7 @@ def spot(
 
 
 def observe_point(
-    connection: Connection,
+    seen: Snapshot,
     name: str,
     point: Sequence[float],
     *,
@@ -89,7 +90,7 @@ def observe_point(
 
     Parameters
     ----------
-    connection, name, point, frame, at
+    seen, name, point, frame, at
         As for `spot`.
     **values
         Other values of `semmap.belief.store.beliefs.add_observations`, such as `hit` and
@@ -101,16 +102,16 @@ def observe_point(
         As `spot` and `add_observations`; nothing is stored.
     """
     row = {"object": name, "seen": True, "at": at, "observer": frame} | values
-    row |= spot(connection, name, point, frame=frame, at=at)
-    add_observations(connection, [row])
+    row |= spot(seen, name, point, frame=frame, at=at)
+    add_observations(seen.session, [row])
     return row
 
 
 def observe_view(
-    connection: Connection,
+    seen: Snapshot,
     camera: DepthCamera,
     looked_for: Collection[str],
-    seen: Mapping[str, Sequence[float]] | None = None,
+    detected: Mapping[str, Sequence[float]] | None = None,
     *,
     furthest: float = 5.0,
     at: datetime | None = None,
@@ -127,7 +128,7 @@ def observe_view(
         Its pose is in the map's frame.
     looked_for
         Names of the objects that the detector knows.
-    seen
+    detected
         Where it detected some of them: points (x, y, z) in the map's frame, metres.
     furthest
         Range of the detector, metres.
@@ -146,36 +147,36 @@ def observe_view(
     LookupError, BeliefError
         As `spot` and `add_observations`; nothing is stored.
     """
-    detected = dict(seen or {})
+    points = dict(detected or {})
     if not furthest > 0:
         raise BeliefError(f"the range of the view is {furthest} m: give a number above 0")
-    names = sorted({*looked_for, *detected})
-    depths, _ = camera.image(read_occluders(connection, names))
+    names = sorted({*looked_for, *points})
+    depths, _ = camera.image(read_occluders(seen, names))
     rows: list[Row] = []
     for name in names:
         common = {"object": name, "at": at, "observer": observer} | values
         where = None
-        if name in detected:
-            where = spot(connection, name, detected[name])
+        if name in points:
+            where = spot(seen, name, points[name])
             rows.append(common | {"seen": True} | where)
-        height = read_height(connection, name) or HEIGHT
+        height = read_height(seen, name) or HEIGHT
         shares = visible_shares(
-            read_places(connection, name), camera, depths, furthest=furthest, height=height
+            read_places(seen, name), camera, depths, furthest=furthest, height=height
         )
         rows += [
             common | {"seen": False, "place": place, "visible": share}
             for place, share in shares.items()
             if share >= LEAST_SHARE and not (where and where["place"] == place)
         ]
-    add_observations(connection, rows)
+    add_observations(seen.session, rows)
     return rows
 
 
 def agent_view(
-    connection: Connection,
+    seen: Snapshot,
     view: Sequence[float],
     opening: float,
-    seen: Mapping[str, Sequence[float]],
+    detected: Mapping[str, Sequence[float]],
     frame: str | None,
     at: datetime | None,
 ) -> tuple[DepthCamera, dict[str, Sequence[float]]]:
@@ -187,7 +188,7 @@ def agent_view(
         x, y, z (metres), yaw and pitch (radians) in the frame of an agent, or in that of the map.
     opening
         Horizontal opening angle, radians.
-    seen
+    detected
         (x, y, z) of detections in the same frame, by names of objects.
     frame, at
         The agent, and when it was where it was; the map's frame where None.
@@ -200,17 +201,17 @@ def agent_view(
     numbers = finite_numbers(view, 5)
     if numbers is None:
         raise BeliefError(f"a view is x, y, z, yaw and pitch, not {tuple(view)}")
-    for name, point in seen.items():
+    for name, point in detected.items():
         if finite_numbers(point, 3) is None:
             raise BeliefError(f"{name} was detected at {tuple(point)}: give x, y, z in metres")
     x, y, z, yaw, pitch = numbers
-    detected: dict[str, Sequence[float]] = dict(seen)
+    there = dict(detected)
     if frame is not None:
-        pose = read_agent_pose(connection, frame, at)
+        pose = read_agent_pose(seen, frame, at)
         x, y, z = (float(v) for v in pose.apply([[x, y, z]])[0])
         yaw += pose.yaw
-        detected = {n: [float(v) for v in pose.apply([p])[0]] for n, p in seen.items()}
-    return camera_at((x, y, z), yaw, pitch, field_of_view=opening), detected
+        there = {n: [float(v) for v in pose.apply([p])[0]] for n, p in detected.items()}
+    return camera_at((x, y, z), yaw, pitch, field_of_view=opening), there
 
 
 def _within(pose: Pose, point: Sequence[float]) -> list[float]:

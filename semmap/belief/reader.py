@@ -10,15 +10,16 @@ from typing import Any
 import numpy as np
 import shapely
 from numpy.typing import NDArray
-from sqlalchemy import Connection, text
+from sqlalchemy import text
 
 from semmap.belief.error import BeliefError
 from semmap.belief.observation_columns import Observations
 from semmap.belief.places import BeliefPlace, Surface
 from semmap.belief.sighting_model import SightingModel
-from semmap.belief.store.beliefs import ELSEWHERE, MapConnection, driver
+from semmap.belief.store.beliefs import ELSEWHERE
 from semmap.geometry.pose import Pose
 from semmap.query.entity_query import entity_id
+from semmap.query.snapshot import Snapshot
 from semmap.query.storey_reader import read_entities
 from semmap.query.storey_scene import NO_TRIANGLES
 
@@ -56,7 +57,7 @@ ROOM_HEIGHT = 2.5
 """Metres, of a room whose ceiling is unknown."""
 
 
-def read_places(connection: Connection, name: str) -> list[BeliefPlace]:
+def read_places(seen: Snapshot, name: str) -> list[BeliefPlace]:
     """Return the places at which an object or agent of the map has room.
 
     Raises
@@ -64,8 +65,8 @@ def read_places(connection: Connection, name: str) -> list[BeliefPlace]:
     LookupError
         The map has no entity of this name.
     """
-    number = entity_id(driver(connection), name)
-    return [_place(row) for row in connection.execute(text(_PLACES), {"id": number})]
+    number = entity_id(seen.session, name)
+    return [_place(row) for row in seen.connection.execute(text(_PLACES), {"id": number})]
 
 
 def _place(row: Any) -> BeliefPlace:
@@ -96,7 +97,7 @@ def _place(row: Any) -> BeliefPlace:
     )
 
 
-def read_occluders(connection: Connection, without: Collection[str]) -> NDArray[np.float64]:
+def read_occluders(seen: Snapshot, without: Collection[str]) -> NDArray[np.float64]:
     """Return the triangles of rooms and objects, and of shut doors, that hide objects behind them.
 
     Parameters
@@ -111,13 +112,13 @@ def read_occluders(connection: Connection, without: Collection[str]) -> NDArray[
     """
     parts = [
         entity.triangles
-        for entity in read_entities(connection, kinds=("room", "object", "connector"))
+        for entity in read_entities(seen.connection, kinds=("room", "object", "connector"))
         if entity.name not in without and (entity.kind != "connector" or entity.state != "open")
     ]
     return np.concatenate([NO_TRIANGLES, *parts])
 
 
-def read_agent_pose(connection: Connection, name: str, at: datetime | None = None) -> Pose:
+def read_agent_pose(seen: Snapshot, name: str, at: datetime | None = None) -> Pose:
     """Return the pose of an agent in the map's frame, now or at a moment.
 
     Raises
@@ -127,8 +128,8 @@ def read_agent_pose(connection: Connection, name: str, at: datetime | None = Non
     BeliefError
         It had no place in the map then.
     """
-    number = entity_id(driver(connection), name)
-    pose = connection.execute(
+    number = entity_id(seen.session, name)
+    pose = seen.connection.execute(
         text("SELECT pose_at(:id, coalesce(CAST(:at AS timestamptz), statement_timestamp()))"),
         {"id": number, "at": at},
     ).scalar()
@@ -137,20 +138,20 @@ def read_agent_pose(connection: Connection, name: str, at: datetime | None = Non
     return Pose(*pose)
 
 
-def read_height(connection: Connection, name: str) -> float | None:
+def read_height(seen: Snapshot, name: str) -> float | None:
     """Return the height of an object, metres; None where it is unknown."""
-    number = entity_id(driver(connection), name)
-    height = connection.execute(text("SELECT height FROM size_of(:id)"), {"id": number}).scalar()
+    number = entity_id(seen.session, name)
+    height = seen.connection.execute(
+        text("SELECT height FROM size_of(:id)"), {"id": number}
+    ).scalar()
     return None if height is None else float(height)
 
 
-def is_wide(connection: MapConnection, place: str) -> bool:
+def is_wide(seen: Snapshot, place: str) -> bool:
     """Whether a place is a room, storey or region: a person means anywhere in it."""
-    row = (
-        driver(connection)
-        .execute("SELECT kind FROM entity WHERE map_id = current_map() AND name = %s", (place,))
-        .fetchone()
-    )
+    row = seen.session.execute(
+        "SELECT kind FROM entity WHERE map_id = current_map() AND name = %s", (place,)
+    ).fetchone()
     return row is not None and row[0] in ("room", "storey", "region")
 
 
@@ -191,9 +192,7 @@ WHERE o.entity_id = ANY (%(ids)s) AND o.at <= %(at)s ORDER BY o.at, o.id
 """
 
 
-def read_columns(
-    connection: MapConnection, names: Sequence[str], at: datetime | None = None
-) -> BeliefColumns:
+def read_columns(seen: Snapshot, names: Sequence[str], at: datetime | None = None) -> BeliefColumns:
     """Return priors and observations of objects as arrays.
 
     An observation anywhere in a room is an entry for each place in it, which has the same
@@ -206,7 +205,7 @@ def read_columns(
     BeliefError
         One that is not an object or agent, or is named twice.
     """
-    session = driver(connection)
+    session = seen.session
     ids = [entity_id(session, name) for name in names]
     for number, name in enumerate(names):
         if name in names[:number]:
@@ -249,12 +248,10 @@ def read_columns(
     )
 
 
-def read_model(connection: MapConnection) -> SightingModel:
+def read_model(seen: Snapshot) -> SightingModel:
     """Return how the map judges sightings."""
-    row = (
-        driver(connection)
-        .execute("SELECT there, elsewhere, change, seconds FROM belief_model_of(current_map())")
-        .fetchone()
-    )
+    row = seen.session.execute(
+        "SELECT there, elsewhere, change, seconds FROM belief_model_of(current_map())"
+    ).fetchone()
     assert row is not None
     return SightingModel(*row)

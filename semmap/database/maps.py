@@ -16,7 +16,7 @@ def driver_of(connection: Connection | psycopg.Connection[Any]) -> psycopg.Conne
     """Return psycopg's connection: the one given, or that below one of SQLAlchemy."""
     if isinstance(connection, psycopg.Connection):
         return connection
-    driver = connection.connection.driver_connection
+    driver = connection.connection.dbapi_connection  # also of one that left its pool
     assert isinstance(driver, psycopg.Connection)
     return driver
 

@@ -19,6 +19,7 @@ from semmap.belief.store.beliefs import add_observations, read_belief
 from tests.command_line import semmap
 from tests.conftest import MakeDatabase
 from tests.oracles.problog_engine import places_by_problog
+from tests.seen import seen_by
 
 NOW = datetime.now(UTC)
 
@@ -32,11 +33,14 @@ def test_a_mug_that_the_cereal_box_may_hide_is_not_ruled_out(flat: Map) -> None:
     session = flat.connection
     rows = [look("cereal", "table", True)] * 4 + [look("mug", "table", False)] * 3
     add_observations(session, rows)
-    alone = read_belief(session, "mug", NOW)
-    found = belief_with_occlusion(session, ["mug", "cereal"], NOW)
+    alone = read_belief(seen_by(session), "mug", NOW)
+    found = belief_with_occlusion(seen_by(session), ["mug", "cereal"], NOW)
     assert found["mug"]["table"] > 3 * alone["table"]
     assert math.fsum(found["mug"].values()) == pytest.approx(1, abs=1e-12)
-    columns, model = read_columns(session, ["mug", "cereal"], NOW), read_model(session)
+    columns, model = (
+        read_columns(seen_by(session), ["mug", "cereal"], NOW),
+        read_model(seen_by(session)),
+    )
     program = problog_program(
         *(columns.prior, columns.observations, columns.mobility),
         *(columns.objects, columns.places, known_volumes(columns)),
@@ -48,7 +52,7 @@ def test_a_mug_that_the_cereal_box_may_hide_is_not_ruled_out(flat: Map) -> None:
 
 def test_an_object_without_a_volume_is_named(flat: Map) -> None:
     with pytest.raises(BeliefError, match="coke: its volume is unknown: teach it, or give"):
-        belief_with_occlusion(flat.connection, ["mug", "coke"])
+        belief_with_occlusion(seen_by(flat.connection), ["mug", "coke"])
 
 
 def test_an_old_sighting_fades_into_the_prior_when_objects_move(flat: Map) -> None:
@@ -59,7 +63,7 @@ def test_an_old_sighting_fades_into_the_prior_when_objects_move(flat: Map) -> No
     new = weight / (weight + 1 - prior)
     for seconds in (10.0, 1000.0, 1e9):
         keep = math.exp(-1000.0 / seconds)
-        found = belief_with_motion(session, ["coke"], MotionModel(seconds), NOW)["coke"]
+        found = belief_with_motion(seen_by(session), ["coke"], MotionModel(seconds), NOW)["coke"]
         assert found["bench"] == pytest.approx(keep * new + (1 - keep) * prior)
 
 

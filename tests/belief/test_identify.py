@@ -15,6 +15,7 @@ from semmap.belief.identify import Detection, identify
 from semmap.belief.motion import MotionModel
 from semmap.belief.store.beliefs import add_observations, read_belief
 from semmap.database.maps import see_map
+from tests.seen import seen_by
 
 ON_BENCH, ON_TABLE = (6.0, 1.0, 0.5), (1.5, 1.5, 0.8)
 SELDOM = MotionModel(1e12)
@@ -32,7 +33,7 @@ def connection(flat_map: Map) -> Iterator[Connection]:
 
 
 def test_a_mug_where_it_was_seen_is_that_one(connection: Connection) -> None:
-    (one,) = identify(connection, [Detection("mug", ON_BENCH)])
+    (one,) = identify(seen_by(connection), [Detection("mug", ON_BENCH)])
     assert one.place == "bench"
     assert list(one.known) == ["mug"]
     assert one.known["mug"] > 0.95
@@ -42,17 +43,17 @@ def test_a_mug_where_it_was_seen_is_that_one(connection: Connection) -> None:
 def test_a_mug_elsewhere_is_new_unless_the_known_one_may_have_moved(
     connection: Connection,
 ) -> None:
-    (one,) = identify(connection, [Detection("mug", ON_TABLE)], motion=SELDOM)
+    (one,) = identify(seen_by(connection), [Detection("mug", ON_TABLE)], motion=SELDOM)
     assert one.place == "table"
     assert one.new > 0.95
-    (one,) = identify(connection, [Detection("mug", ON_TABLE)], motion=MotionModel(1e-9))
-    belief = read_belief(connection, "mug")["table"]
+    (one,) = identify(seen_by(connection), [Detection("mug", ON_TABLE)], motion=MotionModel(1e-9))
+    belief = read_belief(seen_by(connection), "mug")["table"]
     assert one.known["mug"] > 0.3 > belief
 
 
 def test_two_mugs_are_two(connection: Connection) -> None:
     two = [Detection("mug", ON_TABLE), Detection("mug", ON_BENCH)]
-    on_table, on_bench = identify(connection, two)
+    on_table, on_bench = identify(seen_by(connection), two)
     assert on_bench.known["mug"] > 0.95
     assert on_table.new > 0.95
     assert on_table.known.get("mug", 0) + on_bench.known["mug"] <= 1
@@ -60,7 +61,7 @@ def test_two_mugs_are_two(connection: Connection) -> None:
 
 def test_a_mug_of_another_size_is_new(connection: Connection) -> None:
     large, same = (
-        identify(connection, [Detection("mug", ON_BENCH, sides)])[0]
+        identify(seen_by(connection), [Detection("mug", ON_BENCH, sides)])[0]
         for sides in ((0.3, 0.3, 0.3), (0.08, 0.08, 0.1))
     )
     assert large.new > 0.99
@@ -69,7 +70,7 @@ def test_a_mug_of_another_size_is_new(connection: Connection) -> None:
 
 def test_types_are_those_of_the_t_box(connection: Connection) -> None:
     drinkware, book = identify(
-        connection, [Detection("drinkware", ON_BENCH), Detection("book", ON_BENCH)]
+        seen_by(connection), [Detection("drinkware", ON_BENCH), Detection("book", ON_BENCH)]
     )
     assert drinkware.known["mug"] > 0.95
     assert (book.place, book.known, book.new) == (None, {}, 1.0)
@@ -77,7 +78,7 @@ def test_types_are_those_of_the_t_box(connection: Connection) -> None:
 
 def test_a_point_in_the_frame_of_the_robot(connection: Connection) -> None:
     """The robot is at (7, 2): the bench is 1 m behind it and 1 m to its right."""
-    (one,) = identify(connection, [Detection("mug", (-1.0, -1.0, 0.5))], frame="robot")
+    (one,) = identify(seen_by(connection), [Detection("mug", (-1.0, -1.0, 0.5))], frame="robot")
     assert one.place == "bench"
 
 
@@ -94,4 +95,4 @@ def test_what_is_no_detection(
     connection: Connection, detection: Detection, error: type[Exception], text: str
 ) -> None:
     with pytest.raises(error, match=text):
-        identify(connection, [detection])
+        identify(seen_by(connection), [detection])

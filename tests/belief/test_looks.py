@@ -28,6 +28,7 @@ from semmap.draw.view import storey_view
 from semmap.fields.store.names import read_map_vocabulary
 from semmap.query.storey_reader import read_storeys
 from tests.command_line import semmap as run
+from tests.seen import seen_by
 
 
 @pytest.fixture
@@ -52,14 +53,14 @@ def observations(connection: Connection) -> list[tuple[Any, ...]]:
 def test_a_detection_is_put_onto_its_place_in_the_frame_of_the_place(
     connection: Connection,
 ) -> None:
-    row = observe_point(connection, "mug", (1.7, 1.4, 0.8))
+    row = observe_point(seen_by(connection), "mug", (1.7, 1.4, 0.8))
     assert row["place"] == "table"
     assert row["position"] == pytest.approx([0.2, -0.1, 0.8])
     # the robot is at (7, 2), without a turn: the bench is at (6, 1)
-    row = observe_point(connection, "mug", (-1.1, -0.9, 0.5), frame="robot")
+    row = observe_point(seen_by(connection), "mug", (-1.1, -0.9, 0.5), frame="robot")
     assert row["place"] == "bench"
     assert row["position"] == pytest.approx([-0.1, 0.1, 0.5])
-    assert observe_point(connection, "mug", (2.6, 0.3, 0.05))["place"] == "kitchen"
+    assert observe_point(seen_by(connection), "mug", (2.6, 0.3, 0.05))["place"] == "kitchen"
     assert [found[:2] for found in observations(connection)] == [
         ("table", True),
         ("bench", True),
@@ -79,26 +80,29 @@ def test_a_detection_at_no_place_is_refused(
     connection: Connection, point: tuple[float, ...], message: str
 ) -> None:
     with pytest.raises(BeliefError, match=message):
-        observe_point(connection, "mug", point)
+        observe_point(seen_by(connection), "mug", point)
     assert observations(connection) == []
 
 
 def test_a_view_stores_what_it_showed_and_what_it_missed(connection: Connection) -> None:
     camera = camera_at((0.2, 0.4, 1.5), math.atan2(1.1, 1.3), 0.4, field_of_view=1.2)
-    rows = observe_view(connection, camera, ["coke"], {"mug": (1.6, 1.5, 0.8)})
+    rows = observe_view(seen_by(connection), camera, ["coke"], {"mug": (1.6, 1.5, 0.8)})
     by_name = {(row["object"], row["place"]): row for row in rows}
     assert by_name["mug", "table"]["seen"]
     assert not by_name["coke", "table"]["seen"]
     assert 0.8 < by_name["coke", "table"]["visible"] < 1  # the cereal box hides a part
     assert 0 < by_name["coke", "kitchen"]["visible"] < 0.6  # the floor, partly under the table
     assert "bench" not in {row["place"] for row in rows}  # beyond the range
-    assert read_belief(connection, "mug")["table"] > 0.2
-    assert read_belief(connection, "coke")["table"] < read_belief(connection, "coke")["bench"]
+    assert read_belief(seen_by(connection), "mug")["table"] > 0.2
+    assert (
+        read_belief(seen_by(connection), "coke")["table"]
+        < read_belief(seen_by(connection), "coke")["bench"]
+    )
     before = observations(connection)
     with pytest.raises(BeliefError, match="range of the view"):
-        observe_view(connection, camera, ["coke"], furthest=0)
+        observe_view(seen_by(connection), camera, ["coke"], furthest=0)
     with pytest.raises(LookupError, match="no entity cok"):
-        observe_view(connection, camera, ["coke", "cok"])
+        observe_view(seen_by(connection), camera, ["coke", "cok"])
     assert observations(connection) == before
 
 
@@ -110,27 +114,29 @@ def test_arrays_of_the_map_give_the_same_belief(connection: Connection) -> None:
     ]
     add_observations(connection, looks)
     moment = datetime.now(UTC) + timedelta(seconds=1)
-    columns = read_columns(connection, ["coke", "mug"], moment)
+    columns = read_columns(seen_by(connection), ["coke", "mug"], moment)
     assert columns.places[-1] == "elsewhere"
     assert len(columns.observations) == 6  # four places in the kitchen
-    found = infer(columns.prior, columns.observations, columns.mobility, read_model(connection))
+    found = infer(
+        columns.prior, columns.observations, columns.mobility, read_model(seen_by(connection))
+    )
     for name, row in zip(columns.objects, found, strict=True):
         assert dict(zip(columns.places, row, strict=True)) == pytest.approx(
-            read_belief(connection, name, moment), abs=1e-12
+            read_belief(seen_by(connection), name, moment), abs=1e-12
         )
     program = problog_program(
         columns.prior, columns.observations, columns.mobility, columns.objects, columns.places
     )
     assert "is_in" in program
-    message = initial_belief(connection, ["coke", "mug"], moment)
+    message = initial_belief(seen_by(connection), ["coke", "mug"], moment)
     assert list(message) == ["location", "coke", "mug"]
     assert message["location"] == list(columns.places)
     assert sum(message["mug"]) == pytest.approx(1, abs=1e-12)
 
 
 def test_a_belief_is_a_field_and_a_picture(connection: Connection, tmp_path: Path) -> None:
-    places = read_places(connection, "coke")
-    belief = read_belief(connection, "coke") | {"table": 0.5, "kitchen": 0.25}
+    places = read_places(seen_by(connection), "coke")
+    belief = read_belief(seen_by(connection), "coke") | {"table": 0.5, "kitchen": 0.25}
     made = belief_map(read_map_vocabulary(), places, belief, about="coke")
     values = made.at([[1.5, 1.5, 0.8], [2.6, 0.3, 0.05], [1.5, 1.5, 1.2], [20, 0, 0]])
     assert list(values) == [0.5, 0.25, 0, 0]

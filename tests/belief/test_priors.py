@@ -11,6 +11,7 @@ from semmap import Map
 from semmap.belief.error import BeliefError
 from semmap.belief.reader import read_columns
 from tests.oracles.priors import make_prior
+from tests.seen import seen_by
 
 
 @given(st.integers(0, 2**32 - 1), st.floats(0, 0.99), st.floats(0, 0.99))
@@ -43,7 +44,7 @@ def test_the_map_has_the_same_priors(flat: Map) -> None:
     session.execute(
         "INSERT INTO taught_relation VALUES (current_map(), 'umbrella', 'found_in', 'refrigerator')"
     )
-    columns = read_columns(session, ["mug", "coke"])
+    columns = read_columns(seen_by(session), ["mug", "coke"])
     typical = np.ones((2, len(columns.places) - 1))
     typical[1, columns.places.index("fridge")] = 4.0
     for place in ("kitchen", "table", "counter", "fridge"):  # the ontology has mugs in kitchens

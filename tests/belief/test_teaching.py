@@ -16,6 +16,7 @@ from semmap.belief.grammar import spoken, write_grammar
 from semmap.belief.store.teaching import vocabulary
 from semmap.belief.teaching import KnownAction, parse_teaching, read_teaching
 from semmap.ingest.world import WorldError
+from tests.seen import seen_by
 
 THESIS: dict[str, Any] = {
     "knowledge": [
@@ -274,7 +275,7 @@ def accepts(gbnf: str, sentence: str) -> bool:
 
 
 def test_a_grammar_accepts_sentences_about_what_the_map_knows(flat: Map) -> None:
-    names = vocabulary(flat.connection)
+    names = vocabulary(seen_by(flat.connection))
     gbnf = write_grammar(names)
     for sentence in (
         "where is the mug",

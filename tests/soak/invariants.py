@@ -18,6 +18,7 @@ from semmap.fields.store.names import read_map_vocabulary
 from semmap.fields.store.source_history import load_updates
 from semmap.fields.store.voxel_mirror import VoxelMirror
 from semmap.query.entity_query import changes_since
+from tests.seen import seen_by
 from tests.soak.kept_span import kept_span
 
 __all__ = [
@@ -126,7 +127,7 @@ def wrong_service(engine: Engine, map_name: str, file: Path) -> list[str]:
         span, seen = kept_span(connection), last_line(file)
         if seen and (span is None or span[1] < datetime.fromisoformat(seen)):
             wrong.append(f"the look of {seen} was kept, the newest one is {span and span[1]}")
-        load_updates(connection, read_map_vocabulary())
+        load_updates(seen_by(connection), read_map_vocabulary())
     try:
         with find_service(url_of(engine), map_name) as found:
             if found is not None:

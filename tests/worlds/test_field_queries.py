@@ -26,6 +26,7 @@ from semmap.geometry.mesh import Mesh
 from semmap.geometry.surfaces import support_surfaces
 from semmap.geometry.tin import to_mesh
 from semmap.language.names import NameIndex
+from tests.seen import seen_by
 
 SIZE = 0.02
 
@@ -45,7 +46,7 @@ class HouseScene:
 def scene(bare_house: Engine) -> HouseScene:
     """The maps of sources in the house, from a place where the mug is visible."""
     with bare_house.connect() as connection:
-        names, objects = read_names(connection), read_visible_objects(connection)
+        names, objects = read_names(seen_by(connection)), read_visible_objects(seen_by(connection))
     table, top = table_of(objects)
     cup = trimesh.creation.cylinder(radius=0.04, height=0.1, sections=24)
     cup.apply_translation((*top[:2], top[2] + 0.05))

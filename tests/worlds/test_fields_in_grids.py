@@ -49,6 +49,7 @@ from tests.command_line import semmap
 from tests.navgrid.scenes import part, square
 from tests.navgrid.test_from_voxels import check_within_a_voxel
 from tests.robot.robots import real_robot
+from tests.seen import seen_by
 
 NOW = datetime(2026, 11, 21, tzinfo=UTC)
 VOCABULARY = read_vocabulary([schema_folder() / "ontology" / "fields.ttl"])
@@ -58,7 +59,9 @@ VOCABULARY = read_vocabulary([schema_folder() / "ontology" / "fields.ttl"])
 def bare(house: Engine) -> Costmap:
     """The costmap of TIAGo without fields."""
     with house.connect() as connection:
-        (made,) = read_costmaps(connection, robot_parts(load_robot(real_robot("tiago")), {}))
+        (made,) = read_costmaps(
+            seen_by(connection), robot_parts(load_robot(real_robot("tiago")), {})
+        )
     return made
 
 
@@ -214,7 +217,7 @@ def test_entities_of_a_legend_are_named(
     with house.connect() as connection:
         connection.execute(text("SELECT set_config('semmap.map', 'house', true)"))
         save_map(connection, "seen", seen)
-        found = read_fields(connection, ["seen"])
+        found = read_fields(seen_by(connection), ["seen"])
         connection.rollback()
     parts = bare.parts[:1]
     made = Costmap(bare.scene, parts, bare.grid, fields=found)
@@ -286,7 +289,7 @@ def test_a_costmap_from_the_mirror_equals_that_from_meshes(house: Engine, bare: 
     """Per part of TIAGo: each occupied cell of one has one of the other within a voxel."""
     with house.connect() as connection:
         voxels = read_mirror(MapHandle(house, "house"))
-        (made,) = read_costmaps(connection, bare.parts, voxels=voxels)
+        (made,) = read_costmaps(seen_by(connection), bare.parts, voxels=voxels)
     assert made.grid == bare.grid
     assert all(not len(e.triangles) for e in made.scene.entities)
     for interval in [(0.02, 3.0), *bare.intervals]:
@@ -457,7 +460,7 @@ def test_simulated_runs_have_the_stored_fields(house: Engine, robot: str) -> Non
         assert sorted(here.values()) == pytest.approx(sorted(there.values()))
         with house.connect() as connection:
             see_map(connection, "run")
-            assert len(read_fields(connection)["crowd"].voxels) > 1000
+            assert len(read_fields(seen_by(connection))["crowd"].voxels) > 1000
     finally:
         with house.begin() as connection:
             see_map(connection, "house")

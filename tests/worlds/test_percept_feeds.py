@@ -19,6 +19,7 @@ from sqlalchemy import Engine
 from semmap.fields.sources.percepts import Segmentation
 from semmap.fields.sources.synthetic_scene import ScenePerson, SyntheticScene
 from semmap.fields.store.reader import read_visible_objects
+from tests.seen import seen_by
 from tests.worlds.field_server import Server, eventually, fields
 
 PREFIX = "PREFIX : <urn:semmap:ontology#> "
@@ -111,7 +112,7 @@ def test_a_folder_of_images_gaze_and_poses(
 ) -> None:
     """A camera sees Anna at the kitchen's table, and what she looks at."""
     with house.connect() as connection:
-        objects = read_visible_objects(connection)
+        objects = read_visible_objects(seen_by(connection))
     scene = SyntheticScene(objects, [ANNA], TIME)
     things = scene.image(*CAMERA)
     people = scene.image_of_people(scene.image(*CAMERA, label=lambda each: each.name))

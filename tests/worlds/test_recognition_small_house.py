@@ -18,6 +18,7 @@ from semmap.geometry.pose import Pose
 from semmap.ingest.meshes.mesh_file import read_mesh
 from semmap.perception.models import depth_points
 from tests.command_line import semmap as semmap_command
+from tests.seen import seen_by
 from tests.stored import stored
 
 TABLE = "KitchenTable_01_001"
@@ -48,7 +49,7 @@ def photographed(url: str, without: list[str]) -> np.ndarray:
     engine = open_engine(url)
     with engine.connect() as connection:
         see_map(connection, "house")
-        triangles = read_occluders(connection, without)
+        triangles = read_occluders(seen_by(connection), without)
     engine.dispose()
     camera = camera_at(VIEW[:3], *VIEW[3:], size=(640, 480))
     depths, _ = camera.image(triangles)

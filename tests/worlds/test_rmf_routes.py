@@ -322,8 +322,8 @@ def test_the_rmf_export_has_the_waypoints_and_lanes_of_the_file(building: Buildi
 
 def test_routes_on_the_drawn_graph_are_those_of_its_lanes(building: Building) -> None:
     """Between waypoints that the lanes join, as far as networkx drives along the lanes."""
-    with building.lookup._snapshot() as connection:
-        drawn = read_drawn_graph(seen_by(connection), building.topology)
+    with building.lookup._snapshot() as seen:
+        drawn = read_drawn_graph(seen, building.topology)
     planner = RoutePlanner(RoutingGraph(building.topology), lookup=building.lookup)
     lanes = nx.DiGraph()
     for edge in drawn.edges:

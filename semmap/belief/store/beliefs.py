@@ -18,6 +18,7 @@ from sqlalchemy import Connection
 from semmap.belief.error import BeliefError
 from semmap.finite_number import is_finite_number
 from semmap.query.entity_query import entity_id
+from semmap.query.snapshot import Snapshot
 
 __all__ = [
     "ELSEWHERE",
@@ -42,9 +43,7 @@ COLUMNS = ("object", "place", "seen", "at", "inside", "position", "visible", *RA
 """The values of an observation; the first three are required."""
 
 
-def read_belief(
-    connection: MapConnection, name: str, at: datetime | None = None
-) -> dict[str, float]:
+def read_belief(seen: Snapshot, name: str, at: datetime | None = None) -> dict[str, float]:
     """Return how probable each place is for an object or agent.
 
     Parameters
@@ -67,10 +66,10 @@ def read_belief(
     BeliefError
         It is not an object or agent, or `at` has no time zone.
     """
-    return {row["place"]: row["probability"] for row in where(connection, name, at)}
+    return {row["place"]: row["probability"] for row in where(seen, name, at)}
 
 
-def where(connection: MapConnection, name: str, at: datetime | None = None) -> list[Row]:
+def where(seen: Snapshot, name: str, at: datetime | None = None) -> list[Row]:
     """Return the rows of the SQL function ``where_is``: the belief with its reasons.
 
     Returns
@@ -84,7 +83,7 @@ def where(connection: MapConnection, name: str, at: datetime | None = None) -> l
     LookupError, BeliefError
         As `read_belief`.
     """
-    session = driver(connection)
+    session = seen.session
     entity_id(session, name)
     if at is not None and at.tzinfo is None:
         raise BeliefError(f"the time {at.isoformat()} has no time zone: give it with one")
@@ -101,7 +100,7 @@ def where(connection: MapConnection, name: str, at: datetime | None = None) -> l
 
 
 def initial_belief(
-    connection: MapConnection, names: Sequence[str], at: datetime | None = None
+    seen: Snapshot, names: Sequence[str], at: datetime | None = None
 ) -> dict[str, list[Any]]:
     """Return the message of the thesis's appendix B.2: locations, and a distribution for each name.
 
@@ -118,7 +117,7 @@ def initial_belief(
     """
     if "location" in names:
         raise BeliefError("an object of the name location has no place in this message: rename it")
-    beliefs = {name: read_belief(connection, name, at) for name in names}
+    beliefs = {name: read_belief(seen, name, at) for name in names}
     places = sorted({place for belief in beliefs.values() for place in belief} - {ELSEWHERE})
     places.append(ELSEWHERE)
     return {"location": list(places)} | {

@@ -15,6 +15,7 @@ from semmap.belief.error import BeliefError
 from semmap.belief.store.beliefs import MapConnection, add_observations, driver, refusal
 from semmap.belief.teaching import KnownAction, KnownRelation, TaughtObject, Teaching, is_a
 from semmap.ingest.ontology.tbox import KINDS
+from semmap.query.snapshot import Snapshot
 from semmap.snake_case import snake_case
 from semmap.suggestions import suggestion
 
@@ -66,7 +67,7 @@ def teach(connection: MapConnection, teaching: Teaching) -> dict[str, int]:
         ) from error
 
 
-def how_to(connection: MapConnection, goal: str, given: Sequence[str] = ()) -> list[KnownAction]:
+def how_to(seen: Snapshot, goal: str, given: Sequence[str] = ()) -> list[KnownAction]:
     """Return the shortest chain of taught actions that brings about a goal.
 
     Raises
@@ -74,7 +75,7 @@ def how_to(connection: MapConnection, goal: str, given: Sequence[str] = ()) -> l
     BeliefError
         As `semmap.belief.action_chains.action_chain`.
     """
-    session = driver(connection)
+    session = seen.session
     actions = session.execute(
         "SELECT action, cause, effect FROM taught_action WHERE map_id = current_map() ORDER BY 1, 2"
     ).fetchall()
@@ -84,9 +85,9 @@ def how_to(connection: MapConnection, goal: str, given: Sequence[str] = ()) -> l
     )
 
 
-def vocabulary(connection: MapConnection) -> dict[str, list[str]]:
+def vocabulary(seen: Snapshot) -> dict[str, list[str]]:
     """Return the names that a grammar needs: `things`, `places`, `types` and `actions`."""
-    session = driver(connection)
+    session = seen.session
     queries = {
         "things": "SELECT name FROM entity WHERE map_id = current_map() "
         "AND kind IN ('object', 'agent') ORDER BY 1",

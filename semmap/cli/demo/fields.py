@@ -35,6 +35,7 @@ from semmap.fields.sources.synthetic_scene import (
 from semmap.fields.store.names import read_map_vocabulary, read_names
 from semmap.fields.store.reader import read_visible_objects, read_zones
 from semmap.language.names import NameIndex
+from semmap.query.snapshot import Snapshot
 
 __all__ = ["PAPERS_QUERY", "arrange_scene", "field_demo", "perceived_maps"]
 
@@ -55,7 +56,7 @@ AROUND = 3.3
 
 
 def field_demo(
-    connection: Any,
+    seen: Snapshot,
     folder: Path,
     say: Callable[..., Any],
     *,
@@ -77,9 +78,9 @@ def field_demo(
     list of Path
         The picture; none if there is no small object with a free place beside it.
     """
-    names = read_names(connection)
-    zones = read_zones(connection)
-    objects = read_visible_objects(connection)
+    names = read_names(seen)
+    zones = read_zones(seen)
+    objects = read_visible_objects(seen)
     found = arrange_scene(objects, names, zones)
     if found is None:
         say("   there is no free place from which a small object is visible")

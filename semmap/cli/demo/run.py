@@ -125,7 +125,7 @@ def _run_demo(
 
     say("\n6. What somebody sees (the query of reMap, section 4)")
     with house.snapshot() as seen:
-        pictures += field_demo(seen.connection, folder, say, pixels=min(pixels, 1400))
+        pictures += field_demo(seen, folder, say, pixels=min(pixels, 1400))
 
     say("\n7. A task (Figure 4), in a copy of the map")
     if choices.type is None:

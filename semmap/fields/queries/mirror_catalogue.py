@@ -27,7 +27,7 @@ def mirror_catalogue(
     names: NameIndex,
     vocabulary: Vocabulary,
     tracker: Callable[[], RelationTracker] | None = None,
-    open_connection: Open | None = None,
+    open_snapshot: Open | None = None,
 ) -> FieldCatalogue:
     """Return the catalogue of a mirror.
 
@@ -39,7 +39,7 @@ def mirror_catalogue(
     names : its entities and the semantic types
     vocabulary : the properties
     tracker : returns the relations between the entities, if something else updates them
-    open_connection : opens a connection that sees the map, for its past; without it, only the maps
+    open_snapshot : opens a state of the map, for its past; without it, only the maps
         of `mirror` are known of the past
     """
     entity_names: Mapping[Any, Any] = mirror.names
@@ -77,7 +77,7 @@ def mirror_catalogue(
         voxel_size=mirror.regions.voxel_size,
         past=(
             None
-            if open_connection is None
-            else past_catalogue(mirror, names, vocabulary, open_connection)
+            if open_snapshot is None
+            else past_catalogue(mirror, names, vocabulary, open_snapshot)
         ),
     )

@@ -30,9 +30,9 @@ from semmap.fields.store.past_poses import (
     present_poses,
 )
 from semmap.fields.store.source_history import load_updates
-from semmap.fields.store.statements import Connection
 from semmap.geometry.pose import Pose
 from semmap.language.names import NameIndex
+from semmap.query.snapshot import Snapshot
 
 if TYPE_CHECKING:
     from semmap.fields.store.mirror_state import MirrorState
@@ -43,14 +43,14 @@ __all__ = ["past_catalogue"]
 MOST_STATES = 1000
 """The most moments at which relations are compared."""
 
-Open = Callable[[], AbstractContextManager[Connection]]
+Open = Callable[[], AbstractContextManager[Snapshot]]
 
 
 def past_catalogue(
     mirror: MirrorState | VoxelMirror,
     names: NameIndex,
     vocabulary: Vocabulary,
-    open_connection: Open,
+    open_snapshot: Open,
 ) -> Callable[[datetime, datetime], FieldCatalogue]:
     """Return the function that makes the catalogue of a time.
 
@@ -61,18 +61,18 @@ def past_catalogue(
     mirror : the present entities of a map
     names : its entities and the semantic types
     vocabulary : the properties
-    open_connection : opens a connection that sees the map
+    open_snapshot : opens a state of the map
     """
 
     def during(begin: datetime, end: datetime) -> FieldCatalogue:
-        with open_connection() as connection:
-            first = beginning(connection)
+        with open_snapshot() as seen:
+            first = beginning(seen)
             if begin < first:
                 raise LookupError(f"the map begins at {first.isoformat()}: give a later time")
-            updates = _updates(mirror, vocabulary, connection, begin, end)
-            moments = [begin, *moments_of_moves(connection, begin, end)]
-            past = _PastEntities(mirror, present_poses(connection))
-            states = [poses_at(connection, moment) for moment in moments]
+            updates = _updates(mirror, vocabulary, seen, begin, end)
+            moments = [begin, *moments_of_moves(seen, begin, end)]
+            past = _PastEntities(mirror, present_poses(seen))
+            states = [poses_at(seen, moment) for moment in moments]
         past.bring(states[0])
         everywhere = past.copy()
         for state in states[1:]:
@@ -219,15 +219,15 @@ def _insert(regions: RegionMap, entity: int, voxels: Any) -> None:
 def _updates(
     mirror: MirrorState | VoxelMirror,
     vocabulary: Vocabulary,
-    connection: Connection,
+    seen: Snapshot,
     begin: datetime,
     end: datetime,
 ) -> list[SourceUpdate]:
     """Return what sources stated: from memory, and what they kept from before."""
     found = [each for each in mirror.maps.updates(begin, end) if each.source != "kept"]
     oldest = mirror.maps.oldest()
-    for source, kept in load_updates(connection, vocabulary, begin, end).items():
+    for source, kept in load_updates(seen, vocabulary, begin, end).items():
         limit = oldest.get(source)
         found += [each for each in kept if limit is None or each.time < limit]
-    found += load_maps_during(connection, vocabulary, begin, end)
+    found += load_maps_during(seen, vocabulary, begin, end)
     return sorted(found, key=lambda each: each.time)

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 from semmap.fields.maps.live_entities import ROLES, LiveEntities
 from semmap.fields.store.map_store import load_maps
 from semmap.fields.store.source_history import load_updates
-from semmap.fields.store.statements import Connection
 from semmap.language.schema import Property
+from semmap.query.snapshot import Snapshot
 
 if TYPE_CHECKING:
     from semmap.fields.maps.vocabulary import Properties
@@ -37,7 +37,7 @@ def _local(iri: str) -> str:
 
 
 def show_kept(
-    mirror: MirrorState | VoxelMirror, connection: Connection, vocabulary: Properties
+    mirror: MirrorState | VoxelMirror, seen: Snapshot, vocabulary: Properties
 ) -> datetime | None:
     """Put the maps that were kept last into the buffer of a mirror, and on its grid.
 
@@ -47,10 +47,10 @@ def show_kept(
         When sources last kept one; None if they kept none.
     """
     newest = None
-    for source, updates in load_updates(connection, vocabulary).items():
+    for source, updates in load_updates(seen, vocabulary).items():
         for each in updates:
             mirror.maps.put(source, each.maps, each.time, provides=each.provides)
             newest = each.time if newest is None else max(newest, each.time)
-    mirror.maps.put("kept", load_maps(connection, vocabulary).values())
+    mirror.maps.put("kept", load_maps(seen, vocabulary).values())
     LiveEntities(mirror.regions, mirror.names, mirror.roles, mirror.views).update(mirror.maps.now())
     return newest

@@ -35,6 +35,7 @@ from semmap.fields.store.statements import run
 from semmap.fields.store.voxel_mirror import VoxelMirror
 from semmap.language.names import NameIndex
 from semmap.query.change_feed import announce_fields
+from semmap.query.snapshot import Snapshot
 
 if TYPE_CHECKING:
     from sqlalchemy import Connection, Engine
@@ -192,6 +193,11 @@ class FieldService:
             see_map(connection, self.map_name)
             yield connection
 
+    @contextmanager
+    def _snapshot(self) -> Iterator[Snapshot]:
+        with self._transaction() as connection:
+            yield Snapshot.of(connection, self.map_name)
+
     # Sources
 
     def start_source(self, given: SourceSettings, begin: datetime | None = None) -> None:
@@ -308,26 +314,26 @@ class FieldService:
 
     def catalogue(self) -> FieldCatalogue:
         """Return what queries read."""
-        with self._transaction() as connection:
+        with self._snapshot() as seen:
             followed, names = self._names
             if followed != self._followed:
                 followed = self._followed  # what changes while they are read is read again
-                names = read_names(connection)
+                names = read_names(seen)
                 self._names = followed, names
             kept = run(
-                connection,
+                seen.session,
                 "SELECT f.name, f.version FROM field f JOIN field_version v ON v.field_id = f.id "
                 "AND v.version = f.version WHERE f.map_id = current_map() AND v.state IS NULL",
             )
             if kept != self._kept:
                 self._kept = kept
-                self.mirror.maps.put(KEPT, load_maps(connection, self._vocabulary).values())
+                self.mirror.maps.put(KEPT, load_maps(seen, self._vocabulary).values())
         return mirror_catalogue(
             self.mirror,
             names,
             self._vocabulary,
             tracker=lambda: self.tracker,
-            open_connection=self._transaction,
+            open_snapshot=self._snapshot,
         )
 
     def _hello(self, wanted: str | None) -> dict[str, Any]:

@@ -5,11 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-from sqlalchemy import Connection, text
+from sqlalchemy import text
 
 from semmap.fields.regions.shapes import Cylinder, Region, SurfaceRegion
 from semmap.geometry.tin import to_mesh
 from semmap.query.meshes import world_triangles
+from semmap.query.snapshot import Snapshot
 
 __all__ = ["PERSON", "StandingAgent", "read_agents"]
 
@@ -33,7 +34,7 @@ class StandingAgent:
     body: Region
 
 
-def read_agents(connection: Connection, ids: Iterable[int] | None = None) -> list[StandingAgent]:
+def read_agents(seen: Snapshot, ids: Iterable[int] | None = None) -> list[StandingAgent]:
     """Return the agents of the current map that have a body.
 
     An agent without geometry gets the body of a person, standing at its pose, if it is a person or
@@ -44,7 +45,7 @@ def read_agents(connection: Connection, ids: Iterable[int] | None = None) -> lis
     connection : sees the map
     ids : only these; all if not given
     """
-    rows = connection.execute(
+    rows = seen.connection.execute(
         text(
             "SELECT e.id, e.name, w.pose, e.type IS NULL OR EXISTS (SELECT FROM type_closure c "
             "WHERE c.sub = e.type AND c.super = 'person') AS is_person "
@@ -54,7 +55,7 @@ def read_agents(connection: Connection, ids: Iterable[int] | None = None) -> lis
         ),
         {"ids": None if ids is None else [*ids]},
     ).all()
-    triangles = world_triangles(connection, [row.id for row in rows]) if rows else {}
+    triangles = world_triangles(seen.connection, [row.id for row in rows]) if rows else {}
     radius, height = PERSON
     agents = []
     for row in rows:

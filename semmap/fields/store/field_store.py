@@ -17,6 +17,7 @@ from typing import Any
 
 from semmap.fields.maps.grids import GRIDS, Grid, ValueType, value_type_of
 from semmap.fields.store.statements import Connection, run
+from semmap.query.snapshot import Snapshot
 
 __all__ = [
     "StoredField",
@@ -192,7 +193,7 @@ def save(
     return version
 
 
-def load(connection: Connection, name: str, version: int | None = None) -> StoredField:
+def load(seen: Snapshot, name: str, version: int | None = None) -> StoredField:
     """Return a version of a field.
 
     Parameters
@@ -207,24 +208,24 @@ def load(connection: Connection, name: str, version: int | None = None) -> Store
         There is no such field or version.
     """
     while True:
-        field = _field(connection, name)
+        field = _field(seen.session, name)
         number = field.version if version is None else version
         cubes = run(
-            connection,
+            seen.session,
             "SELECT x, y, z, bytes FROM field_block WHERE field_id = %(field)s "
             "AND since <= %(version)s AND (until IS NULL OR until > %(version)s)",
             {"field": field.id, "version": number},
         )
         # Read last: while a version exists, all its cubes exist.
         rows = run(
-            connection,
+            seen.session,
             "SELECT * FROM field_version WHERE field_id = %(field)s AND version = %(version)s",
             {"field": field.id, "version": number},
         )
         if rows:
             break
         if version is not None:
-            there = [str(each.version) for each in versions(connection, name)]
+            there = [str(each.version) for each in versions(seen, name)]
             raise LookupError(
                 f"there is no version {version} of the field {name}; versions: {', '.join(there)}"
             )
@@ -238,7 +239,7 @@ def load(connection: Connection, name: str, version: int | None = None) -> Store
     return StoredField(name, number, row.at, field.property, field.about, legend, row.state, grid)
 
 
-def names(connection: Connection, *, stateless: bool = False) -> list[str]:
+def names(seen: Snapshot, *, stateless: bool = False) -> list[str]:
     """Return the names of the fields of the current map.
 
     Parameters
@@ -246,28 +247,20 @@ def names(connection: Connection, *, stateless: bool = False) -> list[str]:
     connection : sees the map
     stateless : only the fields without data of their writer
     """
-    rows = run(
-        connection,
-        "SELECT f.name FROM field f "
-        "JOIN field_version v ON v.field_id = f.id AND v.version = f.version "
-        "WHERE f.map_id = current_map() AND NOT (%(stateless)s AND v.state IS NOT NULL) "
-        "ORDER BY f.name",
-        {"stateless": stateless},
-    )
-    return [row.name for row in rows]
+    return _names(seen.session, stateless=stateless)
 
 
-def has_maps(connection: Connection) -> bool:
+def has_maps(seen: Snapshot) -> bool:
     """Return whether the current map has any field besides the states of mirrors."""
     rows = run(
-        connection,
+        seen.session,
         "SELECT EXISTS (SELECT FROM field WHERE map_id = current_map() "
         "AND name NOT LIKE 'occupied % m') AS so",
     )
     return bool(rows[0].so)
 
 
-def versions(connection: Connection, name: str) -> list[VersionSummary]:
+def versions(seen: Snapshot, name: str) -> list[VersionSummary]:
     """Return the versions of a field, the oldest first.
 
     Raises
@@ -276,12 +269,12 @@ def versions(connection: Connection, name: str) -> list[VersionSummary]:
         There is no such field.
     """
     rows = run(
-        connection,
+        seen.session,
         "SELECT v.version, v.at, count(b.since) AS blocks, "
         "coalesce(sum(octet_length(b.bytes)), 0) AS bytes FROM field_version v "
         "LEFT JOIN field_block b ON b.field_id = v.field_id AND b.since = v.version "
         "WHERE v.field_id = %(field)s GROUP BY v.version, v.at ORDER BY v.version",
-        {"field": _field(connection, name).id},
+        {"field": _field(seen.session, name).id},
     )
     return [VersionSummary(row.version, row.at, int(row.blocks), int(row.bytes)) for row in rows]
 
@@ -358,6 +351,18 @@ def _field_to_change(
     return field
 
 
+def _names(connection: Connection, *, stateless: bool) -> list[str]:
+    rows = run(
+        connection,
+        "SELECT f.name FROM field f "
+        "JOIN field_version v ON v.field_id = f.id AND v.version = f.version "
+        "WHERE f.map_id = current_map() AND NOT (%(stateless)s AND v.state IS NOT NULL) "
+        "ORDER BY f.name",
+        {"stateless": stateless},
+    )
+    return [row.name for row in rows]
+
+
 def _field(connection: Connection, name: str, *, locked: bool = False) -> Any:
     fields = run(
         connection,
@@ -366,7 +371,7 @@ def _field(connection: Connection, name: str, *, locked: bool = False) -> Any:
         {"name": name},
     )
     if not fields:
-        known = ", ".join(names(connection, stateless=True)) or "none"
+        known = ", ".join(_names(connection, stateless=True)) or "none"
         raise LookupError(f"there is no field {name} in this map; fields: {known}")
     return fields[0]
 

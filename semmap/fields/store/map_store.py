@@ -10,6 +10,7 @@ from semmap.fields.maps.map_buffer import SourceUpdate
 from semmap.fields.maps.representation_map import RepresentationMap
 from semmap.fields.store import field_store
 from semmap.fields.store.field_store import StoredField
+from semmap.query.snapshot import Snapshot
 
 if TYPE_CHECKING:
     from semmap.fields.maps.vocabulary import Properties
@@ -44,21 +45,21 @@ def save_map(connection: Any, name: str, map: RepresentationMap, **more: Any) ->
     )
 
 
-def load_maps(connection: Any, vocabulary: Properties) -> dict[str, RepresentationMap]:
+def load_maps(seen: Snapshot, vocabulary: Properties) -> dict[str, RepresentationMap]:
     """Return by name the newest versions of all stored maps with a property of the vocabulary.
 
     The state of a mirror is not a map.
     """
     found = {}
-    for name in field_store.names(connection, stateless=True):
-        stored = field_store.load(connection, name)
+    for name in field_store.names(seen, stateless=True):
+        stored = field_store.load(seen, name)
         if stored.property in vocabulary:
             found[name] = _map(stored, vocabulary)
     return found
 
 
 def load_maps_during(
-    connection: Any, vocabulary: Properties, begin: datetime, end: datetime
+    seen: Snapshot, vocabulary: Properties, begin: datetime, end: datetime
 ) -> list[SourceUpdate]:
     """Return the versions of stored maps that were the newest at any time from `begin` to `end`.
 
@@ -69,12 +70,12 @@ def load_maps_during(
     begin, end : aware
     """
     found = []
-    for name in field_store.names(connection, stateless=True):
-        versions = field_store.versions(connection, name)
+    for name in field_store.names(seen, stateless=True):
+        versions = field_store.versions(seen, name)
         until = [each.at for each in versions[1:]]
         for each, over in zip_longest(versions, until):
             if each.at <= end and (over is None or over > begin):
-                stored = field_store.load(connection, name, each.version)
+                stored = field_store.load(seen, name, each.version)
                 if stored.property in vocabulary:
                     made = _map(stored, vocabulary)
                     provides = frozenset({made.property.name})

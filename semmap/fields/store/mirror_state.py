@@ -13,6 +13,7 @@ from semmap.fields.maps.map_buffer import MapBuffer
 from semmap.fields.regions.region_map import RegionMap, Role, SpacesOf
 from semmap.fields.store import field_store
 from semmap.fields.store.statements import Connection, run
+from semmap.query.snapshot import Snapshot
 from semmap_vdb import Int32Grid
 
 __all__ = [
@@ -73,7 +74,7 @@ def walls_name(voxel_size: float) -> str:
 
 
 def load_walls(
-    connection: Connection, voxel_size: float, cursor: str | None
+    seen: Snapshot, voxel_size: float, cursor: str | None
 ) -> tuple[RegionMap, dict[int, tuple[str, str]]] | None:
     """Return the walls that were saved with a state, and name and reason of those without voxels.
 
@@ -84,7 +85,7 @@ def load_walls(
     cursor : of the state; None is returned if the walls were saved with another one
     """
     try:
-        stored = field_store.load(connection, walls_name(voxel_size))
+        stored = field_store.load(seen, walls_name(voxel_size))
         kept = stored.state or {}
         if kept.get("cursor") != cursor:
             return None
@@ -95,7 +96,7 @@ def load_walls(
     return walls, {int(n): (name, reason) for n, (name, reason) in kept["left_out"].items()}
 
 
-def load_state(connection: Connection, voxel_size: float) -> MirrorState | None:
+def load_state(seen: Snapshot, voxel_size: float) -> MirrorState | None:
     """Return the state that was saved last, or None if it cannot be used.
 
     That is where there is none of this voxel size, where it is from another release of semmap or
@@ -107,11 +108,13 @@ def load_state(connection: Connection, voxel_size: float) -> MirrorState | None:
     voxel_size : metres
     """
     try:
-        stored = field_store.load(connection, field_name(voxel_size))
+        stored = field_store.load(seen, field_name(voxel_size))
         kept = stored.state or {}
-        if kept.get("by") != origin(connection):
+        if kept.get("by") != origin(seen.session):
             return None
-        reaches = run(connection, "SELECT reaches_back(%(since)s) AS so", {"since": kept["cursor"]})
+        reaches = run(
+            seen.session, "SELECT reaches_back(%(since)s) AS so", {"since": kept["cursor"]}
+        )
         if not reaches[0].so:
             return None
         assert isinstance(stored.grid, Int32Grid)
@@ -132,7 +135,7 @@ def load_state(connection: Connection, voxel_size: float) -> MirrorState | None:
     )
 
 
-def is_current(connection: Connection, state: MirrorState) -> bool:
+def is_current(seen: Snapshot, state: MirrorState) -> bool:
     """Return whether the map has not changed since a state, and no region begins or ends in time.
 
     Parameters
@@ -141,7 +144,7 @@ def is_current(connection: Connection, state: MirrorState) -> bool:
     state : of the map
     """
     (row,) = run(
-        connection,
+        seen.session,
         "SELECT EXISTS (SELECT FROM changes_since(%(since)s) WHERE map_id = current_map()) "
         "OR EXISTS (SELECT FROM region g JOIN entity e ON e.id = g.entity_id "
         "WHERE e.map_id = current_map() AND g.valid IS NOT NULL) AS changed",

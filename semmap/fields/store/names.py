@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from semmap.database.files import schema_folder
 from semmap.fields.maps.vocabulary import Vocabulary, read_vocabulary
-from semmap.fields.store.statements import Connection, run
+from semmap.fields.store.statements import run
 from semmap.language.names import NameIndex
+from semmap.query.snapshot import Snapshot
 from semmap.snake_case import snake_case
 
 __all__ = ["read_map_vocabulary", "read_names"]
@@ -16,16 +17,16 @@ def read_map_vocabulary() -> Vocabulary:
     return read_vocabulary([schema_folder() / "ontology" / "fields.ttl"])
 
 
-def read_names(connection: Connection) -> NameIndex:
+def read_names(seen: Snapshot) -> NameIndex:
     """Return the entities of the current map with their types, and the types of the T-Box."""
     entities = run(
-        connection,
+        seen.session,
         "SELECT name, coalesce(type, kind) AS type FROM entity WHERE map_id = current_map()",
     )
     supertypes: dict[str, set[str]] = {}
-    for sub, super_ in run(connection, "SELECT sub, super FROM type_closure"):
+    for sub, super_ in run(seen.session, "SELECT sub, super FROM type_closure"):
         supertypes.setdefault(sub, set()).add(super_)
-    labels = run(connection, "SELECT name, label FROM semantic_type WHERE label <> name")
+    labels = run(seen.session, "SELECT name, label FROM semantic_type WHERE label <> name")
     return NameIndex(
         {row.name: row.type for row in entities},
         {sub: frozenset(each) for sub, each in supertypes.items()},

@@ -5,44 +5,45 @@ from __future__ import annotations
 from collections.abc import Mapping
 from datetime import datetime
 
-from semmap.fields.store.statements import Connection, run
+from semmap.fields.store.statements import run
 from semmap.geometry.pose import Pose
+from semmap.query.snapshot import Snapshot
 
 __all__ = ["beginning", "moments_of_moves", "poses_at", "present_poses"]
 
 
-def beginning(connection: Connection) -> datetime:
+def beginning(seen: Snapshot) -> datetime:
     """Return when the current map was made."""
-    made: datetime = run(connection, "SELECT created_at FROM map WHERE id = current_map()")[
+    made: datetime = run(seen.session, "SELECT created_at FROM map WHERE id = current_map()")[
         0
     ].created_at
     return made
 
 
-def present_poses(connection: Connection) -> dict[int, Pose]:
+def present_poses(seen: Snapshot) -> dict[int, Pose]:
     """Return the pose of each placed entity of the current map."""
     rows = run(
-        connection,
+        seen.session,
         "SELECT w.entity_id, w.pose FROM world w WHERE w.map_id = current_map() "
         "AND w.pose IS NOT NULL",
     )
     return {row.entity_id: Pose(*row.pose) for row in rows}
 
 
-def poses_at(connection: Connection, moment: datetime) -> Mapping[int, Pose]:
+def poses_at(seen: Snapshot, moment: datetime) -> Mapping[int, Pose]:
     """Return the pose of each entity of the current map at a moment; none for one that was not."""
     rows = run(
-        connection,
+        seen.session,
         "SELECT id, pose_at(id, %(moment)s) AS pose FROM entity WHERE map_id = current_map()",
         {"moment": moment},
     )
     return {row.id: Pose(*row.pose) for row in rows if row.pose is not None}
 
 
-def moments_of_moves(connection: Connection, begin: datetime, end: datetime) -> list[datetime]:
+def moments_of_moves(seen: Snapshot, begin: datetime, end: datetime) -> list[datetime]:
     """Return when entities of the current map moved after `begin`, until `end`, in order."""
     rows = run(
-        connection,
+        seen.session,
         "SELECT DISTINCT at FROM (SELECT p.entity_id, p.since AS at FROM placement p "
         "UNION ALL SELECT h.entity_id, lower(h.during) FROM placement_history h) m "
         "JOIN entity e ON e.id = m.entity_id AND e.map_id = current_map() "

@@ -4,17 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from datetime import UTC, datetime
 
 import numpy as np
 from numpy.typing import NDArray
-from sqlalchemy import Connection, text
+from sqlalchemy import text
 
 from semmap.fields.regions.mesh_regions import mesh_parts
 from semmap.fields.regions.shapes import Region, SurfaceRegion
 from semmap.fields.sources.percepts import Zone
 from semmap.fields.sources.synthetic_scene import VisibleObject
 from semmap.geometry.tin import to_mesh
+from semmap.query.snapshot import Snapshot
 from semmap.query.storey_reader import OBJECTS, read_entities
 from semmap.query.storey_scene import SceneEntity
 
@@ -58,13 +58,13 @@ class Occupant:
         return mesh_parts(to_mesh(self.triangles)).regions(voxel_size)
 
 
-def read_occupants(connection: Connection, ids: Iterable[int] | None = None) -> list[Occupant]:
+def read_occupants(seen: Snapshot, ids: Iterable[int] | None = None) -> list[Occupant]:
     """Return the objects of the current map that have geometry; only those of `ids` if given."""
-    found = read_entities(connection, ids, kinds=OBJECTS, carried=True)
+    found = read_entities(seen.connection, ids, kinds=OBJECTS, carried=True)
     return [_occupant(e) for e in found if not e.lacks_geometry]
 
 
-def read_walls(connection: Connection, ids: Iterable[int] | None = None) -> list[Occupant]:
+def read_walls(seen: Snapshot, ids: Iterable[int] | None = None) -> list[Occupant]:
     """Return the shells of rooms that have geometry, and the leaves of doors, open ones included.
 
     Parameters
@@ -72,7 +72,7 @@ def read_walls(connection: Connection, ids: Iterable[int] | None = None) -> list
     connection : sees the map
     ids : only those of these rooms and connectors; all if not given
     """
-    found = read_entities(connection, ids, kinds=("room", "connector"))
+    found = read_entities(seen.connection, ids, kinds=("room", "connector"))
     return [_occupant(e) for e in found if len(e.triangles) or e.voxels is not None]
 
 
@@ -81,18 +81,18 @@ def _occupant(entity: SceneEntity) -> Occupant:
     return Occupant(entity.id, entity.name, entity.triangles, points, entity.kind == "room")
 
 
-def read_visible_objects(connection: Connection) -> list[VisibleObject]:
+def read_visible_objects(seen: Snapshot) -> list[VisibleObject]:
     """Return the objects and rooms of the current map that have a mesh, for a synthetic camera."""
-    found = read_entities(connection, kinds=("object", "room"), carried=True)
+    found = read_entities(seen.connection, kinds=("object", "room"), carried=True)
     return [VisibleObject(e.name, e.types[0], e.triangles) for e in found if len(e.triangles)]
 
 
-def read_zones(connection: Connection) -> list[Zone]:
+def read_zones(seen: Snapshot) -> list[Zone]:
     """Return the rooms and regions of the current map that are valid now."""
     found = read_entities(
-        connection,
+        seen.connection,
         kinds=("room", "region"),
-        moment=datetime.now(UTC),
+        moment=seen.moment,
         triangles=False,
         carried=True,
     )
@@ -104,9 +104,9 @@ def read_zones(connection: Connection) -> list[Zone]:
     ]
 
 
-def read_zone_ids(connection: Connection) -> dict[str, int]:
+def read_zone_ids(seen: Snapshot) -> dict[str, int]:
     """Return the id of each room and region of the current map, by name."""
-    rows = connection.execute(
+    rows = seen.connection.execute(
         text(
             "SELECT name, id FROM entity "
             "WHERE map_id = current_map() AND kind IN ('room', 'region')"

@@ -17,6 +17,7 @@ from semmap.fields.maps.representation_map import RepresentationMap
 from semmap.fields.store import field_store
 from semmap.fields.store.map_store import save_map
 from semmap.fields.store.statements import Connection, run
+from semmap.query.snapshot import Snapshot
 
 if TYPE_CHECKING:
     from semmap.fields.maps.vocabulary import Properties
@@ -87,7 +88,7 @@ class SourceHistory:
 
 
 def load_updates(
-    connection: Connection,
+    seen: Snapshot,
     vocabulary: Properties,
     begin: datetime | None = None,
     end: datetime | None = None,
@@ -101,7 +102,7 @@ def load_updates(
     begin, end : those that were valid at any time in between; the newest ones if not given
     """
     rows = run(
-        connection,
+        seen.session,
         "SELECT * FROM (SELECT f.name, v.at, v.state, "
         "lead(v.at) OVER (PARTITION BY f.id ORDER BY v.version) AS until "
         "FROM field f JOIN field_version v ON v.field_id = f.id "
@@ -113,7 +114,7 @@ def load_updates(
     loaded: dict[tuple[str, int], RepresentationMap] = {}
     found: dict[str, list[SourceUpdate]] = {}
     for row in rows:
-        maps = list(_maps(connection, vocabulary, row.state["maps"].items(), loaded))
+        maps = list(_maps(seen, vocabulary, row.state["maps"].items(), loaded))
         source, provides = row.state["source"], frozenset(row.state["provides"])
         update = SourceUpdate(row.at, tuple(maps), provides, source)
         found.setdefault(source, []).append(update)
@@ -121,14 +122,14 @@ def load_updates(
 
 
 def _maps(
-    connection: Connection,
+    seen: Snapshot,
     vocabulary: Properties,
     versions: Iterable[tuple[str, int]],
     loaded: dict[tuple[str, int], RepresentationMap],
 ) -> Iterable[RepresentationMap]:
     for name, number in versions:
         if (name, number) not in loaded:
-            stored = field_store.load(connection, name, number)
+            stored = field_store.load(seen, name, number)
             if stored.property not in vocabulary:
                 continue
             loaded[name, number] = RepresentationMap(

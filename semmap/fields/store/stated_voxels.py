@@ -20,8 +20,9 @@ from numpy.typing import NDArray
 
 from semmap.fields.regions.region_map import Role
 from semmap.fields.store import field_store
-from semmap.fields.store.statements import Connection, run
+from semmap.fields.store.statements import run
 from semmap.geometry.pose import Pose
+from semmap.query.snapshot import Snapshot
 from semmap_vdb import BoolGrid
 
 __all__ = ["StatedVoxels", "read_stated", "save_stated"]
@@ -51,9 +52,7 @@ class StatedVoxels:
     points: NDArray[np.float64]
 
 
-def read_stated(
-    connection: Connection, ids: Iterable[int] | None, voxel_size: float
-) -> list[StatedVoxels]:
+def read_stated(seen: Snapshot, ids: Iterable[int] | None, voxel_size: float) -> list[StatedVoxels]:
     """Return the entities of the current map with stated voxels.
 
     Parameters
@@ -63,7 +62,7 @@ def read_stated(
     voxel_size : metres; voxels of another size are resampled
     """
     rows = run(
-        connection,
+        seen.session,
         "SELECT e.id, e.name, e.kind, w.pose, f.name AS field, v.state, "
         + MODELS
         + "m.entity_id = e.id), '{}') AS models FROM field f "
@@ -78,7 +77,7 @@ def read_stated(
     for row in rows:
         if row.state["models"] != row.models:
             continue
-        grid = field_store.load(connection, row.field).grid
+        grid = field_store.load(seen, row.field).grid
         assert isinstance(grid, BoolGrid)
         if abs(grid.voxel_size - voxel_size) > 1e-9:
             grid = grid.resampled(voxel_size, _IDENTITY)

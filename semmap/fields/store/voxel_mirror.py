@@ -13,7 +13,7 @@ from collections.abc import Callable
 from contextlib import suppress
 from typing import Any
 
-from sqlalchemy import Connection, Engine
+from sqlalchemy import Engine
 from sqlalchemy.exc import DBAPIError
 
 from semmap.database.maps import see_map
@@ -39,6 +39,7 @@ from semmap.fields.store.reader import (
 )
 from semmap.fields.store.stated_voxels import StatedVoxels, read_stated
 from semmap.query.change_feed import ChangeFeed
+from semmap.query.snapshot import Snapshot
 
 __all__ = ["VoxelMirror"]
 
@@ -111,8 +112,8 @@ class VoxelMirror:
         """
         mirror = cls(engine, map_name, voxel_size)
         with mirror._feed.snapshot() as seen:
-            state = load_state(seen.connection, voxel_size)
-            walls = None if state is None else load_walls(seen.connection, voxel_size, state.cursor)
+            state = load_state(seen, voxel_size)
+            walls = None if state is None else load_walls(seen, voxel_size, state.cursor)
         if state is not None and walls is not None:
             mirror.regions, mirror.names = state.regions, state.names
             mirror.walls, mirror._walls_left_out = walls
@@ -197,14 +198,14 @@ class VoxelMirror:
             with self._feed.look() as look:
                 changed = None if look.changed is None else set(look.changed)
                 nothing = changed is not None and not changed and self._zones is not None
-                occupants = [] if nothing else read_occupants(look.seen.connection, changed)
-                walls = [] if nothing else read_walls(look.seen.connection, changed)
-                agents = [] if nothing else read_agents(look.seen.connection, changed)
+                occupants = [] if nothing else read_occupants(look.seen, changed)
+                walls = [] if nothing else read_walls(look.seen, changed)
+                agents = [] if nothing else read_agents(look.seen, changed)
                 zones = self._zones or {}
                 stated: list[StatedVoxels] = []
                 if not nothing:
-                    zones = read_zones_by_id(look.seen.connection)
-                    stated = read_stated(look.seen.connection, changed, self.regions.voxel_size)
+                    zones = read_zones_by_id(look.seen)
+                    stated = read_stated(look.seen, changed, self.regions.voxel_size)
             stale = self._stale(changed, zones) | {each.id for each in stated}
             stale |= self._stated & (changed or set())
             regions = self._regions_of(occupants, agents)
@@ -316,10 +317,10 @@ class VoxelMirror:
         return field_name(self.regions.voxel_size)
 
 
-def read_zones_by_id(connection: Connection) -> dict[int, Zone]:
+def read_zones_by_id(seen: Snapshot) -> dict[int, Zone]:
     """Return the rooms and regions of the current map that are valid now, by their ids."""
-    number = read_zone_ids(connection)
-    return {number[zone.name]: zone for zone in read_zones(connection)}
+    number = read_zone_ids(seen)
+    return {number[zone.name]: zone for zone in read_zones(seen)}
 
 
 def zone_regions(zone: Zone, regions: RegionMap) -> list[Region]:

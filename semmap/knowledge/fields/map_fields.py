@@ -25,6 +25,7 @@ from semmap.fields.store.names import read_map_vocabulary, read_names
 from semmap.fields.store.voxel_mirror import VoxelMirror
 from semmap.knowledge.fields.properties import FieldAnswer, FieldError, FieldQuery
 from semmap.language.error import QueryError
+from semmap.query.snapshot import open_snapshot
 
 __all__ = ["VOXEL_SIZE", "MapFields"]
 
@@ -89,8 +90,9 @@ class MapFields:
     def _from_kept_state(self, text: str) -> FieldAnswer:
         vocabulary = read_map_vocabulary()
         with _mirror_of(self._url(), self._map_name) as mirror:
-            newest = show_kept(mirror, self._session, vocabulary)
-            catalogue = mirror_catalogue(mirror, read_names(self._session), vocabulary)
+            with open_snapshot(self._session, self._map_name) as now:
+                newest, names = show_kept(mirror, now, vocabulary), read_names(now)
+            catalogue = mirror_catalogue(mirror, names, vocabulary)
             result = query(catalogue, text)
             assert isinstance(result, SelectResult)
             seen = f", sources as kept at {newest:%Y-%m-%d %H:%M:%S %Z}" if newest else ""

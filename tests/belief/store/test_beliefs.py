@@ -18,6 +18,7 @@ from semmap.belief.store.beliefs import ELSEWHERE, add_observations, read_belief
 from semmap.database.maps import see_map
 from semmap.model import Belief, Entity
 from semmap.query.change_feed import ChangeFeed
+from tests.seen import seen_by
 
 NOW = datetime.now(UTC)
 PLACES = {"table", "counter", "bench", "fridge", "kitchen", "hall", "piano"}
@@ -32,7 +33,7 @@ def observe(flat: Map, *rows: dict[str, Any]) -> list[int]:
 
 
 def belief(flat: Map, name: str, at: datetime | None = None) -> dict[str, float]:
-    return read_belief(flat.connection, name, at)
+    return read_belief(seen_by(flat.connection), name, at)
 
 
 def expected(
@@ -78,7 +79,7 @@ def test_beliefs_are_those_of_the_formula(flat: Map, seed: int) -> None:
     source = random.Random(seed)
     mobility = source.choice([0.0, 0.5, 1.0, 3.0])
     flat["coke"].properties = {"mobility": mobility}
-    prior = {row["place"]: row["prior"] for row in where(flat.connection, "coke")}
+    prior = {row["place"]: row["prior"] for row in where(seen_by(flat.connection), "coke")}
     rows = []
     for _ in range(source.randint(1, 25)):
         row: dict[str, Any] = {
@@ -249,7 +250,7 @@ def test_a_sqlalchemy_connection_reads_and_writes_too(flat_map: Map) -> None:
         see_map(connection, "flat")
         rows = [{"object": "coke", "place": "fridge", "seen": True}] * 5
         assert len(add_observations(connection, rows)) == 5
-        found = read_belief(connection, "coke")
+        found = read_belief(seen_by(connection), "coke")
         assert next(iter(found)) == "fridge"
         connection.rollback()
     assert flat_map.execute("SELECT count(*) FROM observation") == [(0,)]
@@ -274,7 +275,7 @@ def test_two_who_observe_one_object_at_once_both_count(flat_map: Map) -> None:
             other.join(0.5)
             assert other.is_alive()  # it waits for this transaction
         other.join()
-        prior = {r["place"]: r["prior"] for r in where(flat_map.connection, "coke")}
+        prior = {r["place"]: r["prior"] for r in where(seen_by(flat_map.connection), "coke")}
         (stored,) = flat_map.execute(
             "SELECT probability FROM belief WHERE entity_id = entity_id('coke') "
             "AND place_id = entity_id('fridge')"
@@ -311,7 +312,7 @@ def test_repeated_looks_of_an_agent_count_once_and_old_ones_go(flat: Map) -> Non
     observe(flat, *[of | {"at": at} for at in frames[:3]])  # a person says so three times
     kept = flat.execute("SELECT observer_id IS NULL, at FROM observation ORDER BY 1, 2")
     assert kept == [(False, frames[4]), (False, frames[9]), *((True, at) for at in frames[:3])]
-    prior = {r["place"]: r["prior"] for r in where(flat.connection, "mug", at=NOW)}
+    prior = {r["place"]: r["prior"] for r in where(seen_by(flat.connection), "mug", at=NOW)}
     rows = [of | {"at": at} for _, at in kept]
     (table,) = flat.execute(
         "SELECT probability FROM belief WHERE entity_id = entity_id('mug') "

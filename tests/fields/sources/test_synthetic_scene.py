@@ -19,6 +19,7 @@ from semmap.fields.sources.synthetic_scene import (
     standpoints,
 )
 from semmap.geometry.mesh import box_mesh
+from tests.seen import seen_by
 
 NOW = datetime(2026, 11, 21, tzinfo=UTC)
 
@@ -81,7 +82,7 @@ def test_places_from_which_an_object_is_visible() -> None:
 def test_the_demo_in_the_office(office_world: Engine, tmp_path: Path) -> None:
     said: list[str] = []
     with office_world.connect() as connection:
-        (picture,) = field_demo(connection, tmp_path, said.append, voxel_size=0.03)
+        (picture,) = field_demo(seen_by(connection), tmp_path, said.append, voxel_size=0.03)
     assert "   ?voxels :containsObject 'muffin'" in said
     count = int(next(line for line in said if "voxels of" in line).split()[0])
     assert 5 < count < 60

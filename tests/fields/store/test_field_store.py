@@ -21,6 +21,7 @@ from semmap.fields.maps.grids import GRIDS, Grid, ValueType
 from semmap.fields.store import field_store
 from semmap_vdb import BoolGrid, FloatGrid, Int32Grid
 from tests.database.test_crash import kill_server
+from tests.seen import seen_by
 
 IRI = "urn:semmap:ontology#personalSpace"
 VALUES: dict[ValueType, list[Any]] = {
@@ -182,22 +183,24 @@ def test_each_version_is_loaded_unchanged(
             )
             was.append((again(grid, 8), grid.blocks(field_store.EDGE)))
         for number, (before, _) in enumerate(was, 1):
-            found = field_store.load(connection, kind, number)
+            found = field_store.load(seen_by(connection), kind, number)
             assert same(found.grid, before)
             assert found.version == number
             assert found.legend == ({number: "mug", -1: "cup"} if kind == "int32" else None)
             assert found.state == {"at": number / 10}
-        assert same(field_store.load(connection, kind).grid, grid)
+        assert same(field_store.load(seen_by(connection), kind).grid, grid)
         # only what changed was written
         past: dict[Any, bytes] = {}
-        for (_, cubes), version in zip(was, field_store.versions(connection, kind), strict=True):
+        for (_, cubes), version in zip(
+            was, field_store.versions(seen_by(connection), kind), strict=True
+        ):
             fresh = [b for at, b in cubes.items() if past.get(at) != b]
             assert (version.blocks, version.bytes) == (len(fresh), sum(map(len, fresh)))
             past = cubes
         # what is pruned is gone, what is not is as it was
         assert field_store.prune(connection, kind, 2) == max(len(saves) - 2, 0)
         for number, (before, _) in list(enumerate(was, 1))[-2:]:
-            assert same(field_store.load(connection, kind, number).grid, before)
+            assert same(field_store.load(seen_by(connection), kind, number).grid, before)
         rows = connection.execute(text("SELECT count(*) FROM field_block")).scalar_one()
         held = {(at, b) for _, cubes in was[-2:] for at, b in cubes.items()}
         assert rows >= len(held)
@@ -219,8 +222,8 @@ def test_the_attributes_of_a_field(kept: Engine) -> None:
             legend={41: "mug"},
         )
     with kept.begin() as connection:
-        assert field_store.names(connection) == ["seen by gerda"]
-        found = field_store.load(connection, "seen by gerda")
+        assert field_store.names(seen_by(connection)) == ["seen by gerda"]
+        found = field_store.load(seen_by(connection), "seen by gerda")
         assert found.property == "urn:semmap:ontology#containsObject"
         assert (found.about, found.legend, found.state) == ("gerda", {41: "mug"}, None)
         assert found.at.tzinfo is not None
@@ -237,20 +240,20 @@ def test_fields_belong_to_their_map(engine: Engine) -> None:
             connection.execute(text("INSERT INTO map (name) VALUES (:name)"), {"name": name})
             see_map(connection, name)
             field_store.save(connection, f"of {name}", FloatGrid(0.1, 0.0), property=IRI)
-        assert field_store.names(connection) == ["of b"]
+        assert field_store.names(seen_by(connection)) == ["of b"]
         see_map(connection, "a")
-        assert field_store.names(connection) == ["of a"]
+        assert field_store.names(seen_by(connection)) == ["of a"]
         connection.execute(text("SELECT drop_map('a')"))
         assert connection.execute(text("SELECT count(*) FROM field_version")).scalar_one() == 1
 
 
 def refused(kept: Engine, says: str, act: Any, error: type[Exception] = ValueError) -> None:
     with kept.begin() as connection:
-        before = field_store.versions(connection, "space")
+        before = field_store.versions(seen_by(connection), "space")
         with pytest.raises(error, match=says):
             act(connection)
-        assert field_store.versions(connection, "space") == before
-        assert field_store.names(connection) == ["space"]
+        assert field_store.versions(seen_by(connection), "space") == before
+        assert field_store.names(seen_by(connection)) == ["space"]
 
 
 def test_wrong_fields_are_refused(kept: Engine) -> None:
@@ -271,12 +274,12 @@ def test_wrong_fields_are_refused(kept: Engine) -> None:
     refused(kept, "cannot have a legend", saved(grid, legend={1: "mug"}))
     refused(kept, "keep is 0: give at least 1", lambda c: field_store.prune(c, "space", 0))
     unknown = "there is no field spice in this map; fields: space"
-    refused(kept, unknown, lambda c: field_store.load(c, "spice"), LookupError)
-    refused(kept, unknown, lambda c: field_store.versions(c, "spice"), LookupError)
+    refused(kept, unknown, lambda c: field_store.load(seen_by(c), "spice"), LookupError)
+    refused(kept, unknown, lambda c: field_store.versions(seen_by(c), "spice"), LookupError)
     refused(
         kept,
         "there is no version 7 of the field space; versions: 1",
-        lambda c: field_store.load(c, "space", 7),
+        lambda c: field_store.load(seen_by(c), "space", 7),
         LookupError,
     )
     with kept.begin() as connection:
@@ -295,7 +298,7 @@ def test_an_uncommitted_field_is_not_stored(kept: Engine) -> None:
     with kept.connect() as connection:
         field_store.save(connection, "space", FloatGrid(0.1, 0.0), property=IRI)
         connection.rollback()
-        assert field_store.names(connection) == []
+        assert field_store.names(seen_by(connection)) == []
 
 
 def test_a_robot_may_store_fields_and_a_reader_may_load_them(kept: Engine) -> None:
@@ -307,7 +310,7 @@ def test_a_robot_may_store_fields_and_a_reader_may_load_them(kept: Engine) -> No
             field_store.save(connection, "space", grid, property=IRI)
         field_store.prune(connection, "space", 1)
         connection.execute(text("SET LOCAL ROLE semmap_reader"))
-        assert same(field_store.load(connection, "space").grid, grid)
+        assert same(field_store.load(seen_by(connection), "space").grid, grid)
         with pytest.raises(DBAPIError, match="permission denied"), connection.begin_nested():
             field_store.save(connection, "space", grid, property=IRI)
         connection.execute(text("SET LOCAL ROLE semmap_robot"))
@@ -329,9 +332,17 @@ def test_concurrent_saves_wait_for_each_other(kept: Engine) -> None:
     for thread in threads:
         thread.join()
     with kept.begin() as connection:
-        assert [v.version for v in field_store.versions(connection, "space")] == [1, 2, 3, 4, 5, 6]
+        assert [v.version for v in field_store.versions(seen_by(connection), "space")] == [
+            1,
+            2,
+            3,
+            4,
+            5,
+            6,
+        ]
         seen = {
-            float(field_store.load(connection, "space", n).grid.read()[1][0]) for n in range(1, 7)
+            float(field_store.load(seen_by(connection), "space", n).grid.read()[1][0])
+            for n in range(1, 7)
         }
         assert seen == {1.0, 2.0, 3.0, 4.0, 5.0, 6.0}
         field_store.forget(connection, "space")
@@ -357,9 +368,9 @@ def test_fields_survive_a_crash_of_the_server(own: Cluster) -> None:
     for end in (kill_server, Cluster.stop):
         engine = open_engine(own.ensure())
         with engine.connect() as connection:
-            assert field_store.names(connection) == sorted(GRIDS)
+            assert field_store.names(seen_by(connection)) == sorted(GRIDS)
             for kind, grid in zip(GRIDS, grids, strict=True):
-                assert same(field_store.load(connection, kind).grid, grid)
+                assert same(field_store.load(seen_by(connection), kind).grid, grid)
         engine.dispose()
         end(own)
     engine = open_engine(own.ensure())

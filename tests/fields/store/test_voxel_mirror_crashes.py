@@ -21,6 +21,7 @@ from semmap.ingest.importer import import_file
 from tests.database.conftest import python
 from tests.database.test_crash import kill_server
 from tests.fields.store.test_voxel_mirror import SIZE, boxes, change, number, same, scene, until
+from tests.seen import seen_by
 
 __all__ = ["scene"]
 
@@ -81,9 +82,9 @@ def test_a_save_writes_what_changed(scene: Engine) -> None:
     mirror.catch_up()
     assert mirror.save() == 2
     with scene.connect() as connection:
-        name, walls = field_store.names(connection)
+        name, walls = field_store.names(seen_by(connection))
         assert walls == f"walls {SIZE} m"
-        (version,) = field_store.versions(connection, name)
+        (version,) = field_store.versions(seen_by(connection), name)
         cubes = connection.execute(text("SELECT count(*) FROM field_block")).scalar_one()
     assert version.version == 2
     assert 1 <= version.blocks < cubes, "former versions made way"

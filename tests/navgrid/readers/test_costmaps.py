@@ -34,19 +34,19 @@ def connection(office: Engine) -> Iterator[Connection]:
 
 
 def test_each_storey_has_a_costmap_unless_one_is_named(connection: Connection) -> None:
-    both = read_costmaps(connection, [BASE], resolution=0.2)
+    both = read_costmaps(seen_by(connection), [BASE], resolution=0.2)
     assert [costmap.scene.storey for costmap in both] == ["floor-1st", "floor-3rd"]
-    (third,) = read_costmaps(connection, [BASE], storey="floor-3rd", resolution=0.2)
+    (third,) = read_costmaps(seen_by(connection), [BASE], storey="floor-3rd", resolution=0.2)
     np.testing.assert_array_equal(third.master, both[1].master)
-    (lab,) = read_costmaps(connection, [BASE], rooms=["lab2"], resolution=0.2)
+    (lab,) = read_costmaps(seen_by(connection), [BASE], rooms=["lab2"], resolution=0.2)
     assert lab.scene.storey == "floor-3rd"
     assert lab.master.size < third.master.size / 2
 
 
 def test_a_part_has_the_costs_of_the_whole(connection: Connection) -> None:
-    (whole,) = read_costmaps(connection, [BASE, ARM], storey="floor-3rd")
+    (whole,) = read_costmaps(seen_by(connection), [BASE, ARM], storey="floor-3rd")
     bounds = (5.0, 1.0, 9.0, 3.0)
-    (part,) = read_costmaps(connection, [BASE, ARM], storey="floor-3rd", bounds=bounds)
+    (part,) = read_costmaps(seen_by(connection), [BASE, ARM], storey="floor-3rd", bounds=bounds)
     assert len(part.scene.entities) < len(whole.scene.entities)
     for x, y in np.random.default_rng(1).uniform((5, 1), (9, 3), (300, 2)):
         assert part.master[part.grid.cell(x, y)] == whole.master[whole.grid.cell(x, y)]

@@ -14,7 +14,7 @@ from planner.route import NoRouteError, Route
 from planner.route_search import find_route
 from planner.routing_graph import RoutingGraph
 from semmap.geometry.pose import Pose
-from tests.seen import seen_by
+from semmap.query.snapshot import Snapshot
 
 WHERE = """
 SELECT h.name AS holder, p.relation, w.pose, r.name AS place, rw.pose AS room
@@ -31,11 +31,11 @@ SELECT o.label FROM object_type o WHERE o.map_id = current_map() AND o.type = :t
 
 
 def simple_planner(
-    connection: Any, robot: str, goal: str, *, without: frozenset[str] = frozenset()
+    seen: Snapshot, robot: str, goal: str, *, without: frozenset[str] = frozenset()
 ) -> Plan:
-    topology = read_topology(seen_by(connection))
+    topology = read_topology(seen)
     graph = RoutingGraph(topology.without(without))
-    where = {r: connection.execute(text(WHERE), {"name": r}).one_or_none() for r in (robot,)}
+    where = {r: seen.connection.execute(text(WHERE), {"name": r}).one_or_none() for r in (robot,)}
     here, pose = where[robot].place, Pose(*where[robot].pose)
     said = re.fullmatch(r"(on|in)\((\w+), ([\w-]+)\)", goal)
     if said is None:
@@ -47,13 +47,13 @@ def simple_planner(
         return plan(
             goal, way(find_route(graph, graph.endpoint(here, pose), graph.endpoint(target)))
         )
-    names = [what, *connection.execute(text(INSTANCES), {"type": what}).scalars()]
-    objects = {n: connection.execute(text(WHERE), {"name": n}).one_or_none() for n in names}
+    names = [what, *seen.connection.execute(text(INSTANCES), {"type": what}).scalars()]
+    objects = {n: seen.connection.execute(text(WHERE), {"name": n}).one_or_none() for n in names}
     objects = {n: row for n, row in objects.items() if row is not None}
     if any(row.holder == target and row.relation == relation for row in objects.values()):
         return Plan(goal, (), 0.0, 0.0)
     held = [n for n, row in objects.items() if row.holder == robot]
-    to = connection.execute(text(WHERE), {"name": target}).one()
+    to = seen.connection.execute(text(WHERE), {"name": target}).one()
     over = stand(to)
     if held:
         route = find_route(graph, graph.endpoint(here, pose), graph.endpoint(to.place, over))

@@ -126,6 +126,9 @@ def test_its_state_changes_with_it_and_goes_with_it(connection):
 
 def test_an_unknown_class_is_named_with_those_there_are(connection):
     store_robot_class(connection, RobotClass("porter"))
-    for ask in (read_robot_class, delete_robot_class):
+    for ask, taken in (
+        (read_robot_class, seen_by(connection)),
+        (delete_robot_class, connection),
+    ):
         with pytest.raises(LookupError, match=r"no robot class named potter; .*porter"):
-            ask(connection, "potter")
+            ask(taken, "potter")
