@@ -107,7 +107,7 @@ def measure(connection: Connection, parts: list) -> list[Row]:  # type: ignore[t
     splits = []
     for _ in range(9):
         start = time.perf_counter()
-        scene = read_scene(connection, "office40")
+        scene = read_scene(seen_by(connection), "office40")
         fetched = time.perf_counter()
         costmap = Costmap(scene, parts, GRID)
         done = time.perf_counter()
@@ -132,10 +132,10 @@ def measure(connection: Connection, parts: list) -> list[Row]:  # type: ignore[t
         start = time.perf_counter()
         ids, since = changed_since(seen_by(connection), since), cursor(seen_by(connection))
         assert ids is not None  # the history reaches back
-        entities = read_entities(connection, ids)
+        entities = read_entities(seen_by(connection), ids)
         costmap.update(entities, set(ids) - {t.id for t in entities})
         updates.append(time.perf_counter() - start)
-    fresh = Costmap(read_scene(connection, "office40"), parts, GRID)
+    fresh = Costmap(read_scene(seen_by(connection), "office40"), parts, GRID)
     same = bool((fresh.master == costmap.master).all())
     moved = float(np.median(updates))
     return [
@@ -171,8 +171,8 @@ def measure_voxels(connection: Connection, parts: list) -> list[Row]:  # type: i
     voxels = read_mirror(MapHandle(connection.engine, pick_map(connection)))
     loaded = time.perf_counter() - start
     scenes = [
-        read_scene(connection, "office40"),
-        read_scene(connection, "office40", voxels=voxels),
+        read_scene(seen_by(connection), "office40"),
+        read_scene(seen_by(connection), "office40", voxels=voxels),
     ]
     meshes, own = medians_in_turn(
         *(partial(Costmap, scene, parts, GRID) for scene in scenes), times=5

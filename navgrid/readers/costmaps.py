@@ -77,12 +77,12 @@ def read_costmaps(
         + max(layer.padding for layer in policy.layers)
     )
     is_part = rooms is not None or bounds is not None
-    names = read_storey_names(seen.connection)
+    names = read_storey_names(seen)
     costmaps = []
     for name in names if storey is None else [storey]:
         try:
             scene = read_scene(
-                seen.connection,
+                seen,
                 name,
                 bounds=bounds,
                 rooms=rooms,

@@ -113,7 +113,7 @@ class MapBeliefs(MapQuestions):
             places = read_places(seen, belief.name)
             best = max(places, key=lambda place: belief.get(place.name, 0.0), default=None)
             chosen = storey or (best.storey if best else None)
-            scenes = read_storeys(seen.connection, chosen)
+            scenes = read_storeys(seen, chosen)
         if not scenes:
             raise ValueError("the map has no storey to draw")
         here = [place for place in places if chosen is None or place.storey in (chosen, None)]

@@ -92,7 +92,7 @@ class MapDrawing(MapTasks):
         from semmap.query.storey_reader import read_storeys
 
         with self.snapshot() as seen:
-            return [storey_view(scene) for scene in read_storeys(seen.connection, storey)]
+            return [storey_view(scene) for scene in read_storeys(seen, storey)]
 
     def write_topology(
         self,

@@ -83,7 +83,7 @@ class MapDriving(MapQuestions):
 
         with self.snapshot() as seen:
             scenes = read_storeys(
-                seen.connection,
+                seen,
                 storey,
                 moment=_moment(at),
                 voxels=_voxels(self, voxel_size),

@@ -51,9 +51,7 @@ class MapRoute(Route):
         from semmap.query.geometry_notes import read_names_without_geometry
 
         with self.map.snapshot() as seen:
-            return read_names_without_geometry(
-                seen.connection, self.places, assume_sizes=assume_sizes
-            )
+            return read_names_without_geometry(seen, self.places, assume_sizes=assume_sizes)
 
     def plot(self) -> Picture:
         """Draw the way on the floor plan of each storey that it leads through, one below another.

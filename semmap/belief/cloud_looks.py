@@ -135,7 +135,7 @@ def _read_triangles(seen: Snapshot, names: Collection[str]) -> dict[str, Floats]
     if not names:
         return {}
     objects: tuple[EntityKind, ...] = ("object",)
-    entities = {e.name: e for e in read_entities(seen.connection, kinds=objects) if e.name in names}
+    entities = {e.name: e for e in read_entities(seen, kinds=objects) if e.name in names}
     for name in names:
         if name not in entities or not len(entities[name].triangles):
             raise BeliefError(f"{name} has no mesh to recognise it by: import it with its geometry")

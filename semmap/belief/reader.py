@@ -112,7 +112,7 @@ def read_occluders(seen: Snapshot, without: Collection[str]) -> NDArray[np.float
     """
     parts = [
         entity.triangles
-        for entity in read_entities(seen.connection, kinds=("room", "object", "connector"))
+        for entity in read_entities(seen, kinds=("room", "object", "connector"))
         if entity.name not in without and (entity.kind != "connector" or entity.state != "open")
     ]
     return np.concatenate([NO_TRIANGLES, *parts])

@@ -33,6 +33,7 @@ from semmap.ingest.storeys import FOUND, found_storeys
 from semmap.ingest.world import Skipped, World, WorldError
 from semmap.limits import ENTRIES, NAME_CHARACTERS
 from semmap.query.geometry_notes import names_note, read_names_without_geometry
+from semmap.query.snapshot import Snapshot
 
 __all__ = ["ImportSummary", "import_file", "read_world"]
 
@@ -216,8 +217,8 @@ def import_file(
         parts = recognise_parts(psycopg_connection, map_id)
         holders = derive_inventories(psycopg_connection, map_id)
         summary = _summary(world, stored, map_name or world.name, source, holders, parts)
-        see_map(connection, summary.map)
-        summary.no_geometry = read_names_without_geometry(connection)
+        seen = Snapshot.of(connection, see_map(connection, summary.map))
+        summary.no_geometry = read_names_without_geometry(seen)
         if summary.no_geometry and (stored.added or stored.changed):
             summary.notes.append(names_note(summary.no_geometry))
         if stored.added or stored.changed or stored.removed:

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 
-from sqlalchemy import Connection, text
+from sqlalchemy import text
 
+from semmap.query.snapshot import Snapshot
 from semmap.query.storey_scene import SceneEntity
 
 __all__ = ["geometry_lists", "geometry_notes", "names_note", "read_names_without_geometry"]
@@ -68,20 +69,20 @@ def names_note(names: Sequence[str], key: str = "no_geometry") -> str:
 
 
 def read_names_without_geometry(
-    connection: Connection, places: Sequence[str] | None = None, *, assume_sizes: bool = False
+    seen: Snapshot, places: Sequence[str] | None = None, *, assume_sizes: bool = False
 ) -> list[str]:
     """Return the names of the objects of the current map that have no geometry, in order.
 
     Parameters
     ----------
-    connection : Connection that sees the map
+    seen : Snapshot of the map
     places : sequence of str, optional
         Only objects that these rooms hold, directly or through other objects.
     assume_sizes : bool
         Only those whose type has no typical size, either.
     """
     values = {"places": None if places is None else [*places], "assume_sizes": assume_sizes}
-    return [*connection.execute(text(_NAMES), values).scalars()]
+    return [*seen.connection.execute(text(_NAMES), values).scalars()]
 
 
 _NAMES = """

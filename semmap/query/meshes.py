@@ -9,7 +9,6 @@ import numpy as np
 import psycopg
 import shapely
 from numpy.typing import NDArray
-from sqlalchemy import Connection, text
 
 from semmap.geometry.pose import Pose
 from semmap.geometry.tin import decode_patch
@@ -65,24 +64,20 @@ def models_points(
 
 
 def world_triangles(
-    connection: Connection, entity_ids: list[int]
+    connection: psycopg.Connection[Any], entity_ids: list[int]
 ) -> dict[int, NDArray[np.float64]]:
     """The triangles of entities in the map's frame, (F, 3, 3) metres; without geometry: none.
 
     Each model is read once, however many instances it has.
     """
     rows = connection.execute(
-        text(
-            "SELECT DISTINCT ec.entity_id, c.model_id, w.pose FROM entity_chunk ec "
-            "JOIN chunk c ON c.id = ec.chunk_id JOIN world w ON w.entity_id = ec.entity_id "
-            "JOIN model m ON m.id = c.model_id AND m.triangles > 0 "
-            "WHERE ec.entity_id = ANY(:ids) ORDER BY 1, 2"
-        ),
-        {"ids": entity_ids},
-    ).all()
-    driver = connection.connection.driver_connection
-    assert driver is not None
-    models = models_triangles(driver, {row.model_id for row in rows})
+        "SELECT DISTINCT ec.entity_id, c.model_id, w.pose FROM entity_chunk ec "
+        "JOIN chunk c ON c.id = ec.chunk_id JOIN world w ON w.entity_id = ec.entity_id "
+        "JOIN model m ON m.id = c.model_id AND m.triangles > 0 "
+        "WHERE ec.entity_id = ANY(%s) ORDER BY 1, 2",
+        (entity_ids,),
+    ).fetchall()
+    models = models_triangles(connection, {model_id for _, model_id, _ in rows})
     parts: dict[int, list[NDArray[np.float64]]] = {}
     for entity_id, model_id, pose in rows:
         placed = Pose(*pose).apply(models[model_id].reshape(-1, 3)).reshape(-1, 3, 3)

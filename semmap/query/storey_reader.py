@@ -15,14 +15,14 @@ from typing import Any
 import numpy as np
 import shapely
 from numpy.typing import NDArray
-from sqlalchemy import Connection, text
+from sqlalchemy import text
 
-from semmap.database.maps import pick_map
 from semmap.geometry.floor_level import floor_level
 from semmap.geometry.mesh import box_mesh
 from semmap.geometry.pose import Pose
 from semmap.geometry.voxels import Voxels
 from semmap.query.meshes import models_points, models_triangles
+from semmap.query.snapshot import Snapshot
 from semmap.query.storey_scene import (
     NO_TRIANGLES,
     Bounds,
@@ -108,12 +108,12 @@ _MESHED: tuple[EntityKind, ...] = ("room", "object", "connector")
 # -- the reader ---------------------------------------------------------------------------------
 
 
-def read_storey_names(connection: Connection) -> list[str]:
+def read_storey_names(seen: Snapshot) -> list[str]:
     """Return the names of the current map's storeys, the lowest first.
 
     Parameters
     ----------
-    connection : Connection that sees the map
+    seen : Snapshot of the map
 
     Returns
     -------
@@ -125,11 +125,11 @@ def read_storey_names(connection: Connection) -> list[str]:
     LookupError
         There is no map.
     """
-    return [storey.name for storey in _storeys(connection)]
+    return [storey.name for storey in _storeys(seen)]
 
 
 def read_scene(
-    connection: Connection,
+    seen: Snapshot,
     storey: str,
     *,
     bounds: Bounds | None = None,
@@ -145,7 +145,7 @@ def read_scene(
 
     Parameters
     ----------
-    connection : Connection that sees the map
+    seen : Snapshot of the map
     storey : str
     bounds : (x0, y0, x1, y1), optional
         Read only what is in or near this rectangle, metres.
@@ -165,11 +165,11 @@ def read_scene(
     LookupError
         There is no such storey, or it has no such room.
     """
-    reading = _Reading(connection, moment=moment, voxels=voxels, assume_sizes=assume_sizes)
+    reading = _Reading(seen, moment=moment, voxels=voxels, assume_sizes=assume_sizes)
     level = _storey_level(reading, storey)
     inside = bounds
     if rooms is not None:
-        inside = _bounds_of_rooms(connection, rooms, level, bounds)
+        inside = _bounds_of_rooms(seen, rooms, level, bounds)
     where, values = _ON_STOREY, level.values
     if inside is not None:
         x0, y0, x1, y1 = inside
@@ -182,7 +182,7 @@ def read_scene(
 
 
 def read_storeys(
-    connection: Connection,
+    seen: Snapshot,
     storey: str | None = None,
     *,
     moment: datetime | None = None,
@@ -196,7 +196,7 @@ def read_storeys(
 
     Parameters
     ----------
-    connection : Connection that sees the map
+    seen : Snapshot of the map
     storey : str, optional
         Return only this one.
     moment : datetime, optional
@@ -213,15 +213,15 @@ def read_storeys(
     LookupError
         There is no map, it is empty, or it has no storey of that name.
     """
-    stated = _storeys(connection)
+    stated = _storeys(seen)
     if storey is not None:
         _find(storey, stated)
-    if not connection.execute(
+    if not seen.connection.execute(
         text("SELECT EXISTS (SELECT FROM entity WHERE map_id = current_map())")
     ).scalar():
         raise LookupError("the map is empty: semmap import FILE fills it")
     reading = _Reading(
-        connection, moment=moment, triangles=triangles, voxels=voxels, assume_sizes=assume_sizes
+        seen, moment=moment, triangles=triangles, voxels=voxels, assume_sizes=assume_sizes
     )
     pairs = reading.pairs()
     inventories: dict[str, list[SceneEntity]] = {s.name: [] for s in stated}
@@ -247,7 +247,7 @@ def read_storeys(
 
 
 def read_entities(
-    connection: Connection,
+    seen: Snapshot,
     ids: Iterable[int] | None = None,
     *,
     kinds: Collection[EntityKind] | None = None,
@@ -261,7 +261,7 @@ def read_entities(
 
     Parameters
     ----------
-    connection : Connection that sees the map
+    seen : Snapshot of the map
     ids : iterable of int, optional
         Only entities with these ids.
     kinds : collection of kinds, optional
@@ -282,7 +282,7 @@ def read_entities(
     LookupError
         There is no such storey.
     """
-    reading = _Reading(connection, moment=moment, triangles=triangles, assume_sizes=assume_sizes)
+    reading = _Reading(seen, moment=moment, triangles=triangles, assume_sizes=assume_sizes)
     where, values = "", {}
     if ids is not None:
         where, values = "  AND e.id = ANY(:ids)\n", {"ids": [*ids]}
@@ -319,10 +319,10 @@ class _StoreyLevel:
         return {"storey": self.id, "low": self.band[0], "high": self.band[1]}
 
 
-def _storeys(connection: Connection) -> list[_Storey]:
-    rows = connection.execute(text(_STOREYS)).all()
+def _storeys(seen: Snapshot) -> list[_Storey]:
+    rows = seen.connection.execute(text(_STOREYS)).all()
     if not rows:
-        return [_Storey(pick_map(connection), None, None)]
+        return [_Storey(seen.name, None, None)]
     return [_Storey(row.name, row.elevation, row.id) for row in rows]
 
 
@@ -335,10 +335,10 @@ def _find(name: str, storeys: Sequence[_Storey]) -> _Storey:
 
 def _storey_level(reading: _Reading, name: str) -> _StoreyLevel:
     """The floor of a storey: as its rooms or the map state it, else measured on its meshes."""
-    storeys = _storeys(reading.connection)
+    storeys = _storeys(reading.seen)
     storey = _find(name, storeys)
     if storey.elevation is None:
-        floor = _lowest_room(reading.connection)
+        floor = _lowest_room(reading.seen)
         if floor is None:
             floor = _measured_floor(reading) or 0.0
         return _StoreyLevel(None, floor, (floor - BELOW, floor + TOP))
@@ -346,15 +346,15 @@ def _storey_level(reading: _Reading, name: str) -> _StoreyLevel:
     above = [s.elevation for s in storeys if s.elevation is not None and s.elevation > elevation]
     band = elevation - BELOW, min(above, default=elevation + TOP)
     level = _StoreyLevel(storey.id, elevation, band)
-    if _has_rooms(reading.connection, level):
+    if _has_rooms(reading.seen, level):
         return level
     measured = _measured_floor(reading, level)
     return level if measured is None else replace(level, elevation=measured)
 
 
-def _lowest_room(connection: Connection) -> float | None:
+def _lowest_room(seen: Snapshot) -> float | None:
     """The lowest floor that a room of the current map states."""
-    floor: float | None = connection.execute(
+    floor: float | None = seen.connection.execute(
         text(
             "SELECT min(w.pose[3] + r.floor) FROM entity e JOIN room r ON r.entity_id = e.id "
             "JOIN world w ON w.entity_id = e.id WHERE e.map_id = current_map() AND e.kind = 'room'"
@@ -363,12 +363,12 @@ def _lowest_room(connection: Connection) -> float | None:
     return floor
 
 
-def _has_rooms(connection: Connection, level: _StoreyLevel) -> bool:
+def _has_rooms(seen: Snapshot, level: _StoreyLevel) -> bool:
     statement = (
         "SELECT EXISTS (SELECT FROM world w JOIN entity e ON e.id = w.entity_id "
         "WHERE e.map_id = current_map() AND e.kind = 'room'" + _ON_STOREY + ")"
     )
-    return bool(connection.execute(text(statement), level.values).scalar_one())
+    return bool(seen.connection.execute(text(statement), level.values).scalar_one())
 
 
 def _measured_floor(reading: _Reading, level: _StoreyLevel | None = None) -> float | None:
@@ -412,10 +412,10 @@ def _is_on(row: Any, level: _StoreyLevel) -> bool:
 
 
 def _bounds_of_rooms(
-    connection: Connection, rooms: Sequence[str], level: _StoreyLevel, bounds: Bounds | None
+    seen: Snapshot, rooms: Sequence[str], level: _StoreyLevel, bounds: Bounds | None
 ) -> Bounds:
     """The rectangle around rooms, and within bounds where they are given."""
-    found = connection.execute(
+    found = seen.connection.execute(
         text(
             "SELECT e.name, ST_XMin(w.box) AS x0, ST_YMin(w.box) AS y0, ST_XMax(w.box) AS x1, "
             "ST_YMax(w.box) AS y1 FROM world w JOIN entity e ON e.id = w.entity_id "
@@ -447,15 +447,15 @@ class _Reading:
 
     def __init__(
         self,
-        connection: Connection,
+        seen: Snapshot,
         *,
         moment: datetime | None = None,
         triangles: bool = True,
         voxels: Mapping[int, Voxels] | None = None,
         assume_sizes: bool = False,
     ) -> None:
-        self.connection = connection
-        self._sizes = _typical_sizes(connection) if assume_sizes else {}
+        self.seen = seen
+        self._sizes = _typical_sizes(seen) if assume_sizes else {}
         self._moment = moment
         self._given = voxels or {}
         self._clouded = [*_MESHED] if triangles else []
@@ -479,7 +479,7 @@ class _Reading:
         kinds: Collection[EntityKind] | None = None,
     ) -> list[tuple[Any, SceneEntity]]:
         """As `entities`, each with its row."""
-        rows = self.connection.execute(
+        rows = self.seen.connection.execute(
             text(_ENTITIES + where + "ORDER BY e.id"),
             {"kinds": [*(kinds or _KINDS)], "meshed": self._meshed, "clouded": self._clouded}
             | (values or {}),
@@ -487,7 +487,7 @@ class _Reading:
         self._fetch({m for row in rows for m in row.models or ()} - {*self._models})
         self._fetch_clouds({m for row in rows for m in row.clouds or ()} - {*self._clouds})
         names = {row.type for row in rows}
-        types = _supertypes(self.connection, names)
+        types = _supertypes(self.seen, names)
         footprints = shapely.from_wkb(
             np.array([None if r.footprint is None else bytes(r.footprint) for r in rows], object)
         )
@@ -500,15 +500,11 @@ class _Reading:
 
     def _fetch(self, models: set[int]) -> None:
         if models:
-            driver = self.connection.connection.driver_connection
-            assert driver is not None
-            self._models |= models_triangles(driver, models)
+            self._models |= models_triangles(self.seen.session, models)
 
     def _fetch_clouds(self, models: set[int]) -> None:
         if models:
-            driver = self.connection.connection.driver_connection
-            assert driver is not None
-            self._clouds |= models_points(driver, models)
+            self._clouds |= models_points(self.seen.session, models)
 
     def _entity(
         self,
@@ -565,9 +561,9 @@ def _top(floor: float, top: float) -> float:
     return top if top - floor > FLAT else floor + ROOM_HEIGHT
 
 
-def _supertypes(connection: Connection, names: Iterable[str]) -> dict[str, tuple[str, ...]]:
+def _supertypes(seen: Snapshot, names: Iterable[str]) -> dict[str, tuple[str, ...]]:
     """Each type with its supertypes: itself first, then by how few types they have."""
-    rows = connection.execute(
+    rows = seen.connection.execute(
         text(
             "SELECT c.sub, c.super FROM type_closure c WHERE c.sub = ANY(:names) ORDER BY c.sub, "
             "c.sub <> c.super, (SELECT count(*) FROM type_closure o WHERE o.super = c.super), 2"
@@ -580,9 +576,9 @@ def _supertypes(connection: Connection, names: Iterable[str]) -> dict[str, tuple
     return {sub: tuple(above) for sub, above in found.items()}
 
 
-def _typical_sizes(connection: Connection) -> dict[str, tuple[float, float, float]]:
+def _typical_sizes(seen: Snapshot) -> dict[str, tuple[float, float, float]]:
     """Depth, width and height of the types that have a typical size, metres."""
-    rows = connection.execute(
+    rows = seen.connection.execute(
         text("SELECT name, typical_size FROM semantic_type WHERE typical_size IS NOT NULL")
     )
     found = {name: (size[0], size[1], size[2]) for name, size in rows}

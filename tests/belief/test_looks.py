@@ -140,7 +140,7 @@ def test_a_belief_is_a_field_and_a_picture(connection: Connection, tmp_path: Pat
     made = belief_map(read_map_vocabulary(), places, belief, about="coke")
     values = made.at([[1.5, 1.5, 0.8], [2.6, 0.3, 0.05], [1.5, 1.5, 1.2], [20, 0, 0]])
     assert list(values) == [0.5, 0.25, 0, 0]
-    (scene,) = read_storeys(connection)
+    (scene,) = read_storeys(seen_by(connection))
     path = heat_map(storey_view(scene), places, belief, tmp_path / "a.png", name="coke", dpi=60)
     warm = Image.open(path).convert("RGB")
     cold = Image.open(

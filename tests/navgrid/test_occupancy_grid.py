@@ -17,6 +17,7 @@ from navgrid.occupancy_grid import StoreyGrid, plane_heights, storey_grid
 from semmap.query.storey_reader import read_storeys
 from semmap.query.storey_scene import StoreyScene
 from tests.navgrid.scenes import part, region, room, scene, sheet, solid, square, two_rooms
+from tests.seen import seen_by
 
 
 def at(made: StoreyGrid, x: float, y: float) -> int:
@@ -174,7 +175,7 @@ def test_grid_and_costmap_agree(
 
 def test_grid_and_costmap_agree_on_the_office(office_world: Engine) -> None:
     with office_world.connect() as connection:
-        storeys = read_storeys(connection)
+        storeys = read_storeys(seen_by(connection))
     assert len(storeys) == 2
     for storey in storeys:
         grid = storey_grid(storey).grid

@@ -21,6 +21,7 @@ from semmap.query.storey_reader import (
     read_storeys,
 )
 from semmap.query.storey_scene import SceneEntity
+from tests.seen import seen_by
 
 
 @pytest.fixture(scope="module")
@@ -73,8 +74,8 @@ def stored(
 
 
 def test_a_scene_has_all_entities_that_reach_into_the_storey(connection: Connection) -> None:
-    assert read_storey_names(connection) == ["floor-1st", "floor-3rd"]
-    first, third = (read_scene(connection, name) for name in ("floor-1st", "floor-3rd"))
+    assert read_storey_names(seen_by(connection)) == ["floor-1st", "floor-3rd"]
+    first, third = (read_scene(seen_by(connection), name) for name in ("floor-1st", "floor-3rd"))
     assert (first.elevation, third.elevation) == (0.0, 7.0)
     assert {"desk4", "walls-3rd", "door6"} <= set(by_name(third.entities))
     assert not {"desk4", "door6", "office4"} & set(by_name(first.entities))
@@ -87,7 +88,7 @@ def test_a_scene_has_all_entities_that_reach_into_the_storey(connection: Connect
 
 
 def test_triangles_are_in_the_maps_frame(connection: Connection) -> None:
-    desk = by_name(read_scene(connection, "floor-3rd").entities)["desk4"]
+    desk = by_name(read_scene(seen_by(connection), "floor-3rd").entities)["desk4"]
     low, high = connection.execute(
         text(
             "SELECT ARRAY[ST_XMin(box), ST_YMin(box), ST_ZMin(box)], "
@@ -106,7 +107,7 @@ def test_a_shut_door_without_a_mesh_is_the_box_of_its_opening(connection: Connec
     connection.execute(
         text("UPDATE connector SET state = 'closed' WHERE entity_id = entity_id('door6')")
     )
-    door = by_name(read_scene(connection, "floor-3rd").entities)["door6"]
+    door = by_name(read_scene(seen_by(connection), "floor-3rd").entities)["door6"]
     assert door.state == "closed"
     corners = door.triangles.reshape(-1, 3)
     np.testing.assert_allclose(np.ptp(corners, axis=0), [0.9, 0.05, 2.1], atol=1e-9)
@@ -115,17 +116,17 @@ def test_a_shut_door_without_a_mesh_is_the_box_of_its_opening(connection: Connec
 
 def test_unknown_storeys_and_rooms_are_refused_with_a_suggestion(connection: Connection) -> None:
     with pytest.raises(LookupError, match="no room named offic4; did you mean office4"):
-        read_scene(connection, "floor-3rd", rooms=["offic4"])
+        read_scene(seen_by(connection), "floor-3rd", rooms=["offic4"])
     for read in (read_scene, read_storeys):
         with pytest.raises(LookupError, match="no storey named floor-2nd; did you mean floor-"):
-            read(connection, "floor-2nd")
+            read(seen_by(connection), "floor-2nd")
 
 
 def test_a_storey_among_all_equals_its_scene(connection: Connection) -> None:
-    storeys = read_storeys(connection)
+    storeys = read_storeys(seen_by(connection))
     assert [storey.storey for storey in storeys] == ["floor-1st", "floor-3rd"]
     for storey in storeys:
-        alone = read_scene(connection, storey.storey)
+        alone = read_scene(seen_by(connection), storey.storey)
         assert (storey.elevation, storey.band) == (alone.elevation, alone.band)
         assert [e.name for e in storey.entities] == [e.name for e in alone.entities]
         assert [a.name for a in storey.floors] == [a.name for a in alone.floors]
@@ -134,7 +135,7 @@ def test_a_storey_among_all_equals_its_scene(connection: Connection) -> None:
 
 
 def test_each_entity_is_in_the_inventory_of_one_storey(connection: Connection) -> None:
-    storeys = read_storeys(connection)
+    storeys = read_storeys(seen_by(connection))
     names = [entity.name for storey in storeys for entity in storey.inventory]
     placed = connection.execute(
         text(
@@ -152,10 +153,10 @@ def test_entities_are_read_by_id_and_kind(connection: Connection) -> None:
     ids = connection.execute(
         text("SELECT array_agg(id) FROM entity WHERE name IN ('desk4', 'lab2', 'door6')")
     ).scalar_one()
-    assert [e.name for e in read_entities(connection, ids, kinds=["object"])] == ["desk4"]
-    assert set(by_name(read_entities(connection, ids))) == {"desk4", "lab2", "door6"}
-    assert read_entities(connection, ids, storey="floor-1st") == []
-    assert not len(read_entities(connection, ids, triangles=False)[0].triangles)
+    assert [e.name for e in read_entities(seen_by(connection), ids, kinds=["object"])] == ["desk4"]
+    assert set(by_name(read_entities(seen_by(connection), ids))) == {"desk4", "lab2", "door6"}
+    assert read_entities(seen_by(connection), ids, storey="floor-1st") == []
+    assert not len(read_entities(seen_by(connection), ids, triangles=False)[0].triangles)
 
 
 # -- objects across storeys, and floors that no room states --------------------------------------
@@ -164,20 +165,20 @@ def test_entities_are_read_by_id_and_kind(connection: Connection) -> None:
 def test_an_object_is_in_each_storey_that_it_reaches_into(connection: Connection) -> None:
     wall = box("wall1", (1, 1, 0), (7, 1.2, 6), "wall")
     stored(connection, wall, storeys={"ground": 0.0, "upper": 3.0})
-    lower, upper = read_storeys(connection)
+    lower, upper = read_storeys(seen_by(connection))
     assert "wall1" in by_name(lower.entities)
     assert "wall1" in by_name(upper.entities)
     assert "wall1" in by_name(lower.inventory)
     assert "wall1" not in by_name(upper.inventory)
-    assert "wall1" in by_name(read_scene(connection, "upper").entities)
+    assert "wall1" in by_name(read_scene(seen_by(connection), "upper").entities)
 
 
 def test_the_floor_is_measured_where_no_room_states_it(connection: Connection) -> None:
     ground = box("ground1", (0, 0, -0.1), (6, 4, 0.034), "ground")
     cup = box("cup1", (1, 1, 0.034), (1.1, 1.1, 0.134), "cup")
     stored(connection, ground, cup)
-    assert read_scene(connection, "small").elevation == pytest.approx(0.034)
-    (storey,) = read_storeys(connection)
+    assert read_scene(seen_by(connection), "small").elevation == pytest.approx(0.034)
+    (storey,) = read_storeys(seen_by(connection))
     assert storey.elevation == pytest.approx(0.034)
 
 
@@ -187,12 +188,12 @@ def test_a_map_without_floor_meshes_has_the_floor_on_which_objects_stand(
     cups = [box(f"cup{n}", (n, 0, 1.5), (n + 0.1, 0.1, 1.6), "cup") for n in range(3)]
     lamp = box("lamp1", (9, 0, 3.0), (9.1, 0.1, 3.1), "lamp")
     stored(connection, *cups, lamp)
-    assert read_scene(connection, "small").elevation == pytest.approx(1.5)
+    assert read_scene(seen_by(connection), "small").elevation == pytest.approx(1.5)
 
 
 def test_objects_without_geometry_are_listed_separately(connection: Connection) -> None:
     stored(connection, Entry("bed1", "object", "bed", pose=Pose(1.0, 1.0, 0.0)))
-    (bed,) = read_scene(connection, "small").without_geometry
+    (bed,) = read_scene(seen_by(connection), "small").without_geometry
     assert bed.name == "bed1"
 
 
@@ -200,4 +201,4 @@ def test_an_empty_map_is_refused(connection: Connection) -> None:
     connection.execute(text("INSERT INTO map (name) VALUES ('small')"))
     connection.execute(text("SELECT set_config('semmap.map', 'small', true)"))
     with pytest.raises(LookupError, match="the map is empty: semmap import FILE"):
-        read_storeys(connection)
+        read_storeys(seen_by(connection))

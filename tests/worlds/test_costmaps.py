@@ -31,12 +31,13 @@ from semmap.robot import load_robot, robot_parts
 from tests.command_line import semmap
 from tests.navgrid.scenes import BASE, part, square
 from tests.robot.robots import real_robot
+from tests.seen import seen_by
 
 
 def costmap_of(engine: Engine, name: str, storey: str | None, robot: str) -> Costmap:
     with engine.connect() as connection:
         see_map(connection, name)
-        scene = read_scene(connection, storey or read_storey_names(connection)[0])
+        scene = read_scene(seen_by(connection), storey or read_storey_names(seen_by(connection))[0])
     parts = robot_parts(load_robot(real_robot(robot)), {})
     return Costmap(scene, parts, scene_grid(scene, 0.05))
 
@@ -183,9 +184,9 @@ def test_typical_sizes_of_furniture_in_the_hotel(hotel: Engine) -> None:
     """Objects without geometry get boxes where they stand; what has no typical size is listed."""
     with hotel.connect() as connection:
         see_map(connection, "hotel")
-        bare = read_scene(connection, "L2")
-        scene = read_scene(connection, "L2", assume_sizes=True)
-        unknown = read_names_without_geometry(connection)
+        bare = read_scene(seen_by(connection), "L2")
+        scene = read_scene(seen_by(connection), "L2", assume_sizes=True)
+        unknown = read_names_without_geometry(seen_by(connection))
     assert len(unknown) == 175
     assert len(bare.without_geometry) == 59
     assert not any(entity.assumed for entity in bare.entities)
@@ -273,7 +274,7 @@ def test_grid_and_costmap_agree_slab_by_slab(world: str, request: pytest.Fixture
     engine: Engine = request.getfixturevalue(world)
     with engine.connect() as connection:
         see_map(connection, world)
-        storeys = read_storeys(connection)
+        storeys = read_storeys(seen_by(connection))
     assert len(storeys) == {"house": 1, "hotel": 3, "clinic": 2}[world]
     slabs = [(round(0.05 + 0.35 * k, 2), round(0.4 + 0.35 * k, 2)) for k in range(5)]
     robot = [part(f"slab{k}", *slab, square(0.2)) for k, slab in enumerate(slabs)]
@@ -295,7 +296,7 @@ def test_the_interval_of_a_grid_is_given_as_its_help_shows_it(
     assert shown == "LOW,HIGH"
     with house.connect() as connection:
         see_map(connection, "house")
-        (scene,) = read_storeys(connection)
+        (scene,) = read_storeys(seen_by(connection))
     words = ("grid", "--resolution", "0.1", "--no-picture", "--json", "--map", "house")
     occupied = set()
     for low, high in ((0.05, 0.3), (1.2, 1.8)):
@@ -338,7 +339,7 @@ def test_a_small_house_without_a_free_cell_names_the_cause(
     with house.connect() as connection:
         see_map(connection, "house")
         connection.execute(text(change))
-        scene = read_scene(connection, "ground-floor")
+        scene = read_scene(seen_by(connection), "ground-floor")
         connection.rollback()
     inside = Grid((-9.2, -5.4), 0.1, (80, 180))  # without the ground before the front door
     made = Costmap(scene, [part("base", 0.0, 0.3, square(half))], inside)

@@ -302,8 +302,8 @@ def test_a_costmap_from_the_mirror_equals_that_from_meshes(house: Engine, bare: 
 def test_a_grid_of_the_hotel_from_the_mirror_has_no_mesh(hotel: Engine) -> None:
     """Walls and shut doors, too, are voxels alone; the cells are those of meshes within a voxel."""
     with hotel.connect() as connection:
-        meshes = read_storeys(connection)
-        storeys = read_storeys(connection, voxels=read_mirror(MapHandle(hotel, "hotel")))
+        meshes = read_storeys(seen_by(connection))
+        storeys = read_storeys(seen_by(connection), voxels=read_mirror(MapHandle(hotel, "hotel")))
     for there, here in zip(meshes, storeys, strict=True):
         shown = {e.id for e in there.entities if len(e.triangles)}
         assert {e.kind for e in there.entities if e.id in shown} == {"object", "connector"}

@@ -143,7 +143,7 @@ def test_a_deleted_room_takes_its_connectors_along(engine: Engine) -> None:
         assert {*topology.connectors} == {"bedroom-door", "kitchen-door", "front-door"}
         kinds = "SELECT count(*) FROM entity WHERE map_id = current_map() AND kind = 'connector'"
         assert connection.execute(text(kinds)).scalar() == 3
-        (scene,) = read_storeys(connection)
+        (scene,) = read_storeys(seen_by(connection))
         assert (storey_grid(scene, (0.05, 1.8)).cells == 0).any()
         storey = text(
             held + "WHERE p.holder_id = entity_id('ground-floor') AND e.name = ANY (:names)"

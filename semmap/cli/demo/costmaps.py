@@ -20,6 +20,7 @@ from semmap.cli.demo.figures import blocked_region, passage, robot_figures
 from semmap.cli.demo.passage_search import find_passage
 from semmap.draw.view import RoomView, StoreyView
 from semmap.geometry.mesh import Mesh
+from semmap.query.snapshot import Snapshot
 from semmap.query.storey_reader import read_scene
 
 __all__ = ["robot_demo"]
@@ -41,9 +42,8 @@ def robot_demo(
     pictures = robot_figures(robot.parts, meshes, folder)
     wanted: list[tuple[float, StoreyView, RoomView]] = []
     with house.snapshot() as seen:
-        connection = seen.connection
         for storey in storeys:
-            scene = read_scene(connection, storey.name)
+            scene = read_scene(seen, storey.name)
             if not scene.entities and not scene.floors:
                 continue
             costmap = Costmap(scene, robot.parts, scene_grid(scene, 0.05))
@@ -61,7 +61,7 @@ def robot_demo(
                 wanted.append((float(cells.sum()) * costmap.grid.resolution**2, storey, room))
         wanted = sorted((w for w in wanted if w[0] > 0), key=lambda w: -w[0])[:MOST]
         for _, storey, room in wanted:
-            drawn = _passage_in(connection, storey, room, robot, meshes, folder, pixels)
+            drawn = _passage_in(seen, storey, room, robot, meshes, folder, pixels)
             if drawn:
                 pictures += drawn
                 break
@@ -83,7 +83,7 @@ FIGURE_5 = "figure5_staircase.png"
 
 
 def _passage_in(
-    connection: Any,
+    seen: Snapshot,
     storey: StoreyView,
     room: RoomView,
     robot: DemoRobot,
@@ -92,7 +92,7 @@ def _passage_in(
     pixels: int,
 ) -> list[Path]:
     """Figure 9 in a room; no picture if the layered costmap knows no other way there."""
-    scene = read_scene(connection, storey.name, rooms=[room.name], margin=1.0)
+    scene = read_scene(seen, storey.name, rooms=[room.name], margin=1.0)
     grid = scene_grid(scene, 0.025)
     layered, single = (Costmap(scene, parts, grid) for parts in (robot.parts, [robot.whole]))
     outside = ~area_cells(room.outline, grid)

@@ -96,7 +96,7 @@ def _run_demo(
     house = db.map(map_name)
     with house.snapshot() as seen:
         choices = choose(seen, read_choices(files[0].with_name("demo.yaml")))
-        scenes = read_storeys(seen.connection)
+        scenes = read_storeys(seen)
         topology = read_topology(seen)
     _ask(house, choices, say)
     ask_in_sparql(house, choices, say)

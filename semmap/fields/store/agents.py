@@ -55,7 +55,7 @@ def read_agents(seen: Snapshot, ids: Iterable[int] | None = None) -> list[Standi
         ),
         {"ids": None if ids is None else [*ids]},
     ).all()
-    triangles = world_triangles(seen.connection, [row.id for row in rows]) if rows else {}
+    triangles = world_triangles(seen.session, [row.id for row in rows]) if rows else {}
     radius, height = PERSON
     agents = []
     for row in rows:

@@ -60,7 +60,7 @@ class Occupant:
 
 def read_occupants(seen: Snapshot, ids: Iterable[int] | None = None) -> list[Occupant]:
     """Return the objects of the current map that have geometry; only those of `ids` if given."""
-    found = read_entities(seen.connection, ids, kinds=OBJECTS, carried=True)
+    found = read_entities(seen, ids, kinds=OBJECTS, carried=True)
     return [_occupant(e) for e in found if not e.lacks_geometry]
 
 
@@ -72,7 +72,7 @@ def read_walls(seen: Snapshot, ids: Iterable[int] | None = None) -> list[Occupan
     connection : sees the map
     ids : only those of these rooms and connectors; all if not given
     """
-    found = read_entities(seen.connection, ids, kinds=("room", "connector"))
+    found = read_entities(seen, ids, kinds=("room", "connector"))
     return [_occupant(e) for e in found if len(e.triangles) or e.voxels is not None]
 
 
@@ -83,14 +83,14 @@ def _occupant(entity: SceneEntity) -> Occupant:
 
 def read_visible_objects(seen: Snapshot) -> list[VisibleObject]:
     """Return the objects and rooms of the current map that have a mesh, for a synthetic camera."""
-    found = read_entities(seen.connection, kinds=("object", "room"), carried=True)
+    found = read_entities(seen, kinds=("object", "room"), carried=True)
     return [VisibleObject(e.name, e.types[0], e.triangles) for e in found if len(e.triangles)]
 
 
 def read_zones(seen: Snapshot) -> list[Zone]:
     """Return the rooms and regions of the current map that are valid now."""
     found = read_entities(
-        seen.connection,
+        seen,
         kinds=("room", "region"),
         moment=seen.moment,
         triangles=False,

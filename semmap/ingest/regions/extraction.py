@@ -13,11 +13,11 @@ from datetime import datetime
 from typing import Any
 
 import numpy as np
-import psycopg
 import shapely
 from shapely import Polygon
 from sqlalchemy import Connection
 
+from semmap.database.maps import driver_of
 from semmap.geometry.floor import walkable_floor
 from semmap.geometry.mesh import Mesh
 from semmap.geometry.observation import observation_area
@@ -151,7 +151,7 @@ def region_of_faces(
         (model,) = models
     if model is None or model not in models:
         raise ValueError(f"{owner.name} has the models {models}: name the model that has the faces")
-    triangles = model_triangles(_driver(connection), model)
+    triangles = model_triangles(driver_of(connection), model)
     chosen = sorted({int(face) for face in faces})
     if not chosen or chosen[0] < 0 or chosen[-1] >= len(triangles):
         raise ValueError(
@@ -324,12 +324,6 @@ def find_observation_area(
 # -- what is read -----------------------------------------------------------------------------
 
 
-def _driver(connection: Connection) -> psycopg.Connection[Any]:
-    driver: psycopg.Connection[Any] | None = connection.connection.driver_connection
-    assert driver is not None
-    return driver
-
-
 def _owner(connection: Connection, entity: int) -> Owner:
     row = connection.exec_driver_sql(
         "SELECT e.id, e.map_id, e.name, e.kind, w.pose, ARRAY[ST_XMin(w.box), ST_YMin(w.box), "
@@ -389,7 +383,7 @@ def _shell(connection: Connection, room: Owner) -> Mesh | None:
     ).scalar()
     if drawn is None or drawn:
         return None
-    triangles = world_triangles(connection, [room.id]).get(room.id)
+    triangles = world_triangles(driver_of(connection), [room.id]).get(room.id)
     return None if triangles is None else to_mesh(triangles)
 
 
@@ -401,7 +395,7 @@ def _standing_in(connection: Connection, room: Owner) -> list[tuple[Mesh, bool]]
         "WHERE e.map_id = %(map)s AND e.kind = 'object' AND w.box &&& r.box ORDER BY e.id",
         {"id": room.id, "map": room.map_id},
     ).all()
-    meshes = world_triangles(connection, [entity for entity, _ in rows])
+    meshes = world_triangles(driver_of(connection), [entity for entity, _ in rows])
     return [(to_mesh(meshes[entity]), fill) for entity, fill in rows if entity in meshes]
 
 
@@ -423,7 +417,7 @@ def _surfaces(
         most, lambda problem, fix: ValueError(f"{owner.name} {problem}. {fix}"), "Simplify it."
     )
     if frame is IDENTITY:
-        find_surfaces(_driver(connection), owner.map_id)
+        find_surfaces(driver_of(connection), owner.map_id)
         rows = connection.exec_driver_sql(
             "SELECT model_id, height, ST_AsBinary(outline), faces FROM support_surface "
             "WHERE model_id = ANY(%(models)s) AND height IS NOT NULL "
@@ -433,7 +427,7 @@ def _surfaces(
         return [(model, h, shapely.from_wkb(bytes(o)), faces) for model, h, o, faces in rows]
     found = []
     for model in models:
-        turned = to_mesh(model_triangles(_driver(connection), model)).moved(frame.inverse())
+        turned = to_mesh(model_triangles(driver_of(connection), model)).moved(frame.inverse())
         for s in support_surfaces(turned):
             found.append((model, s.height, s.outline, [int(face) for face in s.faces]))
     return sorted(found, key=lambda s: (-s[1], -s[2].area, s[0]))

@@ -53,7 +53,7 @@ def test_a_part_has_the_costs_of_the_whole(connection: Connection) -> None:
 
 
 def test_only_the_given_rooms_are_known(connection: Connection) -> None:
-    scene = read_scene(connection, "floor-3rd", rooms=["corridor3", "office4"], margin=1.0)
+    scene = read_scene(seen_by(connection), "floor-3rd", rooms=["corridor3", "office4"], margin=1.0)
     rooms = {area.name for area in scene.floors if not area.name.startswith(("door", "edoor"))}
     assert rooms == {"corridor3", "office4"}
     costmap = Costmap(scene, [BASE], scene_grid(scene, 0.05, None, 1.0))
@@ -74,7 +74,7 @@ def test_a_region_is_an_obstacle_while_it_is_valid(connection: Connection) -> No
 
     draw(None, noon)
     for hour, there in ((11, True), (12, False), (13, False)):
-        scene = read_scene(connection, "floor-3rd", moment=noon.replace(hour=hour))
+        scene = read_scene(seen_by(connection), "floor-3rd", moment=noon.replace(hour=hour))
         assert ("wet" in {entity.name for entity in scene.entities}) == there
         costmap = Costmap(scene, [BASE], scene_grid(scene, 0.1))
         assert (costmap.master[costmap.grid.cell(15.5, 6.5)] == 254) == there
@@ -93,7 +93,7 @@ def test_an_update_after_changes_in_the_database_equals_a_new_costmap(office: En
         "SELECT move_to(entity_id('slab-3rd'), 0.0, 0.0, 0.0, 0.0)",
     )
     with office.connect() as connection:
-        scene = read_scene(connection, "floor-3rd")
+        scene = read_scene(seen_by(connection), "floor-3rd")
         grid = scene_grid(scene, 0.05)
         costmap = Costmap(scene, [BASE, ARM], grid)
         since = cursor(seen_by(connection))
@@ -103,9 +103,9 @@ def test_an_update_after_changes_in_the_database_equals_a_new_costmap(office: En
             with office.begin() as other:
                 other.execute(text(change))
             ids, since = changed_since(seen_by(connection), since), cursor(seen_by(connection))
-            entities = read_entities(connection, ids)
+            entities = read_entities(seen_by(connection), ids)
             costmap.update(entities, set(ids) - {entity.id for entity in entities})
-            expected = Costmap(read_scene(connection, "floor-3rd"), [BASE, ARM], grid)
+            expected = Costmap(read_scene(seen_by(connection), "floor-3rd"), [BASE, ARM], grid)
             assert (costmap.master == expected.master).all(), change
             assert "slab" in change or (costmap.master != before).any(), change
             connection.rollback()
