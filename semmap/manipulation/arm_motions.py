@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from semmap.belief.store.beliefs import MapConnection, driver
+from semmap.belief.store.beliefs import Session
 from semmap.geometry.pose import Pose
 from semmap.manipulation.automata import stored_arm
 from semmap.manipulation.error import ManipulationError
@@ -74,7 +74,7 @@ class ArmMotion:
 
 
 def approachable_rows(
-    connection: MapConnection, automaton: str, base: Pose, rows: Sequence[dict[str, Any]]
+    session: Session, automaton: str, base: Pose, rows: Sequence[dict[str, Any]]
 ) -> list[dict[str, Any]]:
     """Return the grasps of an object whose approach some posture of a robot's arm can do.
 
@@ -89,13 +89,13 @@ def approachable_rows(
 
     if not rows:
         return []
-    planner = _Planner.of(connection, automaton, base, None)
+    planner = _Planner.of(session, automaton, base, None)
     strokes = planner.grasping(rows[0]["entity"])
     return [row for row in rows if any(free_strokes(planner.arm, planner.start, strokes(row)))]
 
 
 def plan_grasp(
-    connection: MapConnection,
+    session: Session,
     automaton: str,
     base: Pose,
     rows: Sequence[dict[str, Any]],
@@ -127,7 +127,7 @@ def plan_grasp(
 
     if not rows:
         return None
-    planner = _Planner.of(connection, automaton, base, state)
+    planner = _Planner.of(session, automaton, base, state)
     entity = rows[0]["entity"]
     around = planner.around(entity)
     body = convex_body(entity_triangles(planner.session, entity).reshape(-1, 3))
@@ -144,7 +144,7 @@ def plan_grasp(
 
 
 def plan_place(
-    connection: MapConnection,
+    session: Session,
     automaton: str,
     base: Pose,
     rows: Sequence[dict[str, Any]],
@@ -172,7 +172,7 @@ def plan_place(
 
     if not rows:
         return None
-    planner = _Planner.of(connection, automaton, base, state)
+    planner = _Planner.of(session, automaton, base, state)
     entity, on = rows[0]["entity"], rows[0]["on"]
     around = planner.around(on, without=entity)
     mesh = model_mesh(planner.session, entity)
@@ -197,7 +197,7 @@ def plan_place(
 
 
 def plan_push(
-    connection: MapConnection,
+    session: Session,
     automaton: str,
     base: Pose,
     rows: Sequence[dict[str, Any]],
@@ -221,7 +221,7 @@ def plan_push(
 
     if not rows:
         return None
-    planner = _Planner.of(connection, automaton, base, state)
+    planner = _Planner.of(session, automaton, base, state)
     entity = rows[0]["entity"]
     around = planner.around(entity)
     room = planner.with_itself(entity, around)
@@ -261,12 +261,11 @@ class _Planner(NamedTuple):
     @classmethod
     def of(
         cls,
-        connection: MapConnection,
+        session: Session,
         automaton: str,
         base: Pose,
         state: Mapping[str, float] | None,
     ) -> _Planner:
-        session = driver(connection)
         _, arm = stored_arm(session, automaton)
         joints = [joint.name for joint in arm.joints]
         unknown = [name for name in state or {} if name not in joints]

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from semmap.belief.store.beliefs import MapConnection, driver
+from semmap.belief.store.beliefs import Session
 from semmap.geometry.pose import Pose
 from semmap.manipulation.error import ManipulationError
 from semmap.manipulation.retrieval import register_gripper, stored_gripper
@@ -42,7 +42,7 @@ WAY = ("pre_pose", "pose", "end", "post_pose")
 
 
 def register_robot(
-    connection: MapConnection,
+    session: Session,
     urdf: Path,
     name: str | None = None,
     *,
@@ -82,7 +82,6 @@ def register_robot(
     if posture is None:
         posture = carrying_posture(arm)
     chosen = name or found.robot.name
-    session = driver(connection)
     with session.transaction():
         hand = register_gripper(session, urdf, gripper or f"{chosen}_gripper", palm=palm)
         add_device(
@@ -120,22 +119,18 @@ def _check_posture(robot: Robot, posture: Mapping[str, float]) -> None:
             )
 
 
-def automaton_of(connection: MapConnection, *names: str | None) -> tuple[str, str] | None:
+def automaton_of(session: Session, *names: str | None) -> tuple[str, str] | None:
     """Return the first automaton of some names, and the name of its gripper; None without one."""
-    rows = (
-        driver(connection)
-        .execute(
-            "SELECT a.name, d.name FROM automaton a JOIN device d ON d.id = a.gripper_id "
-            "WHERE a.name = ANY (%s)",
-            ([name for name in names if name is not None],),
-        )
-        .fetchall()
-    )
+    rows = session.execute(
+        "SELECT a.name, d.name FROM automaton a JOIN device d ON d.id = a.gripper_id "
+        "WHERE a.name = ANY (%s)",
+        ([name for name in names if name is not None],),
+    ).fetchall()
     found = {name: (name, gripper) for name, gripper in rows}
     return next((found[name] for name in names if name in found), None)
 
 
-def stored_arm(connection: MapConnection, automaton: str) -> tuple[str, Arm]:
+def stored_arm(session: Session, automaton: str) -> tuple[str, Arm]:
     """Return the gripper's name and the arm of a stored automaton.
 
     Raises
@@ -145,20 +140,16 @@ def stored_arm(connection: MapConnection, automaton: str) -> tuple[str, Arm]:
     ManipulationError
         Its URDF is not on this machine, or is that of the gripper alone.
     """
-    found = automaton_of(connection, automaton)
+    found = automaton_of(session, automaton)
     if found is None:
-        rows = driver(connection).execute("SELECT name FROM automaton").fetchall()
+        rows = session.execute("SELECT name FROM automaton").fetchall()
         hint = suggestion(
             automaton, [row[0] for row in rows], "semmap manipulation add-robot URDF adds one"
         )
         raise LookupError(f"there is no robot {automaton} with a gripper{hint}")
-    row = (
-        driver(connection)
-        .execute("SELECT posture FROM automaton WHERE name = %s", (found[0],))
-        .fetchone()
-    )
+    row = session.execute("SELECT posture FROM automaton WHERE name = %s", (found[0],)).fetchone()
     posture = tuple(sorted(row[0].items())) if row else ()
-    return found[1], _arm(stored_gripper(connection, found[1]), posture)
+    return found[1], _arm(stored_gripper(session, found[1]), posture)
 
 
 @lru_cache(maxsize=4)
@@ -168,7 +159,7 @@ def _arm(gripper: Gripper, posture: tuple[tuple[str, float], ...]) -> Arm:
     return Arm(gripper, dict(posture))
 
 
-def base_pose(connection: MapConnection, name: str, given: Sequence[float] | None = None) -> Pose:
+def base_pose(session: Session, name: str, given: Sequence[float] | None = None) -> Pose:
     """Return where a robot stands: as given, else as the agent of its name does in the map.
 
     Parameters
@@ -183,7 +174,6 @@ def base_pose(connection: MapConnection, name: str, given: Sequence[float] | Non
     ManipulationError
         Not three or four finite numbers.
     """
-    session = driver(connection)
     if given is None:
         row = session.execute(
             "SELECT w.pose FROM entity e JOIN world w ON w.entity_id = e.id "

@@ -18,7 +18,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from semmap.belief.store.beliefs import MapConnection, driver
+from semmap.belief.store.beliefs import Session
 from semmap.geometry.pose import Pose
 from semmap.ingest.naming import guess_type
 from semmap.limits import TEXT_BYTES
@@ -43,7 +43,7 @@ ENERGY = "grasp_energy"
 
 
 def import_household_grasps(
-    connection: MapConnection,
+    session: Session,
     paths: Sequence[Path],
     grippers: Mapping[str, str] | None = None,
     *,
@@ -78,7 +78,6 @@ def import_household_grasps(
     rows = [(path, n, row) for path in paths for n, row in enumerate(read_rows(path), 1)]
     names = _names([row for _, _, row in rows])
     meshes = _meshes(rows)
-    session = driver(connection)
     groups: dict[tuple[str, str], list[tuple[Row, ActionRecord]]] = {}
     joints: dict[str, list[str]] = {}
     for path, number, row in rows:

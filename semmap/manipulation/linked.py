@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from semmap.belief.store.beliefs import MapConnection, driver
+from semmap.belief.store.beliefs import Session
 from semmap.manipulation.error import ManipulationError
 from semmap.manipulation.store.shapes import model_mesh, shape_of
 
@@ -23,9 +23,8 @@ BESIDE = 0.01
 """Metres beside the box of a mesh at which pads are still on the object."""
 
 
-def prepare_links(connection: MapConnection, entities: Sequence[int]) -> None:
+def prepare_links(session: Session, entities: Sequence[int]) -> None:
     """Store the primitives of entities with linked models, by which frames are compared."""
-    session = driver(connection)
     rows = session.execute(
         "SELECT DISTINCT e.name FROM linked_objects(%s) l JOIN entity e ON e.id = l.entity_id "
         "JOIN object_model m ON m.id = l.object_id AND m.shape IS NOT NULL "
@@ -42,7 +41,7 @@ def prepare_links(connection: MapConnection, entities: Sequence[int]) -> None:
 
 
 def fitting_rows(
-    connection: MapConnection, rows: Sequence[dict[str, Any]]
+    session: Session, rows: Sequence[dict[str, Any]]
 ) -> tuple[list[dict[str, Any]], list[str]]:
     """Return the rows whose poses are on the object, and why others are left out.
 
@@ -57,7 +56,7 @@ def fitting_rows(
         entity = row["entity"]
         if row["frame"] == "model":
             if entity not in boxes:
-                boxes[entity] = _box(connection, entity)
+                boxes[entity] = _box(session, entity)
             low, high = boxes[entity]
             point = row["model_pose"].matrix[:3, 3]
             if (point < low - BESIDE).any() or (point > high + BESIDE).any():
@@ -65,7 +64,7 @@ def fitting_rows(
                 continue
         kept.append(row)
     problems = [
-        f"{entity}: {count} grasps of the linked model {_name(connection, model)} are left out: "
+        f"{entity}: {count} grasps of the linked model {_name(session, model)} are left out: "
         "they are beside the object, so the frames of both models differ, and their primitives do "
         "not tell how. Import the meshes of the linked models, too, or grasps in the object's frame"
         for (entity, model), count in dropped.items()
@@ -73,17 +72,17 @@ def fitting_rows(
     return kept, problems
 
 
-def _box(connection: MapConnection, entity: str) -> tuple[Any, Any]:
+def _box(session: Session, entity: str) -> tuple[Any, Any]:
     """The lowest and the highest corner of an entity's mesh, in its frame."""
     try:
-        corners = np.asarray(model_mesh(connection, entity).vertices)
+        corners = np.asarray(model_mesh(session, entity).vertices)
     except ManipulationError:
         return np.full(3, -np.inf), np.full(3, np.inf)  # nothing to compare with
     return corners.min(axis=0), corners.max(axis=0)
 
 
-def _name(connection: MapConnection, model: int) -> str:
-    row = driver(connection).execute(
+def _name(session: Session, model: int) -> str:
+    row = session.execute(
         "SELECT coalesce(name || ' (' || key || ')', key) FROM object_model WHERE id = %s", (model,)
     )
     ((name,),) = row.fetchall()

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from semmap.belief.store.beliefs import MapConnection, driver
+from semmap.belief.store.beliefs import Session
 from semmap.finite_number import finite_numbers
 from semmap.geometry.mesh import Mesh
 from semmap.geometry.pose import Pose
@@ -61,7 +61,7 @@ UPRIGHT = np.cos(np.radians(5))
 
 
 def find_places(
-    connection: MapConnection,
+    session: Session,
     entity: str,
     on: str,
     *,
@@ -104,7 +104,6 @@ def find_places(
     ManipulationError
         The object or its support has no mesh, or nothing can stand on the support.
     """
-    session = driver(connection)
     item = entity_id(session, entity)
     if towards is not None and finite_numbers(towards, 2) is None:
         raise ManipulationError(f"{entity}: {towards} is not a point: give x, y in metres")
@@ -142,9 +141,7 @@ def find_places(
     return FoundActions([row | {"on": on} for row in rows], problems, generated)
 
 
-def place_of(
-    connection: MapConnection, entity: str, grasp: int, gripper: str | None = None
-) -> int | None:
+def place_of(session: Session, entity: str, grasp: int, gripper: str | None = None) -> int | None:
     """Return the id of the best stored place of an object that a grasp holds; None without one.
 
     Raises
@@ -152,7 +149,6 @@ def place_of(
     LookupError
         There is no such entity, gripper or grasp.
     """
-    session = driver(connection)
     chosen = gripper_name(session, gripper)
     grasps, _ = _grasps(session, entity, chosen, [grasp])
     up = _upright(session, entity_id(session, entity))[2, :3]

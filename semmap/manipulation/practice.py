@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from semmap.belief.store.beliefs import MapConnection, driver
+from semmap.belief.store.beliefs import Session
 from semmap.geometry.mesh import Mesh
 from semmap.geometry.pose import Pose
 from semmap.manipulation.candidates import Grasp
@@ -41,7 +41,7 @@ STRAY = 0.3
 
 
 def practise(
-    connection: MapConnection,
+    session: Session,
     entity: str,
     gripper: str | None = None,
     *,
@@ -85,7 +85,6 @@ def practise(
     ManipulationError
         The object has no mesh with a volume, or no grasp is free.
     """
-    session = driver(connection)
     if rows is None:
         found = find_grasps(session, name=entity, gripper=gripper, limit=GRASPS)
         rows = [row for row in found.rows if row["entity"] == entity]
@@ -116,7 +115,7 @@ def practise(
 
 
 def practise_places(
-    connection: MapConnection,
+    session: Session,
     entity: str,
     on: str,
     gripper: str | None = None,
@@ -143,7 +142,6 @@ def practise_places(
     ManipulationError
         The object or its support has no mesh, or no place is free.
     """
-    session = driver(connection)
     name = gripper_name(session, gripper)
     found = find_places(session, entity, on, gripper=name, limit=tries)
     if not found.rows:
@@ -166,7 +164,7 @@ def practise_places(
 
 
 def try_place(
-    connection: MapConnection,
+    session: Session,
     entity: str,
     gripper: str | None,
     grasp: int,
@@ -195,7 +193,6 @@ def try_place(
     ManipulationError
         The object has no mesh with a volume.
     """
-    session = driver(connection)
     name = gripper_name(session, gripper)
     found = {}
     for kind, number in (("grasp", grasp), ("place", place)):
@@ -224,7 +221,7 @@ def _put(
 
 
 def practise_pushes(
-    connection: MapConnection,
+    session: Session,
     entity: str,
     gripper: str | None = None,
     *,
@@ -236,7 +233,6 @@ def practise_pushes(
 
     Returns and raises as `practise_places`.
     """
-    session = driver(connection)
     name = gripper_name(session, gripper)
     found = find_pushes(session, entity, gripper=name, limit=tries)
     if not found.rows:

@@ -10,7 +10,7 @@ import shapely
 from numpy.typing import NDArray
 from shapely import Polygon
 
-from semmap.belief.store.beliefs import MapConnection, driver
+from semmap.belief.store.beliefs import Session
 from semmap.finite_number import is_finite_number
 from semmap.geometry.mesh import Mesh
 from semmap.geometry.pose import Pose
@@ -50,7 +50,7 @@ STEP = 22.5
 
 
 def find_pushes(
-    connection: MapConnection,
+    session: Session,
     entity: str,
     *,
     gripper: str | None = None,
@@ -86,7 +86,6 @@ def find_pushes(
     ManipulationError
         The object has no mesh, or stands on nothing level, or the distance is not above 0.
     """
-    session = driver(connection)
     entity_id(session, entity)
     if not (is_finite_number(distance) and distance > 0):
         raise ManipulationError(f"{entity}: distance is {distance}: give metres above 0")

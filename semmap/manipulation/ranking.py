@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from semmap.belief.store.beliefs import MapConnection, driver
+from semmap.belief.store.beliefs import Session
 from semmap.geometry.pose import Pose
 from semmap.manipulation.candidates import Grasp
 from semmap.manipulation.evaluation import group_of, shifted
@@ -140,15 +140,13 @@ class Evidence:
         return found if np.linalg.norm(found) > LEAST else None
 
 
-def evidence_on(
-    connection: MapConnection, object_id: int, gripper: str, kind: str = "grasp"
-) -> Evidence:
+def evidence_on(session: Session, object_id: int, gripper: str, kind: str = "grasp") -> Evidence:
     """Return the outcomes on an object model and on those of a similar shape.
 
     They are those of the SQL function ``similar_outcomes``: outcomes of other grippers count half.
     """
     found = Evidence()
-    rows = driver(connection).execute(
+    rows = session.execute(
         "SELECT family, own, attempts, successes, shift, pose, extent "
         "FROM similar_outcomes(%s, %s, %s)",
         (object_id, gripper, kind),
@@ -160,7 +158,7 @@ def evidence_on(
 
 
 def ranked(
-    connection: MapConnection, rows: Sequence[dict[str, Any]], gripper: str, kind: str = "grasp"
+    session: Session, rows: Sequence[dict[str, Any]], gripper: str, kind: str = "grasp"
 ) -> list[dict[str, Any]]:
     """Return rows with `expected` by all outcomes on the objects and on similar shapes, in order.
 
@@ -176,7 +174,7 @@ def ranked(
     for row in rows:
         number = row["object_id"]
         if number not in evidence:
-            evidence[number] = evidence_on(connection, number, gripper, kind)
+            evidence[number] = evidence_on(session, number, gripper, kind)
         by_all = {"expected": _expected(evidence[number], row), "quality": _quality(row)}
         found.append(row | by_all)
     return best_first(found)
@@ -203,7 +201,7 @@ def _quality(row: dict[str, Any]) -> float:
 
 
 def moved_alike(
-    connection: MapConnection, rows: Sequence[dict[str, Any]], gripper: str, opening: float
+    session: Session, rows: Sequence[dict[str, Any]], gripper: str, opening: float
 ) -> list[Grasp]:
     """Return grasps of an object model, moved as trial and error moved them on similar shapes.
 
@@ -216,8 +214,8 @@ def moved_alike(
         them
     opening : of the gripper, metres
     """
-    evidence = evidence_on(connection, rows[0]["object_id"], gripper)
-    shape = read_shape(connection, rows[0]["object_id"])
+    evidence = evidence_on(session, rows[0]["object_id"], gripper)
+    shape = read_shape(session, rows[0]["object_id"])
     if not evidence.shifts or shape is None:
         return []
     pose, extent = shape["shape_pose"].matrix, max(shape["size"])

@@ -1,8 +1,8 @@
 """Stored actions by instance, function, pose and shape; the best expected outcome first.
 
-The queries of the paper (section III): "Grasp a cup!" is `actions_on(connection, name="cup")`,
-"Grasp something suitable for drinking!" `actions_on(connection, function="drinking")`, and "Grasp
-the object at pose [x, y, z]!" `actions_on(connection, point=(x, y, z))`.
+The queries of the paper (section III): "Grasp a cup!" is `actions_on(session, name="cup")`,
+"Grasp something suitable for drinking!" `actions_on(session, function="drinking")`, and "Grasp
+the object at pose [x, y, z]!" `actions_on(session, point=(x, y, z))`.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from typing import Any
 import psycopg
 from psycopg.rows import dict_row
 
-from semmap.belief.store.beliefs import MapConnection, driver
+from semmap.belief.store.beliefs import Session
 from semmap.finite_number import finite_numbers, is_finite_number
 from semmap.geometry.pose import Pose
 from semmap.manipulation.action_record import KINDS
@@ -41,7 +41,7 @@ POSES = ("pose", "pre_pose", "post_pose", "model_pose", "shape_pose")
 
 
 def actions_on(
-    connection: MapConnection,
+    session: Session,
     *,
     name: str | None = None,
     function: str | None = None,
@@ -81,7 +81,6 @@ def actions_on(
     """
     if kind not in KINDS:
         raise ManipulationError(f"{kind} is not one of {', '.join(KINDS)}")
-    session = driver(connection)
     function = function and function_named(session, function)
     meant, values = _meant(name, function, point, tolerance)
     with _suggestions(session, name, function, gripper):
@@ -93,7 +92,7 @@ def actions_on(
 
 
 def entities_meant(
-    connection: MapConnection,
+    session: Session,
     *,
     name: str | None = None,
     function: str | None = None,
@@ -101,7 +100,6 @@ def entities_meant(
     tolerance: float = 0.05,
 ) -> list[int]:
     """Return the ids of the objects that a query means; as `actions_on`."""
-    session = driver(connection)
     function = function and function_named(session, function)
     meant, values = _meant(name, function, point, tolerance)
     with _suggestions(session, name, function):
@@ -151,7 +149,7 @@ def _suggestions(
         raise
 
 
-def function_named(connection: MapConnection, word: str) -> str:
+def function_named(session: Session, word: str) -> str:
     """Return the function of a word: ``drink`` and ``drinking`` are drinking.
 
     Raises
@@ -159,7 +157,6 @@ def function_named(connection: MapConnection, word: str) -> str:
     LookupError
         No type and no object model has it.
     """
-    session = driver(connection)
     exact = "SELECT 1 FROM {} WHERE functions @> ARRAY[%s] LIMIT 1"
     with refusals():
         for table in ("semantic_type", "object_model"):
@@ -182,7 +179,7 @@ def function_named(connection: MapConnection, word: str) -> str:
 
 
 def actions_by_shape(
-    connection: MapConnection,
+    session: Session,
     shape: str,
     size: Sequence[float],
     *,
@@ -222,7 +219,6 @@ def actions_by_shape(
         )
     if not (is_finite_number(tolerance) and tolerance >= 0):
         raise ManipulationError(f"the tolerance is {tolerance}: give metres, at least 0")
-    session = driver(connection)
     return _rows(
         session,
         "SELECT * FROM actions_by_shape(%s, %s::float8[], %s, %s, %s, %s)",
@@ -230,10 +226,10 @@ def actions_by_shape(
     )
 
 
-def read_shape(connection: MapConnection, object_id: int) -> Row | None:
+def read_shape(session: Session, object_id: int) -> Row | None:
     """Return `shape`, `size`, `shape_pose`, `inliers` and `deviation` of an object model."""
     rows = _rows(
-        driver(connection),
+        session,
         "SELECT shape, size, shape_pose, inliers, deviation FROM object_model "
         "WHERE id = %s AND shape IS NOT NULL",
         (object_id,),
@@ -241,10 +237,10 @@ def read_shape(connection: MapConnection, object_id: int) -> Row | None:
     return rows[0] if rows else None
 
 
-def list_grippers(connection: MapConnection) -> list[Row]:
+def list_grippers(session: Session) -> list[Row]:
     """Return the stored grippers, with the number of actions of each."""
     return _rows(
-        driver(connection),
+        session,
         "SELECT d.name, g.form, g.opening, g.depth, g.preferred, d.source, "
         "(SELECT count(*) FROM action a WHERE a.gripper_id = d.id) AS actions "
         "FROM gripper g JOIN device d ON d.id = g.device_id ORDER BY d.name",
@@ -269,7 +265,7 @@ LEFT JOIN device g ON g.id = a.gripper_id LEFT JOIN device s ON s.id = a.sensor_
 """
 
 
-def list_automata(connection: MapConnection, can: Sequence[str] = ()) -> list[Row]:
+def list_automata(session: Session, can: Sequence[str] = ()) -> list[Row]:
     """Return the stored robots with what is mounted on them and what they are able to do.
 
     Parameters
@@ -287,7 +283,6 @@ def list_automata(connection: MapConnection, can: Sequence[str] = ()) -> list[Ro
     LookupError
         Neither a kind of action nor a capability of any device.
     """
-    session = driver(connection)
     rows = _rows(session, AUTOMATA, ())
     known = {c for row in rows for c in row["capabilities"]} | set(ABLE)
     needed: set[str] = set()
@@ -306,10 +301,10 @@ def list_automata(connection: MapConnection, can: Sequence[str] = ()) -> list[Ro
     return [row for row in rows if needed <= set(row["capabilities"])]
 
 
-def list_contributors(connection: MapConnection) -> list[Row]:
+def list_contributors(session: Session) -> list[Row]:
     """Return whose knowledge the database has: trust, actions, and attempts that it counts."""
     return _rows(
-        driver(connection),
+        session,
         "SELECT c.name, c.trust, encode(c.key, 'hex') AS key, c.latest, "
         "(SELECT count(*) FROM action a WHERE a.contributor_id = c.id) AS actions, "
         "(SELECT coalesce(sum(e.attempts), 0) FROM experience e WHERE e.contributor_id = c.id) "
@@ -318,10 +313,10 @@ def list_contributors(connection: MapConnection) -> list[Row]:
     )
 
 
-def list_tasks(connection: MapConnection, limit: int = 20) -> list[Row]:
+def list_tasks(session: Session, limit: int = 20) -> list[Row]:
     """Return the newest tasks of the map, with their outcomes."""
     return _rows(
-        driver(connection),
+        session,
         "SELECT t.id, t.kind, e.name AS entity, r.name AS robot, t.outcome, t.message, "
         "t.action_id, c.name AS contributor, t.created_at, t.ended_at FROM task t "
         "LEFT JOIN entity e ON e.id = t.entity_id LEFT JOIN entity r ON r.id = t.robot_id "

@@ -11,7 +11,7 @@ from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from semmap.belief.store.beliefs import MapConnection, driver
+from semmap.belief.store.beliefs import Session
 from semmap.manipulation.error import ManipulationError
 from semmap.manipulation.found_actions import FoundActions
 from semmap.manipulation.linked import fitting_rows, prepare_links
@@ -49,7 +49,7 @@ RANKED = 1000
 
 
 def find_grasps(
-    connection: MapConnection,
+    session: Session,
     *,
     name: str | None = None,
     function: str | None = None,
@@ -78,7 +78,6 @@ def find_grasps(
     ManipulationError
         Not exactly one of `name`, `function` and `point`.
     """
-    session = driver(connection)
     asked = {"name": name, "function": function, "point": point, "tolerance": tolerance}
     entities = entities_meant(session, **asked)  # type: ignore[arg-type]
     chosen = gripper_name(session, gripper)
@@ -123,7 +122,7 @@ def find_grasps(
     return FoundActions(rows, problems, generated)
 
 
-def stored_actions(connection: MapConnection, *, kind: str, **asked: Any) -> FoundActions:
+def stored_actions(session: Session, *, kind: str, **asked: Any) -> FoundActions:
     """Return the best stored actions of a kind; none is generated.
 
     Parameters
@@ -136,7 +135,6 @@ def stored_actions(connection: MapConnection, *, kind: str, **asked: Any) -> Fou
     LookupError, ManipulationError
         As `semmap.manipulation.reader.actions_on`.
     """
-    session = driver(connection)
     rows, problems = fitting_rows(session, actions_on(session, kind=kind, **asked))
     if not rows and not problems:
         problems = [f"no {kind} is stored for such an object"]
@@ -144,7 +142,7 @@ def stored_actions(connection: MapConnection, *, kind: str, **asked: Any) -> Fou
 
 
 def stored_for_shape(
-    connection: MapConnection,
+    session: Session,
     shape: str,
     size: Sequence[float],
     *,
@@ -164,7 +162,6 @@ def stored_for_shape(
     LookupError, ManipulationError
         As `semmap.manipulation.reader.actions_by_shape`.
     """
-    session = driver(connection)
     with session.transaction():
         hand = gripper_or_urdf(session, gripper)
         rows = actions_by_shape(session, shape, size, gripper=hand, kind=kind, **options)
@@ -206,7 +203,7 @@ def _misfit(session: Any, entity: str, gripper: str) -> str:
     )
 
 
-def generate(connection: MapConnection, entity: str, gripper: str | None = None) -> list[int]:
+def generate(session: Session, entity: str, gripper: str | None = None) -> list[int]:
     """Store all candidates for the model of an entity; return their ids.
 
     Raises
@@ -218,7 +215,6 @@ def generate(connection: MapConnection, entity: str, gripper: str | None = None)
     """
     from semmap.manipulation.candidates import grasp_candidates
 
-    session = driver(connection)
     chosen = gripper_name(session, gripper)
     with session.transaction():
         shape = shape_of(session, entity)
@@ -248,7 +244,7 @@ def _move_alike(session: Any, rows: Sequence[dict[str, Any]], gripper: str) -> i
 
 
 def register_gripper(
-    connection: MapConnection,
+    session: Session,
     path: Path,
     name: str | None = None,
     *,
@@ -270,7 +266,7 @@ def register_gripper(
     chosen = name or gripper.name
     limits = {j.name: j.limits for j in gripper.robot.joints if j.name in gripper.joints}
     add_gripper(
-        connection,
+        session,
         chosen,
         form=gripper.kind,
         opening=gripper.opening,
@@ -288,14 +284,14 @@ def is_urdf(given: str | Path) -> bool:
     return Path(given).suffix in (".urdf", ".xml")
 
 
-def gripper_or_urdf(connection: MapConnection, given: str | Path | None) -> str | None:
+def gripper_or_urdf(session: Session, given: str | Path | None) -> str | None:
     """Return the name of a gripper; that of a URDF is stored first (`register_gripper`)."""
     if given is None or not is_urdf(given):
         return given if given is None else str(given)
-    return register_gripper(connection, Path(given))
+    return register_gripper(session, Path(given))
 
 
-def stored_gripper(connection: MapConnection, name: str) -> Gripper:
+def stored_gripper(session: Session, name: str) -> Gripper:
     """Return a stored gripper with its geometry, read from its URDF.
 
     Raises
@@ -305,7 +301,6 @@ def stored_gripper(connection: MapConnection, name: str) -> Gripper:
     ManipulationError
         Its URDF is not on this machine.
     """
-    session = driver(connection)
     row = session.execute(
         "SELECT source FROM device WHERE id = %s", (gripper_id(session, name),)
     ).fetchone()

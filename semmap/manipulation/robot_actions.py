@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from semmap.belief.store.beliefs import MapConnection
+from semmap.belief.store.beliefs import Session
 from semmap.geometry.pose import Pose
 from semmap.manipulation.arm_motions import ArmMotion, plan_grasp, plan_place, plan_push
 from semmap.manipulation.automata import base_pose, reachable_rows, register_robot, stored_arm
@@ -34,7 +34,7 @@ class RobotActions:
 
     Attributes
     ----------
-    connection : sees the map
+    session : sees the map
     name : of the robot
     gripper : name of its gripper
     arm : of the robot
@@ -44,7 +44,7 @@ class RobotActions:
     limit : the most rows; a motion has one
     """
 
-    connection: MapConnection
+    session: Session
     name: str
     gripper: str
     arm: Arm
@@ -56,7 +56,7 @@ class RobotActions:
     @classmethod
     def of(
         cls,
-        connection: MapConnection,
+        session: Session,
         robot: str | Path,
         base: Sequence[float] | None = None,
         **options: Any,
@@ -74,10 +74,10 @@ class RobotActions:
         LookupError, ManipulationError
             As `semmap.manipulation.automata.stored_arm` and `base_pose`.
         """
-        name = register_robot(connection, Path(robot)) if is_urdf(robot) else str(robot)
-        gripper, arm = stored_arm(connection, name)
-        at = base_pose(connection, name, base)
-        return cls(connection, name, gripper, arm, at, **options)
+        name = register_robot(session, Path(robot)) if is_urdf(robot) else str(robot)
+        gripper, arm = stored_arm(session, name)
+        at = base_pose(session, name, base)
+        return cls(session, name, gripper, arm, at, **options)
 
     @property
     def count(self) -> int:
@@ -86,7 +86,7 @@ class RobotActions:
 
     def grasps(self, **asked: Any) -> FoundActions:
         """Return the grasps that the arm reaches; arguments as of `find_grasps`."""
-        found = find_grasps(self.connection, **asked, gripper=self.gripper, limit=RANKED)
+        found = find_grasps(self.session, **asked, gripper=self.gripper, limit=RANKED)
         rows = reachable_rows(found.rows, self.arm, self.base, self.count)
         problems = found.problems
         if found.rows and not rows:
@@ -99,7 +99,7 @@ class RobotActions:
     def places(self, name: str, on: str, towards: Sequence[float] | None = None) -> FoundActions:
         """Return the places of an object that the arm reaches; arguments as of `find_places`."""
         found = find_places(
-            self.connection,
+            self.session,
             name,
             on,
             gripper=self.gripper,
@@ -114,7 +114,7 @@ class RobotActions:
     def pushes(self, name: str, distance: float = 0.1) -> FoundActions:
         """Return the pushes of an object that the arm reaches; arguments as of `find_pushes`."""
         found = find_pushes(
-            self.connection,
+            self.session,
             name,
             gripper=self.gripper,
             distance=distance,
@@ -131,7 +131,7 @@ class RobotActions:
         """The action of a motion, its positions under these keys; or why there is none."""
         if not self.plan or not found.rows:
             return found
-        motion = planner(self.connection, self.name, self.base, found.rows, state=self.state)
+        motion = planner(self.session, self.name, self.base, found.rows, state=self.state)
         if motion is None:
             count = len(found.rows)
             problem = f"{self.name}: no motion to one of {count} within reach was found"

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from semmap.belief.store.beliefs import MapConnection, driver
+from semmap.belief.store.beliefs import Session
 from semmap.geometry.pose import Pose
 from semmap.query.meshes import models_triangles
 
@@ -26,7 +26,7 @@ AT_ONCE = 32
 
 
 def obstacles_around(
-    connection: MapConnection, entity: str, reach: float = REACH, *, without: str | None = None
+    session: Session, entity: str, reach: float = REACH, *, without: str | None = None
 ) -> Obstacles:
     """Return the triangles of all entities within reach of an entity, in the map's frame.
 
@@ -36,7 +36,6 @@ def obstacles_around(
     """
     from semmap.manipulation.collision import Obstacles
 
-    session = driver(connection)
     rows = session.execute(
         "SELECT DISTINCT o.entity_id, c.model_id, o.pose FROM entity e "
         "JOIN world w ON w.entity_id = e.id "
@@ -51,12 +50,11 @@ def obstacles_around(
     return Obstacles(_placed(session, rows))
 
 
-def entity_triangles(connection: MapConnection, entity: str) -> NDArray[np.float64]:
+def entity_triangles(session: Session, entity: str) -> NDArray[np.float64]:
     """Return the triangles (F, 3, 3) of an entity in the map's frame, metres; none if it has none.
 
     Visual and collision meshes are both part of it.
     """
-    session = driver(connection)
     rows = session.execute(
         "SELECT DISTINCT w.entity_id, c.model_id, w.pose FROM world w "
         "JOIN entity_chunk ec ON ec.entity_id = w.entity_id JOIN chunk c ON c.id = ec.chunk_id "
@@ -77,7 +75,7 @@ def _placed(session: Any, rows: Sequence[Any]) -> NDArray[np.float64]:
 
 
 def free_rows(
-    connection: MapConnection, rows: Sequence[dict[str, Any]], gripper: Gripper, limit: int
+    session: Session, rows: Sequence[dict[str, Any]], gripper: Gripper, limit: int
 ) -> list[dict[str, Any]]:
     """Return the first rows of grasps that the gripper reaches without touching anything else.
 
@@ -103,8 +101,8 @@ def free_rows(
         for entity in dict.fromkeys(row["entity"] for row in rows[start : start + AT_ONCE]):
             some = [row for row in rows[start : start + AT_ONCE] if row["entity"] == entity]
             if entity not in around:
-                item = Obstacles(entity_triangles(connection, entity))
-                around[entity] = obstacles_around(connection, entity), item
+                item = Obstacles(entity_triangles(session, entity))
+                around[entity] = obstacles_around(session, entity), item
             obstacles, item = around[entity]
             widths = [gripper.opening if row["width"] is None else row["width"] for row in some]
             grasps = Grasps(

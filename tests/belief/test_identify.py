@@ -14,7 +14,7 @@ from semmap.belief.error import BeliefError
 from semmap.belief.identify import Detection, identify
 from semmap.belief.motion import MotionModel
 from semmap.belief.store.beliefs import add_observations, read_belief
-from semmap.database.maps import see_map
+from semmap.database.maps import driver_of, see_map
 from tests.seen import seen_by
 
 ON_BENCH, ON_TABLE = (6.0, 1.0, 0.5), (1.5, 1.5, 0.8)
@@ -27,7 +27,7 @@ def connection(flat_map: Map) -> Iterator[Connection]:
     with flat_map.database.engine.connect() as connection:
         see_map(connection, "flat")
         seen = {"object": "mug", "place": "bench", "seen": True, "at": datetime.now(UTC)}
-        add_observations(connection, [seen] * 6)
+        add_observations(driver_of(connection), [seen] * 6)
         yield connection
         connection.rollback()
 

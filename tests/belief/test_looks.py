@@ -23,7 +23,7 @@ from semmap.belief.problog_program import problog_program
 from semmap.belief.reader import read_columns, read_model, read_places
 from semmap.belief.store.beliefs import add_observations, initial_belief, read_belief
 from semmap.belief.views import camera_at
-from semmap.database.maps import see_map
+from semmap.database.maps import driver_of, see_map
 from semmap.draw.view import storey_view
 from semmap.fields.store.names import read_map_vocabulary
 from semmap.query.storey_reader import read_storeys
@@ -112,7 +112,7 @@ def test_arrays_of_the_map_give_the_same_belief(connection: Connection) -> None:
         {"object": "coke", "place": "kitchen", "seen": False, "inside": True, "visible": 0.5},
         {"object": "mug", "place": "counter", "seen": True, "hit": 0.9, "false_alarm": 0.1},
     ]
-    add_observations(connection, looks)
+    add_observations(driver_of(connection), looks)
     moment = datetime.now(UTC) + timedelta(seconds=1)
     columns = read_columns(seen_by(connection), ["coke", "mug"], moment)
     assert columns.places[-1] == "elsewhere"

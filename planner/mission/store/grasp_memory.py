@@ -14,6 +14,7 @@ from sqlalchemy import Connection, text
 from planner.mission.behaviours import Outcome
 from planner.mission.command import Command
 from planner.mission.grasp_choice import Choice, GraspChooser, Hand, hand_of
+from semmap.database.maps import driver_of
 from semmap.geometry.pose import Pose
 
 __all__ = ["KINDS", "GraspMemory"]
@@ -62,12 +63,11 @@ class GraspMemory:
         LookupError
             There is no such gripper, or there are several and none is preferred.
         """
-        from semmap.belief.store.beliefs import driver
 
         known = connection.execute(text(_CLASS), {"name": robot}).scalar()
         stored = connection.execute(text("SELECT EXISTS (SELECT FROM gripper)")).scalar()
         if self.gripper is not None or stored:  # else the first pickup stores the default one
-            hand_of(driver(connection), robot, robot_class or known, self.gripper)
+            hand_of(driver_of(connection), robot, robot_class or known, self.gripper)
 
     def begin(
         self, connection: Connection, robot: int, command: Command, target: str | None = None
@@ -84,10 +84,9 @@ class GraspMemory:
         LookupError
             There is no such gripper, or there are several and none is preferred.
         """
-        from semmap.belief.store.beliefs import driver
         from semmap.manipulation.store.tasks import add_task
 
-        session = driver(connection)
+        session = driver_of(connection)
         item, kind = command.arguments[0], KINDS[command.behaviour]
         with session.transaction():
             chooser = self._chooser(connection, session, robot)
@@ -118,14 +117,13 @@ class GraspMemory:
         where it has a stored one; empty where they are nowhere. It is not known for floors, for
         objects without a mesh, and for what the robot took without a known grasp.
         """
-        from semmap.belief.store.beliefs import driver
         from semmap.manipulation.error import ManipulationError
         from semmap.manipulation.places import find_places
 
         grasp = _held_by(connection, robot, item)
         if grasp is None or not _is_object(connection, target):
             return None
-        session = driver(connection)
+        session = driver_of(connection)
         near = (towards.x, towards.y)
         chooser = self._chooser(connection, session, robot)
         try:
@@ -177,12 +175,11 @@ class GraspMemory:
 
     def _end_put(self, connection: Connection, place: int) -> None:
         """Store the put that a place has ended, from the begin of its grasp."""
-        from semmap.belief.store.beliefs import driver
         from semmap.manipulation.store.actions import add_put
 
         steps = connection.execute(text(_STEPS), {"place": place}).one_or_none()
         if steps is not None:
-            action = add_put(driver(connection), steps.grasp_action, steps.place_action)
+            action = add_put(driver_of(connection), steps.grasp_action, steps.place_action)
             made = (", contributor_id", _WEAKER) if self.simulated else ("", "")
             put = text(_PUT.format(*made))
             connection.execute(put, {"grasp": steps.grasp, "place": place, "action": action})

@@ -16,6 +16,7 @@ from planner.mission.behaviours import Outcome, RobotObservation, Sighting
 from planner.mission.command import Command
 from planner.mission.placement_search import find_free_spot
 from semmap.belief.store.beliefs import add_observations
+from semmap.database.maps import driver_of
 from semmap.geometry.pose import Pose
 from semmap.query.snapshot import Snapshot
 
@@ -67,7 +68,9 @@ def write_observation(connection: Connection, robot: int, seen: RobotObservation
             write_door(connection, name, state)
     if seen.looks:
         observer = connection.execute(text(_NAME), {"id": robot}).scalar_one()
-        add_observations(connection, [asdict(look) | {"observer": observer} for look in seen.looks])
+        add_observations(
+            driver_of(connection), [asdict(look) | {"observer": observer} for look in seen.looks]
+        )
 
 
 def write_door(connection: Connection, name: str, state: str) -> None:

@@ -8,12 +8,11 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from datetime import UTC, datetime
-from typing import Any, TypeAlias, cast
+from typing import Any, TypeAlias
 
 import psycopg
 from psycopg import errors
 from psycopg.rows import dict_row
-from sqlalchemy import Connection
 
 from semmap.belief.error import BeliefError
 from semmap.finite_number import is_finite_number
@@ -22,10 +21,9 @@ from semmap.query.snapshot import Snapshot
 
 __all__ = [
     "ELSEWHERE",
-    "MapConnection",
     "Row",
+    "Session",
     "add_observations",
-    "driver",
     "initial_belief",
     "read_belief",
     "refusal",
@@ -35,7 +33,7 @@ __all__ = [
 ELSEWHERE = "elsewhere"
 """The name of being at no place of the map."""
 
-MapConnection: TypeAlias = "Connection | psycopg.Connection[Any]"
+Session: TypeAlias = psycopg.Connection[Any]
 Row = dict[str, Any]
 
 RATES = ("hit", "false_alarm")
@@ -125,7 +123,7 @@ def initial_belief(
     }
 
 
-def add_observations(connection: MapConnection, rows: Iterable[Mapping[str, Any]]) -> list[int]:
+def add_observations(session: Session, rows: Iterable[Mapping[str, Any]]) -> list[int]:
     """Store observations; the beliefs follow in the same transaction, and are announced with it.
 
     Parameters
@@ -150,7 +148,6 @@ def add_observations(connection: MapConnection, rows: Iterable[Mapping[str, Any]
         A value out of its range, an observation from the future, or a place at which the object has
         no room. No row is stored.
     """
-    session = driver(connection)
     checked = [_checked(row, number) for number, row in enumerate(rows, 1)]
     if not checked:
         return []
@@ -184,13 +181,6 @@ FROM unnest(%s::bigint[], %s::bigint[], %s::bigint[], %s::boolean[], %s::timesta
                              x, y, z)
 RETURNING id
 """
-
-
-def driver(connection: MapConnection) -> psycopg.Connection[Any]:
-    """Return the psycopg connection behind a connection of SQLAlchemy, or itself."""
-    if isinstance(connection, Connection):
-        return cast("psycopg.Connection[Any]", connection.connection.driver_connection)
-    return connection
 
 
 def refusal(error: errors.CheckViolation) -> BeliefError:

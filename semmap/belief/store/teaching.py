@@ -12,7 +12,7 @@ from psycopg.types.json import Jsonb
 
 from semmap.belief.action_chains import action_chain
 from semmap.belief.error import BeliefError
-from semmap.belief.store.beliefs import MapConnection, add_observations, driver, refusal
+from semmap.belief.store.beliefs import add_observations, refusal
 from semmap.belief.teaching import KnownAction, KnownRelation, TaughtObject, Teaching, is_a
 from semmap.ingest.ontology.tbox import KINDS
 from semmap.query.snapshot import Snapshot
@@ -31,7 +31,7 @@ FIT = 1.05
 """How much larger than its geometry an object may be taught to be."""
 
 
-def teach(connection: MapConnection, teaching: Teaching) -> dict[str, int]:
+def teach(session: psycopg.Connection[Any], teaching: Teaching) -> dict[str, int]:
     """Store a teaching, in one transaction; the beliefs follow.
 
     Classes become types of the T-Box, ``isA`` their subsumption or the type of an entity; an
@@ -51,7 +51,6 @@ def teach(connection: MapConnection, teaching: Teaching) -> dict[str, int]:
         an object of two classes, one that is larger than its geometry, a place without room for it.
         Nothing is stored.
     """
-    session = driver(connection)
     try:
         with session.transaction():
             return _Lesson(session).store(teaching)

@@ -8,7 +8,7 @@ from typing import Any
 import psycopg
 from psycopg.types.json import Jsonb
 
-from semmap.belief.store.beliefs import MapConnection, driver
+from semmap.belief.store.beliefs import Session
 from semmap.geometry.pose import Pose
 from semmap.manipulation.action_record import ActionRecord, action_key, composed_key
 from semmap.manipulation.error import ManipulationError
@@ -21,7 +21,7 @@ __all__ = ["add_actions", "add_put", "insert_actions"]
 
 
 def add_actions(
-    connection: MapConnection,
+    session: Session,
     model: str | int,
     gripper: str | None,
     actions: Iterable[Any],
@@ -51,7 +51,6 @@ def add_actions(
     ManipulationError
         An action cannot be used: the text has its number, and what is wrong. None is stored.
     """
-    session = driver(connection)
     records = [
         ActionRecord.of(action, kind, f"{kind} {number}")
         for number, action in enumerate(actions, 1)
@@ -128,7 +127,7 @@ def insert_actions(
         cursor.executemany(statement, rows)
 
 
-def add_put(connection: MapConnection, grasp: int, place: int) -> int:
+def add_put(session: Session, grasp: int, place: int) -> int:
     """Store the composed action put (a grasp, then a place), if it is not there; return its id.
 
     Raises
@@ -136,7 +135,6 @@ def add_put(connection: MapConnection, grasp: int, place: int) -> int:
     ManipulationError
         They are not a grasp and a place of one gripper on one object model.
     """
-    session = driver(connection)
     rows = {
         row[0]: row
         for row in session.execute(

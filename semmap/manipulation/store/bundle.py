@@ -20,7 +20,7 @@ from uuid import UUID
 import psycopg
 from psycopg.rows import dict_row
 
-from semmap.belief.store.beliefs import MapConnection, driver
+from semmap.belief.store.beliefs import Session
 from semmap.limits import TEXT_BYTES
 from semmap.manipulation.action_record import ActionRecord, action_key, pose_of
 from semmap.manipulation.bundle_entry import check_entry
@@ -74,7 +74,7 @@ ORDER BY a.kind = 'put', a.id
 
 
 def export_bundle(
-    connection: MapConnection, path: Path, name: str, *, simulated: bool = False, key: Any = None
+    session: Session, path: Path, name: str, *, simulated: bool = False, key: Any = None
 ) -> dict[str, int]:
     """Write the knowledge of this database to a signed bundle.
 
@@ -99,7 +99,6 @@ def export_bundle(
     if name in RESERVED or not name.strip():
         raise ManipulationError(f"{name!r} is not a name for a contributor: choose another one")
     signer = own_key() if key is None else key
-    session = driver(connection)
     counted = [1, 2] if simulated else [1]
     with session.transaction(), session.cursor(row_factory=dict_row) as cursor:
         actions = cursor.execute(ACTIONS, {"counted": counted}).fetchall()
@@ -137,7 +136,7 @@ def export_bundle(
 # -- import ---------------------------------------------------------------------------------------
 
 
-def trust(connection: MapConnection, name: str, key: str, level: float = 1.0) -> None:
+def trust(session: Session, name: str, key: str, level: float = 1.0) -> None:
     """Trust the bundles of a contributor, so that they can be imported.
 
     Parameters
@@ -161,7 +160,6 @@ def trust(connection: MapConnection, name: str, key: str, level: float = 1.0) ->
         )
     if not (math.isfinite(level) and 0 <= level <= 1):
         raise ManipulationError(f"trust is {level}: give a share, 0 to 1")
-    session = driver(connection)
     with refusals(), session.transaction():
         for known, of in session.execute(
             "SELECT name, key FROM contributor WHERE name = %s OR key = %s", (name, public)
@@ -179,7 +177,7 @@ def trust(connection: MapConnection, name: str, key: str, level: float = 1.0) ->
         )
 
 
-def import_bundle(connection: MapConnection, path: Path) -> dict[str, int]:
+def import_bundle(session: Session, path: Path) -> dict[str, int]:
     """Store the knowledge of a bundle, if somebody who is trusted signed it.
 
     Outcomes replace those of former bundles of the same contributor; own knowledge stays.
@@ -195,7 +193,6 @@ def import_bundle(connection: MapConnection, path: Path) -> dict[str, int]:
         The bundle was changed, is of another version, is older than one that was imported before,
         is signed by nobody who is trusted, or has an entry that cannot be used. Nothing is stored.
     """
-    session = driver(connection)
     error = partial(_error, path)
     lines, header = _checked_lines(session, path, error)
     with refusals(), session.transaction():

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from psycopg.types.json import Jsonb
 
-from semmap.belief.store.beliefs import MapConnection, driver
+from semmap.belief.store.beliefs import Session
 from semmap.manipulation.error import ManipulationError
 from semmap.manipulation.store.statements import column, number, refusals
 from semmap.suggestions import suggestion
@@ -27,7 +27,7 @@ ABLE = ("gripping", "pushing", "reaching", "sensing", "seeing", "ranging", "orie
 
 
 def add_device(
-    connection: MapConnection,
+    session: Session,
     name: str,
     kind: str,
     *,
@@ -53,7 +53,6 @@ def add_device(
     """
     if kind not in CAPABILITIES:
         raise ManipulationError(f"{name}: {kind} is not one of {', '.join(CAPABILITIES)}")
-    session = driver(connection)
     limits = {joint: list(pair) for joint, pair in (joints or {}).items()}
     with refusals(), session.transaction():
         row = session.execute("SELECT id, kind FROM device WHERE name = %s", (name,)).fetchone()
@@ -78,7 +77,7 @@ def add_device(
 
 
 def add_gripper(
-    connection: MapConnection,
+    session: Session,
     name: str,
     *,
     form: str,
@@ -102,7 +101,6 @@ def add_gripper(
     ManipulationError
         A size is not positive, or a device of this name is not a gripper.
     """
-    session = driver(connection)
     if not (math.isfinite(opening) and opening > 0):
         raise ManipulationError(f"gripper {name}: its opening is {opening}: give metres above 0")
     if not (math.isfinite(depth) and depth >= 0):
@@ -125,7 +123,7 @@ def add_gripper(
 
 
 def add_automaton(
-    connection: MapConnection,
+    session: Session,
     name: str,
     robot: str,
     gripper: str | None = None,
@@ -143,7 +141,6 @@ def add_automaton(
     LookupError
         There is no device of a name.
     """
-    session = driver(connection)
     ids: list[int | None] = []
     for kind, device in (("robot", robot), ("gripper", gripper), ("sensor", sensor)):
         row = session.execute(
@@ -165,7 +162,7 @@ def add_automaton(
         )
 
 
-def gripper_id(connection: MapConnection, name: str | None = None) -> int:
+def gripper_id(session: Session, name: str | None = None) -> int:
     """Return the id of a gripper; without a name, of the preferred one, else of the only one.
 
     Raises
@@ -173,7 +170,6 @@ def gripper_id(connection: MapConnection, name: str | None = None) -> int:
     LookupError
         There is none of this name, none at all, or several and none is preferred.
     """
-    session = driver(connection)
     if name is not None:
         known = column(
             session, "SELECT d.name FROM device d JOIN gripper g ON g.device_id = d.id ORDER BY 1"

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from semmap.belief.store.beliefs import MapConnection, driver
+from semmap.belief.store.beliefs import Session
 from semmap.manipulation.action_record import pose_of
 from semmap.manipulation.error import ManipulationError
 from semmap.manipulation.store.statements import column, number, refusals
@@ -17,7 +17,7 @@ from semmap.suggestions import suggestion
 __all__ = ["add_object", "object_model_id", "set_shape"]
 
 
-def object_model_id(connection: MapConnection, model: str | int) -> int:
+def object_model_id(session: Session, model: str | int) -> int:
     """Return the id of an object model: of an entity's mesh, which is made if nothing is known yet.
 
     Parameters
@@ -31,7 +31,6 @@ def object_model_id(connection: MapConnection, model: str | int) -> int:
     ManipulationError
         The entity has no mesh, so that nothing could be shared with others of its model.
     """
-    session = driver(connection)
     if isinstance(model, int):
         if session.execute("SELECT 1 FROM object_model WHERE id = %s", (model,)).fetchone():
             return model
@@ -59,7 +58,7 @@ def object_model_id(connection: MapConnection, model: str | int) -> int:
 
 
 def add_object(
-    connection: MapConnection,
+    session: Session,
     key: str,
     *,
     name: str | None = None,
@@ -82,7 +81,6 @@ def add_object(
     ManipulationError
         The type is not known, or the primitive is not one.
     """
-    session = driver(connection)
     if (
         type is not None
         and not session.execute("SELECT 1 FROM semantic_type WHERE name = %s", (type,)).fetchone()
@@ -107,7 +105,7 @@ def add_object(
     return id_
 
 
-def set_shape(connection: MapConnection, model: str | int, primitive: Any) -> int:
+def set_shape(session: Session, model: str | int, primitive: Any) -> int:
     """Store the primitive of an object model; return the model's id.
 
     Parameters
@@ -121,7 +119,6 @@ def set_shape(connection: MapConnection, model: str | int, primitive: Any) -> in
     ManipulationError
         It is not a primitive.
     """
-    session = driver(connection)
     size = [float(v) for v in primitive.size]
     where = f"the shape of {model}"
     if not all(math.isfinite(v) and v > 0 for v in size):

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from semmap.belief.store.beliefs import MapConnection, driver
+from semmap.belief.store.beliefs import Session
 from semmap.manipulation.action_record import pose_of
 from semmap.manipulation.error import ManipulationError
 from semmap.manipulation.store.statements import column, number, refusals
@@ -15,7 +15,7 @@ __all__ = ["add_path"]
 
 
 def add_path(
-    connection: MapConnection,
+    session: Session,
     automaton: str,
     poses: Sequence[Any],
     *,
@@ -37,7 +37,6 @@ def add_path(
     ManipulationError
         Fewer than two poses, one that is not a pose, or another number of positions.
     """
-    session = driver(connection)
     rows = [pose_of(pose, f"pose {n} of the path").row for n, pose in enumerate(poses, 1)]
     if len(rows) < 2:
         raise ManipulationError(f"a path has at least two poses, not {len(rows)}")

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from semmap.belief.store.beliefs import MapConnection, driver
+from semmap.belief.store.beliefs import Session
 from semmap.found_rows import FoundRows
 from semmap.manipulation.error import ManipulationError
 from semmap.manipulation.reader import read_shape
@@ -40,7 +40,7 @@ class StoredShape:
     pose: NDArray[np.float64]
 
 
-def shape_of(connection: MapConnection, entity: str) -> StoredShape:
+def shape_of(session: Session, entity: str) -> StoredShape:
     """Return the primitive of an entity's model; it is fitted and stored if it is not known.
 
     Raises
@@ -50,7 +50,6 @@ def shape_of(connection: MapConnection, entity: str) -> StoredShape:
     ManipulationError
         It has no mesh, or one without a volume.
     """
-    session = driver(connection)
     model = object_model_id(session, entity)
     row = read_shape(session, model)
     if row is None:
@@ -65,7 +64,7 @@ def shape_of(connection: MapConnection, entity: str) -> StoredShape:
     return StoredShape(row["shape"], tuple(row["size"]), row["shape_pose"].matrix)
 
 
-def model_mesh(connection: MapConnection, entity: str) -> trimesh.Trimesh:
+def model_mesh(session: Session, entity: str) -> trimesh.Trimesh:
     """Return the visual mesh of an entity, else its collision mesh, in the frame of its model.
 
     Raises
@@ -75,7 +74,6 @@ def model_mesh(connection: MapConnection, entity: str) -> trimesh.Trimesh:
     """
     import trimesh
 
-    session = driver(connection)
     row = session.execute(
         "SELECT m.id FROM entity_model em JOIN model m ON m.id = em.model_id "
         "JOIN entity e ON e.id = em.entity_id WHERE e.map_id = current_map() AND e.name = %s "
@@ -92,7 +90,7 @@ def model_mesh(connection: MapConnection, entity: str) -> trimesh.Trimesh:
 
 
 def store_shapes(
-    connection: MapConnection,
+    session: Session,
     names: Sequence[str] | None = None,
     progress: Callable[[str, int, int], None] = lambda name, done, total: None,
 ) -> FoundRows:
@@ -114,7 +112,6 @@ def store_shapes(
     LookupError
         The map has no entity of a name.
     """
-    session = driver(connection)
     for name in names or ():
         entity_id(session, name)
     found = session.execute(

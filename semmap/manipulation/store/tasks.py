@@ -5,7 +5,7 @@ from __future__ import annotations
 from datetime import datetime
 from typing import Any
 
-from semmap.belief.store.beliefs import MapConnection, driver
+from semmap.belief.store.beliefs import Session
 from semmap.manipulation.action_record import pose_of
 from semmap.manipulation.error import ManipulationError
 from semmap.manipulation.store.statements import (
@@ -21,7 +21,7 @@ __all__ = ["add_task", "record_task", "replace_action"]
 
 
 def add_task(
-    connection: MapConnection,
+    session: Session,
     entity: str,
     kind: str = "grasp",
     *,
@@ -55,7 +55,6 @@ def add_task(
     ManipulationError
         A value is not one of those allowed.
     """
-    session = driver(connection)
     if deadline is not None and deadline.tzinfo is None:
         raise ManipulationError(f"the deadline {deadline.isoformat()} has no time zone: add one")
     of_entity = entity_id(session, entity)
@@ -100,7 +99,7 @@ def _check_action(session: Any, action: int) -> None:
 
 
 def record_task(
-    connection: MapConnection,
+    session: Session,
     entity: str,
     kind: str = "grasp",
     *,
@@ -124,7 +123,6 @@ def record_task(
     LookupError, ManipulationError
         As `add_task`; the two actions are not of the same kind, object and gripper.
     """
-    session = driver(connection)
     with refusals(), session.transaction():
         task = add_task(session, entity, kind, action=action, outcome=outcome, **values)
         if instead_of is not None and outcome == "completed":
@@ -132,7 +130,7 @@ def record_task(
     return task
 
 
-def replace_action(connection: MapConnection, failed: int, action: int | None) -> None:
+def replace_action(session: Session, failed: int, action: int | None) -> None:
     """Store that an action is proposed in place of one that failed.
 
     Raises
@@ -142,7 +140,6 @@ def replace_action(connection: MapConnection, failed: int, action: int | None) -
     ManipulationError
         The two actions are not of the same kind, object model and gripper.
     """
-    session = driver(connection)
     for known in (failed, action):
         if known is not None:
             _check_action(session, known)

@@ -15,7 +15,7 @@ from semmap import Map
 from semmap.belief.error import BeliefError
 from semmap.belief.inference import Observations, infer
 from semmap.belief.store.beliefs import ELSEWHERE, add_observations, read_belief, where
-from semmap.database.maps import see_map
+from semmap.database.maps import driver_of, see_map
 from semmap.model import Belief, Entity
 from semmap.query.change_feed import ChangeFeed
 from tests.seen import seen_by
@@ -249,7 +249,7 @@ def test_a_sqlalchemy_connection_reads_and_writes_too(flat_map: Map) -> None:
     with flat_map.database.engine.connect() as connection:
         see_map(connection, "flat")
         rows = [{"object": "coke", "place": "fridge", "seen": True}] * 5
-        assert len(add_observations(connection, rows)) == 5
+        assert len(add_observations(driver_of(connection), rows)) == 5
         found = read_belief(seen_by(connection), "coke")
         assert next(iter(found)) == "fridge"
         connection.rollback()
@@ -264,12 +264,12 @@ def test_two_who_observe_one_object_at_once_both_count(flat_map: Map) -> None:
     def second() -> None:
         with engine.begin() as connection:
             see_map(connection, "flat")
-            add_observations(connection, [row])
+            add_observations(driver_of(connection), [row])
 
     try:
         with engine.begin() as connection:
             see_map(connection, "flat")
-            add_observations(connection, [row])
+            add_observations(driver_of(connection), [row])
             other = threading.Thread(target=second)
             other.start()
             other.join(0.5)
