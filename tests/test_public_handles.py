@@ -3,16 +3,20 @@
 Public are the names that the packages list in `__all__`, with the methods of their classes.
 `semmap.connect` opens a database, `Database.map` a map; all else is a method of them, or takes one.
 `semmap.database` and `semmap.model`, the SQL and ORM below, are for those who bring an engine.
+
+Below, what reads a map takes a `Snapshot` of it: no function that does takes a connection.
 """
 
 from __future__ import annotations
 
+import ast
 import inspect
 import pkgutil
 import re
 from collections.abc import Iterator
 from dataclasses import is_dataclass
 from importlib import import_module
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -24,6 +28,33 @@ import semmap
 HANDLES = re.compile(r"\b(Engine|Connection|Session|Cursor)\b")
 NAMES = {"map_name", "engine", "connection", "session"}
 BELOW = ("semmap.database", "semmap.model")
+
+READERS = ("navgrid", "planner", "semmap/belief", "semmap/draw", "semmap/fields", "semmap/query")
+READERS += ("semmap/manipulation", "semmap/cli/demo")
+
+WITH_CONNECTION = {
+    "planner/readers/robot_class.py store_robot_class": "a class of robots is of no map",
+    "planner/readers/robot_class.py delete_robot_class": "a class of robots is of no map",
+    "planner/readers/robot_class.py _names": "what delete_robot_class says",
+    "planner/readers/robot_class.py _no_class": "what delete_robot_class says",
+    "semmap/fields/store/field_store.py save": "writes a field",
+    "semmap/fields/store/field_store.py prune": "deletes versions of a field",
+    "semmap/fields/store/field_store.py forget": "deletes a field",
+    "semmap/fields/store/field_store.py _field_to_change": "for save",
+    "semmap/fields/store/field_store.py _field": "for prune and forget, too",
+    "semmap/fields/store/field_store.py _names": "what prune and forget say, too",
+    "semmap/fields/store/map_store.py save_map": "writes a field",
+    "semmap/fields/store/source_history.py save": "writes fields",
+    "semmap/fields/store/source_history.py _save_map": "writes a field",
+    "semmap/fields/store/mirror_state.py origin": "asks which server it is",
+    "semmap/fields/store/statements.py run": "runs any statement",
+    "semmap/query/snapshot.py of": "makes a snapshot of it",
+    "semmap/query/sql_statement.py run_sql": "runs a user's statement",
+}
+"""Functions of the readers' packages that take a connection, and why."""
+
+MISSIONS = "planner/mission/store/"
+"""Reads and writes missions, their steps and claims, in the transaction of its caller."""
 
 
 def packages() -> list[str]:
@@ -74,3 +105,25 @@ def test_no_public_function_takes_a_handle_of_the_database(package: str) -> None
 def test_the_test_looks_at_the_face() -> None:
     names = {name for package in ("semmap", "planner") for name, _ in functions(package)}
     assert {"semmap.connect", "semmap.Map.route", "planner.plan_task"} <= names
+
+
+def with_connection(file: Path) -> Iterator[str]:
+    """The functions of a file that take a connection of SQLAlchemy, or one of unknown type."""
+    for node in ast.walk(ast.parse(file.read_text())):
+        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
+            for each in (*node.args.posonlyargs, *node.args.args, *node.args.kwonlyargs):
+                given = "" if each.annotation is None else ast.unparse(each.annotation)
+                plain = re.search(r"(?<!psycopg\.)\bConnection\b", given) is not None
+                if plain or (each.arg == "connection" and given == "Any"):
+                    yield node.name
+
+
+def test_what_reads_a_map_takes_a_snapshot() -> None:
+    root = Path(semmap.__file__).parents[1]
+    found = {
+        f"{file.relative_to(root).as_posix()} {name}"
+        for package in READERS
+        for file in (root / package).rglob("*.py")
+        for name in with_connection(file)
+    }
+    assert {each for each in found if not each.startswith(MISSIONS)} == {*WITH_CONNECTION}
