@@ -42,7 +42,7 @@ def read_costmaps(
 
     Parameters
     ----------
-    seen : Snapshot of the map
+    seen : a state of the map
     parts : sequence of Part
     storey : str, optional
         Only this storey.

@@ -74,7 +74,7 @@ def read_fields(
 
     Parameters
     ----------
-    seen : Snapshot of the map
+    seen : a state of the map
     names : sequence of str, optional
         Only these, live or ended; by default all that are stored or live.
     live : bool

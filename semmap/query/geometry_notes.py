@@ -75,7 +75,7 @@ def read_names_without_geometry(
 
     Parameters
     ----------
-    seen : Snapshot of the map
+    seen : a state of the map
     places : sequence of str, optional
         Only objects that these rooms hold, directly or through other objects.
     assume_sizes : bool

@@ -113,7 +113,7 @@ def read_storey_names(seen: Snapshot) -> list[str]:
 
     Parameters
     ----------
-    seen : Snapshot of the map
+    seen : a state of the map
 
     Returns
     -------
@@ -145,7 +145,7 @@ def read_scene(
 
     Parameters
     ----------
-    seen : Snapshot of the map
+    seen : a state of the map
     storey : str
     bounds : (x0, y0, x1, y1), optional
         Read only what is in or near this rectangle, metres.
@@ -196,7 +196,7 @@ def read_storeys(
 
     Parameters
     ----------
-    seen : Snapshot of the map
+    seen : a state of the map
     storey : str, optional
         Return only this one.
     moment : datetime, optional
@@ -261,7 +261,7 @@ def read_entities(
 
     Parameters
     ----------
-    seen : Snapshot of the map
+    seen : a state of the map
     ids : iterable of int, optional
         Only entities with these ids.
     kinds : collection of kinds, optional

@@ -42,7 +42,7 @@ def read_agents(seen: Snapshot, ids: Iterable[int] | None = None) -> list[Standi
 
     Parameters
     ----------
-    connection : sees the map
+    seen : a state of the map
     ids : only these; all if not given
     """
     rows = seen.connection.execute(

@@ -198,7 +198,7 @@ def load(seen: Snapshot, name: str, version: int | None = None) -> StoredField:
 
     Parameters
     ----------
-    connection : sees the map
+    seen : a state of the map
     name : of the field
     version : the newest if not given
 
@@ -244,7 +244,7 @@ def names(seen: Snapshot, *, stateless: bool = False) -> list[str]:
 
     Parameters
     ----------
-    connection : sees the map
+    seen : a state of the map
     stateless : only the fields without data of their writer
     """
     return _names(seen.session, stateless=stateless)

@@ -65,7 +65,7 @@ def load_maps_during(
 
     Parameters
     ----------
-    connection : sees the map of the database
+    seen : a state of the map
     vocabulary : the properties
     begin, end : aware
     """

@@ -80,7 +80,7 @@ def load_walls(
 
     Parameters
     ----------
-    connection : sees the map
+    seen : a state of the map
     voxel_size : metres
     cursor : of the state; None is returned if the walls were saved with another one
     """
@@ -104,7 +104,7 @@ def load_state(seen: Snapshot, voxel_size: float) -> MirrorState | None:
 
     Parameters
     ----------
-    connection : sees the map
+    seen : a state of the map
     voxel_size : metres
     """
     try:
@@ -140,7 +140,7 @@ def is_current(seen: Snapshot, state: MirrorState) -> bool:
 
     Parameters
     ----------
-    connection : sees the map
+    seen : a state of the map
     state : of the map
     """
     (row,) = run(

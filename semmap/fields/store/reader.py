@@ -69,7 +69,7 @@ def read_walls(seen: Snapshot, ids: Iterable[int] | None = None) -> list[Occupan
 
     Parameters
     ----------
-    connection : sees the map
+    seen : a state of the map
     ids : only those of these rooms and connectors; all if not given
     """
     found = read_entities(seen, ids, kinds=("room", "connector"))

@@ -97,7 +97,7 @@ def load_updates(
 
     Parameters
     ----------
-    connection : sees the map
+    seen : a state of the map
     vocabulary : the properties; maps of others are left out
     begin, end : those that were valid at any time in between; the newest ones if not given
     """

@@ -57,7 +57,7 @@ def read_stated(seen: Snapshot, ids: Iterable[int] | None, voxel_size: float) ->
 
     Parameters
     ----------
-    connection : sees the map
+    seen : a state of the map
     ids : only these; all if not given
     voxel_size : metres; voxels of another size are resampled
     """
