@@ -67,7 +67,7 @@ def field_demo(
 
     Parameters
     ----------
-    connection : sees the map
+    seen : a state of the map
     folder : for the picture
     say : prints a line
     voxel_size : metres
