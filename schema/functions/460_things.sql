@@ -91,8 +91,11 @@ CREATE FUNCTION things_in(b bigint, tolerance double precision DEFAULT 0.01)
 RETURNS SETOF bigint LANGUAGE sql STABLE PARALLEL SAFE ROWS 100 COST 100000
 BEGIN ATOMIC
 -- What is in b: see is_in. What is in a room can be in its openings.
-SELECT wo.entity_id FROM semmap.world wg JOIN semmap.world wo ON wo.map_id = wg.map_id
-  AND wo.box && semmap.grown(wg.box, tolerance + CASE (SELECT kind FROM semmap.entity WHERE id = b) WHEN 'room' THEN 0.5 ELSE 0 END)
+SELECT wo.entity_id
+FROM semmap.world wg
+CROSS JOIN LATERAL (SELECT semmap.grown(wg.box, tolerance + CASE e.kind WHEN 'room' THEN 0.5 ELSE 0 END)
+                    FROM semmap.entity e WHERE e.id = b OFFSET 0) g (zone)
+JOIN semmap.world wo ON wo.map_id = wg.map_id AND wo.box && g.zone AND wo.box &&& g.zone
 WHERE wg.entity_id = b AND wg.footprint IS NOT NULL AND semmap.is_in(wo.entity_id, b, tolerance)
 UNION
 SELECT held.id FROM semmap.things_held(b) held (id)

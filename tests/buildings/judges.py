@@ -59,7 +59,7 @@ def judge_rooms(building: Building, place: semmap.Map) -> tuple[int, list[str]]:
     for item in things(building):
         room = place[item.name].room
         with place.snapshot() as seen:
-            (located,) = find_entities(seen.connection, item.name)
+            (located,) = find_entities(seen, item.name)
         said = {
             "inventory": {room.name} if room else set(),
             "find": {name for name in rooms if item.name in found[name]},
