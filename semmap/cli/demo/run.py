@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
@@ -20,6 +21,7 @@ from planner.route_search import find_route
 from planner.routing_graph import RoutingGraph
 from planner.topology import OUTSIDE, Topology
 from semmap import cli
+from semmap.api.database import Database
 from semmap.api.map import Map
 from semmap.cli.demo.costmaps import robot_demo
 from semmap.cli.demo.demo_robot import DemoRobot
@@ -86,10 +88,9 @@ def _run_demo(
 ) -> list[Path]:
     began = time.perf_counter()
     files = _files(worlds)
-    map_name = files[0].name.split(".")[0]
-
-    say(f"\n1. {', '.join(f.name for f in files)} into the map {map_name}")
     db = opened.enter_context(cli.open_database(migrate=True))
+    map_name = _map_name(db, files)
+    say(f"\n1. {', '.join(f.name for f in files)} into the map {map_name}")
     say(f"   the database is ready: {time.perf_counter() - began:.1f} s")
     for file in files:
         cli.print_summary(db.import_file(file, map=map_name, model_path=model_path))
@@ -164,6 +165,24 @@ def _ask(house: Map, choices: DemoChoices, say: Say, *, again: bool = False) -> 
     say(f"   {question} now? (Figure 3, again)" if again else f"\n2. {question}? (Figure 3)")
     rows = house.sql(figure_3(choices))
     cli.show_rows([*rows.columns], [*rows], False)
+
+
+def _map_name(db: Database, files: Sequence[Path]) -> str:
+    """The name of the first file, with a number where a map of other things has it."""
+    stem = files[0].name.split(".")[0]
+    sources = [str(file.resolve()) for file in files]
+    for number in itertools.count(1):
+        name = stem if number == 1 else f"{stem}_{number}"
+        if name not in db.maps:
+            return name
+        ((own, others),) = db.map(name).sql(
+            "SELECT count(*) FILTER (WHERE own), count(*) FILTER (WHERE NOT own) FROM entity "
+            "CROSS JOIN LATERAL (SELECT source = ANY (%s)) s (own) WHERE map_id = current_map()",
+            sources,
+        )
+        if own and not others:
+            return name
+    raise AssertionError("a number is free")
 
 
 def _draw(

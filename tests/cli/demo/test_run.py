@@ -3,6 +3,7 @@ import pytest
 from matplotlib.colors import to_rgb
 from PIL import Image
 
+import semmap
 from semmap import cli
 from semmap.cli.chosen import CliOptions
 from semmap.cli.demo import run as demo
@@ -85,6 +86,17 @@ def test_the_demo_does_the_main_job_from_end_to_end(folder, said, capsys):
         ((room, table, _),) = office.sql(figure_3(DemoChoices("muffin", "table")))
     assert (room, table) == ("office4", "desk4")
     assert (folder / "floor-3rd" / "map.pgm").is_file()
+
+
+def test_a_map_of_other_things_keeps_its_name(url, tmp_path):
+    """The demo of a world writes into no map that it did not make."""
+    path = tmp_path / "flat.geojson"
+    path.write_text("{}")
+    with semmap.connect(url) as db:
+        assert demo._map_name(db, [path]) == "flat"
+        db.create_map("flat").add_object("mug", size=(0.1, 0.1, 0.1), pose=(0, 0, 0))
+        assert demo._map_name(db, [path]) == "flat_2"
+        db.drop_map("flat")
 
 
 def test_another_world_takes_files_and_folders(folder, said, tmp_path):
