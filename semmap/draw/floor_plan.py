@@ -29,7 +29,10 @@ from semmap.draw.view import DoorView, ObjectView, OccupancyView, Outline, Regio
 
 __all__ = ["floor_plan"]
 
-FLAT = {"carpet", "ceiling_lamp"}
+FLAT = {"carpet"}
+OVERHEAD = 1.9
+"""Metres above the floor from which things are not on a plan."""
+
 REGIONS: tuple[tuple[str, str, str], ...] = (  # type, colour, hatch
     ("blocked_region", "#c0392b", "////"),
     ("keepout_zone", "#c0392b", "////"),
@@ -76,10 +79,8 @@ def floor_plan(
     'plan.png'
     """
     x0, y0, x1, y1 = _bounds(storey)
-    objects = sorted(
-        (o for o in storey.objects if o.footprint is not None and not HIDDEN & set(o.types)),
-        key=_height,
-    )
+    shown = _shown(storey)
+    objects = sorted((o for o in shown if o.footprint is not None), key=_height)
     head, foot = 0.62, 0.95
     sheet = width - 0.9  # inches for the plan itself
     height = sheet * (y1 - y0) / (x1 - x0)
@@ -144,6 +145,20 @@ def _bounds(storey: StoreyView) -> tuple[float, float, float, float]:
     boxes = np.array([s.bounds for s in shapes])
     low, high = boxes[:, :2].min(axis=0) - _MARGIN, boxes[:, 2:].max(axis=0) + _MARGIN
     return float(low[0]), float(low[1]), float(high[0]), float(high[1])
+
+
+def _shown(storey: StoreyView) -> list[ObjectView]:
+    """The objects that a plan shows: no parts of the building, nothing above the heads of people.
+
+    A lamp at the ceiling would be a disc on the aisle.
+    """
+    overhead = storey.elevation + OVERHEAD
+    return [
+        o
+        for o in storey.objects
+        if not HIDDEN & set(o.types)
+        and (o.mesh is None or (o.mesh.vertices[:, 2] < overhead).any())
+    ]
 
 
 def _height(entity: ObjectView) -> float:
@@ -366,7 +381,7 @@ def _summary(storey: StoreyView) -> str:
     for outlines, one, many in (
         (storey.rooms, "room", "rooms"),
         (storey.doors, "door", "doors"),
-        ([o for o in storey.objects if not HIDDEN & set(o.types)], "object", "objects"),
+        (_shown(storey), "object", "objects"),
     ):
         if outlines:
             parts.append(f"{len(outlines)} {one if len(outlines) == 1 else many}")

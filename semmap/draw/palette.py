@@ -102,6 +102,7 @@ HIDDEN = {
     "ground",
     "window",
     "house",
+    "building_shell",
     "door_leaf",
     "door_frame",
     "handle",

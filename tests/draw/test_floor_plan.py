@@ -2,12 +2,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import shapely
 from matplotlib.colors import to_rgb
 from PIL import Image
 
 from semmap.draw.floor_plan import floor_plan
 from semmap.draw.palette import PATH, ROOMS
-from semmap.draw.view import DoorView, OccupancyView, StoreyView
+from semmap.draw.view import DoorView, ObjectView, OccupancyView, StoreyView
+from semmap.geometry.mesh import box_mesh
 from semmap.geometry.pose import Pose
 from tests.draw.storeys import two_rooms
 
@@ -32,6 +34,18 @@ def test_rooms_cover_their_share_in_the_colours_of_their_types(tmp_path):
     assert 0.12 < share(picture, ROOMS["lab"]) < 0.4
     assert 0.12 < share(picture, ROOMS["kitchen"]) < 0.4
     assert share(picture, ROOMS["bedroom"]) == 0
+
+
+def test_a_lamp_at_the_ceiling_is_not_on_the_aisle(tmp_path):
+    """Whatever its type: a plan shows what a robot or a person meets."""
+    below, storey = two_rooms(), two_rooms()
+    for plan, low in ((below, 1.0), (storey, 2.2)):
+        mesh = box_mesh((1, 1, plan.elevation + low), (2, 2, plan.elevation + low + 0.2))
+        disc = shapely.box(1, 1, 2, 2)
+        plan.objects.append(ObjectView("thing", ("object",), mesh, disc))
+    plain = drawn(two_rooms(), tmp_path)
+    assert not np.array_equal(drawn(below, tmp_path), plain)
+    assert np.array_equal(drawn(storey, tmp_path), plain)
 
 
 def test_a_route_is_drawn(tmp_path):
