@@ -18,13 +18,14 @@ SELECT EXISTS (SELECT FROM semmap.type_closure WHERE sub = of_type
                AND super IN ('wall', 'floor', 'ceiling', 'window', 'door_leaf', 'roof', 'building_shell'));
 END;
 
-CREATE FUNCTION part_by_shape(thing bigint)
+CREATE FUNCTION part_by_shape(thing bigint, named boolean)
 RETURNS text LANGUAGE plpgsql STABLE SET search_path = semmap, public, pg_temp AS $$
 -- The part of the building that an object is by its shape and place, whatever its name; null if it is none.
 -- No furniture covers four fifths of a room: a flat object (half a metre) that does is a floor at the room's floor, and
 -- a ceiling above headroom; a higher one is a roof, and from the floor up a building in one piece. What is flat, a metre
--- wide and lies below the floor of the room above it is a part of the floor. Where no room is known, what is flat and
--- larger than 12 square metres. What is upright, thin, long, at the edge of rooms and inside of none is a wall.
+-- wide and lies below the floor of the room above it is a part of the floor. If its name does not suggest a type: where
+-- no room is known, what is flat and larger than 12 square metres is a floor or ceiling; what is upright, thin, long, at
+-- the edge of rooms and inside of none is a wall.
 DECLARE
     flat CONSTANT double precision := 0.5;
     headroom CONSTANT double precision := 1.8;
@@ -42,7 +43,7 @@ BEGIN
     IF high - low <= flat AND narrow >= 1 OR narrow >= 1 AND high - low >= 1 THEN
         SELECT c.part INTO part
         FROM (SELECT CASE WHEN high - low <= flat AND (covered AND high BETWEEN floor - 0.1 AND floor + flat
-                               OR share >= 0.5 AND high - low > 0.03 AND (low + high) / 2 < floor
+                               OR NOT named AND share >= 0.5 AND high - low > 0.03 AND (low + high) / 2 < floor
                                   AND abs(high - floor) <= 0.05) THEN 'floor'
                           WHEN covered AND low <= floor + flat AND high >= floor + headroom THEN 'building_shell'
                           WHEN covered AND low >= floor + headroom THEN CASE WHEN high - low <= flat THEN 'ceiling' ELSE 'roof' END
@@ -55,14 +56,14 @@ BEGIN
         WHERE c.part IS NOT NULL
         ORDER BY array_position(ARRAY['floor', 'building_shell', 'ceiling', 'roof', 'subfloor'], c.part) LIMIT 1;
         part := replace(part, 'subfloor', 'floor');
-        IF part IS NULL AND high - low <= flat AND narrow >= 2 AND ST_Area(w.footprint) >= 12 AND NOT EXISTS (
+        IF part IS NULL AND NOT named AND high - low <= flat AND narrow >= 2 AND ST_Area(w.footprint) >= 12 AND NOT EXISTS (
             SELECT FROM semmap.world o JOIN semmap.room r ON r.entity_id = o.entity_id
             WHERE o.map_id = w.map_id AND o.footprint && w.footprint) THEN
             at_floor := coalesce((SELECT s.pose[3] FROM semmap.world s WHERE s.entity_id = w.storey_id), 0);
             part := CASE WHEN abs(high - at_floor) <= flat THEN 'floor' WHEN low >= at_floor + headroom THEN 'ceiling' END;
         END IF;
     END IF;
-    IF part IS NULL AND high - low >= 1.5 AND ST_Perimeter(w.footprint) >= 3.2
+    IF part IS NULL AND NOT named AND high - low >= 1.5 AND ST_Perimeter(w.footprint) >= 3.2
        AND 2 * ST_Area(w.footprint) <= 0.4 * ST_Perimeter(w.footprint) THEN
         SELECT 'wall' INTO part
         FROM semmap.world o JOIN semmap.room r ON r.entity_id = o.entity_id
@@ -75,19 +76,29 @@ END $$;
 
 CREATE FUNCTION recognise_parts(ids bigint[])
 RETURNS bigint LANGUAGE sql SET search_path = semmap, public, pg_temp AS $$
--- Gives those of the given objects that are parts of the building by their shape this type; returns how many. A stated
--- type stays; of a type that a name suggests, the shape only says better what covers a room.
-WITH recognised AS (
-UPDATE semmap.entity e SET type = s.part,
-    properties = e.properties || jsonb_build_object('type_guess', jsonb_build_object('type', s.part, 'confidence', 0.7, 'from', 'shape'))
-FROM (SELECT o.id, o.type, coalesce(o.type, 'object') = 'object' AS untyped, guess ->> 'from' = 'shape' AS shaped
-      FROM semmap.entity o CROSS JOIN LATERAL (SELECT o.properties -> 'type_guess') g (guess)
-      WHERE o.id = ANY (ids) AND o.kind = 'object' AND (coalesce(o.type, 'object') = 'object' OR o.type = guess ->> 'type')) o
-CROSS JOIN LATERAL (SELECT coalesce(semmap.part_by_shape(o.id), CASE WHEN o.shaped THEN 'object' END) OFFSET 0) s (part)
-WHERE e.id = o.id AND s.part IS DISTINCT FROM o.type AND s.part IS NOT NULL
-  AND (o.untyped OR o.shaped OR s.part <> 'wall' AND NOT semmap.is_building_part(o.type)
-       AND (o.type = ANY (semmap.subtypes('ground'))) IS NOT TRUE)
-RETURNING e.id)
+-- Gives those of the given objects that are parts of the building by their shape this type; returns how many change. A
+-- stated type stays; a type that a name suggests yields to what covers a room, and comes back where nothing does.
+WITH judged AS (
+    SELECT o.id, o.type, o.properties, CASE guess ->> 'from' WHEN 'shape' THEN guess -> 'named' ELSE guess END AS named,
+           guess ->> 'from' = 'shape' AS shaped
+    FROM semmap.entity o CROSS JOIN LATERAL (SELECT o.properties -> 'type_guess') g (guess)
+    WHERE o.id = ANY (ids) AND o.kind = 'object' AND (coalesce(o.type, 'object') = 'object' OR o.type = guess ->> 'type')
+), found AS (
+    SELECT j.id, j.named, semmap.part_by_shape(j.id, j.named IS NOT NULL) AS part
+    FROM judged j
+    WHERE j.named IS NULL OR NOT (semmap.is_building_part(j.named ->> 'type')
+                                  OR (j.named ->> 'type' = ANY (semmap.subtypes('ground'))) IS TRUE)
+), recognised AS (
+    UPDATE semmap.entity e
+    SET type = coalesce(f.part, f.named ->> 'type', 'object'),
+        properties = e.properties - 'type_guess' || CASE
+            WHEN f.part IS NOT NULL THEN jsonb_build_object('type_guess', jsonb_strip_nulls(jsonb_build_object(
+                'type', f.part, 'confidence', 0.7, 'from', 'shape', 'named', f.named)))
+            WHEN f.named IS NOT NULL THEN jsonb_build_object('type_guess', f.named)
+            ELSE '{}' END
+    FROM found f JOIN judged j ON j.id = f.id
+    WHERE e.id = f.id AND (f.part IS NOT NULL OR j.shaped) AND coalesce(f.part, f.named ->> 'type', 'object') IS DISTINCT FROM e.type
+    RETURNING e.id)
 SELECT count(*) FROM recognised
 $$;
 

@@ -40,7 +40,10 @@ def recognise_parts(connection: psycopg.Connection[Any], map_id: int) -> list[di
         "AND type = properties -> 'type_guess' ->> 'type'",
         (map_id,),
     )
-    return [{"name": name, **guess} for name, guess in rows]
+    return [
+        {"name": name, "type": guess["type"], "confidence": guess["confidence"]}
+        for name, guess in rows
+    ]
 
 
 def derive_inventories(connection: psycopg.Connection[Any], map_id: int) -> int:
