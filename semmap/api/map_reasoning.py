@@ -86,7 +86,7 @@ class MapReasoning(MapSql):
 
     def contradictions(self) -> list[Why]:
         """List the facts that contradict an axiom, each with the `axiom` and `because`."""
-        from semmap.knowledge.reasoning.runs import contradictions
+        from semmap.knowledge.reasoning.explanations import contradictions
 
         with self.reading() as session:
             return contradictions(session)
@@ -108,7 +108,7 @@ class MapReasoning(MapSql):
         ValueError, LookupError
             It is not a triple, or not a fact of the map.
         """
-        from semmap.knowledge.reasoning.runs import why
+        from semmap.knowledge.reasoning.explanations import why
 
         with self.reading() as session:
             return why(session, fact)

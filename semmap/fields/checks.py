@@ -7,17 +7,6 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-__all__ = [
-    "as_direction",
-    "as_faces",
-    "as_length",
-    "as_points",
-    "as_rigid_rows",
-    "as_rotation",
-    "as_vector",
-    "positive",
-]
-
 Vector = tuple[float, float, float]
 
 

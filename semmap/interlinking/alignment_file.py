@@ -7,8 +7,6 @@ from pathlib import Path
 from semmap.interlinking.csv_file import read_csv_labels
 from semmap.interlinking.error import InterlinkingError
 
-__all__ = ["read_alignment", "read_labels"]
-
 ABOUT = "{http://www.w3.org/1999/02/22-rdf-syntax-ns#}resource"
 
 

@@ -11,8 +11,6 @@ from scipy import sparse
 from semmap.interlinking.correspondences import Correspondence
 from semmap.interlinking.records import Records
 
-__all__ = ["candidate_pairs"]
-
 PER_RECORD = 10
 """The most candidates of a record."""
 WORTH = 0.2

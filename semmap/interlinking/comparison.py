@@ -14,8 +14,6 @@ from semmap.interlinking.records import Records
 from semmap.interlinking.similarity import compare
 from semmap.interlinking.version_space import LEVELS, Levels, levels
 
-__all__ = ["WHOLE", "Comparison", "compare_records"]
-
 WHOLE = (
     "rare words in common",
     "likelihood",

@@ -12,8 +12,6 @@ from semmap.interlinking.k_medoids import best_k_medoids
 from semmap.interlinking.property_statistics import common_words, is_numeric, property_statistics
 from semmap.interlinking.records import PropertyColumn, Records
 
-__all__ = ["Correspondence", "find_correspondences"]
-
 
 @dataclass(frozen=True)
 class Correspondence:

@@ -10,8 +10,6 @@ from semmap.interlinking.error import InterlinkingError
 from semmap.interlinking.files import read_text
 from semmap.interlinking.records import Records
 
-__all__ = ["append_label", "read_csv_labels", "read_csv_records"]
-
 KEYS = ("id", "key", "rec_id", "uri")
 """Names of the column of keys; else the first column has them."""
 

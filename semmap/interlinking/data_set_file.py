@@ -9,8 +9,6 @@ from semmap.interlinking.error import InterlinkingError
 from semmap.interlinking.rdf_file import FORMATS, read_rdf_records
 from semmap.interlinking.records import Records
 
-__all__ = ["SUFFIXES", "read_records"]
-
 SUFFIXES = (".csv", *FORMATS)
 
 

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from semmap.error import Error
 
-__all__ = ["InterlinkingError"]
-
 
 class InterlinkingError(Error, ValueError):
     """A data set or labels that cannot be used: what is wrong, where, and how to fix it."""

@@ -8,8 +8,6 @@ from pathlib import Path
 from semmap.interlinking.error import InterlinkingError
 from semmap.limits import TEXT_BYTES
 
-__all__ = ["read_text"]
-
 
 def read_text(path: Path) -> str:
     """Return the text of a file in UTF-8.

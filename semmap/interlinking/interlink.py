@@ -14,8 +14,6 @@ from semmap.interlinking.error import InterlinkingError
 from semmap.interlinking.link_pattern import LinkPattern, learn_pattern, next_question
 from semmap.interlinking.records import Records
 
-__all__ = ["Ask", "Interlinking", "PairQuestion", "Quality", "Workbench"]
-
 Pair = tuple[str, str]
 Ask = Callable[[str, str], bool | None]
 """Answers whether a left and a right key describe the same resource; None ends the questions."""

@@ -5,8 +5,6 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["best_k_medoids", "k_medoids", "silhouette"]
-
 Labels = NDArray[np.int64]
 
 

@@ -18,8 +18,6 @@ from semmap.interlinking.version_space import (
     simplest,
 )
 
-__all__ = ["LinkPattern", "learn_pattern", "next_question"]
-
 OPTIONS = 60
 """Of so many patterns of a version space, the simplest ones, one is chosen."""
 

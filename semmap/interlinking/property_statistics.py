@@ -10,8 +10,6 @@ from numpy.typing import NDArray
 
 from semmap.interlinking.records import PropertyColumn, Records
 
-__all__ = ["common_words", "is_numeric", "numbers", "property_statistics"]
-
 SAMPLE = 5_000
 """At most so many values of a property are looked at: a change of the order of records may then
 change statistics in the third digit."""

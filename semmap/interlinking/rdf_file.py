@@ -14,8 +14,6 @@ from semmap.interlinking.error import InterlinkingError
 from semmap.interlinking.files import read_text
 from semmap.interlinking.records import Records
 
-__all__ = ["FORMATS", "read_rdf_records"]
-
 FORMATS = {
     ".rdf": "xml",
     ".owl": "xml",

@@ -9,8 +9,6 @@ import psycopg
 
 from semmap.interlinking.records import Records
 
-__all__ = ["read_map_objects", "read_object_models"]
-
 OBJECTS = """
 SELECT e.name, jsonb_strip_nulls(jsonb_build_object(
            'name', e.name, 'type', e.type, 'label', e.label,

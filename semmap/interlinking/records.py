@@ -15,8 +15,6 @@ from numpy.typing import NDArray
 
 from semmap.interlinking.error import InterlinkingError
 
-__all__ = ["PropertyColumn", "Records", "Values", "plain_text"]
-
 Values = tuple[str, ...]
 
 NOT_WORDS = regex.compile(r"[^\p{L}\p{N}.]+|\.(?!\d)|(?<!\d)\.")

@@ -8,8 +8,6 @@ from urllib.parse import quote, urlsplit
 
 from semmap.interlinking.records import Records
 
-__all__ = ["iri", "same_as", "write_same_as"]
-
 
 def same_as(left: Records, right: Records, links: Iterable[tuple[str, str]]) -> str:
     """Return links as Turtle: ``<left> owl:sameAs <right> .``

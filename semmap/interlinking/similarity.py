@@ -15,8 +15,6 @@ from semmap.interlinking.error import InterlinkingError
 from semmap.interlinking.property_statistics import numbers
 from semmap.interlinking.records import PropertyColumn, Records
 
-__all__ = ["MEASURES", "compare"]
-
 Floats = NDArray[np.float64]
 Texts = NDArray[np.object_]
 

@@ -16,8 +16,6 @@ from semmap.interlinking.error import InterlinkingError
 from semmap.interlinking.interlink import Interlinking
 from semmap.interlinking.records import Records
 
-__all__ = ["link_sets", "merged_records", "store_links", "undo_links"]
-
 Session = psycopg.Connection[Any]
 Row = dict[str, Any]
 

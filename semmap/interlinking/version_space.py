@@ -16,8 +16,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["LEVELS", "VersionSpace", "learn", "levels", "matches", "simplest"]
-
 Levels = NDArray[np.int8]
 
 LEVELS = 50

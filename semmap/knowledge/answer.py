@@ -12,8 +12,6 @@ from semmap.html_table import html_table
 from semmap.knowledge.sparql.kept_queries import Row
 from semmap.knowledge.vocabulary import decode, map_namespace, prefixes, short
 
-__all__ = ["Answer", "plain_value"]
-
 
 @dataclass(frozen=True)
 class Answer:

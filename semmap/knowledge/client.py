@@ -26,8 +26,6 @@ from semmap.knowledge.updates import GraphChanges
 from semmap.knowledge.vocabulary import OWL, RDF, RDFS, SEMMAP, encode, map_namespace
 from semmap.query.map_handle import MapSource
 
-__all__ = ["KnowledgeClient"]
-
 Statements = str | Sequence[str]
 
 METHODS = ("add", "retract", "update")

@@ -9,8 +9,6 @@ from semmap.knowledge.map_view import MapView
 from semmap.knowledge.reasoning.runs import refresh
 from semmap.knowledge.shapes import check_binding
 
-__all__ = ["with_consequences"]
-
 
 @contextmanager
 def with_consequences(view: MapView) -> Iterator[None]:

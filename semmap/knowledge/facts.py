@@ -29,8 +29,6 @@ from semmap.knowledge.vocabulary import (
 if TYPE_CHECKING:
     from semmap.knowledge.map_view import MapView
 
-__all__ = ["Fact", "FactWriter", "RefusedError"]
-
 SKOLEM = "urn:semmap:blank:"
 """Blank nodes of updates and files get an IRI (RDF 1.1, section 3.5)."""
 

@@ -10,8 +10,6 @@ from typing import Any
 import psycopg
 from psycopg.pq import TransactionStatus
 
-__all__ = ["IdleSessions"]
-
 Session = psycopg.Connection[Any]
 
 MOST = 8

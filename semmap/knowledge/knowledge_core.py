@@ -24,15 +24,14 @@ from semmap.database import open_engine
 from semmap.error import Error
 from semmap.ingest.world import WorldError
 from semmap.knowledge.client import KnowledgeClient
-from semmap.knowledge.map_view import MapView, Term
+from semmap.knowledge.map_view import MapView
 from semmap.knowledge.patterns import name_of
 from semmap.knowledge.rdf_file import read_facts, store_facts
 from semmap.knowledge.results import sparql_json
+from semmap.knowledge.sparql.kept_queries import Term
 from semmap.knowledge.standing.subscriptions import Event
 from semmap.knowledge.vocabulary import OWL, RDFS, SEMMAP
 from semmap.query.map_handle import MapHandle, MapSource
-
-__all__ = ["KB", "KbError"]
 
 Models = str | Sequence[str] | None
 

@@ -13,8 +13,6 @@ from itertools import product
 from semmap.knowledge.triple_map import Column, Node, TripleMap, TripleTables, columns_of, constant
 from semmap.knowledge.vocabulary import OWL, RDF, RDFS, SEMMAP
 
-__all__ = ["MANIPULATION_NODES", "MANIPULATION_TRIPLES"]
-
 MANIPULATION_NODES: dict[str, Node] = {
     "device": Node("urn:semmap:device:", keyed=("device", "name", "text")),
     "automaton": Node("urn:semmap:automaton:", keyed=("automaton", "name", "text")),

@@ -10,8 +10,6 @@ from rdflib.store import Store
 
 from semmap.knowledge.map_view import MapView
 
-__all__ = ["MapStore"]
-
 
 class MapStore(Store):
     """A store for `rdflib.Dataset`.

@@ -15,12 +15,10 @@ from semmap.database.maps import pick_map
 from semmap.knowledge.fields.properties import Fields
 from semmap.knowledge.fields.rows import FieldRows
 from semmap.knowledge.sparql.constants import Constants, Lookup, iris_in, resolve
-from semmap.knowledge.sparql.kept_queries import Basis, Row, Session, Term, term_of
+from semmap.knowledge.sparql.kept_queries import Basis, Row, Session, term_of
 from semmap.knowledge.sparql.scope import NOTHING_INFERRED, Chosen, Inferred
 from semmap.knowledge.sparql.translator import SqlStatement, translate
 from semmap.knowledge.vocabulary import map_namespace
-
-__all__ = ["MapView", "Row", "Session", "Term", "term_of"]
 
 _KEPT = 16
 """How many translations of one text are kept."""

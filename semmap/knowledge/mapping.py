@@ -32,22 +32,6 @@ from semmap.knowledge.vocabulary import (
     XSD,
 )
 
-__all__ = [
-    "COMPUTED",
-    "DATATYPES",
-    "FACTS",
-    "INFERENCES",
-    "INFERRED_GRAPH",
-    "NODES",
-    "TRIPLES",
-    "Column",
-    "Computed",
-    "Form",
-    "TripleMap",
-    "TripleTables",
-    "is_mapped",
-]
-
 BOT = "https://w3id.org/bot#"
 CORA = "http://purl.org/ieee1872-owl/cora#"
 ORO = "http://kb.openrobots.org#"

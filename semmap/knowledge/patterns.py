@@ -20,8 +20,6 @@ from semmap.knowledge.vocabulary import KNOWLEDGE_CORE, SEMMAP, map_namespace, p
 from semmap.language.error import QueryError
 from semmap.language.parser import parse_sparql
 
-__all__ = ["ClientPattern", "name_of", "parse_pattern", "query_text", "variables"]
-
 _BARE = re.compile(r"[^\W\d](?:[\w.%-]*[\w%-])?")
 _NAMELESS = "__"
 _COUNT = count()

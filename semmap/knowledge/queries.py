@@ -19,17 +19,15 @@ from semmap.error import Error
 from semmap.knowledge.answer import Answer
 from semmap.knowledge.fields.properties import FieldError
 from semmap.knowledge.map_store import MapStore
-from semmap.knowledge.map_view import MapView, Row, Session, Term
+from semmap.knowledge.map_view import MapView
 from semmap.knowledge.sparql.expressions import UntranslatedError
-from semmap.knowledge.sparql.kept_queries import PLANNER, KeptQueries
+from semmap.knowledge.sparql.kept_queries import PLANNER, KeptQueries, Row, Session, Term
 from semmap.knowledge.sparql.scope import NOTHING_INFERRED, Chosen
 from semmap.knowledge.unknown_names import unknown_names
 from semmap.knowledge.vocabulary import prefixes
 from semmap.knowledge.whole_graph import without_warnings
 from semmap.language.parser import ParsedText, parse_sparql
 from semmap.limits import QUERY_ROWS, QUERY_SECONDS
-
-__all__ = ["KnowledgeError", "errors_of", "filled", "limited", "plain", "query"]
 
 KEPT = KeptQueries()
 """The queries of this process that were translated."""

@@ -12,15 +12,14 @@ import rdflib
 from semmap.ingest.world import WorldError
 from semmap.knowledge.consequences import with_consequences
 from semmap.knowledge.facts import Fact, FactWriter, RefusedError
-from semmap.knowledge.map_view import MapView, Session
+from semmap.knowledge.map_view import MapView
 from semmap.knowledge.mapping import INFERRED_GRAPH
 from semmap.knowledge.queries import limited
 from semmap.knowledge.shapes import BrokenShapeError
+from semmap.knowledge.sparql.kept_queries import Session
 from semmap.knowledge.whole_graph import facts as stored_facts
 from semmap.knowledge.whole_graph import without_warnings
 from semmap.limits import TEXT_BYTES
-
-__all__ = ["FORMATS", "format_of", "parse_facts", "read_facts", "store_facts"]
 
 FORMATS = {".ttl": "turtle", ".jsonld": "json-ld", ".trig": "trig", ".nt": "nt", ".nq": "nquads"}
 """Endings of files, with rdflib's names of their formats."""

@@ -14,16 +14,6 @@ import rdflib
 from semmap.knowledge.answer import Answer
 from semmap.knowledge.vocabulary import short
 
-__all__ = [
-    "RESULT_FORMATS",
-    "event_json",
-    "shown",
-    "sparql_csv",
-    "sparql_json",
-    "sparql_tsv",
-    "sparql_xml",
-]
-
 
 def shown(term: Any, known: Mapping[str, str]) -> str | None:
     """Return a term for a table: an IRI with its prefix, a literal without its datatype."""

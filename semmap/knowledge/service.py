@@ -47,8 +47,6 @@ from semmap.knowledge.vocabulary import prefixes
 from semmap.knowledge.whole_graph import facts, serialized
 from semmap.language.error import QueryError
 
-__all__ = ["SparqlEndpoint", "read_tokens", "serve", "session_opener"]
-
 Connect = Callable[[], psycopg.Connection[Any]]
 
 GRAPH_FORMATS = {

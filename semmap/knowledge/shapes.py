@@ -21,24 +21,12 @@ from rdflib.plugins.sparql.parserutils import CompValue
 from semmap.database.files import schema_folder
 from semmap.error import Error
 from semmap.ingest.world import WorldError
-from semmap.knowledge.map_view import MapView, Session
+from semmap.knowledge.map_view import MapView
 from semmap.knowledge.queries import limited
+from semmap.knowledge.sparql.kept_queries import Session
 from semmap.knowledge.vocabulary import prefixes, short
 from semmap.knowledge.whole_graph import without_warnings
 from semmap.limits import TEXT_BYTES
-
-__all__ = [
-    "BrokenShapeError",
-    "Shapes",
-    "Violation",
-    "bind_shapes",
-    "binding_shapes",
-    "check_binding",
-    "domain_shapes",
-    "read_shapes",
-    "unbind_shapes",
-    "validate",
-]
 
 MANY = 2_000
 """From so many nodes on, the whole map is validated."""

@@ -7,17 +7,6 @@ from dataclasses import dataclass
 
 from semmap.knowledge.vocabulary import SEMMAP
 
-__all__ = [
-    "Column",
-    "Computed",
-    "Form",
-    "Node",
-    "TripleMap",
-    "TripleTables",
-    "columns_of",
-    "constant",
-]
-
 Form = str
 """How a term is kept in columns: a name of `NODES` or `DATATYPES`, "iri" or "term".
 

@@ -18,8 +18,6 @@ from semmap.knowledge.sparql.geosparql import FUNCTIONS
 from semmap.knowledge.vocabulary import SEMMAP, TYPE, decode
 from semmap.suggestions import suggestion
 
-__all__ = ["unknown_names"]
-
 _STATED = (
     "SELECT DISTINCT n FROM unnest(%(iris)s::text[]) n, statement s WHERE s.map_id = %(map)s "
     "AND n IN (s.subject, s.predicate, s.object, s.graph)"

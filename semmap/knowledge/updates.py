@@ -13,16 +13,15 @@ from rdflib.plugins.sparql.parserutils import CompValue
 
 from semmap.knowledge.consequences import with_consequences
 from semmap.knowledge.facts import Fact, FactWriter, RefusedError
-from semmap.knowledge.map_view import MapView, Session
+from semmap.knowledge.map_view import MapView
 from semmap.knowledge.queries import errors_of, filled, limited, plain
 from semmap.knowledge.shapes import BrokenShapeError
 from semmap.knowledge.sparql.expressions import UntranslatedError
+from semmap.knowledge.sparql.kept_queries import Session
 from semmap.knowledge.sparql.scope import Chosen
 from semmap.knowledge.vocabulary import prefixes
 from semmap.language.error import QueryError
 from semmap.language.parser import ParsedText, parse_sparql
-
-__all__ = ["GraphChanges", "update"]
 
 
 @dataclass(frozen=True)

@@ -7,27 +7,6 @@ from urllib.parse import quote, unquote
 
 from semmap.language.terms import PAPER_NAMESPACE
 
-__all__ = [
-    "GEO",
-    "GEOF",
-    "KNOWLEDGE_CORE",
-    "OWL",
-    "PREFIXES",
-    "PROPERTY",
-    "RDF",
-    "RDFS",
-    "RELATION",
-    "SEMMAP",
-    "SF",
-    "TYPE",
-    "XSD",
-    "decode",
-    "encode",
-    "map_namespace",
-    "prefixes",
-    "short",
-]
-
 SEMMAP = "urn:semmap:ontology#"
 PROPERTY = "urn:semmap:property#"
 """The properties that entities have as JSON: a property each."""

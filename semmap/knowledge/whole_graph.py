@@ -12,19 +12,12 @@ import rdflib
 from rdflib.plugins.serializers.trig import TrigSerializer
 from rdflib.plugins.serializers.turtle import TurtleSerializer
 
-from semmap.knowledge.map_view import MapView, Session, term_of
-from semmap.knowledge.mapping import (
-    INFERENCES,
-    INFERRED_GRAPH,
-    STATEMENTS,
-    TRIPLES,
-    Column,
-    TripleMap,
-)
+from semmap.knowledge.map_view import MapView
+from semmap.knowledge.mapping import INFERENCES, INFERRED_GRAPH, STATEMENTS, TRIPLES
+from semmap.knowledge.sparql.kept_queries import Session, term_of
 from semmap.knowledge.sparql.values import Value, tag_of, text_of
+from semmap.knowledge.triple_map import Column, TripleMap
 from semmap.knowledge.vocabulary import prefixes
-
-__all__ = ["dump", "facts", "has_graphs", "serialized", "triple_query", "without_warnings"]
 
 
 def facts(session: Session, *, inferences: bool = False) -> Iterator[tuple[Any, Any, Any, Any]]:

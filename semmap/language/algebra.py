@@ -17,36 +17,6 @@ from semmap.language.schema import Function, Property, ValueKind
 if TYPE_CHECKING:
     import regex
 
-__all__ = [
-    "Aggregate",
-    "Arithmetic",
-    "BasicGraphPattern",
-    "Bound",
-    "Call",
-    "Constant",
-    "Distinct",
-    "Exists",
-    "Expression",
-    "Extend",
-    "ExtensionCall",
-    "Filter",
-    "GroupPattern",
-    "InlineData",
-    "Join",
-    "LeftJoin",
-    "Membership",
-    "Minus",
-    "OrderBy",
-    "Pattern",
-    "Project",
-    "RegexMatch",
-    "Side",
-    "SolutionSlice",
-    "TriplePattern",
-    "Union",
-    "VariableValue",
-]
-
 Variables = frozenset[str]
 Side = str | frozenset[str] | float
 """The name of a variable, the entities that a constant stands for, or a number."""

@@ -42,8 +42,6 @@ from semmap.language.scope import TextScope
 from semmap.language.terms import EVERYTHING, name_of, number_of, position_of
 from semmap.limits import QUERY_ROWS
 
-__all__ = ["Checker"]
-
 
 class Checker(TextScope):
     """Checks one text against a schema.

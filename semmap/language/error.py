@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from semmap.error import Error
 
-__all__ = ["TOO_DEEP", "QueryError"]
-
 TOO_DEEP = "this is nested too deeply, or has too many parts: use fewer brackets and UNIONs"
 """The reason for refusing a text that exceeds Python's limit of recursion."""
 

@@ -24,8 +24,6 @@ from semmap.language.error import QueryError
 from semmap.language.schema import SPARQL_FUNCTIONS, Function, ValueKind, with_article
 from semmap.language.terms import name_of, number_of, position_of
 
-__all__ = ["MIRRORED", "Scope", "check_condition", "check_expression", "conjuncts"]
-
 MIRRORED = {"<": ">", ">": "<", "<=": ">=", ">=": "<=", "=": "=", "!=": "!="}
 """For each comparison the one with exchanged sides."""
 

@@ -21,8 +21,6 @@ from semmap.language.error import QueryError
 from semmap.language.normalise import NormalisedText, skip_space
 from semmap.language.terms import with_position
 
-__all__ = ["read_syntax"]
-
 Form = Literal["query", "update"]
 
 _LOCK = threading.Lock()

@@ -8,8 +8,6 @@ from dataclasses import dataclass, field
 from semmap.snake_case import snake_case
 from semmap.suggestions import suggestion
 
-__all__ = ["NameIndex"]
-
 
 @dataclass(frozen=True)
 class NameIndex:

@@ -13,8 +13,6 @@ from dataclasses import dataclass
 from semmap.language.error import QueryError
 from semmap.limits import QUERY_CHARACTERS, QUERY_WORDS
 
-__all__ = ["NormalisedText", "normalise", "skip_space", "tokens"]
-
 _TOKEN = re.compile(
     r"""
       (?P<space>\s+)

@@ -28,8 +28,6 @@ from semmap.language.terms import (
     with_position,
 )
 
-__all__ = ["ParsedText", "parse_query", "parse_sparql", "parse_update"]
-
 Prefixes = tuple[tuple[str, str], ...]
 """Prefixes with their namespaces that a text need not declare."""
 

@@ -11,8 +11,6 @@ from rdflib.plugins.sparql.parserutils import CompValue
 from semmap.language.normalise import NormalisedText
 from semmap.language.terms import position_of
 
-__all__ = ["refuse_unsafe", "refuse_unsupported"]
-
 _PATHS = "property paths are not supported"
 _ONE_CATALOGUE = "there is one catalogue"
 

@@ -6,16 +6,6 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Literal, Protocol
 
-__all__ = [
-    "SPARQL_FUNCTIONS",
-    "Function",
-    "Property",
-    "Schema",
-    "SideKind",
-    "ValueKind",
-    "with_article",
-]
-
 SideKind = Literal["voxel", "entity", "number"]
 """What stands on a side of a statement. An "entity" is an entity of the map or a semantic type."""
 

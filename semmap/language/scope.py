@@ -13,8 +13,6 @@ from semmap.language.parser import ParsedText
 from semmap.language.schema import Function, Property, Schema, ValueKind, with_article
 from semmap.language.terms import PAPER_NAMESPACE, name_of, namespace_of
 
-__all__ = ["TextScope"]
-
 Declaration = tuple[ValueKind, str | None, int]
 """The kind of a variable, the semantic type of its values, and where it was declared."""
 

@@ -9,21 +9,6 @@ from typing import Any
 
 import rdflib
 
-__all__ = [
-    "EVERYTHING",
-    "PAPER_NAMESPACE",
-    "BlankNode",
-    "Iri",
-    "Literal",
-    "Variable",
-    "local_name",
-    "name_of",
-    "namespace_of",
-    "number_of",
-    "position_of",
-    "with_position",
-]
-
 EVERYTHING = "*"
 """The name that stands for all visible variables."""
 

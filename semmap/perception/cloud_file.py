@@ -10,8 +10,6 @@ import numpy as np
 from semmap.perception.error import PerceptionError
 from semmap.perception.point_cloud import Floats
 
-__all__ = ["read_cloud"]
-
 
 def read_cloud(path: Path) -> Floats:
     """Return the points of a PLY file, (n, 3), or the array of a NumPy file; metres.

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from semmap.error import Error
 
-__all__ = ["PerceptionError"]
-
 
 class PerceptionError(Error, ValueError):
     """A cloud or mesh that cannot be used: the text says what, where and the fix."""

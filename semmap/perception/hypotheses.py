@@ -17,8 +17,6 @@ from scipy.spatial.distance import cdist
 from semmap.perception.point_cloud import Floats, Surfels
 from semmap.perception.shapes import Placed
 
-__all__ = ["frame_with_axis", "hypotheses", "smallest_rectangle"]
-
 TRIES = 120
 """Hypotheses of each kind."""
 

@@ -23,8 +23,6 @@ from semmap.perception.shapes import Placed, size_of
 if TYPE_CHECKING:
     import trimesh
 
-__all__ = ["mesh_primitive"]
-
 SAMPLES = 4000
 FITTED = 1000
 VOLUMES: dict[str, Callable[..., float]] = {

@@ -22,17 +22,6 @@ from semmap.perception.hypotheses import frame_with_axis
 from semmap.perception.point_cloud import Floats, surfels, voxel_downsample
 from semmap.perception.registration import IcpTarget
 
-__all__ = [
-    "VOXEL",
-    "KnownObject",
-    "ModelView",
-    "PointView",
-    "depth_points",
-    "describe",
-    "sphere_directions",
-    "train_model",
-]
-
 VOXEL = 0.004
 """Metres between the points of views and clusters."""
 

@@ -17,8 +17,6 @@ from semmap.perception.error import PerceptionError
 from semmap.perception.point_cloud import Floats, checked_points, surfels, voxel_downsample
 from semmap.perception.registration import IcpTarget, OrientedPairs, moved
 
-__all__ = ["Placeholder", "Subtraction", "subtract_placeholder"]
-
 PAIRS = 1500
 """Pairs of the scene that suggest poses."""
 

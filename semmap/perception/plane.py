@@ -10,8 +10,6 @@ from numpy.typing import ArrayLike
 from semmap.perception.error import PerceptionError
 from semmap.perception.point_cloud import Floats
 
-__all__ = ["Plane", "find_plane", "unit_vector"]
-
 TRIES = 300
 SCORED = 2000
 

@@ -9,8 +9,6 @@ from scipy.spatial import cKDTree
 import semmap_native
 from semmap.perception.error import PerceptionError
 
-__all__ = ["Floats", "Surfels", "checked_points", "surfels", "voxel_downsample"]
-
 Floats = NDArray[np.float64]
 
 FARTHEST = 1e6

@@ -22,8 +22,6 @@ from semmap.perception.point_cloud import Floats, Surfels, checked_points, surfe
 from semmap.perception.refinement import Fit, refined
 from semmap.perception.shapes import SHAPES, Placed, size_of
 
-__all__ = ["SHAPES", "Primitive", "fit_primitive", "primitive_of"]
-
 FEWEST = 30
 """Points that a fit needs."""
 

@@ -23,8 +23,6 @@ from semmap.perception.point_cloud import Floats, checked_points, voxel_downsamp
 from semmap.perception.registration import moved
 from semmap.perception.tabletop import euclidean_clusters, segment_tabletop
 
-__all__ = ["RATES", "Recognition", "Scene", "recognise", "recognise_cluster"]
-
 SUGGESTED = 8
 """Views of each model whose descriptors are nearest."""
 

@@ -12,8 +12,6 @@ from semmap.perception.plane import Plane
 from semmap.perception.point_cloud import Floats, Surfels
 from semmap.perception.shapes import Placed
 
-__all__ = ["Fit", "refined"]
-
 
 class Fit(NamedTuple):
     """A refined shape.

@@ -9,8 +9,6 @@ import numpy as np
 from semmap.perception.error import PerceptionError
 from semmap.perception.point_cloud import Floats, Surfels
 
-__all__ = ["IcpTarget", "OrientedPairs", "moved"]
-
 
 def _small_gicp() -> Any:
     try:

@@ -20,8 +20,6 @@ import numpy as np
 import semmap_native
 from semmap.perception.point_cloud import Floats
 
-__all__ = ["SHAPES", "Placed", "size_of"]
-
 SHAPES: dict[str, tuple[str, ...]] = {
     "sphere": ("radius",),
     "cylinder": ("radius", "height"),

@@ -14,8 +14,6 @@ from semmap.perception.error import PerceptionError
 from semmap.perception.plane import Plane, find_plane
 from semmap.perception.point_cloud import Floats, checked_points, voxel_downsample
 
-__all__ = ["Tabletop", "euclidean_clusters", "segment_tabletop"]
-
 FEWEST = 100
 """Finite points that a tabletop needs."""
 

@@ -10,7 +10,8 @@ from hypothesis import strategies as st
 
 from semmap.perception.error import PerceptionError
 from semmap.perception.plane import Plane
-from semmap.perception.primitives import SHAPES, Primitive, fit_primitive
+from semmap.perception.primitives import Primitive, fit_primitive
+from semmap.perception.shapes import SHAPES
 from tests.perception.views import cloud_of, solid
 
 QUICK = (Phase.explicit, Phase.reuse, Phase.generate)

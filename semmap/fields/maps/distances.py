@@ -13,8 +13,6 @@ from numpy.typing import NDArray
 from semmap.fields.maps.lattice import VoxelBox
 from semmap_vdb import BoolGrid
 
-__all__ = ["DistanceTile", "core_tiles", "distance_tiles"]
-
 _SIDE = 96
 _SLACK = 1e-9  # 0.15 / 0.05 is less than 3
 

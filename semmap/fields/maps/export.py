@@ -11,8 +11,6 @@ from semmap.fields.checks import as_points
 from semmap.fields.maps.grids import Grid
 from semmap.fields.maps.lattice import Lattice
 
-__all__ = ["write_grid", "write_points"]
-
 Values = NDArray[np.bool_] | NDArray[np.int32] | NDArray[np.float32]
 
 PLY_TYPES = {"b": ("uchar", "u1"), "i": ("int", "<i4"), "f": ("float", "<f4")}

@@ -9,17 +9,6 @@ import numpy as np
 from semmap.fields.maps.lattice import Lattice, VoxelBox
 from semmap_vdb import BoolGrid, FloatGrid, Int32Grid
 
-__all__ = [
-    "DTYPES",
-    "GRIDS",
-    "Grid",
-    "ValueType",
-    "cropped",
-    "empty_grid",
-    "lattice_of",
-    "value_type_of",
-]
-
 Grid = BoolGrid | Int32Grid | FloatGrid
 ValueType = Literal["bool", "int32", "float32"]
 

@@ -16,8 +16,6 @@ from semmap.fields.maps.lattice import Lattice
 from semmap.fields.maps.representation_map import RepresentationMap
 from semmap.fields.regions.region_map import RegionMap, Role
 
-__all__ = ["ROLES", "LiveEntities"]
-
 ROLES: dict[str, tuple[Role, str]] = {
     "inFieldOfView": ("view", "{}_view"),
     "inPersonalSpace": ("personal space", "{}_personal_space"),

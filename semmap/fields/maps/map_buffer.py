@@ -14,8 +14,6 @@ from itertools import pairwise
 
 from semmap.fields.maps.representation_map import RepresentationMap
 
-__all__ = ["MapBuffer", "SourceUpdate"]
-
 
 @dataclass(frozen=True)
 class SourceUpdate:

@@ -24,20 +24,6 @@ from semmap.fields.maps.representation_map import RepresentationMap
 from semmap.language.schema import Property
 from semmap_vdb import BoolGrid, Int32Grid
 
-__all__ = [
-    "combine",
-    "difference",
-    "dilate",
-    "distance",
-    "erode",
-    "intersection",
-    "map_values",
-    "mask",
-    "threshold",
-    "transform",
-    "union",
-]
-
 How = Literal["first", "last", "max", "min", "sum"]
 """Which value a voxel gets where several maps have one."""
 

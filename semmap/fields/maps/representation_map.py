@@ -24,8 +24,6 @@ from semmap.fields.maps.lattice import Lattice, VoxelBox
 from semmap.fields.regions.shapes import Region, shape_of
 from semmap.language.schema import Property
 
-__all__ = ["RepresentationMap"]
-
 Evaluate = Callable[[VoxelBox | None], Grid]
 
 

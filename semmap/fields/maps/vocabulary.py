@@ -13,8 +13,6 @@ from semmap.language.schema import Property
 from semmap.language.terms import local_name
 from semmap.snake_case import snake_case
 
-__all__ = ["SEMMAP", "Properties", "Vocabulary", "read_vocabulary"]
-
 SEMMAP = Namespace("urn:semmap:ontology#")
 
 

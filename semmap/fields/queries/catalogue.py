@@ -27,8 +27,6 @@ from semmap.language.schema import Function, Property
 from semmap.suggestions import suggestion
 from semmap_vdb import BoolGrid
 
-__all__ = ["RDF_TYPE", "FieldCatalogue"]
-
 RDF_TYPE = Property(
     "http://www.w3.org/1999/02/22-rdf-syntax-ns#type",
     "type",

@@ -9,8 +9,6 @@ from semmap.fields.queries.table import LimitError, NameCodes
 from semmap.language.schema import Property
 from semmap.limits import QUERY_SECONDS
 
-__all__ = ["Context"]
-
 
 class Context:
     """The context of one evaluation.

@@ -13,8 +13,6 @@ from semmap.fields.relations.facts import RelationFact
 from semmap.fields.relations.rules import RelationRule
 from semmap.language.schema import Property
 
-__all__ = ["EntityRelation", "Relations"]
-
 
 class Relations(Protocol):
     """What is true: a `RelationTracker`, or what was true in the past."""

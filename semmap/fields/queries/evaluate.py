@@ -55,8 +55,6 @@ from semmap.language.algebra import (
 )
 from semmap.language.schema import ValueKind
 
-__all__ = ["evaluate"]
-
 Limits = Mapping[str, NDArray[np.int64]]
 """For variables the ascending keys of voxels beyond which solutions are not needed."""
 

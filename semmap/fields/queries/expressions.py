@@ -32,8 +32,6 @@ from semmap.limits import REGEX_SECONDS
 if TYPE_CHECKING:
     import regex
 
-__all__ = ["ELEMENTWISE", "OF_TEXT", "evaluate_expression", "is_true"]
-
 Values = NDArray[Any]
 
 

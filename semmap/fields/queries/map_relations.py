@@ -17,14 +17,6 @@ from semmap.geometry.voxel_keys import keys_of, sorted_unique, voxels_of_keys
 from semmap.language.schema import Property
 from semmap.limits import QUERY_ROWS
 
-__all__ = [
-    "EntityMapRelation",
-    "FreeSpaceRelation",
-    "NumberMapRelation",
-    "OccupancyRelation",
-    "TypeRelation",
-]
-
 Keys = NDArray[np.int64]
 
 

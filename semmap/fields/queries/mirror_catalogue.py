@@ -19,8 +19,6 @@ from semmap.language.names import NameIndex
 if TYPE_CHECKING:
     from semmap.fields.store.voxel_mirror import VoxelMirror
 
-__all__ = ["mirror_catalogue"]
-
 
 def mirror_catalogue(
     mirror: MirrorState | VoxelMirror,

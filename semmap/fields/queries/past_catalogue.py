@@ -38,8 +38,6 @@ if TYPE_CHECKING:
     from semmap.fields.store.mirror_state import MirrorState
     from semmap.fields.store.voxel_mirror import VoxelMirror
 
-__all__ = ["past_catalogue"]
-
 MOST_STATES = 1000
 """The most moments at which relations are compared."""
 

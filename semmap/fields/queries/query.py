@@ -18,8 +18,6 @@ from semmap.language.error import TOO_DEEP
 from semmap.language.parser import ParsedText, parse_query
 from semmap.language.terms import EVERYTHING
 
-__all__ = ["query"]
-
 
 def query(
     catalogue: Catalogue, text: str, now: datetime | None = None

@@ -20,8 +20,6 @@ from semmap.fields.queries.voxel_functions import centres
 from semmap.geometry.voxel_keys import voxels_of_keys
 from semmap.language.schema import Property, with_article
 
-__all__ = ["SelectResult", "StoreResult", "UpdateResult"]
-
 _BLOCK = 4096
 """Rows that become tuples at once."""
 

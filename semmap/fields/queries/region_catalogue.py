@@ -21,8 +21,6 @@ from semmap.geometry.voxel_keys import keys_of
 from semmap.language.schema import Function, Property
 from semmap.language.terms import PAPER_NAMESPACE
 
-__all__ = ["OCCUPIES", "RegionCatalogue", "is_occupies"]
-
 OCCUPIES = Property(
     PAPER_NAMESPACE + "occupies",
     "occupies",

@@ -17,17 +17,6 @@ from numpy.typing import NDArray
 from semmap.error import Error
 from semmap.language.schema import Property, Schema
 
-__all__ = [
-    "Catalogue",
-    "Entities",
-    "Numbers",
-    "StatementColumn",
-    "StatementRelation",
-    "Statements",
-    "UnknownError",
-    "VoxelColumn",
-]
-
 
 class UnknownError(Error, LookupError):
     """Nothing states what is queried, so that the answer is neither yes nor no."""

@@ -19,8 +19,6 @@ from semmap.language.parser import ParsedText
 from semmap.language.schema import Property, with_article
 from semmap.language.terms import EVERYTHING, position_of
 
-__all__ = ["StoreChecker"]
-
 STORED_OBJECT = "*object"
 """The variable for the object that a voxel gets where SELECT does not name it."""
 

@@ -17,24 +17,6 @@ from semmap.geometry.voxel_keys import sorted_unique
 from semmap.language.schema import ValueKind
 from semmap.limits import QUERY_ROWS
 
-__all__ = [
-    "EMPTY",
-    "UNIT",
-    "LimitError",
-    "NameCodes",
-    "RowPairs",
-    "Table",
-    "TermColumn",
-    "codes_of",
-    "compatible_pairs",
-    "is_ascending",
-    "join",
-    "merge",
-    "minus",
-    "unbound",
-    "union",
-]
-
 MERGE_RATIO = 8
 """Two ascending columns are merged where the longer has up to so many times the rows of the other.
 

@@ -33,8 +33,6 @@ from semmap.language.schema import ValueKind, with_article
 from semmap.language.terms import name_of, position_of
 from semmap_vdb import BoolGrid
 
-__all__ = ["update"]
-
 Keys = NDArray[np.int64]
 
 

@@ -10,8 +10,6 @@ from numpy.typing import NDArray
 from semmap.geometry.voxel_keys import voxels_of_keys
 from semmap.language.schema import Function
 
-__all__ = ["VOXEL_FUNCTIONS", "centres", "evaluate_function"]
-
 VOXEL_FUNCTIONS = {
     each.name: each
     for each in (

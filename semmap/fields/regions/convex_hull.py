@@ -8,9 +8,6 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Polytope", "convex_hull"]
-
-
 FARTHEST = 1e50
 """Metres; products of three such coordinates can still be computed."""
 

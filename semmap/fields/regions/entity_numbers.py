@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Hashable, Iterable
 
-__all__ = ["EntityNumbers"]
-
 
 class EntityNumbers:
     """A number for each entity; numbers of released entities are used again.

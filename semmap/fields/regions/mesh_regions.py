@@ -11,8 +11,6 @@ from semmap.fields.regions.shapes import Region, Solid, SurfaceRegion
 from semmap.geometry.mesh import Mesh
 from semmap.geometry.parts import closed_parts
 
-__all__ = ["MeshParts", "mesh_parts"]
-
 
 @dataclass(frozen=True, eq=False)
 class MeshParts:

@@ -21,8 +21,6 @@ from semmap.fields.regions.entity_numbers import EntityNumbers
 from semmap.fields.regions.measures import Memory, Neighbour, Overlap, Support
 from semmap.fields.regions.shapes import Region, shape_of
 
-__all__ = ["BODIES", "NamedRegionMap", "RegionMap", "Role", "SpacesOf"]
-
 FARTHEST = 1000
 """The largest gap in voxels for which neighbours are searched."""
 

@@ -10,8 +10,6 @@ import numpy as np
 from semmap.fields.checks import as_points
 from semmap.fields.regions.shapes import Box, Cone, Cylinder, Hull, Region, Sphere
 
-__all__ = ["FORMS", "read_region"]
-
 Values = list[float]
 
 _OF_VALUES: Mapping[str, tuple[tuple[int, ...], Callable[[Values], Region]]] = {

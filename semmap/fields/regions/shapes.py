@@ -32,19 +32,6 @@ from semmap.fields.regions.convex_hull import convex_hull
 from semmap.limits import REGION_BLOCKS, REGION_VOXELS
 from semmap_vdb import Shape, limit_regions
 
-__all__ = [
-    "Box",
-    "Cone",
-    "Cylinder",
-    "DepthImage",
-    "Hull",
-    "Region",
-    "Solid",
-    "Sphere",
-    "SurfaceRegion",
-    "voxels_of",
-]
-
 MOST_VOXELS, MOST_BLOCKS = 2**36, 2**27
 """The highest limits of a region: beyond them, indices and memory do not suffice."""
 

@@ -12,8 +12,6 @@ from typing import Any
 
 from semmap.fields.relations.facts import RelationEvent
 
-__all__ = ["EventBus", "EventStream", "Subscription"]
-
 logger = logging.getLogger(__name__)
 
 Callback = Callable[[RelationEvent], object]

@@ -7,8 +7,6 @@ from dataclasses import dataclass
 from datetime import datetime
 from typing import NamedTuple
 
-__all__ = ["RelationEvent", "RelationFact"]
-
 
 class RelationFact(NamedTuple):
     """A relation between two entities, such as `human1 sees book_326`."""

@@ -10,8 +10,6 @@ from typing import Literal
 from semmap.fields.regions.measures import Neighbour
 from semmap.fields.regions.region_map import RegionMap
 
-__all__ = ["RULES", "Kind", "Measure", "PairGeometry", "RelationRule", "near_rule"]
-
 Kind = Literal["body", "space", "view"]
 """An entity with a body; a part of space, such as a room or zone; the field of view of an agent."""
 

@@ -22,8 +22,6 @@ from semmap.fields.regions.region_map import RegionMap
 from semmap.fields.relations.facts import RelationEvent, RelationFact
 from semmap.fields.relations.rules import RULES, Kind, PairGeometry, RelationRule
 
-__all__ = ["RelationTracker"]
-
 _APART = Neighbour(0, math.inf)
 
 

@@ -12,8 +12,6 @@ from typing import Any
 
 from semmap.fields.service.endpoint import socket_folder, socket_of
 
-__all__ = ["ServiceAddress", "ServiceConnection", "find_service"]
-
 
 @dataclass(frozen=True)
 class ServiceAddress:

@@ -18,8 +18,6 @@ from semmap.data_folder import default_home
 if TYPE_CHECKING:
     import psycopg
 
-__all__ = ["socket_folder", "socket_of", "url_of"]
-
 
 def url_of(session: psycopg.Connection[Any]) -> str:
     """Return a URL, without login, of the database that a session is connected with."""

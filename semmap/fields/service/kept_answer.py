@@ -16,8 +16,6 @@ if TYPE_CHECKING:
     from semmap.fields.store.mirror_state import MirrorState
     from semmap.fields.store.voxel_mirror import VoxelMirror
 
-__all__ = ["PlainVocabulary", "show_kept"]
-
 
 class PlainVocabulary:
     """The properties whose maps are shown on the grid, without reading the ontology."""

@@ -13,8 +13,6 @@ if TYPE_CHECKING:
     from semmap.fields.store.mirror_state import MirrorState
     from semmap.fields.store.voxel_mirror import VoxelMirror
 
-__all__ = ["update_map"]
-
 
 def update_map(
     mirror: MirrorState | VoxelMirror, catalogue: Catalogue, text: str, session: Any

@@ -21,8 +21,6 @@ from numpy.typing import NDArray
 from semmap.fields.sources.percepts import Gaze, People, PersonMotion, RobotState, Segmentation
 from semmap.geometry.pose import Pose
 
-__all__ = ["KIND_OF_SOURCE", "McapPercepts"]
-
 BUFFER = 10.0
 """Seconds for which a transform holds, as in the buffer of tf2."""
 

@@ -18,8 +18,6 @@ from typing import Any
 from semmap.fields.service.percept_json import Percept, read_percept, read_time
 from semmap.fields.sources.manager import EndOfPercepts
 
-__all__ = ["GROUP", "Inbox", "Recording", "Replay", "make_feed"]
-
 GROUP = "semmap.percepts"
 """The group of entry points for feeds in packages: a class or function that makes a feed."""
 

@@ -21,8 +21,6 @@ from semmap.draw.depth_camera import look_at
 from semmap.fields.sources.percepts import Gaze, People, PersonMotion, RobotState, Segmentation
 from semmap.geometry.pose import Pose
 
-__all__ = ["read_percept"]
-
 Percept = Gaze | People | RobotState | Segmentation
 
 

@@ -13,8 +13,6 @@ from semmap.fields.queries.catalogue import FieldCatalogue
 from semmap.fields.store.map_store import save_map
 from semmap.fields.store.statements import Connection
 
-__all__ = ["query_reply"]
-
 Open = Callable[[], AbstractContextManager[Connection]]
 
 

@@ -10,8 +10,6 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
-__all__ = ["LONGEST", "serving"]
-
 LONGEST = 256 * 2**20
 """The most bytes of a request: an image of 20 megapixels with its labels."""
 

@@ -40,8 +40,6 @@ from semmap.query.snapshot import Snapshot
 if TYPE_CHECKING:
     from sqlalchemy import Connection, Engine
 
-__all__ = ["FieldService"]
-
 KEPT = "kept"
 """The source of the fields that users stored."""
 

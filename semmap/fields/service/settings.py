@@ -7,8 +7,6 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-__all__ = ["ServiceSettings", "SourceSettings", "read_settings"]
-
 
 @dataclass(frozen=True)
 class SourceSettings:

@@ -14,8 +14,6 @@ from semmap.fields.regions.shapes import Cone, shape_of, voxels_of
 from semmap.fields.sources.percepts import Gaze
 from semmap_vdb import BoolGrid, FloatGrid
 
-__all__ = ["GazeSource"]
-
 
 class GazeSource:
     """Makes a map of `inFieldOfView` for each agent.

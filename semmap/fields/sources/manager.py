@@ -15,8 +15,6 @@ from typing import Any
 from semmap.fields.maps.map_buffer import MapBuffer
 from semmap.fields.sources.source import Source, check_percept
 
-__all__ = ["EndOfPercepts", "SourceManager", "SourceStatus"]
-
 PATIENCE = 0.2
 """Seconds between checks of whether to stop, while a source waits for a percept."""
 

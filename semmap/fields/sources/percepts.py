@@ -10,8 +10,6 @@ from typing import Any, Literal
 from numpy.typing import ArrayLike
 from shapely import MultiPolygon, Polygon, from_wkb, to_wkb
 
-__all__ = ["Gaze", "People", "PersonMotion", "RobotState", "Segmentation", "Zone", "Zones"]
-
 Pose = ArrayLike
 """A (4, 4) rigid transform: a frame in the shared frame."""
 

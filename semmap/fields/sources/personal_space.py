@@ -17,8 +17,6 @@ from semmap.fields.maps.vocabulary import Vocabulary
 from semmap.fields.sources.percepts import People, PersonMotion
 from semmap_vdb import FloatGrid
 
-__all__ = ["PersonalSpaceSource", "disturbance"]
-
 
 def disturbance(person: PersonMotion, points: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return how much somebody at a point disturbs a person: 1 at the person, less further away.

@@ -14,8 +14,6 @@ from semmap.fields.regions.shapes import Region
 from semmap.fields.sources.percepts import RobotState
 from semmap.robot.urdf import Robot, load_robot
 
-__all__ = ["RobotBodySource"]
-
 
 class RobotBodySource:
     """Makes a bool map of `containsRobot`.

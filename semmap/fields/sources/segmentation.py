@@ -14,8 +14,6 @@ from semmap.fields.sources.percepts import Segmentation
 from semmap.snake_case import snake_case
 from semmap_vdb import Int32Grid
 
-__all__ = ["ObjectSource", "PeopleSource"]
-
 
 class _LabelSource:
     """Makes an int32 map of the voxels in which the points of pixels lie, with their labels."""

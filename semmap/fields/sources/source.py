@@ -12,8 +12,6 @@ from semmap.fields.maps.representation_map import RepresentationMap
 from semmap.fields.maps.vocabulary import Vocabulary
 from semmap.fields.sources.percepts import Gaze, People, RobotState, Segmentation, Zones
 
-__all__ = ["GROUP", "Source", "check_percept", "installed_sources", "make_source"]
-
 GROUP = "semmap.sources"
 """The group of entry points for sources in packages: `name = "module:Class"`."""
 

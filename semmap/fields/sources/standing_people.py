@@ -11,8 +11,6 @@ from semmap.fields.regions.shapes import Cylinder, voxels_of
 from semmap.fields.sources.percepts import People
 from semmap_vdb import Int32Grid
 
-__all__ = ["StandingPeopleSource"]
-
 
 class StandingPeopleSource:
     """Makes an int32 map of `containsPerson`: a standing body at the position of each person.

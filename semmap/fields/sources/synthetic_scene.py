@@ -14,8 +14,6 @@ from trimesh.creation import capsule, icosphere
 from semmap.draw.depth_camera import DepthCamera, look_at
 from semmap.fields.sources.percepts import Gaze, People, PersonMotion, Segmentation
 
-__all__ = ["EYES", "ScenePerson", "SyntheticScene", "VisibleObject", "standpoints"]
-
 EYES = 1.6
 """Height of the eyes of people above the floor, metres."""
 

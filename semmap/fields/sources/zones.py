@@ -15,8 +15,6 @@ from semmap.fields.sources.percepts import Zone, Zones
 from semmap.geometry.mesh import Mesh
 from semmap.geometry.morphology import polygons
 
-__all__ = ["ZoneSource", "prism"]
-
 
 class ZoneSource:
     """Makes a bool map for each zone: of `inRoom` for rooms, of `inZone` for regions.

@@ -12,8 +12,6 @@ from semmap.geometry.tin import to_mesh
 from semmap.query.meshes import world_triangles
 from semmap.query.snapshot import Snapshot
 
-__all__ = ["PERSON", "StandingAgent", "read_agents"]
-
 PERSON = (0.25, 1.75)
 """Radius and height in metres of a person without geometry."""
 

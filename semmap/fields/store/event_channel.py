@@ -18,8 +18,6 @@ from sqlalchemy.exc import DBAPIError
 
 from semmap.fields.relations.facts import RelationEvent
 
-__all__ = ["CHANNEL", "EventListener", "EventPublisher", "ServerError", "as_json"]
-
 CHANNEL = "semmap_events"
 
 ServerError = DBAPIError

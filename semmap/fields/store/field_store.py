@@ -19,18 +19,6 @@ from semmap.fields.maps.grids import GRIDS, Grid, ValueType, value_type_of
 from semmap.fields.store.statements import Connection, run
 from semmap.query.snapshot import Snapshot
 
-__all__ = [
-    "StoredField",
-    "VersionSummary",
-    "forget",
-    "has_maps",
-    "load",
-    "names",
-    "prune",
-    "save",
-    "versions",
-]
-
 EDGE = 32
 """Edge of the cubes of new fields, in voxels.
 

@@ -15,8 +15,6 @@ from semmap.query.snapshot import Snapshot
 if TYPE_CHECKING:
     from semmap.fields.maps.vocabulary import Properties
 
-__all__ = ["load_maps", "load_maps_during", "save_map"]
-
 
 def save_map(connection: Any, name: str, map: RepresentationMap, **more: Any) -> int:
     """Store a map as the newest version of a field.

@@ -16,16 +16,6 @@ from semmap.fields.store.statements import Connection, run
 from semmap.query.snapshot import Snapshot
 from semmap_vdb import Int32Grid
 
-__all__ = [
-    "MirrorState",
-    "field_name",
-    "is_current",
-    "load_state",
-    "load_walls",
-    "origin",
-    "walls_name",
-]
-
 FORMAT = "4"
 """Of the state in the database."""
 

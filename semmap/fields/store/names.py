@@ -9,8 +9,6 @@ from semmap.language.names import NameIndex
 from semmap.query.snapshot import Snapshot
 from semmap.snake_case import snake_case
 
-__all__ = ["read_map_vocabulary", "read_names"]
-
 
 def read_map_vocabulary() -> Vocabulary:
     """Return the properties that the ontology of semmap declares."""

@@ -9,8 +9,6 @@ from semmap.fields.store.statements import run
 from semmap.geometry.pose import Pose
 from semmap.query.snapshot import Snapshot
 
-__all__ = ["beginning", "moments_of_moves", "poses_at", "present_poses"]
-
 
 def beginning(seen: Snapshot) -> datetime:
     """Return when the current map was made."""

@@ -18,15 +18,6 @@ from semmap.query.snapshot import Snapshot
 from semmap.query.storey_reader import OBJECTS, read_entities
 from semmap.query.storey_scene import SceneEntity
 
-__all__ = [
-    "Occupant",
-    "read_occupants",
-    "read_visible_objects",
-    "read_walls",
-    "read_zone_ids",
-    "read_zones",
-]
-
 
 @dataclass(frozen=True, eq=False)
 class Occupant:

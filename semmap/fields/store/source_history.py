@@ -22,8 +22,6 @@ from semmap.query.snapshot import Snapshot
 if TYPE_CHECKING:
     from semmap.fields.maps.vocabulary import Properties
 
-__all__ = ["SourceHistory", "load_updates"]
-
 RECORD = "urn:semmap:ontology#provides"
 """The property of records; no map has it."""
 

@@ -25,8 +25,6 @@ from semmap.geometry.pose import Pose
 from semmap.query.snapshot import Snapshot
 from semmap_vdb import BoolGrid
 
-__all__ = ["StatedVoxels", "read_stated", "save_stated"]
-
 OCCUPIES = "urn:semmap:ontology#occupies"
 
 MODELS = "coalesce((SELECT array_agg(m.model_id ORDER BY m.model_id) FROM entity_model m WHERE "

@@ -13,8 +13,6 @@ from psycopg.rows import namedtuple_row
 if TYPE_CHECKING:
     import sqlalchemy
 
-__all__ = ["Connection", "run"]
-
 Connection: TypeAlias = "sqlalchemy.Connection | psycopg.Connection[Any]"
 
 

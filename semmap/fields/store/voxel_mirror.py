@@ -41,8 +41,6 @@ from semmap.fields.store.stated_voxels import StatedVoxels, read_stated
 from semmap.query.change_feed import ChangeFeed
 from semmap.query.snapshot import Snapshot
 
-__all__ = ["VoxelMirror"]
-
 PROPERTY = "urn:semmap:ontology#occupiedBy"
 
 OnChange = Callable[[set[int]], None]

@@ -27,8 +27,6 @@ from semmap.knowledge.fields.properties import FieldAnswer, FieldError, FieldQue
 from semmap.language.error import QueryError
 from semmap.query.snapshot import open_snapshot
 
-__all__ = ["VOXEL_SIZE", "MapFields"]
-
 VOXEL_SIZE = 0.05
 """Metres; the same as by default of `semmap fields`."""
 

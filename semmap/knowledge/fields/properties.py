@@ -25,21 +25,6 @@ from semmap.language.expression_checker import MIRRORED, conjuncts
 from semmap.language.schema import Property, SideKind, with_article
 from semmap.language.terms import number_of
 
-__all__ = [
-    "FieldAnswer",
-    "FieldError",
-    "FieldPart",
-    "FieldQuery",
-    "FieldTriple",
-    "Fields",
-    "comparisons",
-    "components",
-    "count_variables",
-    "field_property",
-    "is_of_fields",
-    "property_iris",
-]
-
 
 class FieldError(Error, ValueError):
     """Fields cannot answer their part of a query, for instance because no source provides it.

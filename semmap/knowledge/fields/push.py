@@ -30,8 +30,6 @@ from semmap.knowledge.sparql.constants import Constants
 from semmap.knowledge.vocabulary import KNOWLEDGE_CORE, RDF, RDFS, SEMMAP, TYPE, encode
 from semmap.query.change_feed import ChangeFeed
 
-__all__ = ["FieldPush", "read_pushed"]
-
 LIFESPAN = 30.0
 """Seconds after which pushed facts end where the program that pushes them was killed."""
 

@@ -23,8 +23,6 @@ from semmap.knowledge.vocabulary import TYPE, decode, encode
 from semmap.language.terms import local_name
 from semmap.snake_case import snake_case
 
-__all__ = ["FieldRows"]
-
 Execute = Callable[[str, dict[str, Any]], list[tuple[Any, ...]]]
 
 _ENTITIES = (

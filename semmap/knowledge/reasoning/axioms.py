@@ -10,7 +10,7 @@ from typing import Any
 import rdflib
 
 from semmap.ingest.ontology.tbox import ontology_files
-from semmap.knowledge.map_view import MapView, term_of
+from semmap.knowledge.map_view import MapView
 from semmap.knowledge.mapping import is_mapped
 from semmap.knowledge.reasoning.engine import SAME_AS, TYPE_OF, Node, Triple
 from semmap.knowledge.reasoning.rules import (
@@ -22,9 +22,8 @@ from semmap.knowledge.reasoning.rules import (
 )
 from semmap.knowledge.reasoning.told_facts import COLUMNS, Hierarchy, fact_of
 from semmap.knowledge.sparql.constants import Constants, tag_and_text
+from semmap.knowledge.sparql.kept_queries import term_of
 from semmap.knowledge.vocabulary import prefixes, short
-
-__all__ = ["OntologyAxioms", "Words", "node_of"]
 
 _EQUALITY = " with equality"
 

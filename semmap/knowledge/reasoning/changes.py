@@ -11,8 +11,6 @@ from semmap.knowledge.reasoning.engine import SAME_AS, TYPE_OF, close, retract
 from semmap.knowledge.reasoning.store import Stored, StoredFacts
 from semmap.knowledge.reasoning.told_facts import DIRECT_TYPE, KIND, told_facts
 
-__all__ = ["Changed", "consider"]
-
 MANY = 5_000
 """From so many changed entities on, all facts are read again."""
 

@@ -24,8 +24,6 @@ from semmap.knowledge.reasoning.engine import (
     variables,
 )
 
-__all__ = ["FactIndex", "Rows", "close_all", "one_step"]
-
 Rows = set[Any]
 """The resources of a class, or the pairs of a property."""
 Row = tuple[Node, ...]

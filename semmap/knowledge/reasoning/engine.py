@@ -14,8 +14,6 @@ from decimal import Decimal, InvalidOperation
 
 from semmap.knowledge.vocabulary import OWL, RDF, XSD
 
-__all__ = ["TYPE_OF", "Facts", "Proof", "Rule", "RuleSet", "Triple", "Var", "close", "retract"]
-
 Node = int | str | tuple[str, str]
 """The id of an entity, an IRI, or a literal as text and tag."""
 
@@ -288,6 +286,7 @@ def _keys(fact: Triple) -> tuple[object, ...]:
 
 
 def variables(atom: Triple) -> frozenset[str]:
+    """Return the variables of a triple."""
     return frozenset(part for part in atom if isinstance(part, Var))
 
 

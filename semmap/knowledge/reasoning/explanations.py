@@ -8,16 +8,15 @@ from typing import Any
 
 import rdflib
 
-from semmap.knowledge.map_view import MapView, Session
+from semmap.knowledge.map_view import MapView
 from semmap.knowledge.queries import limited
 from semmap.knowledge.reasoning.axioms import OntologyAxioms, Words, node_of
 from semmap.knowledge.reasoning.engine import TYPE_OF, Proof
 from semmap.knowledge.reasoning.rules import CONTRADICTION
 from semmap.knowledge.reasoning.store import StoredFacts
+from semmap.knowledge.sparql.kept_queries import Session
 from semmap.knowledge.vocabulary import prefixes
 from semmap.language.parser import parse_sparql
-
-__all__ = ["Why", "contradictions", "why"]
 
 
 @dataclass(frozen=True)

@@ -18,8 +18,6 @@ from semmap.knowledge.reasoning.told_facts import (
     told_facts,
 )
 
-__all__ = ["first_run"]
-
 
 def first_run(view: MapView, ontology: OntologyAxioms) -> tuple[OntologyAxioms, Stored]:
     """Store all that follows from the facts of a map; return the rules that were needed, too.

@@ -15,8 +15,6 @@ from semmap.knowledge.reasoning.closure import FactIndex, close_all, one_step
 from semmap.knowledge.reasoning.engine import SAME_AS, TYPE_OF, Node, Rule, RuleSet, Triple, Var
 from semmap.knowledge.vocabulary import OWL, RDF, RDFS, SEMMAP
 
-__all__ = ["AXIOM_CLASSES", "AXIOM_PROPERTIES", "CONTRADICTION", "Compiled", "compile_rules"]
-
 CONTRADICTION = f"{SEMMAP}contradiction"
 """The property of what is inconsistent; its value is the axiom in words."""
 STRING = "http://www.w3.org/2001/XMLSchema#string"

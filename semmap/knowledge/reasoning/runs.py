@@ -6,15 +6,13 @@ import time
 from dataclasses import dataclass
 from typing import Any
 
-from semmap.knowledge.map_view import MapView, Session
+from semmap.knowledge.map_view import MapView
 from semmap.knowledge.queries import limited
 from semmap.knowledge.reasoning.axioms import OntologyAxioms
 from semmap.knowledge.reasoning.changes import Changed, consider
-from semmap.knowledge.reasoning.explanations import Why, contradictions, why
 from semmap.knowledge.reasoning.first_run import first_run
 from semmap.knowledge.reasoning.store import Stored
-
-__all__ = ["Reasoned", "Why", "contradictions", "forget", "is_reasoned", "reason", "refresh", "why"]
+from semmap.knowledge.sparql.kept_queries import Session
 
 
 @dataclass(frozen=True)

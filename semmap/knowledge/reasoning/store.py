@@ -14,8 +14,6 @@ from semmap.knowledge.reasoning.engine import TYPE_OF, Facts, Node, Triple
 from semmap.knowledge.reasoning.rules import CONTRADICTION
 from semmap.knowledge.reasoning.told_facts import COLUMNS, DIRECT_TYPE, KIND, columns_of, fact_of
 
-__all__ = ["Stored", "StoredFacts"]
-
 
 @dataclass
 class Stored:

@@ -7,21 +7,11 @@ from dataclasses import dataclass
 from typing import Any
 
 from semmap.knowledge.map_view import MapView
-from semmap.knowledge.mapping import STATEMENTS, TRIPLES, WORLD, Column, TripleMap
+from semmap.knowledge.mapping import STATEMENTS, TRIPLES, WORLD
 from semmap.knowledge.reasoning.engine import TYPE_OF, Node, Triple
 from semmap.knowledge.reasoning.rules import AXIOM_PROPERTIES
+from semmap.knowledge.triple_map import Column, TripleMap
 from semmap.knowledge.vocabulary import SEMMAP, XSD, decode
-
-__all__ = [
-    "COLUMNS",
-    "DIRECT_TYPE",
-    "KIND",
-    "TOLD",
-    "Hierarchy",
-    "columns_of",
-    "fact_of",
-    "told_facts",
-]
 
 COLUMNS = "subject_id, subject, predicate, object_id, object, tag"
 """A triple in the tables `statement` and `inference`."""

@@ -11,12 +11,11 @@ import rdflib
 from rdflib.paths import Path
 from rdflib.plugins.sparql.parserutils import CompValue
 
-from semmap.knowledge.mapping import COMPUTED, NODES, TRIPLES, Form, is_mapped
+from semmap.knowledge.mapping import COMPUTED, NODES, TRIPLES, is_mapped
+from semmap.knowledge.triple_map import Form
 from semmap.knowledge.vocabulary import KNOWLEDGE_CORE, SEMMAP, TYPE, XSD, decode, encode
 from semmap.language.terms import local_name, namespace_of
 from semmap.snake_case import snake_case
-
-__all__ = ["Constants", "Found", "Lookup", "iris_in", "parts_of", "resolve", "tag_and_text"]
 
 _OWN = {t.property for t in TRIPLES} | {c.property for c in COMPUTED}
 _KEY = re.compile(r"[0-9]{1,18}(\.[0-9]{1,18})?")

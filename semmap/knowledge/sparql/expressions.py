@@ -27,8 +27,6 @@ from semmap.knowledge.sparql.values import (
 from semmap.knowledge.vocabulary import XSD
 from semmap.language.schema import SPARQL_FUNCTIONS
 
-__all__ = ["Environment", "Expressions", "UntranslatedError"]
-
 Environment = Mapping[str, Value]
 """The value of each variable that an expression sees."""
 

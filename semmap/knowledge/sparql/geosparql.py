@@ -11,11 +11,10 @@ from typing import Any
 
 from rdflib.plugins.sparql.parserutils import CompValue
 
-from semmap.knowledge.mapping import DATATYPES, TOPOLOGICAL, Form
+from semmap.knowledge.mapping import DATATYPES, TOPOLOGICAL
 from semmap.knowledge.sparql.values import Value
+from semmap.knowledge.triple_map import Form
 from semmap.knowledge.vocabulary import GEOF, SEMMAP, SF
-
-__all__ = ["AGGREGATES", "FUNCTIONS", "GeoFunction", "geometry_of", "within_distance"]
 
 
 @dataclass(frozen=True)

@@ -28,8 +28,6 @@ from semmap.knowledge.sparql.constants import Found, Lookup
 from semmap.knowledge.sparql.scope import Inferred
 from semmap.knowledge.vocabulary import XSD
 
-__all__ = ["PLANNER", "Basis", "KeptQueries", "Prepared", "Row", "Term", "term_of"]
-
 Session = psycopg.Connection[Any]
 Term = rdflib.term.Identifier
 Row = tuple[Term | None, ...]

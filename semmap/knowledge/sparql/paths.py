@@ -10,13 +10,11 @@ from typing import Any
 import rdflib
 from rdflib.paths import InvPath, MulPath, NegatedPath
 
-from semmap.knowledge.mapping import Form
 from semmap.knowledge.sparql.relation import Rows, in_form, union_form
 from semmap.knowledge.sparql.scope import Part, PatternScope
 from semmap.knowledge.sparql.triple_match import TripleMatch
 from semmap.knowledge.sparql.values import Value, as_term
-
-__all__ = ["PropertyPaths"]
+from semmap.knowledge.triple_map import Form
 
 
 class PropertyPaths(TripleMatch, ABC):

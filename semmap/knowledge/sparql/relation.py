@@ -5,10 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 
-from semmap.knowledge.mapping import Form
 from semmap.knowledge.sparql.values import Parameters, Value, are_disjoint, as_term, is_null, same
-
-__all__ = ["SQL_TYPES", "UNBOUND", "Rows", "can_join", "in_form", "union", "union_form"]
+from semmap.knowledge.triple_map import Form
 
 UNBOUND = Value("term", "NULL::text", "NULL::text")
 """A variable that nothing binds, or an error."""

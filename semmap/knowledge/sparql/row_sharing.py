@@ -9,8 +9,6 @@ from semmap.knowledge.mapping import TRIPLES
 from semmap.knowledge.sparql.relation import Rows
 from semmap.knowledge.sparql.values import Value, encoded
 
-__all__ = ["entity_iri", "share_rows"]
-
 _KEYS = {t.source.tables[0][1]: t.source.key for t in TRIPLES if t.source.key is not None}
 """The column of a table that is unique."""
 _PLAIN = re.compile(r"[a-z_]+ t\d+")

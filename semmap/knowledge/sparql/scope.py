@@ -8,8 +8,6 @@ from typing import Any
 
 from semmap.knowledge.sparql.values import Value
 
-__all__ = ["NOTHING_INFERRED", "Chosen", "Inferred", "Part", "PatternScope"]
-
 Part = str | Value
 """A variable by its name, or a constant."""
 

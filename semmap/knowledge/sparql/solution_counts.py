@@ -11,8 +11,6 @@ from typing import Any
 import rdflib
 from rdflib.plugins.sparql.parserutils import CompValue
 
-__all__ = ["count_solutions"]
-
 _PATTERNS = "p", "p1", "p2"
 _KEPT = {"Distinct", "Extend", "Filter", "OrderBy", "Reduced", "Slice", "ToMultiSet"}
 """What binds all that its pattern `p` binds."""

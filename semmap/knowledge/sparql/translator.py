@@ -34,8 +34,6 @@ from semmap.knowledge.sparql.values import (
 from semmap.knowledge.triple_map import Form
 from semmap.knowledge.vocabulary import XSD
 
-__all__ = ["GIVEN", "SqlStatement", "translate", "translate_each"]
-
 GIVEN = "given p"
 """Stands for the table with the given values; no text of a user is in a statement."""
 

@@ -8,22 +8,13 @@ from typing import Any
 
 import rdflib
 
-from semmap.knowledge.mapping import (
-    DATATYPES,
-    INFERENCES,
-    INFERRED_GRAPH,
-    STATEMENTS,
-    Column,
-    Form,
-    TripleMap,
-)
+from semmap.knowledge.mapping import DATATYPES, INFERENCES, INFERRED_GRAPH, STATEMENTS
 from semmap.knowledge.sparql.constants import Constants, tag_and_text
 from semmap.knowledge.sparql.relation import Rows
 from semmap.knowledge.sparql.scope import Chosen, Part
 from semmap.knowledge.sparql.values import Parameters, Value, is_literal, same, text_of
+from semmap.knowledge.triple_map import Column, Form, TripleMap
 from semmap.knowledge.vocabulary import decode
-
-__all__ = ["MatchedPattern", "TripleMatch"]
 
 _IN_NO_EARLIER = (
     "NOT EXISTS (SELECT FROM statement d WHERE d.map_id = {a}.map_id "

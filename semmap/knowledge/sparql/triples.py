@@ -18,9 +18,6 @@ from semmap.knowledge.mapping import (
     REWRITTEN,
     STATEMENTS,
     TRIPLES,
-    Computed,
-    Form,
-    TripleMap,
     is_mapped,
 )
 from semmap.knowledge.sparql.constants import Constants
@@ -31,9 +28,8 @@ from semmap.knowledge.sparql.row_sharing import share_rows
 from semmap.knowledge.sparql.scope import NOTHING_INFERRED, Chosen, Inferred, Part, PatternScope
 from semmap.knowledge.sparql.triple_match import MatchedPattern
 from semmap.knowledge.sparql.values import Value, key_of, same
+from semmap.knowledge.triple_map import Computed, Form, TripleMap
 from semmap.knowledge.vocabulary import RDF
-
-__all__ = ["TriplePatterns"]
 
 _RDF_TYPE = f"{RDF}type"
 _COMPUTED = {each.property: each for each in COMPUTED}

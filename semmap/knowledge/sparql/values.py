@@ -10,23 +10,9 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import Any
 
-from semmap.knowledge.mapping import DATATYPES, NODES, Form
+from semmap.knowledge.mapping import DATATYPES, NODES
+from semmap.knowledge.triple_map import Form
 from semmap.knowledge.vocabulary import TYPE
-
-__all__ = [
-    "NUMERIC",
-    "Parameters",
-    "Value",
-    "are_disjoint",
-    "as_term",
-    "encoded",
-    "is_literal",
-    "is_null",
-    "key_of",
-    "same",
-    "tag_of",
-    "text_of",
-]
 
 NUMERIC = ("integer", "decimal", "double")
 """The forms of numbers, each before those that it is promoted to."""

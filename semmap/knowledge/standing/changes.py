@@ -9,13 +9,12 @@ from typing import Any, NamedTuple
 import psycopg
 import rdflib
 
-from semmap.knowledge.map_view import MapView, Term, term_of
+from semmap.knowledge.map_view import MapView
 from semmap.knowledge.mapping import INFERRED_GRAPH, NODES
+from semmap.knowledge.sparql.kept_queries import Term, term_of
 from semmap.knowledge.standing.parts import Quad
 from semmap.knowledge.triple_map import Form
 from semmap.knowledge.vocabulary import encode
-
-__all__ = ["Answers", "Changes", "Touched", "ask"]
 
 _OF_MAP = {form: node.prefix for form, node in NODES.items() if node.of_map}
 

@@ -11,16 +11,15 @@ import psycopg
 import rdflib
 
 from semmap.knowledge.answer import Answer
-from semmap.knowledge.map_view import MapView, Row, Term, term_of
+from semmap.knowledge.map_view import MapView
 from semmap.knowledge.queries import errors_of, limited, query
 from semmap.knowledge.sparql.constants import tag_and_text
+from semmap.knowledge.sparql.kept_queries import Row, Term, term_of
 from semmap.knowledge.sparql.translator import GIVEN, SqlStatement
 from semmap.knowledge.standing.parts import QueryPart, Solution
 from semmap.knowledge.standing.shapes import parsed_text, translated
 from semmap.knowledge.triple_map import Form
 from semmap.limits import QUERY_SECONDS
-
-__all__ = ["Evaluation", "Job", "Regions"]
 
 _SETTINGS = (
     "SELECT set_config('plan_cache_mode', '{}', true), "

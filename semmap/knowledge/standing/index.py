@@ -12,8 +12,8 @@ from typing import Any
 
 import rdflib
 
-from semmap.knowledge.map_view import Term
 from semmap.knowledge.mapping import COMPUTED, TOPOLOGICAL
+from semmap.knowledge.sparql.kept_queries import Term
 from semmap.knowledge.standing.parts import (
     SIDES,
     PartPattern,
@@ -24,8 +24,6 @@ from semmap.knowledge.standing.parts import (
 )
 from semmap.knowledge.triple_map import Form
 from semmap.knowledge.vocabulary import GEO
-
-__all__ = ["COSTLY", "Key", "PatternIndex", "Triples"]
 
 COSTLY = frozenset(c.property for c in COMPUTED) | {f"{GEO}{name}" for name in TOPOLOGICAL}
 """Properties that are computed: they are listed for changed entities only, where it matters."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from semmap.knowledge.map_view import Term
+from semmap.knowledge.sparql.kept_queries import Term
 from semmap.knowledge.standing.changes import Touched
 from semmap.knowledge.standing.index import COSTLY, PatternIndex, Triples
 from semmap.knowledge.standing.parts import (
@@ -16,8 +16,6 @@ from semmap.knowledge.standing.parts import (
     name_of_variable,
 )
 from semmap.knowledge.triple_map import Form
-
-__all__ = ["has_all", "joined", "may_match"]
 
 
 def joined(

@@ -18,14 +18,12 @@ import rdflib
 from rdflib.paths import AlternativePath, InvPath, SequencePath
 from rdflib.plugins.sparql.parserutils import CompValue
 
-from semmap.knowledge.map_view import Row, Term
 from semmap.knowledge.mapping import COMPUTED, FACTS, INFERENCES, NODES, STATEMENTS, TOPOLOGICAL
 from semmap.knowledge.queries import plain
+from semmap.knowledge.sparql.kept_queries import Row, Term
 from semmap.knowledge.sparql.relation import can_join
 from semmap.knowledge.triple_map import Computed, Form, TripleMap
 from semmap.knowledge.vocabulary import GEO, SEMMAP
-
-__all__ = ["SIDES", "Condition", "PartPattern", "Quad", "QueryPart", "Solution", "split"]
 
 SIDES = (0, 2)
 """Where subject and object are in a triple."""

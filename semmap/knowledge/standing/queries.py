@@ -16,9 +16,10 @@ from typing import Any, NamedTuple
 import rdflib
 
 from semmap.knowledge.fields.properties import FieldError
-from semmap.knowledge.map_view import MapView, Row, Term
+from semmap.knowledge.map_view import MapView
 from semmap.knowledge.queries import plain
 from semmap.knowledge.sparql.constants import Constants, resolve
+from semmap.knowledge.sparql.kept_queries import Row, Term
 from semmap.knowledge.sparql.scope import NOTHING_INFERRED
 from semmap.knowledge.standing.changes import Changes, Touched, ask
 from semmap.knowledge.standing.evaluation import Evaluation, Job, Regions
@@ -44,8 +45,6 @@ from semmap.knowledge.standing.whole import concerns
 from semmap.knowledge.triple_map import Form
 from semmap.knowledge.vocabulary import KNOWLEDGE_CORE, encode
 from semmap.language.terms import local_name
-
-__all__ = ["Difference", "StandingQueries", "StandingQuery"]
 
 MANY = 200
 """More changed entities or statements than this, and all queries are evaluated again."""

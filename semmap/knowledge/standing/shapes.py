@@ -14,9 +14,10 @@ from typing import Any
 import rdflib
 from rdflib.plugins.sparql.parserutils import CompValue
 
-from semmap.knowledge.map_view import MapView, Term
+from semmap.knowledge.map_view import MapView
 from semmap.knowledge.sparql.constants import Constants, iris_in, parts_of
 from semmap.knowledge.sparql.expressions import UntranslatedError
+from semmap.knowledge.sparql.kept_queries import Term
 from semmap.knowledge.sparql.translator import SqlStatement, translate_each
 from semmap.knowledge.sparql.triples import TriplePatterns
 from semmap.knowledge.standing.parts import PartPattern, QueryPart, split
@@ -26,8 +27,6 @@ from semmap.knowledge.vocabulary import TYPE, prefixes
 from semmap.language.error import QueryError
 from semmap.language.normalise import normalise, tokens
 from semmap.language.parser import ParsedText, parse_sparql
-
-__all__ = ["Filled", "Nodes", "Template", "TemplateShape", "Templates", "parsed_text", "translated"]
 
 _HOLE = "urn:semmap:hole:"
 _PLAIN = re.compile(r"[A-Za-z0-9_-]+")

@@ -21,7 +21,8 @@ from typing import Any
 from sqlalchemy import Engine
 
 from semmap.knowledge.answer import plain_value
-from semmap.knowledge.map_view import MapView, Row
+from semmap.knowledge.map_view import MapView
+from semmap.knowledge.sparql.kept_queries import Row
 from semmap.knowledge.sparql.scope import Inferred
 from semmap.knowledge.standing.changes import Changes
 from semmap.knowledge.standing.queries import (
@@ -30,8 +31,6 @@ from semmap.knowledge.standing.queries import (
     StandingQuery,
 )
 from semmap.query.change_feed import ChangeFeed, Look, shows_fields
-
-__all__ = ["Event", "Subscriptions"]
 
 PATIENCE = 0.1
 """Seconds by which the end of a statement may be reported late."""

@@ -14,15 +14,14 @@ import psycopg
 import rdflib
 from rdflib.plugins.sparql.parserutils import CompValue
 
-from semmap.knowledge.map_view import MapView, Term, term_of
+from semmap.knowledge.map_view import MapView
 from semmap.knowledge.mapping import COMPUTED
 from semmap.knowledge.sparql.constants import Constants
+from semmap.knowledge.sparql.kept_queries import Term, term_of
 from semmap.knowledge.sparql.translator import GIVEN, translate_each
 from semmap.knowledge.standing.changes import Touched
 from semmap.knowledge.standing.index import COSTLY, Key, PatternIndex, Triples
 from semmap.knowledge.standing.parts import Quad
-
-__all__ = ["Asked", "TripleLists"]
 
 _COMPUTED = {each.property: each for each in COMPUTED}
 

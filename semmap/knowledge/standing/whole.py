@@ -17,8 +17,6 @@ from semmap.knowledge.standing.changes import Changes
 from semmap.knowledge.standing.parts import QueryPart
 from semmap.knowledge.vocabulary import SEMMAP
 
-__all__ = ["concerns", "whole_part"]
-
 
 def whole_part(
     tree: Any, names: tuple[str, ...], constants: Constants, translator: TriplePatterns
