@@ -33,24 +33,12 @@ RANDOM = 50_000
 
 @dataclass(frozen=True)
 class Comparison:
-    """Candidate pairs of two data sets.
+    """Candidate pairs of two data sets."""
 
-    Attributes
-    ----------
-    pairs
-        (n, 2) numbers of a left and a right record.
-    features
-        Names of the d similarities.
-    similarities
-        (n, d) in [0, 1]; NaN where a record has no value.
-    levels
-        (n, d), see `semmap.interlinking.version_space.levels`.
-    """
-
-    pairs: NDArray[np.int64]
-    features: Sequence[str]
-    similarities: NDArray[np.float64]
-    levels: Levels
+    pairs: NDArray[np.int64]  # (n, 2) numbers of a left and a right record
+    features: Sequence[str]  # names of the d similarities
+    similarities: NDArray[np.float64]  # (n, d) in [0, 1]; NaN where a record has no value
+    levels: Levels  # (n, d), see `semmap.interlinking.version_space.levels`
 
     @property
     def likelihood(self) -> NDArray[np.float64]:

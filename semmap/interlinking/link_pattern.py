@@ -27,20 +27,11 @@ AGGREGATE = -3
 
 @dataclass(frozen=True)
 class LinkPattern:
-    """Conjunctions, of which a link fulfils at least one.
+    """Conjunctions, of which a link fulfils at least one."""
 
-    Attributes
-    ----------
-    spaces
-        The version spaces that agree with the labels.
-    chosen
-        (spaces, d) the pattern that is chosen from each.
-    unexplained
-        Labelled pairs that are the same although a negative pair is as similar in all respects.
-    """
-
-    spaces: Sequence[VersionSpace]
-    chosen: Levels
+    spaces: Sequence[VersionSpace]  # the version spaces that agree with the labels
+    chosen: Levels  # (spaces, d) the pattern that is chosen from each
+    # labelled pairs that are the same although a negative pair is as similar in all respects
     unexplained: Sequence[int]
 
     def links(self, pairs: Levels) -> NDArray[np.bool_]:

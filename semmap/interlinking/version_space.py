@@ -40,18 +40,12 @@ def matches(patterns: Levels, pairs: Levels) -> NDArray[np.bool_]:
 
 @dataclass(frozen=True)
 class VersionSpace:
-    """All conjunctions that link some positive pairs and none of the negative pairs.
+    """All conjunctions that link some positive pairs and none of the negative pairs."""
 
-    Attributes
-    ----------
-    specific
-        (d,) the most specific pattern; each of the positive pairs has at least these levels.
-    general
-        (g, d) the most general patterns. A pattern p is in the space if ``g <= p <= specific`` for
-        one of them.
-    """
-
+    # (d,) the most specific pattern; each of the positive pairs has at least these levels
     specific: Levels
+    # (g, d) the most general patterns. A pattern p is in the space if ``g <= p <= specific`` for
+    # one of them
     general: Levels
 
     def __contains__(self, pattern: Levels) -> bool:

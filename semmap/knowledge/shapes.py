@@ -61,18 +61,11 @@ class Violation:
 
 @dataclass(frozen=True)
 class Shapes:
-    """A graph of shapes.
+    """A graph of shapes."""
 
-    Attributes
-    ----------
-    name : of the file
-    turtle : its text
-    graph : the shapes
-    """
-
-    name: str
-    turtle: str
-    graph: rdflib.Graph
+    name: str  # of the file
+    turtle: str  # its text
+    graph: rdflib.Graph  # the shapes
 
     @property
     def inverse(self) -> frozenset[rdflib.URIRef]:

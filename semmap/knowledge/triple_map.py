@@ -19,19 +19,14 @@ Form = str
 
 @dataclass(frozen=True)
 class Node:
-    """An IRI template.
+    """An IRI template."""
 
-    Attributes
-    ----------
-    prefix : before the key
-    of_map : the key is the id of an entity, and the IRI is made of the namespace of its map,
-        `prefix` and its name
-    keyed : table, column and its type: the key is the `id` of a row, and the IRI is `prefix` and
-        the column, so that it is the same in all databases. Else, the IRI is `prefix` and the key
-    """
-
-    prefix: str
+    prefix: str  # before the key
+    # the key is the id of an entity, and the IRI is made of the namespace of its map, `prefix` and
+    # its name
     of_map: bool = False
+    # table, column and its type: the key is the `id` of a row, and the IRI is `prefix` and the
+    # column, so that it is the same in all databases. Else, the IRI is `prefix` and the key
     keyed: tuple[str, str, str] | None = None
 
 
@@ -46,59 +41,37 @@ class Column:
 
 @dataclass(frozen=True)
 class TripleTables:
-    """Tables, or functions of tables before them, by the letters that columns use for them.
+    """Tables, or functions of tables before them, by the letters that columns use for them."""
 
-    Attributes
-    ----------
-    tables : letter and table
-    where : conditions
-    map_id : the column with the map; None where a table has none
-    key : the column of the first table that is unique, if there is one
-    one_map : both entities of a row are in one map, as the database checks
-    """
-
-    tables: tuple[tuple[str, str], ...]
-    where: tuple[str, ...] = ()
-    map_id: str | None = None
-    key: str | None = None
-    one_map: bool = False
+    tables: tuple[tuple[str, str], ...]  # letter and table
+    where: tuple[str, ...] = ()  # conditions
+    map_id: str | None = None  # the column with the map; None where a table has none
+    key: str | None = None  # the column of the first table that is unique, if there is one
+    one_map: bool = False  # both entities of a row are in one map, as the database checks
 
 
 @dataclass(frozen=True)
 class TripleMap:
-    """Rows of a source as triples.
+    """Rows of a source as triples."""
 
-    Attributes
-    ----------
-    property : the IRI; with `name`, its namespace
-    name : the SQL of the property's local name, before it is encoded; "" for a whole IRI
-    nullable : the object may be null, which is no triple
-    shared : statements may have this property, too
-    """
-
-    property: str
+    property: str  # the IRI; with `name`, its namespace
     source: TripleTables
     subject: Column
     object: Column
+    # the SQL of the property's local name, before it is encoded; "" for a whole IRI
     name: str | None = None
-    nullable: bool = False
-    shared: bool = False
+    nullable: bool = False  # the object may be null, which is no triple
+    shared: bool = False  # statements may have this property, too
 
 
 @dataclass(frozen=True)
 class Computed:
-    """A relation between entities that SQL functions decide when it is asked for.
+    """A relation between entities that SQL functions decide when it is asked for."""
 
-    Attributes
-    ----------
-    property : the IRI
-    decide : SQL of the condition for {a} and {b}, ids of entities
-    members, converse : SQL of all {a} for one {b}, and of all {b} for one {a}, where an index has
-        them
-    """
-
-    property: str
-    decide: str
+    property: str  # the IRI
+    decide: str  # SQL of the condition for {a} and {b}, ids of entities
+    # members, converse: SQL of all {a} for one {b}, and of all {b} for one {a}, where an index has
+    # them
     members: str | None = None
     converse: str | None = None
 

@@ -42,18 +42,11 @@ class _Node:
 
 @dataclass(frozen=True, eq=False)
 class Expression(_Node):
-    """A value for each solution. A row whose evaluation fails has none.
+    """A value for each solution. A row whose evaluation fails has none."""
 
-    Attributes
-    ----------
-    kind : the kind of the value
-    position : in the text
-    range : the semantic type of the entities that are its values, if known
-    """
-
-    kind: ValueKind
-    position: int
-    range: str | None
+    kind: ValueKind  # the kind of the value
+    position: int  # in the text
+    range: str | None  # the semantic type of the entities that are its values, if known
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,16 +70,10 @@ class Constant(Expression):
 
 @dataclass(frozen=True, eq=False)
 class Arithmetic(Expression):
-    """Numbers with operators between them, evaluated from left to right.
+    """Numbers with operators between them, evaluated from left to right."""
 
-    Attributes
-    ----------
-    operands : N numbers
-    operators : N - 1 of "+", "-", "*" and "/"
-    """
-
-    operands: tuple[Expression, ...]
-    operators: tuple[str, ...]
+    operands: tuple[Expression, ...]  # N numbers
+    operators: tuple[str, ...]  # N - 1 of "+", "-", "*" and "/"
 
 
 @dataclass(frozen=True, eq=False)
@@ -143,18 +130,11 @@ class Bound(Expression):
 
 @dataclass(frozen=True, eq=False)
 class Exists(Expression):
-    """Whether a pattern has a solution that is compatible with the row; or has none, if negated.
+    """Whether a pattern has a solution that is compatible with the row; or has none, if negated."""
 
-    Attributes
-    ----------
-    pattern : evaluated on its own
-    conditions : those that read variables from outside of the pattern
-    outer : the variables that the row may bind
-    """
-
-    pattern: Pattern
-    conditions: tuple[Expression, ...]
-    outer: Variables
+    pattern: Pattern  # evaluated on its own
+    conditions: tuple[Expression, ...]  # those that read variables from outside of the pattern
+    outer: Variables  # the variables that the row may bind
     negated: bool
 
     @cached_property
@@ -169,18 +149,13 @@ class Exists(Expression):
 
 @dataclass(frozen=True, eq=False)
 class TriplePattern(_Node):
-    """Subject, property and object.
-
-    Attributes
-    ----------
-    position : in the text
-    object_variable : a variable that gets the object, too; for an object that is a constant
-    """
+    """Subject, property and object."""
 
     subject: Side
     property: Property
     object: Side
-    position: int
+    position: int  # in the text
+    # a variable that gets the object, too; for an object that is a constant
     object_variable: str | None = None
 
     @cached_property
@@ -207,16 +182,11 @@ class Join(_Node):
 
 @dataclass(frozen=True, eq=False)
 class LeftJoin(_Node):
-    """Solutions of the left pattern, joined with the right one where that is possible (OPTIONAL).
-
-    Attributes
-    ----------
-    conditions : all must be true for a pair to be joined
-    """
+    """Solutions of the left pattern, joined with the right one where possible (OPTIONAL)."""
 
     left: Pattern
     right: Pattern
-    conditions: tuple[Expression, ...]
+    conditions: tuple[Expression, ...]  # all must be true for a pair to be joined
 
 
 @dataclass(frozen=True, eq=False)
@@ -264,18 +234,12 @@ class Extend(_Node):
 
 @dataclass(frozen=True, eq=False)
 class InlineData(_Node):
-    """Solutions that are given in the text (VALUES).
+    """Solutions that are given in the text (VALUES)."""
 
-    Attributes
-    ----------
-    count : number of solutions
-    values : for each variable the values in all solutions; None where it is not bound
-    kinds : for each variable the kind of its values
-    """
-
-    count: int
+    count: int  # number of solutions
+    # for each variable the values in all solutions; None where it is not bound
     values: Mapping[str, tuple[Any, ...]]
-    kinds: Mapping[str, ValueKind]
+    kinds: Mapping[str, ValueKind]  # for each variable the kind of its values
 
     @cached_property
     def variables(self) -> Variables:
@@ -322,38 +286,23 @@ class OrderBy(_Node):
 
 @dataclass(frozen=True, eq=False)
 class Aggregate:
-    """One value for each group.
+    """One value for each group."""
 
-    Attributes
-    ----------
-    name : the variable that gets the value
-    function : "Count", "Sum", "Avg", "Min", "Max" or "Sample"
-    of : None for COUNT(*)
-    distinct : whether each value counts once
-    kind : the kind of the result
-    """
-
-    name: str
-    function: str
-    of: Expression | None
-    distinct: bool
-    kind: ValueKind
+    name: str  # the variable that gets the value
+    function: str  # "Count", "Sum", "Avg", "Min", "Max" or "Sample"
+    of: Expression | None  # None for COUNT(*)
+    distinct: bool  # whether each value counts once
+    kind: ValueKind  # the kind of the result
 
 
 @dataclass(frozen=True, eq=False)
 class GroupPattern(_Node):
-    """One solution for each group.
-
-    Attributes
-    ----------
-    keys : the variables to group by
-    whole : True without GROUP BY: all solutions are one group, even where there are none
-    """
+    """One solution for each group."""
 
     of: Pattern
-    keys: tuple[str, ...]
+    keys: tuple[str, ...]  # the variables to group by
     aggregates: tuple[Aggregate, ...]
-    whole: bool
+    whole: bool  # True without GROUP BY: all solutions are one group, even where there are none
 
     @cached_property
     def variables(self) -> Variables:

@@ -13,12 +13,6 @@ from semmap.suggestions import suggestion
 class NameIndex:
     """Entities with their semantic types, and types with the types that subsume them.
 
-    Attributes
-    ----------
-    entities : the type of each entity; None where it has none
-    supertypes : for each type all types that subsume it, itself included
-    synonyms : other words for types, in snake case, with the type
-
     Examples
     --------
     >>> index = NameIndex({"mug7": "mug"}, {"mug": frozenset({"mug", "object"})}, {"cup": "mug"})
@@ -26,8 +20,11 @@ class NameIndex:
     ['mug', 'mug7']
     """
 
+    # the type of each entity; None where it has none
     entities: Mapping[str, str | None] = field(default_factory=dict)
+    # for each type all types that subsume it, itself included
     supertypes: Mapping[str, frozenset[str]] = field(default_factory=dict)
+    # other words for types, in snake case, with the type
     synonyms: Mapping[str, str] = field(default_factory=dict)
 
     def is_a(self, type_: str | None, supertype: str) -> bool:

@@ -53,17 +53,11 @@ Edit = tuple[int, int, str]
 
 @dataclass(frozen=True)
 class NormalisedText:
-    """A text as SPARQL, and how its positions map to the text that the user wrote.
+    """A text as SPARQL, and how its positions map to the text that the user wrote."""
 
-    Attributes
-    ----------
-    sparql : the text as SPARQL
-    original : the text as the user wrote it
-    steps : the edits from `original` to `sparql`, one tuple for each pass
-    """
-
-    sparql: str
-    original: str
+    sparql: str  # the text as SPARQL
+    original: str  # the text as the user wrote it
+    # the edits from `original` to `sparql`, one tuple for each pass
     steps: tuple[tuple[Edit, ...], ...]
 
     def offset(self, position: int) -> int:

@@ -34,31 +34,19 @@ Prefixes = tuple[tuple[str, str], ...]
 
 @dataclass(frozen=True)
 class ParsedText:
-    """A query or an update as SPARQL's algebra.
+    """A query or an update as SPARQL's algebra."""
 
-    Attributes
-    ----------
-    text : the text, for errors
-    form : "SelectQuery", "AskQuery" or "Update"
-    algebra : rdflib's algebra of a query
-    names : the variables that a query projects, in order; EVERYTHING for all
-    store : the property after STORE
-    moment : the literal after AT
-    span : the one or two literals after DURING
-    requests : rdflib's algebra of each request of an update
-    dataset : the clauses FROM and FROM NAMED of a query
-    kept : what a back end has made of the text, by its own keys
-    """
-
-    text: NormalisedText
-    form: str
-    algebra: Any = None
+    text: NormalisedText  # the text, for errors
+    form: str  # "SelectQuery", "AskQuery" or "Update"
+    algebra: Any = None  # rdflib's algebra of a query
+    # the variables that a query projects, in order; EVERYTHING for all
     names: tuple[rdflib.Variable, ...] = ()
-    store: Iri | None = None
-    moment: Literal | None = None
-    span: tuple[Literal, ...] = ()
-    requests: tuple[Any, ...] = ()
-    dataset: tuple[Any, ...] = ()
+    store: Iri | None = None  # the property after STORE
+    moment: Literal | None = None  # the literal after AT
+    span: tuple[Literal, ...] = ()  # the one or two literals after DURING
+    requests: tuple[Any, ...] = ()  # rdflib's algebra of each request of an update
+    dataset: tuple[Any, ...] = ()  # the clauses FROM and FROM NAMED of a query
+    # what a back end has made of the text, by its own keys
     kept: dict[Any, Any] = field(default_factory=dict, compare=False, repr=False)
 
     def error(self, reason: str, at: object) -> QueryError:

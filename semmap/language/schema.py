@@ -42,18 +42,11 @@ class Property:
 
 @dataclass(frozen=True)
 class Function:
-    """The signature of a function that expressions may call.
+    """The signature of a function that expressions may call."""
 
-    Attributes
-    ----------
-    name : local name of its IRI
-    arguments : kinds of its arguments
-    result : kind of its result
-    """
-
-    name: str
-    arguments: tuple[ValueKind, ...]
-    result: ValueKind
+    name: str  # local name of its IRI
+    arguments: tuple[ValueKind, ...]  # kinds of its arguments
+    result: ValueKind  # kind of its result
 
 
 SPARQL_FUNCTIONS: Mapping[str, Function] = {

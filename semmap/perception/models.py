@@ -33,51 +33,28 @@ WIDEST = 0.3
 
 
 class PointView(NamedTuple):
-    """Points as seen along the line of sight to their mean.
+    """Points as seen along the line of sight to their mean."""
 
-    Attributes
-    ----------
-    centre : (3,) mean of the points
-    frame : (3, 3) the third column is the line of sight
-    descriptor : (bins,) the same for each roll of the camera
-    signature : (channels, TURN) over the angle about the line of sight
-    """
-
-    centre: Floats
-    frame: Floats
-    descriptor: Floats
-    signature: Floats
+    centre: Floats  # (3,) mean of the points
+    frame: Floats  # (3, 3) the third column is the line of sight
+    descriptor: Floats  # (bins,) the same for each roll of the camera
+    signature: Floats  # (channels, TURN) over the angle about the line of sight
 
 
 class ModelView(NamedTuple):
-    """What a camera sees of a model.
+    """What a camera sees of a model."""
 
-    Attributes
-    ----------
-    direction : (3,) from the model's middle to the camera
-    points : (n, 3) in the frame of the model, metres
-    look : their descriptor
-    """
-
-    direction: Floats
-    points: Floats
-    look: PointView
+    direction: Floats  # (3,) from the model's middle to the camera
+    points: Floats  # (n, 3) in the frame of the model, metres
+    look: PointView  # their descriptor
 
 
 @dataclass(frozen=True, eq=False)
 class KnownObject:
-    """A known object.
+    """A known object."""
 
-    Attributes
-    ----------
-    name
-        Of the object or its class.
-    views
-        From directions all around.
-    """
-
-    name: str
-    views: tuple[ModelView, ...]
+    name: str  # of the object or its class
+    views: tuple[ModelView, ...]  # from directions all around
 
     @cached_property
     def points(self) -> Floats:

@@ -37,35 +37,19 @@ LEAST_SHARE = 0.3
 
 
 class Placeholder(NamedTuple):
-    """Known furniture.
+    """Known furniture."""
 
-    Attributes
-    ----------
-    surface : (m, 3) points all over it, in its own frame, metres
-    believed : (4, 4) its pose in the frame of the cloud
-    """
-
-    surface: Floats
-    believed: Floats
+    surface: Floats  # (m, 3) points all over it, in its own frame, metres
+    believed: Floats  # (4, 4) its pose in the frame of the cloud
 
 
 @dataclass(frozen=True, eq=False)
 class Subtraction:
-    """A cloud without a placeholder.
+    """A cloud without a placeholder."""
 
-    Attributes
-    ----------
-    pose
-        (4, 4) the aligned frame of the placeholder in the frame of the cloud.
-    remaining
-        (n, 3) points that are not on it.
-    removed
-        Share of the points that are on it.
-    """
-
-    pose: Floats
-    remaining: Floats
-    removed: float
+    pose: Floats  # (4, 4) the aligned frame of the placeholder in the frame of the cloud
+    remaining: Floats  # (n, 3) points that are not on it
+    removed: float  # share of the points that are on it
 
 
 def subtract_placeholder(

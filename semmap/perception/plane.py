@@ -15,16 +15,10 @@ SCORED = 2000
 
 
 class Plane(NamedTuple):
-    """The points x with ``normal @ x == offset``.
+    """The points x with ``normal @ x == offset``."""
 
-    Attributes
-    ----------
-    normal : (3,) unit vector, upwards
-    offset : float, metres
-    """
-
-    normal: Floats
-    offset: float
+    normal: Floats  # (3,) unit vector, upwards
+    offset: float  # float, metres
 
     def height(self, points: Floats) -> Floats:
         """Return how far points (n, 3) are above the plane, metres."""

@@ -49,32 +49,18 @@ PRICE = 0.004
 
 @dataclass(frozen=True, eq=False)
 class Primitive:
-    """A shape in the frame of the points that it was fitted to.
+    """A shape in the frame of the points that it was fitted to."""
 
-    Attributes
-    ----------
-    kind
-        A key of `SHAPES`.
-    size
-        The parameters that `SHAPES` names, metres.
-    pose
-        (4, 4) the frame of the shape. The origin is at the centre (of a cone: at the centre of its
-        base); z is the axis of a cylinder, and points to the tip of a cone.
-    inliers
-        Share of the points within the tolerance of the surface.
-    deviation
-        Standard deviation of each size, metres; infinite where the points do not show it. The size
-        is then the least one.
-    tolerance
-        Distance of inliers, metres.
-    """
-
-    kind: str
-    size: tuple[float, ...]
+    kind: str  # A key of `SHAPES`
+    size: tuple[float, ...]  # the parameters that `SHAPES` names, metres
+    # (4, 4) the frame of the shape. The origin is at the centre (of a cone: at the centre of its
+    # base); z is the axis of a cylinder, and points to the tip of a cone
     pose: Floats
-    inliers: float
+    inliers: float  # share of the points within the tolerance of the surface
+    # standard deviation of each size, metres; infinite where the points do not show it. The size is
+    # then the least one
     deviation: tuple[float, ...]
-    tolerance: float
+    tolerance: float  # distance of inliers, metres
 
     def distance(self, points: ArrayLike) -> Floats:
         """Return the distances of points (n, 3) to the surface, metres."""

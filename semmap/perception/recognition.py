@@ -55,25 +55,14 @@ RATES = (0.91, 0.011)
 
 @dataclass(frozen=True, eq=False)
 class Recognition:
-    """What a cluster is.
+    """What a cluster is."""
 
-    Attributes
-    ----------
-    name
-        Of the model; None if no model fits.
-    pose
-        (4, 4) the frame of the model in the frame of the cloud; None if unknown.
-    score
-        Share of the cluster on the model times share of the visible model on the cluster, in
-        [0, 1], of the best model even if it is too low for an answer.
-    centre
-        (3,) mean of the points, metres.
-    """
-
-    name: str | None
-    pose: Floats | None
+    name: str | None  # of the model; None if no model fits
+    pose: Floats | None  # (4, 4) the frame of the model in the frame of the cloud; None if unknown
+    # share of the cluster on the model times share of the visible model on the cluster, in [0, 1],
+    # of the best model even if it is too low for an answer
     score: float
-    centre: Floats
+    centre: Floats  # (3,) mean of the points, metres
 
 
 class Scene:

@@ -14,17 +14,11 @@ from semmap.perception.shapes import Placed
 
 
 class Fit(NamedTuple):
-    """A refined shape.
+    """A refined shape."""
 
-    Attributes
-    ----------
-    placed : the shape
-    seen : (faces,) bool, which faces have points
-    deviation : standard deviations of the sizes, metres; infinite for those that are not seen
-    """
-
-    placed: Placed
-    seen: NDArray[np.bool_]
+    placed: Placed  # the shape
+    seen: NDArray[np.bool_]  # (faces,) bool, which faces have points
+    # standard deviations of the sizes, metres; infinite for those that are not seen
     deviation: Floats
 
     def local(self, points: Floats) -> Floats:

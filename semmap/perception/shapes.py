@@ -30,20 +30,12 @@ SHAPES: dict[str, tuple[str, ...]] = {
 
 
 class Placed(NamedTuple):
-    """A shape in the frame of the points.
+    """A shape in the frame of the points."""
 
-    Attributes
-    ----------
-    kind : a key of `SHAPES`
-    rotation : (3, 3), its columns are the axes of the shape
-    origin : (3,) of the frame of the shape, metres
-    bounds : as the table above, in the frame of the shape, metres
-    """
-
-    kind: str
-    rotation: Floats
-    origin: Floats
-    bounds: Floats
+    kind: str  # a key of `SHAPES`
+    rotation: Floats  # (3, 3), its columns are the axes of the shape
+    origin: Floats  # (3,) of the frame of the shape, metres
+    bounds: Floats  # as the table above, in the frame of the shape, metres
 
     def distances(self, points: Floats) -> Floats:
         """Return the largest of the distances of points (n, 3) to the unbounded faces, (n,) metres.

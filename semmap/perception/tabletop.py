@@ -20,21 +20,11 @@ FEWEST = 100
 
 @dataclass(frozen=True, eq=False)
 class Tabletop:
-    """A table and what stands on it.
+    """A table and what stands on it."""
 
-    Attributes
-    ----------
-    plane
-        The table's plane.
-    surface : (n, 3)
-        Points of the table, metres.
-    clusters
-        Points (m, 3) of each object, the largest first.
-    """
-
-    plane: Plane
-    surface: Floats
-    clusters: tuple[Floats, ...]
+    plane: Plane  # the table's plane
+    surface: Floats  # (n, 3) Points of the table, metres
+    clusters: tuple[Floats, ...]  # points (m, 3) of each object, the largest first
 
 
 def segment_tabletop(

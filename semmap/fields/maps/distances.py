@@ -18,20 +18,13 @@ _SLACK = 1e-9  # 0.15 / 0.05 is less than 3
 
 
 class DistanceTile(NamedTuple):
-    """Distances in a dense box of voxels.
+    """Distances in a dense box of voxels."""
 
-    Attributes
-    ----------
-    low : (3,) the lowest voxel of the box
-    distance : (X, Y, Z) distance in voxels between centres, to the nearest active voxel
-    nearest : (3, X, Y, Z) that voxel; None unless it was requested
-    within : (X, Y, Z) where the distance is at most the reach
-    """
-
-    low: NDArray[np.int_]
+    low: NDArray[np.int_]  # (3,) the lowest voxel of the box
+    # (X, Y, Z) distance in voxels between centres, to the nearest active voxel
     distance: NDArray[np.float64]
-    nearest: NDArray[np.int_] | None
-    within: NDArray[np.bool_]
+    nearest: NDArray[np.int_] | None  # (3, X, Y, Z) that voxel; None unless it was requested
+    within: NDArray[np.bool_]  # (X, Y, Z) where the distance is at most the reach
 
 
 def distance_tiles(

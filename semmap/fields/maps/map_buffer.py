@@ -17,21 +17,14 @@ from semmap.fields.maps.representation_map import RepresentationMap
 
 @dataclass(frozen=True)
 class SourceUpdate:
-    """The maps of a source from a time on, until its next update.
+    """The maps of a source from a time on, until its next update."""
 
-    Attributes
-    ----------
-    time : aware
-    maps : all maps of the source
-    provides : names of the properties that the source states, also where it has no map of them now:
-        a source of gazes that sees nobody states that nobody looks
-    source : its name
-    """
-
-    time: datetime
-    maps: tuple[RepresentationMap, ...]
+    time: datetime  # aware
+    maps: tuple[RepresentationMap, ...]  # all maps of the source
+    # names of the properties that the source states, also where it has no map of them now: a source
+    # of gazes that sees nobody states that nobody looks
     provides: frozenset[str] = frozenset()
-    source: str = ""
+    source: str = ""  # its name
 
 
 class MapBuffer:

@@ -69,18 +69,12 @@ class NameCodes:
 
 @dataclass(frozen=True, eq=False)
 class TermColumn:
-    """The values of a variable in N solutions.
+    """The values of a variable in N solutions."""
 
-    Attributes
-    ----------
-    kind : voxels are keys, entities and texts are codes of names
-    values : (N,) int64 for voxels, entities and texts, float64 or int64 for numbers, bool
-    bound : (N,) where there is a value; None for everywhere
-    """
-
-    kind: ValueKind
+    kind: ValueKind  # voxels are keys, entities and texts are codes of names
+    # (N,) int64 for voxels, entities and texts, float64 or int64 for numbers, bool
     values: NDArray[Any]
-    bound: NDArray[np.bool_] | None = None
+    bound: NDArray[np.bool_] | None = None  # (N,) where there is a value; None for everywhere
 
     def __len__(self) -> int:
         """Return the number of solutions."""

@@ -13,18 +13,12 @@ FARTHEST = 1e50
 
 
 class Polytope(NamedTuple):
-    """A convex hull.
+    """A convex hull."""
 
-    Attributes
-    ----------
-    corners : (C, 3) metres
-    normals : (F, 3) outward unit normals of the facets; two of a flat hull, none of a segment
-    edges : (E, 3) directions of the edges
-    """
-
-    corners: NDArray[np.float64]
+    corners: NDArray[np.float64]  # (C, 3) metres
+    # (F, 3) outward unit normals of the facets; two of a flat hull, none of a segment
     normals: NDArray[np.float64]
-    edges: NDArray[np.float64]
+    edges: NDArray[np.float64]  # (E, 3) directions of the edges
 
 
 def convex_hull(points: NDArray[np.float64]) -> Polytope:

@@ -21,16 +21,11 @@ class Overlap:
 
 
 class Neighbour(NamedTuple):
-    """How one entity is placed relative to another.
+    """How one entity is placed relative to another."""
 
-    Attributes
-    ----------
-    shared : number of voxels that both have
-    gap : distance in voxels between the two nearest voxels as cubes; 0 where these touch, even if
-        only at a corner
-    """
-
-    shared: int
+    shared: int  # number of voxels that both have
+    # distance in voxels between the two nearest voxels as cubes; 0 where these touch, even if only
+    # at a corner
     gap: float
 
 
@@ -40,17 +35,11 @@ class Support(NamedTuple):
     A voxel rests on an entity that has the voxel below it or the same voxel, but not the voxel
     above. Of two entities that begin at one height, only the one that is higher can rest on the
     other. All numbers are 0 where an entity begins too low to rest on the other.
-
-    Attributes
-    ----------
-    layer : number of voxels in the lowest layer
-    firm : number of those that rest on the other entity
-    loose : number of those that rest on it if the entity is shifted up or down by a voxel
     """
 
-    layer: int
-    firm: int
-    loose: int
+    layer: int  # number of voxels in the lowest layer
+    firm: int  # number of those that rest on the other entity
+    loose: int  # number of those that rest on it if the entity is shifted up or down by a voxel
 
 
 @dataclass(frozen=True)

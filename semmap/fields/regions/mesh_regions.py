@@ -14,18 +14,12 @@ from semmap.geometry.parts import closed_parts
 
 @dataclass(frozen=True, eq=False)
 class MeshParts:
-    """A mesh, and which of its parts are closed.
+    """A mesh, and which of its parts are closed."""
 
-    Attributes
-    ----------
-    mesh : corners within a micrometre are merged
-    closed : (F,) whether a face belongs to a closed part, which has an inside
-    wall : (F,) the mean wall thickness of the part of a face in metres; infinite where the part is
-        not a shell
-    """
-
-    mesh: Mesh
-    closed: NDArray[np.bool_]
+    mesh: Mesh  # corners within a micrometre are merged
+    closed: NDArray[np.bool_]  # (F,) whether a face belongs to a closed part, which has an inside
+    # (F,) the mean wall thickness of the part of a face in metres; infinite where the part is not a
+    # shell
     wall: NDArray[np.float64]
 
     def regions(self, voxel_size: float, pose: NDArray[np.float64] | None = None) -> list[Region]:

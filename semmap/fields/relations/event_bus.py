@@ -19,15 +19,10 @@ Callback = Callable[[RelationEvent], object]
 
 @dataclass(frozen=True, eq=False)
 class Subscription:
-    """A callback and the events that it gets, until it is cancelled.
+    """A callback and the events that it gets, until it is cancelled."""
 
-    Attributes
-    ----------
-    callback : called with each event
-    relation, subject, object : only events with these; None for any
-    """
-
-    callback: Callback
+    callback: Callback  # called with each event
+    # relation, subject, object: only events with these; None for any
     relation: str | None
     subject: Hashable | None
     object: Hashable | None

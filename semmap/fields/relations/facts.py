@@ -18,20 +18,14 @@ class RelationFact(NamedTuple):
 
 @dataclass(frozen=True)
 class RelationEvent:
-    """The beginning or end of a fact.
+    """The beginning or end of a fact."""
 
-    Attributes
-    ----------
-    relation, subject, object : the fact
-    began : True for the beginning
-    time : aware
-    """
-
+    # relation, subject, object: the fact
     relation: str
     subject: Hashable
     object: Hashable
-    began: bool
-    time: datetime
+    began: bool  # True for the beginning
+    time: datetime  # aware
 
     @property
     def fact(self) -> RelationFact:

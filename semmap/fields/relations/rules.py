@@ -60,24 +60,19 @@ class RelationRule:
 
     The two thresholds differ (hysteresis), which prevents event floods.
 
-    Attributes
-    ----------
-    name : of the relation
-    measure : the value that is compared with the thresholds
-    begin, end : the relation begins when the measure reaches `begin`, and ends when it is beyond
-        `end`. If `begin` is above `end`, large values make the relation true; else small values
-    between : the kinds of subject and object that can have the relation
-
     Raises
     ------
     ValueError
         The thresholds are equal, or not finite.
     """
 
-    name: str
-    measure: Measure
+    name: str  # of the relation
+    measure: Measure  # the value that is compared with the thresholds
+    # begin, end: the relation begins when the measure reaches `begin`, and ends when it is beyond
+    # `end`. If `begin` is above `end`, large values make the relation true; else small values
     begin: float
     end: float
+    # the kinds of subject and object that can have the relation
     between: frozenset[tuple[Kind, Kind]]
 
     def __post_init__(self) -> None:

@@ -10,42 +10,25 @@ from typing import Any
 
 @dataclass(frozen=True)
 class SourceSettings:
-    """A source and its percepts.
+    """A source and its percepts."""
 
-    Attributes
-    ----------
-    name : of the running source
-    source : the installed source that it is
-    percepts : as `make_feed` takes them
-    rate : the most updates per second
-    timeout : seconds without a percept after which what it provides is unknown; 0 for never
-    options : of the source
-    """
-
-    name: str
-    source: str
-    percepts: str | Mapping[str, Any] = "socket"
-    rate: float = 20.0
+    name: str  # of the running source
+    source: str  # the installed source that it is
+    percepts: str | Mapping[str, Any] = "socket"  # as `make_feed` takes them
+    rate: float = 20.0  # the most updates per second
+    # seconds without a percept after which what it provides is unknown; 0 for never
     timeout: float = 30.0
-    options: Mapping[str, Any] = field(default_factory=dict)
+    options: Mapping[str, Any] = field(default_factory=dict)  # of the source
 
 
 @dataclass(frozen=True)
 class ServiceSettings:
-    """The settings of a service.
+    """The settings of a service."""
 
-    Attributes
-    ----------
-    sources : that run from the beginning
-    save_every : seconds between saves of the voxels of the map
-    keep_every : least seconds between the updates of a source that are kept
-    keep_for : seconds for which these are kept
-    """
-
-    sources: tuple[SourceSettings, ...] = ()
-    save_every: float = 10.0
-    keep_every: float = 1.0
-    keep_for: float = 3600.0
+    sources: tuple[SourceSettings, ...] = ()  # that run from the beginning
+    save_every: float = 10.0  # seconds between saves of the voxels of the map
+    keep_every: float = 1.0  # least seconds between the updates of a source that are kept
+    keep_for: float = 3600.0  # seconds for which these are kept
 
 
 def read_settings(

@@ -22,36 +22,23 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class VisibleObject:
-    """An object that a camera can see.
+    """An object that a camera can see."""
 
-    Attributes
-    ----------
-    name : of the entity
-    type : its semantic type
-    triangles : (F, 3, 3) metres, in the frame of the map
-    """
-
-    name: str
-    type: str
-    triangles: Floats
+    name: str  # of the entity
+    type: str  # its semantic type
+    triangles: Floats  # (F, 3, 3) metres, in the frame of the map
 
 
 @dataclass(frozen=True)
 class ScenePerson:
-    """A person who stands and looks at a point.
+    """A person who stands and looks at a point."""
 
-    Attributes
-    ----------
-    name : of the person
-    x, y, z : position of the feet, metres
-    looks_at : the point, metres
-    """
-
-    name: str
+    name: str  # of the person
+    # x, y, z: position of the feet, metres
     x: float
     y: float
     z: float
-    looks_at: tuple[float, float, float]
+    looks_at: tuple[float, float, float]  # the point, metres
 
     @property
     def eyes(self) -> tuple[float, float, float]:

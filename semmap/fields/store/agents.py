@@ -18,18 +18,11 @@ PERSON = (0.25, 1.75)
 
 @dataclass(frozen=True, eq=False)
 class StandingAgent:
-    """An agent with a body.
+    """An agent with a body."""
 
-    Attributes
-    ----------
-    id : of the entity
-    name : of the entity
-    body : in the frame of the map
-    """
-
-    id: int
-    name: str
-    body: Region
+    id: int  # of the entity
+    name: str  # of the entity
+    body: Region  # in the frame of the map
 
 
 def read_agents(seen: Snapshot, ids: Iterable[int] | None = None) -> list[StandingAgent]:

@@ -29,46 +29,26 @@ Measured in small_house with voxels of 5 cm: moving a piece of furniture changes
 
 @dataclass(frozen=True, eq=False)
 class StoredField:
-    """A version of a field.
+    """A version of a field."""
 
-    Attributes
-    ----------
-    name : of the field
-    version : counted from 1
-    at : when it was stored, aware
-    property : IRI of the property
-    about : the entity that the field is about, if any
-    legend : the entities of the values of an int32 field, if any
-    state : data of the writer, if any
-    grid : the voxels
-    """
-
-    name: str
-    version: int
-    at: datetime
-    property: str
-    about: str | None
-    legend: dict[int, Any] | None
-    state: dict[str, Any] | None
-    grid: Grid
+    name: str  # of the field
+    version: int  # counted from 1
+    at: datetime  # when it was stored, aware
+    property: str  # IRI of the property
+    about: str | None  # the entity that the field is about, if any
+    legend: dict[int, Any] | None  # the entities of the values of an int32 field, if any
+    state: dict[str, Any] | None  # data of the writer, if any
+    grid: Grid  # the voxels
 
 
 @dataclass(frozen=True)
 class VersionSummary:
-    """The size of a version of a field.
+    """The size of a version of a field."""
 
-    Attributes
-    ----------
-    version : counted from 1
-    at : when it was stored, aware
-    blocks : number of cubes that were written
-    bytes : bytes that were written
-    """
-
-    version: int
-    at: datetime
-    blocks: int
-    bytes: int
+    version: int  # counted from 1
+    at: datetime  # when it was stored, aware
+    blocks: int  # number of cubes that were written
+    bytes: int  # bytes that were written
 
 
 def save(

@@ -21,22 +21,13 @@ from semmap.query.storey_scene import SceneEntity
 
 @dataclass(frozen=True, eq=False)
 class Occupant:
-    """An object, a room or a door with a mesh or a point cloud.
+    """An object, a room or a door with a mesh or a point cloud."""
 
-    Attributes
-    ----------
-    id : of the entity
-    name : of the entity
-    triangles : (F, 3, 3) metres, in the frame of the map
-    points : (N, 3) metres, of an entity without triangles
-    encloses_air : bool
-        The mesh is the shell of a room: it has a surface and no inside.
-    """
-
-    id: int
-    name: str
-    triangles: NDArray[np.float64]
-    points: NDArray[np.float64] | None = None
+    id: int  # of the entity
+    name: str  # of the entity
+    triangles: NDArray[np.float64]  # (F, 3, 3) metres, in the frame of the map
+    points: NDArray[np.float64] | None = None  # (N, 3) metres, of an entity without triangles
+    # the mesh is the shell of a room: it has a surface and no inside
     encloses_air: bool = False
 
     def regions(self, voxel_size: float) -> list[Region]:

@@ -34,20 +34,12 @@ _IDENTITY = [[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0]]
 
 @dataclass(frozen=True, eq=False)
 class StatedVoxels:
-    """The voxels of an entity in place of those of its geometry.
+    """The voxels of an entity in place of those of its geometry."""
 
-    Attributes
-    ----------
-    id : of the entity
-    name : of the entity
-    role : of the entity
-    points : (N, 3) centres of the voxels in the frame of the map, metres
-    """
-
-    id: int
-    name: str
-    role: Role
-    points: NDArray[np.float64]
+    id: int  # of the entity
+    name: str  # of the entity
+    role: Role  # of the entity
+    points: NDArray[np.float64]  # (N, 3) centres of the voxels in the frame of the map, metres
 
 
 def read_stated(seen: Snapshot, ids: Iterable[int] | None, voxel_size: float) -> list[StatedVoxels]:

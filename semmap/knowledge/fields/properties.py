@@ -46,19 +46,13 @@ FieldPart = str | tuple[str, ...]
 
 @dataclass(frozen=True)
 class FieldTriple:
-    """A triple whose property fields state.
+    """A triple whose property fields state."""
 
-    Attributes
-    ----------
-    subject, object : the name of a variable, or (text,) of a constant as fields write it
-    property : what states it
-    place : the term of the query
-    """
-
+    # subject, object: the name of a variable, or (text,) of a constant as fields write it
     subject: FieldPart
-    property: Property
+    property: Property  # what states it
     object: FieldPart
-    place: Any = None
+    place: Any = None  # the term of the query
 
     def variables(self) -> Iterator[tuple[str, SideKind]]:
         """Yield the variables with what they stand for: a voxel, an entity or a number."""
@@ -70,22 +64,13 @@ class FieldTriple:
 
 @dataclass(frozen=True)
 class FieldQuery:
-    """A query that fields answer.
+    """A query that fields answer."""
 
-    Attributes
-    ----------
-    text : in the language of fields; its columns are ?v0, ?v1, ..., and ?n if it counts
-    names : the variable of each column
-    kinds : what each stands for: "voxel", "entity" or "number"
-    counts : the last column is how many solutions have these values
-    place : the term of the query
-    """
-
-    text: str
-    names: tuple[str, ...]
-    kinds: tuple[str, ...]
-    counts: bool
-    place: Any
+    text: str  # in the language of fields; its columns are ?v0, ?v1, ..., and ?n if it counts
+    names: tuple[str, ...]  # the variable of each column
+    kinds: tuple[str, ...]  # what each stands for: "voxel", "entity" or "number"
+    counts: bool  # the last column is how many solutions have these values
+    place: Any  # the term of the query
 
     @classmethod
     def of(
@@ -132,20 +117,13 @@ class FieldQuery:
 
 @dataclass(frozen=True)
 class FieldAnswer:
-    """The answer of fields.
+    """The answer of fields."""
 
-    Attributes
-    ----------
-    rows : a value for each column: a voxel is the (x, y, z) of its centre, an entity its name
-    voxel_size : metres
-    by : what answered
-    left_out : entities without voxels, of which the answer says nothing
-    """
-
+    # a value for each column: a voxel is the (x, y, z) of its centre, an entity its name
     rows: list[tuple[Any, ...]]
-    voxel_size: float
-    by: str
-    left_out: tuple[str, ...] = ()
+    voxel_size: float  # metres
+    by: str  # what answered
+    left_out: tuple[str, ...] = ()  # entities without voxels, of which the answer says nothing
 
 
 class Fields(Protocol):

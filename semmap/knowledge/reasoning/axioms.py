@@ -30,24 +30,14 @@ _EQUALITY = " with equality"
 
 @dataclass(frozen=True)
 class OntologyAxioms:
-    """The axioms of a map.
+    """The axioms of a map."""
 
-    Attributes
-    ----------
-    digest : changes with them
-    hierarchy : of the T-Box
-    axioms : others
-    stated_same : ``owl:sameAs`` is stated of something
-    equality : the rules of equality are among `rules`
-    rules : what the axioms make
-    """
-
-    digest: str
-    hierarchy: Hierarchy
-    axioms: frozenset[Triple]
-    stated_same: bool
-    equality: bool
-    rules: Compiled
+    digest: str  # changes with them
+    hierarchy: Hierarchy  # of the T-Box
+    axioms: frozenset[Triple]  # others
+    stated_same: bool  # ``owl:sameAs`` is stated of something
+    equality: bool  # the rules of equality are among `rules`
+    rules: Compiled  # what the axioms make
 
     @classmethod
     def read(cls, view: MapView, state: str = "") -> OntologyAxioms:

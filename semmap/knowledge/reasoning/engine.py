@@ -36,24 +36,17 @@ class Var(str):
 
 @dataclass(frozen=True)
 class Rule:
-    """A rule: where all triples of the body are facts, the head is one, too.
+    """A rule: where all triples of the body are facts, the head is one, too."""
 
-    Attributes
-    ----------
-    name : in OWL 2 Profiles, section 4.3
-    body, head : triples with variables
-    text : the axiom in words
-    apart : two variables that must be different terms
-    clash : the two variables must be known to be different resources; else not known to be so
-    inferred_only : facts that were told need not be considered: what follows is told, too
-    """
-
-    name: str
+    name: str  # in OWL 2 Profiles, section 4.3
+    # body, head: triples with variables
     body: tuple[Triple, ...]
     head: Triple
-    text: str
-    apart: tuple[Var, Var] | None = None
+    text: str  # the axiom in words
+    apart: tuple[Var, Var] | None = None  # two variables that must be different terms
+    # the two variables must be known to be different resources; else not known to be so
     clash: bool = False
+    # facts that were told need not be considered: what follows is told, too
     inferred_only: bool = False
 
 
@@ -237,18 +230,11 @@ def retract(
 
 @dataclass(frozen=True)
 class Proof:
-    """Why a fact is one.
+    """Why a fact is one."""
 
-    Attributes
-    ----------
-    fact : the fact
-    text : the axiom from which it follows; "" where it is told
-    reasons : the proofs of the facts that meet the axiom
-    """
-
-    fact: Triple
-    text: str = ""
-    reasons: tuple[Proof, ...] = ()
+    fact: Triple  # the fact
+    text: str = ""  # the axiom from which it follows; "" where it is told
+    reasons: tuple[Proof, ...] = ()  # the proofs of the facts that meet the axiom
 
     @classmethod
     def of(

@@ -103,19 +103,12 @@ SCHEMA_RULES: tuple[Rule, ...] = (
 
 @dataclass(frozen=True)
 class Compiled:
-    """The rules of a set of axioms.
+    """The rules of a set of axioms."""
 
-    Attributes
-    ----------
-    rules : those without a body state what follows from axioms alone
-    classes : of which rules are, beside those that only inferences meet
-    heads : classes that rules infer
-    properties : that rules are about; None: all, because terms may be the same resource
-    """
-
-    rules: RuleSet
-    classes: frozenset[Node]
-    heads: frozenset[Node]
+    rules: RuleSet  # those without a body state what follows from axioms alone
+    classes: frozenset[Node]  # of which rules are, beside those that only inferences meet
+    heads: frozenset[Node]  # classes that rules infer
+    # that rules are about; None: all, because terms may be the same resource
     properties: frozenset[Node] | None
 
     def stated(self) -> list[Triple]:

@@ -17,20 +17,13 @@ from semmap.knowledge.reasoning.told_facts import COLUMNS, DIRECT_TYPE, KIND, co
 
 @dataclass
 class Stored:
-    """What was written.
+    """What was written."""
 
-    Attributes
-    ----------
-    added : numbers of new inferences, by property and class
-    removed : number of inferences
-    clashes : how many contradictions there are more
-    complete : nothing was there before
-    """
-
+    # numbers of new inferences, by property and class
     added: Counter[tuple[str, str | None]] = field(default_factory=Counter)
-    removed: int = 0
-    clashes: int = 0
-    complete: bool = False
+    removed: int = 0  # number of inferences
+    clashes: int = 0  # how many contradictions there are more
+    complete: bool = False  # nothing was there before
 
     def note(self, verb: Node, node: Node, count: int = 1) -> None:
         """Count new inferences with a property; of types, a class."""

@@ -39,18 +39,11 @@ _OBJECTS = {
 
 @dataclass(frozen=True)
 class Hierarchy:
-    """The semantic types of the database.
+    """The semantic types of the database."""
 
-    Attributes
-    ----------
-    digest : changes with them
-    supers : the classes that subsume each class, itself included
-    parents : class and direct superclass
-    """
-
-    digest: str
-    supers: Mapping[Node, frozenset[Node]]
-    parents: tuple[tuple[Node, Node], ...]
+    digest: str  # changes with them
+    supers: Mapping[Node, frozenset[Node]]  # the classes that subsume each class, itself included
+    parents: tuple[tuple[Node, Node], ...]  # class and direct superclass
 
     def of(self, types: Collection[Node]) -> frozenset[Node]:
         """Return all classes of an entity with given types."""

@@ -19,22 +19,13 @@ from semmap.knowledge.vocabulary import GEOF, SEMMAP, SF
 
 @dataclass(frozen=True)
 class GeoFunction:
-    """A function of literals.
+    """A function of literals."""
 
-    Attributes
-    ----------
-    name : as errors write it
-    sql : with {0}, {1} ... for the arguments
-    arguments : "geometry", "number", "text", "time", "entity" or "voxel"
-    result : the form of the result
-    optional : how many of the last arguments may be left out
-    """
-
-    name: str
-    sql: str
-    arguments: tuple[str, ...]
-    result: Form
-    optional: int = 0
+    name: str  # as errors write it
+    sql: str  # with {0}, {1} ... for the arguments
+    arguments: tuple[str, ...]  # "geometry", "number", "text", "time", "entity" or "voxel"
+    result: Form  # the form of the result
+    optional: int = 0  # how many of the last arguments may be left out
 
     @property
     def counts(self) -> range:

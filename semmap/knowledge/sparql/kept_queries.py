@@ -74,16 +74,10 @@ class Unkept(Exception):
 
 @dataclass(frozen=True)
 class Basis:
-    """What a translation follows from, besides the text.
+    """What a translation follows from, besides the text."""
 
-    Attributes
-    ----------
-    lookup : of the IRIs of the text
-    rows : what it found
-    """
-
-    lookup: Lookup
-    rows: frozenset[Found]
+    lookup: Lookup  # of the IRIs of the text
+    rows: frozenset[Found]  # what it found
 
     @classmethod
     def read(cls, session: Session, lookup: Lookup, map_id: int) -> Basis:

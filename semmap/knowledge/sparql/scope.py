@@ -14,16 +14,10 @@ Part = str | Value
 
 @dataclass(frozen=True)
 class Chosen:
-    """The graphs that FROM or USING choose (SPARQL 1.1, section 13.2): the map is not in them.
+    """The graphs that FROM or USING choose (SPARQL 1.1, section 13.2): the map is not in them."""
 
-    Attributes
-    ----------
-    default : IRIs; the default graph is the union of these graphs
-    named : IRIs of the graphs that GRAPH finds
-    """
-
-    default: tuple[str, ...] = ()
-    named: tuple[str, ...] = ()
+    default: tuple[str, ...] = ()  # IRIs; the default graph is the union of these graphs
+    named: tuple[str, ...] = ()  # IRIs of the graphs that GRAPH finds
 
     @classmethod
     def by(cls, clauses: Iterable[Any] | None) -> Chosen | None:
@@ -39,16 +33,10 @@ class Chosen:
 
 @dataclass(frozen=True)
 class Inferred:
-    """What inferences a map has, so that patterns look for no others.
+    """What inferences a map has, so that patterns look for no others."""
 
-    Attributes
-    ----------
-    properties : of inferences
-    classes : that are inferred
-    """
-
-    properties: frozenset[str] = frozenset()
-    classes: frozenset[str] = frozenset()
+    properties: frozenset[str] = frozenset()  # of inferences
+    classes: frozenset[str] = frozenset()  # that are inferred
 
 
 NOTHING_INFERRED = Inferred()
@@ -56,22 +44,18 @@ NOTHING_INFERRED = Inferred()
 
 @dataclass(frozen=True)
 class PatternScope:
-    """Where a pattern stands.
+    """Where a pattern stands."""
 
-    Attributes
-    ----------
-    graph : the graph that GRAPH names, a constant or a variable; None for the default graph
-    bindings : values that the solutions will be joined with: a pattern need not have others, and
-        may refer to them
-    outer : for EXISTS, the values that expressions see besides those of the pattern
-    conditions : variable, operator and number of comparisons that all solutions will meet
-    given : bindings of few rows: each table is limited to them by its index
-    """
-
+    # the graph that GRAPH names, a constant or a variable; None for the default graph
     graph: Part | None = None
+    # values that the solutions will be joined with: a pattern need not have others, and may refer
+    # to them
     bindings: Mapping[str, Value] = field(default_factory=dict)
+    # for EXISTS, the values that expressions see besides those of the pattern
     outer: Mapping[str, Value] = field(default_factory=dict)
+    # variable, operator and number of comparisons that all solutions will meet
     conditions: tuple[tuple[str, str, str], ...] = ()
+    # bindings of few rows: each table is limited to them by its index
     given: Mapping[str, Value] = field(default_factory=dict)
 
     def joined(self, bindings: Mapping[str, Value]) -> PatternScope:

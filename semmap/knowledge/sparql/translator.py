@@ -40,18 +40,11 @@ GIVEN = "given p"
 
 @dataclass(frozen=True)
 class SqlStatement:
-    """A statement of SQL with its parameters; a text and a tag for each variable.
+    """A statement of SQL with its parameters; a text and a tag for each variable."""
 
-    Attributes
-    ----------
-    sql : with named parameters of psycopg
-    parameters : by name
-    names : the variables of the columns, in order
-    """
-
-    sql: str
-    parameters: dict[str, Any]
-    names: tuple[str, ...]
+    sql: str  # with named parameters of psycopg
+    parameters: dict[str, Any]  # by name
+    names: tuple[str, ...]  # the variables of the columns, in order
 
 
 def translate(

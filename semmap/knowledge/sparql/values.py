@@ -20,20 +20,12 @@ NUMERIC = ("integer", "decimal", "double")
 
 @dataclass(frozen=True)
 class Value:
-    """A term in SQL.
+    """A term in SQL."""
 
-    Attributes
-    ----------
-    form : see `semmap.knowledge.mapping.Form`
-    sql : its value, key, IRI or text; null where it is not bound
-    tag : of a "term"
-    constant : text and tag of a term that the query has
-    """
-
-    form: Form
-    sql: str
-    tag: str | None = None
-    constant: tuple[str, str] | None = None
+    form: Form  # see `semmap.knowledge.mapping.Form`
+    sql: str  # its value, key, IRI or text; null where it is not bound
+    tag: str | None = None  # of a "term"
+    constant: tuple[str, str] | None = None  # text and tag of a term that the query has
 
     @classmethod
     def of_columns(cls, form: Form, columns: Iterable[str]) -> Value:

@@ -20,25 +20,17 @@ _OF_MAP = {form: node.prefix for form, node in NODES.items() if node.of_map}
 
 
 class Changes(NamedTuple):
-    """What changed.
+    """What changed."""
 
-    Attributes
-    ----------
-    entities : ids of the entities of which rows of tables changed
-    facts : the statements and inferences that were added, removed, or ended, as the table `change`
-        has them
-    removed : entities were deleted, and with them what was inferred about them
-    others : something else changed that only queries as a whole can depend on, such as a belief
-    fields : what fields state changed
-    all : anything may have changed
-    """
-
-    entities: frozenset[int] = frozenset()
+    entities: frozenset[int] = frozenset()  # ids of the entities of which rows of tables changed
+    # the statements and inferences that were added, removed, or ended, as the table `change` has
+    # them
     facts: tuple[tuple[Any, ...], ...] = ()
-    removed: bool = False
+    removed: bool = False  # entities were deleted, and with them what was inferred about them
+    # something else changed that only queries as a whole can depend on, such as a belief
     others: bool = False
-    fields: bool = False
-    all: bool = False
+    fields: bool = False  # what fields state changed
+    all: bool = False  # anything may have changed
 
     @property
     def every_id(self) -> list[int]:

@@ -78,24 +78,17 @@ class WholeError(Exception):
 
 @dataclass(eq=False)
 class PartPattern:
-    """A triple pattern of a part.
+    """A triple pattern of a part."""
 
-    Attributes
-    ----------
-    terms : subject, property and object; a variable, or the IRI that solutions have
-    graph : a variable, the IRI of a named graph, or None for the default graph
-    keys : side and form of the nodes whose change can begin or end a triple of tables
-    listed : an index lists the triples of such a node
-    stated : statements and inferences can match
-    exact : a triple with these terms matches; else the database decides: it compares literals, and
-        knows whether a triple is stated or inferred
-    """
-
+    # subject, property and object; a variable, or the IRI that solutions have
     terms: tuple[Term, Term, Term]
-    graph: Term | None
+    graph: Term | None  # a variable, the IRI of a named graph, or None for the default graph
+    # side and form of the nodes whose change can begin or end a triple of tables
     keys: frozenset[tuple[int, Form]]
-    listed: bool
-    stated: bool
+    listed: bool  # an index lists the triples of such a node
+    stated: bool  # statements and inferences can match
+    # a triple with these terms matches; else the database decides: it compares literals, and knows
+    # whether a triple is stated or inferred
     exact: bool
 
     @property

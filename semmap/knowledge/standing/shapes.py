@@ -44,16 +44,10 @@ Canonical = Callable[[Any, str], Term]
 
 @dataclass(frozen=True)
 class Template:
-    """A query with holes.
+    """A query with holes."""
 
-    Attributes
-    ----------
-    parsed : with an IRI for each hole
-    iris : that the text has besides those of the holes
-    """
-
-    parsed: ParsedText
-    iris: frozenset[str]
+    parsed: ParsedText  # with an IRI for each hole
+    iris: frozenset[str]  # that the text has besides those of the holes
 
 
 def parsed_text(view: MapView, text: str) -> ParsedText:
