@@ -13,15 +13,7 @@ Vector = tuple[float, float, float]
 def positive(value: float, name: str) -> float:
     """Return a length in metres that is above 0.
 
-    Parameters
-    ----------
-    value : the argument
-    name : of the argument, for the error
-
-    Raises
-    ------
-    ValueError
-        The value is not finite, or not above 0.
+    Raises ValueError: the value is not finite, or not above 0.
 
     Examples
     --------
@@ -37,10 +29,7 @@ def positive(value: float, name: str) -> float:
 def as_length(value: float, name: str) -> float:
     """Return a length in metres that is 0 or more.
 
-    Raises
-    ------
-    ValueError
-        The value is not finite, or below 0.
+    Raises ValueError: the value is not finite, or below 0.
     """
     number = float(value)
     if not (math.isfinite(number) and number >= 0):
@@ -51,10 +40,7 @@ def as_length(value: float, name: str) -> float:
 def as_vector(value: ArrayLike, name: str) -> Vector:
     """Return three finite numbers as a tuple.
 
-    Raises
-    ------
-    ValueError
-        The value has another shape, or a number is not finite.
+    Raises ValueError: the value has another shape, or a number is not finite.
     """
     array = np.asarray(value, dtype=float)
     if array.shape != (3,) or not np.isfinite(array).all():
@@ -65,10 +51,7 @@ def as_vector(value: ArrayLike, name: str) -> Vector:
 def as_direction(value: ArrayLike, name: str) -> Vector:
     """Return a vector of any length as one of length 1.
 
-    Raises
-    ------
-    ValueError
-        The value is not a vector, or its length is 0.
+    Raises ValueError: the value is not a vector, or its length is 0.
     """
     x, y, z = as_vector(value, name)
     length = math.hypot(x, y, z)
@@ -80,10 +63,7 @@ def as_direction(value: ArrayLike, name: str) -> Vector:
 def as_rotation(value: ArrayLike, name: str) -> NDArray[np.float64]:
     """Return the rotation matrix (3, 3) of a unit quaternion (x, y, z, w).
 
-    Raises
-    ------
-    ValueError
-        The value is not a unit quaternion.
+    Raises ValueError: the value is not a unit quaternion.
     """
     q = np.asarray(value, dtype=float)
     if q.shape != (4,) or not abs(float(np.linalg.norm(q)) - 1) < 1e-6:
@@ -101,10 +81,7 @@ def as_rotation(value: ArrayLike, name: str) -> NDArray[np.float64]:
 def as_rigid_rows(value: ArrayLike, name: str) -> list[list[float]]:
     """Return the upper three rows of a rigid transform (4, 4).
 
-    Raises
-    ------
-    ValueError
-        The value has another shape, or scales or shears.
+    Raises ValueError: the value has another shape, or scales or shears.
     """
     m = np.asarray(value, dtype=float)
     if m.shape != (4, 4) or not np.isfinite(m).all():
@@ -119,10 +96,7 @@ def as_rigid_rows(value: ArrayLike, name: str) -> list[list[float]]:
 def as_points(value: ArrayLike, name: str) -> NDArray[np.float64]:
     """Return points (N, 3) as a contiguous array.
 
-    Raises
-    ------
-    ValueError
-        The value has another shape, or a number is not finite.
+    Raises ValueError: the value has another shape, or a number is not finite.
     """
     points = np.ascontiguousarray(value, dtype=np.float64)
     if points.shape == (0,):
@@ -137,16 +111,7 @@ def as_points(value: ArrayLike, name: str) -> NDArray[np.float64]:
 def as_faces(value: ArrayLike, vertices: int, name: str) -> NDArray[np.int32]:
     """Return triangles (M, 3) as a contiguous array of vertex indices.
 
-    Parameters
-    ----------
-    value : the argument
-    vertices : number of vertices
-    name : of the argument, for the error
-
-    Raises
-    ------
-    ValueError
-        The value has another shape or type, or an index does not belong to a vertex.
+    Raises ValueError: the value has another shape or type, or an index does not belong to a vertex.
     """
     faces = np.asarray(value)
     if faces.ndim != 2 or faces.shape[1] != 3 or not np.issubdtype(faces.dtype, np.integer):

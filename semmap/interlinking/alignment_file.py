@@ -13,11 +13,8 @@ ABOUT = "{http://www.w3.org/1999/02/22-rdf-syntax-ns#}resource"
 def read_alignment(path: Path) -> dict[tuple[str, str], float]:
     """Return the pairs of an alignment that are equal, with their measures in [0, 1].
 
-    Raises
-    ------
-    InterlinkingError
-        The file is not an alignment, or a cell has not two entities, the relation ``=`` and a
-        measure.
+    Raises InterlinkingError: the file is not an alignment, or a cell has not two entities, the
+    relation ``=`` and a measure.
     """
     from semmap.ingest.world import WorldError
     from semmap.ingest.xml_file import read_xml

@@ -24,10 +24,8 @@ def read_csv_records(path: Path) -> Records:
 
     A column named id, key, rec_id or uri has the keys, else the first one.
 
-    Raises
-    ------
-    InterlinkingError
-        The file is not CSV text in UTF-8, or a row has another number of cells than the header.
+    Raises InterlinkingError: the file is not CSV text in UTF-8, or a row has another number of
+    cells than the header.
     """
     rows = _rows(path)
     header = [name.strip() for name in rows[0]] if rows else []
@@ -60,10 +58,8 @@ def read_csv_labels(path: Path) -> dict[tuple[str, str], bool]:
 
     The columns are left, right and same; same is yes or no.
 
-    Raises
-    ------
-    InterlinkingError
-        A row that is not a label, or two labels of a pair that contradict each other.
+    Raises InterlinkingError: a row that is not a label, or two labels of a pair that contradict
+    each other.
     """
     found: dict[tuple[str, str], bool] = {}
     for number, row in enumerate(_rows(path), 1):

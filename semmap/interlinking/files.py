@@ -12,10 +12,8 @@ from semmap.limits import TEXT_BYTES
 def read_text(path: Path) -> str:
     """Return the text of a file in UTF-8.
 
-    Raises
-    ------
-    InterlinkingError
-        It cannot be read, is too large (`semmap.limits.TEXT_BYTES`), or is not UTF-8.
+    Raises InterlinkingError: it cannot be read, is too large (`semmap.limits.TEXT_BYTES`), or is
+    not UTF-8.
     """
     try:
         TEXT_BYTES.check(path.stat().st_size, partial(_refusal, path), "Split the file.")

@@ -92,10 +92,7 @@ class FactWriter:
 
         A statement that is there without an end keeps none.
 
-        Raises
-        ------
-        RefusedError
-            The map does not allow one of them.
+        Raises RefusedError: the map does not allow one of them.
         """
         facts = self._resolved(facts)
         for fact in facts:

@@ -61,10 +61,7 @@ def parse_pattern(statement: str, map_name: str) -> ClientPattern:
     (`oro:word`), and so the property or type of the map with that name. ``*`` is a variable without
     a name.
 
-    Raises
-    ------
-    ValueError
-        It is not a statement.
+    Raises ValueError: it is not a statement.
 
     Examples
     --------

@@ -396,10 +396,7 @@ def _dataset(asked: _Request) -> Chosen | None:
 def _chosen(accept: str, known: Mapping[str, Any]) -> str:
     """Return the media type that a client prefers.
 
-    Raises
-    ------
-    _ProtocolError
-        None of those that it accepts is known.
+    Raises _ProtocolError: none of those that it accepts is known.
     """
     wanted: list[tuple[float, int, str]] = []
     for position, part in enumerate(accept.split(",")):

@@ -65,11 +65,8 @@ class Checker(TextScope):
     def check(self, node: Any) -> Pattern:
         """Return a part of rdflib's algebra as a checked pattern.
 
-        Raises
-        ------
-        QueryError
-            An unknown property, name or function, kinds that do not fit, a variable that nothing
-            binds, or a part of SPARQL that is not supported.
+        Raises QueryError: an unknown property, name or function, kinds that do not fit, a variable
+        that nothing binds, or a part of SPARQL that is not supported.
         """
         check: Callable[[Any], Pattern] | None = getattr(self, f"_check_{node.name}", None)
         if check is None:

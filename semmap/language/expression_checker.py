@@ -38,10 +38,7 @@ class Scope(Protocol):
     def variable(self, term: Any) -> tuple[ValueKind, str | None]:
         """Return kind and semantic type of a variable.
 
-        Raises
-        ------
-        QueryError
-            Nothing binds the variable here.
+        Raises QueryError: nothing binds the variable here.
         """
         ...
 
@@ -50,13 +47,7 @@ class Scope(Protocol):
         ...
 
     def function(self, term: Any) -> Function:
-        """Return the extension function of an IRI.
-
-        Raises
-        ------
-        QueryError
-            There is no such function.
-        """
+        """Return the extension function of an IRI. Raises QueryError: there is no such function."""
         ...
 
     def exists(self, tree: Any) -> Expression:
@@ -78,10 +69,7 @@ Operand = Expression | _Name
 def check_expression(tree: Any, scope: Scope) -> Expression:
     """Return an expression with its kind.
 
-    Raises
-    ------
-    QueryError
-        Kinds do not fit, a variable is not bound, or a function is unknown.
+    Raises QueryError: kinds do not fit, a variable is not bound, or a function is unknown.
     """
     operand = _operand(tree, scope)
     if isinstance(operand, Expression):
@@ -92,10 +80,7 @@ def check_expression(tree: Any, scope: Scope) -> Expression:
 def check_condition(tree: Any, scope: Scope) -> Expression:
     """Return an expression as a truth value (SPARQL 1.1, section 17.2.2).
 
-    Raises
-    ------
-    QueryError
-        As `check_expression`, or the value is neither true nor false.
+    Raises QueryError: as `check_expression`, or the value is neither true nor false.
     """
     expression = check_expression(tree, scope)
     if expression.kind == "boolean":

@@ -74,10 +74,7 @@ class NormalisedText:
 def normalise(text: str) -> NormalisedText:
     """Rewrite a text as SPARQL.
 
-    Raises
-    ------
-    QueryError
-        The text is longer than `semmap.limits` allow.
+    Raises QueryError: the text is longer than `semmap.limits` allow.
 
     Examples
     --------

@@ -63,10 +63,7 @@ FIELD_PREFIXES = {"": "urn:semmap:ontology#"}
 def parse_query(text: str) -> ParsedText:
     """Parse a query.
 
-    Raises
-    ------
-    QueryError
-        The text is not SPARQL, or uses a part of SPARQL that is not supported.
+    Raises QueryError: the text is not SPARQL, or uses a part of SPARQL that is not supported.
     """
     normalised = normalise(text)
     with _errors_of(normalised):
@@ -95,10 +92,7 @@ def parse_query(text: str) -> ParsedText:
 def parse_update(text: str) -> ParsedText:
     """Parse an update.
 
-    Raises
-    ------
-    QueryError
-        The text is not SPARQL, or uses a part of SPARQL that is not supported.
+    Raises QueryError: the text is not SPARQL, or uses a part of SPARQL that is not supported.
     """
     normalised = normalise(text)
     with _errors_of(normalised):

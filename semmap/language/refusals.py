@@ -42,10 +42,7 @@ _UNSAFE = {
 def refuse_unsafe(text: NormalisedText, tree: Any) -> None:
     """Raise an error for the first part of a syntax tree that leads outside of the database.
 
-    Raises
-    ------
-    QueryError
-        With the position of that part, and what to write instead.
+    Raises QueryError: with the position of that part, and what to write instead.
     """
     unsafe = [part for part in _parts(tree) if part.name in _UNSAFE and not _is_silent(part)]
     _refuse(text, [(_UNSAFE[part.name], part) for part in unsafe])
@@ -55,10 +52,7 @@ def refuse_unsafe(text: NormalisedText, tree: Any) -> None:
 def refuse_unsupported(text: NormalisedText, tree: Any) -> None:
     """Raise an error for the first part of a syntax tree that no back end supports.
 
-    Raises
-    ------
-    QueryError
-        With the position of that part, and what to write instead.
+    Raises QueryError: with the position of that part, and what to write instead.
     """
     _refuse(text, [(reason, part) for part in _parts(tree) for reason in _reasons(part)])
 

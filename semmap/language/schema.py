@@ -82,10 +82,7 @@ class Schema(Protocol):
     def find_property(self, iri: str) -> Property:
         """Return the property of an IRI.
 
-        Raises
-        ------
-        LookupError
-            There is no such property; the error suggests similar names.
+        Raises LookupError: there is no such property; the error suggests similar names.
         """
         ...
 

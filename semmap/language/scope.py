@@ -55,13 +55,7 @@ class TextScope(Scope):
         return kind, range_
 
     def declare(self, name: str, kind: ValueKind, range_: str | None, position: int) -> None:
-        """Set the kind of a variable.
-
-        Raises
-        ------
-        QueryError
-            It has another kind already.
-        """
+        """Set the kind of a variable. Raises QueryError: it has another kind already."""
         known, _, declared = self.kinds.setdefault(name, (kind, range_, position))
         if known != kind:
             line = self.error("", declared).line

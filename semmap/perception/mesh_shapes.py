@@ -38,10 +38,8 @@ TOLERANCE = 0.01
 def mesh_primitive(mesh: trimesh.Trimesh, *, seed: int = 0) -> Primitive:
     """Return the shape that is most like a mesh, in the frame of the mesh.
 
-    Raises
-    ------
-    PerceptionError
-        A mesh without faces, with vertices that are not finite, or of no volume.
+    Raises PerceptionError: a mesh without faces, with vertices that are not finite, or of no
+    volume.
     """
     import trimesh
 

@@ -28,10 +28,7 @@ class Plane(NamedTuple):
 def unit_vector(given: ArrayLike, what: str) -> Floats:
     """Return a vector of three numbers at length 1.
 
-    Raises
-    ------
-    PerceptionError
-        It has another shape, or no direction.
+    Raises PerceptionError: it has another shape, or no direction.
     """
     vector = np.asarray(given, np.float64)
     length = float(np.linalg.norm(vector)) if vector.shape == (3,) else 0.0

@@ -109,7 +109,6 @@ def mask(map: RepresentationMap, by: RepresentationMap) -> RepresentationMap:
     Parameters
     ----------
     map : gives values and property
-    by : any map
     """
     return _masked(map, by, inside=True)
 
@@ -120,7 +119,6 @@ def difference(map: RepresentationMap, without: RepresentationMap) -> Representa
     Parameters
     ----------
     map : gives values and property
-    without : any map
     """
     return _masked(map, without, inside=False)
 
@@ -136,7 +134,6 @@ def threshold(
 
     Parameters
     ----------
-    map : a map without legend
     low, high : the smallest and the largest value
     as_ : the property of the result; required where the objects of the property are numbers. A map
         of degrees becomes a map of its property without it
@@ -175,7 +172,6 @@ def map_values(
 
     Parameters
     ----------
-    map : the map
     function : from an array of values to an array of new values
     value_type : of the new values; that of the map if not given
     as_ : the property of the result; that of the map if not given
@@ -237,7 +233,6 @@ def distance(
 
     Parameters
     ----------
-    map : any map
     farthest : the largest distance that gets a value, metres
     as_ : the property of the result; `distance` if not given
     """
@@ -254,7 +249,6 @@ def transform(map: RepresentationMap, pose: ArrayLike) -> RepresentationMap:
 
     Parameters
     ----------
-    map : any map
     pose : (4, 4) rigid transform in the shared frame
 
     See Also

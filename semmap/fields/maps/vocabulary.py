@@ -42,13 +42,7 @@ class Vocabulary:
         self._by_name = {p.name: p for p in self.properties}
 
     def __getitem__(self, name: str) -> Property:
-        """Return the property of an IRI or a name.
-
-        Raises
-        ------
-        KeyError
-            There is no such property.
-        """
+        """Return the property of an IRI or a name. Raises KeyError: there is no such property."""
         return self._by_iri[name] if name in self._by_iri else self._by_name[name]
 
     def __contains__(self, name: object) -> bool:

@@ -98,10 +98,7 @@ class FieldCatalogue:
     def find_property(self, iri: str) -> Property:
         """Return the property of an IRI.
 
-        Raises
-        ------
-        LookupError
-            There is no such property, or only its present is known.
+        Raises LookupError: there is no such property, or only its present is known.
         """
         if iri == RDF_TYPE.iri:
             return RDF_TYPE
@@ -124,10 +121,8 @@ class FieldCatalogue:
     def relation(self, property: Property) -> StatementRelation:
         """Return the relation that states a property.
 
-        Raises
-        ------
-        UnknownError
-            Nothing states it: no source provides it, or the map has none of what it is about.
+        Raises UnknownError: nothing states it: no source provides it, or the map has none of what
+        it is about.
         """
         if property == RDF_TYPE:
             return TypeRelation(RDF_TYPE, self.types(), self._names.supertypes)

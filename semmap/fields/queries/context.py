@@ -41,10 +41,7 @@ class Context:
     def check_time(self) -> None:
         """Check that the query has not taken too long.
 
-        Raises
-        ------
-        LimitError
-            It has; the error says how to raise the limit.
+        Raises LimitError: it has; the error says how to raise the limit.
         """
         if QUERY_SECONDS.exceeded_by(time.monotonic() - self._began):
             raise LimitError(

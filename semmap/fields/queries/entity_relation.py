@@ -60,13 +60,9 @@ class EntityRelation:
     ) -> Statements:
         """Return the statements; see `StatementRelation.statements`.
 
-        Raises
-        ------
-        LookupError
-            No rule of the tracker has the name of the property.
-        UnknownError
-            All entities to which a side is limited have no voxels, or what the relation follows
-            from is missing.
+        Raises LookupError: no rule of the tracker has the name of the property. Raises
+        UnknownError: all entities to which a side is limited have no voxels, or what the relation
+        follows from is missing.
         """
         tracker, name = self._tracker(), self.property.name
         known = [rule.name for rule in tracker.rules]

@@ -39,10 +39,7 @@ Values = NDArray[Any]
 def evaluate_expression(expression: Expression, context: Context, table: Table) -> TermColumn:
     """Return the values of an expression for the rows of a table.
 
-    Raises
-    ------
-    LimitError
-        A regular expression takes too long.
+    Raises LimitError: a regular expression takes too long.
     """
     raise TypeError(f"{type(expression).__name__} cannot be evaluated")
 

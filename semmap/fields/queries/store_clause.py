@@ -48,10 +48,7 @@ class StoreChecker(Checker):
     def check_query(self) -> Pattern:
         """Return the query as a checked pattern.
 
-        Raises
-        ------
-        QueryError
-            The result would not be a map of the property.
+        Raises QueryError: the result would not be a map of the property.
         """
         pattern = self.check(self.parsed.algebra)
         self._check_property()
@@ -63,10 +60,7 @@ class StoreChecker(Checker):
     def result(self, table: Table, context: Context) -> StoreResult:
         """Return the statements of the solutions of the query.
 
-        Raises
-        ------
-        QueryError
-            An entity is not of the type that the property requires.
+        Raises QueryError: an entity is not of the type that the property requires.
         """
         names = [str(name) for name in self.parsed.names]
         object_name = names[1] if len(names) == 2 else STORED_OBJECT

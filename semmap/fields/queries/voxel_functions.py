@@ -37,7 +37,6 @@ def evaluate_function(
     ----------
     name : one of VOXEL_FUNCTIONS
     arguments : (N,) keys for each argument
-    voxel_size : metres
 
     Returns
     -------

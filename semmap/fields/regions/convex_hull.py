@@ -24,10 +24,7 @@ class Polytope(NamedTuple):
 def convex_hull(points: NDArray[np.float64]) -> Polytope:
     """Return the convex hull of (N, 3) points: a polytope, a polygon, a segment or a point.
 
-    Raises
-    ------
-    ValueError
-        A coordinate is so large that distances overflow.
+    Raises ValueError: a coordinate is so large that distances overflow.
     """
     from scipy.spatial import ConvexHull  # slow to load; few commands need it
 

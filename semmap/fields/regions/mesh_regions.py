@@ -30,7 +30,6 @@ class MeshParts:
 
         Parameters
         ----------
-        voxel_size : metres
         pose : (4, 4) of the mesh in the frame of the regions; the identity if not given
         """
         vertices = self.mesh.vertices

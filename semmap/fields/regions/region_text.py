@@ -42,10 +42,8 @@ _TEXT = re.compile(r"\s*([A-Za-z]+)\s*\(([^()]*)\)\s*")
 def read_region(text: str) -> Region:
     """Return the region that a text describes.
 
-    Raises
-    ------
-    ValueError
-        The form is unknown, or its numbers do not make a region; the error shows the form.
+    Raises ValueError: the form is unknown, or its numbers do not make a region; the error shows the
+    form.
 
     Examples
     --------

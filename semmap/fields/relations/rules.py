@@ -105,10 +105,7 @@ _VIEWED: frozenset[tuple[Kind, Kind]] = frozenset({("view", "body")})
 def near_rule(distance: float) -> RelationRule:
     """Return the rule of `near`, from its largest gap in metres; it ends beyond 1.2 times that.
 
-    Raises
-    ------
-    ValueError
-        The distance is not finite, or not above 0.
+    Raises ValueError: the distance is not finite, or not above 0.
     """
     if not 0 < distance < math.inf:
         raise ValueError(f"the distance of near is {distance!r}: give metres above 0")

@@ -43,10 +43,7 @@ def socket_folder(url: str | None) -> Path:
 def socket_of(url: str | None, map_name: str) -> Path:
     """Return the socket for a map, in a folder that only this user can enter.
 
-    Raises
-    ------
-    OSError
-        The folder cannot be made, or another user can enter it.
+    Raises OSError: the folder cannot be made, or another user can enter it.
     """
     folder = socket_folder(url)
     for each in (folder.parent, folder):

@@ -157,7 +157,6 @@ def make_feed(
     ----------
     given : `socket`, `recording:FOLDER`, `mcap:FILE`, `plugin:NAME`, or a mapping with `recording`,
         `mcap` or `plugin` and the options of that feed
-    name : of the source
     begin : when recordings begin, aware
     source : the installed source, which says what percepts it takes; `name` if not given
 

@@ -54,10 +54,7 @@ def read_percept(percept: Any, folder: Path | None = None, time: datetime | None
 def read_time(percept: Mapping[str, Any]) -> datetime:
     """Return the time of a percept; now if it has none.
 
-    Raises
-    ------
-    ValueError
-        It is not a time, or has no time zone.
+    Raises ValueError: it is not a time, or has no time zone.
     """
     given = percept.get("time")
     if given is None:

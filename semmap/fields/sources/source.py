@@ -43,14 +43,7 @@ class Source(Protocol):
 def check_percept(name: str, source: Source, percept: Any) -> None:
     """Refuse a percept of another kind than a source takes.
 
-    Parameters
-    ----------
-    name : of the running source
-
-    Raises
-    ------
-    ValueError
-        It is of another kind; the message names both by their keys in JSON.
+    Raises ValueError: it is of another kind; the message names both by their keys in JSON.
     """
     takes = getattr(source, "takes", None)
     if takes is not None and not isinstance(percept, takes):

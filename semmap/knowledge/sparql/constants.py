@@ -211,12 +211,7 @@ class Lookup:
 def resolve(
     session: psycopg.Connection[Any], iris: Iterable[str], namespace: str, map_id: int
 ) -> Constants:
-    """Look up what the IRIs of a text stand for, in one statement.
-
-    Parameters
-    ----------
-    namespace, map_id : of the map
-    """
+    """Look up what the IRIs of a text stand for, in one statement."""
     lookup = Lookup(iris, namespace)
     parameters = {**lookup.parameters, "map": map_id}
     return lookup.constants(session.execute(lookup.sql.encode(), parameters).fetchall())

@@ -79,13 +79,7 @@ class Expressions:
         self.exists = exists
 
     def value(self, tree: Any, seen: Environment) -> Value:
-        """Return the value of an expression.
-
-        Raises
-        ------
-        UntranslatedError
-            It has no translation.
-        """
+        """Return the value of an expression. Raises UntranslatedError: it has no translation."""
         if isinstance(tree, rdflib.Variable):
             return seen.get(str(tree), UNBOUND)
         if isinstance(tree, rdflib.Literal):

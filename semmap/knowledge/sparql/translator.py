@@ -63,10 +63,8 @@ def translate(
 
     Parameters
     ----------
-    algebra : rdflib's
     names : the variables of the result
     constants : what the IRIs of the text stand for
-    namespace, map_id : of the map
     limit : the most rows to read
     chosen : the graphs to read; None for the map and all graphs
     fields : answers what fields state

@@ -291,10 +291,7 @@ def _alternatives(node: Any) -> Iterator[Any]:
 def _without_choices(node: Any) -> Iterator[Any]:
     """Yield a pattern for each choice of properties in its paths.
 
-    Raises
-    ------
-    WholeError
-        There are very many.
+    Raises WholeError: there are very many.
     """
     if node.name in ("Filter", "Extend", "Graph"):
         for inner in _without_choices(node.p):

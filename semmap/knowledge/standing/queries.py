@@ -107,12 +107,8 @@ class StandingQueries:
     def add(self, view: MapView, texts: Iterable[str]) -> list[StandingQuery]:
         """Evaluate queries, and keep all or, if one is wrong, none.
 
-        Raises
-        ------
-        QueryError, KnowledgeError
-            As of `semmap.knowledge.query`.
-        ValueError
-            One is neither SELECT nor ASK.
+        Raises QueryError, KnowledgeError: as of `semmap.knowledge.query`. Raises ValueError: one is
+        neither SELECT nor ASK.
         """
         texts = list(texts)
         if not self.queries:

@@ -64,10 +64,7 @@ class Templates:
     def of(self, view: MapView, text: str) -> tuple[Template, tuple[str, ...]]:
         """Return the template of a text, and the IRIs that fill its holes.
 
-        Raises
-        ------
-        QueryError
-            The text is wrong; with line and column.
+        Raises QueryError: the text is wrong; with line and column.
         """
         holed, filling = _with_holes(text, {"": view.namespace, "type": TYPE})
         if filling:
