@@ -36,10 +36,8 @@ def candidate_pairs(
 
     Returns
     -------
-    pairs
-        (n, 2), numbers of a left and a right record, in ascending order.
-    shared
-        (n,) cosine similarity of the records' keys, weighted by rarity, in [0, 1].
+    pairs : (n, 2), numbers of a left and a right record, in ascending order
+    shared : (n,) cosine similarity of the records' keys, weighted by rarity, in [0, 1]
     """
     numbers: dict[str, int] = {}
     a = _keys(left, {c.left for c in correspondences}, numbers)

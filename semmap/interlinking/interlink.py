@@ -25,11 +25,9 @@ class PairQuestion:
 
     Attributes
     ----------
-    left, right
-        Their keys.
-    values
-        Of each correspondence of properties: its name in the left data set, and the values of both
-        records.
+    left, right : their keys
+    values : of each correspondence of properties: its name in the left data set, and the values of
+        both records
     """
 
     left: str
@@ -52,21 +50,14 @@ class Interlinking:
 
     Attributes
     ----------
-    pairs
-        (n, 2) numbers of a left and a right record.
-    confidence
-        (n,) in (0, 1]: the share of the patterns agreeing with the labels that link a pair; 1 for a
-        pair that is labelled the same.
-    pattern
-        The link pattern in words.
-    labels
-        All labels, those that were asked included.
-    unexplained
-        Pairs labelled the same that no pattern separates from pairs labelled different.
-    candidates
-        How many pairs were compared.
-    link_set
-        The number of the stored link set; None where the links are not stored.
+    pairs : (n, 2) numbers of a left and a right record
+    confidence : (n,) in (0, 1]: the share of the patterns agreeing with the labels that link a
+        pair; 1 for a pair that is labelled the same
+    pattern : the link pattern in words
+    labels : all labels, those that were asked included
+    unexplained : pairs labelled the same that no pattern separates from pairs labelled different
+    candidates : how many pairs were compared
+    link_set : the number of the stored link set; None where the links are not stored
     """
 
     left: Records
@@ -106,12 +97,9 @@ class Workbench:
 
     Parameters
     ----------
-    labels
-        (left key, right key) to whether both describe the same resource.
-    progress
-        Is called with a stage, how much of it is done, and how much it has.
-    every_pair
-        Compare all pairs, not those of blocking; for small data sets.
+    labels : (left key, right key) to whether both describe the same resource
+    progress : is called with a stage, how much of it is done, and how much it has
+    every_pair : compare all pairs, not those of blocking; for small data sets
 
     Raises
     ------

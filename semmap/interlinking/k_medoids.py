@@ -13,10 +13,8 @@ def k_medoids(dissimilarity: NDArray[np.float64], k: int) -> Labels:
 
     Parameters
     ----------
-    dissimilarity
-        (n, n), symmetric, zero on the diagonal.
-    k
-        Number of groups, 1..n.
+    dissimilarity : (n, n), symmetric, zero on the diagonal
+    k : number of groups, 1..n
 
     Notes
     -----

@@ -76,8 +76,7 @@ def learn_pattern(comparison: Comparison, labels: Mapping[int, bool]) -> LinkPat
 
     Parameters
     ----------
-    labels
-        Number of a candidate pair to whether its records describe the same resource.
+    labels : number of a candidate pair to whether its records describe the same resource
     """
     same = [i for i, yes in labels.items() if yes]
     different = [i for i, yes in labels.items() if not yes]

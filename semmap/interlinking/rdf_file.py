@@ -39,10 +39,8 @@ def read_rdf_records(path: Path, type_name: str | None = None) -> Records:
 
     Parameters
     ----------
-    path
-        RDF/XML, Turtle, N-Triples, Notation 3 or JSON-LD, by its suffix.
-    type_name
-        Only resources of this type: its IRI or the last part of it.
+    path : RDF/XML, Turtle, N-Triples, Notation 3 or JSON-LD, by its suffix
+    type_name : only resources of this type: its IRI or the last part of it
 
     Raises
     ------

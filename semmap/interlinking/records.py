@@ -63,12 +63,9 @@ class Records:
 
     Attributes
     ----------
-    name
-        Where it comes from: the file's name, for example.
-    keys
-        Of the n records: a URI, or the key of a row. Each occurs once.
-    properties
-        Name of the property to n tuples of its values; a record without a value has ``()``.
+    name : where it comes from: the file's name, for example
+    keys : of the n records: a URI, or the key of a row. Each occurs once
+    properties : name of the property to n tuples of its values; a record without a value has ``()``
     """
 
     name: str

@@ -71,13 +71,11 @@ def compare(
 
     Parameters
     ----------
-    pairs
-        (n, 2), numbers of a left and a right record.
+    pairs : (n, 2), numbers of a left and a right record
 
     Returns
     -------
-    array
-        (n, correspondences): that of the most similar values; NaN where a record has none.
+    (n, correspondences): that of the most similar values; NaN where a record has none
     """
     found = np.empty((len(pairs), len(correspondences)))
     for i, one in enumerate(correspondences):

@@ -88,8 +88,7 @@ def link_sets(session: Session) -> list[Row]:
 
     Returns
     -------
-    list of dict
-        `id`, names of both data sets (`left`, `right`), `links`, `labels`, `pattern`, `by`, `at`.
+    `id`, names of both data sets (`left`, `right`), `links`, `labels`, `pattern`, `by`, `at`
     """
     with session.cursor(row_factory=dict_row) as cursor:
         return cursor.execute(
@@ -105,9 +104,8 @@ def merged_records(session: Session, link_set: int) -> list[Row]:
 
     Returns
     -------
-    list of dict
-        `resource` (None without links), `left_keys`, `right_keys`, `confidence` of the least sure
-        link, and `properties`: lists of the different values, by the names of the left data set.
+    `resource` (None without links), `left_keys`, `right_keys`, `confidence` of the least sure link,
+        and `properties`: lists of the different values, by the names of the left data set
 
     Raises
     ------

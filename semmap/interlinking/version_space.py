@@ -59,16 +59,13 @@ def learn(positives: Levels, negatives: Levels) -> tuple[list[VersionSpace], lis
 
     Parameters
     ----------
-    positives, negatives
-        (n, d) and (m, d) levels of labelled pairs.
+    positives, negatives : (n, d) and (m, d) levels of labelled pairs
 
     Returns
     -------
-    spaces
-        As few as adding the positives one by one, the most similar first, leads to.
-    unexplained
-        Positives that no conjunction separates from the negatives: a negative is as similar in
-        all respects.
+    spaces : as few as adding the positives one by one, the most similar first, leads to
+    unexplained : positives that no conjunction separates from the negatives: a negative is as
+        similar in all respects
     """
     hopeless = [i for i, p in enumerate(positives) if (negatives >= p).all(axis=1).any()]
     specifics: list[Levels] = []

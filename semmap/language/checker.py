@@ -53,11 +53,9 @@ class Checker(TextScope):
 
     Attributes
     ----------
-    kinds : dict
-        For each variable its kind, the semantic type of its values if known, and the position
-        where it was declared.
-    hidden : frozenset
-        Variables that projections keep without naming them; a subclass may add some.
+    kinds : for each variable its kind, the semantic type of its values if known, and the position
+        where it was declared
+    hidden : variables that projections keep without naming them; a subclass may add some
     """
 
     hidden: frozenset[str] = frozenset()

@@ -26,8 +26,7 @@ class QueryError(Error, ValueError):
     Attributes
     ----------
     reason : str
-    line, column : int
-        The place of the error, both counted from 1.
+    line, column : the place of the error, both counted from 1
 
     Examples
     --------

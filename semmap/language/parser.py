@@ -114,8 +114,7 @@ def parse_sparql(text: str, form: Form, prefixes: Prefixes = ()) -> ParsedText:
 
     Returns
     -------
-    ParsedText
-        The names of a query that selects `*` are those that are visible in it.
+    the names of a query that selects `*` are those that are visible in it
 
     Raises
     ------

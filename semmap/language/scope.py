@@ -27,9 +27,8 @@ class TextScope(Scope):
 
     Attributes
     ----------
-    kinds : dict
-        For each variable its kind, the semantic type of its values if known, and the position
-        where it was declared.
+    kinds : for each variable its kind, the semantic type of its values if known, and the position
+        where it was declared
     """
 
     def __init__(self, parsed: ParsedText, schema: Schema) -> None:

@@ -34,10 +34,8 @@ def hypotheses(
 
     Parameters
     ----------
-    scale
-        Distance from which on all outliers cost the same, metres.
-    up
-        (3,) a likely axis; None if unknown.
+    scale : distance from which on all outliers cost the same, metres
+    up : (3,) a likely axis; None if unknown
     """
     points, normals = cloud.points, cloud.normals
     chosen = random.permutation(len(points))[:SCORED]

@@ -92,10 +92,8 @@ def train_model(name: str, mesh: Mesh, *, views: int = 42) -> KnownObject:
 
     Parameters
     ----------
-    mesh
-        Metres.
-    views
-        Number of directions.
+    mesh : metres
+    views : number of directions
 
     Raises
     ------
@@ -135,8 +133,7 @@ def depth_points(camera: DepthCamera, depths: ArrayLike) -> Floats:
 
     Parameters
     ----------
-    depths
-        (height, width) metres ahead, as of ``camera.image(triangles)[0]``.
+    depths : (height, width) metres ahead, as of ``camera.image(triangles)[0]``
     """
     fx, fy, cx, cy = camera.intrinsics
     ahead = np.asarray(depths, float)

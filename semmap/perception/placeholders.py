@@ -66,16 +66,11 @@ def subtract_placeholder(
 
     Parameters
     ----------
-    points
-        (n, 3) or (height, width, 3) metres; NaN where nothing was seen.
-    placeholder
-        The furniture, where the map has it.
-    shift, turn
-        How far it may be from there, metres and radians.
-    near
-        Distance of points that are on it, metres.
-    voxel
-        Metres between the points that are aligned.
+    points : (n, 3) or (height, width, 3) metres; NaN where nothing was seen
+    placeholder : the furniture, where the map has it
+    shift, turn : how far it may be from there, metres and radians
+    near : distance of points that are on it, metres
+    voxel : metres between the points that are aligned
 
     Raises
     ------

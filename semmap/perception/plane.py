@@ -49,14 +49,10 @@ def find_plane(
 
     Parameters
     ----------
-    points
-        (n, 3) metres, finite.
-    up
-        (3,) the normal points this way, in the frame of the points.
-    tilt
-        Largest angle between the normal and `up`, radians.
-    tolerance
-        Distance of points that are on the plane, metres.
+    points : (n, 3) metres, finite
+    up : (3,) the normal points this way, in the frame of the points
+    tilt : largest angle between the normal and `up`, radians
+    tolerance : distance of points that are on the plane, metres
 
     Raises
     ------

@@ -23,12 +23,10 @@ def checked_points(points: ArrayLike, least: int, what: str = "the cloud") -> Fl
 
     Parameters
     ----------
-    points
-        (n, 3), or an organised cloud (height, width, 3), metres; NaN where a camera saw nothing.
-    least
-        The number of points that are needed.
-    what
-        Names the cloud in errors.
+    points : (n, 3), or an organised cloud (height, width, 3), metres; NaN where a camera saw
+        nothing
+    least : the number of points that are needed
+    what : names the cloud in errors
 
     Returns
     -------
@@ -67,10 +65,8 @@ def voxel_downsample(points: Floats, size: float) -> Floats:
 
     Parameters
     ----------
-    points
-        (n, 3) metres, finite.
-    size
-        Edge of a voxel, metres.
+    points : (n, 3) metres, finite
+    size : edge of a voxel, metres
 
     Returns
     -------
@@ -100,10 +96,8 @@ class Surfels:
     ----------
     points : (n, 3), metres
     normals : (n, 3), unit length; the sign is arbitrary
-    noise : float
-        Standard deviation of the points about their local planes, metres.
-    spacing : float
-        Median distance of neighbours, metres.
+    noise : standard deviation of the points about their local planes, metres
+    spacing : median distance of neighbours, metres
     """
 
     def __init__(self, points: Floats, normals: Floats, noise: float, spacing: float) -> None:
@@ -121,12 +115,10 @@ def surfels(points: Floats, neighbours: int = NEIGHBOURS, alone: float | None = 
 
     Parameters
     ----------
-    points
-        (n, 3) metres, finite.
-    neighbours
-        Points of each plane, itself included.
-    alone
-        Points are left out whose neighbours are so many times farther than usual; none where None.
+    points : (n, 3) metres, finite
+    neighbours : points of each plane, itself included
+    alone : points are left out whose neighbours are so many times farther than usual; none where
+        None
     """
     k = min(neighbours, len(points))
     distance, near = cKDTree(points, balanced_tree=False).query(points, k)

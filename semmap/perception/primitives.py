@@ -82,19 +82,13 @@ def fit_primitive(
 
     Parameters
     ----------
-    points
-        (n, 3) metres; NaN rows are left out.
-    normals
-        (n, 3) of the surface, of any sign; estimated from neighbours where None.
-    table
-        The plane that the object stands on: it ends what no camera sees.
-    kinds
-        The shapes to try, of `SHAPES`.
-    tolerance
-        Distance of inliers, metres; by default three deviations of the noise, at least 1 % of the
-        cluster's diameter.
-    seed
-        Of the random choices.
+    points : (n, 3) metres; NaN rows are left out
+    normals : (n, 3) of the surface, of any sign; estimated from neighbours where None
+    table : the plane that the object stands on: it ends what no camera sees
+    kinds : the shapes to try, of `SHAPES`
+    tolerance : distance of inliers, metres; by default three deviations of the noise, at least 1 %
+        of the cluster's diameter
+    seed : of the random choices
 
     Raises
     ------
@@ -211,10 +205,8 @@ def primitive_of(fit: Fit, points: Floats, mean: Floats, within: float) -> Primi
 
     Parameters
     ----------
-    points
-        (n, 3) which are compared with the surface, about their `mean`.
-    within
-        Distance of inliers, metres.
+    points : (n, 3) which are compared with the surface, about their `mean`
+    within : distance of inliers, metres
     """
     kind, rotation, origin, bounds = fit.placed
     size, deviation = size_of(kind, bounds), fit.deviation

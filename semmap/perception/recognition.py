@@ -70,10 +70,8 @@ class Scene:
 
     Parameters
     ----------
-    points
-        (n, 3) or (height, width, 3) metres.
-    eye
-        (3,) where the camera was, in the frame of the points.
+    points : (n, 3) or (height, width, 3) metres
+    eye : (3,) where the camera was, in the frame of the points
     """
 
     def __init__(self, points: ArrayLike, eye: ArrayLike = (0, 0, 0)) -> None:
@@ -110,15 +108,12 @@ def recognise(
 
     Parameters
     ----------
-    points
-        (n, 3) or (height, width, 3) metres.
-    up, eye
-        (3,) upwards, and where the camera was, in the frame of the points.
-    placeholders
-        Known furniture, whose points are removed; then there need be no table's plane. Objects are
-        clusters of what remains in the box around the furniture and half a metre above it.
-    least_score
-        An answer of less is unknown.
+    points : (n, 3) or (height, width, 3) metres
+    up, eye : (3,) upwards, and where the camera was, in the frame of the points
+    placeholders : known furniture, whose points are removed; then there need be no table's plane.
+        Objects are clusters of what remains in the box around the furniture and half a metre above
+        it
+    least_score : an answer of less is unknown
 
     Raises
     ------
@@ -172,10 +167,8 @@ def recognise_cluster(
 
     Parameters
     ----------
-    cluster
-        (n, 3) metres, such as a cluster of `segment_tabletop`.
-    scene
-        All points that the camera saw.
+    cluster : (n, 3) metres, such as a cluster of `segment_tabletop`
+    scene : all points that the camera saw
 
     Raises
     ------

@@ -38,16 +38,11 @@ def refined(
 
     Parameters
     ----------
-    cloud
-        Points that are fitted.
-    whole
-        (n, 3) all points, which tell where edges are.
-    noise
-        Standard deviation of the points, metres.
-    table
-        The plane that the object stands on, if known.
-    turns
-        How often the faces that are seen are determined; with 1, the fit is a rough one.
+    cloud : points that are fitted
+    whole : (n, 3) all points, which tell where edges are
+    noise : standard deviation of the points, metres
+    table : the plane that the object stands on, if known
+    turns : how often the faces that are seen are determined; with 1, the fit is a rough one
     """
     fit = semmap_native.fit_shape(
         *shape, cloud.points, cloud.normals, whole, cloud.spacing, noise, table, turns

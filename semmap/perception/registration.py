@@ -45,10 +45,8 @@ class IcpTarget:
 
         Parameters
         ----------
-        pose
-            (4, 4) where the search begins.
-        reach
-            Points farther from the target than this have no weight, metres.
+        pose : (4, 4) where the search begins
+        reach : points farther from the target than this have no weight, metres
         """
         found = self._align(
             self._cloud,

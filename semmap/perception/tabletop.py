@@ -42,18 +42,12 @@ def segment_tabletop(
 
     Parameters
     ----------
-    points
-        (n, 3) or (height, width, 3) metres; NaN where the camera saw nothing.
-    up
-        (3,) upwards in the frame of the points.
-    voxel
-        The cloud is reduced to a point a voxel of this edge, metres.
-    clearance, height
-        Points are of an object from `clearance` to `height` above the plane, metres.
-    gap
-        Distance from which on points are of two objects, metres.
-    fewest
-        Points of a cluster, after the reduction.
+    points : (n, 3) or (height, width, 3) metres; NaN where the camera saw nothing
+    up : (3,) upwards in the frame of the points
+    voxel : the cloud is reduced to a point a voxel of this edge, metres
+    clearance, height : points are of an object from `clearance` to `height` above the plane, metres
+    gap : distance from which on points are of two objects, metres
+    fewest : points of a cluster, after the reduction
 
     Raises
     ------
@@ -86,10 +80,8 @@ def euclidean_clusters(points: Floats, gap: float) -> NDArray[np.int32]:
 
     Parameters
     ----------
-    points
-        (n, 3) metres, finite.
-    gap
-        Metres, above 0.
+    points : (n, 3) metres, finite
+    gap : metres, above 0
 
     Returns
     -------

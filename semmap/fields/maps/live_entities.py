@@ -57,8 +57,7 @@ class LiveEntities:
 
         Returns
         -------
-        set of str
-            The entities that changed. Those whose maps are the same objects as before did not.
+        the entities that changed. Those whose maps are the same objects as before did not
         """
         wanted: dict[str, list[tuple[RepresentationMap, str | None, Role]]] = {}
         for each in maps:

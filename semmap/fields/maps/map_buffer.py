@@ -32,8 +32,7 @@ class MapBuffer:
 
     Parameters
     ----------
-    span : timedelta
-        How long an update is kept after the next one replaced it, where its source has no span.
+    span : how long an update is kept after the next one replaced it, where its source has no span
     """
 
     def __init__(self, span: timedelta = timedelta(seconds=30)) -> None:

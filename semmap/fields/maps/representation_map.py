@@ -35,18 +35,13 @@ class RepresentationMap:
 
     Parameters
     ----------
-    property : Property
-        If its objects are entities: a bool map states it of the entity `about`, an int32 map of the
-        entities in its `legend`. If its objects are numbers: a float32 map, or an int32 map without
-        a legend.
-    grid : BoolGrid, Int32Grid or FloatGrid
-        The voxels. Do not change the grid later.
-    about : str, optional
-        The entity that the map is about; a float32 map about an entity has degrees.
-    legend : mapping, optional
-        The entity of each value of an int32 map.
-    time : datetime, optional
-        Of the percept, aware.
+    property : if its objects are entities: a bool map states it of the entity `about`, an int32 map
+        of the entities in its `legend`. If its objects are numbers: a float32 map, or an int32 map
+        without a legend
+    grid : the voxels. Do not change the grid later
+    about : the entity that the map is about; a float32 map about an entity has degrees
+    legend : the entity of each value of an int32 map
+    time : of the percept, aware
 
     Raises
     ------

@@ -19,10 +19,8 @@ class Context:
 
     Attributes
     ----------
-    voxel_size : float
-        Metres.
-    names : NameCodes
-        Codes of entities, types and texts.
+    voxel_size : metres
+    names : codes of entities, types and texts
     """
 
     def __init__(self, catalogue: Catalogue) -> None:

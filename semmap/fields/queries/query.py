@@ -26,13 +26,10 @@ def query(
 
     Parameters
     ----------
-    catalogue : Catalogue
-        What the query reads.
-    text : str
-        SPARQL with the clauses of `docs/fields_language.md`, or in the notation of reMap
-        (section 4).
-    now : datetime, optional
-        From which DURING counts back, aware; the present if not given.
+    catalogue : what the query reads
+    text : SPARQL with the clauses of `docs/fields_language.md`, or in the notation of reMap
+        (section 4)
+    now : from which DURING counts back, aware; the present if not given
 
     Returns
     -------

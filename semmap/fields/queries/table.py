@@ -35,8 +35,7 @@ class NameCodes:
 
     Attributes
     ----------
-    names : list of str
-        The name of each code.
+    names : the name of each code
     """
 
     def __init__(self) -> None:

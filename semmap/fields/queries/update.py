@@ -45,12 +45,9 @@ def update(regions: RegionMap, text: str, catalogue: Catalogue | None = None) ->
 
     Parameters
     ----------
-    regions : RegionMap
-        It is changed. Its entities are named by `str`.
-    text : str
-        SPARQL, or in the notation of reMap.
-    catalogue : Catalogue, optional
-        What WHERE may read besides :occupies; of the same voxel size.
+    regions : it is changed. Its entities are named by `str`
+    text : SPARQL, or in the notation of reMap
+    catalogue : what WHERE may read besides :occupies; of the same voxel size
 
     Raises
     ------

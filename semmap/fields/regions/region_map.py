@@ -35,11 +35,9 @@ class RegionMap:
 
     Parameters
     ----------
-    voxel_size : float
-        Metres.
-    threads : int, optional
-        The most threads that `insert_many` uses; all processors if not given. The result does not
-        depend on it.
+    voxel_size : metres
+    threads : the most threads that `insert_many` uses; all processors if not given. The result does
+        not depend on it
 
     Examples
     --------
@@ -120,8 +118,7 @@ class RegionMap:
 
         Returns
         -------
-        dict
-            For each skipped entity the reason.
+        for each skipped entity the reason
         """
         skipped = self._insert_many(regions, skip=True)
         for entity in skipped:
@@ -199,9 +196,8 @@ class RegionMap:
 
         Parameters
         ----------
-        reach : float, optional
-            The largest gap in metres, up to 1,000 voxels. If not given, only the entities that
-            share a voxel.
+        reach : the largest gap in metres, up to 1,000 voxels. If not given, only the entities that
+            share a voxel
         """
         farthest = -1
         if reach is not None:

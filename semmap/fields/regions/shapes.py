@@ -43,10 +43,9 @@ class Box:
     Parameters
     ----------
     center : (3,) metres
-    size : (3,) metres
-        Along the axes of the box; with a size of 0 it is a rectangle, a segment or a point.
-    rotation : (4,)
-        Unit quaternion (x, y, z, w): the axes of the box in the frame of the map.
+    size : (3,) metres; along the axes of the box; with a size of 0 it is a rectangle, a segment or
+        a point
+    rotation : (4,) unit quaternion (x, y, z, w): the axes of the box in the frame of the map
     """
 
     center: ArrayLike
@@ -74,8 +73,7 @@ class Sphere:
     Parameters
     ----------
     center : (3,) metres
-    radius : float
-        Metres, above 0.
+    radius : metres, above 0
     """
 
     center: ArrayLike
@@ -94,14 +92,10 @@ class Cylinder:
 
     Parameters
     ----------
-    center : (3,) metres
-        The middle of its axis.
-    radius : float
-        Metres, above 0.
-    height : float
-        Metres along the axis; a cylinder of height 0 is a disc.
-    axis : (3,)
-        The direction of its axis, of any length.
+    center : (3,) metres; the middle of its axis
+    radius : metres, above 0
+    height : metres along the axis; a cylinder of height 0 is a disc
+    axis : (3,) the direction of its axis, of any length
     """
 
     center: ArrayLike
@@ -126,12 +120,9 @@ class Cone:
     Parameters
     ----------
     apex : (3,) metres
-    axis : (3,)
-        From the apex into the cone, of any length.
-    angle : float
-        The full opening angle in radians, above 0 and below pi.
-    height : float
-        Metres from the apex to the base, above 0.
+    axis : (3,) from the apex into the cone, of any length
+    angle : the full opening angle in radians, above 0 and below pi
+    height : metres from the apex to the base, above 0
     """
 
     apex: ArrayLike
@@ -159,8 +150,7 @@ class Hull:
 
     Parameters
     ----------
-    points : (N, 3) metres
-        At least one.
+    points : (N, 3) metres; at least one
     """
 
     points: ArrayLike
@@ -184,10 +174,8 @@ class Solid:
 
     Parameters
     ----------
-    vertices : (N, 3) metres
-        Vertices at the same place count as one.
-    faces : (M, 3) integers
-        Vertices of each triangle, from 0.
+    vertices : (N, 3) metres; vertices at the same place count as one
+    faces : (M, 3) vertices of each triangle, from 0
 
     Raises
     ------
@@ -212,8 +200,7 @@ class SurfaceRegion:
     Parameters
     ----------
     vertices : (N, 3) metres
-    faces : (M, 3) integers
-        Vertices of each triangle, from 0.
+    faces : (M, 3) vertices of each triangle, from 0
     """
 
     vertices: ArrayLike
@@ -237,16 +224,12 @@ class DepthImage:
 
     Parameters
     ----------
-    depth : (H, W) metres
-        Along the z axis of the camera; NaN, infinity and values up to 0 are left out.
-    intrinsics : (4,)
-        fx, fy, cx, cy in pixels; the centre of the first pixel is (0, 0).
-    pose : (4, 4)
-        Of the optical frame (x right, y down, z ahead) in the frame of the map.
-    mask : (H, W) bool, optional
-        The pixels to use; all if not given.
-    farthest : float
-        Metres of depth beyond which pixels are left out.
+    depth : (H, W) metres; along the z axis of the camera; NaN, infinity and values up to 0 are left
+        out
+    intrinsics : (4,) fx, fy, cx, cy in pixels; the centre of the first pixel is (0, 0)
+    pose : (4, 4) of the optical frame (x right, y down, z ahead) in the frame of the map
+    mask : (H, W) the pixels to use; all if not given
+    farthest : metres of depth beyond which pixels are left out
     """
 
     depth: ArrayLike
@@ -301,13 +284,11 @@ def voxels_of(region: Region, voxel_size: float) -> NDArray[np.int32]:
     Parameters
     ----------
     region : Region
-    voxel_size : float
-        Metres.
+    voxel_size : metres
 
     Returns
     -------
-    (N, 3) int32
-        Indices, each once, block by block of 8 x 8 x 8.
+    (N, 3) int32; indices, each once, block by block of 8 x 8 x 8
     """
     return shape_of(region).voxels(positive(voxel_size, "voxel_size"))
 

@@ -78,8 +78,7 @@ class EventStream:
 
         Returns
         -------
-        RelationEvent or None
-            None if the stream is closed, or no event arrived in time.
+        None if the stream is closed, or no event arrived in time
         """
         try:
             event = self._waiting.get(timeout=timeout)

@@ -33,15 +33,11 @@ class RelationTracker:
     Parameters
     ----------
     regions : RegionMap
-    views : mapping, optional
-        The agent of each entity that is a field of view; no agent sees itself.
-    spaces : container, optional
-        The entities that are parts of space: rooms, zones, personal spaces.
-    names : mapping, optional
-        The names of entities in facts; the entity itself where it has none. A name is read when a
-        fact begins, since a removed entity may have lost its name when the fact ends.
-    rules : iterable of RelationRule
-        At most one rule for each name and pair of kinds.
+    views : the agent of each entity that is a field of view; no agent sees itself
+    spaces : the entities that are parts of space: rooms, zones, personal spaces
+    names : the names of entities in facts; the entity itself where it has none. A name is read when
+        a fact begins, since a removed entity may have lost its name when the fact ends
+    rules : at most one rule for each name and pair of kinds
 
     Notes
     -----
@@ -103,13 +99,11 @@ class RelationTracker:
         ----------
         changed : the entities; only pairs with one of them are compared, and only the space around
             them is read
-        time : datetime, optional
-            Of the change, aware; now if not given.
+        time : of the change, aware; now if not given
 
         Returns
         -------
-        list of RelationEvent
-            At most one for each fact; ends come first.
+        at most one for each fact; ends come first
 
         Raises
         ------

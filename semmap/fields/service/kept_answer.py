@@ -41,8 +41,7 @@ def show_kept(
 
     Returns
     -------
-    datetime or None
-        When sources last kept one; None if they kept none.
+    when sources last kept one; None if they kept none
     """
     newest = None
     for source, updates in load_updates(seen, vocabulary).items():

@@ -28,8 +28,7 @@ def update_map(
 
     Returns
     -------
-    dict
-        `new`, the names of inserted regions by blank node, and `changed`, names.
+    `new`, the names of inserted regions by blank node, and `changed`, names
 
     Raises
     ------

@@ -38,10 +38,9 @@ def query_reply(
 
     Returns
     -------
-    dict
-        ``{"ask": bool}``, ``{"variables": [...], "rows": [...], "total": int}``, or ``{"store":
+    ``{"ask": bool}``, ``{"variables": [...], "rows": [...], "total": int}``, or ``{"store":
         {...}}`` with property, voxels, file, kept and version. ``"left_out"`` lists the entities
-        without voxels, of which the answer says nothing.
+        without voxels, of which the answer says nothing
     """
     result = query(catalogue, text)
     left_out = {"left_out": sorted(catalogue.left_out())}

@@ -69,12 +69,9 @@ class SyntheticScene:
 
     Attributes
     ----------
-    objects : list of VisibleObject
-        The objects, and the bodies of the people.
-    triangles : (F, 3, 3) array
-        Of all objects, metres.
-    owner : (F,) array
-        The index of the object of each triangle.
+    objects : the objects, and the bodies of the people
+    triangles : (F, 3, 3) of all objects, metres
+    owner : (F,) the index of the object of each triangle
     """
 
     def __init__(
@@ -154,8 +151,7 @@ def standpoints(scene: SyntheticScene, target: str, floor: float) -> list[tuple[
 
     Returns
     -------
-    list of (x, y)
-        Metres.
+    (x, y) of each in metres
     """
     (wanted,) = [each for each in scene.objects if each.name == target]
     middle = wanted.triangles.reshape(-1, 3).mean(axis=0)

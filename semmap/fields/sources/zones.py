@@ -26,8 +26,7 @@ class ZoneSource:
 
     Attributes
     ----------
-    left_out : dict
-        For each zone without a map the reason: it has more voxels than `semmap.limits` allow.
+    left_out : for each zone without a map the reason: it has more voxels than `semmap.limits` allow
     """
 
     takes = Zones

@@ -81,8 +81,7 @@ def save(
 
     Returns
     -------
-    int
-        The number of the version, from 1.
+    the number of the version, from 1
 
     Raises
     ------
@@ -258,8 +257,7 @@ def prune(connection: Connection, name: str, keep: int) -> int:
 
     Returns
     -------
-    int
-        Number of versions that were deleted.
+    number of versions that were deleted
 
     Raises
     ------

@@ -25,8 +25,7 @@ def save_map(connection: Any, name: str, map: RepresentationMap, **more: Any) ->
 
     Returns
     -------
-    int
-        The number of the version.
+    the number of the version
 
     See Also
     --------

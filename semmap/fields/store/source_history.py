@@ -49,8 +49,7 @@ class SourceHistory:
 
         Returns
         -------
-        int
-            Number of updates that were kept.
+        number of updates that were kept
         """
         fresh = {n: each for n, each in updates.items() if self._newest.get(n) is not each}
         for source, update in fresh.items():

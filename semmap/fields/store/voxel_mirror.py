@@ -54,29 +54,20 @@ class VoxelMirror:
 
     Parameters
     ----------
-    engine : Engine
-        Of the database.
-    map_name : str, optional
-        If not given, the chosen or only map, when changes are read first.
-    voxel_size : float
-        Metres.
+    engine : of the database
+    map_name : if not given, the chosen or only map, when changes are read first
+    voxel_size : metres
 
     Attributes
     ----------
-    regions : RegionMap
-        May be read at any time. An entity that moves is absent for a moment, and never incomplete.
-    walls : RegionMap
-        The shells of rooms, and the leaves of doors, open ones included.
-    names : dict
-        The name of each id.
-    roles : dict
-        Whether each id is an object, an agent, a room or a region.
-    spaces : container
-        The ids of rooms, regions and other parts of space.
-    views : dict
-        The agent of each entity that is a field of view.
-    maps : MapBuffer
-        Maps of sources; the mirror itself puts none there.
+    regions : may be read at any time. An entity that moves is absent for a moment, and never
+        incomplete
+    walls : the shells of rooms, and the leaves of doors, open ones included
+    names : the name of each id
+    roles : whether each id is an object, an agent, a room or a region
+    spaces : the ids of rooms, regions and other parts of space
+    views : the agent of each entity that is a field of view
+    maps : maps of sources; the mirror itself puts none there
     """
 
     def __init__(
@@ -127,8 +118,7 @@ class VoxelMirror:
 
         Returns
         -------
-        int
-            The number of its version.
+        the number of its version
 
         Raises
         ------
@@ -189,8 +179,7 @@ class VoxelMirror:
 
         Returns
         -------
-        set of int
-            The ids of the entities that changed.
+        the ids of the entities that changed
         """
         with self._lock:
             with self._feed.look() as look:
