@@ -56,7 +56,7 @@ def write_points(
     ----------
     path : the file to write
     points : (N, 3) metres
-    values : (N,) bool, int32 or float32; equal integers get equal colours, and different ones mostly
+    values : (N,) bool, int32 or float32; equal integers get equal colours, and others mostly
         different colours; float32 values get colours on a ramp from the lowest to the highest
     name : of the property of the values in the file
     """
