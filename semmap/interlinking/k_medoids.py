@@ -11,15 +11,8 @@ Labels = NDArray[np.int64]
 def k_medoids(dissimilarity: NDArray[np.float64], k: int) -> Labels:
     """Return the group of each of n members: the number of its nearest medoid, in 0..k-1.
 
-    Parameters
-    ----------
-    dissimilarity : (n, n), symmetric, zero on the diagonal
-    k : number of groups, 1..n
-
-    Notes
-    -----
-    Medoids are added one by one where they lower the sum of dissimilarities most, and exchanged
-    with other members until no exchange lowers it.
+    Dissimilarities are (n, n), symmetric, zero on the diagonal. Medoids are added one by one where
+    they lower their sum most, and exchanged with other members until no exchange lowers it.
     """
     n = len(dissimilarity)
     if not 1 <= k <= n:

@@ -146,12 +146,7 @@ def _geometries() -> Iterator[TripleMap]:
 
 
 def _facts_of(table: str, condition: str, of_entity: str = "") -> Iterator[TripleMap]:
-    """Yield the facts of a table of triples, by the forms of subject and object.
-
-    Parameters
-    ----------
-    of_entity : the condition of a column with the id of an entity
-    """
+    """Yield the facts of a table of triples, by the forms of subject and object."""
     for of, subject in (
         ("{a}.subject_id", Column("entity", "{a}.subject_id")),
         ("{a}.subject", Column("iri", "{a}.subject")),

@@ -247,15 +247,8 @@ class BrokenShapeError(Error, ValueError):
 def check_binding(view: MapView, since: int) -> None:
     """Refuse a change after which what it changed does not conform to the binding shapes.
 
-    Parameters
-    ----------
-    view : has the subjects and objects of the facts that changed (`MapView.touched`)
-    since : the last row of `change` before
-
-    Raises
-    ------
-    BrokenShapeError
-        The caller undoes the change.
+    That is `MapView.touched`, and what the table `change` has after the row `since`.
+    Raises BrokenShapeError: the caller undoes the change.
     """
     shapes = binding_shapes(view)
     if not shapes:

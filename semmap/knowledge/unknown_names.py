@@ -31,11 +31,6 @@ def unknown_names(view: MapView, constants: Constants, *trees: Any) -> list[str]
     """Return a sentence for each name of a query that no entity, type or property has.
 
     Names of other vocabularies are not judged: everybody may state facts with them.
-
-    Parameters
-    ----------
-    constants : what the IRIs of the query stand for
-    trees : parts of its algebra
     """
     own = (SEMMAP, TYPE, view.namespace)
     missing = {

@@ -23,9 +23,7 @@ from semmap.knowledge.vocabulary import prefixes
 def facts(session: Session, *, inferences: bool = False) -> Iterator[tuple[Any, Any, Any, Any]]:
     """Yield subject, property, object and graph (None for the default graph) of each fact.
 
-    Parameters
-    ----------
-    inferences : what was inferred, too; its graph is `INFERRED_GRAPH`
+    Inferences, if wanted, are in the graph `INFERRED_GRAPH`.
     """
     view = MapView.of(session)
     parameters = {"namespace": view.namespace, "map": view.number}

@@ -30,14 +30,8 @@ _LOCK = threading.Lock()
 def read_syntax(text: NormalisedText, form: Form, *, whole: bool = False) -> Any:
     """Return rdflib's syntax tree of a query or an update.
 
-    Parameters
-    ----------
-    whole : read SPARQL as it is, with lists and without clauses of our own
-
-    Raises
-    ------
-    QueryError
-        The text is not SPARQL; the error names what the grammar expects there.
+    The whole of SPARQL has lists, and no clauses of our own. Raises QueryError: the text is not
+    SPARQL; the error names what the grammar expects there.
     """
     with _LOCK:
         try:

@@ -42,22 +42,13 @@ class NameIndex:
         range_: str | None = None,
         others: Mapping[str, str | None] | None = None,
     ) -> frozenset[str]:
-        """Return what a name stands for.
+        """Return what a name stands for, of the type `range_` if given.
 
-        An entity stands for itself, a type for itself, its subtypes and their entities.
+        An entity stands for itself, also one of `others` with their types; a type for itself, its
+        subtypes and their entities. Types may be written in any case, or by a synonym.
 
-        Parameters
-        ----------
-        name : of an entity or a type; types may be written in any case, or by a synonym
-        range_ : the type that the result must have; any if not given
-        others : further entities with their types
-
-        Raises
-        ------
-        LookupError
-            There is no such entity or type.
-        TypeError
-            There is one, but not of the type `range_`.
+        Raises LookupError: there is no such entity or type. Raises TypeError: it is not of the type
+        `range_`.
         """
         entities = {**(others or {}), **self.entities}
         found: set[str] = set()

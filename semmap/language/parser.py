@@ -107,19 +107,9 @@ def parse_update(text: str) -> ParsedText:
 def parse_sparql(text: str, form: Form, prefixes: Prefixes = ()) -> ParsedText:
     """Parse a query or an update in the whole of SPARQL 1.1, without clauses of our own.
 
-    Parameters
-    ----------
-    form : "query" or "update"
-    prefixes : that the text need not declare
-
-    Returns
-    -------
-    the names of a query that selects `*` are those that are visible in it
-
-    Raises
-    ------
-    QueryError
-        The text is not SPARQL, or has a clause that reads or writes outside of the database.
+    The text need not declare `prefixes`. The names of a query that selects `*` are those that are
+    visible in it. Raises QueryError: the text is not SPARQL, or has a clause that reads or writes
+    outside of the database.
     """
     normalised = normalise(text)
     with _errors_of(normalised):

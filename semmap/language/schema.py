@@ -91,21 +91,11 @@ class Schema(Protocol):
         ...
 
     def find_entities(self, name: str, range_: str | None) -> frozenset[str]:
-        """Return what a constant stands for.
+        """Return what a constant stands for, of the semantic type `range_` if given.
 
         An entity stands for itself, a semantic type for itself, its subtypes and their entities.
-
-        Parameters
-        ----------
-        name : the name of an entity or a type
-        range_ : the semantic type that the entities must have; None for any
-
-        Raises
-        ------
-        LookupError
-            There is no such entity or type.
-        TypeError
-            There is one, but not of the type `range_`.
+        Raises LookupError: there is no such entity or type. Raises TypeError: it is not of the type
+        `range_`.
         """
         ...
 

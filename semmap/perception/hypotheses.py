@@ -30,12 +30,9 @@ SLIMMEST, WIDEST = 0.09, 5.7
 def hypotheses(
     cloud: Surfels, scale: float, up: Floats | None, random: np.random.Generator
 ) -> list[Placed]:
-    """Return rough shapes of each kind that the points suggest.
+    """Return rough shapes of each kind that the points suggest, about a likely axis `up`.
 
-    Parameters
-    ----------
-    scale : distance from which on all outliers cost the same, metres
-    up : (3,) a likely axis; None if unknown
+    From a distance of `scale` metres on, all outliers cost the same.
     """
     points, normals = cloud.points, cloud.normals
     chosen = random.permutation(len(points))[:SCORED]

@@ -32,12 +32,7 @@ def distance_tiles(
 ) -> Iterator[DistanceTile]:
     """Yield boxes that contain all voxels within `reach` voxels of an active one.
 
-    Parameters
-    ----------
-    active : the active voxels
-    reach : voxels
-    box : where distances are computed; everywhere if not given
-    with_nearest : whether to compute the nearest active voxels
+    Only those in `box` where it is given; tiles have nearest voxels if `with_nearest`.
     """
     from scipy.ndimage import distance_transform_edt  # slow to load; few commands need it
 
@@ -58,19 +53,7 @@ def distance_tiles(
 def core_tiles(
     active: BoolGrid, reach: float, *, box: VoxelBox | None = None
 ) -> Iterator[tuple[NDArray[np.int_], NDArray[np.bool_]]]:
-    """Yield boxes, and where in them all voxels within `reach` are active.
-
-    Parameters
-    ----------
-    active : the active voxels
-    reach : voxels
-    box : where it is computed; everywhere if not given
-
-    Yields
-    ------
-    low : (3,) the lowest voxel of a box
-    core : (X, Y, Z) bool
-    """
+    """Yield lowest voxels (3,) of boxes, and where in each all voxels within `reach` are active."""
     from scipy.ndimage import distance_transform_edt  # slow to load; few commands need it
 
     halo = math.ceil(reach + _SLACK)

@@ -53,11 +53,9 @@ class LiveEntities:
         self._kept: tuple[RepresentationMap, ...] = ()
 
     def update(self, maps: Sequence[RepresentationMap]) -> set[str]:
-        """Show maps in place of the former ones.
+        """Show maps in place of the former ones; return the entities that changed.
 
-        Returns
-        -------
-        the entities that changed. Those whose maps are the same objects as before did not
+        Those whose maps are the same objects as before did not.
         """
         wanted: dict[str, list[tuple[RepresentationMap, str | None, Role]]] = {}
         for each in maps:

@@ -102,24 +102,15 @@ def intersection(*maps: RepresentationMap, as_: Property | None = None) -> Repre
 
 
 def mask(map: RepresentationMap, by: RepresentationMap) -> RepresentationMap:
-    """Return the voxels of a map that another map has, too.
+    """Return the voxels of a map, with values and property, that another map has, too.
 
     This is "those voxels of the object map that are in the field of view" (reMap, section 3.1.3).
-
-    Parameters
-    ----------
-    map : gives values and property
     """
     return _masked(map, by, inside=True)
 
 
 def difference(map: RepresentationMap, without: RepresentationMap) -> RepresentationMap:
-    """Return the voxels of a map that another map does not have.
-
-    Parameters
-    ----------
-    map : gives values and property
-    """
+    """Return the voxels of a map, with values and property, that another map does not have."""
     return _masked(map, without, inside=False)
 
 
@@ -245,16 +236,7 @@ def distance(
 
 
 def transform(map: RepresentationMap, pose: ArrayLike) -> RepresentationMap:
-    """Return the map with its frame at another pose.
-
-    Parameters
-    ----------
-    pose : (4, 4) rigid transform in the shared frame
-
-    See Also
-    --------
-    RepresentationMap.resampled : brings it to a lattice
-    """
+    """Return the map with its frame at another pose: (4, 4), rigid, in the shared frame."""
     return map.placed(pose)
 
 

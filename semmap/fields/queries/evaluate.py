@@ -66,18 +66,9 @@ MOST_PAIRS = 1 << 22
 
 
 def evaluate(pattern: Pattern, context: Context, limits: Limits | None = None) -> Table:
-    """Return the solutions of a pattern.
+    """Return the solutions of a checked pattern; beyond `limits`, some may be left out.
 
-    Parameters
-    ----------
-    pattern : a checked pattern
-    context : shared by all parts of one query
-    limits : voxels beyond which solutions may be left out
-
-    Raises
-    ------
-    LimitError
-        There are too many solutions, or it takes too long.
+    Raises LimitError: there are too many solutions, or it takes too long.
     """
     context.check_time()
     with np.errstate(over="ignore", invalid="ignore"):  # INF and NaN are numbers of SPARQL

@@ -31,17 +31,7 @@ def centres(keys: NDArray[np.int64], voxel_size: float) -> NDArray[Any]:
 def evaluate_function(
     name: str, arguments: list[NDArray[np.int64]], voxel_size: float
 ) -> NDArray[np.float64]:
-    """Return the values of a function, row by row.
-
-    Parameters
-    ----------
-    name : one of VOXEL_FUNCTIONS
-    arguments : (N,) keys for each argument
-
-    Returns
-    -------
-    (N,) metres
-    """
+    """Return the values (N,) of one of VOXEL_FUNCTIONS in metres, for rows of keys (N,)."""
     if name == "distance":
         a, b = (voxels_of_keys(keys).astype(float) for keys in arguments)
         lengths: NDArray[np.float64] = np.linalg.norm(a - b, axis=1) * voxel_size

@@ -23,14 +23,10 @@ class MeshParts:
     wall: NDArray[np.float64]
 
     def regions(self, voxel_size: float, pose: NDArray[np.float64] | None = None) -> list[Region]:
-        """Return the inside of the closed parts, and the surface of the other parts.
+        """Return the inside of closed parts, and the surface of the others, at a pose (4, 4).
 
         The surface of a closed part with walls thinner than a voxel is returned, too: such a wall
         could lie between the centres of voxels.
-
-        Parameters
-        ----------
-        pose : (4, 4) of the mesh in the frame of the regions; the identity if not given
         """
         vertices = self.mesh.vertices
         if pose is not None:

@@ -70,16 +70,7 @@ class EventStream:
         self._waiting.put(None)  # for the next loop, or that of another thread
 
     def get(self, timeout: float | None = None) -> RelationEvent | None:
-        """Return the next event.
-
-        Parameters
-        ----------
-        timeout : seconds to wait; without limit if not given
-
-        Returns
-        -------
-        None if the stream is closed, or no event arrived in time
-        """
+        """Return the next event; None if the stream is closed, or none came in `timeout` seconds."""
         try:
             event = self._waiting.get(timeout=timeout)
         except queue.Empty:

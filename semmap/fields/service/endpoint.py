@@ -27,12 +27,7 @@ def url_of(session: psycopg.Connection[Any]) -> str:
 
 
 def socket_folder(url: str | None) -> Path:
-    """Return the folder of the sockets for a database; it may not exist.
-
-    Parameters
-    ----------
-    url : of the database; `SEMMAP_DB` or the embedded database if not given
-    """
+    """Return the folder of the sockets for a database, by its URL; it may not exist."""
     key = hashlib.sha256("\0".join(_identity(url)).encode()).hexdigest()[:12]
     runtime = os.environ.get("XDG_RUNTIME_DIR", "")
     if runtime.startswith("/") and len(runtime) < 40:

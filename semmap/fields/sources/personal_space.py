@@ -19,20 +19,11 @@ from semmap_vdb import FloatGrid
 
 
 def disturbance(person: PersonMotion, points: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return how much somebody at a point disturbs a person: 1 at the person, less further away.
+    """Return how much somebody at points (N, 2) disturbs a person: (N,), 1 at the person.
 
     The standard deviation is max(2 v, 0.5) metres ahead at a speed of v m/s, two thirds of that to
     the sides, and half of it behind. Ahead is the direction of motion, or the heading of a person
     who stands.
-
-    Parameters
-    ----------
-    person : the motion of the person
-    points : (N, 2) metres
-
-    Returns
-    -------
-    (N,) from 0 to 1
     """
     speed = math.hypot(person.vx, person.vy)
     heading = math.atan2(person.vy, person.vx) if speed > 0.05 else person.yaw

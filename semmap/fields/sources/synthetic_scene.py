@@ -139,19 +139,9 @@ class SyntheticScene:
 
 
 def standpoints(scene: SyntheticScene, target: str, floor: float) -> list[tuple[float, float]]:
-    """Return places from which a person can see an object, the best view first.
+    """Return places (x, y) from which a person can see an object, the best view first; metres.
 
     No object is within 0.3 m of a place from knee to head; places are more than 0.8 m apart.
-
-    Parameters
-    ----------
-    scene : objects and people
-    target : name of the object
-    floor : height of the floor, metres
-
-    Returns
-    -------
-    (x, y) of each in metres
     """
     (wanted,) = [each for each in scene.objects if each.name == target]
     middle = wanted.triangles.reshape(-1, 3).mean(axis=0)

@@ -17,13 +17,9 @@ Connection: TypeAlias = "sqlalchemy.Connection | psycopg.Connection[Any]"
 
 
 def run(connection: Connection, statement: str, parameters: Any = None) -> list[Any]:
-    """Return the rows of a statement, whose columns are attributes.
+    """Return the rows of a statement with parameters as `%(name)s`; columns are attributes.
 
-    Parameters
-    ----------
-    connection : the caller commits
-    statement : with parameters as `%(name)s`
-    parameters : a mapping, or a list of mappings for each of which the statement runs
+    It runs for each mapping in a list of parameters. The caller commits.
     """
     if not isinstance(connection, psycopg.Connection):
         result = connection.exec_driver_sql(statement, parameters or None)

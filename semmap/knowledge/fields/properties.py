@@ -81,10 +81,7 @@ class FieldQuery:
     ) -> FieldQuery:
         """Return the query of triples that are joined by variables.
 
-        Parameters
-        ----------
-        kept : the variables that the rest of the query needs
-        conditions : variable, operator and number of comparisons that all solutions meet
+        The rest of the query needs those `kept`; all solutions meet the conditions.
         """
         place = next(iter(triples)).place
         kinds: dict[str, SideKind] = {}

@@ -43,9 +43,7 @@ class OntologyAxioms:
     def read(cls, view: MapView, state: str = "") -> OntologyAxioms:
         """Return the axioms of a map: of the T-Box and of its statements.
 
-        Parameters
-        ----------
-        state : of the last run, which says whether it had the rules of equality
+        The state of the last run says whether it had the rules of equality.
         """
         hierarchy = Hierarchy.read(view)
         rows = view.session.execute(

@@ -48,9 +48,7 @@ class Changed:
 def consider(view: MapView, ontology: OntologyAxioms, changed: Changed) -> Stored | None:
     """Store what follows from changed facts, and remove what no longer does.
 
-    Returns
-    -------
-    None where resources are the same for the first time: rules that were left out apply now
+    None where resources are the same for the first time: rules that were left out apply now.
     """
     facts, compiled = StoredFacts(view, ontology), ontology.rules
     if not changed.ids and not changed.others:

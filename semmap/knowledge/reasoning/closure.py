@@ -78,12 +78,10 @@ def _fill(index: defaultdict[Node, list[Node]], rows: Iterable[Any], side: int) 
 
 
 def close_all(facts: FactIndex, rules: RuleSet) -> FactIndex:
-    """Add all that follows; return what was added.
+    """Add all that follows from told facts; return what was added.
 
-    Parameters
-    ----------
-    facts : all but those that rules without a body state are told
-    rules : without variables for properties and classes
+    Facts that rules without a body state need not be told. Rules have no variables for properties
+    and classes.
     """
     added = FactIndex()
     new: dict[object, Rows] = {}

@@ -200,15 +200,9 @@ def close(facts: Facts, rules: RuleSet, new: Iterable[Triple]) -> list[Triple]:
 def retract(
     facts: Facts, rules: RuleSet, gone: Collection[Triple]
 ) -> tuple[set[Triple], set[Triple]]:
-    """Remove what follows only from facts that are no longer told.
+    """Remove what follows only from facts that are no longer told there, but in `facts` still.
 
-    Parameters
-    ----------
-    gone : the facts; they are in `facts`, and no longer told there
-
-    Returns
-    -------
-    the facts that were removed, and those of `gone` that are facts still, as inferences
+    Returns what was removed, and the facts among `gone` that are facts still, as inferences.
     """
     over = dict.fromkeys(gone)
     queue = list(over)

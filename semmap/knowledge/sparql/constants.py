@@ -56,9 +56,7 @@ class Constants:
     def node(self, iri: str, *, as_type: bool = False) -> tuple[Form, Any]:
         """Return the form and the key of an IRI; of an IRI that is not a node, itself.
 
-        Parameters
-        ----------
-        as_type : a name that both an entity and a type have stands for the type
+        A name that both an entity and a type have stands for the type if `as_type`.
         """
         if iri in self._types and (as_type or iri not in self._known):
             return "type", self._types[iri]

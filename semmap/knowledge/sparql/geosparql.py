@@ -149,13 +149,7 @@ def geometry_of(value: Value) -> str:
 def within_distance(
     tree: CompValue, value: Callable[[Any], Value], number: Callable[[Value], str]
 ) -> str | None:
-    """Return a condition that the spatial index answers, for `geof:distance(a, b) < d`.
-
-    Parameters
-    ----------
-    tree : a comparison
-    value, number : translate an expression, and the number that it is
-    """
+    """Return a condition that the spatial index answers, for `geof:distance(a, b) < d`."""
     near, far = (tree.expr, tree.other) if tree.op in ("<", "<=") else (tree.other, tree.expr)
     if getattr(near, "name", "") != "Function" or str(near.iri) not in _DISTANCES:
         return None

@@ -214,15 +214,11 @@ class KeptQueries:
         answer: Callable[[list[Row]], Any],
         seconds: float,
     ) -> None:
-        """Keep a translation.
+        """Keep a translation, with what makes the answer of its solutions.
 
-        Parameters
-        ----------
-        key : the text, and what else changes its meaning, besides the basis
-        sql, parameters : the statement; two columns, text and tag, for each variable
-        width : how many variables
-        answer : makes the answer of the solutions
-        seconds : that it took, planned for its values
+        The key is the text, and what else changes its meaning besides the basis. The statement has
+        two columns, text and tag, for each of `width` variables; it took `seconds`, planned for its
+        values.
         """
         found = basis.map
         if found is None or seconds > SHORT:

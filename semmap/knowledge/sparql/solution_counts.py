@@ -19,9 +19,7 @@ _KEPT = {"Distinct", "Extend", "Filter", "OrderBy", "Reduced", "Slice", "ToMulti
 def count_solutions(algebra: Any) -> Any:
     """Return a pattern in which COUNT(?v) is COUNT(*) where all solutions bind ?v.
 
-    Parameters
-    ----------
-    algebra : rdflib's; it is not changed. Patterns within expressions stay as they are.
+    Patterns within expressions stay as they are.
     """
     if not isinstance(algebra, CompValue):
         return algebra

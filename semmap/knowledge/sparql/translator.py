@@ -59,21 +59,9 @@ def translate(
     fields: FieldRows | None = None,
     inferred: Inferred = NOTHING_INFERRED,
 ) -> SqlStatement:
-    """Translate a pattern with its solution modifiers.
+    """Translate a pattern with its solution modifiers, for at most `limit` rows.
 
-    Parameters
-    ----------
-    names : the variables of the result
-    constants : what the IRIs of the text stand for
-    limit : the most rows to read
-    chosen : the graphs to read; None for the map and all graphs
-    fields : answers what fields state
-    inferred : what the map has of inferences
-
-    Raises
-    ------
-    UntranslatedError
-        A part has no translation to SQL.
+    Raises UntranslatedError: a part has no translation to SQL.
     """
     algebra = count_solutions(algebra)
     uses = count_variables(algebra) + Counter(names)
@@ -94,22 +82,13 @@ def translate_each(
     *,
     inferred: Inferred = NOTHING_INFERRED,
 ) -> SqlStatement:
-    """Translate a pattern that is answered for each row of a table with values of variables.
+    """Translate a pattern that is answered for each row of a table p with values of variables.
 
-    Parameters
-    ----------
-    given : the form of each variable with given values, whose columns in the table p are s0,
-        s1 ..., and t0 ... for the tags of a "term"; with them, the pattern is not a SELECT or ASK
-    inferred : what the map has of inferences
+    The columns of p are n, and for each given variable s0, s1 ..., with t0 ... for the tag of a
+    "term". With given ones, the pattern is not a SELECT or ASK. The statement has `GIVEN` in place
+    of p, and n is its first column.
 
-    Returns
-    -------
-    a statement with `GIVEN` in it, whose first column is p.n
-
-    Raises
-    ------
-    UntranslatedError
-        A part has no translation to SQL.
+    Raises UntranslatedError: a part has no translation to SQL.
     """
     algebra = count_solutions(algebra)
     uses = count_variables(algebra) + Counter(names)

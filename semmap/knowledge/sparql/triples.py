@@ -69,14 +69,7 @@ class TriplePatterns(PropertyPaths):
     def sources(self, triple: tuple[Any, Any, Any], graph: Any) -> list[TripleMap] | Computed:
         """Return what can match a triple pattern: triple maps, or the relation that it computes.
 
-        Parameters
-        ----------
-        graph : the term after GRAPH; None for the default graph
-
-        Raises
-        ------
-        UntranslatedError
-            Fields state the property.
+        The graph is the term after GRAPH. Raises UntranslatedError: fields state the property.
         """
         subject, predicate, object_ = triple
         scope = PatternScope(None if graph is None else self.part(graph))

@@ -83,12 +83,7 @@ def are_disjoint(a: Form, b: Form) -> bool:
 
 
 def text_of(value: Value, namespace: str) -> str:
-    """Return the SQL of a term's text: its IRI, or its lexical form.
-
-    Parameters
-    ----------
-    namespace : the SQL of the map's namespace
-    """
+    """Return the SQL of a term's text, its IRI or its lexical form, from that of the namespace."""
     node = NODES.get(value.form)
     match value.form:
         case "term" | "iri" | "string" | "gml" | "geojson":

@@ -83,12 +83,9 @@ class Evaluation:
         nodes: Mapping[Term, tuple[Form, int]],
         errors: dict[Any, Exception],
     ) -> dict[Job, set[Row]]:
-        """Return the solutions of parts.
+        """Return the solutions of parts, and write the error of each query that fails to `errors`.
 
-        Parameters
-        ----------
-        nodes : the nodes of entities that the terms of jobs may be, with form and id
-        errors : gets that of each query that fails
+        Terms of jobs may be nodes of entities, with form and id.
         """
         same: dict[Any, list[Job]] = defaultdict(list)
         for job in jobs:
@@ -147,9 +144,7 @@ def _with_values(
 ) -> tuple[bytes, dict[str, Any]]:
     """Return the statement of jobs of one shape, with their values as columns.
 
-    Parameters
-    ----------
-    varying : the parameters that are columns, which grow: so the statement stays the same
+    The varying parameters are columns; there only come more, so that the statement stays the same.
     """
     statement = group[0][1]
     columns: dict[str, tuple[str, list[Any]]] = {"n": ("int", list(range(len(group))))}

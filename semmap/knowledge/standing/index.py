@@ -109,10 +109,7 @@ class PatternIndex:
     ) -> Iterator[tuple[QueryPart, int]]:
         """Yield the parts that a new statement may concern, with their patterns.
 
-        Parameters
-        ----------
-        known : the listed triples
-        nodes : the nodes whose triples were listed
+        The triples of all `nodes` are listed in `known`.
         """
         for key in _keys_of(quad):
             for told_apart, members in self._stated.get(key, {}).items():

@@ -28,10 +28,8 @@ def joined(
 ) -> list[Solution] | None:
     """Return the solutions of a plain part with some terms; None where the lists do not tell them.
 
-    Parameters
-    ----------
-    left : the patterns that are not known to match
-    known : the listed triples: where there is a list of a property, all triples of touched nodes
+    The patterns `left` are not known to match. Where `known` lists a property, it has all triples
+    of touched nodes.
     """
     solutions, waiting = [region], [part.patterns[n] for n in left]
     while waiting and solutions:

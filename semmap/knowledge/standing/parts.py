@@ -264,12 +264,8 @@ def split(
 ) -> list[QueryPart] | None:
     """Return the parts of a query; None where it has to be evaluated as a whole.
 
-    Parameters
-    ----------
-    tree : of the algebra
-    names : the variables of its solutions
-    sources : what can match a triple pattern with a graph
-    canonical : the term that solutions have for a "node", "class" or "property" of the text
+    `sources` tells what can match a triple pattern with a graph, `canonical` the term that
+    solutions have for a "node", "class" or "property" of the text.
     """
     node = tree
     while node.name in ("SelectQuery", "AskQuery", "Project", "Distinct", "Reduced", "OrderBy"):

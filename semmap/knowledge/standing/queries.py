@@ -352,9 +352,7 @@ class StandingQueries:
     ) -> None:
         """Find the solutions with some terms, by the listed triples where these tell them.
 
-        Parameters
-        ----------
-        left : the patterns that are not known to match
+        The patterns `left` are not known to match.
         """
         found = None
         if part.plain:
@@ -392,12 +390,8 @@ class StandingQueries:
     ) -> list[Difference]:
         """Return the differences that the solutions of some parts make now.
 
-        Parameters
-        ----------
-        jobs : evaluated by the database
-        again : queries whose former solutions are forgotten: only their answers are compared
-        known : solutions that are known already
-        nodes : the nodes of entities in the terms of jobs
+        The database evaluates jobs, whose terms may be `nodes`; others are known. Of queries that
+        are evaluated again, former solutions are forgotten: only their answers are compared.
         """
         deltas: dict[StandingQuery, dict[Row, int]] = {}
         for found in again:

@@ -180,14 +180,7 @@ class TemplateShape:
             self.is_open |= bool(filling) and not _is_closed(kept[()], filling)
 
     def filled(self, query: Any, iris: frozenset[str], filling: Filled | None) -> list[QueryPart]:
-        """Return the parts of a query, with its terms in the holes.
-
-        Parameters
-        ----------
-        query : that they are of
-        iris : of its text
-        filling : None where there are no holes
-        """
+        """Return the parts of a query, with its terms in the holes if there are any."""
         parts = []
         for part, kept in zip(self._parts, self._statements, strict=True):
             made = QueryPart(

@@ -54,9 +54,7 @@ class TripleLists:
     ) -> Triples:
         """Return what is true of the touched entities, of all properties that patterns have.
 
-        Parameters
-        ----------
-        facts : of `ask`
+        `facts` are those of `ask`.
         """
         known: Triples = defaultdict(list)
         _read(facts, touched, known)
