@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import psycopg
@@ -16,7 +16,7 @@ from semmap.knowledge.fields.properties import Fields
 from semmap.knowledge.fields.rows import FieldRows
 from semmap.knowledge.sparql.constants import Constants, Lookup, iris_in, resolve
 from semmap.knowledge.sparql.kept_queries import Basis, Row, Session, term_of
-from semmap.knowledge.sparql.scope import NOTHING_INFERRED, Chosen, Inferred
+from semmap.knowledge.sparql.scope import NOTHING_INFERRED, Chosen, Inferred, MapGraph
 from semmap.knowledge.sparql.translator import SqlStatement, translate
 from semmap.knowledge.vocabulary import map_namespace
 
@@ -80,6 +80,10 @@ class MapView:
         """The namespace of the map's entities."""
         return map_namespace(self.name)
 
+    def graph(self, constants: Constants) -> MapGraph:
+        """Return what patterns are matched with, apart from chosen graphs and fields."""
+        return MapGraph(constants, self.namespace, self.number, self.inferred)
+
     def constants(self, *trees: Any) -> Constants:
         """Return what the IRIs of parts of the algebra stand for."""
         return resolve(self.session, iris_in(trees), self.namespace, self.number)
@@ -121,17 +125,8 @@ class MapView:
             if len(kept) > _KEPT:
                 kept.clear()
             read = len(self.statements) + len(self.notes)
-            made = translate(
-                algebra,
-                columns,
-                constants,
-                self.namespace,
-                self.number,
-                limit=limit,
-                chosen=self.chosen,
-                fields=self._fields(),
-                inferred=self.inferred,
-            )
+            source = replace(self.graph(constants), chosen=self.chosen, fields=self._fields())
+            made = translate(algebra, columns, source, limit)
             if read < len(self.statements) + len(self.notes):
                 return made  # it has rows of fields, which change
             kept[key] = made

@@ -70,7 +70,7 @@ class EventStream:
         self._waiting.put(None)  # for the next loop, or that of another thread
 
     def get(self, timeout: float | None = None) -> RelationEvent | None:
-        """Return the next event; None if the stream is closed, or none came in `timeout` seconds."""
+        """Return the next event; None if the stream is closed, or none came in `timeout` s."""
         try:
             event = self._waiting.get(timeout=timeout)
         except queue.Empty:

@@ -4,9 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from semmap.knowledge.sparql.values import Value
+
+if TYPE_CHECKING:
+    from semmap.knowledge.fields.rows import FieldRows
+    from semmap.knowledge.sparql.constants import Constants
 
 Part = str | Value
 """A variable by its name, or a constant."""
@@ -40,6 +44,18 @@ class Inferred:
 
 
 NOTHING_INFERRED = Inferred()
+
+
+@dataclass(frozen=True)
+class MapGraph:
+    """What patterns of a text are matched with."""
+
+    constants: Constants  # what the IRIs of the text stand for
+    namespace: str  # of the map's entities
+    map_id: int
+    inferred: Inferred = NOTHING_INFERRED  # the inferences that patterns match, too
+    chosen: Chosen | None = None  # the graphs to read; None for the map and all graphs
+    fields: FieldRows | None = None  # answers what fields state
 
 
 @dataclass(frozen=True)

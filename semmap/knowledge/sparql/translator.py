@@ -13,13 +13,11 @@ from rdflib.paths import Path
 from rdflib.plugins.sparql.parserutils import CompValue
 
 from semmap.knowledge.fields.properties import comparisons, count_variables
-from semmap.knowledge.fields.rows import FieldRows
-from semmap.knowledge.sparql.constants import Constants
 from semmap.knowledge.sparql.expressions import Environment, Expressions, UntranslatedError
 from semmap.knowledge.sparql.geosparql import AGGREGATES, geometry_of
-from semmap.knowledge.sparql.relation import UNBOUND, Rows, in_form, union, union_form
+from semmap.knowledge.sparql.relation import UNBOUND, Rows, in_form, renamed, union, union_form
 from semmap.knowledge.sparql.row_sharing import entity_iri
-from semmap.knowledge.sparql.scope import NOTHING_INFERRED, Chosen, Inferred, PatternScope
+from semmap.knowledge.sparql.scope import MapGraph, PatternScope
 from semmap.knowledge.sparql.solution_counts import count_solutions
 from semmap.knowledge.sparql.triples import TriplePatterns
 from semmap.knowledge.sparql.values import (
@@ -48,16 +46,7 @@ class SqlStatement:
 
 
 def translate(
-    algebra: Any,
-    names: tuple[str, ...],
-    constants: Constants,
-    namespace: str,
-    map_id: int,
-    *,
-    limit: int | None = None,
-    chosen: Chosen | None = None,
-    fields: FieldRows | None = None,
-    inferred: Inferred = NOTHING_INFERRED,
+    algebra: Any, names: tuple[str, ...], source: MapGraph, limit: int | None = None
 ) -> SqlStatement:
     """Translate a pattern with its solution modifiers, for at most `limit` rows.
 
@@ -65,7 +54,7 @@ def translate(
     """
     algebra = count_solutions(algebra)
     uses = count_variables(algebra) + Counter(names)
-    translator = _Translator(constants, namespace, map_id, chosen, fields, uses, inferred)
+    translator = _Translator(source, uses)
     sql = translator.result(algebra, names)
     if limit is not None:
         sql = f"SELECT * FROM ({sql}) result LIMIT {translator.parameters.bind(limit, 'bigint')}"
@@ -73,14 +62,7 @@ def translate(
 
 
 def translate_each(
-    algebra: Any,
-    names: tuple[str, ...],
-    constants: Constants,
-    namespace: str,
-    map_id: int,
-    given: Mapping[str, Form],
-    *,
-    inferred: Inferred = NOTHING_INFERRED,
+    algebra: Any, names: tuple[str, ...], source: MapGraph, given: Mapping[str, Form]
 ) -> SqlStatement:
     """Translate a pattern that is answered for each row of a table p with values of variables.
 
@@ -92,7 +74,7 @@ def translate_each(
     """
     algebra = count_solutions(algebra)
     uses = count_variables(algebra) + Counter(names)
-    translator = _Translator(constants, namespace, map_id, None, None, uses, inferred)
+    translator = _Translator(source, uses)
     if not given:
         result = translator.result(algebra, names)
         if not names:
@@ -114,17 +96,8 @@ def translate_each(
 class _Translator(TriplePatterns):
     """Translates patterns; each method `_rows_X` those of the algebra's node X."""
 
-    def __init__(
-        self,
-        constants: Constants,
-        namespace: str,
-        map_id: int,
-        chosen: Chosen | None,
-        fields: FieldRows | None,
-        uses: Counter[str],
-        inferred: Inferred = NOTHING_INFERRED,
-    ) -> None:
-        super().__init__(constants, namespace, map_id, chosen, fields, uses, inferred)
+    def __init__(self, source: MapGraph, uses: Counter[str]) -> None:
+        super().__init__(source, uses)
         self._scope = PatternScope()
         self.expressions = Expressions(
             self.parameters.bind, self.namespace, self.constant, self._exists
@@ -434,14 +407,7 @@ class _Translator(TriplePatterns):
             text += " GROUP BY ()"
         if not node.A and not group:
             text += " GROUP BY ()"
-        result = Rows([f"LATERAL ({text}) {alias}"])
-        column = 0
-        for name, value in found.items():
-            tag = f"{alias}.c{column + 1}" if value.tag is not None else None
-            result.variables[name] = Value(value.form, f"{alias}.c{column}", tag)
-            column += len(value.columns())
-        result.nullable = maybe
-        return result
+        return Rows([f"LATERAL ({text}) {alias}"], [], renamed(found, alias), maybe)
 
     def _aggregate(self, each: Any, seen: Environment) -> tuple[Value, bool]:
         """Return an aggregate (section 18.5.1), and whether it has a value for each group."""

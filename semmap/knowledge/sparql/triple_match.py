@@ -9,9 +9,9 @@ from typing import Any
 import rdflib
 
 from semmap.knowledge.mapping import DATATYPES, INFERENCES, INFERRED_GRAPH, STATEMENTS
-from semmap.knowledge.sparql.constants import Constants, tag_and_text
+from semmap.knowledge.sparql.constants import tag_and_text
 from semmap.knowledge.sparql.relation import Rows
-from semmap.knowledge.sparql.scope import Chosen, Part
+from semmap.knowledge.sparql.scope import MapGraph, Part
 from semmap.knowledge.sparql.values import Parameters, Value, is_literal, same, text_of
 from semmap.knowledge.triple_map import Column, Form, TripleMap
 from semmap.knowledge.vocabulary import decode
@@ -43,24 +43,14 @@ class MatchedPattern:
 
 
 class TripleMatch:
-    """Matches triple patterns with triple maps.
+    """Matches triple patterns with triple maps."""
 
-    Parameters
-    ----------
-    constants : what the IRIs of the text stand for
-    namespace : of the map's entities
-    map_id : the map
-    chosen : the graphs to read; None for the map and all graphs
-    """
-
-    def __init__(
-        self, constants: Constants, namespace: str, map_id: int, chosen: Chosen | None = None
-    ) -> None:
+    def __init__(self, source: MapGraph) -> None:
         self.parameters = Parameters()
-        self._chosen = chosen
-        self.constants = constants
-        self.namespace = self.parameters.bind(namespace)
-        self.map_id = self.parameters.bind(map_id, "int")
+        self._chosen, self._inferred, self._fields = source.chosen, source.inferred, source.fields
+        self.constants = source.constants
+        self.namespace = self.parameters.bind(source.namespace)
+        self.map_id = self.parameters.bind(source.map_id, "int")
         self._graph: Part | None = None
 
     # Terms

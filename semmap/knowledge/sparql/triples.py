@@ -9,7 +9,6 @@ import rdflib
 from rdflib.paths import AlternativePath, InvPath, MulPath, NegatedPath, SequencePath
 
 from semmap.knowledge.fields.properties import field_property, is_of_fields
-from semmap.knowledge.fields.rows import FieldRows
 from semmap.knowledge.mapping import (
     COMPUTED,
     INFERENCES,
@@ -20,12 +19,11 @@ from semmap.knowledge.mapping import (
     TRIPLES,
     is_mapped,
 )
-from semmap.knowledge.sparql.constants import Constants
 from semmap.knowledge.sparql.expressions import UntranslatedError
 from semmap.knowledge.sparql.paths import PropertyPaths
 from semmap.knowledge.sparql.relation import UNBOUND, Rows, can_join, union
 from semmap.knowledge.sparql.row_sharing import share_rows
-from semmap.knowledge.sparql.scope import NOTHING_INFERRED, Chosen, Inferred, Part, PatternScope
+from semmap.knowledge.sparql.scope import MapGraph, Part, PatternScope
 from semmap.knowledge.sparql.triple_match import MatchedPattern
 from semmap.knowledge.sparql.values import Value, key_of, same
 from semmap.knowledge.triple_map import Computed, Form, TripleMap
@@ -36,33 +34,11 @@ _COMPUTED = {each.property: each for each in COMPUTED}
 
 
 class TriplePatterns(PropertyPaths):
-    """Translates triple patterns.
+    """Translates triple patterns; `uses` is how often each variable occurs in the whole query."""
 
-    Parameters
-    ----------
-    constants : what the IRIs of the text stand for
-    namespace : of the map's entities
-    map_id : the map
-    chosen : the graphs to read; None for the map and all graphs
-    fields : answers what fields state
-    uses : how often each variable occurs in the whole query
-    inferred : the inferences that patterns match, too
-    """
-
-    def __init__(
-        self,
-        constants: Constants,
-        namespace: str,
-        map_id: int,
-        chosen: Chosen | None = None,
-        fields: FieldRows | None = None,
-        uses: Mapping[str, int] | None = None,
-        inferred: Inferred = NOTHING_INFERRED,
-    ) -> None:
-        super().__init__(constants, namespace, map_id, chosen)
-        self._inferred = inferred
-        self.fields = fields
-        self.uses = uses or {}
+    def __init__(self, source: MapGraph, uses: Mapping[str, int] | None = None) -> None:
+        super().__init__(source)
+        self._uses = uses or {}
 
     # Basic graph patterns
 
@@ -181,13 +157,13 @@ class TriplePatterns(PropertyPaths):
         self, rows: Rows, stated: list[tuple[Part, Any, Part]], scope: PatternScope
     ) -> None:
         """Join what fields answer; variables that nothing else needs are counted there."""
-        if self.fields is None:
+        if self._fields is None:
             raise UntranslatedError("fields cannot be asked here", stated[0][1])
 
         def is_needed(name: str, count: int) -> bool:
-            return name.startswith("*") or self.uses.get(name, 0) > count
+            return name.startswith("*") or self._uses.get(name, 0) > count
 
-        found, equal = self.fields.rows(
+        found, equal = self._fields.rows(
             stated, self.constants, self.parameters, is_needed, scope.conditions
         )
         for part in found:

@@ -183,10 +183,10 @@ class QueryPart:
     values: Mapping[Any, Any] = field(default_factory=dict)
     statements: dict[Any, Any] = field(default_factory=dict)
     rows: set[Row] = field(default_factory=set)
-    _by_term: dict[tuple[int, Term], set[Row]] = field(default_factory=lambda: defaultdict(set))
 
     def __post_init__(self) -> None:
         """Find which variables the patterns have at their ends, and where changes are named."""
+        self._by_term: dict[tuple[int, Term], set[Row]] = defaultdict(set)
         self.ends = frozenset(
             name_of_variable(p.terms[side])
             for p in self.patterns

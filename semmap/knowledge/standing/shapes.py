@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import rdflib
@@ -157,9 +157,7 @@ class TemplateShape:
         algebra, names = template.parsed.algebra, tuple(map(str, template.parsed.names))
         if template.parsed.form == "AskQuery":
             names = ()
-        translator = TriplePatterns(
-            self._constants, view.namespace, view.number, inferred=view.inferred
-        )
+        translator = TriplePatterns(view.graph(self._constants))
         parts = None
         if not template.parsed.dataset:
             try:
@@ -183,26 +181,19 @@ class TemplateShape:
         """Return the parts of a query, with its terms in the holes if there are any."""
         parts = []
         for part, kept in zip(self._parts, self._statements, strict=True):
-            made = QueryPart(
-                part.tree,
-                part.names,
-                [_filled(each, filling) if filling else each for each in part.patterns],
-                plain=part.plain,
-                conditions=part.conditions
-                if filling is None
-                else tuple(
-                    each._replace(term=filling.terms.get(each.term, each.term))
-                    for each in part.conditions
+            terms, values = ({}, {}) if filling is None else (filling.terms, filling.values)
+            made = replace(
+                part,
+                patterns=[_filled(each, filling) if filling else each for each in part.patterns],
+                conditions=tuple(
+                    each._replace(term=terms.get(each.term, each.term)) for each in part.conditions
                 ),
-                projected=part.projected,
-                properties=part.properties,
-                of_tables=part.of_tables,
-                of_fields=part.of_fields,
                 iris=iris,
                 query=query,
                 constants=self._constants,
-                values={} if filling is None else filling.values,
+                values=values,
                 statements=kept,
+                rows=set(),
             )
             parts.append(made)
         return parts
@@ -243,15 +234,7 @@ def translated(
 ) -> SqlStatement | None:
     """Return the statement of a part; None if it has no translation."""
     try:
-        return translate_each(
-            part.tree,
-            part.names,
-            constants,
-            view.namespace,
-            view.number,
-            given,
-            inferred=view.inferred,
-        )
+        return translate_each(part.tree, part.names, view.graph(constants), given)
     except UntranslatedError:
         return None
 
@@ -316,11 +299,4 @@ def _filled(pattern: PartPattern, filling: Filled) -> PartPattern:
         return pattern
     if graph is not None and isinstance(graph, rdflib.URIRef) and _is_hole(graph):
         graph = rdflib.URIRef(filling.values[str(graph)])
-    return PartPattern(
-        (subject, verb, object_),
-        graph,
-        pattern.keys,
-        listed=pattern.listed,
-        stated=pattern.stated,
-        exact=pattern.exact,
-    )
+    return replace(pattern, terms=(subject, verb, object_), graph=graph)

@@ -141,15 +141,9 @@ def _statement(view: MapView, lists: Iterable[tuple[Key, bool]]) -> tuple[bytes,
             continue
         ends = ("key", "other") if side == 0 else ("other", "key")
         triple = (rdflib.Variable(ends[0]), rdflib.URIRef(verb), rdflib.Variable(ends[1]))
-        statement = translate_each(
-            CompValue("BGP", triples=[triple]),
-            ("other",),
-            Constants({}),
-            view.namespace,
-            view.number,
-            {"key": form},
-            inferred=view.inferred,
-        )
+        pattern = CompValue("BGP", triples=[triple])
+        source = view.graph(Constants({}))
+        statement = translate_each(pattern, ("other",), source, {"key": form})
         sql = statement.sql.replace("%(", f"%(k{i}")
         sql = sql.replace(GIVEN, f"unnest({ids}, {ids}) AS p (n, s0)")
         parts.append(f"SELECT {i}, q.* FROM ({sql}) q")
