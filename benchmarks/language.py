@@ -6,7 +6,7 @@ A second table answers the same queries by SQL: docs/decisions/one_evaluator.md 
 from __future__ import annotations
 
 import time
-from collections.abc import Collection, Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from datetime import datetime
@@ -24,12 +24,14 @@ from benchmarks.timing import Row, median_seconds, print_rows
 from semmap.database import open_engine
 from semmap.fields.queries import SelectResult, query
 from semmap.fields.queries.statements import (
+    ALL,
     Entities,
     Numbers,
     StatementColumn,
     StatementRelation,
     Statements,
     VoxelColumn,
+    Wanted,
 )
 from semmap.fields.queries.voxel_functions import VOXEL_FUNCTIONS
 from semmap.geometry.voxel_keys import keys_of, voxels_of_keys
@@ -106,15 +108,9 @@ class Field:
     subject: StatementColumn
     object: StatementColumn
 
-    def statements(
-        self,
-        *,
-        subjects: Collection[str] | None = None,
-        objects: Collection[str] | None = None,
-        within: NDArray[np.int64] | None = None,
-    ) -> Statements:
-        """Return the statements, only those of `objects` if given."""
-        subject, object_ = self.subject, self.object
+    def statements(self, wanted: Wanted = ALL) -> Statements:
+        """Return the statements, only those of some objects if wanted."""
+        subject, object_, objects = self.subject, self.object, wanted.objects
         if (
             objects is None
             or not isinstance(object_, Entities)

@@ -53,7 +53,6 @@ class FieldCatalogue:
 
     Parameters
     ----------
-    vocabulary : the properties
     maps : the maps of sources
     names : entities and semantic types
     occupancy : which entities occupy which voxels, for `occupiedBy` and `freeIn`

@@ -13,10 +13,6 @@ from semmap.limits import QUERY_SECONDS
 class Context:
     """The context of one evaluation.
 
-    Parameters
-    ----------
-    catalogue : what the query reads
-
     Attributes
     ----------
     voxel_size : metres

@@ -5,10 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Mapping
 from typing import Any, Protocol
 
-import numpy as np
-from numpy.typing import NDArray
-
-from semmap.fields.queries.statements import Entities, Statements, UnknownError
+from semmap.fields.queries.statements import ALL, Entities, Statements, UnknownError, Wanted
 from semmap.fields.relations.facts import RelationFact
 from semmap.fields.relations.rules import RelationRule
 from semmap.language.schema import Property
@@ -51,19 +48,14 @@ class EntityRelation:
         self._missing = missing
         self.left_out: set[str] = set()  # by the statements that were read
 
-    def statements(
-        self,
-        *,
-        subjects: Collection[str] | None = None,
-        objects: Collection[str] | None = None,
-        within: NDArray[np.int64] | None = None,
-    ) -> Statements:
+    def statements(self, wanted: Wanted = ALL) -> Statements:
         """Return the statements; see `StatementRelation.statements`.
 
         Raises LookupError: no rule of the tracker has the name of the property. Raises
         UnknownError: all entities to which a side is limited have no voxels, or what the relation
         follows from is missing.
         """
+        subjects, objects, _ = wanted
         tracker, name = self._tracker(), self.property.name
         known = [rule.name for rule in tracker.rules]
         if name not in known:
@@ -77,14 +69,14 @@ class EntityRelation:
         for side in (subjects, objects):
             self._check_known(side)
         facts = sorted((str(fact.subject), str(fact.object)) for fact in tracker.holding(name))
-        wanted = [
+        holding = [
             (subject, object)
             for subject, object in facts
             if (subjects is None or subject in subjects) and (objects is None or object in objects)
         ]
         return Statements(
-            Entities.from_names(subject for subject, _ in wanted),
-            Entities.from_names(object for _, object in wanted),
+            Entities.from_names(subject for subject, _ in holding),
+            Entities.from_names(object for _, object in holding),
         )
 
     def _check_known(self, names: Collection[str] | None) -> None:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from semmap.fields.maps import operators
 from semmap.fields.maps.lattice import VoxelBox
 from semmap.fields.maps.representation_map import RepresentationMap
-from semmap.fields.queries.statements import Entities, Numbers, Statements, VoxelColumn
+from semmap.fields.queries.statements import ALL, Entities, Numbers, Statements, VoxelColumn, Wanted
 from semmap.fields.queries.table import LimitError
 from semmap.fields.regions.region_map import BODIES, NamedRegionMap, Role
 from semmap.geometry.voxel_keys import keys_of, sorted_unique, voxels_of_keys
@@ -25,7 +25,6 @@ class EntityMapRelation:
 
     Parameters
     ----------
-    property : what is stated
     maps : of that property
     """
 
@@ -33,32 +32,26 @@ class EntityMapRelation:
         self.property = property
         self._maps = maps
 
-    def statements(
-        self,
-        *,
-        subjects: Collection[str] | None = None,
-        objects: Collection[str] | None = None,
-        within: Keys | None = None,
-    ) -> Statements:
+    def statements(self, wanted: Wanted = ALL) -> Statements:
         """Return the statements; see `StatementRelation.statements`."""
-        return _by_entity(self.found(objects, within))
+        return _by_entity(self.found(wanted))
 
-    def found(self, objects: Collection[str] | None, within: Keys | None) -> list[tuple[str, Keys]]:
+    def found(self, wanted: Wanted) -> list[tuple[str, Keys]]:
         """Return entities with the keys of their voxels; an entity may occur more than once."""
         found: list[tuple[str, Keys]] = []
-        box = _box_around(within)
+        box, objects = _box_around(wanted.within), wanted.objects
         about: dict[tuple[str, str], list[RepresentationMap]] = {}
         for each in self._maps:
             if each.legend:
-                wanted = {
+                named = {
                     value: name
                     for value, name in each.legend.items()
                     if objects is None or name in objects
                 }
-                if wanted:
+                if named:
                     voxels, values = _read(each, box)
                     keys = keys_of(voxels)
-                    found += [(name, keys[values == value]) for value, name in wanted.items()]
+                    found += [(name, keys[values == value]) for value, name in named.items()]
             elif each.about is not None and (objects is None or each.about in objects):
                 about.setdefault((each.about, each.value_type), []).append(each)
         # DURING selects many maps about one entity: joined as grids they are sorted only once.
@@ -72,7 +65,6 @@ class NumberMapRelation:
 
     Parameters
     ----------
-    property : what is stated
     maps : of numbers
     """
 
@@ -80,15 +72,9 @@ class NumberMapRelation:
         self.property = property
         self._maps = maps
 
-    def statements(
-        self,
-        *,
-        subjects: Collection[str] | None = None,
-        objects: Collection[str] | None = None,
-        within: Keys | None = None,
-    ) -> Statements:
+    def statements(self, wanted: Wanted = ALL) -> Statements:
         """Return the statements; see `StatementRelation.statements`."""
-        box = _box_around(within)
+        box = _box_around(wanted.within)
         keys: list[Keys] = [np.zeros(0, np.int64)]
         values: list[NDArray[np.float64]] = [np.zeros(0)]
         for each in self._maps:
@@ -107,7 +93,6 @@ class OccupancyRelation:
 
     Parameters
     ----------
-    property : what is stated
     occupancy : None states nothing
     roles : of the entities
     maps : of that property, which state it, too
@@ -139,17 +124,12 @@ class OccupancyRelation:
             if objects is None or name in objects
         }
 
-    def statements(
-        self,
-        *,
-        subjects: Collection[str] | None = None,
-        objects: Collection[str] | None = None,
-        within: Keys | None = None,
-    ) -> Statements:
+    def statements(self, wanted: Wanted = ALL) -> Statements:
         """Return the statements; see `StatementRelation.statements`."""
+        objects = wanted.objects
         counts = self.counts(objects) or {}
         _check_rows(self.property, sum(counts.values()), len(counts))
-        found = self._maps.found(objects, within)
+        found = self._maps.found(wanted)
         if self._occupancy is not None:
             regions = self._occupancy.regions
             found += [
@@ -166,7 +146,6 @@ class FreeSpaceRelation:
 
     Parameters
     ----------
-    property : what is stated
     rooms : states `voxel inRoom room`
     occupancy : None for no entities
     """
@@ -205,15 +184,9 @@ class FreeSpaceRelation:
                 counts[rooms[room]] -= n
         return counts
 
-    def statements(
-        self,
-        *,
-        subjects: Collection[str] | None = None,
-        objects: Collection[str] | None = None,
-        within: Keys | None = None,
-    ) -> Statements:
+    def statements(self, wanted: Wanted = ALL) -> Statements:
         """Return the statements; see `StatementRelation.statements`."""
-        voxels, rooms = self._rooms.statements(objects=objects, within=within)
+        voxels, rooms = self._rooms.statements(wanted)
         assert isinstance(voxels, VoxelColumn)
         assert isinstance(rooms, Entities)
         if self._occupancy is None:
@@ -228,7 +201,6 @@ class TypeRelation:
 
     Parameters
     ----------
-    property : rdf:type
     types : the type of each entity
     supertypes : for each type all types that subsume it, itself included
     """
@@ -243,14 +215,9 @@ class TypeRelation:
         self._types = types
         self._supertypes = supertypes
 
-    def statements(
-        self,
-        *,
-        subjects: Collection[str] | None = None,
-        objects: Collection[str] | None = None,
-        within: Keys | None = None,
-    ) -> Statements:
+    def statements(self, wanted: Wanted = ALL) -> Statements:
         """Return the statements; see `StatementRelation.statements`."""
+        subjects, objects, _ = wanted
         pairs = [
             (entity, supertype)
             for entity, type_ in self._types.items()

@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from datetime import datetime
 
 import numpy as np
-from numpy.typing import NDArray
 
 from semmap.fields.queries.statements import (
+    ALL,
     Catalogue,
     Entities,
     StatementRelation,
     Statements,
     VoxelColumn,
+    Wanted,
 )
 from semmap.fields.queries.voxel_functions import VOXEL_FUNCTIONS
 from semmap.fields.regions.region_map import RegionMap
@@ -107,16 +108,9 @@ class _OccupiesRelation:
     def __init__(self, regions: RegionMap) -> None:
         self._regions = regions
 
-    def statements(
-        self,
-        *,
-        subjects: Collection[str] | None = None,
-        objects: Collection[str] | None = None,
-        within: NDArray[np.int64] | None = None,
-    ) -> Statements:
-        entities = [
-            each for each in self._regions.entities() if subjects is None or str(each) in subjects
-        ]
+    def statements(self, wanted: Wanted = ALL) -> Statements:
+        there, subjects = self._regions.entities(), wanted.subjects
+        entities = [each for each in there if subjects is None or str(each) in subjects]
         keys = [keys_of(self._regions.voxels(each)) for each in entities]
         codes = np.repeat(np.arange(len(keys), dtype=np.int32), [len(each) for each in keys])
         return Statements(

@@ -80,6 +80,19 @@ class Statements(NamedTuple):
     object: StatementColumn
 
 
+class Wanted(NamedTuple):
+    """Which statements are read."""
+
+    subjects: Collection[str] | None = None  # entities to which that side is limited
+    objects: Collection[str] | None = None  # likewise
+    # ascending keys of voxels that the subjects may have. Other subjects may be returned, too: this
+    # only saves work
+    within: NDArray[np.int64] | None = None
+
+
+ALL = Wanted()
+
+
 class StatementRelation(Protocol):
     """States a property: a map, a region map, or what is computed from them."""
 
@@ -88,21 +101,8 @@ class StatementRelation(Protocol):
         """The property that it states."""
         ...
 
-    def statements(
-        self,
-        *,
-        subjects: Collection[str] | None = None,
-        objects: Collection[str] | None = None,
-        within: NDArray[np.int64] | None = None,
-    ) -> Statements:
-        """Return the statements, all of them without arguments.
-
-        Parameters
-        ----------
-        subjects, objects : entities to which that side is limited
-        within : ascending keys of voxels that the subjects may have. Other subjects may be
-            returned, too: this only saves work
-        """
+    def statements(self, wanted: Wanted = ALL) -> Statements:
+        """Return the statements, as far as they are wanted."""
         ...
 
 

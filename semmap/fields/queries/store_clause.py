@@ -32,7 +32,6 @@ class StoreChecker(Checker):
     Parameters
     ----------
     parsed : a query with STORE
-    catalogue : what it reads
     """
 
     hidden = frozenset({STORED_OBJECT})

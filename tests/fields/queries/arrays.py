@@ -11,12 +11,14 @@ import rdflib
 from numpy.typing import NDArray
 
 from semmap.fields.queries.statements import (
+    ALL,
     Entities,
     Numbers,
     StatementColumn,
     StatementRelation,
     Statements,
     VoxelColumn,
+    Wanted,
 )
 from semmap.fields.queries.voxel_functions import VOXEL_FUNCTIONS
 from semmap.geometry.voxel_keys import keys_of, voxels_of_keys
@@ -51,14 +53,9 @@ class Listed:
         default_factory=list
     )
 
-    def statements(
-        self,
-        *,
-        subjects: Collection[str] | None = None,
-        objects: Collection[str] | None = None,
-        within: NDArray[np.int64] | None = None,
-    ) -> Statements:
+    def statements(self, wanted: Wanted = ALL) -> Statements:
         """Return the statements."""
+        subjects, objects, within = wanted
         self.withins.append(within)
         self.limited.append((subjects, objects))
         rows = [
