@@ -8,7 +8,7 @@ lattices or frames are combined in the lattice of the first.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import reduce
 from typing import Any, Literal
@@ -20,7 +20,7 @@ from semmap.fields.checks import as_length
 from semmap.fields.maps.distances import core_tiles, distance_tiles
 from semmap.fields.maps.grids import DTYPES, Grid, ValueType, empty_grid
 from semmap.fields.maps.lattice import VoxelBox
-from semmap.fields.maps.representation_map import RepresentationMap
+from semmap.fields.maps.representation_map import Evaluate, RepresentationMap
 from semmap.language.schema import Property
 from semmap_vdb import BoolGrid, Int32Grid
 
@@ -68,15 +68,7 @@ def combine(
         joined: Grid = reduce(lambda a, b: a.joined(b, how), grids)
         return joined
 
-    return RepresentationMap.lazily(
-        property,
-        first.value_type,
-        first.lattice,
-        evaluate,
-        about=_common_about(maps),
-        legend=legend,
-        time=_latest(maps),
-    )
+    return _of_all(maps, property, evaluate, legend)
 
 
 def intersection(*maps: RepresentationMap, as_: Property | None = None) -> RepresentationMap:
@@ -89,16 +81,7 @@ def intersection(*maps: RepresentationMap, as_: Property | None = None) -> Repre
     """
     first = _some(maps)
     property = _result(maps, as_)
-    masked = reduce(lambda a, b: mask(a, b), maps)
-    return RepresentationMap.lazily(
-        property,
-        first.value_type,
-        first.lattice,
-        masked.read,
-        about=_common_about(maps),
-        legend=first.legend,
-        time=_latest(maps),
-    )
+    return _of_all(maps, property, reduce(mask, maps).read, first.legend)
 
 
 def mask(map: RepresentationMap, by: RepresentationMap) -> RepresentationMap:
@@ -242,7 +225,7 @@ def transform(map: RepresentationMap, pose: ArrayLike) -> RepresentationMap:
 
 def _spread(
     map: RepresentationMap, metres: float, values: Callable[[Any, Any], Any] | None
-) -> Callable[[VoxelBox | None], Grid]:
+) -> Evaluate:
     """Return a function that computes the voxels within reach of a map, and their values.
 
     Without `values`, a value is the distance.
@@ -328,13 +311,23 @@ def _name(map: RepresentationMap) -> str:
     return f"the map {map.property.name}" + (f" of {map.about}" if map.about else "")
 
 
-def _common_about(maps: tuple[RepresentationMap, ...]) -> str | None:
-    abouts = {each.about for each in maps}
-    return maps[0].about if len(abouts) == 1 else None
-
-
-def _latest(maps: tuple[RepresentationMap, ...]) -> Any:
-    return max((each.time for each in maps if each.time is not None), default=None)
+def _of_all(
+    maps: tuple[RepresentationMap, ...],
+    property: Property,
+    evaluate: Evaluate,
+    legend: Mapping[int, str],
+) -> RepresentationMap:
+    """Return a map like the first, about what all are about, of the time of the latest."""
+    first, abouts = maps[0], {each.about for each in maps}
+    return RepresentationMap.lazily(
+        property,
+        first.value_type,
+        first.lattice,
+        evaluate,
+        about=first.about if len(abouts) == 1 else None,
+        legend=legend,
+        time=max((each.time for each in maps if each.time is not None), default=None),
+    )
 
 
 def _one_legend(

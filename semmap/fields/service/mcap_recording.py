@@ -46,14 +46,13 @@ Percept = Gaze | People | RobotState | Segmentation
 Make = Callable[[datetime], Percept]
 Matrix = NDArray[np.float64]
 
-_POSES: dict[str, Callable[[Any], Any]] = {
-    "geometry_msgs/msg/PoseStamped": lambda message: message.pose,
-    "geometry_msgs/msg/PoseWithCovarianceStamped": lambda message: message.pose.pose,
-    "nav_msgs/msg/Odometry": lambda message: message.pose.pose,
-}
 _TYPES = {
     "transforms": ("tf2_msgs/msg/TFMessage",),
-    "pose": (*_POSES,),
+    "pose": (
+        "geometry_msgs/msg/PoseStamped",
+        "geometry_msgs/msg/PoseWithCovarianceStamped",
+        "nav_msgs/msg/Odometry",
+    ),
     "joints": ("sensor_msgs/msg/JointState",),
     "image": ("sensor_msgs/msg/Image",),
     "camera_info": ("sensor_msgs/msg/CameraInfo",),
@@ -283,8 +282,8 @@ class _Reader(Protocol):
     def on_message(self, topic: str, message: Any, frames: _Frames, time: float) -> Make | None: ...
 
 
-class _Poses:
-    """The poses of named agents, by topics (which begin with /) or frames."""
+class _PosesReader(ABC):
+    """A percept whenever a pose of named agents changes, of topics (begin with /) or frames."""
 
     def __init__(self, agents: Mapping[str, str], prefix: str = "") -> None:
         if not isinstance(agents, Mapping):
@@ -292,48 +291,28 @@ class _Poses:
         self._names = {str(where): str(name) for name, where in agents.items()}
         self._prefix = prefix
         self.topics = {where: "pose" for where in self._names if where.startswith("/")}
-        self.now: dict[str, tuple[Matrix, float]] = {}
+        self._now: dict[str, tuple[Matrix, float]] = {}
 
-    def on_transforms(self, frames: _Frames, time: float) -> bool:
-        """Whether a pose changed."""
+    def on_transforms(self, frames: _Frames, time: float) -> Make | None:
         named = {f: n for f, n in self._names.items() if not f.startswith("/")}
         if not self._names:
             there = (f for f in frames.transforms if f.startswith(self._prefix))
             named = {f: f.removeprefix(self._prefix) for f in there}
         changed = False
         for frame, name in named.items():
-            pose, before = frames.pose(frame, time), self.now.get(name)
+            pose, before = frames.pose(frame, time), self._now.get(name)
             if pose is None:
-                changed |= self.now.pop(name, None) is not None
+                changed |= self._now.pop(name, None) is not None
             elif before is None or not np.array_equal(before[0], pose):
-                self.now[name], changed = (pose, time), True
-        return changed
-
-    def on_message(self, topic: str, message: Any, frames: _Frames, time: float) -> bool:
-        pose = frames.of_message(message, _pose_of(message), time)
-        if pose is None:
-            return False
-        self.now[self._names[topic]] = (pose, time)
-        return True
-
-
-def _pose_of(message: Any) -> Any:
-    pose = message.pose
-    return getattr(pose, "pose", pose)
-
-
-class _PosesReader(ABC):
-    """A percept whenever a pose changes."""
-
-    def __init__(self, agents: Mapping[str, str], prefix: str = "") -> None:
-        self._poses = _Poses(agents, prefix)
-        self.topics = self._poses.topics
-
-    def on_transforms(self, frames: _Frames, time: float) -> Make | None:
-        return self._percept() if self._poses.on_transforms(frames, time) else None
+                self._now[name], changed = (pose, time), True
+        return self._percept() if changed else None
 
     def on_message(self, topic: str, message: Any, frames: _Frames, time: float) -> Make | None:
-        return self._percept() if self._poses.on_message(topic, message, frames, time) else None
+        pose = frames.of_message(message, getattr(message.pose, "pose", message.pose), time)
+        if pose is None:
+            return None
+        self._now[self._names[topic]] = (pose, time)
+        return self._percept()
 
     @abstractmethod
     def _percept(self) -> Make | None: ...
@@ -346,7 +325,7 @@ class _GazeReader(_PosesReader):
         super().__init__(agents or {}, "gaze_")
 
     def _percept(self) -> Make:
-        poses = {name: pose for name, (pose, _) in self._poses.now.items()}
+        poses = {name: pose for name, (pose, _) in self._now.items()}
         return lambda when: Gaze(poses, when)
 
 
@@ -359,8 +338,8 @@ class _PeopleReader(_PosesReader):
         self._before: dict[str, tuple[Matrix, float]] = {}
 
     def _percept(self) -> Make:
-        people = {name: self._motion(name, *now) for name, now in self._poses.now.items()}
-        self._before = dict(self._poses.now)
+        people = {name: self._motion(name, *now) for name, now in self._now.items()}
+        self._before = dict(self._now)
         return lambda when: People(people, when)
 
     def _motion(self, name: str, pose: Matrix, time: float) -> PersonMotion:
@@ -388,9 +367,9 @@ class _RobotReader(_PosesReader):
         return super().on_message(topic, message, frames, time)
 
     def _percept(self) -> Make | None:
-        if "robot" not in self._poses.now:
+        if "robot" not in self._now:
             return None
-        (pose, _), joints = self._poses.now["robot"], dict(self._joints)
+        (pose, _), joints = self._now["robot"], dict(self._joints)
         return lambda when: RobotState(pose, when, joints)
 
 
