@@ -76,7 +76,6 @@ class FactWriter:
 
     Parameters
     ----------
-    view : the map
     until : when new statements end; None for never
     """
 

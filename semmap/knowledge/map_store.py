@@ -12,12 +12,7 @@ from semmap.knowledge.map_view import MapView
 
 
 class MapStore(Store):
-    """A store for `rdflib.Dataset`.
-
-    Parameters
-    ----------
-    view : the map
-    """
+    """A store for `rdflib.Dataset`."""
 
     context_aware = True
     graph_aware = True

@@ -48,7 +48,6 @@ class Checker(TextScope):
 
     Parameters
     ----------
-    parsed : the text
     schema : what the text may name
 
     Attributes

@@ -22,7 +22,6 @@ class TextScope(Scope):
 
     Parameters
     ----------
-    parsed : the text
     schema : what the text may name
 
     Attributes

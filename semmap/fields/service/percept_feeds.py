@@ -112,7 +112,6 @@ class Recording(Replay):
     ----------
     folder : has a file `NAME.jsonl` for each source: a percept with its time in each line, in order
         of time; images lie beside it
-    name : of the source
     begin, speed, loop : as for `Replay`; it begins with the earliest percept of any source
 
     Raises

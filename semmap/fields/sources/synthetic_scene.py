@@ -65,7 +65,6 @@ class SyntheticScene:
     ----------
     objects : all objects
     people : all people
-    time : aware
 
     Attributes
     ----------

@@ -43,13 +43,7 @@ _MESSAGE = re.compile(r"(?:line \d+, column \d+: )?([^\n]*)")
 
 
 class MapFields:
-    """Answers for fields of one map.
-
-    Parameters
-    ----------
-    session : psycopg's connection, which sees the map
-    map_name : the map
-    """
+    """Answers for fields of one map."""
 
     def __init__(self, session: psycopg.Connection[Any], map_name: str) -> None:
         self._session = session

@@ -39,7 +39,6 @@ class FieldRows:
     ----------
     open_fields : returns the fields of the map
     execute : runs SQL in the session that sees the map
-    namespace : of the map's entities
     report : gets the text of each question and how it was answered
     note : gets what an answer says nothing of
     """

@@ -127,7 +127,6 @@ class Lookup:
     Parameters
     ----------
     iris : of the text
-    namespace : of the map's entities
 
     Attributes
     ----------
