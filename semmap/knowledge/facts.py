@@ -6,7 +6,7 @@ import json
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from datetime import datetime
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import rdflib
 
@@ -133,12 +133,11 @@ class FactWriter:
             if iri == f"{RDF}type" and self._type(fact) is not None:
                 self._refuse_end(fact)
                 return self._set_type(fact)
-            for writes, (insert, _) in _TABLES.items():
-                if iri == writes or (writes.endswith("#") and iri.startswith(writes)):
-                    if iri == f"{RDFS}label" and self._entity(fact.subject) is None:
-                        break
-                    self._refuse_end(fact)
-                    return insert(self, fact, iri)
+            table = self._table(fact, iri)
+            if table is not None:
+                self._refuse_end(fact)
+                values = table.values(self, fact, iri)
+                return sum(self._execute(sql, values) for sql in table.insert)
             self._refuse_mapped(fact, iri)
         return self._execute(
             "INSERT INTO statement (map_id, graph, subject_id, subject, predicate, object_id, "
@@ -158,11 +157,10 @@ class FactWriter:
                     "UPDATE entity SET type = NULL WHERE id = %(id)s AND type = %(type)s",
                     {"id": self._entity(fact.subject), "type": self._type(fact)},
                 )
-            for writes, (_, delete) in _TABLES.items():
-                if iri == writes or (writes.endswith("#") and iri.startswith(writes)):
-                    if iri == f"{RDFS}label" and self._entity(fact.subject) is None:
-                        break
-                    return delete(self, fact, iri)
+            table = self._table(fact, iri)
+            if table is not None:
+                sql = table.delete
+                return 0 if sql is None else self._execute(sql, table.values(self, fact, iri))
             self._refuse_mapped(fact, iri)
         return self._execute(
             "DELETE FROM statement WHERE map_id = %(map)s AND graph = %(graph)s "
@@ -172,6 +170,14 @@ class FactWriter:
             "AND object IS NOT DISTINCT FROM %(object)s AND tag IS NOT DISTINCT FROM %(tag)s",
             self._columns(fact, iri),
         )
+
+    def _table(self, fact: Fact, iri: str) -> _Table | None:
+        """Return where a property is kept; None for statements, and labels of what is no entity."""
+        for writes, table in _TABLES.items():
+            if iri == writes or (writes.endswith("#") and iri.startswith(writes)):
+                other = iri == f"{RDFS}label" and self._entity(fact.subject) is None
+                return None if other else table
+        return None
 
     def _refuse_end(self, fact: Fact) -> None:
         if self._until is not None:
@@ -292,18 +298,8 @@ class FactWriter:
         self._constants = self._constants.with_entity(iri, int(row[0]))
         return 1
 
-    def _set_label(self, fact: Fact, iri: str) -> int:
-        return self._execute(
-            "UPDATE entity SET label = %(text)s WHERE id = %(id)s "
-            "AND label IS DISTINCT FROM %(text)s",
-            {"id": self._entity(fact.subject), "text": str(fact.object)},
-        )
-
-    def _unset_label(self, fact: Fact, iri: str) -> int:
-        return self._execute(
-            "UPDATE entity SET label = NULL WHERE id = %(id)s AND label = %(text)s",
-            {"id": self._entity(fact.subject), "text": str(fact.object)},
-        )
+    def _label(self, fact: Fact, iri: str) -> dict[str, Any]:
+        return {"id": self._entity(fact.subject), "text": str(fact.object)}
 
     def _property(self, fact: Fact, iri: str) -> dict[str, Any]:
         key = decode(iri[len(PROPERTY) :])
@@ -335,20 +331,6 @@ class FactWriter:
             raise RefusedError(f"{text!r} is not valid for its datatype", fact) from error
         raise RefusedError("a property is a string, number, boolean or JSON", fact)
 
-    def _set_property(self, fact: Fact, iri: str) -> int:
-        return self._execute(
-            "UPDATE entity SET properties = jsonb_set(properties, ARRAY[%(key)s], %(value)s::jsonb)"
-            " WHERE id = %(id)s AND properties -> %(key)s IS DISTINCT FROM %(value)s::jsonb",
-            self._property(fact, iri),
-        )
-
-    def _unset_property(self, fact: Fact, iri: str) -> int:
-        return self._execute(
-            "UPDATE entity SET properties = properties - %(key)s "
-            "WHERE id = %(id)s AND properties -> %(key)s = %(value)s::jsonb",
-            self._property(fact, iri),
-        )
-
     def _link(self, fact: Fact, iri: str) -> dict[str, Any]:
         relation = decode(iri[len(RELATION) :])
         if not relation:
@@ -356,77 +338,83 @@ class FactWriter:
         a, b = self._known(fact.subject, fact), self._known(fact.object, fact)
         return {"a": a, "relation": relation, "b": b}
 
-    def _add_link(self, fact: Fact, iri: str) -> int:
-        return self._execute(
-            "INSERT INTO link (from_id, relation, to_id) VALUES (%(a)s, %(relation)s, %(b)s) "
-            "ON CONFLICT DO NOTHING",
-            self._link(fact, iri),
-        )
-
-    def _remove_link(self, fact: Fact, iri: str) -> int:
-        return self._execute(
-            "DELETE FROM link WHERE (from_id, relation, to_id) = (%(a)s, %(relation)s, %(b)s)",
-            self._link(fact, iri),
-        )
-
-    def _place(self, fact: Fact, iri: str) -> int:
-        """Put an entity on or in another, where it is."""
-        values = {
+    def _placed(self, fact: Fact, iri: str) -> dict[str, Any]:
+        return {
             "thing": self._known(fact.subject, fact),
             "holder": self._known(fact.object, fact),
             "how": "on" if iri.endswith("On") else "in",
+            "either": iri.endswith("heldBy"),
         }
-        how = "" if iri.endswith("heldBy") else " AND relation = %(how)s"
-        row = self._view.session.execute(
-            "SELECT (SELECT count(*) FROM placement WHERE entity_id = %(thing)s), (SELECT count(*) "
-            f"FROM placement WHERE entity_id = %(thing)s AND holder_id = %(holder)s{how})",
-            values,
-        ).fetchone()
-        assert row is not None
-        if row[1]:
-            return 0
-        if not row[0]:
-            return self._execute(
-                "INSERT INTO placement (entity_id, holder_id, relation) "
-                "VALUES (%(thing)s, %(holder)s, %(how)s)",
-                values,
-            )
-        return self._execute("SELECT put(%(thing)s, %(holder)s, %(how)s)", values)
 
-    def _unplace(self, fact: Fact, iri: str) -> int:
-        values = {
-            "thing": self._known(fact.subject, fact),
-            "holder": self._known(fact.object, fact),
-        }
-        return self._execute(
-            "SELECT put(entity_id, NULL) FROM placement "
-            "WHERE entity_id = %(thing)s AND holder_id = %(holder)s",
-            values,
-        )
+    def _state(self, fact: Fact, iri: str) -> dict[str, Any]:
+        return {"id": self._known(fact.subject, fact), "state": str(fact.object)}
 
-    def _set_state(self, fact: Fact, iri: str) -> int:
-        return self._execute(
+
+class _Table(NamedTuple):
+    """Where facts are kept: their values, what adds them, and what removes one, if anything can."""
+
+    values: Callable[[FactWriter, Fact, str], dict[str, Any]]
+    insert: tuple[str, ...]
+    delete: str | None
+
+
+_PLACED = _Table(
+    FactWriter._placed,
+    (
+        "INSERT INTO placement (entity_id, holder_id, relation) SELECT %(thing)s, %(holder)s, "
+        "%(how)s WHERE NOT EXISTS (SELECT FROM placement WHERE entity_id = %(thing)s)",
+        # Where it is, on or in another.
+        "SELECT put(%(thing)s, %(holder)s, %(how)s) WHERE NOT EXISTS (SELECT FROM placement "
+        "WHERE entity_id = %(thing)s AND holder_id = %(holder)s "
+        "AND (%(either)s OR relation = %(how)s))",
+    ),
+    "SELECT put(entity_id, NULL) FROM placement "
+    "WHERE entity_id = %(thing)s AND holder_id = %(holder)s",
+)
+
+_TABLES: dict[str, _Table] = {
+    f"{RDFS}label": _Table(
+        FactWriter._label,
+        (
+            "UPDATE entity SET label = %(text)s WHERE id = %(id)s "
+            "AND label IS DISTINCT FROM %(text)s",
+        ),
+        "UPDATE entity SET label = NULL WHERE id = %(id)s AND label = %(text)s",
+    ),
+    PROPERTY: _Table(
+        FactWriter._property,
+        (
+            "UPDATE entity SET properties = jsonb_set(properties, ARRAY[%(key)s], %(value)s::jsonb)"
+            " WHERE id = %(id)s AND properties -> %(key)s IS DISTINCT FROM %(value)s::jsonb",
+        ),
+        "UPDATE entity SET properties = properties - %(key)s "
+        "WHERE id = %(id)s AND properties -> %(key)s = %(value)s::jsonb",
+    ),
+    RELATION: _Table(
+        FactWriter._link,
+        (
+            "INSERT INTO link (from_id, relation, to_id) VALUES (%(a)s, %(relation)s, %(b)s) "
+            "ON CONFLICT DO NOTHING",
+        ),
+        "DELETE FROM link WHERE (from_id, relation, to_id) = (%(a)s, %(relation)s, %(b)s)",
+    ),
+    **dict.fromkeys(
+        (
+            f"{SEMMAP}heldBy",
+            f"{SEMMAP}placedOn",
+            f"{SEMMAP}placedIn",
+            "http://kb.openrobots.org#isOn",
+            "http://kb.openrobots.org#isIn",
+        ),
+        _PLACED,
+    ),
+    f"{SEMMAP}state": _Table(
+        FactWriter._state,
+        (
             "UPDATE connector SET state = %(state)s WHERE entity_id = %(id)s "
             "AND state IS DISTINCT FROM %(state)s",
-            {"id": self._known(fact.subject, fact), "state": str(fact.object)},
-        )
-
-    def _keep_state(self, fact: Fact, iri: str) -> int:
-        return 0  # a connector always has a state: an insertion replaces it
-
-
-_Write = Callable[[FactWriter, Fact, str], int]
-_PLACED = (FactWriter._place, FactWriter._unplace)
-
-_TABLES: dict[str, tuple[_Write, _Write]] = {
-    f"{RDFS}label": (FactWriter._set_label, FactWriter._unset_label),
-    PROPERTY: (FactWriter._set_property, FactWriter._unset_property),
-    RELATION: (FactWriter._add_link, FactWriter._remove_link),
-    f"{SEMMAP}heldBy": _PLACED,
-    f"{SEMMAP}placedOn": _PLACED,
-    f"{SEMMAP}placedIn": _PLACED,
-    "http://kb.openrobots.org#isOn": _PLACED,
-    "http://kb.openrobots.org#isIn": _PLACED,
-    f"{SEMMAP}state": (FactWriter._set_state, FactWriter._keep_state),
+        ),
+        None,  # a connector always has a state: an insertion replaces it
+    ),
 }
-"""How facts of these properties are added and removed; "#" at the end: all of a namespace."""
+"""By the property; "#" at the end: all of a namespace."""
