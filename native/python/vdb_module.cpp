@@ -77,38 +77,43 @@ Array<std::int32_t> rows_of(const fields::Voxels& voxels) {
     return rows;
 }
 
-fields::Shape ball(const fields::Vector& center, double radius) {
-    return fields::Ball{vector(center, "center"), positive(radius, "radius")};
+// pybind11 would convert a std::variant; a shape stays one object.
+struct ShapeHolder {
+    fields::Shape shape;
+};
+
+ShapeHolder ball(const fields::Vector& center, double radius) {
+    return {fields::Ball{vector(center, "center"), positive(radius, "radius")}};
 }
 
-fields::Shape cylinder(const fields::Vector& center, const fields::Vector& axis, double radius,
-                       double height) {
+ShapeHolder cylinder(const fields::Vector& center, const fields::Vector& axis, double radius,
+                     double height) {
     expect(height >= 0, "height is " + std::to_string(height) + ": give at least 0");
-    return fields::Cylinder{vector(center, "center"), direction(axis, "axis"),
-                            positive(radius, "radius"), finite(height, "height")};
+    return {fields::Cylinder{vector(center, "center"), direction(axis, "axis"),
+                             positive(radius, "radius"), finite(height, "height")}};
 }
 
-fields::Shape cone(const fields::Vector& apex, const fields::Vector& axis, double half_angle,
-                   double height) {
+ShapeHolder cone(const fields::Vector& apex, const fields::Vector& axis, double half_angle,
+                 double height) {
     positive(half_angle, "half_angle");
     expect(half_angle < M_PI / 2,
            "half_angle is " + std::to_string(half_angle) + ": give radians below pi / 2");
-    return fields::Cone{vector(apex, "apex"), direction(axis, "axis"), half_angle,
-                        positive(height, "height")};
+    return {fields::Cone{vector(apex, "apex"), direction(axis, "axis"), half_angle,
+                         positive(height, "height")}};
 }
 
-fields::Shape polytope(const Array<double>& corners, const Array<double>& normals,
-                       const Array<double>& edges) {
+ShapeHolder polytope(const Array<double>& corners, const Array<double>& normals,
+                     const Array<double>& edges) {
     fields::Polytope made{vectors(corners, "corners"), vectors(normals, "normals"),
                           vectors(edges, "edges")};
     expect(!made.corners.empty(), "corners is empty: give at least one");
     for (const fields::Vector& normal : made.normals) direction(normal, "normals");
-    return made;
+    return {std::move(made)};
 }
 
-fields::Shape points(const Array<double>& rows) { return fields::Points{vectors(rows, "points")}; }
+ShapeHolder points(const Array<double>& rows) { return {fields::Points{vectors(rows, "points")}}; }
 
-fields::Shape solid(const Array<double>& vertices, const Array<std::int32_t>& faces) {
+ShapeHolder solid(const Array<double>& vertices, const Array<std::int32_t>& faces) {
     fields::Solid solid{vectors(vertices, "vertices"), {}};
     solid.faces = triangles(faces, solid.vertices.size());
     std::size_t open;
@@ -122,21 +127,21 @@ fields::Shape solid(const Array<double>& vertices, const Array<std::int32_t>& fa
             " edges have a face on one side only, or faces that turn against each "
             "other; close it, or give it as a Surface");
     }
-    return solid;
+    return {std::move(solid)};
 }
 
-fields::Shape surface(const Array<double>& vertices, const Array<std::int32_t>& faces) {
+ShapeHolder surface(const Array<double>& vertices, const Array<std::int32_t>& faces) {
     fields::Surface surface{vectors(vertices, "vertices"), {}};
     surface.faces = triangles(faces, surface.vertices.size());
-    return surface;
+    return {std::move(surface)};
 }
 
-Array<std::int32_t> voxels_of(const fields::Shape& shape, double voxel_size) {
+Array<std::int32_t> voxels_of(const ShapeHolder& holder, double voxel_size) {
     voxel(voxel_size);
     fields::Voxels voxels;
     {
         const py::gil_scoped_release release;
-        voxels = fields::rasterise(shape, voxel_size);
+        voxels = fields::rasterise(holder.shape, voxel_size);
     }
     return rows_of(voxels);
 }
@@ -155,11 +160,6 @@ Array<std::int32_t> look_up(const fields::RegionMap& map, const Array<double>& r
 Array<std::int32_t> voxels_in(const fields::RegionMap& map, std::int32_t entity) {
     return rows_of(map.voxels(entity));
 }
-
-// pybind11 would convert a std::variant; a shape stays one object.
-struct ShapeHolder {
-    fields::Shape shape;
-};
 
 std::vector<std::string> insert_many(fields::RegionMap& map,
                                      const std::vector<std::int32_t>& entities,
@@ -443,59 +443,16 @@ PYBIND11_MODULE(semmap_vdb, module) {
     using Release = py::call_guard<py::gil_scoped_release>;
 
     py::class_<ShapeHolder>(module, "Shape")
-        .def_static(
-            "ball",
-            [](const fields::Vector& center, double radius) {
-                return ShapeHolder{ball(center, radius)};
-            },
-            arg("center"), arg("radius"))
-        .def_static(
-            "cylinder",
-            [](const fields::Vector& center, const fields::Vector& axis, double radius,
-               double height) { return ShapeHolder{cylinder(center, axis, radius, height)}; },
-            arg("center"), arg("axis"), arg("radius"), arg("height"))
-        .def_static(
-            "cone",
-            [](const fields::Vector& apex, const fields::Vector& axis, double half_angle,
-               double height) { return ShapeHolder{cone(apex, axis, half_angle, height)}; },
-            arg("apex"), arg("axis"), arg("half_angle"), arg("height"))
-        .def_static(
-            "polytope",
-            [](const Array<double>& corners, const Array<double>& normals,
-               const Array<double>& edges) {
-                return ShapeHolder{polytope(corners, normals, edges)};
-            },
-            arg("corners"), arg("normals"), arg("edges"))
-        .def_static(
-            "points", [](const Array<double>& rows) { return ShapeHolder{points(rows)}; },
-            arg("points"))
-        .def_static(
-            "solid",
-            [](const Array<double>& vertices, const Array<std::int32_t>& faces) {
-                return ShapeHolder{solid(vertices, faces)};
-            },
-            arg("vertices"), arg("faces"))
-        .def_static(
-            "surface",
-            [](const Array<double>& vertices, const Array<std::int32_t>& faces) {
-                return ShapeHolder{surface(vertices, faces)};
-            },
-            arg("vertices"), arg("faces"))
+        .def_static("ball", &ball, arg("center"), arg("radius"))
+        .def_static("cylinder", &cylinder, arg("center"), arg("axis"), arg("radius"), arg("height"))
+        .def_static("cone", &cone, arg("apex"), arg("axis"), arg("half_angle"), arg("height"))
+        .def_static("polytope", &polytope, arg("corners"), arg("normals"), arg("edges"))
+        .def_static("points", &points, arg("points"))
+        .def_static("solid", &solid, arg("vertices"), arg("faces"))
+        .def_static("surface", &surface, arg("vertices"), arg("faces"))
         .def_static("depth_image", &depth_image, arg("depth"), arg("mask").none(true),
                     arg("intrinsics"), arg("pose"), arg("farthest"))
-        .def(
-            "voxels",
-            [](const ShapeHolder& self, double size) { return voxels_of(self.shape, size); },
-            arg("voxel_size"));
-
-    py::class_<fields::Memory>(module, "Memory")
-        .def_readonly("grid", &fields::Memory::grid)
-        .def_readonly("index", &fields::Memory::index)
-        .def_readonly("sets", &fields::Memory::sets)
-        .def_readonly("active_voxels", &fields::Memory::active_voxels)
-        .def_readonly("leaves", &fields::Memory::leaves)
-        .def_readonly("tiles", &fields::Memory::tiles)
-        .def_readonly("set_count", &fields::Memory::set_count);
+        .def("voxels", &voxels_of, arg("voxel_size"));
 
     py::class_<fields::RegionMap>(module, "RegionMap")
         .def(py::init([](double voxel_size) {
@@ -548,7 +505,14 @@ PYBIND11_MODULE(semmap_vdb, module) {
                 return std::array<std::int64_t, 3>{support.layer, support.firm, support.loose};
             },
             arg("a"), arg("b"), Release())
-        .def("memory", &fields::RegionMap::memory, Release())
+        .def(
+            "memory",
+            [](const fields::RegionMap& self) {
+                const fields::Memory m = self.memory();
+                return std::make_tuple(m.grid, m.index, m.sets, m.active_voxels, m.leaves, m.tiles,
+                                       m.set_count);
+            },
+            Release())
         .def("check", &fields::RegionMap::check, Release())
         .def("write", &fields::RegionMap::write, arg("path"), Release())
         .def("state", &fields::RegionMap::state, Release())

@@ -228,8 +228,7 @@ class RegionMap:
 
     def memory(self) -> Memory:
         """Return the memory of the map."""
-        m = self._native.memory()
-        return Memory(m.grid, m.index, m.sets, m.active_voxels, m.leaves, m.tiles, m.set_count)
+        return Memory(*self._native.memory())
 
     def check(self) -> None:
         """Compare numbers, counts and indices with the whole grid, for tests."""
@@ -329,7 +328,6 @@ class NamedRegionMap:
 
     Parameters
     ----------
-    regions : the region map
     names : the name of each entity; `str` of an entity without one
     roles : the role of each entity; an object without one
     """
