@@ -25,13 +25,13 @@ from semmap.database import open_engine
 from semmap.fields.queries import SelectResult, query
 from semmap.fields.queries.statements import (
     ALL,
+    Demand,
     Entities,
     Numbers,
     StatementColumn,
     StatementRelation,
     Statements,
     VoxelColumn,
-    Wanted,
 )
 from semmap.fields.queries.voxel_functions import VOXEL_FUNCTIONS
 from semmap.geometry.voxel_keys import keys_of, voxels_of_keys
@@ -108,7 +108,7 @@ class Field:
     subject: StatementColumn
     object: StatementColumn
 
-    def statements(self, wanted: Wanted = ALL) -> Statements:
+    def statements(self, wanted: Demand = ALL) -> Statements:
         """Return the statements, only those of some objects if wanted."""
         subject, object_, objects = self.subject, self.object, wanted.objects
         if (

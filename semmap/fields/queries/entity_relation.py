@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Mapping
 from typing import Any, Protocol
 
-from semmap.fields.queries.statements import ALL, Entities, Statements, UnknownError, Wanted
+from semmap.fields.queries.statements import ALL, Demand, Entities, Statements, UnknownError
 from semmap.fields.relations.facts import RelationFact
 from semmap.fields.relations.rules import RelationRule
 from semmap.language.schema import Property
@@ -48,7 +48,7 @@ class EntityRelation:
         self._missing = missing
         self.left_out: set[str] = set()  # by the statements that were read
 
-    def statements(self, wanted: Wanted = ALL) -> Statements:
+    def statements(self, wanted: Demand = ALL) -> Statements:
         """Return the statements; see `StatementRelation.statements`.
 
         Raises LookupError: no rule of the tracker has the name of the property. Raises

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from semmap.fields.queries.context import Context
 from semmap.fields.queries.expressions import evaluate_expression, is_true
-from semmap.fields.queries.statements import Entities, Numbers, StatementColumn, VoxelColumn, Wanted
+from semmap.fields.queries.statements import Demand, Entities, Numbers, StatementColumn, VoxelColumn
 from semmap.fields.queries.table import (
     EMPTY,
     UNIT,
@@ -138,7 +138,7 @@ def _read(triple: TriplePattern, table: Table, context: Context, limits: Limits)
     if subjects == [] or objects == [] or (within is not None and not len(within)):
         return EMPTY
     relation = context.relation(about)
-    statements = relation.statements(Wanted(subjects, objects, within))
+    statements = relation.statements(Demand(subjects, objects, within))
     subject, object_ = (_column(each, context) for each in statements)
     columns: dict[str, TermColumn] = {}
     kept: NDArray[np.bool_] | None = None

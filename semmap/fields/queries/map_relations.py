@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from semmap.fields.maps import operators
 from semmap.fields.maps.lattice import VoxelBox
 from semmap.fields.maps.representation_map import RepresentationMap
-from semmap.fields.queries.statements import ALL, Entities, Numbers, Statements, VoxelColumn, Wanted
+from semmap.fields.queries.statements import ALL, Demand, Entities, Numbers, Statements, VoxelColumn
 from semmap.fields.queries.table import LimitError
 from semmap.fields.regions.region_map import BODIES, NamedRegionMap, Role
 from semmap.geometry.voxel_keys import keys_of, sorted_unique, voxels_of_keys
@@ -32,11 +32,11 @@ class EntityMapRelation:
         self.property = property
         self._maps = maps
 
-    def statements(self, wanted: Wanted = ALL) -> Statements:
+    def statements(self, wanted: Demand = ALL) -> Statements:
         """Return the statements; see `StatementRelation.statements`."""
         return _by_entity(self.found(wanted))
 
-    def found(self, wanted: Wanted) -> list[tuple[str, Keys]]:
+    def found(self, wanted: Demand) -> list[tuple[str, Keys]]:
         """Return entities with the keys of their voxels; an entity may occur more than once."""
         found: list[tuple[str, Keys]] = []
         box, objects = _box_around(wanted.within), wanted.objects
@@ -72,7 +72,7 @@ class NumberMapRelation:
         self.property = property
         self._maps = maps
 
-    def statements(self, wanted: Wanted = ALL) -> Statements:
+    def statements(self, wanted: Demand = ALL) -> Statements:
         """Return the statements; see `StatementRelation.statements`."""
         box = _box_around(wanted.within)
         keys: list[Keys] = [np.zeros(0, np.int64)]
@@ -124,7 +124,7 @@ class OccupancyRelation:
             if objects is None or name in objects
         }
 
-    def statements(self, wanted: Wanted = ALL) -> Statements:
+    def statements(self, wanted: Demand = ALL) -> Statements:
         """Return the statements; see `StatementRelation.statements`."""
         objects = wanted.objects
         counts = self.counts(objects) or {}
@@ -184,7 +184,7 @@ class FreeSpaceRelation:
                 counts[rooms[room]] -= n
         return counts
 
-    def statements(self, wanted: Wanted = ALL) -> Statements:
+    def statements(self, wanted: Demand = ALL) -> Statements:
         """Return the statements; see `StatementRelation.statements`."""
         voxels, rooms = self._rooms.statements(wanted)
         assert isinstance(voxels, VoxelColumn)
@@ -215,7 +215,7 @@ class TypeRelation:
         self._types = types
         self._supertypes = supertypes
 
-    def statements(self, wanted: Wanted = ALL) -> Statements:
+    def statements(self, wanted: Demand = ALL) -> Statements:
         """Return the statements; see `StatementRelation.statements`."""
         subjects, objects, _ = wanted
         pairs = [

@@ -10,11 +10,11 @@ import numpy as np
 from semmap.fields.queries.statements import (
     ALL,
     Catalogue,
+    Demand,
     Entities,
     StatementRelation,
     Statements,
     VoxelColumn,
-    Wanted,
 )
 from semmap.fields.queries.voxel_functions import VOXEL_FUNCTIONS
 from semmap.fields.regions.region_map import RegionMap
@@ -108,7 +108,7 @@ class _OccupiesRelation:
     def __init__(self, regions: RegionMap) -> None:
         self._regions = regions
 
-    def statements(self, wanted: Wanted = ALL) -> Statements:
+    def statements(self, wanted: Demand = ALL) -> Statements:
         there, subjects = self._regions.entities(), wanted.subjects
         entities = [each for each in there if subjects is None or str(each) in subjects]
         keys = [keys_of(self._regions.voxels(each)) for each in entities]

@@ -80,7 +80,7 @@ class Statements(NamedTuple):
     object: StatementColumn
 
 
-class Wanted(NamedTuple):
+class Demand(NamedTuple):
     """Which statements are read."""
 
     subjects: Collection[str] | None = None  # entities to which that side is limited
@@ -90,7 +90,7 @@ class Wanted(NamedTuple):
     within: NDArray[np.int64] | None = None
 
 
-ALL = Wanted()
+ALL = Demand()
 
 
 class StatementRelation(Protocol):
@@ -101,7 +101,7 @@ class StatementRelation(Protocol):
         """The property that it states."""
         ...
 
-    def statements(self, wanted: Wanted = ALL) -> Statements:
+    def statements(self, wanted: Demand = ALL) -> Statements:
         """Return the statements, as far as they are wanted."""
         ...
 

@@ -12,13 +12,13 @@ from numpy.typing import NDArray
 
 from semmap.fields.queries.statements import (
     ALL,
+    Demand,
     Entities,
     Numbers,
     StatementColumn,
     StatementRelation,
     Statements,
     VoxelColumn,
-    Wanted,
 )
 from semmap.fields.queries.voxel_functions import VOXEL_FUNCTIONS
 from semmap.geometry.voxel_keys import keys_of, voxels_of_keys
@@ -53,7 +53,7 @@ class Listed:
         default_factory=list
     )
 
-    def statements(self, wanted: Wanted = ALL) -> Statements:
+    def statements(self, wanted: Demand = ALL) -> Statements:
         """Return the statements."""
         subjects, objects, within = wanted
         self.withins.append(within)

@@ -15,7 +15,7 @@ from semmap.fields.maps.representation_map import RepresentationMap
 from semmap.fields.maps.vocabulary import read_vocabulary
 from semmap.fields.queries import StoreResult, query
 from semmap.fields.queries.catalogue import RDF_TYPE, FieldCatalogue
-from semmap.fields.queries.statements import Entities, Numbers, Statements, VoxelColumn, Wanted
+from semmap.fields.queries.statements import Demand, Entities, Numbers, Statements, VoxelColumn
 from semmap.fields.regions.region_map import NamedRegionMap, RegionMap
 from semmap.fields.regions.shapes import Box, Sphere, voxels_of
 from semmap.geometry.voxel_keys import keys_of, voxels_of_keys
@@ -92,7 +92,7 @@ def catalogue(maps: MapBuffer) -> FieldCatalogue:
 
 
 def stated(catalogue: FieldCatalogue, name: str, **limits: Any) -> set[tuple[Any, ...]]:
-    return rows(catalogue.relation(VOCABULARY[name]).statements(Wanted(**limits)))
+    return rows(catalogue.relation(VOCABULARY[name]).statements(Demand(**limits)))
 
 
 def test_keys_of_voxels_keep_their_order() -> None:
@@ -144,8 +144,8 @@ def test_types_include_supertypes(catalogue: FieldCatalogue) -> None:
     found = rows(relation.statements())
     assert {("mug1", "mug"), ("mug1", "drinkware"), ("mug1", "object"), ("anna", "agent")} <= found
     drinkware = {("mug1", "drinkware"), ("teacup", "drinkware")}
-    assert rows(relation.statements(Wanted(objects={"drinkware"}))) == drinkware
-    assert rows(relation.statements(Wanted({"anna"}, {"mug"}))) == set()
+    assert rows(relation.statements(Demand(objects={"drinkware"}))) == drinkware
+    assert rows(relation.statements(Demand({"anna"}, {"mug"}))) == set()
 
 
 @pytest.mark.parametrize(

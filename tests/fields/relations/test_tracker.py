@@ -22,7 +22,7 @@ from semmap.fields.maps.map_buffer import MapBuffer
 from semmap.fields.maps.vocabulary import read_vocabulary
 from semmap.fields.queries.catalogue import FieldCatalogue
 from semmap.fields.queries.entity_relation import EntityRelation
-from semmap.fields.queries.statements import Wanted
+from semmap.fields.queries.statements import Demand
 from semmap.fields.regions.shapes import Region
 from semmap.fields.relations.facts import RelationEvent, RelationFact
 from semmap.fields.relations.rules import RULES, RelationRule, near_rule
@@ -397,7 +397,7 @@ def test_the_statements_of_a_relation() -> None:
     on = EntityRelation(Property("urn:x#on", "on", None, None, "entity", "entity"), lambda: tracker)
 
     def rows(**limits: list[str]) -> list[tuple[str, str]]:
-        subject, object = on.statements(Wanted(**limits))
+        subject, object = on.statements(Demand(**limits))
         return [
             (subject.names[i], object.names[j])  # type: ignore[union-attr]
             for i, j in zip(subject.codes, object.codes, strict=True)  # type: ignore[union-attr]
@@ -448,6 +448,6 @@ def test_queries_read_relations() -> None:
     stated = [EntityRelation(vocabulary[each.name], lambda: tracker) for each in RULES]
     catalogue = FieldCatalogue(vocabulary, MapBuffer(), relations=stated)
     for name, subject, object in (("on", "mug", "table"), ("sees", "human1", "mug")):
-        found = catalogue.relation(vocabulary[name]).statements(Wanted([subject]))
+        found = catalogue.relation(vocabulary[name]).statements(Demand([subject]))
         assert object in found.object.names  # type: ignore[union-attr]
         assert set(found.subject.names) == {subject}  # type: ignore[union-attr]
