@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial import cKDTree
@@ -89,20 +91,14 @@ def voxel_downsample(points: Floats, size: float) -> Floats:
     return np.stack(sums, axis=1) / count[:, None]
 
 
+@dataclass(frozen=True, eq=False)
 class Surfels:
-    """Points of a surface with normals.
+    """Points of a surface with normals."""
 
-    Attributes
-    ----------
-    points : (n, 3), metres
-    normals : (n, 3), unit length; the sign is arbitrary
-    noise : standard deviation of the points about their local planes, metres
-    spacing : median distance of neighbours, metres
-    """
-
-    def __init__(self, points: Floats, normals: Floats, noise: float, spacing: float) -> None:
-        self.points, self.normals = points, normals
-        self.noise, self.spacing = noise, spacing
+    points: Floats  # (n, 3), metres
+    normals: Floats  # (n, 3), unit length; the sign is arbitrary
+    noise: float  # standard deviation of the points about their local planes, metres
+    spacing: float  # median distance of neighbours, metres
 
     def take(self, count: int) -> Surfels:
         """Return the first points, whose spacing is wider."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping
+from dataclasses import dataclass, field
 from typing import Any, Protocol
 
 from semmap.fields.queries.statements import ALL, Demand, Entities, Statements, UnknownError
@@ -24,29 +25,17 @@ class Relations(Protocol):
         ...
 
 
+@dataclass(eq=False)
 class EntityRelation:
-    """States `entity property entity`, from the relation that has the property's name.
+    """States `entity property entity`, from the relation that has the property's name."""
 
-    Parameters
-    ----------
-    property : its `name` is that of a rule: `in`, `on`, `touching`, `near` or `sees`
-    tracker : returns the relations, named as in facts; called when statements are read
-    unknown : returns the entities that have no voxels, whose relations are therefore unknown
-    missing : returns the property that nothing provides, and without which all is unknown
-    """
-
-    def __init__(
-        self,
-        property: Property,
-        tracker: Callable[[], Relations],
-        unknown: Callable[[], Collection[str]] = tuple,
-        missing: Callable[[], str | None] = lambda: None,
-    ) -> None:
-        self.property = property
-        self._tracker = tracker
-        self._unknown = unknown
-        self._missing = missing
-        self.left_out: set[str] = set()  # by the statements that were read
+    property: Property  # its `name` is that of a rule: `in`, `on`, `touching`, `near` or `sees`
+    tracker: Callable[[], Relations]  # named as in facts; called when statements are read
+    # returns the entities that have no voxels, whose relations are therefore unknown
+    unknown: Callable[[], Collection[str]] = tuple
+    # returns the property that nothing provides, and without which all is unknown
+    missing: Callable[[], str | None] = lambda: None
+    left_out: set[str] = field(default_factory=set)  # by the statements that were read
 
     def statements(self, wanted: Demand = ALL) -> Statements:
         """Return the statements; see `StatementRelation.statements`.
@@ -56,11 +45,11 @@ class EntityRelation:
         follows from is missing.
         """
         subjects, objects, _ = wanted
-        tracker, name = self._tracker(), self.property.name
+        tracker, name = self.tracker(), self.property.name
         known = [rule.name for rule in tracker.rules]
         if name not in known:
             raise LookupError(f"there is no relation {name}; relations: {', '.join(known)}")
-        missing = self._missing()
+        missing = self.missing()
         if missing is not None:
             raise UnknownError(
                 f"no source provides :{missing}, so that :{name} is unknown. Start one: semmap "
@@ -80,7 +69,7 @@ class EntityRelation:
         )
 
     def _check_known(self, names: Collection[str] | None) -> None:
-        without = set(self._unknown())
+        without = set(self.unknown())
         self.left_out |= without if names is None else without & set(names)
         if names and without.issuperset(names):
             shown = ", ".join(sorted(names)[:5])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,17 +21,12 @@ from semmap.limits import QUERY_ROWS
 Keys = NDArray[np.int64]
 
 
+@dataclass(frozen=True, eq=False)
 class EntityMapRelation:
-    """States `voxel property entity`, from bool maps about entities and int32 maps with a legend.
+    """States `voxel property entity`, of bool maps about entities and int32 maps with legends."""
 
-    Parameters
-    ----------
-    maps : of that property
-    """
-
-    def __init__(self, property: Property, maps: Sequence[RepresentationMap]) -> None:
-        self.property = property
-        self._maps = maps
+    property: Property
+    maps: Sequence[RepresentationMap]  # of that property
 
     def statements(self, wanted: Demand = ALL) -> Statements:
         """Return the statements; see `StatementRelation.statements`."""
@@ -41,7 +37,7 @@ class EntityMapRelation:
         found: list[tuple[str, Keys]] = []
         box, objects = _box_around(wanted.within), wanted.objects
         about: dict[tuple[str, str], list[RepresentationMap]] = {}
-        for each in self._maps:
+        for each in self.maps:
             if each.legend:
                 named = {
                     value: name
@@ -60,24 +56,19 @@ class EntityMapRelation:
         return found
 
 
+@dataclass(frozen=True, eq=False)
 class NumberMapRelation:
-    """States `voxel property number`; where several maps have a number, the largest.
+    """States `voxel property number`; where several maps have a number, the largest."""
 
-    Parameters
-    ----------
-    maps : of numbers
-    """
-
-    def __init__(self, property: Property, maps: Sequence[RepresentationMap]) -> None:
-        self.property = property
-        self._maps = maps
+    property: Property
+    maps: Sequence[RepresentationMap]  # of numbers
 
     def statements(self, wanted: Demand = ALL) -> Statements:
         """Return the statements; see `StatementRelation.statements`."""
         box = _box_around(wanted.within)
         keys: list[Keys] = [np.zeros(0, np.int64)]
         values: list[NDArray[np.float64]] = [np.zeros(0)]
-        for each in self._maps:
+        for each in self.maps:
             voxels, numbers = _read(each, box)
             keys.append(keys_of(voxels))
             values.append(numbers.astype(np.float64))
@@ -88,34 +79,20 @@ class NumberMapRelation:
         return Statements(VoxelColumn(key[last]), Numbers(value[last]))
 
 
+@dataclass(frozen=True, eq=False)
 class OccupancyRelation:
-    """States which entities of a region map have a voxel: `occupiedBy`, `inRoom`, `inZone`.
+    """States which entities of a region map have a voxel: `occupiedBy`, `inRoom`, `inZone`."""
 
-    Parameters
-    ----------
-    occupancy : None states nothing
-    roles : of the entities
-    maps : of that property, which state it, too
-    """
-
-    def __init__(
-        self,
-        property: Property,
-        occupancy: NamedRegionMap | None,
-        roles: Sequence[Role] = BODIES,
-        maps: Sequence[RepresentationMap] = (),
-    ) -> None:
-        self.property = property
-        self._occupancy = occupancy
-        self._roles = roles
-        self._mapped = bool(maps)
-        self._maps = EntityMapRelation(property, maps)
+    property: Property
+    occupancy: NamedRegionMap | None  # None states nothing
+    roles: Sequence[Role] = BODIES  # of the entities
+    maps: Sequence[RepresentationMap] = ()  # of that property, which state it, too
 
     def counts(self, objects: Collection[str] | None = None) -> dict[str, int] | None:
         """Return the number of voxels of each entity; None where only reading them tells it."""
-        if self._occupancy is None or self._mapped:
+        if self.occupancy is None or self.maps:
             return None
-        size, found = self._occupancy.regions.size, self._occupancy.entities(*self._roles)
+        size, found = self.occupancy.regions.size, self.occupancy.entities(*self.roles)
         if any(len(several) > 1 for several in found.values()):
             return None
         return {
@@ -129,33 +106,25 @@ class OccupancyRelation:
         objects = wanted.objects
         counts = self.counts(objects) or {}
         _check_rows(self.property, sum(counts.values()), len(counts))
-        found = self._maps.found(wanted)
-        if self._occupancy is not None:
-            regions = self._occupancy.regions
+        found = EntityMapRelation(self.property, self.maps).found(wanted)
+        if self.occupancy is not None:
+            regions = self.occupancy.regions
             found += [
                 (name, keys_of(regions.voxels(entity)))
-                for name, several in self._occupancy.entities(*self._roles).items()
+                for name, several in self.occupancy.entities(*self.roles).items()
                 if objects is None or name in objects
                 for entity in several
             ]
         return _by_entity(found)
 
 
+@dataclass(frozen=True, eq=False)
 class FreeSpaceRelation:
-    """States `voxel freeIn room`: voxels of the room that no entity occupies.
+    """States `voxel freeIn room`: voxels of the room that no entity occupies."""
 
-    Parameters
-    ----------
-    rooms : states `voxel inRoom room`
-    occupancy : None for no entities
-    """
-
-    def __init__(
-        self, property: Property, rooms: OccupancyRelation, occupancy: NamedRegionMap | None
-    ) -> None:
-        self.property = property
-        self._rooms = rooms
-        self._occupancy = occupancy
+    property: Property
+    rooms: OccupancyRelation  # states `voxel inRoom room`
+    occupancy: NamedRegionMap | None  # None for no entities
 
     def counts(self, objects: Collection[str] | None = None) -> dict[str, int] | None:
         """Return the number of free voxels of each room; None where only reading them tells it.
@@ -163,11 +132,11 @@ class FreeSpaceRelation:
         It is that of the room without those that bodies share with it: voxels of bodies alone are
         looked at.
         """
-        counts = self._rooms.counts(objects)
-        if counts is None or self._occupancy is None:
+        counts = self.rooms.counts(objects)
+        if counts is None or self.occupancy is None:
             return counts
-        regions = self._occupancy.regions
-        bodies = self._occupancy.entities(*BODIES).values()
+        regions = self.occupancy.regions
+        bodies = self.occupancy.entities(*BODIES).values()
         filled = [keys_of(regions.voxels(each)) for several in bodies for each in several]
         keys = sorted_unique(np.concatenate([np.zeros(0, np.int64), *filled]))
         points = (voxels_of_keys(keys) + 0.5) * regions.voxel_size
@@ -175,7 +144,7 @@ class FreeSpaceRelation:
         sets = regions.sets(numbers)
         rooms = {
             each: name
-            for name, several in self._occupancy.entities("room").items()
+            for name, several in self.occupancy.entities("room").items()
             if name in counts
             for each in several
         }
@@ -186,43 +155,32 @@ class FreeSpaceRelation:
 
     def statements(self, wanted: Demand = ALL) -> Statements:
         """Return the statements; see `StatementRelation.statements`."""
-        voxels, rooms = self._rooms.statements(wanted)
+        voxels, rooms = self.rooms.statements(wanted)
         assert isinstance(voxels, VoxelColumn)
         assert isinstance(rooms, Entities)
-        if self._occupancy is None:
+        if self.occupancy is None:
             return Statements(voxels, rooms)
-        size = self._occupancy.regions.voxel_size
-        free = ~self._occupancy.occupied((voxels_of_keys(voxels.keys) + 0.5) * size)
+        size = self.occupancy.regions.voxel_size
+        free = ~self.occupancy.occupied((voxels_of_keys(voxels.keys) + 0.5) * size)
         return Statements(VoxelColumn(voxels.keys[free]), Entities(rooms.codes[free], rooms.names))
 
 
+@dataclass(frozen=True, eq=False)
 class TypeRelation:
-    """States `entity rdf:type type`, for all types that subsume that of the entity.
+    """States `entity rdf:type type`, for all types that subsume that of the entity."""
 
-    Parameters
-    ----------
-    types : the type of each entity
-    supertypes : for each type all types that subsume it, itself included
-    """
-
-    def __init__(
-        self,
-        property: Property,
-        types: Mapping[str, str | None],
-        supertypes: Mapping[str, frozenset[str]],
-    ) -> None:
-        self.property = property
-        self._types = types
-        self._supertypes = supertypes
+    property: Property
+    types: Mapping[str, str | None]  # of each entity
+    supertypes: Mapping[str, frozenset[str]]  # for each type all that subsume it, itself included
 
     def statements(self, wanted: Demand = ALL) -> Statements:
         """Return the statements; see `StatementRelation.statements`."""
         subjects, objects, _ = wanted
         pairs = [
             (entity, supertype)
-            for entity, type_ in self._types.items()
+            for entity, type_ in self.types.items()
             if type_ is not None and (subjects is None or entity in subjects)
-            for supertype in self._supertypes.get(type_, frozenset({type_}))
+            for supertype in self.supertypes.get(type_, frozenset({type_}))
             if objects is None or supertype in objects
         ]
         return Statements(

@@ -9,6 +9,7 @@ import math
 import os
 import threading
 from collections.abc import Hashable, Iterable, Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
 
@@ -307,40 +308,25 @@ BODIES: tuple[Role, ...] = ("object", "agent")
 SPACES: tuple[Role, ...] = ("room", "region", "personal space")
 
 
+@dataclass(frozen=True, eq=False)
 class SpacesOf:
-    """The entities whose role is a part of space, always as `roles` has them now.
+    """The entities whose role is a part of space, always as `roles` has them now."""
 
-    Parameters
-    ----------
-    roles : the role of each entity
-    """
-
-    def __init__(self, roles: Mapping[Any, Role]) -> None:
-        self._roles = roles
+    roles: Mapping[Any, Role]
 
     def __contains__(self, entity: object) -> bool:
         """Return whether an entity is a part of space."""
-        return self._roles.get(entity, "object") in SPACES
+        return self.roles.get(entity, "object") in SPACES
 
 
+@dataclass(frozen=True, eq=False)
 class NamedRegionMap:
-    """A region map with the names and roles of its entities, for queries.
+    """A region map with the names and roles of its entities, for queries."""
 
-    Parameters
-    ----------
-    names : the name of each entity; `str` of an entity without one
-    roles : the role of each entity; an object without one
-    """
-
-    def __init__(
-        self,
-        regions: RegionMap,
-        names: Mapping[Any, str] | None = None,
-        roles: Mapping[Any, Role] | None = None,
-    ) -> None:
-        self.regions = regions
-        self._names = {} if names is None else names
-        self._roles = {} if roles is None else roles
+    regions: RegionMap
+    # of each entity; one without has `str` of it as its name, and is an object
+    names: Mapping[Any, str] = field(default_factory=dict)
+    roles: Mapping[Any, Role] = field(default_factory=dict)
 
     def entities(self, *roles: Role) -> dict[str, list[Any]]:
         """Return the entities that have voxels, by name; only those with one of `roles` if given.
@@ -349,8 +335,8 @@ class NamedRegionMap:
         """
         found: dict[str, list[Any]] = {}
         for each in self.regions.entities():
-            if not roles or self._roles.get(each, "object") in roles:
-                found.setdefault(self._names.get(each, str(each)), []).append(each)
+            if not roles or self.roles.get(each, "object") in roles:
+                found.setdefault(self.names.get(each, str(each)), []).append(each)
         return found
 
     def occupied(self, points: ArrayLike) -> NDArray[np.bool_]:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Collection, Iterable
+from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import rdflib
@@ -32,28 +34,15 @@ _TYPES = "SELECT name, iri FROM semantic_type WHERE name = ANY (%(n)s)"
 _WORDS = "SELECT name, label FROM semantic_type"
 
 
+@dataclass(eq=False)
 class FieldRows:
-    """Asks fields, and states their answers as rows.
+    """Asks fields, and states their answers as rows."""
 
-    Parameters
-    ----------
-    open_fields : returns the fields of the map
-    execute : runs SQL in the session that sees the map
-    report : gets the text of each question and how it was answered
-    note : gets what an answer says nothing of
-    """
-
-    def __init__(
-        self,
-        open_fields: Callable[[], Fields],
-        execute: Execute,
-        namespace: str,
-        report: Callable[[str], None],
-        note: Callable[[str], None],
-    ) -> None:
-        self._open_fields, self._execute, self._namespace = open_fields, execute, namespace
-        self._report, self._note = report, note
-        self._type_words: frozenset[str] | None = None
+    open_fields: Callable[[], Fields]  # returns the fields of the map
+    execute: Execute  # runs SQL in the session that sees the map
+    namespace: str  # of the map's entities
+    report: Callable[[str], None]  # gets the text of each question and how it was answered
+    note: Callable[[str], None]  # gets what an answer says nothing of
 
     def rows(
         self,
@@ -115,26 +104,25 @@ class FieldRows:
             return str(rdflib.Literal(number if is_number else text).n3())
         if value.form == "voxel":
             return None
-        if text.startswith(self._namespace):
-            name = decode(text[len(self._namespace) :]) or text
-            if value.form == "entity" and snake_case(name) in self._words():
+        if text.startswith(self.namespace):
+            name = decode(text[len(self.namespace) :]) or text
+            if value.form == "entity" and snake_case(name) in self._words:
                 return None
         else:
             name = local_name(text)
         return str(rdflib.Literal(name).n3())
 
+    @cached_property
     def _words(self) -> frozenset[str]:
-        if self._type_words is None:
-            rows = self._execute(_WORDS, {})
-            self._type_words = frozenset(snake_case(word) for row in rows for word in row if word)
-        return self._type_words
+        rows = self.execute(_WORDS, {})
+        return frozenset(snake_case(word) for row in rows for word in row if word)
 
     def _solutions(self, query: FieldQuery, parameters: Parameters) -> Rows:
-        answer = self._open_fields().ask(query)
-        self._report(f"fields: {query.text}\n-- {len(answer.rows)} rows, by {answer.by}")
+        answer = self.open_fields().ask(query)
+        self.report(f"fields: {query.text}\n-- {len(answer.rows)} rows, by {answer.by}")
         if answer.left_out:
             shown = ", ".join(answer.left_out[:5]) + (", ..." if len(answer.left_out) > 5 else "")
-            self._note(f"unknown, as they have no voxels: {len(answer.left_out)} entities: {shown}")
+            self.note(f"unknown, as they have no voxels: {len(answer.left_out)} entities: {shown}")
         alias = parameters.alias("f")
         arrays, rows = [], Rows()
         for number, (name, kind) in enumerate(zip(query.names, query.kinds, strict=True)):
@@ -161,15 +149,15 @@ class FieldRows:
             keys = [",".join(str(math.floor(x / size)) for x in centre) for centre in values]
             return keys, "voxel", "text"
         names = sorted(set(values))
-        entities: dict[str, int] = dict(self._execute(_ENTITIES, {"n": names}))
+        entities: dict[str, int] = dict(self.execute(_ENTITIES, {"n": names}))
         if len(entities) == len(names):
             return [entities[name] for name in values], "entity", "bigint"
         # What sources name, and the map does not have: types of detectors, agents.
-        types: dict[str, str | None] = dict(self._execute(_TYPES, {"n": names}))
+        types: dict[str, str | None] = dict(self.execute(_TYPES, {"n": names}))
         iris = {
             name: types[name] or f"{TYPE}{encode(name)}"
             if name in types and name not in entities
-            else f"{self._namespace}{encode(name)}"
+            else f"{self.namespace}{encode(name)}"
             for name in names
         }
         return [iris[name] for name in values], "term", "text"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from datetime import UTC
 from typing import Any
 
@@ -55,28 +56,14 @@ class UntranslatedError(Exception):
         self.reason, self.part = reason, part
 
 
+@dataclass(frozen=True, eq=False)
 class Expressions:
-    """Translates expressions.
+    """Translates expressions."""
 
-    Parameters
-    ----------
-    bind : makes a parameter of a value, with a type of SQL
-    namespace : the SQL of the map's namespace
-    constant : the value of an IRI
-    exists : the condition of EXISTS, for what a row binds
-    """
-
-    def __init__(
-        self,
-        bind: Callable[..., str],
-        namespace: str,
-        constant: Callable[[Any], Value],
-        exists: Callable[[Any, Environment], str],
-    ) -> None:
-        self.bind = bind
-        self.namespace = namespace
-        self.constant = constant
-        self.exists = exists
+    bind: Callable[..., str]  # makes a parameter of a value, with a type of SQL
+    namespace: str  # the SQL of the map's namespace
+    constant: Callable[[Any], Value]  # the value of an IRI
+    exists: Callable[[Any, Environment], str]  # the condition of EXISTS, for what a row binds
 
     def value(self, tree: Any, seen: Environment) -> Value:
         """Return the value of an expression. Raises UntranslatedError: it has no translation."""
