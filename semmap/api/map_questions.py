@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager
 from datetime import datetime
 from functools import cached_property
@@ -27,6 +27,7 @@ if TYPE_CHECKING:
 
     from semmap.api.database import Database
     from semmap.api.map import Map
+    from semmap.query.map_check import Finding
 
 __all__ = ["MapQuestions"]
 
@@ -151,9 +152,39 @@ class MapQuestions:
         """The entities whose type an import guessed from a name, the least certain first."""
         return entity_query.list_guessed_types(self.connection)
 
-    def check(self) -> list[dict[str, Any]]:
-        """Where the map disagrees with itself; empty for a sound map."""
-        return entity_query.contradictions(self.connection)
+    def check(self) -> list[Finding]:
+        """Where the map disagrees with itself and with physics, the gravest first.
+
+        It judges by poses, meshes and outlines of rooms, not by the holders that were derived of
+        them. An error makes answers wrong; warnings and notes are for you to judge.
+
+        Returns
+        -------
+        list of Finding
+            Each with its kind, severity, the names of entities, a sentence, and what fixes it.
+
+        Examples
+        --------
+        >>> [str(each) for each in house.check() if each.severity == "error"]  # doctest: +SKIP
+        []
+        """
+        from semmap.query.map_check import check_map
+
+        return check_map(self.connection)
+
+    def fix(self, findings: Iterable[Finding]) -> int:
+        """Derive again what findings of `check` say is stale; no entity moves.
+
+        Returns
+        -------
+        int
+            How many fixes were run. The others are for you: each finding has its call.
+        """
+        safe = [finding.fix for finding in findings if finding.safe]
+        with self.transaction():
+            for statement in safe:
+                self.execute(statement)
+        return len(safe)
 
     def entity(self, id: int, kind: str, name: str) -> MapEntity:
         """The entity of a row of the database, without a statement; a connector is a `Door`."""

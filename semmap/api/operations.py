@@ -102,6 +102,7 @@ OPERATIONS: tuple[Operation, ...] = (
     Operation("Map.table", "ls", "reader"),
     Operation("Map.describe", "show", "reader"),
     Operation("Map.check", "check", "reader"),
+    Operation("Map.fix", "check", "admin"),
     Operation("Database.import_file", "import", "admin"),
     Operation("Database.create_map", None, "admin"),
     Operation("Database.map", None, "reader"),

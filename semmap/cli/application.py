@@ -234,15 +234,41 @@ def show(
     out.print(table)
 
 
-def check(map_name: MapName = None, json_: Json = False) -> None:
-    """List where a map disagrees with itself: holders and poses; exit code 1 if it does."""
-    from semmap.cli.output import show_table
+def check(
+    map_name: MapName = None,
+    fix: Annotated[bool, typer.Option("--fix", help="Show what repairs each finding.")] = False,
+    yes: Annotated[
+        bool, typer.Option("--yes", help="With --fix: derive again what is stale; nothing moves.")
+    ] = False,
+    json_: Json = False,
+) -> None:
+    """Judge a map: physics, rooms, doors, inventory; exit code 1 if there are errors."""
+    from dataclasses import asdict
 
+    from semmap.cli.output import err, out, print_json
+
+    if yes and not fix:
+        raise typer.BadParameter("--yes needs --fix")
     with open_database() as db:
-        found = db.map(map_name).check()
-    show_table(found, json_, ("name", "holder", "problem", "geometry_says"))
-    if found:
+        chosen = db.map(map_name)
+        found = chosen.check()
+        if yes and (fixed := chosen.fix(found)):
+            err.print(f"{fixed} fixed; what is left:")
+            found = chosen.check()
+    if json_:
+        print_json([asdict(finding) for finding in found])
+    else:
+        for finding in found:
+            out.print(str(finding))
+            if fix:
+                out.print(f"  fix: {finding.fix}")
+        grades = [(grade, sum(f.severity == grade for f in found)) for grade in SEVERITIES]
+        err.print(", ".join(f"{n} {grade}{'' if n == 1 else 's'}" for grade, n in grades))
+    if any(finding.severity == "error" for finding in found):
         raise typer.Exit(1)
+
+
+SEVERITIES = ("error", "warning", "note")
 
 
 def sql(

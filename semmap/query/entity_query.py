@@ -22,7 +22,6 @@ __all__ = [
     "Near",
     "changes_since",
     "check_cursor",
-    "contradictions",
     "describe",
     "describe_id",
     "entity_id",
@@ -78,22 +77,6 @@ def list_guessed_types(session: Session) -> list[Row]:
     """The entities whose type an import guessed from a name, the least certain first."""
     return _rows(
         session, "SELECT name, type, confidence, model FROM guessed_type ORDER BY confidence, name"
-    )
-
-
-def contradictions(session: Session) -> list[Row]:
-    """Where the map disagrees with itself: holders that the geometry excludes, wrong world poses.
-
-    Returns
-    -------
-    One row each: `name`, `holder`, `problem` and what the geometry says; empty for a sound map.
-    """
-    return _rows(
-        session,
-        "SELECT name, holder, origin || ' holder' AS problem, coalesce(geometry_says, 'no holder') "
-        "AS geometry_says FROM inventory_contradiction WHERE map_id = current_map() UNION ALL "
-        "SELECT w.name, w.holder, 'world pose', 'the holder''s pose times the placement' "
-        "FROM world_mismatch w JOIN map m ON m.name = w.map WHERE m.id = current_map() ORDER BY 1",
     )
 
 

@@ -1,0 +1,141 @@
+"""What touches and what overlaps: triangle meshes compared along vertical lines."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import binary_erosion
+
+__all__ = ["heights_at", "overlap", "touches"]
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.intp]
+
+SPACING = 0.015
+"""Metres between the vertical lines along which solids are compared."""
+
+MOST_LINES = 40_000
+"""Of a pair of solids; larger overlaps are compared along lines that are further apart."""
+
+SAMPLES = 200
+"""Points of a surface from which distances are measured."""
+
+
+def heights_at(points: Floats, triangles: Floats) -> Floats:
+    """Return (P, F): the z at which the vertical line through a point meets a face, else NaN."""
+    # upright faces have no height
+    a, b, c = (triangles[:, k] for k in range(3))
+    ab, ac = b - a, c - a
+    area = ab[:, 0] * ac[:, 1] - ab[:, 1] * ac[:, 0]
+    x, y = points[:, :1] - a[:, 0], points[:, 1:2] - a[:, 1]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        u = (x * ac[:, 1] - y * ac[:, 0]) / area
+        v = (y * ab[:, 0] - x * ab[:, 1]) / area
+        z = a[:, 2] + u * ab[:, 2] + v * ac[:, 2]
+        inside = (u >= -1e-6) & (v >= -1e-6) & (u + v <= 1 + 1e-6) & (np.abs(area) > 1e-12)
+    return np.where(inside, z, np.nan)
+
+
+def touches(triangles: Floats, others: Floats, distance: float) -> bool:
+    """Return whether a corner or middle of one mesh's faces is near a face of the other, metres."""
+    return _near(triangles, others, distance) or _near(others, triangles, distance)
+
+
+def _near(triangles: Floats, others: Floats, distance: float) -> bool:
+    from trimesh.triangles import closest_point  # slow to load
+
+    low, high = others.min(axis=(0, 1)) - distance, others.max(axis=(0, 1)) + distance
+    points = np.concatenate([triangles.reshape(-1, 3), triangles.mean(axis=1)])
+    points = points[((points >= low) & (points <= high)).all(axis=1)]
+    points = points[:: max(1, len(points) // SAMPLES)]
+    if not len(points):
+        return False
+    low, high = points.min(axis=0) - distance, points.max(axis=0) + distance
+    faces = others[((others.max(axis=1) >= low) & (others.min(axis=1) <= high)).all(axis=1)]
+    for point in points if len(faces) else ():
+        at = closest_point(faces, np.broadcast_to(point, (len(faces), 3)))  # type: ignore[no-untyped-call]
+        if (np.linalg.norm(at - point, axis=1) <= distance).any():
+            return True
+    return False
+
+
+def overlap(
+    first: Floats, second: Floats, low: Floats, high: Floats, tolerance: float
+) -> tuple[Floats, float, float] | None:
+    """Return the extents (3,) of what two solids share and its part of each, or None if it is thin.
+
+    It is thin unless it contains a cube of `tolerance` (within the spacing of the lines). Solids
+    are where the faces along a vertical line enter and leave: an open sheet has no inside.
+
+    Parameters
+    ----------
+    first, second : (F, 3, 3) faces over the window, normals outward or all inward
+    low, high : (3,) corners of the window: what the boxes of both share
+    tolerance : metres
+    """
+    size = high - low
+    spacing = max(SPACING, float(np.sqrt(size[0] * size[1] / MOST_LINES)))
+    counts = (int(size[0] / spacing) + 1, int(size[1] / spacing) + 1)
+    start = low[:2] + np.array([0.0031, 0.0047])  # off the round numbers of edges
+    one, two = (_solid_parts(t, start, counts, spacing) for t in (first, second))
+    count, begin = _matches(one[0], two[0])
+    left = np.repeat(np.arange(len(one[0])), count)
+    right = np.arange(len(left)) - np.repeat(np.cumsum(count) - count, count)
+    right += np.repeat(begin, count)
+    bottom = np.maximum(one[1][left], two[1][right])
+    top = np.minimum(one[2][left], two[2][right])
+    common = np.maximum(top - bottom, 0)
+    deep = common > tolerance
+    thick = np.zeros(counts[0] * counts[1], bool)
+    thick[one[0][left[deep]]] = True
+    block = max(2, round(tolerance / spacing) + 1)
+    if not binary_erosion(thick.reshape(counts), np.ones((block, block))).any():
+        return None
+    wide = (np.ptp(np.argwhere(thick.reshape(counts)), axis=0) + 1) * spacing
+    extents = np.array([*wide, top[deep].max() - bottom[deep].min()])
+    shares = [float(common.sum() / (part[2] - part[1]).sum()) for part in (one, two)]
+    return extents, shares[0], shares[1]
+
+
+def _solid_parts(
+    triangles: Floats, start: Floats, counts: tuple[int, int], spacing: float
+) -> tuple[Ints, Floats, Floats]:
+    """The solid intervals along vertical lines: the line, the lower and the upper end of each."""
+    flat = (triangles[:, :, :2] - start) / spacing
+    low = np.maximum(np.ceil(flat.min(axis=1)), 0).astype(np.intp)
+    high = np.minimum(np.floor(flat.max(axis=1)), np.array(counts) - 1).astype(np.intp)
+    width, height = np.maximum(high - low + 1, 0).T
+    face = np.repeat(np.arange(len(flat)), width * height)
+    number = np.arange(len(face)) - np.repeat(
+        np.cumsum(width * height) - width * height, width * height
+    )
+    column, row = low[face, 0] + number % width[face], low[face, 1] + number // width[face]
+    a, b, c = (flat[face, k] for k in range(3))
+    ab, ac = b - a, c - a
+    area = ab[:, 0] * ac[:, 1] - ab[:, 1] * ac[:, 0]
+    x, y = column - a[:, 0], row - a[:, 1]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        u = (x * ac[:, 1] - y * ac[:, 0]) / area
+        v = (y * ab[:, 0] - x * ab[:, 1]) / area
+        z0, z1, z2 = triangles[face, :, 2].T
+        z = z0 + u * (z1 - z0) + v * (z2 - z0)
+        met = (u >= 0) & (v >= 0) & (u + v <= 1) & (np.abs(area) > 1e-9)
+    line, z, enters = (column * counts[1] + row)[met], z[met], np.where(area[met] < 0, 1, -1)
+    order = np.lexsort((z, line))
+    line, z, enters = line[order], z[order], enters[order]
+    if not len(line):
+        return line, z, z
+    first = np.flatnonzero(np.diff(line, prepend=-1))
+    total = np.cumsum(enters)
+    before = np.repeat((total - enters)[first], np.diff([*first, len(line)]))
+    depth = total - before
+    last = np.append(first[1:], len(line)) - 1
+    shut = np.repeat(depth[last] == 0, np.diff([*first, len(line)]))
+    solid = np.flatnonzero(shut[:-1] & (depth[:-1] != 0) & (line[1:] == line[:-1]))
+    return line[solid], z[solid], z[solid + 1]
+
+
+def _matches(lines: Ints, others: Ints) -> tuple[Ints, Ints]:
+    """How many of the others are on each line, and where they begin; both are in order."""
+    begin = np.searchsorted(others, lines, "left")
+    return np.searchsorted(others, lines, "right") - begin, begin

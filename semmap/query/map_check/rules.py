@@ -1,0 +1,390 @@
+"""The table of rules by which a map is judged; each looks at geometry, none at derived holders."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import psycopg
+import shapely
+import shapely.ops
+from numpy.typing import NDArray
+
+from semmap.geometry.contact import overlap
+from semmap.geometry.pose import Pose
+from semmap.query.map_check.building import CONTACT, FASTENED, STEP, WALL, Building
+from semmap.query.map_check.finding import Finding, Severity
+from semmap.query.map_check.reader import CheckedEntity, read_checked_entities
+
+__all__ = ["RULES", "check_map"]
+
+SAME_POINT = 0.001
+"""Metres: things that meet so exactly were put there by a program, not by a hand."""
+
+MOSTLY = 0.6
+"""Part of a footprint in a room from which it is there, wherever the limits lie exactly."""
+
+FLOOR_AREA = 1.0
+"""Square metres of the least floor of a storey."""
+
+CONTENT = 0.95
+"""Part of a solid in another from which it is its content: a coarse box of a cupboard is solid."""
+
+LOST = 1000.0
+"""Metres above or below all rooms at which no building has a thing."""
+
+SHOWN = 5
+"""Names in a sentence; the finding has all of them."""
+
+Floats = NDArray[np.float64]
+
+Found = Iterator[tuple[tuple[str, ...], str, str]]
+"""The entities, the sentence and the fix of each finding of a rule."""
+
+
+@dataclass(frozen=True)
+class Rule:
+    """One row of the table."""
+
+    kind: str
+    severity: Severity
+    find: Callable[[Building], Found]
+    safe: bool = False
+
+
+def check_map(session: psycopg.Connection[Any]) -> list[Finding]:
+    """Return what is wrong with the current map: errors first, then warnings and notes."""
+    building = Building(read_checked_entities(session))
+    return [
+        Finding(rule.kind, rule.severity, names, text, fix, rule.safe)
+        for rule in RULES
+        for names, text, fix in rule.find(building)
+    ]
+
+
+# -- physics -------------------------------------------------------------------------------------
+
+
+def _floating(building: Building) -> Found:
+    for entity in building.solids:
+        if building.is_part(entity) or any(e.kind == "agent" for e in entity.chain):
+            continue
+        gap, name = building.gap_beneath(entity)
+        if gap <= FASTENED or building.is_fastened(entity):
+            continue
+        beneath = "the floor" if name is None else name
+        air = f"{gap:.2f} m above {beneath}" if np.isfinite(gap) else "over nothing"
+        text = f"{entity.name} is {air} and hangs on no wall, ceiling or larger thing"
+        fix = _move(entity, 0, 0, -gap) if np.isfinite(gap) else f"map[{entity.name!r}].delete()"
+        yield (entity.name,), text, fix
+
+
+def _penetrating(building: Building) -> Found:
+    done = set()
+    for entity in building.solids:
+        for other in building.near(entity, 0.0):
+            pair = frozenset((entity.name, other.name))
+            if pair in done or _belongs(building, entity, other):
+                continue
+            done.add(pair)
+            shared = None if _same_point(entity, other) else _shared(entity, other)
+            if shared is None:
+                continue
+            small, large = sorted(
+                (entity, other), key=lambda e: (building.is_part(e), float(np.prod(e.high - e.low)))
+            )
+            size = " x ".join(f"{v:.2f}" for v in shared)
+            text = f"{small.name} and {large.name} share a space of {size} m"
+            yield (small.name, large.name), text, _apart(small, large, shared)
+
+
+def _shared(one: CheckedEntity, two: CheckedEntity) -> Floats | None:
+    """The extents of what two solids share; None if it is thin, or one is the other's content."""
+    low, high = np.maximum(one.low, two.low), np.minimum(one.high, two.high)
+    if (high - low <= CONTACT).any() or not one.ground.intersects(two.ground):
+        return None
+    found = overlap(one.faces_over(low, high), two.faces_over(low, high), low, high, CONTACT)
+    if found is None:
+        return None
+    extents, *shares = found
+    for entity, share in zip((one, two), shares, strict=True):
+        within = (entity.low >= low - CONTACT).all() and (entity.high <= high + CONTACT).all()
+        if within and share >= CONTENT:
+            return None
+    return extents
+
+
+def _belongs(building: Building, one: CheckedEntity, two: CheckedEntity) -> bool:
+    """Whether both are parts of the building, or one is a fixture: those are built in."""
+    fixed = bool(one.row["fixture"]) or bool(two.row["fixture"])
+    return fixed or (building.is_part(one) and building.is_part(two))
+
+
+def _same_point(one: CheckedEntity, two: CheckedEntity) -> bool:
+    if one.pose is None or two.pose is None:
+        return False
+    apart = np.append((one.low + one.high - two.low - two.high)[:2] / 2, one.low[2] - two.low[2])
+    return bool(np.abs(apart).max() <= SAME_POINT)
+
+
+def _one_point(building: Building) -> Found:
+    cells: dict[tuple[int, ...], list[CheckedEntity]] = {}
+    for entity in building.objects:
+        middle = np.append((entity.low + entity.high)[:2] / 2, entity.low[2])
+        cells.setdefault(tuple(np.round(middle / SAME_POINT / 2).astype(int)), []).append(entity)
+    for group in cells.values():
+        movable = [e for e in group if not building.is_part(e)]
+        if len(movable) > 1:
+            names = tuple(e.name for e in movable)
+            x, y = (movable[0].low + movable[0].high)[:2] / 2
+            z = movable[0].low[2]
+            holder = movable[-1].holder
+            fix = (
+                f"map[{names[-1]!r}].put_on({holder.name!r})"
+                if holder is not None and holder.kind == "object"
+                else f"map[{names[-1]!r}].move_to(x, y, {z:.3f}), or .delete() if it is the same"
+            )
+            yield names, f"{_list(names)} are at one point: {x:.3f}, {y:.3f}, {z:.3f}", fix
+
+
+# -- rooms, doors, storeys -----------------------------------------------------------------------
+
+
+def _outside(building: Building) -> Found:
+    outdoors = []
+    for entity in [*building.objects, *building.agents] if building.rooms else ():
+        if building.is_part(entity) or building.distance_to_rooms(entity) <= WALL:
+            continue
+        middle = (entity.low + entity.high) / 2
+        within = building.built_over.covers(shapely.Point(*middle[:2]))
+        if within or abs(middle[2]) > LOST:
+            where = f"{middle[0]:.2f}, {middle[1]:.2f}, {middle[2]:.2f}"
+            text = f"{entity.name} is in the building ({where}), but in no room"
+            fix = f"map[{entity.name!r}].move_to(x, y, z) into a room, or map.add_room(...) there"
+            yield (entity.name,), text, fix
+        else:
+            outdoors.append(entity.name)
+    if outdoors:
+        count = f"{len(outdoors)} object{'s are' if len(outdoors) > 1 else ' is'} outside"
+        text = f"{count} of the building: {_list(outdoors)}"
+        yield tuple(outdoors), text, "map.add_room(...) where robots are to reach them"
+
+
+def _rooms_overlap(building: Building) -> Found:
+    yield from _room_pairs(building, same=False)
+
+
+def _rooms_identical(building: Building) -> Found:
+    yield from _room_pairs(building, same=True)
+
+
+def _room_pairs(building: Building, same: bool) -> Found:
+    tree = building._room_tree
+    for number, room in enumerate(building.rooms):
+        for other in (building.rooms[n] for n in np.sort(tree.query(room.outline)) if n > number):
+            low = max(building.floor(room), building.floor(other))
+            if min(building.ceiling(room), building.ceiling(other)) - low <= STEP:
+                continue
+            assert room.outline is not None
+            assert other.outline is not None
+            common = room.outline.intersection(other.outline)
+            is_same = common.area >= 0.95 * room.outline.union(other.outline).area
+            if is_same != same or common.buffer(-WALL / 2).is_empty:
+                continue
+            names = (room.name, other.name)
+            what = "are the same place" if same else f"overlap in {common.area:.2f} m2"
+            text = f"the rooms {room.name} and {other.name} {what}"
+            fix = f"map[{other.name!r}].delete(), or draw one of them again in gis_room"
+            yield names, text, fix
+
+
+def _no_door(building: Building) -> Found:
+    joined = {p for d in building.doors for p in (d.row["place_a"], d.row["place_b"])}
+    for room in building.rooms if len(building.rooms) > 1 else ():
+        if room.row["id"] not in joined:
+            assert room.outline is not None
+            near = min(
+                (r for r in building.rooms if r is not room),
+                key=lambda r: (
+                    abs(building.floor(r) - building.floor(room)),
+                    r.ground.distance(room.ground),
+                ),
+            )
+            fix = f"map.add_door(name, {room.name!r}, {near.name!r}, ((x, y), (x, y)))"
+            yield (room.name,), f"no door leads to the room {room.name}", fix
+
+
+def _far_doors(building: Building) -> Found:
+    for door in building.doors:
+        assert door.pose is not None
+        stairs = door.row["form"] in ("stairs", "ramp")
+        half = (door.row["width"] or 0.0) / 2
+        opening = shapely.LineString(door.pose.apply([[0, -half, 0], [0, half, 0]])[:, :2])
+        for end in "ab":
+            room = building.by_id.get(door.row[f"place_{end}"])
+            if room is None or room.outline is None or room.kind != "room":
+                continue
+            stand = door.pose @ Pose(*door.row[f"pose_{end}"])
+            here = shapely.Point(stand.x, stand.y) if stairs else opening
+            gap = float(here.distance(room.outline))
+            rise = abs((stand.z if stairs else door.pose.z) - building.floor(room))
+            if gap <= WALL and rise <= STEP:
+                continue
+            how = f"{gap:.2f} m beside" if gap > WALL else f"{rise:.2f} m above or below"
+            text = f"the door {door.name} is {how} the room {room.name}, which it joins"
+            to = shapely.ops.nearest_points(room.outline, here)[0]
+            z = door.pose.z if gap > WALL else building.floor(room)
+            fix = f"map[{door.name!r}].move_to({to.x:.3f}, {to.y:.3f}, {z:.3f})"
+            yield (door.name, room.name), text, fix
+
+
+def _no_floor(building: Building) -> Found:
+    for storey in building.storeys:
+        assert storey.pose is not None
+        z = storey.pose.z
+        if any(abs(building.floor(r) - z) <= STEP or storey in r.chain for r in building.rooms):
+            continue
+        if any(_is_level(e, z) for e in building.solids):
+            continue
+        fix = f"map.add_room(name, outline, floor={z:.2f}), or map[{storey.name!r}].delete()"
+        yield (storey.name,), f"the storey {storey.name} at {z:.2f} m has no room and no floor", fix
+
+
+def _is_level(entity: CheckedEntity, z: float) -> bool:
+    faces = entity.triangles
+    flat = (np.abs(faces[:, :, 2] - z) <= STEP).all(axis=1) & (
+        np.ptp(faces[:, :, 2], axis=1) <= CONTACT
+    )
+    return float(shapely.area(shapely.polygons(faces[flat][:, :, :2])).sum()) >= FLOOR_AREA
+
+
+# -- geometry and inventory ----------------------------------------------------------------------
+
+
+def _shapeless(building: Building) -> Found:
+    names = tuple(e.name for e in building.objects if e.outline is None)
+    if names:
+        count = f"{len(names)} object{'s have' if len(names) > 1 else ' has'}"
+        text = f"{count} no geometry, so grids take them as free: {_list(names)}"
+        yield names, text, "--assume-sizes, or import their meshes"
+
+
+def _shapeless_places(building: Building) -> Found:
+    bearing = Counter(
+        e.holder.name
+        for e in building.objects
+        if e.holder is not None and e.holder.kind == "object" and e.holder.outline is None
+    )
+    for name, count in sorted(bearing.items()):
+        text = f"{name} holds {count} object{'s' * (count > 1)}, but has no geometry to reach"
+        yield (name,), text, f"add its mesh or size: map.add_object({name!r}, size=(x, y, z), ...)"
+    for entity in building.entities:
+        if entity.kind == "room" and entity.outline is None:
+            fix = f"map[{entity.name!r}].delete(), then map.add_room({entity.name!r}, outline)"
+            yield (entity.name,), f"the room {entity.name} has no outline, so no grid", fix
+
+
+def _stale(building: Building) -> Found:
+    for entity in building.entities:
+        world = entity.row["world"]
+        if entity.pose is None:
+            continue
+        shown = np.array(world if world is not None else [np.inf] * 7, float)
+        here = np.array(entity.pose)
+        turn = min(np.abs(shown[3:] - here[3:]).max(), np.abs(shown[3:] + here[3:]).max())
+        size = 1 + np.abs(here[:3]).max()
+        if max(np.abs(shown[:3] - here[:3]).max(), turn) > 1e-6 * size:
+            text = f"the world pose of {entity.name} is not its holder's pose times its placement"
+            yield (entity.name,), text, f"SELECT refresh_world(ARRAY[{entity.row['id']}])"
+
+
+def _wrong_room(building: Building) -> Found:
+    for entity in [*building.objects, *building.agents]:
+        if building.is_part(entity) or (entity.outline is None and entity.low is entity.high):
+            continue
+        shares = building.shares(entity)
+        said = next((e for e in entity.chain if e.kind == "room"), None)
+        says = None if said is None else said.name
+        best = max(shares, key=lambda n: shares[n], default=None)
+        lost = said is not None and (
+            says in {r.name for r in building.rooms}
+            and not shares.get(says)
+            and entity.ground.distance(building.by_id[said.row["id"]].ground) > STEP
+        )
+        elsewhere = (
+            best not in (None, says)
+            and shares[best] >= MOSTLY
+            and (says is None or shares.get(says, 0.0) < 1 - MOSTLY)
+        )
+        if elsewhere and sum(share >= MOSTLY for share in shares.values()) > 1:
+            continue  # rooms overlap: another rule says so
+        if not lost and not elsewhere:
+            continue
+        place = "in no room" if best is None else f"in {best} ({shares[best]:.0%} of its ground)"
+        held = "no room" if says is None else says
+        text = f"the inventory has {entity.name} in {held}, but it is {place}"
+        fix = f"SELECT derive_again(ARRAY[{entity.row['id']}])"
+        yield (entity.name, *([] if says is None else [says])), text, fix
+
+
+def _wrong_holder(building: Building) -> Found:
+    for entity in building.solids:
+        holder = entity.holder
+        if holder is None or holder.kind != "object" or not len(holder.triangles):
+            continue
+        gaps = np.maximum(holder.low - entity.high, entity.low - holder.high)
+        apart = float(gaps.max())
+        if apart > 2 * CONTACT:
+            text = (
+                f"the inventory has {entity.name} {entity.row['relation']} {holder.name}, "
+                f"but they are {apart:.2f} m apart"
+            )
+            fix = f"SELECT derive_again(ARRAY[{entity.row['id']}])"
+            yield (entity.name, holder.name), text, fix
+
+
+# -- help ----------------------------------------------------------------------------------------
+
+
+def _list(names: list[str] | tuple[str, ...]) -> str:
+    more = f" and {len(names) - SHOWN} more" if len(names) > SHOWN else ""
+    return ", ".join(names[:SHOWN]) + more
+
+
+def _move(entity: CheckedEntity, dx: float, dy: float, dz: float) -> str:
+    assert entity.pose is not None
+    x, y, z = entity.pose.translation + np.array([dx, dy, dz])
+    return f"map[{entity.name!r}].move_to({x:.3f}, {y:.3f}, {z:.3f})"
+
+
+def _apart(small: CheckedEntity, large: CheckedEntity, shared: Floats) -> str:
+    """Move the smaller one out along the axis on which they share least."""
+    axis = int(np.argmin(shared[:2]))
+    if shared[2] < shared[axis] and small.high[2] > large.high[2]:
+        axis = 2
+    away = np.zeros(3)
+    upward = axis == 2 or (small.low + small.high)[axis] >= (large.low + large.high)[axis]
+    away[axis] = (shared[axis] + 0.01) * (1 if upward else -1)
+    return _move(small, *away)
+
+
+RULES = (
+    Rule("stale pose", "error", _stale, safe=True),
+    Rule("wrong room", "error", _wrong_room, safe=True),
+    Rule("wrong holder", "error", _wrong_holder, safe=True),
+    Rule("identical rooms", "error", _rooms_identical),
+    Rule("door away from its room", "error", _far_doors),
+    Rule("things at one point", "error", _one_point),
+    Rule("overlapping rooms", "warning", _rooms_overlap),
+    Rule("room without a door", "warning", _no_door),
+    Rule("storey without a floor", "warning", _no_floor),
+    Rule("floating", "warning", _floating),
+    Rule("penetrating", "warning", _penetrating),
+    Rule("place without geometry", "warning", _shapeless_places),
+    Rule("outside of all rooms", "note", _outside),
+    Rule("without geometry", "note", _shapeless),
+)
+"""By severity, the gravest first."""
