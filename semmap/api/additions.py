@@ -205,32 +205,92 @@ def _nearer(distance: Callable[[float, float], float], middle: Any, normal: Any)
     return int(np.sign(distance(*map(float, behind)) - distance(*map(float, ahead))))
 
 
-def spot(map: Map, holder: MapEntity, relation: str) -> tuple[float, float, float]:
-    """A point on the highest surface of a holder, or on its floor; metres, map frame."""
+def spot(
+    map: Map, holder: MapEntity, relation: str, size: Sequence[float] = (0, 0, 0), moved: int = 0
+) -> tuple[float, float, float]:
+    """A free point on the highest surface of a holder, or on its floor; metres, map frame.
+
+    Parameters
+    ----------
+    size : (x, y, z) of what is put there, metres in the map's frame
+    moved : the id of what is put there, which is not in its own way
+
+    Raises
+    ------
+    ValueError
+        The holder has no geometry, or others are wherever there would be space.
+    """
+    rows = []
     if relation == "on":
         rows = map.execute(
-            "SELECT ST_X(p), ST_Y(p), z FROM (SELECT ST_PointOnSurface(ST_Force2D(pose_apply("
-            "ST_Force3D(s.outline), w.pose))) AS p, w.pose[3] + s.height AS z, s.height, "
-            "ST_Area(s.outline) AS area FROM entity_model em JOIN support_surface s "
+            "SELECT ST_AsBinary(ST_Force2D(pose_apply(ST_Force3D(s.outline), w.pose))), "
+            "w.pose[3] + s.height FROM entity_model em JOIN support_surface s "
             "ON s.model_id = em.model_id JOIN world w ON w.entity_id = em.entity_id "
-            "WHERE em.entity_id = %s AND s.height IS NOT NULL) t "
-            "ORDER BY z DESC, area DESC LIMIT 1",
+            "WHERE em.entity_id = %s AND s.height IS NOT NULL "
+            "ORDER BY s.height DESC, ST_Area(s.outline) DESC",
             holder.id,
         )
-        if rows:
-            return rows[0]
-    rows = map.execute(
-        "SELECT ST_X(p), ST_Y(p), CASE WHEN %s = 'on' THEN ST_ZMax(w.box) "
+    rows = rows or map.execute(
+        "SELECT ST_AsBinary(w.footprint), CASE WHEN %s = 'on' THEN ST_ZMax(w.box) "
         "ELSE coalesce(w.pose[3] + r.floor, ST_ZMin(w.box)) END "
-        "FROM world w LEFT JOIN room r ON r.entity_id = w.entity_id, "
-        "LATERAL (SELECT ST_PointOnSurface(w.footprint)) t (p) "
+        "FROM world w LEFT JOIN room r ON r.entity_id = w.entity_id "
         "WHERE w.entity_id = %s AND w.footprint IS NOT NULL",
         relation,
         holder.id,
     )
     if not rows:
         raise ValueError(f"{holder.name} has no geometry: give a pose")
-    return rows[0]
+    for outline, z in rows:
+        found = _free_point(map, shapely.from_wkb(bytes(outline)), z, holder.id, size, moved)
+        if found is not None:
+            return (*found, z)
+    what = f"{size[0]:.2f} x {size[1]:.2f} m"
+    raise ValueError(f"{relation} {holder.name} no place of {what} is free: give a pose")
+
+
+SPOT = 0.02
+"""Metres between the points of a surface that are tried, and the least side of a thing."""
+
+_IN_THE_WAY = """
+SELECT ST_AsBinary(coalesce(w.footprint, ST_MakePoint(w.pose[1], w.pose[2])))
+FROM world w JOIN entity e ON e.id = w.entity_id
+WHERE e.map_id = current_map() AND e.kind IN ('object', 'agent') AND NOT is_building_part(e.type)
+AND e.id <> %s AND e.id <> %s AND w.box && ST_MakeEnvelope(%s, %s, %s, %s)
+AND ST_ZMin(w.box) < %s AND (ST_ZMax(w.box) > %s OR w.footprint IS NULL AND ST_ZMax(w.box) >= %s)
+AND NOT coalesce(ST_Covers(w.footprint, ST_GeomFromWKB(%s)), false)
+AND NOT e.id IN (SELECT holders_of(ARRAY[%s::bigint]))
+"""
+
+
+def _free_point(
+    map: Map, surface: Any, z: float, holder: int, size: Sequence[float], moved: int
+) -> tuple[float, float] | None:
+    """The free point that is nearest to the middle of a surface, or None if others are in the way.
+
+    In the middle, a thing may be larger than the surface, as a tray on a stool.
+    """
+    half_x, half_y = (max(side, SPOT) / 2 for side in size[:2])
+    low, top = z + SPOT / 4, z + max(size[2], SPOT)
+    middle = surface.point_on_surface()
+    x0, y0, x1, y1 = surface.union(middle.buffer(max(half_x, half_y))).bounds
+    rows = map.execute(
+        _IN_THE_WAY, moved, holder, x0, y0, x1, y1, top, low, z - low + z, surface.wkb, holder
+    )
+    taken = shapely.union_all([shapely.from_wkb(bytes(row[0])) for row in rows])
+    spacing = max(SPOT, math.sqrt(surface.area / 10_000))
+    shapely.prepare([surface, taken])
+    x0, y0, x1, y1 = surface.bounds
+    grid = np.meshgrid(np.arange(x0, x1, spacing), np.arange(y0, y1, spacing))
+    x = np.append(middle.x, grid[0].ravel())
+    y = np.append(middle.y, grid[1].ravel())
+    ground = shapely.box(x - half_x, y - half_y, x + half_x, y + half_y)
+    fits = ~shapely.intersects(taken, ground)
+    fits[1:] &= shapely.covers(surface, ground[1:])
+    if not fits.any():
+        return None
+    distance = np.where(fits, np.hypot(x - middle.x, y - middle.y), np.inf)
+    best = int(np.argmin(distance))
+    return float(x[best]), float(y[best])
 
 
 def add_entry(
@@ -252,9 +312,13 @@ def add_entry(
     relation = "in" if on is None else "on"
     holder = map[stated] if stated is not None else None
     if holder is not None and entry.pose is None:
-        x, y, z = map.spot(holder, relation)
-        low = min((float(s.mesh.bounds[0, 2]) for s in entry.shapes if s.mesh), default=0.0)
-        entry.pose = Pose(float(x), float(y), float(z) - low)
+        meshes = [s.mesh.bounds for s in entry.shapes if s.mesh]
+        low = np.min([box[0] for box in meshes], axis=0) if meshes else np.zeros(3)
+        high = np.max([box[1] for box in meshes], axis=0) if meshes else np.zeros(3)
+        x, y, z = map.spot(holder, relation, (high - low).tolist())
+        # the middle of its box, not its origin, is put on the point
+        x, y = (x, y) - (low + high)[:2] / 2
+        entry.pose = Pose(float(x), float(y), float(z - low[2]))
     with map.transaction():
         map_id = map.execute("SELECT current_map()")[0][0]
         session = map.connection

@@ -140,13 +140,15 @@ class Map(
         ----------
         mesh : the geometry in the object's own frame, metres: a file, a trimesh or a `Mesh`
         size : instead of a mesh, a box of (x, y, z) metres that stands on its frame's origin
-        pose : (x, y, z, yaw) in the map's frame; by default the middle of `on` or `in_`
+        pose : (x, y, z, yaw) in the map's frame; by default the free
+            place that is nearest to the middle of `on` or `in_`
         on, in_ : names of what holds it; without them, the geometry says it
 
         Raises
         ------
         ValueError
-            The name is taken, a part contradicts another, or the pose is not on or in the holder.
+            The name is taken, a part contradicts another, the pose is not on or in the holder, or
+            nothing on or in it is free.
         LookupError
             There is no such holder.
         """
@@ -210,11 +212,25 @@ class Map(
         self._add(door(name, place_a, place_b, shape, distances, form, direction, state))
         return self.doors[name]
 
-    def spot(self, holder: MapEntity, relation: str) -> tuple[float, float, float]:
-        """A point on or in a holder: the middle of its highest surface, or of its floor."""
+    def spot(
+        self, holder: MapEntity, relation: str, size: Sequence[float] = (0, 0, 0), moved: int = 0
+    ) -> tuple[float, float, float]:
+        """A free point on or in a holder, nearest to the middle of its highest surface or floor.
+
+        Parameters
+        ----------
+        relation : ``on`` or ``in``
+        size : (x, y, z) of what is put there, metres in the map's frame
+        moved : the id of what is put there, which is not in its own way
+
+        Raises
+        ------
+        ValueError
+            The holder has no geometry, or others are wherever there would be space.
+        """
         from semmap.api.additions import spot
 
-        return spot(self, holder, relation)
+        return spot(self, holder, relation, size, moved)
 
     def _distance(self, room: MapEntity, x: float, y: float) -> float:
         row = self.execute(

@@ -183,11 +183,17 @@ class MapEntity(EntityShape, EntityCard):
         self.map.execute("SELECT move_to(%s, %s, %s, %s, %s)", self.id, x, y, z, yaw)
 
     def put_on(self, holder: str | MapEntity) -> None:
-        """Put it on the middle of an object's highest support surface, its orientation kept."""
+        """Put it on an object, where it is free near the middle; its orientation is kept.
+
+        Raises
+        ------
+        ValueError
+            Nothing on it is free.
+        """
         self._put(holder, "on")
 
     def put_in(self, holder: str | MapEntity) -> None:
-        """Put it into the middle of a room, region or container, its orientation kept."""
+        """Put it into a room, region or container, free and near the middle; as `put_on`."""
         self._put(holder, "in")
 
     def delete(self) -> None:
@@ -196,18 +202,23 @@ class MapEntity(EntityShape, EntityCard):
 
     def _put(self, holder: str | MapEntity, relation: str) -> None:
         above = self.map[holder] if isinstance(holder, str) else holder
-        low = self.map.execute(
-            "SELECT ST_ZMin(box) - pose[3] FROM world WHERE entity_id = %s", self.id
+        box = self.map.execute(
+            "SELECT ST_XMin(box) - pose[1], ST_YMin(box) - pose[2], ST_ZMin(box) - pose[3], "
+            "ST_XMax(box) - pose[1], ST_YMax(box) - pose[2], ST_ZMax(box) - pose[3] "
+            "FROM world WHERE entity_id = %s",
+            self.id,
         )
-        if not low:
+        if not box:
             raise ValueError(
                 f"{self.name} has no placement, so it cannot be put {relation} {above.name}: "
                 f"delete it and add it again with a pose, {relation}{'_' * (relation == 'in')} "
                 "or a size"
             )
-        x, y, z = self.map.spot(above, relation)
+        x0, y0, low, x1, y1, high = box[0]
+        x, y, z = self.map.spot(above, relation, (x1 - x0, y1 - y0, high - low), self.id)
+        x, y = x - (x0 + x1) / 2, y - (y0 + y1) / 2
         with self.map.transaction():
-            self.map.execute("SELECT move_to(%s, %s, %s, %s)", self.id, x, y, z - low[0][0])
+            self.map.execute("SELECT move_to(%s, %s, %s, %s)", self.id, x, y, z - low)
             self.map.execute("SELECT put(%s, %s, %s)", self.id, above.id, relation)
 
     def _value(self, column: str) -> Any:

@@ -231,3 +231,27 @@ def test_database_without_schema_is_refused_and_stays_empty(
     with pytest.raises(semmap.DatabaseError, match=r"no semmap schema: semmap db upgrade"):
         semmap.connect(database)
     assert db.session.execute("SELECT to_regnamespace('semmap')").fetchone() == (None,)
+
+
+def test_things_on_one_table_stand_side_by_side_until_it_is_full(flat: semmap.Map) -> None:
+    flat.add_object("stool", size=(0.4, 0.4, 0.5), pose=(5, 3, 0))
+    for n in range(4):
+        flat.add_object(f"cup{n}", size=(0.1, 0.1, 0.1), on="stool")
+    grounds = [flat[f"cup{n}"].footprint for n in range(4)]
+    stool = flat["stool"].footprint
+    assert stool is not None
+    for n, ground in enumerate(grounds):
+        assert ground is not None
+        assert flat[f"cup{n}"].holder == flat["stool"]
+        assert stool.buffer(1e-6).covers(ground)
+        assert all(ground.intersection(other).area < 1e-6 for other in grounds[:n])
+    with pytest.raises(
+        ValueError, match=r"on stool no place of 0.25 x 0.25 m is free: give a pose"
+    ):
+        flat.add_object("pot", size=(0.25, 0.25, 0.2), on="stool")
+    assert "pot" not in flat
+    mug = flat["mug7"]
+    mug.put_on("stool")
+    assert all(mug.footprint.intersection(g).area < 1e-6 for g in grounds)  # type: ignore[union-attr]
+    mug.put_on("stool")
+    assert flat.check() == []

@@ -1,0 +1,196 @@
+"""`Map.check` on random buildings with planted faults, and on real worlds."""
+
+from __future__ import annotations
+
+import random
+from collections.abc import Callable, Iterator
+
+import pytest
+
+import semmap
+from semmap.geometry.mesh import box_mesh, join
+
+NAMES = ("slab", "Wand", "estantería", "x17", "concrete_base", "Möbel", "cosa")
+"""Names and types say nothing to the check: they are drawn at random."""
+
+
+def building(db: semmap.Database, seed: int) -> semmap.Map:
+    """A sound building: rooms in a row on storeys, walls, floors, furniture, things on it."""
+    draw = random.Random(seed)
+    here = db.create_map(f"b{seed}")
+    for level in range(draw.randint(1, 2)):
+        z = 3.2 * level
+        here.add_storey(f"s{level}", elevation=z, height=3.0)
+        x, count = 0.0, draw.randint(2, 4)
+        width = [draw.uniform(3, 6) for _ in range(count)]
+        depth = draw.uniform(3.5, 6)
+        slab = box_mesh((-0.2, -0.2, -0.2), (sum(width) + 0.2 * count, depth + 0.2, 0))
+        here.add_object(f"{draw.choice(NAMES)} f{level}", mesh=slab, pose=(0, 0, z), type="floor")
+        for number, wide in enumerate(width):
+            name = f"r{level}{number}"
+            outline = [(x, 0), (x + wide, 0), (x + wide, depth), (x, depth)]
+            here.add_room(name, outline, floor=z, ceiling=z + 2.9, storey=f"s{level}")
+            parts = [
+                box_mesh((x + wide, 1.2, 0), (x + wide + 0.2, depth, 2.9)),
+                box_mesh((x + wide, 0, 0), (x + wide + 0.2, 0.2, 2.9)),
+            ]
+            wall = f"{draw.choice(NAMES)} w{level}{number}"
+            here.add_object(wall, mesh=join(parts), pose=(0, 0, z), type="wall")
+            if number:
+                line = ((x - 0.1, 0.2), (x - 0.1, 1.2))
+                here.add_door(f"d{level}{number}", f"r{level}{number - 1}", name, line, height=z)
+            _furnish(here, draw, name, x, z, wide, depth)
+            x += wide + 0.2
+    return here
+
+
+def _furnish(
+    here: semmap.Map, draw: random.Random, name: str, x: float, z: float, wide: float, depth: float
+) -> None:
+    table, yaw = f"t{name}", draw.uniform(-0.3, 0.3)
+    legs = [
+        box_mesh((u, v, 0), (u + 0.05, v + 0.05, 0.7)) for u in (-0.5, 0.45) for v in (-0.3, 0.25)
+    ]
+    top = box_mesh((-0.5, -0.3, 0.7), (0.5, 0.3, 0.74))
+    here.add_object(table, mesh=join([*legs, top]), pose=(x + wide / 2, depth / 2, z, yaw))
+    here.add_object(f"c{name}", size=(0.08, 0.08, 0.1), on=table)
+    here.add_object(f"p{name}", size=(0.4, 0.03, 0.5), pose=(x + wide / 2, depth - 0.02, z + 1.4))
+    here.add_object(f"l{name}", size=(0.3, 0.3, 0.2), pose=(x + wide / 2, depth / 2, z + 2.6))
+
+
+def floats(here: semmap.Map, draw: random.Random) -> tuple[str, set[str]]:
+    here["cr01"].move_to(*_free(here, "r01"), draw.uniform(0.2, 1.5))
+    return "floating", {"cr01"}
+
+
+def sinks(here: semmap.Map, draw: random.Random) -> tuple[str, set[str]]:
+    x, y = _free(here, "r01")
+    here.add_object("chest", size=(0.6, 0.5, 0.5), pose=(x, y, 0, draw.uniform(0, 3)))
+    here.add_object("crate", size=(0.5, 0.5, 0.4), pose=(x + 0.3, y + 0.1, 0, draw.uniform(0, 3)))
+    return "penetrating", {"chest", "crate"}
+
+
+def stands_in_a_wall(here: semmap.Map, draw: random.Random) -> tuple[str, set[str]]:
+    _, _, high, _ = here["r00"].footprint.bounds  # type: ignore[union-attr]
+    wall = next(e.name for e in here.objects if e.name.endswith(" w00"))
+    here.add_object("chest", size=(0.5, 0.4, 0.5), pose=(high - 0.1, 2.5, 0))
+    return "penetrating", {"chest", wall}
+
+
+def coincides(here: semmap.Map, draw: random.Random) -> tuple[str, set[str]]:
+    pose = here["cr00"].pose
+    assert pose is not None
+    here.add_object("twin", size=(0.06, 0.05, 0.04), pose=(pose.x, pose.y, pose.z))
+    return "things at one point", {"twin", "cr00"}
+
+
+def is_drawn_twice(here: semmap.Map, draw: random.Random) -> tuple[str, set[str]]:
+    outline = here["r00"].footprint
+    here.add_room("again", outline, floor=0, ceiling=2.9)  # type: ignore[arg-type]
+    here.add_door("da", "again", "r01", here["d01"].geometry.coords)
+    return "identical rooms", {"again", "r00"}
+
+
+def overlaps(here: semmap.Map, draw: random.Random) -> tuple[str, set[str]]:
+    outline = here["r00"].footprint
+    assert outline is not None
+    low, _, _, top = outline.bounds
+    edge = draw.uniform(0.5, 0.9)
+    corners = [
+        (low - 3, top - edge),
+        (low + 0.9, top - edge),
+        (low + 0.9, top + 3),
+        (low - 3, top + 3),
+    ]
+    here.add_room("annex", corners, floor=0, ceiling=2.9)
+    here.add_door("da", "annex", "r00", ((low, top - 0.5), (low, top)))
+    return "overlapping rooms", {"annex", "r00"}
+
+
+def has_no_door(here: semmap.Map, draw: random.Random) -> tuple[str, set[str]]:
+    here.add_room("vault", [(0, -4), (3, -4), (3, -1), (0, -1)], floor=0, ceiling=2.9)
+    return "room without a door", {"vault"}
+
+
+def leads_past(here: semmap.Map, draw: random.Random) -> tuple[str, set[str]]:
+    pose = here["d01"].pose
+    assert pose is not None
+    here["d01"].move_to(pose.x + draw.uniform(0.5, 1.0), pose.y, pose.z)
+    return "door away from its room", {"d01", "r00"}
+
+
+def has_no_floor(here: semmap.Map, draw: random.Random) -> tuple[str, set[str]]:
+    here.add_storey("loft", elevation=draw.uniform(7, 9))
+    return "storey without a floor", {"loft"}
+
+
+def is_between_walls(here: semmap.Map, draw: random.Random) -> tuple[str, set[str]]:
+    here.add_room("far", [(0, -6), (9, -6), (9, -2), (0, -2)], floor=0, ceiling=2.9)
+    here.add_door("df", "far", None, ((3, -6), (4, -6)))
+    here.add_object("lost", size=(0.2, 0.2, 0.2), pose=(1, -1, 0))
+    return "outside of all rooms", {"lost"}
+
+
+def is_held_elsewhere(here: semmap.Map, draw: random.Random) -> tuple[str, set[str]]:
+    here.execute("SET semmap.deriving = 'on'")  # a holder that no rule derives
+    here.execute("SELECT put(%s, %s, 'in', 1)", here["cr00"].id, here["s0"].id)
+    here.execute("SET semmap.deriving = ''")
+    return "wrong room", {"cr00"}
+
+
+def is_stale(here: semmap.Map, draw: random.Random) -> tuple[str, set[str]]:
+    here.execute("UPDATE world SET pose[1] = pose[1] + 0.01 WHERE entity_id = %s", here["cr00"].id)
+    return "stale pose", {"cr00"}
+
+
+Fault = Callable[[semmap.Map, random.Random], tuple[str, set[str]]]
+"""Plants a fault; the kind of finding that it is, and the entities concerned."""
+
+FAULTS: list[Fault] = [
+    floats,
+    sinks,
+    stands_in_a_wall,
+    coincides,
+    is_drawn_twice,
+    overlaps,
+    has_no_door,
+    leads_past,
+    has_no_floor,
+    is_between_walls,
+    is_held_elsewhere,
+    is_stale,
+]
+
+
+def _free(here: semmap.Map, room: str) -> tuple[float, float]:
+    """The middle of a room's front, far from table and walls."""
+    outline = here[room].footprint
+    assert outline is not None
+    low, bottom, high, _ = outline.bounds
+    return (low + high) / 2, bottom + 0.7
+
+
+@pytest.fixture
+def db(database: str) -> Iterator[semmap.Database]:
+    with semmap.connect(database) as found:
+        yield found
+
+
+def seen(here: semmap.Map) -> set[tuple[str, frozenset[str]]]:
+    return {(each.kind, frozenset(each.entities)) for each in here.check()}
+
+
+def test_sound_buildings_have_no_findings(db: semmap.Database) -> None:
+    for seed in range(6):
+        assert building(db, seed).check() == []
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+def test_planted_fault_is_the_only_finding(db: semmap.Database, fault: Fault) -> None:
+    for seed in range(10, 13):
+        here = building(db, seed)
+        kind, names = fault(here, random.Random(seed))
+        assert seen(here) == {(kind, frozenset(names))}
+        if fault in (is_held_elsewhere, is_stale):
+            assert here.fix(here.check()) == 1
+            assert here.check() == []
