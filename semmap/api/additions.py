@@ -300,6 +300,7 @@ def add_entry(
     on: str | None = None,
     in_: str | None = None,
     storey: str | None = None,
+    define: bool = False,
 ) -> MapEntity:
     """Store one entry, and state its holder where one is given; all of it or nothing."""
     if not entry.name:
@@ -308,6 +309,8 @@ def add_entry(
         raise ValueError(f"{entry.name} is on {on} or in {in_}, not both")
     if entry.name in map:
         raise ValueError(f"the map has an entity {entry.name} already")
+    if entry.type is not None and entry.kind != "connector" and not define:
+        map.check_type(entry.type, "define=True adds it")
     stated = on if on is not None else in_
     relation = "in" if on is None else "on"
     holder = map[stated] if stated is not None else None

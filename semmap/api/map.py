@@ -87,6 +87,7 @@ class Map(
         storey: str | None = None,
         type: str | None = None,
         label: str | None = None,
+        define: bool = False,
     ) -> MapEntity:
         """Add a room.
 
@@ -95,6 +96,7 @@ class Map(
         polygon : the outline, (N, 2) metres in the map's frame
         floor, ceiling : heights in the map's frame, metres
         storey : by default the one on whose floor it is, if there is one
+        define : add a type that the map does not have; otherwise it is refused
 
         Raises
         ------
@@ -103,7 +105,9 @@ class Map(
         """
         from semmap.api.additions import room
 
-        return self._add(room(name, polygon, floor, ceiling, type, label), storey=storey)
+        return self._add(
+            room(name, polygon, floor, ceiling, type, label), storey=storey, define=define
+        )
 
     def add_region(
         self,
@@ -115,11 +119,14 @@ class Map(
         type: str | None = None,
         label: str | None = None,
         storey: str | None = None,
+        define: bool = False,
     ) -> MapEntity:
         """Add a region (a zone): an outline with a meaning; as `add_room`."""
         from semmap.api.additions import region
 
-        return self._add(region(name, polygon, floor, ceiling, type, label), storey=storey)
+        return self._add(
+            region(name, polygon, floor, ceiling, type, label), storey=storey, define=define
+        )
 
     def add_object(
         self,
@@ -133,6 +140,7 @@ class Map(
         in_: str | None = None,
         label: str | None = None,
         properties: Mapping[str, Any] | None = None,
+        define: bool = False,
     ) -> MapEntity:
         """Add an object.
 
@@ -143,6 +151,7 @@ class Map(
         pose : (x, y, z, yaw) in the map's frame; by default the free
             place that is nearest to the middle of `on` or `in_`
         on, in_ : names of what holds it; without them, the geometry says it
+        define : add a type that the map does not have; otherwise it is refused
 
         Raises
         ------
@@ -150,12 +159,15 @@ class Map(
             The name is taken, a part contradicts another, the pose is not on or in the holder, or
             nothing on or in it is free.
         LookupError
-            There is no such holder.
+            There is no such holder, or no such type: the message names similar ones.
         """
         from semmap.api.additions import thing
 
         return self._add(
-            thing(name, "object", type, mesh, size, pose, label, properties), on=on, in_=in_
+            thing(name, "object", type, mesh, size, pose, label, properties),
+            on=on,
+            in_=in_,
+            define=define,
         )
 
     def add_agent(
@@ -167,11 +179,14 @@ class Map(
         mesh: str | Path | trimesh.Trimesh | Mesh | None = None,
         pose: PlanarPose | None = None,
         in_: str | None = None,
+        define: bool = False,
     ) -> MapEntity:
         """Add a robot or a person; as `add_object`."""
         from semmap.api.additions import thing
 
-        return self._add(thing(name, "agent", type, mesh, size, pose, None, None), in_=in_)
+        return self._add(
+            thing(name, "agent", type, mesh, size, pose, None, None), in_=in_, define=define
+        )
 
     def add_door(
         self,
@@ -250,7 +265,8 @@ class Map(
         on: str | None = None,
         in_: str | None = None,
         storey: str | None = None,
+        define: bool = False,
     ) -> MapEntity:
         from semmap.api.additions import add_entry
 
-        return add_entry(self, entry, on=on, in_=in_, storey=storey)
+        return add_entry(self, entry, on=on, in_=in_, storey=storey, define=define)

@@ -217,8 +217,12 @@ class MapQuestions:
                 parts = (error.diag.message_primary, error.diag.message_hint)
                 raise ValueError(". ".join(filter(None, parts))) from error
 
-    def check_type(self, type: str) -> None:
+    def check_type(self, type: str, remedy: str = "semmap types lists them") -> None:
         """Refuse a semantic type that the map does not have.
+
+        Parameters
+        ----------
+        remedy : what the message says to do
 
         Raises
         ------
@@ -228,7 +232,8 @@ class MapQuestions:
         if not self.execute("SELECT 1 FROM semantic_type WHERE name = %s", type):
             names = [row[0] for row in self.execute("SELECT name FROM semantic_type")]
             hint = suggestion(type, names, "semmap types lists them")
-            raise LookupError(f"the map has no type {type}{hint}")
+            remedy = "" if remedy in hint else f"; {remedy}"
+            raise LookupError(f"the map has no type {type}{hint}{remedy}")
 
     def transaction(self) -> AbstractContextManager[Any]:
         """A transaction: all statements in the ``with`` block, or none."""

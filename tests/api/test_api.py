@@ -255,3 +255,13 @@ def test_things_on_one_table_stand_side_by_side_until_it_is_full(flat: semmap.Ma
     assert all(mug.footprint.intersection(g).area < 1e-6 for g in grounds)  # type: ignore[union-attr]
     mug.put_on("stool")
     assert flat.check() == []
+
+
+def test_unknown_type_is_refused_unless_it_is_defined(flat: semmap.Map) -> None:
+    before = len(flat)
+    with pytest.raises(LookupError, match=r"the map has no type balll.*ball"):
+        flat.add_object("toy", type="balll", size=(0.1, 0.1, 0.1), in_="kitchen")
+    with pytest.raises(LookupError, match=r"the map has no type zyx.*define=True adds it"):
+        flat.add_agent("helper", type="zyx", in_="kitchen")
+    assert len(flat) == before
+    assert flat.add_object("toy", type="balll", in_="kitchen", define=True).is_a("balll")

@@ -56,7 +56,7 @@ def test_an_export_is_read_back(
         else:
             assert one.hausdorff_distance(other) < 1e-6
             assert entity.box == pytest.approx(old.box, abs=1e-4)
-    assert again.check() == []
+    assert {each.kind for each in again.check()} <= {"without geometry"}
 
 
 def test_geopackages_have_a_layer_for_each_kind(furnished: semmap.Map, tmp_path: Path) -> None:

@@ -42,7 +42,7 @@ def shelf(
         map_.add_room("room", [(0, 0), (3, 0), (3, 3), (0, 3)], floor=0, ceiling=2.5)
         map_.add_object("table", type="table", size=(1, 1, 0.7), pose=(1.5, 1.5, 0))
         sheet = trimesh.Trimesh([[0, 0, 0], [0.2, 0, 0], [0, 0.2, 0]], [[0, 1, 2]])
-        map_.add_object("sheet", type="paper", mesh=sheet, pose=(1.5, 1.5, 0.71))
+        map_.add_object("sheet", type="paper", define=True, mesh=sheet, pose=(1.5, 1.5, 0.71))
         cup = trimesh.creation.cylinder(0.03, 0.1)
         map_.add_object("cup", type="cup", mesh=cup, pose=(1.2, 1.5, 0.75))
     add = ("manipulation", "add-gripper", folder / "plates.urdf", "--name", "plates")

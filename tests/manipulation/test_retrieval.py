@@ -39,6 +39,7 @@ def test_the_shapes_of_all_meshes_are_found_once(house: Map) -> None:
     house.add_object(
         "flat",
         type="paper",
+        define=True,
         mesh=trimesh.Trimesh([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]]),
         pose=(0, 0, 0),
     )
@@ -140,7 +141,7 @@ def test_the_open_gripper_must_not_touch_the_object_unless_the_grasp_has_succeed
 ) -> None:
     """Beside linear programs over the links of the gripper and the faces of a box in the air."""
     here = house.connection
-    house.add_object("bar", type="bar", size=(0.05, 0.05, 0.16), pose=(3.4, 0.5, 1.4))
+    house.add_object("bar", type="bar", define=True, size=(0.05, 0.05, 0.16), pose=(3.4, 0.5, 1.4))
     free = {row["action_id"] for row in find_grasps(here, name="bar", limit=400).rows}
     every = find_grasps(here, name="bar", limit=400, check=False).rows
     touching = [row for row in every if row["action_id"] not in free]

@@ -63,7 +63,7 @@ def test_it_brings_a_small_object_from_one_table_to_another(demo: Demo) -> None:
     (picked,) = re.findall(rf"pickup\({wanted}, (\w+)\)", steps)
     with connect(demo.url) as db:
         house = db.map("small_house")
-        assert house.check() == []
+        assert not [each for each in house.check() if each.severity == "error"]
         held = [entity.name for entity in house[picked].contents]
         wanted_ones = {entity.name for entity in house.find(wanted)}
         assert wanted_ones & {*held}, "the task was in a copy: the map is as before"

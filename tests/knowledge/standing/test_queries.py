@@ -248,7 +248,7 @@ def make_workshop(database: Database, name: str) -> Map:
     made.add_door("gate", "hall", "store", [(5.1, 1), (5.1, 2)])
     made.add_object("bench", type="table", size=(1.4, 0.8, 0.8), pose=(2, 2, 0))
     made.add_object("cart", type="table", size=(0.8, 0.6, 0.4), pose=(8, 1, 0))
-    made.add_object("saw", type="sawhorse", size=(0.3, 0.1, 0.1), pose=(2, 2, 0.8))
+    made.add_object("saw", type="sawhorse", define=True, size=(0.3, 0.1, 0.1), pose=(2, 2, 0.8))
     made.add_object("glue", type="bottle", size=(0.1, 0.1, 0.2), pose=(8, 1, 0.4))
     made.add_agent("mia", type="person", size=(0.5, 0.5, 1.7), pose=(1, 1, 0))
     return made
