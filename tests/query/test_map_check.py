@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import random
 from collections.abc import Callable, Iterator
+from pathlib import Path
 
 import pytest
 
 import semmap
 from semmap.geometry.mesh import box_mesh, join
+from tests.conftest import Import
 
 NAMES = ("slab", "Wand", "estantería", "x17", "concrete_base", "Möbel", "cosa")
 """Names and types say nothing to the check: they are drawn at random."""
@@ -194,3 +196,26 @@ def test_planted_fault_is_the_only_finding(db: semmap.Database, fault: Fault) ->
         if fault in (is_held_elsewhere, is_stale):
             assert here.fix(here.check()) == 1
             assert here.check() == []
+
+
+@pytest.mark.parametrize("name", ["hotel", "clinic"])
+def test_real_buildings_have_the_findings_that_sql_counts(
+    imported: Import, worlds: Path, name: str
+) -> None:
+    path = worlds / "rmf" / name / f"{name}.building.yaml"
+    with imported((path, name)) as engine, semmap.connect(engine.url) as db:
+        here = db.map(name)
+        found = here.check()
+        without = here.execute(
+            "SELECT e.name FROM room r JOIN entity e ON e.id = r.entity_id WHERE NOT EXISTS "
+            "(SELECT FROM connector c WHERE e.id IN (c.place_a, c.place_b))"
+        )
+        shapeless = here.execute(
+            "SELECT e.name FROM entity e WHERE kind = 'object' AND NOT EXISTS "
+            "(SELECT FROM entity_model m WHERE m.entity_id = e.id)"
+        )
+    doorless = [each.entities for each in found if each.kind == "room without a door"]
+    assert sorted(doorless) == sorted(without)
+    (note,) = (each for each in found if each.kind == "without geometry")
+    assert sorted(note.entities) == sorted(row[0] for row in shapeless)
+    assert len(found) == len(without) + 1
