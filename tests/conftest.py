@@ -180,7 +180,7 @@ def databases() -> dict[str, str]:
 def make_database(cluster: URL, databases: dict[str, str]) -> Iterator[MakeDatabase]:
     """Fresh databases for fixtures of any scope; they are dropped when the tests end.
 
-    `semmap check` must be clean on each of them, whatever the tests did.
+    Stored holders and poses must be those derived on each, whatever the tests did.
     """
     worker = os.environ.get("PYTEST_XDIST_WORKER", "main")
     prefix = f"semmap_test_{worker}_{os.getpid()}"
@@ -215,7 +215,7 @@ def make_database(cluster: URL, databases: dict[str, str]) -> Iterator[MakeDatab
 def drop_database(cluster: URL, databases: dict[str, str]) -> Iterator[Callable[[URL], None]]:
     """Drops a database when its tests have ended, so that its files need never be written.
 
-    `semmap check` must be clean on it, whatever its tests did.
+    Its stored holders and poses must be those derived, whatever its tests did.
     """
     with administrator(cluster) as run:
 

@@ -19,7 +19,7 @@ LIMIT 10
 
 
 def contradictions(database: URL) -> list[Contradiction]:
-    """Return what `semmap check` lists for the maps of a database, ten rows at most.
+    """Return where stored holders and poses are not those that would be derived, ten at most.
 
     A database without the schema, or with that of an earlier revision, has none.
     """

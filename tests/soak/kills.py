@@ -179,7 +179,8 @@ class Soak:
     def _check(self) -> list[str]:
         url = self.cluster.ensure().render_as_string(hide_password=False)
         with semmap.connect(url) as db:
-            return [str(row) for name in (MIRRORED, IMPORTED) for row in db.map(name).check()]
+            found = (each for name in (MIRRORED, IMPORTED) for each in db.map(name).check())
+            return [str(each) for each in found if each.severity == "error"]
 
     def _kill_server(self) -> None:
         pid = int((self.cluster.data / "postmaster.pid").read_text().split()[0])
