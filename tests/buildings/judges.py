@@ -162,4 +162,17 @@ def judge_routes(building: Building, place: semmap.Map) -> tuple[int, list[str]]
     return len(pairs), wrong
 
 
-JUDGES: tuple[Judge, ...] = (judge_rooms, judge_holders, judge_parts, judge_grids, judge_routes)
+def judge_check(building: Building, place: semmap.Map) -> tuple[int, list[str]]:
+    """`Map.check` finds neither errors nor warnings in a sound building."""
+    wrong = [str(found) for found in place.check() if found.severity != "note"]
+    return len(building.items), wrong
+
+
+JUDGES: tuple[Judge, ...] = (
+    judge_rooms,
+    judge_holders,
+    judge_parts,
+    judge_grids,
+    judge_routes,
+    judge_check,
+)

@@ -305,6 +305,8 @@ def _wrong_room(building: Building) -> Found:
     for entity in [*building.objects, *building.agents]:
         if building.is_part(entity) or (entity.outline is None and entity.low is entity.high):
             continue
+        if entity.holder is not None and entity.holder.kind in ("object", "agent"):
+            continue  # its room is that of its place, not that of what it stands on
         shares = building.shares(entity)
         said = next((e for e in entity.chain if e.kind == "room"), None)
         says = None if said is None else said.name
