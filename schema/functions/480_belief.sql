@@ -301,12 +301,27 @@ END $$;
 
 -- What changes a belief.
 
+CREATE FUNCTION distance_outside(place bigint, spot double precision[])
+RETURNS double precision LANGUAGE sql STABLE
+BEGIN ATOMIC
+-- How far a position in the frame of a place is outside of it, metres: from its footprint and its height, above which
+-- what stands on it may be a metre high. Null without a footprint.
+SELECT greatest(ST_Distance(w.footprint, ST_MakePoint(p.at[1], p.at[2])), ST_ZMin(w.box) - p.at[3],
+                p.at[3] - greatest(ST_ZMax(w.box) + 1, w.pose[3] + coalesce(r.ceiling, 0)))
+FROM semmap.world w LEFT JOIN semmap.room r ON r.entity_id = w.entity_id,
+     LATERAL (SELECT semmap.pose_compose(w.pose, spot || ARRAY[0, 0, 0, 1]::double precision[])) p (at)
+WHERE w.entity_id = place AND w.footprint IS NOT NULL;
+END;
+
 CREATE FUNCTION observation_stamp()
 RETURNS trigger LANGUAGE plpgsql SECURITY DEFINER SET search_path = semmap, public, pg_temp AS $$
--- What is observed is an object or agent, at another entity of its map, and not in the future.
+-- What is observed is an object or agent, at another entity of its map and within it, not in the future, and by a
+-- detector that reports what is there at least as often as what is not.
 DECLARE
     thing semmap.entity := (SELECT e FROM semmap.entity e WHERE e.id = NEW.entity_id);
     place semmap.entity := (SELECT e FROM semmap.entity e WHERE e.id = NEW.place_id);
+    model semmap.belief_model := semmap.belief_model_of(thing.map_id);
+    away double precision := semmap.distance_outside(NEW.place_id, NEW.position);
 BEGIN
     IF thing.kind NOT IN ('object', 'agent') THEN
         RAISE EXCEPTION '% is a %: it is not searched for', thing.name, thing.kind
@@ -317,6 +332,13 @@ BEGIN
     ELSIF NEW.at > clock_timestamp() THEN
         RAISE EXCEPTION '% at %: the time of the observation, %, is in the future', thing.name, place.name, NEW.at
             USING ERRCODE = 'check_violation', HINT = 'Give the time in UTC, or with its time zone; compare the clocks.';
+    ELSIF coalesce(NEW.hit, model.there) < coalesce(NEW.false_alarm, model.elsewhere) THEN
+        RAISE EXCEPTION '% at %: hit, %, is below false_alarm, %', thing.name, place.name,
+                coalesce(NEW.hit, model.there), coalesce(NEW.false_alarm, model.elsewhere)
+            USING ERRCODE = 'check_violation', HINT = 'Exchange them, or state both: hit is P(seen | there).';
+    ELSIF away > 0.5 THEN
+        RAISE EXCEPTION '% at %: its position is % m outside of %', thing.name, place.name, round(away::numeric, 2), place.name
+            USING ERRCODE = 'check_violation', HINT = 'Positions are x, y, z in the frame of the place, in metres.';
     END IF;
     RETURN NEW;
 END $$;
@@ -357,6 +379,15 @@ BEGIN
         RAISE EXCEPTION '% cannot be on or in %: it has no room there', wrong.name, wrong.place
             USING ERRCODE = 'check_violation',
                   HINT = 'Places are rooms, containers, and surfaces of furniture that are large enough: see semmap.places_for().';
+    END IF;
+    SELECT t.name, p.name AS place, q.name AS other, f.at INTO wrong
+        FROM fresh f JOIN semmap.observation o ON o.entity_id = f.entity_id AND o.at = f.at AND o.seen AND o.place_id <> f.place_id
+         AND NOT (o.inside AND semmap.is_held_by(f.place_id, o.place_id)) AND NOT (f.inside AND semmap.is_held_by(o.place_id, f.place_id))
+        JOIN semmap.entity t ON t.id = f.entity_id JOIN semmap.entity p ON p.id = f.place_id JOIN semmap.entity q ON q.id = o.place_id
+        WHERE f.seen ORDER BY f.id LIMIT 1;
+    IF wrong IS NOT NULL THEN
+        RAISE EXCEPTION '% cannot be at % and at % at the same time, %', wrong.name, wrong.place, wrong.other, wrong.at
+            USING ERRCODE = 'check_violation', HINT = 'State where it was seen at last, or observe another object of its type.';
     END IF;
     RETURN NULL;
 END $$;

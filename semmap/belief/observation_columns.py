@@ -115,7 +115,8 @@ def observation_rates(
     Raises
     ------
     BeliefError
-        The model returns a rate that is not strictly between 0 and 1.
+        The model returns a rate that is not strictly between 0 and 1, or a detector sees what is
+        there less often than what is not.
     """
     there, elsewhere = model.rates(observations.age, mobility[observations.object])
     for name, rate in (("there", there), ("not there", elsewhere)):
@@ -130,6 +131,12 @@ def observation_rates(
     if observations.false_alarm is not None:
         own = observations.false_alarm
         elsewhere = np.where(np.isnan(own), elsewhere, own)
+    if (there < elsewhere).any():
+        first = int(np.argmax(there < elsewhere))
+        raise BeliefError(
+            f"observation {first}: hit is {there[first]:g}, below false_alarm, which is "
+            f"{elsewhere[first]:g}: exchange them"
+        )
     return there, elsewhere
 
 

@@ -229,6 +229,8 @@ def _detected(seen: Sequence[str]) -> dict[str, list[float]]:
         name, equals, where = given.partition("=")
         if not equals or not name:
             raise typer.BadParameter(f"--seen takes NAME=X,Y,Z, not {given}")
+        if name in detected:
+            raise typer.BadParameter(f"--seen has {name} twice: one thing is at one place")
         detected[name] = numbers(where, "--seen", 3)
     return detected
 

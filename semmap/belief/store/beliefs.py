@@ -173,7 +173,7 @@ def add_observations(session: Session, rows: Iterable[Mapping[str, Any]]) -> lis
 INSERT = """
 INSERT INTO observation (entity_id, place_id, observer_id, seen, at, inside, visible, hit,
                          false_alarm, position)
-SELECT object, place, observer, seen, coalesce(at, clock_timestamp()), inside, visible, hit,
+SELECT object, place, observer, seen, coalesce(at, statement_timestamp()), inside, visible, hit,
        false_alarm, CASE WHEN x IS NOT NULL THEN ARRAY[x, y, z] END
 FROM unnest(%s::bigint[], %s::bigint[], %s::bigint[], %s::boolean[], %s::timestamptz[],
             %s::boolean[], %s::float8[], %s::float8[], %s::float8[], %s::float8[], %s::float8[],

@@ -86,7 +86,7 @@ def test_beliefs_are_those_of_the_formula(flat: Map, seed: int) -> None:
             "object": "coke",
             "place": source.choice(sorted(PLACES)),
             "seen": source.random() < 0.5,
-            "at": ago(source.choice([0, 1, 11.5, 60, 1e5, 3e8])),
+            "at": ago(source.choice([0, 1, 11.5, 60, 1e5, 3e8]) + source.random()),
         }
         if source.random() < 0.5:
             row["visible"] = source.uniform(0.01, 1) if not row["seen"] else 1.0
@@ -154,10 +154,16 @@ def test_the_past_is_believed_as_it_was_known(flat: Map) -> None:
         ({"seen": 1}, "seen is 1: give true or false"),
         ({"place": "coke"}, "not its own place"),
         ({"position": [0, math.inf, 0]}, "position is"),
+        ({"position": [5000, 0, 0.8]}, "coke at table: its position is 4999.20 m outside of table"),
+        ({"position": [0, 0, 9]}, r"its position is 7\.25 m outside of table"),
+        ({"hit": 0.1, "false_alarm": 0.2}, "coke at table: hit, 0.1, is below false_alarm, 0.2"),
+        ({"false_alarm": 0.95}, "is below false_alarm, 0.95"),
         ({"colour": "red"}, "colour is not one of object, place"),
         ({"place": "cereal"}, "coke cannot be on or in cereal: it has no room there"),
         ({"object": "piano"}, "piano cannot be on or in table"),
         ({"object": "kitchen"}, "kitchen is a room: it is not searched for"),
+        ({"place": "bench"}, "coke cannot be at table and at bench at the same time"),
+        ({"place": "hall", "inside": True}, "cannot be at table and at hall at the same time"),
         ({"place": "tabel"}, "no entity tabel; did you mean table"),
         ({"object": "cok"}, "no entity cok; did you mean coke"),
     ],
@@ -170,6 +176,15 @@ def test_bad_observations_are_refused_and_nothing_is_stored(
         observe(flat, good, good | change)
     assert flat.execute("SELECT count(*) FROM observation") == [(0,)]
     assert flat.execute("SELECT count(*) FROM belief") == [(0,)]
+
+
+def test_a_room_and_what_is_in_it_are_no_contradiction(flat: Map) -> None:
+    seen = {"object": "coke", "seen": True, "at": NOW}
+    observe(flat, seen | {"place": "table"}, seen | {"place": "kitchen", "inside": True})
+    observe(flat, seen | {"place": "bench", "seen": False})
+    with pytest.raises(BeliefError, match="cannot be at bench and at"), flat.transaction():
+        observe(flat, seen | {"place": "bench"})
+    assert flat.execute("SELECT count(*) FROM observation") == [(3,)]
 
 
 @pytest.mark.parametrize(
