@@ -96,8 +96,8 @@ BEGIN
         SELECT n.id, b.x, b.y, b.z, 1, b.digest, b.bytes
         FROM semmap.field n JOIN semmap.field f ON f.map_id = original.id AND f.name = n.name
         JOIN semmap.field_block b ON b.field_id = f.id AND b.until IS NULL WHERE n.map_id = copied;
-    INSERT INTO semmap.placement (entity_id, holder_id, pose, relation, confidence)
-        SELECT t.new, h.new, p.pose, p.relation, p.confidence
+    INSERT INTO semmap.placement (entity_id, holder_id, pose, relation, confidence, since)
+        SELECT t.new, h.new, p.pose, p.relation, p.confidence, p.since
         FROM semmap.placement p JOIN pg_temp.twin t ON t.old = p.entity_id LEFT JOIN pg_temp.twin h ON h.old = p.holder_id;
     INSERT INTO semmap.entity_model (entity_id, model_id, role)
         SELECT t.new, m.model_id, m.role FROM semmap.entity_model m JOIN pg_temp.twin t ON t.old = m.entity_id;
@@ -110,7 +110,7 @@ BEGIN
         WHERE s.map_id = original.id;
     INSERT INTO semmap.taught_relation SELECT copied, subject, relation, object FROM semmap.taught_relation WHERE map_id = original.id;
     INSERT INTO semmap.taught_action SELECT copied, action, cause, effect FROM semmap.taught_action WHERE map_id = original.id;
-    INSERT INTO semmap.belief_model SELECT copied, there, elsewhere, change, seconds, prior_elsewhere, prior_history, prior_typical
+    INSERT INTO semmap.belief_model SELECT copied, there, elsewhere, change, seconds, moves, stated, prior_elsewhere, prior_history, prior_typical
         FROM semmap.belief_model WHERE map_id = original.id;
     INSERT INTO semmap.observation (entity_id, place_id, at, seen, inside, position, visible, hit, false_alarm, observer_id)
         SELECT t.new, p.new, o.at, o.seen, o.inside, o.position, o.visible, o.hit, o.false_alarm, w.new

@@ -6,7 +6,7 @@ RETURNS belief_model LANGUAGE sql STABLE
 BEGIN ATOMIC
 -- How sightings of a map are judged: its row, else the defaults of the table.
 SELECT m FROM semmap.belief_model m WHERE m.map_id = of_map
-UNION ALL SELECT ROW (of_map, 0.6, 0.3, 0.1, 10, 0.1, 0.5, 4)::semmap.belief_model LIMIT 1;
+UNION ALL SELECT ROW (of_map, 0.9, 0.00001, 0, 10, 86400, 0.95, 0.1, 0.5, 4)::semmap.belief_model LIMIT 1;
 END;
 
 CREATE FUNCTION property_of(thing bigint, key text)
@@ -170,56 +170,184 @@ BEGIN
     FROM thing t LEFT JOIN (SELECT DISTINCT p.id FROM place p) p ON p.id = t.id;
 END $$;
 
-CREATE FUNCTION belief_given(things bigint[], places bigint[], priors double precision[], moment timestamptz)
+CREATE FUNCTION statements_about(things bigint[], places bigint[], moment timestamptz)
+RETURNS TABLE (entity_id bigint, at timestamptz, place_ids bigint[]) LANGUAGE plpgsql STABLE ROWS 1000 COST 10000
+SET search_path = semmap, public, pg_temp SET plan_cache_mode = force_generic_plan SET enable_seqscan = off AS $$
+-- Where the map has put things until a moment, as far as it still knows: the last time at each of up to 20 places, one
+-- after the other. Things and places are pairs. Of a stay in a holder that is no place, such as a storey, any of the
+-- places in it; of a thing on or in nothing, the place of its pose; else elsewhere, which is null.
+BEGIN
+    RETURN QUERY
+    WITH RECURSIVE pair AS MATERIALIZED (
+        SELECT p.id, p.place FROM unnest(things, places) p (id, place)
+    ), stay AS MATERIALIZED (
+        SELECT p.entity_id AS id, p.holder_id, p.since AS begun, true AS last FROM semmap.placement p
+        WHERE p.entity_id = ANY (things) AND p.since <= moment
+      UNION ALL
+        SELECT h.entity_id, h.holder_id, lower(h.during), false FROM semmap.placement_history h
+        WHERE h.entity_id = ANY (things) AND lower(h.during) <= moment
+    ), above (start, id, depth) AS (
+        SELECT DISTINCT s.holder_id, s.holder_id, 0 FROM stay s WHERE s.holder_id IS NOT NULL
+      UNION ALL
+        SELECT a.start, p.holder_id, a.depth + 1 FROM above a JOIN semmap.placement p ON p.entity_id = a.id WHERE p.holder_id IS NOT NULL
+    ), known AS MATERIALIZED (  -- a thing and a holder
+        SELECT DISTINCT s.id, s.holder_id FROM stay s
+    ), up AS (
+        SELECT DISTINCT ON (k.id, k.holder_id) k.id, k.holder_id, ARRAY[p.place] AS place_ids
+        FROM known k JOIN above a ON a.start = k.holder_id JOIN pair p ON p.id = k.id AND p.place = a.id
+        ORDER BY k.id, k.holder_id, a.depth
+    ), down AS (
+        SELECT k.id, k.holder_id, array_agg(p.place) AS place_ids
+        FROM known k JOIN pair p ON p.id = k.id AND semmap.is_held_by(p.place, k.holder_id)
+        WHERE NOT EXISTS (SELECT FROM up WHERE up.id = k.id AND up.holder_id = k.holder_id) GROUP BY 1, 2
+    ), placed AS (
+        SELECT s.id, s.begun, s.last, coalesce(u.place_ids, d.place_ids,
+                                               CASE WHEN s.last THEN ARRAY[semmap.place_of(s.id, ARRAY(SELECT p.place FROM pair p WHERE p.id = s.id))] END) AS place_ids
+        FROM stay s LEFT JOIN up u ON u.id = s.id AND u.holder_id = s.holder_id LEFT JOIN down d ON d.id = s.id AND d.holder_id = s.holder_id
+    ), ended AS (
+        SELECT p.*, lead(p.place_ids) OVER (PARTITION BY p.id ORDER BY p.begun) AS next FROM placed p WHERE p.place_ids IS NOT NULL
+    ), ranked AS (
+        SELECT e.*, row_number() OVER (PARTITION BY e.id ORDER BY e.begun DESC) AS age FROM ended e WHERE e.place_ids IS DISTINCT FROM e.next
+    )
+    SELECT r.id, r.begun, r.place_ids FROM ranked r WHERE r.age <= 20;
+END $$;
+
+CREATE FUNCTION place_of(thing bigint, places bigint[])
+RETURNS bigint LANGUAGE sql STABLE
+BEGIN ATOMIC
+-- That of some places at which an entity is by its pose: the surface below it, else the container or the room around it.
+SELECT w.entity_id
+FROM semmap.world t, LATERAL (SELECT ST_MakePoint(t.pose[1], t.pose[2]), ST_ZMin(t.box)) foot (point, z),
+     unnest(places) p (id) JOIN semmap.world w ON w.entity_id = p.id JOIN semmap.entity e ON e.id = p.id
+     LEFT JOIN semmap.room r ON r.entity_id = p.id
+     LEFT JOIN LATERAL (SELECT max(s.height) AS height FROM semmap.entity_model m JOIN semmap.support_surface s ON s.model_id = m.model_id
+                        WHERE m.entity_id = p.id AND foot.z - w.pose[3] - s.height BETWEEN -0.05 AND 0.5) board ON e.kind = 'object'
+WHERE t.entity_id = thing AND ST_DWithin(w.footprint, foot.point, 0.03)
+  AND CASE WHEN e.kind = 'room' THEN foot.z BETWEEN w.pose[3] + coalesce(r.floor, 0) - 0.05 AND greatest(w.pose[3] + coalesce(r.ceiling, 2.5), ST_ZMax(w.box))
+           ELSE board.height IS NOT NULL OR EXISTS (SELECT FROM semmap.type_closure c WHERE c.sub = e.type AND c.super IN ('storage_furniture', 'container')) AND foot.z BETWEEN ST_ZMin(w.box) AND ST_ZMax(w.box) END
+ORDER BY e.kind = 'room', w.pose[3] + board.height DESC NULLS LAST, ST_Area(w.footprint) LIMIT 1;
+END;
+
+CREATE FUNCTION belief_given(things bigint[], places bigint[], priors double precision[], moment timestamptz,
+                             moves double precision DEFAULT NULL, looks boolean DEFAULT true)
 RETURNS TABLE (entity_id bigint, place_id bigint, prior double precision, probability double precision)
 LANGUAGE plpgsql STABLE ROWS 1000 COST 10000
 SET search_path = semmap, public, pg_temp SET plan_cache_mode = force_generic_plan SET enable_seqscan = off AS $$
--- Where things were at a moment, by their priors (a thing, a place and a probability each) and the observations
--- until then. Observations are independent, given the place:
--- log p(place) = log prior + the sum over the observations at the place of log(P(seen | there) / P(seen | not there)),
--- and so for "not seen". Of a place that is in view to a share v, both rates are v times as large.
+-- Where things were at a moment, by their priors (a thing, a place and a probability each) and all that was stated and
+-- observed until then, one after the other:
+--   in t seconds, a thing of mobility M stays with k = exp(-t M / moves), else it is put anywhere: p' = k p + (1 - k) prior;
+--   where the map puts it, it is with the probability `stated`, else where it was before;
+--   an observation multiplies its place by P(seen | there) / P(seen | not there), and so for "not seen". Of a place that is
+--   in view to a share v, both rates are v times as large.
+DECLARE
+    step record;
+    last record;  -- the step before
+    thing bigint;  -- of that step
+    at_place double precision[];
+    total double precision;  -- of at_place
+    since timestamptz;
+    keep double precision;
+    i integer;
 BEGIN
-    RETURN QUERY
-    WITH looked AS (
-        SELECT o.entity_id, o.place_id, o.inside, o.seen, o.visible, coalesce(o.false_alarm, m.elsewhere - m.change * f.fresh) AS b,
-               coalesce(o.hit, m.there + m.change * f.fresh) AS a
-        FROM (SELECT e.id, semmap.property_of(e.id, 'mobility') AS mobility, e.map_id
-              FROM unnest(things) given (id) JOIN semmap.entity e ON e.id = given.id GROUP BY e.id) t
-        JOIN semmap.observation o ON o.entity_id = t.id AND o.at <= moment,
-        LATERAL semmap.belief_model_of(t.map_id) m,
-        LATERAL (SELECT exp(-least(extract(epoch FROM moment - o.at)::double precision * greatest(coalesce(t.mobility, 1), 0)
-                                   / m.seconds, 700))) f (fresh)
-    ), evidence AS MATERIALIZED (
-        SELECT l.entity_id, l.place_id, l.inside,
-               sum(CASE WHEN l.seen THEN ln(l.a / l.b) ELSE ln((1 - l.visible * l.a) / (1 - l.visible * l.b)) END) AS weight
-        FROM looked l GROUP BY 1, 2, 3
-    ), given AS MATERIALIZED (
-        SELECT p.* FROM unnest(things, places, priors) p (id, place, prior)
-    ), at_place AS (
-        SELECT v.entity_id, v.place_id, v.weight FROM evidence v WHERE NOT v.inside
-    ), around AS (
-        SELECT g.id, g.place, sum(v.weight) AS weight FROM evidence v JOIN given g ON g.id = v.entity_id
-        WHERE v.inside AND (g.place = v.place_id OR semmap.is_held_by(g.place, v.place_id)) GROUP BY g.id, g.place
-    ), weighed AS (
-        SELECT g.id, g.place, g.prior,
-               CASE WHEN g.prior > 0 THEN ln(g.prior) + coalesce(p.weight, 0) + coalesce(a.weight, 0) END AS weight
-        FROM given g LEFT JOIN at_place p ON p.entity_id = g.id AND p.place_id = g.place
-        LEFT JOIN around a ON a.id = g.id AND a.place = g.place
-    ), scaled AS (
-        SELECT w.*, coalesce(exp(greatest(w.weight - max(w.weight) OVER (PARTITION BY w.id), -700)), 0) AS share FROM weighed w
-    )
-    SELECT s.id, s.place, s.prior, s.share / sum(s.share) OVER (PARTITION BY s.id) FROM scaled s;
+    FOR step IN
+        WITH pair AS MATERIALIZED (
+            SELECT p.id, p.place, p.prior, row_number() OVER (PARTITION BY p.id ORDER BY p.place)::integer AS n
+            FROM unnest(things, places, priors) p (id, place, prior)
+        ), thing AS MATERIALIZED (
+            SELECT g.*, e.map_id, greatest(coalesce(semmap.property_of(g.id, 'mobility'), 1), 0) AS mobility
+            FROM (SELECT p.id, array_agg(p.place ORDER BY p.n) AS places, array_agg(p.prior ORDER BY p.n) AS priors FROM pair p GROUP BY p.id) g
+            JOIN semmap.entity e ON e.id = g.id
+        ), spot AS MATERIALIZED (
+            SELECT o.*, (SELECT array_agg(p.n) FROM pair p WHERE p.id = o.entity_id AND (p.place = o.place_id
+                                                                     OR o.inside AND semmap.is_held_by(p.place, o.place_id))) AS hits
+            FROM (SELECT DISTINCT o.entity_id, o.place_id, o.inside FROM thing t JOIN semmap.observation o ON o.entity_id = t.id
+                  WHERE looks AND o.at <= moment) o
+        ), look AS (
+            SELECT o.entity_id, o.at, o.id AS number, s.hits, o.seen, o.visible,
+                   coalesce(o.hit, m.there + m.change * f.fresh) AS a, coalesce(o.false_alarm, m.elsewhere - m.change * f.fresh) AS b
+            FROM thing t JOIN semmap.observation o ON o.entity_id = t.id AND o.at <= moment
+            JOIN spot s ON s.entity_id = o.entity_id AND s.place_id = o.place_id AND s.inside = o.inside AND s.hits IS NOT NULL,
+            LATERAL semmap.belief_model_of(t.map_id) m,
+            LATERAL (SELECT exp(-least(extract(epoch FROM moment - o.at)::double precision * t.mobility / m.seconds, 700))) f (fresh)
+        ), evidence AS (
+            SELECT l.entity_id, l.at, l.number, l.hits, CASE WHEN l.seen THEN l.a / l.b ELSE (1 - l.visible * l.a) / (1 - l.visible * l.b) END AS ratio
+            FROM look l
+          UNION ALL
+            SELECT s.entity_id, s.at, 0, (SELECT array_agg(p.n) FROM pair p WHERE p.id = s.entity_id AND (p.place = ANY (s.place_ids)
+                                            OR p.place IS NULL AND s.place_ids = ARRAY[NULL::bigint])), NULL
+            FROM semmap.statements_about(things, places, moment) s
+        )
+        SELECT t.id, t.places, t.priors, t.mobility / coalesce(belief_given.moves, m.moves) AS rate, m.stated, v.at, v.hits, v.ratio
+        FROM thing t LEFT JOIN evidence v ON v.entity_id = t.id, LATERAL semmap.belief_model_of(t.map_id) m
+        ORDER BY t.id, v.at, v.number
+    LOOP
+        IF thing IS DISTINCT FROM step.id THEN
+            IF thing IS NOT NULL THEN
+                RETURN QUERY SELECT * FROM semmap.belief_after(last.id, last.places, last.priors, at_place, last.rate, moment - since);
+            END IF;
+            thing := step.id;
+            at_place := step.priors;
+            total := 1;
+            since := step.at;
+        END IF;
+        last := step;
+        CONTINUE WHEN step.at IS NULL;
+        keep := exp(-least(extract(epoch FROM step.at - since)::double precision * step.rate, 60));
+        since := step.at;
+        IF keep < 1 THEN
+            FOR i IN 1 .. cardinality(at_place) LOOP
+                at_place[i] := keep * at_place[i] / total + (1 - keep) * step.priors[i];
+            END LOOP;
+            total := 1;
+        END IF;
+        IF step.ratio IS NULL THEN
+            keep := 0;  -- what is at the stated places already
+            FOREACH i IN ARRAY step.hits LOOP
+                keep := keep + at_place[i];
+            END LOOP;
+            CONTINUE WHEN keep = 0;
+            FOREACH i IN ARRAY step.hits LOOP  -- the others stay as they are, and the total grows
+                at_place[i] := at_place[i] * (1 + step.stated / (1 - step.stated) * total / keep);
+            END LOOP;
+            total := total / (1 - step.stated);
+        ELSE
+            FOREACH i IN ARRAY step.hits LOOP
+                keep := at_place[i];
+                at_place[i] := greatest(keep * step.ratio, least(keep, 1e-200));
+                total := total + at_place[i] - keep;
+            END LOOP;
+        END IF;
+        IF total NOT BETWEEN 0.01 AND 1e9 THEN
+            total := (SELECT sum(p) FROM unnest(at_place) p);
+            at_place := ARRAY(SELECT p / total FROM unnest(at_place) WITH ORDINALITY a (p, n) ORDER BY n);
+            total := 1;
+        END IF;
+    END LOOP;
+    IF thing IS NOT NULL THEN
+        RETURN QUERY SELECT * FROM semmap.belief_after(last.id, last.places, last.priors, at_place, last.rate, moment - since);
+    END IF;
 END $$;
 
-CREATE FUNCTION belief_at(things bigint[], moment timestamptz)
+CREATE FUNCTION belief_after(thing bigint, places bigint[], priors double precision[], at_place double precision[],
+                             rate double precision, since interval)
+RETURNS TABLE (entity_id bigint, place_id bigint, prior double precision, probability double precision)
+LANGUAGE sql IMMUTABLE
+BEGIN ATOMIC
+-- The belief some time after it was as some weights, if things are moved at a rate.
+SELECT thing, p.place, p.prior, k.keep * p.weight / sum(p.weight) OVER () + (1 - k.keep) * p.prior
+FROM unnest(places, priors, at_place) p (place, prior, weight),
+     LATERAL (SELECT coalesce(exp(-least(extract(epoch FROM since)::double precision * rate, 60)), 1)) k (keep);
+END;
+
+CREATE FUNCTION belief_at(things bigint[], moment timestamptz, moves double precision DEFAULT NULL, looks boolean DEFAULT true)
 RETURNS TABLE (entity_id bigint, place_id bigint, prior double precision, probability double precision)
 LANGUAGE sql STABLE ROWS 1000 COST 20000 SET search_path = semmap, public, pg_temp AS $$
--- Where each thing was at a moment: at the places that the map has now, by the observations until then.
+-- Where each thing was at a moment: at the places that the map has now, by what was stated and observed until then.
 SELECT b.* FROM (SELECT array_agg(p.entity_id), array_agg(p.place_id), array_agg(p.prior) FROM semmap.prior_of(things) p) p (ids, places, priors),
-    LATERAL semmap.belief_given(p.ids, p.places, p.priors, moment) b
+    LATERAL semmap.belief_given(p.ids, p.places, p.priors, moment, moves, looks) b
 $$;
 
-CREATE FUNCTION where_is(thing text, moment timestamptz DEFAULT statement_timestamp())
+CREATE FUNCTION where_is(thing text, moment timestamptz DEFAULT statement_timestamp(), moves double precision DEFAULT NULL)
 RETURNS TABLE (place text, probability double precision, prior double precision, holder text, last_seen timestamptz, last_missed timestamptz)
 LANGUAGE plpgsql STABLE SET search_path = semmap, public, pg_temp AS $$
 -- Where an object or agent of the current map probably is at a moment, the most probable place first; "elsewhere" is
@@ -236,7 +364,7 @@ BEGIN
         SELECT coalesce(e.name, 'elsewhere'), b.probability, b.prior, h.name,
                (SELECT max(o.at) FROM semmap.observation o WHERE o.entity_id = of_thing AND o.place_id = b.place_id AND o.seen AND o.at <= moment),
                (SELECT max(o.at) FROM semmap.observation o WHERE o.entity_id = of_thing AND o.place_id = b.place_id AND NOT o.seen AND o.at <= moment)
-        FROM semmap.belief_at(ARRAY[of_thing], moment) b LEFT JOIN semmap.entity e ON e.id = b.place_id
+        FROM semmap.belief_at(ARRAY[of_thing], moment, moves) b LEFT JOIN semmap.entity e ON e.id = b.place_id
         LEFT JOIN semmap.placement p ON p.entity_id = b.place_id LEFT JOIN semmap.entity h ON h.id = p.holder_id
         ORDER BY b.probability DESC, b.place_id IS NULL, e.name;
 END $$;
@@ -405,11 +533,12 @@ END $$;
 CREATE FUNCTION belief_moved()
 RETURNS trigger LANGUAGE plpgsql SECURITY DEFINER SET search_path = semmap, public, pg_temp
 SET plan_cache_mode = force_generic_plan SET enable_seqscan = off AS $$
--- A placement by the map is a part of the prior.
+-- A placement by the map is evidence. An agent moves all the time: it counts once in each holder.
 DECLARE
     moved bigint[] := ARRAY(
-        SELECT n.entity_id FROM former o FULL JOIN fresh n USING (entity_id)  -- full: as in placement_updated
-        WHERE coalesce(o.entity_id = n.entity_id, false) AND o.holder_id IS DISTINCT FROM n.holder_id);
+        SELECT n.entity_id FROM former o FULL JOIN fresh n USING (entity_id) JOIN semmap.entity e ON e.id = n.entity_id  -- full: as in placement_updated
+        WHERE coalesce(o.entity_id = n.entity_id, false)
+          AND (o.holder_id IS DISTINCT FROM n.holder_id OR e.kind = 'object' AND o.pose <> n.pose));
 BEGIN
     PERFORM semmap.refresh_belief(ARRAY(SELECT DISTINCT b.entity_id FROM semmap.belief b WHERE b.entity_id = ANY (moved)));
     RETURN NULL;

@@ -21,21 +21,26 @@ CREATE TABLE taught_action (
     CHECK (cause <> effect)
 );
 
--- How sightings of a map are judged; a map without a row has the defaults. With the age of a sighting in seconds
+-- How evidence is judged in a map; a map without a row has the defaults. With the age of a sighting in seconds
 -- and the mobility of its object, fresh = exp(-age * mobility / seconds):
 --   P(seen | there) = there + change * fresh, P(seen | not there) = elsewhere - change * fresh.
+-- By default a sighting keeps its value, and its object may have moved since.
 CREATE TABLE belief_model (
     map_id          integer PRIMARY KEY REFERENCES map ON DELETE CASCADE,
-    there           double precision NOT NULL DEFAULT 0.6,
-    elsewhere       double precision NOT NULL DEFAULT 0.3,
-    change          double precision NOT NULL DEFAULT 0.1,
+    there           double precision NOT NULL DEFAULT 0.9,
+    elsewhere       double precision NOT NULL DEFAULT 0.00001,
+    change          double precision NOT NULL DEFAULT 0,
     seconds         double precision NOT NULL DEFAULT 10,
+    moves           double precision NOT NULL DEFAULT 86400,   -- seconds in which a thing of mobility 1 is moved once
+    stated          double precision NOT NULL DEFAULT 0.95,    -- that a thing is where the map puts it, at that time
     prior_elsewhere double precision NOT NULL DEFAULT 0.1,     -- of being at none of the places
     prior_history   double precision NOT NULL DEFAULT 0.5,     -- the share of former and present placements, where there are any
     prior_typical   double precision NOT NULL DEFAULT 4,       -- a place where such things are found, to any other place
     CONSTRAINT belief_model_rates_are_between_0_and_1 CHECK (
         change >= 0 AND elsewhere - change > 0 AND there + change < 1 AND elsewhere <= there),
     CONSTRAINT belief_model_seconds_is_positive CHECK (seconds > 0 AND seconds < 'Infinity'),
+    CONSTRAINT belief_model_moves_is_positive CHECK (moves > 0),
+    CONSTRAINT belief_model_stated_is_a_share CHECK (stated >= 0 AND stated < 1),
     CONSTRAINT belief_model_priors_are_shares CHECK (
         prior_elsewhere >= 0 AND prior_elsewhere < 1 AND prior_history >= 0 AND prior_history < 1
         AND prior_typical > 0 AND prior_typical < 'Infinity')

@@ -70,22 +70,23 @@ class MapBeliefs(MapQuestions):
             As `where`; `occlusion` and `moves` together, or an object of unknown volume.
         """
         from semmap.belief.believed_places import BelievedPlaces
+        from semmap.belief.motion import MotionModel
         from semmap.belief.store.beliefs import where
 
         if occlusion and moves is not None:
             raise ValueError("choose occlusion or moves: no model has both")
-        moment = aware(at)
-        with self.snapshot() as seen:
-            found = {n: BelievedPlaces(n, where(seen, n, moment), moment) for n in names}
-            if not occlusion and moves is None:
-                return found
-            from semmap.belief.estimates import belief_with_motion, belief_with_occlusion
-            from semmap.belief.motion import MotionModel
+        moment, session = aware(at), self.connection
+        if moves is not None:
+            moves = MotionModel(moves).seconds
+        found = {
+            name: BelievedPlaces(name, where(session, name, moment, moves), moment)
+            for name in names
+        }
+        if not occlusion:
+            return found
+        from semmap.belief.estimates import belief_with_occlusion
 
-            if moves is None:
-                estimates = belief_with_occlusion(seen, names, moment)
-            else:
-                estimates = belief_with_motion(seen, names, MotionModel(moves), moment)
+        estimates = belief_with_occlusion(session, names, moment)
         return found | {name: found[name].revised(of) for name, of in estimates.items()}
 
     def draw_belief(

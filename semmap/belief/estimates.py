@@ -1,4 +1,4 @@
-"""Beliefs of objects of the map that may hide each other, or that may have moved."""
+"""Beliefs of objects of the map that may hide each other."""
 
 from __future__ import annotations
 
@@ -9,12 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from semmap.belief.error import BeliefError
-from semmap.belief.motion import MotionModel, infer_with_motion
 from semmap.belief.occlusion import infer_with_occlusion
 from semmap.belief.reader import BeliefColumns, read_columns, read_model
 from semmap.query.snapshot import Snapshot
 
-__all__ = ["belief_with_motion", "belief_with_occlusion", "known_volumes"]
+__all__ = ["belief_with_occlusion", "known_volumes"]
 
 Belief = dict[str, dict[str, float]]
 """The probability of each place, for each object; the place `elsewhere` included."""
@@ -24,6 +23,8 @@ def belief_with_occlusion(
     seen: Snapshot, names: Sequence[str], at: datetime | None = None
 ) -> Belief:
     """Return where objects are, if the larger ones among them may hide the smaller ones.
+
+    They have not moved since the first observation after the map was told where they are.
 
     Raises
     ------
@@ -39,25 +40,6 @@ def belief_with_occlusion(
         columns.mobility,
         known_volumes(columns),
         model=model,
-    )
-    return _by_name(columns, probability)
-
-
-def belief_with_motion(
-    seen: Snapshot, names: Sequence[str], motion: MotionModel, at: datetime | None = None
-) -> Belief:
-    """Return where objects are, if they may have moved since they were observed.
-
-    Sightings do not lose value by their age; moves are as frequent as the motion says.
-
-    Raises
-    ------
-    LookupError
-        The map has no entity of a name.
-    """
-    columns, model = read_columns(seen, names, at), read_model(seen)
-    probability = infer_with_motion(
-        columns.prior, columns.observations, columns.mobility, motion, model=model
     )
     return _by_name(columns, probability)
 

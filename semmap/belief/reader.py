@@ -162,8 +162,8 @@ class BeliefColumns:
     Attributes
     ----------
     objects, places : names of rows and columns; the last place is *elsewhere*
-    prior : (objects, places), rows sum to 1; 0 where an object has no room
-    observations : ages relative to the moment that was asked for
+    prior : (objects, places), by what the map was told; rows sum to 1; 0 where there is no room
+    observations : those since then; ages relative to the moment that was asked for
     mobility : (objects,)
     volume : (objects,) cubic metres; NaN where unknown
     """
@@ -177,18 +177,23 @@ class BeliefColumns:
 
 
 _PRIORS = """
-SELECT t.name, coalesce(e.name, 'elsewhere') AS place, p.prior
-FROM prior_of(%(ids)s) p JOIN entity t ON t.id = p.entity_id LEFT JOIN entity e ON e.id = p.place_id
+SELECT t.name, coalesce(e.name, 'elsewhere') AS place, p.probability
+FROM belief_at(%(ids)s, %(at)s, NULL, false) p JOIN entity t ON t.id = p.entity_id LEFT JOIN entity e ON e.id = p.place_id
 """
 
 _LOOKS = """
+WITH place AS MATERIALIZED (SELECT * FROM places_for(%(ids)s)),
+stated AS MATERIALIZED (
+    SELECT s.entity_id, max(s.at) AS at
+    FROM (SELECT array_agg(entity_id) AS ids, array_agg(place_id) AS places FROM place) p,
+    LATERAL statements_about(p.ids, p.places, %(at)s) s GROUP BY 1)
 SELECT t.name, e.name AS place, o.seen, o.visible, o.hit, o.false_alarm,
        extract(epoch FROM %(at)s - o.at)::float8 AS age
 FROM observation o JOIN entity t ON t.id = o.entity_id
-JOIN places_for(%(ids)s) p ON p.entity_id = o.entity_id
+JOIN place p ON p.entity_id = o.entity_id
  AND (p.place_id = o.place_id OR o.inside AND is_held_by(p.place_id, o.place_id))
-JOIN entity e ON e.id = p.place_id
-WHERE o.entity_id = ANY (%(ids)s) AND o.at <= %(at)s ORDER BY o.at, o.id
+JOIN entity e ON e.id = p.place_id LEFT JOIN stated s ON s.entity_id = o.entity_id
+WHERE o.entity_id = ANY (%(ids)s) AND o.at <= %(at)s AND o.at >= coalesce(s.at, '-infinity') ORDER BY o.at, o.id
 """
 
 

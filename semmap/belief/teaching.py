@@ -52,6 +52,8 @@ MODEL = (
     "elsewhere",
     "change",
     "seconds",
+    "moves",
+    "stated",
     "prior_elsewhere",
     "prior_history",
     "prior_typical",

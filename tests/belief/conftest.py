@@ -34,6 +34,13 @@ def flat_map(make_database: MakeDatabase) -> Iterator[Map]:
         yield flat
 
 
+THESIS = (
+    "INSERT INTO belief_model (map_id, there, elsewhere, change, moves) "
+    "VALUES (current_map(), 0.6, 0.3, 0.1, 'Infinity')"
+)
+"""Makes the numbers of the thesis those of a map: sightings lose value, and nothing moves."""
+
+
 @pytest.fixture
 def flat(flat_map: Map) -> Iterator[Map]:
     """The flat, for one test: what the test changes is undone."""

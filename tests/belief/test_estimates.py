@@ -1,4 +1,4 @@
-"""Beliefs with occlusion and motion of objects of a map."""
+"""Beliefs of objects of a map that hide each other or move."""
 
 from __future__ import annotations
 
@@ -11,8 +11,7 @@ import pytest
 import semmap as library
 from semmap import Map
 from semmap.belief.error import BeliefError
-from semmap.belief.estimates import belief_with_motion, belief_with_occlusion, known_volumes
-from semmap.belief.motion import MotionModel
+from semmap.belief.estimates import belief_with_occlusion, known_volumes
 from semmap.belief.problog_program import problog_program
 from semmap.belief.reader import read_columns, read_model
 from semmap.belief.store.beliefs import add_observations, read_belief
@@ -58,12 +57,11 @@ def test_an_object_without_a_volume_is_named(flat: Map) -> None:
 def test_an_old_sighting_fades_into_the_prior_when_objects_move(flat: Map) -> None:
     session = flat.connection
     add_observations(session, [look("coke", "bench", True, 1000.0)] * 5)
-    prior = 0.9 / 7
-    weight = prior * (0.7 / 0.2) ** 5
-    new = weight / (weight + 1 - prior)
+    prior = read_belief(session, "coke", NOW - timedelta(days=1))["bench"]
+    new = prior / (prior + (1 - prior) * (1e-5 / 0.9) ** 5)
     for seconds in (10.0, 1000.0, 1e9):
         keep = math.exp(-1000.0 / seconds)
-        found = belief_with_motion(seen_by(session), ["coke"], MotionModel(seconds), NOW)["coke"]
+        found = read_belief(session, "coke", NOW, seconds)
         assert found["bench"] == pytest.approx(keep * new + (1 - keep) * prior)
 
 

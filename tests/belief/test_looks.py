@@ -27,6 +27,7 @@ from semmap.database.maps import driver_of, see_map
 from semmap.draw.view import storey_view
 from semmap.fields.store.names import read_map_vocabulary
 from semmap.query.storey_reader import read_storeys
+from tests.belief.conftest import THESIS
 from tests.command_line import semmap as run
 from tests.seen import seen_by
 
@@ -107,6 +108,7 @@ def test_a_view_stores_what_it_showed_and_what_it_missed(connection: Connection)
 
 
 def test_arrays_of_the_map_give_the_same_belief(connection: Connection) -> None:
+    connection.exec_driver_sql(THESIS)
     looks = [
         {"object": "coke", "place": "table", "seen": True, "at": "2026-05-01T12:00:00Z"},
         {"object": "coke", "place": "kitchen", "seen": False, "inside": True, "visible": 0.5},

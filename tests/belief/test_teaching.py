@@ -131,7 +131,7 @@ def seen_at(name: str, **occurrence: Any) -> dict[str, Any]:
         (seen_at("mug", place="table", x="far"), "x is 'far'"),
         (seen_at("mug", place="table", time=4e9), "future"),
         ({"actions": [{"action": "fly", "cause": "wings", "effect": "table"}]}, "has wings"),
-        ({"model": {"there": 0.95}}, "belief model rates are between 0 and 1"),
+        ({"model": {"there": 1.05}}, "belief model rates are between 0 and 1"),
         ({"model": {"seconds": "soon"}}, "seconds is 'soon': give a number"),
         ({"model": {"speed": 1}}, "speed is not one of there"),
         ({"observation": []}, "observation is not one of knowledge"),

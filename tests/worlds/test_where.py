@@ -22,9 +22,10 @@ def world_map(house: Engine) -> Iterator[Map]:
 
 @pytest.fixture
 def here(world_map: Map) -> Iterator[Map]:
-    """The small house with a mug, for one test: what the test changes is undone."""
+    """The small house with two mugs, the second on a table; what a test changes is undone."""
     with world_map.transaction() as transaction:
         world_map.add_object("mug1", type="mug", size=(0.08, 0.08, 0.1))
+        world_map.add_object("mug2", type="mug", size=(0.08, 0.08, 0.1), on=KITCHEN)
         yield world_map
         raise psycopg.Rollback(transaction)
 
@@ -52,3 +53,22 @@ def test_one_thing_is_not_on_two_tables(here: Map) -> None:
         with pytest.raises(ValueError, match="at the same time"), here.transaction():
             here.teach(taught)
     assert here.execute("SELECT count(*) FROM observation") == [(0,)]
+
+
+def test_what_was_just_put_on_a_table_is_there(here: Map) -> None:
+    assert here.where("mug2")[KITCHEN] > 0.95
+    here["mug2"].put_on(NIGHT)
+    assert here.where("mug2")[NIGHT] > 0.95
+    ball = here["Ball_01_001"]
+    assert here.where(ball.name)[str(ball.room.name)] > 0.95
+
+
+def test_one_sighting_outweighs_all_other_places(here: Map) -> None:
+    """Of a mug that the map has nowhere, and of one that it has on another table."""
+    for name in ("mug1", "mug2"):
+        assert len(here.where(name)) > 25
+        here.observe(name, COFFEE)
+        assert here.where(name)[COFFEE] > 0.95
+        for _ in range(5):
+            here.observe(name, COFFEE, seen=False)
+        assert here.where(name)[COFFEE] < 0.5

@@ -41,7 +41,9 @@ COLUMNS = ("object", "place", "seen", "at", "inside", "position", "visible", *RA
 """The values of an observation; the first three are required."""
 
 
-def read_belief(seen: Snapshot, name: str, at: datetime | None = None) -> dict[str, float]:
+def read_belief(
+    connection: MapConnection, name: str, at: datetime | None = None, moves: float | None = None
+) -> dict[str, float]:
     """Return how probable each place is for an object or agent.
 
     Parameters
@@ -49,7 +51,9 @@ def read_belief(seen: Snapshot, name: str, at: datetime | None = None) -> dict[s
     name
         Of the object or agent.
     at
-        By the observations until then, at their age then; now where None.
+        By the evidence until then, at its age then; now where None.
+    moves
+        Seconds in which an object of mobility 1 moves once; that of the map where None.
 
     Returns
     -------
@@ -64,10 +68,12 @@ def read_belief(seen: Snapshot, name: str, at: datetime | None = None) -> dict[s
     BeliefError
         It is not an object or agent, or `at` has no time zone.
     """
-    return {row["place"]: row["probability"] for row in where(seen, name, at)}
+    return {row["place"]: row["probability"] for row in where(connection, name, at, moves)}
 
 
-def where(seen: Snapshot, name: str, at: datetime | None = None) -> list[Row]:
+def where(
+    connection: MapConnection, name: str, at: datetime | None = None, moves: float | None = None
+) -> list[Row]:
     """Return the rows of the SQL function ``where_is``: the belief with its reasons.
 
     Returns
@@ -88,7 +94,8 @@ def where(seen: Snapshot, name: str, at: datetime | None = None) -> list[Row]:
     try:
         with session.cursor(row_factory=dict_row) as cursor:
             rows = cursor.execute(
-                "SELECT * FROM where_is(%s, coalesce(%s, statement_timestamp()))", (name, at)
+                "SELECT * FROM where_is(%s, coalesce(%s, statement_timestamp()), %s)",
+                (name, at, moves),
             ).fetchall()
     except errors.CheckViolation as error:
         raise refusal(error) from error

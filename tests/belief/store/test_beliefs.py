@@ -18,7 +18,7 @@ from semmap.belief.store.beliefs import ELSEWHERE, add_observations, read_belief
 from semmap.database.maps import driver_of, see_map
 from semmap.model import Belief, Entity
 from semmap.query.change_feed import ChangeFeed
-from tests.seen import seen_by
+from tests.belief.conftest import THESIS
 
 NOW = datetime.now(UTC)
 PLACES = {"table", "counter", "bench", "fridge", "kitchen", "hall", "piano"}
@@ -76,6 +76,7 @@ def test_without_evidence_typical_places_and_the_placement_of_the_map_count(
 
 @pytest.mark.parametrize("seed", range(8))
 def test_beliefs_are_those_of_the_formula(flat: Map, seed: int) -> None:
+    flat.execute(THESIS)
     source = random.Random(seed)
     mobility = source.choice([0.0, 0.5, 1.0, 3.0])
     flat["coke"].properties = {"mobility": mobility}
@@ -122,6 +123,7 @@ def test_beliefs_are_those_of_the_formula(flat: Map, seed: int) -> None:
 
 
 def test_a_word_for_a_room_counts_for_all_places_in_it(flat: Map) -> None:
+    flat.execute(THESIS)
     prior = belief(flat, "coke")
     observe(flat, {"object": "coke", "place": "kitchen", "seen": True, "inside": True, "at": NOW})
     found = belief(flat, "coke", NOW)
@@ -196,7 +198,7 @@ def test_a_room_and_what_is_in_it_are_no_contradiction(flat: Map) -> None:
         "(entity_id('coke'), entity_id('table'), true, 1)",
         "INSERT INTO observation (entity_id, place_id, seen) VALUES "
         "(entity_id('coke'), entity_id('mug'), true)",
-        "INSERT INTO belief_model (map_id, there) VALUES (current_map(), 0.95)",
+        "INSERT INTO belief_model (map_id, there) VALUES (current_map(), 1.05)",
         "INSERT INTO belief_model (map_id, seconds) VALUES (current_map(), 0)",
     ],
 )
@@ -219,7 +221,7 @@ def test_a_new_observation_is_announced(flat_map: Map) -> None:
                 .limit(1)
             ).one()
             assert row.place is not None
-            assert row.place.name == "bench"
+            assert row.place.name == "table"
     finally:
         flat_map.execute("DELETE FROM observation")
         flat_map.execute("DELETE FROM belief")
@@ -274,6 +276,7 @@ def test_a_sqlalchemy_connection_reads_and_writes_too(flat_map: Map) -> None:
 def test_two_who_observe_one_object_at_once_both_count(flat_map: Map) -> None:
     engine = flat_map.database.engine
     row = {"object": "coke", "place": "fridge", "seen": True, "at": ago(1e6)}
+    flat_map.execute(THESIS)
     observe(flat_map, row)
 
     def second() -> None:
@@ -299,6 +302,7 @@ def test_two_who_observe_one_object_at_once_both_count(flat_map: Map) -> None:
     finally:
         flat_map.execute("DELETE FROM observation")
         flat_map.execute("DELETE FROM belief")
+        flat_map.execute("DELETE FROM belief_model")
 
 
 def test_copies_and_their_end(flat_map: Map) -> None:
@@ -319,18 +323,19 @@ def test_copies_and_their_end(flat_map: Map) -> None:
 
 
 def test_repeated_looks_of_an_agent_count_once_and_old_ones_go(flat: Map) -> None:
+    flat.execute(THESIS)
     second = datetime(2026, 5, 1, tzinfo=UTC)
     frames = [second + timedelta(milliseconds=200 * k) for k in range(10)]  # two seconds at 5 Hz
-    of = {"object": "mug", "place": "table", "seen": True}
+    of = {"object": "coke", "place": "table", "seen": True}
     flat.execute("UPDATE retention SET keep_every = '1 second' WHERE kind = 'observation'")
     observe(flat, *[of | {"at": at, "observer": "robot"} for at in frames])
     observe(flat, *[of | {"at": at} for at in frames[:3]])  # a person says so three times
     kept = flat.execute("SELECT observer_id IS NULL, at FROM observation ORDER BY 1, 2")
     assert kept == [(False, frames[4]), (False, frames[9]), *((True, at) for at in frames[:3])]
-    prior = {r["place"]: r["prior"] for r in where(seen_by(flat.connection), "mug", at=NOW)}
+    prior = {r["place"]: r["prior"] for r in where(flat.connection, "coke", at=NOW)}
     rows = [of | {"at": at} for _, at in kept]
     (table,) = flat.execute(
-        "SELECT probability FROM belief WHERE entity_id = entity_id('mug') "
+        "SELECT probability FROM belief WHERE entity_id = entity_id('coke') "
         "AND place_id = entity_id('table')"
     )
     assert table[0] == pytest.approx(expected(prior, rows, NOW, 1)["table"], abs=1e-9)
