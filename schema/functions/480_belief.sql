@@ -202,7 +202,7 @@ BEGIN
         WHERE NOT EXISTS (SELECT FROM up WHERE up.id = k.id AND up.holder_id = k.holder_id) GROUP BY 1, 2
     ), placed AS (
         SELECT s.id, s.begun, s.last, coalesce(u.place_ids, d.place_ids,
-                                               CASE WHEN s.last THEN ARRAY[semmap.place_of(s.id, ARRAY(SELECT p.place FROM pair p WHERE p.id = s.id))] END) AS place_ids
+                        CASE WHEN s.last THEN ARRAY[semmap.place_of(s.id, ARRAY(SELECT p.place FROM pair p WHERE p.id = s.id))] END) AS place_ids
         FROM stay s LEFT JOIN up u ON u.id = s.id AND u.holder_id = s.holder_id LEFT JOIN down d ON d.id = s.id AND d.holder_id = s.holder_id
     ), ended AS (
         SELECT p.*, lead(p.place_ids) OVER (PARTITION BY p.id ORDER BY p.begun) AS next FROM placed p WHERE p.place_ids IS NOT NULL
@@ -258,24 +258,24 @@ BEGIN
             FROM (SELECT p.id, array_agg(p.place ORDER BY p.n) AS places, array_agg(p.prior ORDER BY p.n) AS priors FROM pair p GROUP BY p.id) g
             JOIN semmap.entity e ON e.id = g.id
         ), spot AS MATERIALIZED (
-            SELECT o.*, (SELECT array_agg(p.n) FROM pair p WHERE p.id = o.entity_id AND (p.place = o.place_id
-                                                                     OR o.inside AND semmap.is_held_by(p.place, o.place_id))) AS hits
+            SELECT o.entity_id, o.place_id, o.inside, array_agg(p.n) AS hits
             FROM (SELECT DISTINCT o.entity_id, o.place_id, o.inside FROM thing t JOIN semmap.observation o ON o.entity_id = t.id
                   WHERE looks AND o.at <= moment) o
+            JOIN pair p ON p.id = o.entity_id AND (p.place = o.place_id OR o.inside AND semmap.is_held_by(p.place, o.place_id)) GROUP BY 1, 2, 3
         ), look AS (
             SELECT o.entity_id, o.at, o.id AS number, s.hits, o.seen, o.visible,
                    coalesce(o.hit, m.there + m.change * f.fresh) AS a, coalesce(o.false_alarm, m.elsewhere - m.change * f.fresh) AS b
             FROM thing t JOIN semmap.observation o ON o.entity_id = t.id AND o.at <= moment
-            JOIN spot s ON s.entity_id = o.entity_id AND s.place_id = o.place_id AND s.inside = o.inside AND s.hits IS NOT NULL,
+            JOIN spot s ON s.entity_id = o.entity_id AND s.place_id = o.place_id AND s.inside = o.inside,
             LATERAL semmap.belief_model_of(t.map_id) m,
             LATERAL (SELECT exp(-least(extract(epoch FROM moment - o.at)::double precision * t.mobility / m.seconds, 700))) f (fresh)
         ), evidence AS (
             SELECT l.entity_id, l.at, l.number, l.hits, CASE WHEN l.seen THEN l.a / l.b ELSE (1 - l.visible * l.a) / (1 - l.visible * l.b) END AS ratio
             FROM look l
           UNION ALL
-            SELECT s.entity_id, s.at, 0, (SELECT array_agg(p.n) FROM pair p WHERE p.id = s.entity_id AND (p.place = ANY (s.place_ids)
-                                            OR p.place IS NULL AND s.place_ids = ARRAY[NULL::bigint])), NULL
-            FROM semmap.statements_about(things, places, moment) s
+            SELECT s.entity_id, s.at, 0, array_agg(p.n), NULL
+            FROM semmap.statements_about(things, places, moment) s JOIN pair p ON p.id = s.entity_id
+             AND (p.place = ANY (s.place_ids) OR p.place IS NULL AND s.place_ids = ARRAY[NULL::bigint]) GROUP BY 1, 2
         )
         SELECT t.id, t.places, t.priors, t.mobility / coalesce(belief_given.moves, m.moves) AS rate, m.stated, v.at, v.hits, v.ratio
         FROM thing t LEFT JOIN evidence v ON v.entity_id = t.id, LATERAL semmap.belief_model_of(t.map_id) m

@@ -178,7 +178,8 @@ class BeliefColumns:
 
 _PRIORS = """
 SELECT t.name, coalesce(e.name, 'elsewhere') AS place, p.probability
-FROM belief_at(%(ids)s, %(at)s, NULL, false) p JOIN entity t ON t.id = p.entity_id LEFT JOIN entity e ON e.id = p.place_id
+FROM belief_at(%(ids)s, %(at)s, NULL, false) p
+JOIN entity t ON t.id = p.entity_id LEFT JOIN entity e ON e.id = p.place_id
 """
 
 _LOOKS = """
@@ -193,7 +194,8 @@ FROM observation o JOIN entity t ON t.id = o.entity_id
 JOIN place p ON p.entity_id = o.entity_id
  AND (p.place_id = o.place_id OR o.inside AND is_held_by(p.place_id, o.place_id))
 JOIN entity e ON e.id = p.place_id LEFT JOIN stated s ON s.entity_id = o.entity_id
-WHERE o.entity_id = ANY (%(ids)s) AND o.at <= %(at)s AND o.at >= coalesce(s.at, '-infinity') ORDER BY o.at, o.id
+WHERE o.entity_id = ANY (%(ids)s) AND o.at <= %(at)s AND o.at >= coalesce(s.at, '-infinity')
+ORDER BY o.at, o.id
 """
 
 

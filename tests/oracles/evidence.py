@@ -1,4 +1,4 @@
-"""Where a thing is by all that was said and seen of it: the sum over all its paths, in plain Python."""
+"""Where a thing is by what was said and seen of it: the sum over its paths, in plain Python."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ class Fact(NamedTuple):
 def where_by_paths(
     prior: Mapping[str, float], facts: Sequence[Fact], now: float, moves: float, stated: float
 ) -> dict[str, float]:
-    """P(place) at a time, of a thing that is moved to a place of its prior, on average every `moves`.
+    """P(place) at a time, of a thing that is moved to a place of its prior every `moves` seconds.
 
     A path has a place before each fact, one after it, and one at the next fact. What is said is
     true with the probability `stated`; of several places it leaves the proportions.

@@ -89,9 +89,8 @@ def test_beliefs_are_the_sum_over_all_paths(flat: Map, seed: int) -> None:
         add_observations(flat.connection, [row])
     # The last stay at one place, of several that follow each other, is what counts.
     said = [fact for fact in facts if fact.there is None]
-    last = [
-        a for a, b in zip(said, [*said[1:], None], strict=True) if not b or a.places != b.places
-    ]
+    after = [*said[1:], None]
+    last = [a for a, b in zip(said, after, strict=True) if b is None or a.places != b.places]
     facts = [fact for fact in facts if fact.there is not None or fact in last]
     rate = max(mobility, 1e-30)
     expected = where_by_paths(prior, facts, 0.0, (moves or DAY) / rate, STATED)
