@@ -61,11 +61,12 @@ SELECT coalesce(sides[1] <= into_sides[1] + 1e-9 AND sides[2] <= into_sides[2] +
 END;
 
 CREATE FUNCTION places_for(things bigint[])
-RETURNS TABLE (entity_id bigint, place_id bigint) LANGUAGE plpgsql STABLE ROWS 1000 COST 10000
+RETURNS TABLE (entity_id bigint, place_id bigint, weight double precision) LANGUAGE plpgsql STABLE ROWS 1000 COST 10000
 SET search_path = semmap, public, pg_temp SET plan_cache_mode = force_generic_plan SET enable_seqscan = off AS $$
 -- The places of the map at which each of the given objects or agents has room: furniture, fixtures, appliances and
 -- untyped objects with a support surface; containers and storage furniture; rooms. Furniture, fixtures and agents
--- are in rooms only.
+-- are in rooms only. A place weighs as much as the area that it offers, in square metres, times how readily a place
+-- of its type and height keeps things.
 DECLARE
     small CONSTANT double precision := 0.02;    -- base of a container that is a place, square metres: a mug is not
     untyped CONSTANT double precision := 0.1;   -- surface of an object without a type that is a place, square metres
@@ -80,42 +81,50 @@ BEGIN
         FROM unnest(things) given (id) JOIN semmap.entity e ON e.id = given.id AND e.kind IN ('object', 'agent'),
              LATERAL semmap.size_of(e.id) s
     ), candidate AS MATERIALIZED (
-        SELECT e.id, e.map_id, e.kind, e.type, w.footprint, w.box, ST_Area(w.footprint) AS area
-        FROM semmap.entity e LEFT JOIN semmap.world w ON w.entity_id = e.id
+        SELECT e.id, e.map_id, e.kind, e.type, w.footprint, w.box, ST_Area(w.footprint) AS area, w.pose[3] - coalesce(y.pose[3], 0) AS foot
+        FROM semmap.entity e LEFT JOIN semmap.world w ON w.entity_id = e.id LEFT JOIN semmap.world y ON y.entity_id = w.storey_id
         WHERE e.map_id IN (SELECT t.map_id FROM thing t)
           AND (e.kind = 'room' OR e.kind = 'object' AND w.footprint IS NOT NULL
                AND (e.type IN (SELECT unnest(bearing)) OR coalesce(e.type, 'object') = 'object'))  -- IN: hashed
     ), board AS MATERIALIZED (  -- the surfaces of each model, and the height to the next one above
-        SELECT s.model_id, semmap.sides_of(s.outline) AS sides, ST_Area(s.outline) AS area,
+        SELECT s.model_id, s.height, semmap.sides_of(s.outline) AS sides, ST_Area(s.outline) AS area,
                (SELECT min(u.height) - s.height FROM semmap.support_surface u
                 WHERE u.model_id = s.model_id AND u.height > s.height + 0.02
                   AND ST_Intersects(u.outline, ST_PointOnSurface(s.outline))) AS clear
         FROM semmap.support_surface s
         WHERE s.height IS NOT NULL AND s.model_id IN (SELECT m.model_id FROM candidate c JOIN semmap.entity_model m ON m.entity_id = c.id)
-    ), space AS MATERIALIZED (
-        SELECT c.id, c.map_id, c.kind, b.sides, b.clear AS height, b.area
+    ), keeping AS MATERIALIZED (  -- of each type, as of its nearest supertype that says so
+        SELECT c.type, (SELECT t.keeps FROM semmap.type_closure s JOIN semmap.semantic_type t ON t.name = s.super AND t.keeps IS NOT NULL
+                        WHERE s.sub = c.type ORDER BY (SELECT count(*) FROM semmap.type_closure n WHERE n.sub = s.super) DESC, t.keeps LIMIT 1) AS share
+        FROM (SELECT DISTINCT coalesce(a.type, a.kind) AS type FROM candidate a) c
+    ), space AS MATERIALIZED (  -- with its height above the floor
+        SELECT c.id, c.map_id, c.kind, c.type, b.sides, b.clear AS height, b.area, c.foot + b.height AS z
         FROM candidate c JOIN semmap.entity_model m ON m.entity_id = c.id JOIN board b ON b.model_id = m.model_id
         WHERE c.kind = 'object'
           AND CASE WHEN c.type = ANY (bearing) THEN c.type <> ALL (storing) OR c.area >= small ELSE b.area >= untyped END
-      UNION
-        SELECT c.id, c.map_id, c.kind, semmap.sides_of(c.footprint), ST_ZMax(c.box) - ST_ZMin(c.box), c.area
+      UNION ALL
+        SELECT c.id, c.map_id, c.kind, c.type, semmap.sides_of(c.footprint), ST_ZMax(c.box) - ST_ZMin(c.box), c.area,
+               c.foot + (ST_ZMax(c.box) - ST_ZMin(c.box)) / 2
         FROM candidate c WHERE c.kind = 'object' AND c.type = ANY (storing) AND c.area >= small
-      UNION
-        SELECT c.id, c.map_id, c.kind, CASE WHEN c.footprint IS NOT NULL THEN semmap.sides_of(c.footprint) END, NULL, c.area
+      UNION ALL
+        SELECT c.id, c.map_id, c.kind, c.type, CASE WHEN c.footprint IS NOT NULL THEN semmap.sides_of(c.footprint) END, NULL, c.area, 0.5
         FROM candidate c WHERE c.kind = 'room'
     )
-    SELECT DISTINCT t.id, s.id
+    SELECT t.id, s.id, sum(greatest(coalesce(s.area, 1), 0.0001) * k.share
+                           * CASE WHEN s.z < 0.15 THEN 0.2 WHEN s.z < 1.7 THEN 1 WHEN s.z < 2.1 THEN 0.3 ELSE 0.02 END)
     FROM thing t JOIN space s ON s.map_id = t.map_id AND s.id <> t.id
      AND (s.kind = 'room' OR NOT t.stands)
      AND semmap.fits(t.sides, t.height, t.base, s.sides, s.height, s.area)
-     AND NOT (t.holds AND semmap.is_held_by(s.id, t.id));
+     AND NOT (t.holds AND semmap.is_held_by(s.id, t.id))
+    JOIN keeping k ON k.type = coalesce(s.type, s.kind)
+    GROUP BY t.id, s.id;
 END $$;
 
 CREATE FUNCTION prior_of(things bigint[])
 RETURNS TABLE (entity_id bigint, place_id bigint, prior double precision) LANGUAGE plpgsql STABLE ROWS 1000 COST 10000
 SET search_path = semmap, public, pg_temp SET plan_cache_mode = force_generic_plan SET enable_seqscan = off AS $$
--- Where each thing is before any observation: a place where the T-Box or a teaching says that it is found weighs
--- `prior_typical` as much as another. Of the placements that the map has had, each counts half of its successor.
+-- Where each thing is before any evidence: by the weights of its places; one where the T-Box or a teaching says that it is found weighs
+-- `prior_typical` times as much. Of the placements that the map has had, each counts half of its successor.
 BEGIN
     RETURN QUERY
     WITH RECURSIVE thing AS MATERIALIZED (
@@ -123,7 +132,7 @@ BEGIN
         FROM unnest(things) given (id) JOIN semmap.entity e ON e.id = given.id AND e.kind IN ('object', 'agent'),
              LATERAL semmap.belief_model_of(e.map_id) m
     ), place AS MATERIALIZED (
-        SELECT p.entity_id AS id, p.place_id AS at FROM semmap.places_for(things) p
+        SELECT p.entity_id AS id, p.place_id AS at, p.weight FROM semmap.places_for(things) p
     ), word AS MATERIALIZED (  -- names of places, or of their types
         SELECT t.id, w.word FROM thing t JOIN semmap.type_closure c ON c.sub = t.type JOIN semmap.semantic_type s ON s.name = c.super,
              LATERAL unnest(s.found_in) w (word)
@@ -157,7 +166,7 @@ BEGIN
         SELECT r.id, r.at, sum(power(0.5, r.age)) / sum(sum(power(0.5, r.age))) OVER (PARTITION BY r.id) AS share
         FROM ranked r WHERE r.age <= 50 GROUP BY r.id, r.at
     ), weighed AS (
-        SELECT p.id, p.at, CASE WHEN y.id IS NULL THEN 1 ELSE t.prior_typical END AS weight, t.prior_elsewhere,
+        SELECT p.id, p.at, p.weight * CASE WHEN y.id IS NULL THEN 1 ELSE t.prior_typical END AS weight, t.prior_elsewhere,
                CASE WHEN k.id IS NULL THEN 0 ELSE t.prior_history END AS known
         FROM thing t JOIN place p ON p.id = t.id LEFT JOIN typical y ON y.id = p.id AND y.at = p.at
         LEFT JOIN (SELECT DISTINCT h.id FROM history h) k ON k.id = t.id

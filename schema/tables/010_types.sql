@@ -9,6 +9,7 @@ CREATE TABLE semantic_type (
     typical_size double precision[]                            -- length (x), width (y), height (z), metres
             CHECK (cardinality(typical_size) = 3 AND 0 < ALL (typical_size) AND 'Infinity' > ALL (typical_size)),
     found_in   text[] NOT NULL DEFAULT '{}',                   -- types of places where such things are usually found
+    keeps      double precision CHECK (keeps > 0 AND keeps < 'Infinity'),  -- how readily things are kept there, per area, to a table's
     functions  text[] NOT NULL DEFAULT '{}',                   -- what such things are used for: drinking
     properties jsonb NOT NULL DEFAULT '{}' CHECK (jsonb_typeof(properties) = 'object')  -- that entities of the type have by default
 );

@@ -24,6 +24,7 @@ class SemanticType(Base):
     origin: Mapped[str] = mapped_column(server_default="import")
     typical_size: Mapped[list[float] | None] = mapped_column(ARRAY(DOUBLE_PRECISION()))
     found_in: Mapped[list[str]] = mapped_column(ARRAY(Text), server_default=text("'{}'"))
+    keeps: Mapped[float | None]
     functions: Mapped[list[str]] = mapped_column(ARRAY(Text), server_default=text("'{}'"))
     properties: Mapped[dict[str, Any]] = mapped_column(server_default=text("'{}'"))
 

@@ -41,6 +41,18 @@ THESIS = (
 """Makes the numbers of the thesis those of a map: sightings lose value, and nothing moves."""
 
 
+WEIGHTS = {
+    "table": 1.6 * 0.8,
+    "counter": 0.6 * 2.0,
+    "bench": 1.2 * 0.4 * 0.2,  # a seat
+    "fridge": 0.6 * 0.6 * (1 + 0.3),  # inside, and its top, 1.8 m above the floor
+    "piano": 1.5 * 0.6,
+    "kitchen": 4 * 3 * 0.02,
+    "hall": 3.9 * 3 * 0.02,
+}
+"""Square metres of each place of the flat, times how readily such a place keeps things."""
+
+
 @pytest.fixture
 def flat(flat_map: Map) -> Iterator[Map]:
     """The flat, for one test: what the test changes is undone."""

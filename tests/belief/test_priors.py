@@ -11,6 +11,7 @@ from semmap import Map
 from semmap.belief.error import BeliefError
 from semmap.belief.reader import read_columns
 from semmap.belief.store.beliefs import where
+from tests.belief.conftest import WEIGHTS
 from tests.oracles.priors import make_prior
 from tests.seen import seen_by
 
@@ -49,10 +50,11 @@ def test_the_map_has_the_same_priors(flat: Map) -> None:
     rows = {name: where(session, name) for name in columns.objects}
     priors = {name: {row["place"]: row["prior"] for row in rows[name]} for name in rows}
     found = np.array([[priors[name][place] for place in columns.places] for name in priors])
-    typical = np.ones((2, len(columns.places) - 1))
-    typical[1, columns.places.index("fridge")] = 4.0
+    weight = np.array([WEIGHTS[place] for place in columns.places[:-1]])
+    typical = np.tile(weight, (2, 1))
+    typical[1, columns.places.index("fridge")] *= 4.0
     for place in ("kitchen", "table", "counter", "fridge"):  # the ontology has mugs in kitchens
-        typical[0, columns.places.index(place)] = 4.0
+        typical[0, columns.places.index(place)] *= 4.0
     stays = np.zeros((2, len(columns.places) - 1))
     for place, weight in (("bench", 0.125), ("table", 0.25), ("counter", 0.5)):
         stays[0, columns.places.index(place)] = weight

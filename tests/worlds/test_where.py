@@ -72,3 +72,38 @@ def test_one_sighting_outweighs_all_other_places(here: Map) -> None:
         for _ in range(5):
             here.observe(name, COFFEE, seen=False)
         assert here.where(name)[COFFEE] < 0.5
+
+
+def test_things_are_not_expected_where_nobody_keeps_them(here: Map) -> None:
+    """Cereals: not on air conditioners, hoods and curtains, and more on large tables than small."""
+    here.add_object("cereal", type="food", size=(0.2, 0.08, 0.3))
+    found = here.where("cereal")
+    rare = [name for name in found if name.startswith(("Aircond", "Rangehood", "Curtain", "Trash"))]
+    assert len(rare) >= 5
+    assert max(found[name] for name in rare) < 0.001
+    kitchen = {str(each.name) for each in here.find(in_="kitchen")} | {"kitchen"}
+    assert sum(found[name] for name in kitchen & set(found)) > 0.6
+    assert found["kitchen"] < found[KITCHEN], "a floor keeps less than a table"
+    assert found["Bed_01_001"] < found[KITCHEN] / 2
+    assert found[NIGHT] < found[KITCHEN]
+
+
+def test_cabins_of_lifts_keep_nothing(hotel: Engine) -> None:
+    with semmap.connect(hotel.url.render_as_string(hide_password=False)) as db:
+        building = db.map("hotel")
+        building.execute(
+            "INSERT INTO entity (map_id, kind, name, type) "
+            "SELECT current_map(), 'object', 'oats', 'food'"
+        )
+        found = building.where("oats")
+        cabins = {str(each.name) for each in building.find(type="elevator_cabin")}
+        rooms = {str(each.name): each.footprint for each in building.find("room", limit=200)}
+        assert len(cabins) == 6
+        assert sum(found[name] for name in cabins) < 0.001
+        areas = {name: shape.area for name, shape in rooms.items() if name not in cabins and shape}
+        of_type = {name: building[name].type for name in areas}
+        plain = [name for name in areas if of_type[name] in (None, "room", "hotel_room")]
+        share = [found[name] / areas[name] for name in plain]
+        assert len(share) > 5
+        assert max(share) == pytest.approx(min(share), rel=1e-6), "by area"
+        building["oats"].delete()

@@ -24,6 +24,7 @@ ENDINGS = (".ttl", ".nt")
 
 TYPICAL_SIZE = URIRef("urn:semmap:ontology#typicalSize")
 FOUND_IN = URIRef("urn:semmap:ontology#foundIn")
+KEEPS = URIRef("urn:semmap:ontology#keeps")
 USED_FOR = URIRef("urn:semmap:ontology#usedFor")
 FUNCTION = URIRef("urn:semmap:ontology#Function")
 
@@ -47,6 +48,7 @@ class TypeRecord:
     typical_size : depth (along its front), width and height, metres
     found_in : names of the types of places where such things are usually found
     functions : what such things are used for (``drinking``)
+    keeps : how readily things are kept there, per area, to a table's; None: as its supertype
     """
 
     name: str
@@ -59,6 +61,7 @@ class TypeRecord:
     typical_size: tuple[float, float, float] | None = None
     found_in: tuple[str, ...] = ()
     functions: tuple[str, ...] = ()
+    keeps: float | None = None
 
 
 @dataclass
@@ -71,6 +74,7 @@ class _Class:
     typical_size: tuple[float, float, float] | None = None
     found_in: frozenset[URIRef] = frozenset()
     functions: frozenset[URIRef] = frozenset()
+    keeps: float | None = None
 
 
 def ontology_files() -> list[Path]:
@@ -139,6 +143,7 @@ def read_tbox(paths: Iterable[Path]) -> list[TypeRecord]:
             typical_size=found.typical_size,
             found_in=tuple(sorted(names[place] for place in found.found_in if place in names)),
             functions=tuple(sorted(snake_case(_local_name(f)) for f in found.functions)),
+            keeps=found.keeps,
         )
     return list(records.values())
 
@@ -198,6 +203,9 @@ def _collect(graph: Graph, path: Path, classes: dict[URIRef, _Class]) -> None:
         size = _text(graph, iri, TYPICAL_SIZE)
         if size is not None:
             found.typical_size = _size(size, path, iri)
+        keeps = _text(graph, iri, KEEPS)
+        if keeps is not None:
+            found.keeps = _share(keeps, path, iri)
 
 
 def _text(graph: Graph, iri: URIRef, predicate: URIRef) -> str | None:
@@ -219,6 +227,15 @@ def _size(text: str, path: Path, iri: URIRef) -> tuple[float, float, float]:
         f"class <{iri}>",
         f"its typical size is {text!r}",
         'Give depth, width and height in metres, such as "0.8 1.2 0.75".',
+    )
+
+
+def _share(text: str, path: Path, iri: URIRef) -> float:
+    share = float(text) if text.replace(".", "", 1).isdecimal() else math.nan
+    if 0 < share < math.inf:
+        return share
+    raise WorldError(
+        path, f"class <{iri}>", f"it keeps {text!r}", "Give a number above 0: 1 is that of a table."
     )
 
 

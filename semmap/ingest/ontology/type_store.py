@@ -43,17 +43,19 @@ def load_tbox(connection: Connection) -> int:
     )
     connection.exec_driver_sql(
         "UPDATE semantic_type t SET typical_size = CAST(s.size AS float8[]), found_in = s.places, "
-        "functions = s.functions FROM (SELECT name, size, string_to_array(places, ',') AS places, "
-        "string_to_array(functions, ',') AS functions "
+        "functions = s.functions, keeps = s.keeps "
+        "FROM (SELECT name, size, string_to_array(places, ',') AS places, "
+        "string_to_array(functions, ',') AS functions, keeps "
         "FROM unnest(%(names)s::text[], %(sizes)s::text[], %(places)s::text[], "
-        "%(functions)s::text[]) s(name, size, places, functions)) s "
-        "WHERE t.name = s.name AND (t.typical_size, t.found_in, t.functions) "
-        "IS DISTINCT FROM (CAST(s.size AS float8[]), s.places, s.functions)",
+        "%(functions)s::text[], %(keeps)s::float8[]) s(name, size, places, functions, keeps)) s "
+        "WHERE t.name = s.name AND (t.typical_size, t.found_in, t.functions, t.keeps) "
+        "IS DISTINCT FROM (CAST(s.size AS float8[]), s.places, s.functions, s.keeps)",
         {
             "names": [r.name for r in records],
             "sizes": [_array(r.typical_size) for r in records],
             "places": [",".join(r.found_in) for r in records],
             "functions": [",".join(r.functions) for r in records],
+            "keeps": [r.keeps for r in records],
         },
     )
     edges = [{"type": r.name, "parent": p} for r in records for p in r.parents]

@@ -18,7 +18,7 @@ from semmap.belief.store.beliefs import ELSEWHERE, add_observations, read_belief
 from semmap.database.maps import driver_of, see_map
 from semmap.model import Belief, Entity
 from semmap.query.change_feed import ChangeFeed
-from tests.belief.conftest import THESIS
+from tests.belief.conftest import THESIS, WEIGHTS
 
 NOW = datetime.now(UTC)
 PLACES = {"table", "counter", "bench", "fridge", "kitchen", "hall", "piano"}
@@ -65,10 +65,13 @@ def test_without_evidence_typical_places_and_the_placement_of_the_map_count(
 ) -> None:
     coke = belief(flat, "coke")
     assert coke.pop(ELSEWHERE) == pytest.approx(0.1)
-    assert list(coke.values()) == pytest.approx([0.9 / 7] * 7)
+    total = sum(WEIGHTS.values())
+    assert coke == pytest.approx({place: 0.9 * w / total for place, w in WEIGHTS.items()})
     flat["coke"].type = "can"  # the T-Box has cans in kitchens and refrigerators
     can = belief(flat, "coke")
-    assert can["fridge"] == can["table"] == pytest.approx(4 * can["bench"])
+    for place in ("fridge", "table", "kitchen"):
+        likelier = can[place] / can["bench"] / (coke[place] / coke["bench"])
+        assert likelier == pytest.approx(4)
     mug = belief(flat, "mug")
     assert max(mug, key=mug.__getitem__) == "bench"
     assert mug["bench"] > 0.45
