@@ -29,14 +29,14 @@ class MapBeliefs(MapQuestions):
 
         Parameters
         ----------
-        at : by the observations until then; local without a time zone, by default now
-        moves : seconds in which an object of mobility 1 moves once; sightings then keep their
-            value as they age
+        name : of the object or agent, or a type: where any one of that type is
+        at : by what was stated and observed until then; local without a time zone, by default now
+        moves : seconds in which an object of mobility 1 moves once; by default those of the map
 
         Raises
         ------
         LookupError
-            The map has no entity of this name.
+            The map has no entity of this name, and none of such a type.
         ValueError
             It is not an object or agent.
 
@@ -106,12 +106,15 @@ class MapBeliefs(MapQuestions):
         """
         from semmap.belief.heat_map import heat_map
         from semmap.belief.reader import read_places
+        from semmap.belief.store.beliefs import driver, things_named
         from semmap.draw.view import storey_view
         from semmap.query.storey_reader import read_storeys
 
         belief = self.where(about) if isinstance(about, str) else about
         with self.snapshot() as seen:
-            places = read_places(seen, belief.name)
+            things = things_named(driver(seen.connection), belief.name)
+            of_things = [place for thing in things for place in read_places(seen.connection, thing)]
+            places = {place.name: place for place in of_things}.values()
             best = max(places, key=lambda place: belief.get(place.name, 0.0), default=None)
             chosen = storey or (best.storey if best else None)
             scenes = read_storeys(seen, chosen)

@@ -72,13 +72,16 @@ def where_command(
         float | None,
         typer.Option(
             metavar="SECONDS",
-            help="Objects of mobility 1 move once in this time; sightings keep their value.",
+            help="Objects of mobility 1 move once in this time; by default a day.",
         ),
     ] = None,
     map_name: cli.MapName = None,
     json_: cli.Json = False,
 ) -> None:
-    """Show where objects or agents probably are."""
+    """Show where objects or agents probably are, or any of a type.
+
+    semmap where mug1; semmap where sodacan
+    """
     if draw is not None and len(names) > 1:
         raise typer.BadParameter("--draw is for one name")
     if occlusion and moves is not None:

@@ -107,3 +107,25 @@ def test_cabins_of_lifts_keep_nothing(hotel: Engine) -> None:
         assert len(share) > 5
         assert max(share) == pytest.approx(min(share), rel=1e-6), "by area"
         building["oats"].delete()
+
+
+def test_any_thing_of_a_type_is_where_those_of_the_type_are(here: Map) -> None:
+    here.teach(
+        {
+            "relations": [{"subject": "sodacan", "relation": "isA", "object": "can"}],
+            "objects": [{"name": name, "clas": "sodacan"} for name in ("coke", "pepsi")],
+        }
+    )
+    here.observe("coke", KITCHEN)
+    here.observe("pepsi", NIGHT)
+    found = here.where("sodacan")
+    one, other = here.where("coke"), here.where("pepsi")
+    assert sum(found.values()) == pytest.approx(1)
+    for place in one:
+        assert found[place] == pytest.approx((one[place] + other[place]) / 2, abs=1e-6)
+    assert set(list(found)[:2]) == {KITCHEN, NIGHT}
+    assert here.where("can")[NIGHT] == pytest.approx(found[NIGHT], abs=1e-6), "a supertype"
+    with pytest.raises(LookupError, match="the map has no apple: add or teach an object"):
+        here.where("apple")
+    with pytest.raises(LookupError, match="the map has no entity coek; did you mean coke"):
+        here.where("coek")

@@ -17,7 +17,7 @@ from psycopg.rows import dict_row
 from semmap.belief.error import BeliefError
 from semmap.finite_number import is_finite_number
 from semmap.query.entity_query import entity_id
-from semmap.query.snapshot import Snapshot
+from semmap.snake_case import snake_case
 
 __all__ = [
     "ELSEWHERE",
@@ -27,6 +27,7 @@ __all__ = [
     "initial_belief",
     "read_belief",
     "refusal",
+    "things_named",
     "where",
 ]
 
@@ -76,6 +77,8 @@ def where(
 ) -> list[Row]:
     """Return the rows of the SQL function ``where_is``: the belief with its reasons.
 
+    Of a type, they are about any thing of the type: the mean of the beliefs about each.
+
     Returns
     -------
     list of dict
@@ -87,10 +90,54 @@ def where(
     LookupError, BeliefError
         As `read_belief`.
     """
-    session = seen.session
-    entity_id(session, name)
+    session = driver(connection)
     if at is not None and at.tzinfo is None:
         raise BeliefError(f"the time {at.isoformat()} has no time zone: give it with one")
+    beliefs = [_where(session, thing, at, moves) for thing in things_named(session, name)]
+    return beliefs[0] if len(beliefs) == 1 else _of_any(beliefs)
+
+
+def things_named(session: psycopg.Connection[Any], name: str) -> list[str]:
+    """Return the entity of a name, else the objects and agents of the type of that name.
+
+    Raises
+    ------
+    LookupError
+        The map has neither.
+    """
+    try:
+        entity_id(session, name)
+    except LookupError:
+        type_ = snake_case(name)
+        rows = session.execute(
+            "SELECT name FROM entity WHERE map_id = current_map() AND type = ANY (subtypes(%s)) "
+            "AND kind IN ('object', 'agent') ORDER BY name",
+            (type_,),
+        ).fetchall()
+        if rows:
+            return [str(row[0]) for row in rows]
+        known = "SELECT FROM semantic_type WHERE name = %s"
+        if "\0" in name or session.execute(known, (type_,)).fetchone() is None:
+            raise
+        raise LookupError(f"the map has no {type_}: add or teach an object of this type") from None
+    return [name]
+
+
+def _of_any(beliefs: Sequence[list[Row]]) -> list[Row]:
+    """The mean of some beliefs, the most probable place first."""
+    found: dict[str, Row] = {}
+    for row in (row for rows in beliefs for row in rows):
+        mean = found.setdefault(row["place"], row | {"probability": 0.0, "prior": 0.0})
+        for key in ("probability", "prior"):
+            mean[key] += row[key] / len(beliefs)
+        for key in ("last_seen", "last_missed"):
+            mean[key] = max(filter(None, (mean[key], row[key])), default=None)
+    return sorted(found.values(), key=lambda row: -row["probability"])
+
+
+def _where(
+    session: psycopg.Connection[Any], name: str, at: datetime | None, moves: float | None
+) -> list[Row]:
     try:
         with session.cursor(row_factory=dict_row) as cursor:
             rows = cursor.execute(
