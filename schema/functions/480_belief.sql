@@ -526,7 +526,67 @@ BEGIN
         RAISE EXCEPTION '% cannot be at % and at % at the same time, %', wrong.name, wrong.place, wrong.other, wrong.at
             USING ERRCODE = 'check_violation', HINT = 'State where it was seen at last, or observe another object of its type.';
     END IF;
+    PERFORM semmap.follow_sighting(id) FROM unnest(ids) i (id);
     RETURN NULL;
+END $$;
+
+CREATE FUNCTION seen_pose(thing bigint, place bigint, spot double precision[])
+RETURNS double precision[] LANGUAGE sql STABLE SET search_path = semmap, public, pg_temp AS $$
+-- The pose in the map's frame of an entity whose middle was seen at a position in the frame of a place: turned as it
+-- was, with its foot on the surface below, or on the floor.
+SELECT ARRAY[seen.at[1] - own.x, seen.at[2] - own.y,
+             coalesce(k.pose[3] + CASE WHEN e.kind = 'room' THEN r.floor ELSE board.height END - own.foot, seen.at[3] - own.middle)] || own.turn
+FROM semmap.world k JOIN semmap.entity e ON e.id = k.entity_id LEFT JOIN semmap.room r ON r.entity_id = k.entity_id,
+     LATERAL (SELECT semmap.pose_compose(k.pose, spot || ARRAY[0, 0, 0, 1]::double precision[])) seen (at)
+     LEFT JOIN LATERAL (SELECT max(s.height) AS height FROM semmap.entity_model m JOIN semmap.support_surface s ON s.model_id = m.model_id
+                        WHERE m.entity_id = place AND seen.at[3] - k.pose[3] - s.height BETWEEN -0.05 AND 0.5) board ON true,
+     LATERAL (SELECT (ST_XMin(b.box) + ST_XMax(b.box)) / 2, (ST_YMin(b.box) + ST_YMax(b.box)) / 2, ST_ZMin(b.box),
+                     (ST_ZMin(b.box) + ST_ZMax(b.box)) / 2, b.turn
+              FROM (SELECT ST_Translate(w.box, -w.pose[1], -w.pose[2], -w.pose[3]) AS box, w.pose[4:7] AS turn, 1 AS rank
+                    FROM semmap.world w WHERE w.entity_id = thing
+                  UNION ALL
+                    SELECT semmap.diagonal(ST_Collect(o.hull)), '{0,0,0,1}', 2
+                    FROM semmap.entity_model m JOIN semmap.model o ON o.id = m.model_id WHERE m.entity_id = thing HAVING count(*) > 0
+                  UNION ALL
+                    SELECT ST_MakeLine(ST_MakePoint(0, 0, 0), ST_MakePoint(0, 0, 0)), '{0,0,0,1}', 3) b
+              ORDER BY b.rank LIMIT 1) own (x, y, foot, middle, turn)
+WHERE k.entity_id = place
+$$;
+
+CREATE FUNCTION follow_sighting(thing bigint)
+RETURNS void LANGUAGE plpgsql SECURITY DEFINER SET search_path = semmap, public, pg_temp AS $$
+-- Lets the map follow what is sure. An object is moved to where it was seen last, if that is newer than its placement and
+-- nearly all belief is there; it has no place any more, if it was looked for in vain until nearly none is where it is.
+DECLARE
+    sure CONSTANT double precision := 0.9;
+    gone CONSTANT double precision := 0.01;
+    placed semmap.placement := (SELECT p FROM semmap.placement p WHERE p.entity_id = thing);
+    seen semmap.observation := (SELECT o FROM semmap.observation o WHERE o.entity_id = thing AND o.seen AND o.position IS NOT NULL
+                                ORDER BY o.at DESC, o.id DESC LIMIT 1);
+    believed double precision := (SELECT b.probability FROM semmap.belief b WHERE b.entity_id = thing AND b.place_id = seen.place_id);
+    there double precision[];
+    former double precision[] := (SELECT w.pose FROM semmap.world w WHERE w.entity_id = thing);
+    stay record;
+BEGIN
+    IF (SELECT e.kind FROM semmap.entity e WHERE e.id = thing) <> 'object' THEN
+        RETURN;
+    ELSIF believed >= sure AND (placed.entity_id IS NULL OR seen.at > placed.since) THEN
+        there := semmap.seen_pose(thing, seen.place_id, seen.position);
+        IF placed.entity_id IS NULL THEN
+            INSERT INTO semmap.placement (entity_id, pose, confidence) VALUES (thing, there, believed);
+        ELSIF abs(there[1] - former[1]) > 0.01 OR abs(there[2] - former[2]) > 0.01 OR abs(there[3] - former[3]) > 0.01 THEN
+            UPDATE semmap.placement p SET holder_id = NULL, relation = 'in', confidence = believed, pose = there WHERE p.entity_id = thing;
+        END IF;
+    ELSIF placed.entity_id IS NOT NULL AND NOT EXISTS (SELECT FROM semmap.placement p WHERE p.holder_id = thing) THEN
+        SELECT s.place_ids, s.at INTO stay
+            FROM semmap.statements_about(ARRAY(SELECT b.entity_id FROM semmap.belief b WHERE b.entity_id = thing ORDER BY b.id),
+                                         ARRAY(SELECT b.place_id FROM semmap.belief b WHERE b.entity_id = thing ORDER BY b.id), clock_timestamp()) s
+            ORDER BY s.at DESC LIMIT 1;
+        IF EXISTS (SELECT FROM semmap.observation o WHERE o.entity_id = thing AND NOT o.seen AND o.at > placed.since)
+           AND gone > (SELECT sum(b.probability) FROM semmap.belief b WHERE b.entity_id = thing AND b.place_id = ANY (stay.place_ids)) THEN
+            DELETE FROM semmap.placement p WHERE p.entity_id = thing;
+        END IF;
+    END IF;
 END $$;
 
 CREATE FUNCTION observation_gone()

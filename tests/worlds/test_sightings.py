@@ -1,0 +1,113 @@
+"""From a detection to the entity, the costmap and the plan; Shapely and trimesh judge the poses."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+import psycopg
+import pytest
+import shapely
+from scipy.ndimage import distance_transform_edt
+from sqlalchemy import Engine
+
+import semmap
+from semmap import Map
+
+KITCHEN, COFFEE = "KitchenTable_01_001", "CoffeeTable_01_001"
+
+
+@pytest.fixture(scope="module")
+def world_map(house: Engine) -> Iterator[Map]:
+    with semmap.connect(house.url.render_as_string(hide_password=False)) as db:
+        yield db.map("house")
+
+
+@pytest.fixture
+def here(world_map: Map) -> Iterator[Map]:
+    """The small house with a plate on the kitchen table; what a test changes is undone."""
+    with world_map.transaction() as transaction:
+        world_map.add_object("plate", type="plate", size=(0.2, 0.2, 0.03), on=KITCHEN)
+        yield world_map
+        raise psycopg.Rollback(transaction)
+
+
+def top(map_: Map, table: str) -> tuple[float, float, float]:
+    """The middle of a table, at the height of its highest face there."""
+    mesh = map_[table].mesh
+    x, y = mesh.bounds.mean(axis=0)[:2]
+    hits, _, _ = mesh.ray.intersects_location([[x, y, 5.0]], [[0, 0, -1.0]])
+    return float(x), float(y), float(hits[:, 2].max())
+
+
+def test_an_object_that_is_surely_seen_elsewhere_is_there(here: Map) -> None:
+    x, y, z = top(here, COFFEE)
+    spot = (x + 0.1, y - 0.05, z + 0.015)
+    assert here["plate"].holder != COFFEE
+    here.observe_point("plate", spot)
+    plate = here["plate"]
+    assert str(plate.holder.name) == COFFEE
+    low, high = plate.mesh.bounds
+    np.testing.assert_allclose((low + high)[:2] / 2, spot[:2], atol=1e-6)
+    assert low[2] == pytest.approx(z, abs=0.01)
+    assert plate.footprint.symmetric_difference(shapely.box(*low[:2], *high[:2])).area < 1e-9
+    assert here.where("plate")[COFFEE] > 0.95
+
+
+def test_a_doubtful_sighting_moves_nothing(here: Map) -> None:
+    before = here["plate"].pose
+    x, y, z = top(here, COFFEE)
+    here.observe_point("plate", (x, y, z + 0.02), hit=0.7, false_alarm=0.2)
+    assert here["plate"].pose == before
+    assert 0.001 < here.where("plate")[COFFEE] < 0.5
+
+
+def test_what_is_looked_for_in_vain_has_no_place_in_the_end(here: Map) -> None:
+    shares = []
+    for _ in range(8):
+        if here["plate"].pose is None:
+            break
+        shares.append(here.where("plate")[KITCHEN])
+        here.observe("plate", KITCHEN, seen=False)
+    assert shares == sorted(shares, reverse=True)
+    assert 3 <= len(shares) < 8
+    assert here["plate"].pose is None
+    x, y, z = top(here, COFFEE)
+    here.observe_point("plate", (x, y, z + 0.02))
+    assert str(here["plate"].holder.name) == COFFEE
+
+
+def test_grid_and_plan_follow_a_sighting(world_map: Map) -> None:
+    """Of a box on the floor: its cells are free where it was, and taken where it is."""
+    here = world_map
+    grid = here.grid()
+    free = distance_transform_edt(grid.cells == 0) * grid.grid.resolution
+    roomy = np.argwhere(free > 0.6)
+    (row, column), (row2, column2) = roomy[0], roomy[-1]
+    corner = np.array(grid.grid.origin[:2])
+
+    def middle(row: int, column: int) -> np.ndarray:
+        return corner + (np.array((column, row)) + 0.5) * grid.grid.resolution
+
+    first, second = middle(row, column), middle(row2, column2)
+    here.add_object("crate", type="cardboard_box", size=(0.4, 0.4, 0.4), pose=(*first, 0))
+    assert here.grid().cells[row, column] == 100
+    at = here["crate"].room
+    here.observe_point("crate", (*second, 0.2))
+    low, high = here["crate"].mesh.bounds
+    np.testing.assert_allclose((low + high)[:2] / 2, second, atol=1e-6)
+    assert low[2] == pytest.approx(0.0, abs=0.02)
+    after = here.grid().cells
+    assert after[row, column] == 0
+    assert after[row2, column2] == 100
+    changed = {tuple(cell) for cell in np.argwhere(after != grid.cells)}
+    box = shapely.box(*low[:2], *high[:2]).buffer(grid.grid.resolution)
+    assert changed
+    assert all(box.covers(shapely.Point(middle(*cell))) for cell in changed)
+    assert here["crate"].room != at, "the first and the last free cell are in different rooms"
+    try:
+        plan = str(here.plan("on(crate, KitchenTable_01_001)", start="kitchen").actions)
+        assert here["crate"].room.name in plan
+        assert at.name not in plan
+    finally:
+        here["crate"].delete()
