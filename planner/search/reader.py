@@ -11,15 +11,14 @@ from sqlalchemy import text
 
 from semmap.belief.places import BeliefPlace
 from semmap.belief.reader import read_height, read_occluders, read_places
-from semmap.belief.store.beliefs import read_belief
-from semmap.query.snapshot import Snapshot
+from semmap.belief.store.beliefs import where
 from semmap.query.storey_reader import read_entities
 from semmap.query.storey_scene import SceneEntity
 
 __all__ = [
     "BelievedObject",
     "LookRow",
-    "has_observations",
+    "is_doubtful",
     "read_believed_object",
     "read_entity_shapes",
     "read_holder",
@@ -33,6 +32,12 @@ __all__ = [
 HEIGHT = 0.1
 """Metres, of an object whose size is unknown."""
 
+DOUBT = 0.5
+"""How often a thing that is searched for is not where it was believed: who is sure, fetches it."""
+
+SURE = 0.9
+"""With this belief in the place of an object in the map, it is fetched there without a search."""
+
 
 @dataclass(frozen=True, eq=False)
 class BelievedObject:
@@ -40,7 +45,7 @@ class BelievedObject:
 
     Attributes
     ----------
-    belief : P(place)
+    belief : P(place) of one who doubts what was believed
     places : those of the belief
     occluders : (F, 3, 3) triangles that hide it, metres in the map's frame
     height : of the object, metres
@@ -78,8 +83,9 @@ def read_believed_object(seen: Snapshot, name: str) -> BelievedObject:
     LookupError
         The map has no entity of this name.
     """
-    belief = read_belief(seen, name)
-    shut = seen.connection.execute(text(_SHUT)).scalars()
+    rows = where(connection, name)
+    belief = {row["place"]: (1 - DOUBT) * row["probability"] + DOUBT * row["prior"] for row in rows}
+    shut = connection.execute(text(_SHUT)).scalars()
     return BelievedObject(
         name,
         belief,
@@ -96,9 +102,13 @@ def read_entity_shapes(seen: Snapshot) -> dict[str, SceneEntity]:
     return {e.name: e for e in entities if e.kind != "connector" or e.state != "open"}
 
 
-def has_observations(seen: Snapshot, name: str) -> bool:
-    """Whether anyone has looked for an entity: then its place is believed, not only recorded."""
-    return bool(seen.connection.execute(text(_OBSERVED), {"name": name}).scalar())
+def is_doubtful(connection: Connection, name: str) -> bool:
+    """Whether an object has no place, or looks have shown that it may not be there any more."""
+    if read_holder(connection, name) is None:
+        return True
+    if not connection.execute(text(_OBSERVED), {"name": name}).scalar():
+        return False
+    return max(row["probability"] for row in where(connection, name)) < SURE
 
 
 def read_looks(seen: Snapshot, name: str, robot: str, after: int) -> tuple[list[LookRow], int]:

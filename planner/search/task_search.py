@@ -7,7 +7,7 @@ from dataclasses import replace
 
 from planner.plan import Action, Plan
 from planner.search.problem_builder import ELSEWHERE
-from planner.search.reader import has_observations, read_holder, read_kind, read_seen_by
+from planner.search.reader import is_doubtful, read_holder, read_kind, read_seen_by
 from planner.search.receding_horizon import decide
 from planner.search.search_mission import MOST_NAMES, SearchPlanner, explain
 from planner.task_planner import TaskPlanner
@@ -77,7 +77,7 @@ class SearchingPlanner:
 def objects_to_find(seen: Snapshot, goal: Goal) -> list[str]:
     """The names in a goal whose place is only believed, in order.
 
-    They are those in ``found(...)``, those that someone has looked for, and those that nothing
+    They are those in ``found(...)``, those that looks have made doubtful, and those that nothing
     holds. What else the map has is where the map has it.
     """
     found: list[str] = []
@@ -87,8 +87,7 @@ def objects_to_find(seen: Snapshot, goal: Goal) -> list[str]:
             if name in found:
                 continue
             if atom.relation == FOUND or (
-                read_kind(seen, name) == "object"
-                and (has_observations(seen, name) or read_holder(seen, name) is None)
+                read_kind(connection, name) == "object" and is_doubtful(connection, name)
             ):
                 found.append(name)
     return found

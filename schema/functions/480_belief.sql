@@ -110,7 +110,7 @@ BEGIN
         SELECT c.id, c.map_id, c.kind, c.type, CASE WHEN c.footprint IS NOT NULL THEN semmap.sides_of(c.footprint) END, NULL, c.area, 0.5
         FROM candidate c WHERE c.kind = 'room'
     )
-    SELECT t.id, s.id, sum(greatest(coalesce(s.area, 1), 0.0001) * k.share
+    SELECT t.id, s.id, sum(greatest(coalesce(s.area, 1), 0.0001) * coalesce(k.share, 1)
                            * CASE WHEN s.z < 0.15 THEN 0.2 WHEN s.z < 1.7 THEN 1 WHEN s.z < 2.1 THEN 0.3 ELSE 0.02 END)
     FROM thing t JOIN space s ON s.map_id = t.map_id AND s.id <> t.id
      AND (s.kind = 'room' OR NOT t.stands)

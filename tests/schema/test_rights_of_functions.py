@@ -52,6 +52,7 @@ CALLS: dict[str, set[str]] = {
     "move_to({room}, 1, 2, 3)": {"admin"},
     "prune_changes()": {"admin"},
     "prune_observations()": {"admin"},
+    "follow_sighting({mug})": set(),
     "prune_history()": {"admin"},
     "put({mug}, NULL)": WRITERS,
     "put({other}, NULL)": {"admin"},

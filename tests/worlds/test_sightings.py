@@ -13,6 +13,7 @@ from sqlalchemy import Engine
 
 import semmap
 from semmap import Map
+from semmap.belief.identify import Detection
 
 KITCHEN, COFFEE = "KitchenTable_01_001", "CoffeeTable_01_001"
 
@@ -111,3 +112,55 @@ def test_grid_and_plan_follow_a_sighting(world_map: Map) -> None:
         assert at.name not in plan
     finally:
         here["crate"].delete()
+
+
+def test_detections_are_known_objects_or_become_new_ones(here: Map) -> None:
+    x, y, z = top(here, KITCHEN)
+    plate = here["plate"].mesh.bounds.mean(axis=0)
+    u, v, w = top(here, COFFEE)
+    sides = (0.2, 0.2, 0.03)
+    seen = here.observe_objects(
+        [
+            Detection("plate", (plate[0] + 0.02, plate[1], plate[2]), sides),
+            Detection("plate", (u, v, w + 0.015), sides),
+            Detection("apple", (u + 0.1, v, w + 0.04), (0.08, 0.08, 0.08)),
+            Detection("banana", (x, y, z + 0.02)),
+        ]
+    )
+    names = [row["object"] for row in seen]
+    assert names == ["plate", "plate_1", "apple_1", "banana_1"]
+    assert [row["new"] for row in seen] == [False, True, True, True]
+    assert [row["place"] for row in seen] == [KITCHEN, COFFEE, COFFEE, KITCHEN]
+    np.testing.assert_allclose(
+        here["plate"].mesh.bounds.mean(axis=0)[:2], plate[:2] + np.array((0.02, 0)), atol=1e-6
+    )
+    for name, point in (("plate_1", (u, v)), ("apple_1", (u + 0.1, v))):
+        low, high = here[name].mesh.bounds
+        np.testing.assert_allclose((low + high)[:2] / 2, point, atol=1e-6)
+        assert low[2] == pytest.approx(w, abs=0.01)
+        assert here[name].holder.name == COFFEE
+    again = here.observe_objects([Detection("apple", (u + 0.1, v, w + 0.04), (0.08, 0.08, 0.08))])
+    assert [(row["object"], row["new"]) for row in again] == [("apple_1", False)]
+    assert again[0]["probability"] > 0.9
+
+
+def test_a_doubtful_detection_tells_how_sure_it_is(here: Map) -> None:
+    """Of two plates of one size, one was put somewhere in the house: a plate is seen elsewhere."""
+    here.add_object("other", type="plate", size=(0.2, 0.2, 0.03))
+    u, v, w = top(here, COFFEE)
+    before = here["plate"].pose
+    (row,) = here.observe_objects([Detection("plate", (u, v, w + 0.015), (0.2, 0.2, 0.03))])
+    assert not row["new"]
+    assert row["object"] == "other"
+    assert here["plate"].pose == before
+    if row["probability"] < 0.9:
+        assert here.where("other")[COFFEE] == pytest.approx(row["probability"], abs=0.02)
+        assert here["other"].pose is None
+
+
+def test_a_wrong_detection_changes_nothing(here: Map) -> None:
+    good = Detection("apple", (*top(here, COFFEE)[:2], top(here, COFFEE)[2] + 0.04))
+    for wrong in (Detection("appel", good.point), Detection("plate", (5000.0, 0.0, 0.0))):
+        with pytest.raises((ValueError, LookupError)), here.transaction():
+            here.observe_objects([good, wrong])
+        assert "apple_1" not in [each.name for each in here.find("object", limit=500)]

@@ -58,6 +58,7 @@ def write_observation(connection: Connection, robot: int, seen: RobotObservation
             {"item": n, "holder": s.holder, "relation": s.relation, "pose": s.pose.row}
             for n, s in seen.seen.items()
         ]
+        connection.execute(text(_APPEAR), {"seen": json.dumps(objects)})
         connection.execute(text(_PUT), {"seen": json.dumps(objects)})
     held = connection.execute(text(_HELD), {"robot": robot}).scalars()
     for name in [n for n in held if n not in seen.holds]:
@@ -146,6 +147,18 @@ _HOLD = """
 UPDATE placement p SET holder_id = :robot, relation = 'in', confidence = NULL, pose = :pose
 FROM entity e WHERE e.map_id = current_map() AND e.name = :item AND p.entity_id = e.id
   AND (holder_id, pose) IS DISTINCT FROM (CAST(:robot AS bigint), CAST(:pose AS float8[]))
+"""
+
+# What had no place any more and is seen again.
+_APPEAR = """
+INSERT INTO placement (entity_id, holder_id, relation, pose)
+SELECT e.id, h.entity_id, s.relation, pose_compose(pose_inverse(h.pose), s.pose)
+FROM jsonb_to_recordset(CAST(:seen AS jsonb))
+         AS s (item text, holder text, relation text, pose float8[]),
+     entity e, entity k, world h
+WHERE e.map_id = current_map() AND e.name = s.item AND e.kind = 'object'
+  AND k.map_id = current_map() AND k.name = s.holder AND h.entity_id = k.id
+  AND NOT EXISTS (SELECT FROM placement p WHERE p.entity_id = e.id)
 """
 
 # An object within a centimetre of its place in the map has not moved.
