@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from datetime import datetime
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
@@ -21,12 +22,14 @@ from semmap.api.map_pictures import MapPictures
 from semmap.api.map_practice import MapPractice
 from semmap.api.map_regions import MapRegions
 from semmap.api.map_teaching import MapTeaching
+from semmap.api.moments import aware
 
 if TYPE_CHECKING:
     import shapely
     import trimesh
 
     from semmap.api.door import Door
+    from semmap.belief.identify import Detection
     from semmap.geometry.mesh import Mesh
     from semmap.ingest.importer import ImportSummary
 
@@ -169,6 +172,45 @@ class Map(
             in_=in_,
             define=define,
         )
+
+    def observe_objects(
+        self,
+        detections: Sequence[Detection],
+        *,
+        frame: str | None = None,
+        at: datetime | None = None,
+    ) -> list[dict[str, Any]]:
+        """Store the detections of one view: sightings of known objects, or new objects.
+
+        Each is associated by its type, size, place and time. What is surely a known object is seen,
+        and moves there; what is surely none is added; in doubt, the belief says how sure it is.
+
+        Parameters
+        ----------
+        detections : `semmap.belief.identify.Detection` (type, point, sides), metres
+        frame : the agent in whose frame the points are; by default that of the map
+        at : the time of the detections; local without a time zone, by default now
+
+        Returns
+        -------
+        list of dict
+            For each detection its `type`, the `object`, its `probability`, `new` and `place`.
+
+        Raises
+        ------
+        LookupError, ValueError
+            As `identify`; nothing is stored.
+        """
+        from semmap.belief.detections import observe_detections
+
+        def add(name: str, seen: Detection, point: tuple[float, float, float]) -> None:
+            x, y, z = point
+            low = z - (seen.sides[2] / 2 if seen.sides else 0.0)
+            pose = (x, y, low, 0.0)
+            self.add_object(name, type=seen.type, size=seen.sides, pose=pose)
+
+        with self.transaction(), self._sqlalchemy() as connection:
+            return observe_detections(connection, detections, add, frame=frame, at=aware(at))
 
     def add_agent(
         self,

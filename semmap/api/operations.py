@@ -194,6 +194,7 @@ OPERATIONS: tuple[Operation, ...] = (
     Operation("Map.observe", "observe", "robot"),
     Operation("Map.observe_point", "observe", "robot"),
     Operation("Map.observe_view", "observe", "robot"),
+    Operation("Map.observe_objects", "observe", "robot"),
     Operation("Map.initial_belief", "belief initial", "reader"),
     Operation("Map.identify", "belief identify", "reader"),
     Operation("Map.belief_field", "belief field", "robot"),

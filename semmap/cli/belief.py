@@ -154,6 +154,14 @@ Without = Annotated[
 Opening = Annotated[float, typer.Option(help="--view: horizontal opening angle, radians.")]
 Range = Annotated[float, typer.Option("--range", help="--view: how far the detector sees, metres.")]
 Visible = Annotated[float, typer.Option(help="The share of the place in view.")]
+Detected = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--detected",
+        metavar="TYPE=X,Y,Z[,W,D,H]",
+        help="A detection of one view, known or new; metres; repeatable.",
+    ),
+]
 Hit = Annotated[float | None, typer.Option(help="P(seen | there) of the detector.")]
 FalseAlarm = Annotated[float | None, typer.Option(help="P(seen | not there) of the detector.")]
 
@@ -172,6 +180,7 @@ def observe_command(
     opening: Opening = 1.05,
     range_: Range = 5.0,
     visible: Visible = 1.0,
+    detected: Detected = None,
     hit: Hit = None,
     false_alarm: FalseAlarm = None,
     at: At = None,
@@ -182,8 +191,17 @@ def observe_command(
 
     semmap observe mug1 table1; semmap observe mug1 table1 --missed; semmap observe mug1 --point
     1,2,0.8 --frame robot1; semmap observe --view 1,2,1.2,0,0.4 --looked-for mug1; semmap observe
-    --view 1,2,1.2,0,0.4 --cloud view.ply --looked-for mug1
+    --view 1,2,1.2,0,0.4 --cloud view.ply --looked-for mug1; semmap observe --detected
+    mug=1.2,3.4,0.8 --detected mug=6.1,0.9,0.5,0.08,0.08,0.1
     """
+    if detected:
+        if any(given is not None for given in (name, place, point, view, hit, false_alarm)):
+            raise typer.BadParameter("--detected takes no NAME, place, view or rates beside it")
+        found = [_detection(text) for text in detected]
+        with cli.chosen_map(map_name) as house:
+            told = house.observe_objects(found, frame=frame, at=at)
+        cli.show_table(told, json_, ("object", "new", "probability", "place"))
+        return
     _check_observation(name, place, point, view, missed, seen, looked_for, cloud, without)
     rates: dict[str, Any] = {"hit": hit, "false_alarm": false_alarm, "at": at}
     with cli.chosen_map(map_name) as house:
