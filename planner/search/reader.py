@@ -108,7 +108,7 @@ def is_doubtful(connection: Connection, name: str) -> bool:
         return True
     if not connection.execute(text(_OBSERVED), {"name": name}).scalar():
         return False
-    return max(row["probability"] for row in where(connection, name)) < SURE
+    return bool(max(row["probability"] for row in where(connection, name)) < SURE)
 
 
 def read_looks(seen: Snapshot, name: str, robot: str, after: int) -> tuple[list[LookRow], int]:
