@@ -93,10 +93,13 @@ class FieldRule:
         Names of properties, such as ``containsPerson``.
     layer : str
         The name of a layer, or `NONE`, `FLOOR` or `SOCIAL`.
+    kept : float
+        Seconds for which the answer of a query that was kept counts; by default none does.
     """
 
     properties: tuple[str, ...]
     layer: str
+    kept: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -194,6 +197,10 @@ class Policy:
         """Return the name of the layer of the fields of a property; None if no rule names it."""
         return next((rule.layer for rule in self.fields if property in rule.properties), None)
 
+    def keeps(self, property: str) -> float:
+        """Return for how many seconds the kept answers of queries on a property count."""
+        return next((rule.kept for rule in self.fields if property in rule.properties), 0.0)
+
 
 def _mapping(
     value: object, file: str, element: str, keys: set[str] | None = None
@@ -236,11 +243,16 @@ def _rule(value: object, number: int, layers: set[str], file: str) -> PolicyRule
 
 def _field_rule(value: object, number: int, layers: set[str], file: str) -> FieldRule:
     where = f"{file}: field rule {number}"
-    fields = _mapping(value, file, f"field rule {number}", {"property", "layer"})
+    fields = _mapping(value, file, f"field rule {number}", {"property", "layer", "kept"})
     properties = _names(fields.get("property", []), f"{where}: property")
     if not properties:
         raise PolicyError(f"{where}: property is missing; give a name or a list of names")
-    return FieldRule(properties, _choice(fields, "layer", tuple(sorted(layers)), where))
+    kept = fields.get("kept", 0.0)
+    if not (is_finite_number(kept) and kept >= 0):
+        raise PolicyError(f"{where}: kept is {kept!r}; give 0 or more seconds")
+    return FieldRule(
+        properties, _choice(fields, "layer", tuple(sorted(layers)), where), float(kept)
+    )
 
 
 def _choice(fields: Mapping[str, Any], key: str, choices: tuple[str, ...], where: str) -> str:

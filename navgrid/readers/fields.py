@@ -13,6 +13,7 @@ import numpy as np
 from sqlalchemy import text
 
 from navgrid.field_layer import FieldVoxels, field_voxels
+from navgrid.policy import Policy
 from semmap.geometry.voxels import Voxels
 from semmap.language.terms import local_name
 from semmap.query.map_handle import MapSource
@@ -32,7 +33,8 @@ LIVE = 60.0
 """Seconds since its last update for which the field of a source is live."""
 
 _VERSIONS = """
-SELECT f.name, f.id, f.version FROM field f
+SELECT f.name, f.id, f.version, f.property, v.answer,
+       extract(epoch FROM statement_timestamp() - v.at)::float8 AS age FROM field f
 JOIN field_version v ON v.field_id = f.id AND v.version = f.version
 WHERE f.map_id = current_map() AND v.state IS NULL ORDER BY f.name
 """
@@ -50,9 +52,19 @@ WHERE f.map_id = current_map() AND f.property = 'urn:semmap:ontology#provides' O
 """The record of a source names its last maps."""
 
 
-def read_field_versions(seen: Snapshot) -> dict[str, tuple[int, int]]:
-    """Return the id and the newest version of each stored field of the current map, by name."""
-    return {row.name: (row.id, row.version) for row in seen.connection.execute(text(_VERSIONS))}
+def read_field_versions(
+    connection: Connection, policy: Policy | None = None
+) -> dict[str, tuple[int, int]]:
+    """Return the id and the newest version of each stored field of the current map, by name.
+
+    The kept answers of queries are left out, except for as long as the policy lets them count.
+    """
+    keeps = (policy or Policy.default()).keeps
+    return {
+        row.name: (row.id, row.version)
+        for row in connection.execute(text(_VERSIONS))
+        if not row.answer or row.age <= keeps(local_name(row.property))
+    }
 
 
 def read_live_versions(seen: Snapshot) -> dict[str, tuple[str, int]]:
@@ -68,7 +80,11 @@ def read_ended_fields(seen: Snapshot) -> list[str]:
 
 
 def read_fields(
-    seen: Snapshot, names: Sequence[str] | None = None, *, live: bool = True
+    connection: Connection,
+    names: Sequence[str] | None = None,
+    *,
+    live: bool = True,
+    policy: Policy | None = None,
 ) -> dict[str, FieldVoxels]:
     """Return fields of the current map by name, in their newest versions.
 
@@ -76,9 +92,11 @@ def read_fields(
     ----------
     seen : a state of the map
     names : sequence of str, optional
-        Only these, live or ended; by default all that are stored or live.
+        Only these, live or ended; by default all that are stored or live, and of the kept answers
+        of queries those that the policy lets count.
     live : bool
         Take the fields of sources, too.
+    policy : Policy, optional
 
     Raises
     ------
@@ -87,8 +105,10 @@ def read_fields(
     ValueError
         A field has a value that is not finite.
     """
-    of_sources = seen.connection.execute(text(_OF_SOURCES), {"live": LIVE}).all() if live else []
-    versions = dict.fromkeys(read_field_versions(seen))
+    of_sources = connection.execute(text(_OF_SOURCES), {"live": LIVE}).all() if live else []
+    stored_now = {row.name for row in connection.execute(text(_VERSIONS))}
+    counting = read_field_versions(connection, policy)
+    versions = dict.fromkeys(sorted(stored_now))
     versions |= {row.name: row.version for row in of_sources}
     ended = {row.name for row in of_sources if not row.live}
     known = [*versions]
@@ -96,7 +116,9 @@ def read_fields(
         if name not in known:
             near = suggestion(name, known, f"there are: {', '.join(known) or 'none'}")
             raise LookupError(f"there is no field named {name}{near}")
-    wanted = [n for n in known if n not in ended] if names is None else [*dict.fromkeys(names)]
+    data = stored_now - counting.keys()
+    wanted = [n for n in known if n not in ended | data]
+    wanted = wanted if names is None else [*dict.fromkeys(names)]
     if not wanted:
         return {}
     with _openvdb(f"the map has fields ({', '.join(wanted)})", "leave them out (--no-fields)"):

@@ -88,8 +88,8 @@ BEGIN
             SELECT FROM semmap.field s JOIN semmap.field_version r ON r.field_id = s.id AND r.version = s.version
             WHERE s.map_id = original.id AND s.property = 'urn:semmap:ontology#provides'
               AND r.state -> 'maps' ? f.name AND r.at >= now() - interval '60 s'));
-    INSERT INTO semmap.field_version (field_id, version, at, background, placement, legend)
-        SELECT n.id, 1, v.at, v.background, v.placement, v.legend
+    INSERT INTO semmap.field_version (field_id, version, at, background, placement, legend, answer)
+        SELECT n.id, 1, v.at, v.background, v.placement, v.legend, v.answer
         FROM semmap.field n JOIN semmap.field f ON f.map_id = original.id AND f.name = n.name
         JOIN semmap.field_version v ON v.field_id = f.id AND v.version = f.version WHERE n.map_id = copied;
     INSERT INTO semmap.field_block (field_id, x, y, z, since, digest, bytes)

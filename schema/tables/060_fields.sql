@@ -24,6 +24,7 @@ CREATE TABLE field_version (
                CHECK (cardinality(placement) = 12),            -- rows of a rigid transform
     legend     jsonb,                                          -- the entities of int32 values
     state      jsonb,                                          -- data of its writer
+    answer     boolean NOT NULL DEFAULT false,                 -- of a query that was kept: data, unless a policy says more
     PRIMARY KEY (field_id, version)
 );
 

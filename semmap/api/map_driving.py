@@ -89,7 +89,7 @@ class MapDriving(MapQuestions):
                 voxels=_voxels(self, voxel_size),
                 assume_sizes=assume_sizes,
             )
-            found = _fields(seen, fields)
+            found = _fields(seen, fields, policy)
         there = [scene for scene in scenes if scene.entities or scene.floors] or scenes
         return [
             storey_grid(
@@ -176,7 +176,7 @@ class MapDriving(MapQuestions):
                 limits=_limits(max_step, max_slope),
                 static_map=None if static_map is None else Path(static_map),
                 moment=_moment(at),
-                fields=_fields(seen, fields),
+                fields=_fields(seen, fields, policy),
                 voxels=_voxels(self, voxel_size),
                 assume_sizes=assume_sizes,
             )
@@ -386,11 +386,13 @@ def _voxels(map: MapDriving, size: float | None) -> dict[int, Voxels] | None:
     return None if size is None else read_mirror(map, size)
 
 
-def _fields(seen: Snapshot, names: Iterable[str] | None) -> dict[str, FieldVoxels]:
+def _fields(
+    seen: Snapshot, names: Iterable[str] | None, policy: Path | str | None
+) -> dict[str, FieldVoxels]:
     from navgrid.readers.fields import read_fields
 
     chosen = None if names is None else [*names]
-    return {} if chosen == [] else read_fields(seen, chosen)
+    return {} if chosen == [] else read_fields(seen.connection, chosen, policy=_policy(policy))
 
 
 def _policy(path: Path | str | None) -> Any:

@@ -62,5 +62,5 @@ def _stored(
     if keep is not None:
         with open_transaction() as connection:
             summary["kept"] = keep
-            summary["version"] = save_map(connection, keep, result.to_map())
+            summary["version"] = save_map(connection, keep, result.to_map(), answer=True)
     return summary

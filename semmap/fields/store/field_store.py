@@ -61,6 +61,7 @@ def save(
     legend: Mapping[int, Any] | None = None,
     state: Mapping[str, Any] | None = None,
     at: datetime | None = None,
+    answer: bool = False,
 ) -> int:
     """Store a grid as the newest version of a field.
 
@@ -78,6 +79,7 @@ def save(
     legend : the entities of the values of an int32 grid, as JSON allows
     state : data of the writer, as JSON allows
     at : from when on the grid is valid, aware; now if not given
+    answer : whether it is the answer of a query, which is no obstacle unless a policy says so
 
     Returns
     -------
@@ -139,9 +141,9 @@ def save(
         )
     run(
         connection,
-        "INSERT INTO field_version (field_id, version, at, background, placement, legend, state) "
-        "VALUES (%(field)s, %(version)s, coalesce(%(at)s, statement_timestamp()), %(background)s, "
-        "%(placement)s, %(legend)s::jsonb, %(state)s::jsonb)",
+        "INSERT INTO field_version (field_id, version, at, background, placement, legend, state, "
+        "answer) VALUES (%(field)s, %(version)s, coalesce(%(at)s, statement_timestamp()), "
+        "%(background)s, %(placement)s, %(legend)s::jsonb, %(state)s::jsonb, %(answer)s)",
         {
             "field": field.id,
             "version": version,
@@ -150,6 +152,7 @@ def save(
             "placement": [number for row in grid.placement for number in row],
             "legend": None if legend is None else json.dumps(dict(legend)),
             "state": None if state is None else json.dumps(dict(state)),
+            "answer": answer,
         },
     )
     run(

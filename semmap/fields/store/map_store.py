@@ -21,7 +21,7 @@ def save_map(connection: Any, name: str, map: RepresentationMap, **more: Any) ->
 
     Parameters
     ----------
-    **more : `state` and `at` of `field_store.save`
+    **more : `state`, `at` and `answer` of `field_store.save`
 
     Returns
     -------
