@@ -52,9 +52,7 @@ WHERE f.map_id = current_map() AND f.property = 'urn:semmap:ontology#provides' O
 """The record of a source names its last maps."""
 
 
-def read_field_versions(
-    connection: Connection, policy: Policy | None = None
-) -> dict[str, tuple[int, int]]:
+def read_field_versions(seen: Snapshot, policy: Policy | None = None) -> dict[str, tuple[int, int]]:
     """Return the id and the newest version of each stored field of the current map, by name.
 
     The kept answers of queries are left out, except for as long as the policy lets them count.
@@ -62,7 +60,7 @@ def read_field_versions(
     keeps = (policy or Policy.default()).keeps
     return {
         row.name: (row.id, row.version)
-        for row in connection.execute(text(_VERSIONS))
+        for row in seen.connection.execute(text(_VERSIONS))
         if not row.answer or row.age <= keeps(local_name(row.property))
     }
 
@@ -80,7 +78,7 @@ def read_ended_fields(seen: Snapshot) -> list[str]:
 
 
 def read_fields(
-    connection: Connection,
+    seen: Snapshot,
     names: Sequence[str] | None = None,
     *,
     live: bool = True,
@@ -105,9 +103,9 @@ def read_fields(
     ValueError
         A field has a value that is not finite.
     """
-    of_sources = connection.execute(text(_OF_SOURCES), {"live": LIVE}).all() if live else []
-    stored_now = {row.name for row in connection.execute(text(_VERSIONS))}
-    counting = read_field_versions(connection, policy)
+    of_sources = seen.connection.execute(text(_OF_SOURCES), {"live": LIVE}).all() if live else []
+    stored_now = {row.name for row in seen.connection.execute(text(_VERSIONS))}
+    counting = read_field_versions(seen, policy)
     versions = dict.fromkeys(sorted(stored_now))
     versions |= {row.name: row.version for row in of_sources}
     ended = {row.name for row in of_sources if not row.live}

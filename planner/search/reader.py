@@ -12,6 +12,7 @@ from sqlalchemy import text
 from semmap.belief.places import BeliefPlace
 from semmap.belief.reader import read_height, read_occluders, read_places
 from semmap.belief.store.beliefs import where
+from semmap.query.snapshot import Snapshot
 from semmap.query.storey_reader import read_entities
 from semmap.query.storey_scene import SceneEntity
 
@@ -83,9 +84,9 @@ def read_believed_object(seen: Snapshot, name: str) -> BelievedObject:
     LookupError
         The map has no entity of this name.
     """
-    rows = where(connection, name)
+    rows = where(seen, name)
     belief = {row["place"]: (1 - DOUBT) * row["probability"] + DOUBT * row["prior"] for row in rows}
-    shut = connection.execute(text(_SHUT)).scalars()
+    shut = seen.connection.execute(text(_SHUT)).scalars()
     return BelievedObject(
         name,
         belief,
@@ -102,13 +103,15 @@ def read_entity_shapes(seen: Snapshot) -> dict[str, SceneEntity]:
     return {e.name: e for e in entities if e.kind != "connector" or e.state != "open"}
 
 
-def is_doubtful(connection: Connection, name: str) -> bool:
-    """Whether an object has no place, or looks have shown that it may not be there any more."""
-    if read_holder(connection, name) is None:
+def is_doubtful(seen: Snapshot, name: str) -> bool:
+    """Whether an object has no place, or looks have shown that it may be at another one."""
+    if read_holder(seen, name) is None:
         return True
-    if not connection.execute(text(_OBSERVED), {"name": name}).scalar():
+    if not seen.connection.execute(text(_OBSERVED), {"name": name}).scalar():
         return False
-    return bool(max(row["probability"] for row in where(connection, name)) < SURE)
+    best = where(seen, name)[0]
+    there = {"name": name, "place": best["place"]}
+    return best["probability"] < SURE or not seen.connection.execute(text(_IS_AT), there).scalar()
 
 
 def read_looks(seen: Snapshot, name: str, robot: str, after: int) -> tuple[list[LookRow], int]:
@@ -165,6 +168,11 @@ WHERE map_id = current_map() AND kind = 'object' AND properties->'shut' = 'true'
 _OBSERVED = """
 SELECT EXISTS (SELECT FROM observation o JOIN entity e ON e.id = o.entity_id
                WHERE e.map_id = current_map() AND e.name = :name)
+"""
+
+_IS_AT = """
+SELECT EXISTS (SELECT FROM entity e WHERE e.map_id = current_map() AND e.name = :place
+               AND is_held_by(entity_id(:name), e.id))
 """
 
 _LOOKS = """

@@ -87,7 +87,7 @@ def objects_to_find(seen: Snapshot, goal: Goal) -> list[str]:
             if name in found:
                 continue
             if atom.relation == FOUND or (
-                read_kind(connection, name) == "object" and is_doubtful(connection, name)
+                read_kind(seen, name) == "object" and is_doubtful(seen, name)
             ):
                 found.append(name)
     return found

@@ -203,14 +203,13 @@ class Map(
         """
         from semmap.belief.detections import observe_detections
 
-        def add(name: str, seen: Detection, point: tuple[float, float, float]) -> None:
+        def add(name: str, detected: Detection, point: tuple[float, float, float]) -> None:
             x, y, z = point
-            low = z - (seen.sides[2] / 2 if seen.sides else 0.0)
-            pose = (x, y, low, 0.0)
-            self.add_object(name, type=seen.type, size=seen.sides, pose=pose)
+            low = z - (detected.sides[2] / 2 if detected.sides else 0.0)
+            self.add_object(name, type=detected.type, size=detected.sides, pose=(x, y, low, 0.0))
 
-        with self.transaction(), self._sqlalchemy() as connection:
-            return observe_detections(connection, detections, add, frame=frame, at=aware(at))
+        with self._change() as now:
+            return observe_detections(now, detections, add, frame=frame, at=aware(at))
 
     def add_agent(
         self,

@@ -75,18 +75,16 @@ class MapBeliefs(MapQuestions):
 
         if occlusion and moves is not None:
             raise ValueError("choose occlusion or moves: no model has both")
-        moment, session = aware(at), self.connection
+        moment = aware(at)
         if moves is not None:
             moves = MotionModel(moves).seconds
-        found = {
-            name: BelievedPlaces(name, where(session, name, moment, moves), moment)
-            for name in names
-        }
-        if not occlusion:
-            return found
-        from semmap.belief.estimates import belief_with_occlusion
+        with self.snapshot() as seen:
+            found = {n: BelievedPlaces(n, where(seen, n, moment, moves), moment) for n in names}
+            if not occlusion:
+                return found
+            from semmap.belief.estimates import belief_with_occlusion
 
-        estimates = belief_with_occlusion(session, names, moment)
+            estimates = belief_with_occlusion(seen, names, moment)
         return found | {name: found[name].revised(of) for name, of in estimates.items()}
 
     def draw_belief(
@@ -106,14 +104,14 @@ class MapBeliefs(MapQuestions):
         """
         from semmap.belief.heat_map import heat_map
         from semmap.belief.reader import read_places
-        from semmap.belief.store.beliefs import driver, things_named
+        from semmap.belief.store.beliefs import things_named
         from semmap.draw.view import storey_view
         from semmap.query.storey_reader import read_storeys
 
         belief = self.where(about) if isinstance(about, str) else about
         with self.snapshot() as seen:
-            things = things_named(driver(seen.connection), belief.name)
-            of_things = [place for thing in things for place in read_places(seen.connection, thing)]
+            things = things_named(seen.session, belief.name)
+            of_things = [place for thing in things for place in read_places(seen, thing)]
             places = {place.name: place for place in of_things}.values()
             best = max(places, key=lambda place: belief.get(place.name, 0.0), default=None)
             chosen = storey or (best.storey if best else None)

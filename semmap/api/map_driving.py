@@ -392,7 +392,7 @@ def _fields(
     from navgrid.readers.fields import read_fields
 
     chosen = None if names is None else [*names]
-    return {} if chosen == [] else read_fields(seen.connection, chosen, policy=_policy(policy))
+    return {} if chosen == [] else read_fields(seen, chosen, policy=_policy(policy))
 
 
 def _policy(path: Path | str | None) -> Any:

@@ -4,16 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from datetime import datetime
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from semmap.belief.identify import Detection, Identity, identify
 from semmap.belief.looks import observe_point
 from semmap.belief.reader import read_agent_pose
-from semmap.belief.store.beliefs import Row, driver, read_belief
+from semmap.belief.store.beliefs import Row, read_belief
+from semmap.query.snapshot import Snapshot
 from semmap.snake_case import snake_case
-
-if TYPE_CHECKING:
-    from sqlalchemy import Connection
 
 __all__ = ["AddObject", "observe_detections"]
 
@@ -28,7 +26,7 @@ AddObject = Callable[[str, Detection, tuple[float, float, float]], object]
 
 
 def observe_detections(
-    connection: Connection,
+    seen: Snapshot,
     detections: Sequence[Detection],
     add: AddObject,
     *,
@@ -51,39 +49,39 @@ def observe_detections(
         As `semmap.belief.identify.identify`; nothing is stored.
     """
     rows: list[Row] = []
-    found = identify(connection, detections, frame=frame, at=at)
-    for seen, who in zip(detections, found, strict=True):
+    found = identify(seen, detections, frame=frame, at=at)
+    for detection, who in zip(detections, found, strict=True):
         likeliest = next(iter(who.known), None)
         new = likeliest is None or who.new >= SURE
-        name = _free_name(connection, seen.type) if new else str(likeliest)
-        rates = {} if new else _rates(connection, name, who)
+        name = _free_name(seen, detection.type) if new else str(likeliest)
+        rates = {} if new else _rates(seen, name, who)
         if new:
-            point = seen.point
+            point = detection.point
             if frame is not None:
-                x, y, z = read_agent_pose(connection, frame, at).apply([seen.point])[0]
+                x, y, z = read_agent_pose(seen, frame, at).apply([detection.point])[0]
                 point = (float(x), float(y), float(z))
-            add(name, seen, point)
-        row = observe_point(connection, name, seen.point, frame=frame, at=at, **rates)
+            add(name, detection, point)
+        row = observe_point(seen, name, detection.point, frame=frame, at=at, **rates)
         chance = who.new if new else who.known[name]
-        rows.append({"type": seen.type, "object": name, "probability": chance, "new": new})
+        rows.append({"type": detection.type, "object": name, "probability": chance, "new": new})
         rows[-1]["place"] = row["place"]
     return rows
 
 
-def _rates(connection: Connection, name: str, who: Identity) -> dict[str, Any]:
+def _rates(seen: Snapshot, name: str, who: Identity) -> dict[str, Any]:
     """The rates with which a doubtful detection makes the belief that of the association."""
     chance, place = who.known[name], who.place
     if chance >= SURE or place is None:
         return {}
-    before = read_belief(driver(connection), name).get(place, 0.0)
+    before = read_belief(seen, name).get(place, 0.0)
     odds = chance / (1 - chance) * (1 - before) / max(before, 1e-9)
     return {"hit": HIT, "false_alarm": min(HIT / max(odds, 1.0), HIT)}
 
 
-def _free_name(connection: Connection, type_: str) -> str:
+def _free_name(seen: Snapshot, type_: str) -> str:
     """The first name of a type and a number that the map does not have."""
     word = snake_case(type_)
-    rows = driver(connection).execute(
+    rows = seen.session.execute(
         "SELECT name FROM entity WHERE map_id = current_map() AND starts_with(name, %s)", (word,)
     )
     taken = {row[0] for row in rows.fetchall()}

@@ -15,7 +15,7 @@ from semmap.belief.error import BeliefError
 from semmap.belief.motion import DAILY, MotionModel
 from semmap.belief.places import place_at
 from semmap.belief.reader import read_agent_pose, read_columns, read_places
-from semmap.belief.store.beliefs import driver, read_belief
+from semmap.belief.store.beliefs import read_belief
 from semmap.finite_number import finite_numbers
 from semmap.query.entity_query import find
 from semmap.query.snapshot import Snapshot
@@ -104,10 +104,10 @@ def identify(
     found = [Identity(None, {}, 1.0) for _ in detections]
     if not rows:
         return found
-    columns = read_columns(connection, names, at)
-    beliefs = [read_belief(session, name, at, motion.seconds) for name in names]
+    columns = read_columns(seen, names, at)
+    beliefs = [read_belief(seen, name, at, motion.seconds) for name in names]
     belief = [[one.get(place, 0.0) for place in columns.places] for one in beliefs]
-    place = [_place(connection, detections[j], candidates[j][0], frame, at) for j in rows]
+    place = [_place(seen, detections[j], candidates[j][0], frame, at) for j in rows]
     at_place = np.array([columns.places.index(name) for name in place])
     view = np.zeros(len(columns.places))
     view[at_place] = 1.0

@@ -87,7 +87,7 @@ def test_a_detection_at_no_place_is_refused(
 
 def test_a_view_stores_what_it_showed_and_what_it_missed(connection: Connection) -> None:
     camera = camera_at((0.2, 0.4, 1.5), math.atan2(1.1, 1.3), 0.4, field_of_view=1.2)
-    unseen = read_belief(connection, "coke")
+    unseen = read_belief(seen_by(connection), "coke")
     rows = observe_view(connection, camera, ["coke"], {"mug": (1.6, 1.5, 0.8)})
     by_name = {(row["object"], row["place"]): row for row in rows}
     assert by_name["mug", "table"]["seen"]
@@ -95,8 +95,8 @@ def test_a_view_stores_what_it_showed_and_what_it_missed(connection: Connection)
     assert 0.8 < by_name["coke", "table"]["visible"] < 1  # the cereal box hides a part
     assert 0 < by_name["coke", "kitchen"]["visible"] < 0.6  # the floor, partly under the table
     assert "bench" not in {row["place"] for row in rows}  # beyond the range
-    assert read_belief(connection, "mug")["table"] > 0.2
-    assert read_belief(connection, "coke")["table"] < unseen["table"] / 2
+    assert read_belief(seen_by(connection), "mug")["table"] > 0.2
+    assert read_belief(seen_by(connection), "coke")["table"] < unseen["table"] / 2
     before = observations(connection)
     with pytest.raises(BeliefError, match="range of the view"):
         observe_view(seen_by(connection), camera, ["coke"], furthest=0)

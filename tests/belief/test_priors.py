@@ -46,8 +46,8 @@ def test_the_map_has_the_same_priors(flat: Map) -> None:
     session.execute(
         "INSERT INTO taught_relation VALUES (current_map(), 'umbrella', 'found_in', 'refrigerator')"
     )
-    columns = read_columns(session, ["mug", "coke"])
-    rows = {name: where(session, name) for name in columns.objects}
+    columns = read_columns(seen_by(session), ["mug", "coke"])
+    rows = {name: where(seen_by(session), name) for name in columns.objects}
     priors = {name: {row["place"]: row["prior"] for row in rows[name]} for name in rows}
     found = np.array([[priors[name][place] for place in columns.places] for name in priors])
     weight = np.array([WEIGHTS[place] for place in columns.places[:-1]])

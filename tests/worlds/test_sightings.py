@@ -12,6 +12,7 @@ from scipy.ndimage import distance_transform_edt
 from sqlalchemy import Engine
 
 import semmap
+from planner.search.reader import is_doubtful
 from semmap import Map
 from semmap.belief.identify import Detection
 
@@ -61,6 +62,20 @@ def test_a_doubtful_sighting_moves_nothing(here: Map) -> None:
     here.observe_point("plate", (x, y, z + 0.02), hit=0.7, false_alarm=0.2)
     assert here["plate"].pose == before
     assert 0.001 < here.where("plate")[COFFEE] < 0.5
+
+
+def test_a_plan_looks_first_where_belief_and_map_disagree(here: Map) -> None:
+    """A place without a point says nothing of the pose; one that agrees leaves no doubt."""
+    with here.snapshot() as seen:
+        assert not is_doubtful(seen, "plate")
+    here.observe("plate", KITCHEN)
+    with here.snapshot() as seen:
+        assert not is_doubtful(seen, "plate")
+    here.observe("plate", COFFEE)
+    assert here.where("plate").best == COFFEE
+    assert here["plate"].holder.name == KITCHEN
+    with here.snapshot() as seen:
+        assert is_doubtful(seen, "plate")
 
 
 def test_what_is_looked_for_in_vain_has_no_place_in_the_end(here: Map) -> None:

@@ -17,6 +17,7 @@ from psycopg.rows import dict_row
 from semmap.belief.error import BeliefError
 from semmap.finite_number import is_finite_number
 from semmap.query.entity_query import entity_id
+from semmap.query.snapshot import Snapshot
 from semmap.snake_case import snake_case
 
 __all__ = [
@@ -43,7 +44,7 @@ COLUMNS = ("object", "place", "seen", "at", "inside", "position", "visible", *RA
 
 
 def read_belief(
-    connection: MapConnection, name: str, at: datetime | None = None, moves: float | None = None
+    seen: Snapshot, name: str, at: datetime | None = None, moves: float | None = None
 ) -> dict[str, float]:
     """Return how probable each place is for an object or agent.
 
@@ -69,11 +70,11 @@ def read_belief(
     BeliefError
         It is not an object or agent, or `at` has no time zone.
     """
-    return {row["place"]: row["probability"] for row in where(connection, name, at, moves)}
+    return {row["place"]: row["probability"] for row in where(seen, name, at, moves)}
 
 
 def where(
-    connection: MapConnection, name: str, at: datetime | None = None, moves: float | None = None
+    seen: Snapshot, name: str, at: datetime | None = None, moves: float | None = None
 ) -> list[Row]:
     """Return the rows of the SQL function ``where_is``: the belief with its reasons.
 
@@ -90,7 +91,7 @@ def where(
     LookupError, BeliefError
         As `read_belief`.
     """
-    session = driver(connection)
+    session = seen.session
     if at is not None and at.tzinfo is None:
         raise BeliefError(f"the time {at.isoformat()} has no time zone: give it with one")
     beliefs = [_where(session, thing, at, moves) for thing in things_named(session, name)]

@@ -19,6 +19,7 @@ from semmap.database.maps import driver_of, see_map
 from semmap.model import Belief, Entity
 from semmap.query.change_feed import ChangeFeed
 from tests.belief.conftest import THESIS, WEIGHTS
+from tests.seen import seen_by
 
 NOW = datetime.now(UTC)
 PLACES = {"table", "counter", "bench", "fridge", "kitchen", "hall", "piano"}
@@ -335,7 +336,7 @@ def test_repeated_looks_of_an_agent_count_once_and_old_ones_go(flat: Map) -> Non
     observe(flat, *[of | {"at": at} for at in frames[:3]])  # a person says so three times
     kept = flat.execute("SELECT observer_id IS NULL, at FROM observation ORDER BY 1, 2")
     assert kept == [(False, frames[4]), (False, frames[9]), *((True, at) for at in frames[:3])]
-    prior = {r["place"]: r["prior"] for r in where(flat.connection, "coke", at=NOW)}
+    prior = {r["place"]: r["prior"] for r in where(seen_by(flat.connection), "coke", at=NOW)}
     rows = [of | {"at": at} for _, at in kept]
     (table,) = flat.execute(
         "SELECT probability FROM belief WHERE entity_id = entity_id('coke') "

@@ -11,6 +11,7 @@ import pytest
 from semmap import Map
 from semmap.belief.store.beliefs import add_observations, read_belief, where
 from tests.oracles.evidence import Fact, where_by_paths
+from tests.seen import seen_by
 
 NOW = datetime.now(UTC)
 KITCHEN = ("counter", "fridge", "kitchen", "table")
@@ -49,7 +50,7 @@ def put(
 
 def columns(flat: Map) -> tuple[dict[str, float], dict[str, float]]:
     """The prior and the belief about the coke now."""
-    rows = where(flat.connection, "coke")
+    rows = where(seen_by(flat.connection), "coke")
     prior, found = ({row["place"]: row[key] for row in rows} for key in ("prior", "probability"))
     return prior, found
 
@@ -84,7 +85,7 @@ def test_beliefs_are_the_sum_over_all_paths(flat: Map, seed: int) -> None:
         facts.append(Fact(-age, KITCHEN if row["inside"] else (place,), there, elsewhere))
     for (place, at), (_, until) in zip(stays, [*stays[1:], (None, None)], strict=True):
         put(flat, place, SPOTS[place], at, until)
-    prior = {row["place"]: row["prior"] for row in where(flat.connection, "coke", NOW)}
+    prior = {row["place"]: row["prior"] for row in where(seen_by(flat.connection), "coke", NOW)}
     for row in source.sample(rows, len(rows)):  # in any order
         add_observations(flat.connection, [row])
     # The last stay at one place, of several that follow each other, is what counts.
@@ -94,7 +95,7 @@ def test_beliefs_are_the_sum_over_all_paths(flat: Map, seed: int) -> None:
     facts = [fact for fact in facts if fact.there is not None or fact in last]
     rate = max(mobility, 1e-30)
     expected = where_by_paths(prior, facts, 0.0, (moves or DAY) / rate, STATED)
-    found = read_belief(flat.connection, "coke", NOW, moves)
+    found = read_belief(seen_by(flat.connection), "coke", NOW, moves)
     assert found == pytest.approx(expected, abs=1e-9)
 
 
