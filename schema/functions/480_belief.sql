@@ -6,7 +6,7 @@ RETURNS belief_model LANGUAGE sql STABLE
 BEGIN ATOMIC
 -- How sightings of a map are judged: its row, else the defaults of the table.
 SELECT m FROM semmap.belief_model m WHERE m.map_id = of_map
-UNION ALL SELECT ROW (of_map, 0.9, 0.00001, 0, 10, 86400, 0.95, 0.1, 0.5, 4)::semmap.belief_model LIMIT 1;
+UNION ALL SELECT ROW (of_map, 0.9, 0.000001, 0, 10, 86400, 0.95, 0.1, 0.5, 4)::semmap.belief_model LIMIT 1;
 END;
 
 CREATE FUNCTION property_of(thing bigint, key text)
@@ -245,6 +245,7 @@ SET search_path = semmap, public, pg_temp SET plan_cache_mode = force_generic_pl
 -- Where things were at a moment, by their priors (a thing, a place and a probability each) and all that was stated and
 -- observed until then, one after the other:
 --   in t seconds, a thing of mobility M stays with k = exp(-t M / moves), else it is put anywhere: p' = k p + (1 - k) prior;
+--   before a sighting, k is at most 0.99: what is seen may just have been moved;
 --   where the map puts it, it is with the probability `stated`, else where it was before;
 --   an observation multiplies its place by P(seen | there) / P(seen | not there), and so for "not seen". Of a place that is
 --   in view to a share v, both rates are v times as large.
@@ -256,6 +257,7 @@ DECLARE
     total double precision;  -- of at_place
     since timestamptz;
     keep double precision;
+    unmoved CONSTANT double precision := 0.99;  -- what is seen may just have been moved: people use it
     i integer;
 BEGIN
     FOR step IN
@@ -302,6 +304,9 @@ BEGIN
         last := step;
         CONTINUE WHEN step.at IS NULL;
         keep := exp(-least(extract(epoch FROM step.at - since)::double precision * step.rate, 60));
+        IF step.ratio > 1 AND step.rate > 0 AND step.at > since THEN
+            keep := least(keep, unmoved);
+        END IF;
         since := step.at;
         IF keep < 1 THEN
             FOR i IN 1 .. cardinality(at_place) LOOP

@@ -28,7 +28,7 @@ CREATE TABLE taught_action (
 CREATE TABLE belief_model (
     map_id          integer PRIMARY KEY REFERENCES map ON DELETE CASCADE,
     there           double precision NOT NULL DEFAULT 0.9,
-    elsewhere       double precision NOT NULL DEFAULT 0.00001,
+    elsewhere       double precision NOT NULL DEFAULT 0.000001,
     change          double precision NOT NULL DEFAULT 0,
     seconds         double precision NOT NULL DEFAULT 10,
     moves           double precision NOT NULL DEFAULT 86400,   -- seconds in which a thing of mobility 1 is moved once

@@ -58,7 +58,7 @@ def test_an_old_sighting_fades_into_the_prior_when_objects_move(flat: Map) -> No
     session = flat.connection
     add_observations(session, [look("coke", "bench", True, 1000.0)] * 5)
     prior = read_belief(seen_by(session), "coke", NOW - timedelta(days=1))["bench"]
-    new = prior / (prior + (1 - prior) * (1e-5 / 0.9) ** 5)
+    new = prior / (prior + (1 - prior) * (1e-6 / 0.9) ** 5)
     for seconds in (10.0, 1000.0, 1e9):
         keep = math.exp(-1000.0 / seconds)
         found = read_belief(seen_by(session), "coke", NOW, seconds)

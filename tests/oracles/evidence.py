@@ -10,6 +10,10 @@ from typing import NamedTuple
 __all__ = ["Fact", "where_by_paths"]
 
 
+UNMOVED = 0.99
+"""At most so probably, a thing that is seen has not been moved since the fact before."""
+
+
 class Fact(NamedTuple):
     """One fact about some places: that the thing was put at one of them, or a look at them.
 
@@ -31,11 +35,13 @@ def where_by_paths(
     true with the probability `stated`; of several places it leaves the proportions.
     """
     ordered = sorted(facts, key=lambda fact: fact.at)
-    ends = [fact.at for fact in ordered[1:]] + [now]
+    nexts: list[Fact | None] = [*ordered[1:], None]
     belief = dict(prior)
 
-    def moved(a: str, b: str, seconds: float) -> float:
+    def moved(a: str, b: str, seconds: float, then: Fact | None) -> float:
         keep = math.exp(-seconds / moves)
+        if then and then.there and then.there > then.elsewhere and keep < 1:  # it is seen
+            keep = min(keep, UNMOVED)
         return keep * (a == b) + (1 - keep) * prior[b]
 
     def told(before: str, after: str, fact: Fact) -> float:
@@ -45,11 +51,12 @@ def where_by_paths(
         there = belief[after] / total if after in fact.places else 0.0
         return (1 - stated) * (before == after) + stated * there
 
-    for fact, end in zip(ordered, ends, strict=True):
+    for fact, then in zip(ordered, nexts, strict=True):
+        end = then.at if then else now
         found = dict.fromkeys(prior, 0.0)
         for before, after, later in itertools.product(prior, repeat=3):
             weight = belief[before] * told(before, after, fact)
-            found[later] += weight * moved(after, later, end - fact.at)
+            found[later] += weight * moved(after, later, end - fact.at, then)
         belief = found
     total = math.fsum(belief.values())
     return {place: weight / total for place, weight in belief.items()}

@@ -69,7 +69,12 @@ def test_one_sighting_outweighs_all_other_places(here: Map) -> None:
         assert len(here.where(name)) > 25
         here.observe(name, COFFEE)
         assert here.where(name)[COFFEE] > 0.95
-        for _ in range(5):
+        here.observe(name, NIGHT)  # seconds later
+        assert here.where(name)[NIGHT] > 0.9
+        here.observe(name, COFFEE)
+        here.observe(name, COFFEE)
+        assert here.where(name)[COFFEE] > 0.99
+        for _ in range(8):
             here.observe(name, COFFEE, seen=False)
         assert here.where(name)[COFFEE] < 0.5
 
@@ -122,9 +127,9 @@ def test_any_thing_of_a_type_is_where_those_of_the_type_are(here: Map) -> None:
     one, other = here.where("coke"), here.where("pepsi")
     assert sum(found.values()) == pytest.approx(1)
     for place in one:
-        assert found[place] == pytest.approx((one[place] + other[place]) / 2, abs=1e-6)
+        assert found[place] == pytest.approx((one[place] + other[place]) / 2, abs=1e-4)
     assert set(list(found)[:2]) == {KITCHEN, NIGHT}
-    assert here.where("can")[NIGHT] == pytest.approx(found[NIGHT], abs=1e-6), "a supertype"
+    assert here.where("can")[NIGHT] == pytest.approx(found[NIGHT], abs=1e-4), "a supertype"
     with pytest.raises(LookupError, match="the map has no apple: add or teach an object"):
         here.where("apple")
     with pytest.raises(LookupError, match="the map has no entity coek; did you mean coke"):

@@ -15,7 +15,7 @@ from tests.seen import seen_by
 
 NOW = datetime.now(UTC)
 KITCHEN = ("counter", "fridge", "kitchen", "table")
-HIT, FALSE_ALARM, STATED, DAY = 0.9, 1e-5, 0.95, 86_400.0
+HIT, FALSE_ALARM, STATED, DAY = 0.9, 1e-6, 0.95, 86_400.0
 """The numbers of a map that states none."""
 
 SPOTS = {
