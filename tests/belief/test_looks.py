@@ -88,7 +88,7 @@ def test_a_detection_at_no_place_is_refused(
 def test_a_view_stores_what_it_showed_and_what_it_missed(connection: Connection) -> None:
     camera = camera_at((0.2, 0.4, 1.5), math.atan2(1.1, 1.3), 0.4, field_of_view=1.2)
     unseen = read_belief(seen_by(connection), "coke")
-    rows = observe_view(connection, camera, ["coke"], {"mug": (1.6, 1.5, 0.8)})
+    rows = observe_view(seen_by(connection), camera, ["coke"], {"mug": (1.6, 1.5, 0.8)})
     by_name = {(row["object"], row["place"]): row for row in rows}
     assert by_name["mug", "table"]["seen"]
     assert not by_name["coke", "table"]["seen"]
