@@ -102,7 +102,7 @@ def test_beliefs_are_the_sum_over_all_paths(flat: Map, seed: int) -> None:
 def test_what_was_put_into_a_storey_is_at_any_place_there(flat: Map) -> None:
     flat.add_storey("ground", height=2.7)
     flat.execute("SELECT put(entity_id('kitchen'), entity_id('ground'))")
-    put(flat, None, (1, 1, 1.2), NOW, None)
+    put(flat, None, (1, 1, 1.2), datetime.now(UTC), None)
     flat.execute("SELECT set_config('semmap.deriving', 'on', true)")
     flat.execute("SELECT put(entity_id('coke'), entity_id('ground'))")
     prior, found = columns(flat)
@@ -117,7 +117,7 @@ def test_what_was_put_into_a_storey_is_at_any_place_there(flat: Map) -> None:
 def test_a_pose_alone_tells_the_place(
     flat: Map, spot: tuple[float, float, float], place: str
 ) -> None:
-    put(flat, None, spot, NOW, None)
+    put(flat, None, spot, datetime.now(UTC), None)
     flat.execute("SELECT set_config('semmap.deriving', 'on', true)")
     flat.execute("SELECT put(entity_id('coke'), NULL)")
     prior, found = columns(flat)
