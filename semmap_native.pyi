@@ -43,6 +43,29 @@ def travel(
     targets: NDArray[np.int64] | None,
     threads: int,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]: ...
+def collisions(
+    occupied: NDArray[np.bool_], runs: NDArray[np.int32]
+) -> NDArray[np.uint16]: ...
+def drive(
+    costs: NDArray[np.uint8],
+    fits: NDArray[np.uint16],
+    steps: NDArray[np.uint16],
+    turns: NDArray[np.uint16],
+    resolution: float,
+    cells: NDArray[np.int64],
+    targets: NDArray[np.int64],
+    slow: float,
+    threads: int,
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]: ...
+def drive_way(
+    costs: NDArray[np.uint8],
+    fits: NDArray[np.uint16],
+    steps: NDArray[np.uint16],
+    turns: NDArray[np.uint16],
+    resolution: float,
+    ends: NDArray[np.int64],
+    slow: float,
+) -> NDArray[np.int64]: ...
 def way(
     costs: NDArray[np.uint8], resolution: float, ends: NDArray[np.int64], slow: float
 ) -> NDArray[np.int64]: ...

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
+from navgrid.headings import hits
+from navgrid.inflation import INSCRIBED, LETHAL
 from navgrid.policy import SOCIAL
 from navgrid.window import grown
 
@@ -16,6 +18,9 @@ if TYPE_CHECKING:
     from navgrid.costmap import Costmap
 
 __all__ = ["CostSource", "cost_sources"]
+
+ALL = 0xFFFF
+"""Every heading."""
 
 
 @dataclass(frozen=True)
@@ -30,7 +35,8 @@ class CostSource:
     distance : float
         From the cell to theirs, metres.
     cost : int
-        The cost of the cell if this layer were alone.
+        The cost of the cell if this layer were alone; 253 if it takes some headings of a cell at
+        which several layers or parts together leave none.
     field : str, optional
         The name of the field that has these entities; None for entities of the map.
     assumed : tuple of str
@@ -65,7 +71,11 @@ def cost_sources(costmap: Costmap, row: int, column: int) -> list[CostSource]:
     first = np.array([outer[0].start, outer[1].start])
     assumed = {entity.name for entity in costmap.scene.entities if entity.assumed}
     fields = {field.name: field for field in costmap.field_layers}
-    found = []
+    found: list[CostSource] = []
+    here = (row - outer[0].start, column - outer[1].start)
+    blocked = costmap.master[row, column] in (INSCRIBED, LETHAL)
+    alone = False
+    shared = []
     for number, part in enumerate(costmap.parts):
         for layer in costmap.layers:
             cells = costmap.occupied[layer.name][number][outer]
@@ -74,19 +84,28 @@ def cost_sources(costmap: Costmap, row: int, column: int) -> list[CostSource]:
             at = np.argwhere(cells) + first
             squared = ((at - (row, column)) ** 2).sum(axis=1)
             costs = costmap.inflation.costs(cells, grid.resolution, part, layer.padding)
-            cost = int(costs[row - first[0], column - first[1]])
-            if cost:
+            cost = int(costs[here])
+            footprint = costmap.parts[number].footprint
+            hit = int(hits(cells, footprint, grid.resolution, "stand", layer.padding)[here])
+            if hit == ALL:
+                cost, alone = (LETHAL if cells[here] else INSCRIBED), True
+            if cost or hit:
                 distance = math.sqrt(squared.min()) * grid.resolution
                 names = _occupants(costmap, layer.name, number, at[squared == squared.min()])
                 field = fields.get(layer.name)
                 on = layer.name if field is None else field.layer
                 of = None if field is None else field.name
                 guesses = tuple(n for n in names if n in assumed) if field is None else ()
+                if hit:
+                    shared.append(len(found))
                 found.append(CostSource(part.name, on, names, distance, cost, of, guesses))
         for name, social in costmap.social.items():
             if cost := int(social[number, row, column]):
                 names = _occupants(costmap, name, number, np.array([(row, column)]))
                 found.append(CostSource(part.name, SOCIAL, names, 0.0, cost, name))
+    if blocked and not alone:
+        for k in shared:
+            found[k] = replace(found[k], cost=INSCRIBED)
     return sorted(found, key=lambda source: (-source.cost, source.distance, source.part))
 
 

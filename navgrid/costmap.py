@@ -1,8 +1,11 @@
 """The layered costmap of a robot (Deeken et al., sections 4.2 and 4.3).
 
 Each robot part gets its own costmap, so an arm may pass over a table that its base passes under:
-the obstacles at the part's heights, inflated by the part's footprint. The master costmap is the
-maximum of all parts; in it the robot is a point.
+the obstacles at the part's heights, and around them costs that fall off from the part's inscribed
+radius. A cell is blocked (253, or 254 where an obstacle is) if the part's footprint fits there at
+no heading. In the master, which joins all parts, the robot is a point: it is blocked where the
+whole robot fits at no heading. So it blocks no cell that the shape can be in, and where it is not
+blocked, some heading fits, though not each.
 """
 
 from __future__ import annotations
@@ -20,7 +23,8 @@ from numpy.typing import NDArray
 from navgrid.cost_source import CostSource, cost_sources
 from navgrid.field_layer import FieldLayer, FieldVoxels, field_notes, social_costs, sort_fields
 from navgrid.grid import Grid
-from navgrid.inflation import INSCRIBED, UNKNOWN, inflate
+from navgrid.headings import Motion, hits
+from navgrid.inflation import INSCRIBED, LETHAL, UNKNOWN, inflate
 from navgrid.layer_members import LayerMembers
 from navgrid.obstacle_layers import Interval, ObstacleLayers
 from navgrid.policy import Layer, Policy
@@ -52,21 +56,22 @@ class Inflation:
 
     def radii(self, part: Part, padding: float) -> tuple[float, float]:
         """Return the inscribed and the inflation radius of a part on a layer, metres."""
-        inscribed = part.radius + padding
-        return inscribed, max(self.inflation_radius, part.radius) + padding
+        inscribed = part.inscribed_radius
+        return inscribed + padding, max(self.inflation_radius, inscribed) + padding
 
     def costs(
         self, cells: NDArray[np.bool_], resolution: float, part: Part, padding: float
     ) -> NDArray[np.uint8]:
-        """Return the costs of a part on a layer with these occupied cells."""
+        """Return the costs of a part on a layer with these occupied cells, below `INSCRIBED`."""
         inscribed, reach = self.radii(part, padding)
-        return inflate(
+        found = inflate(
             cells,
             resolution,
             inscribed_radius=inscribed,
             inflation_radius=reach,
             cost_scaling_factor=self.cost_scaling_factor,
         )
+        return np.minimum(found, INSCRIBED - 1)
 
 
 class Costmap:
@@ -98,8 +103,11 @@ class Costmap:
     occupied : dict of (parts, rows, columns) bool arrays, by layer
     costs : (parts, rows, columns) uint8
         With the meaning of costmap_2d: 0 free, 253 inscribed, 254 lethal, 255 unknown.
+    fits : (parts, rows, columns) uint16
+        Bit h is set where a part fits at heading h of `navgrid.headings.HEADINGS`.
     master : (rows, columns) uint8
-        The maximum over the parts; a known cost takes precedence over unknown.
+        The maximum over the parts, and 253 where they fit at no common heading; a known cost takes
+        precedence over unknown.
     unknown : (rows, columns) bool
         The cells outside of every room and doorway.
     fields_without_rule : list of str
@@ -121,8 +129,8 @@ class Costmap:
     >>> top = box_mesh((1, 1, 0.7), (2, 2, 0.75)).triangles
     >>> table = SceneEntity(1, "table1", "object", ("table", "object"), top)
     >>> square = np.array([[-0.2, -0.2], [0.2, -0.2], [0.2, 0.2], [-0.2, 0.2]])
-    >>> base = Part("base", ("base_link",), (0.0, 0.3), square, 0.2, 0.283, "inscribed")
-    >>> mast = Part("mast", ("mast_link",), (0.3, 1.2), square / 4, 0.05, 0.071, "inscribed")
+    >>> base = Part("base", ("base_link",), (0.0, 0.3), square, 0.2, 0.283)
+    >>> mast = Part("mast", ("mast_link",), (0.3, 1.2), square / 4, 0.05, 0.071)
     >>> costmap = Costmap(
     ...     StoreyScene("ground", 0.0, (table,)), [base, mast], Grid((0, 0), 0.05, (60, 60))
     ... )
@@ -134,6 +142,7 @@ class Costmap:
 
     occupied: dict[str, NDArray[np.bool_]]
     costs: NDArray[np.uint8]
+    fits: NDArray[np.uint16]
     master: NDArray[np.uint8]
     seconds: dict[str, float]
 
@@ -178,6 +187,7 @@ class Costmap:
             self._render_field(field)
         rendered = time.perf_counter()
         self.costs = np.empty((len(self.parts), *self.grid.shape), np.uint8)
+        self.fits = np.empty(self.costs.shape, np.uint16)
         self.master = np.empty(self.grid.shape, np.uint8)
         self._inflate(whole(self.grid))
         self.seconds = {"slabs": rendered - start, "inflation": time.perf_counter() - rendered}
@@ -247,8 +257,31 @@ class Costmap:
     def reach(self) -> int:
         """The number of cells beyond which an occupied cell has no effect."""
         padding = max(layer.padding for layer in self.layers)
-        metres = max(self.inflation.radii(part, padding)[1] for part in self.parts)
-        return max(0, math.ceil(metres / self.grid.resolution - 1e-9))
+        metres = max(
+            max(self.inflation.radii(part, padding)[1], part.circumscribed_radius + padding)
+            for part in self.parts
+        )
+        return math.ceil(metres / self.grid.resolution - 1e-9) + 1
+
+    def hits(self, part: int, window: Window, motion: Motion = "stand") -> NDArray[np.uint16]:
+        """Return where a part meets obstacles of a window, by heading, as `navgrid.headings.hits`.
+
+        Parameters
+        ----------
+        part : int
+            Its number.
+        window : (rows, columns)
+            Only obstacles in it count.
+        motion : "stand", "step" or "turn"
+        """
+        found = np.zeros(self.unknown[window].shape, np.uint16)
+        for padding in {layer.padding for layer in self.layers}:
+            layers = [layer.name for layer in self.layers if layer.padding == padding]
+            cells = np.any([self.occupied[name][part][window] for name in layers], axis=0)
+            if cells.any():
+                footprint = self.parts[part].footprint
+                found |= hits(cells, footprint, self.grid.resolution, motion, padding)
+        return found
 
     def _inflate(self, window: Window) -> None:
         """Compute the costs in a window from the occupied cells within reach of it."""
@@ -257,18 +290,27 @@ class Costmap:
             slice(w.start - o.start, w.stop - o.start) for w, o in zip(window, outer, strict=True)
         )
         hidden, resolution = self.unknown[window], self.grid.resolution
+        lethal = np.zeros(hidden.shape, np.bool_)
         for number, part in enumerate(self.parts):
             cost = np.zeros(hidden.shape, np.uint8)
+            occupied = np.zeros(hidden.shape, np.bool_)
             for layer in self.layers:
                 cells = self.occupied[layer.name][number][outer]
                 if cells.any():
                     found = self.inflation.costs(cells, resolution, part, layer.padding)
                     np.maximum(cost, found[inner], out=cost)
+                    occupied |= cells[inner]
             for social in self._social.values():
                 np.maximum(cost, social[number][window], out=cost)
-            cost[hidden & (cost < INSCRIBED)] = UNKNOWN
-            self.costs[number][window] = cost
-        self.master[window] = joined(self.costs[:, *window])
+            fits = ~self.hits(number, outer)[inner]
+            self.fits[number][window] = fits
+            self.costs[number][window] = _blocked(cost, fits, occupied, hidden)
+            lethal |= occupied
+        fits = np.bitwise_and.reduce(self.fits[:, *window])
+        known = joined(self.costs[:, *window])
+        self.master[window] = _blocked(
+            np.where(known == UNKNOWN, 0, known), fits, lethal & (fits == 0), hidden
+        )
 
     def update(self, entities: Iterable[SceneEntity], gone: Iterable[int] = ()) -> Window | None:
         """Replace or add entities, remove others, and compute the costs near them again.
@@ -434,6 +476,21 @@ def _check(costmap: Costmap) -> None:
     for name in costmap.fields:
         if name in taken | {*costmap.static}:
             raise _name_is_taken("field", name)
+
+
+def _blocked(
+    cost: NDArray[np.uint8],
+    fits: NDArray[np.uint16],
+    occupied: NDArray[np.bool_],
+    hidden: NDArray[np.bool_],
+) -> NDArray[np.uint8]:
+    """Costs that are blocked where no heading fits, and unknown where cells are hidden."""
+    found = cost.copy()
+    none = fits == 0
+    found[none] = INSCRIBED
+    found[none & occupied] = LETHAL
+    found[hidden & (found < INSCRIBED)] = UNKNOWN
+    return found
 
 
 def joined(costs: NDArray[np.uint8]) -> NDArray[np.uint8]:

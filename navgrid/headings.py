@@ -1,26 +1,49 @@
 """Collisions by heading: where a robot's footprint, turned to a heading, meets obstacles.
 
-The master costmap takes each part for a disc (Deeken et al., section 4.3). Here each part has its
-exact footprint, turned to each of n headings, after Hornung et al.: a long robot fits lengthwise
-through a gap in which its disc does not fit.
+Deeken et al. (section 4.3) take each part for a disc. Here each part has its exact footprint,
+turned to each of n headings, after Hornung et al.: a long robot fits lengthwise through a gap in
+which its disc does not fit. The headings on which robots drive are those of the steps of `navgrid.drive`.
 """
 
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+from functools import lru_cache
+from itertools import pairwise
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 import shapely
 from numpy.typing import ArrayLike, NDArray
 
+import semmap_native
 from navgrid.area import area_cells
 from navgrid.grid import Grid
 
 if TYPE_CHECKING:
     from navgrid.costmap import Costmap
 
-__all__ = ["collisions", "footprint_cells", "part_collisions"]
+__all__ = [
+    "HEADINGS",
+    "MOVES",
+    "Motion",
+    "collisions",
+    "footprint_cells",
+    "hits",
+    "part_collisions",
+]
+
+MOVES = (
+    *((0, 1), (1, 2), (1, 1), (2, 1), (1, 0), (2, -1), (1, -1), (1, -2)),
+    *((0, -1), (-1, -2), (-1, -1), (-2, -1), (-1, 0), (-2, 1), (-1, 1), (-1, 2)),
+)
+"""Rows and columns of the step along each heading, counter-clockwise."""
+
+HEADINGS = np.array([math.atan2(rows, columns) for rows, columns in MOVES]) % (2 * math.pi)
+"""(16,) radians, those of `MOVES`."""
+
+Motion = Literal["stand", "step", "turn"]
+"""At a heading; along it by its step; on the spot from it to the next heading."""
 
 
 def collisions(costmap: Costmap, headings: int = 16) -> NDArray[np.bool_]:
@@ -98,6 +121,68 @@ def part_collisions(
     return found
 
 
+def hits(
+    occupied: NDArray[np.bool_],
+    footprint: NDArray[np.float64],
+    resolution: float,
+    motion: Motion = "stand",
+    padding: float = 0.0,
+) -> NDArray[np.uint16]:
+    """Return where a footprint meets occupied cells, by heading and in a motion.
+
+    Parameters
+    ----------
+    occupied : (rows, columns) bool
+        Cells beyond the grid are not occupied.
+    footprint : (N, 2)
+        A convex polygon in the robot's frame, metres; x points ahead.
+    resolution, padding : float, metres
+        The footprint is larger by the padding on all sides.
+    motion : "stand", "step" or "turn"
+        All that the footprint passes counts; of a turn, the convex hull.
+
+    Returns
+    -------
+    (rows, columns) uint16
+        Bit h is set if it meets one at heading h of `HEADINGS`, in the middle of the cell.
+    """
+    corners = np.ascontiguousarray(footprint, dtype=np.float64)
+    runs = _runs(corners.tobytes(), resolution, motion, padding)
+    return semmap_native.collisions(np.ascontiguousarray(occupied), runs)
+
+
+@lru_cache(maxsize=256)
+def _runs(footprint: bytes, resolution: float, motion: Motion, padding: float) -> NDArray[np.int32]:
+    """(n, 4) heading, row, first and last column of the cells of a footprint in a motion."""
+    corners = np.frombuffer(footprint, np.float64).reshape(-1, 2)
+    if padding:
+        larger = shapely.Polygon(corners).buffer(padding).convex_hull
+        corners = shapely.get_coordinates(larger)[:-1]
+    found = []
+    for h, (here, after) in enumerate(pairwise([*HEADINGS, 2 * math.pi])):
+        passed = _turned(corners, here)
+        if motion == "step":
+            rows, columns = MOVES[h]
+            passed = np.concatenate([passed, passed + np.array([columns, rows]) * resolution])
+        elif motion == "turn":
+            # The arc of a corner lies in the triangle of its ends and where their tangents meet.
+            between = _turned(corners, (here + after) / 2) / math.cos((after - here) / 2)
+            passed = np.concatenate([passed, between, _turned(corners, after)])
+        cells, at = _cells_of(shapely.MultiPoint(passed).convex_hull, resolution)
+        for row in np.flatnonzero(cells.any(axis=1)):
+            columns_ = np.flatnonzero(cells[row])
+            found.append((h, row - at, columns_[0] - at, columns_[-1] - at))
+    runs = np.array(found, np.int32).reshape(-1, 4)
+    runs.flags.writeable = False
+    return runs
+
+
+def _turned(corners: NDArray[np.float64], heading: float) -> NDArray[np.float64]:
+    cos, sin = math.cos(heading), math.sin(heading)
+    turned: NDArray[np.float64] = corners @ np.array([[cos, sin], [-sin, cos]])
+    return turned
+
+
 def footprint_cells(
     footprint: ArrayLike, heading: float, resolution: float
 ) -> tuple[NDArray[np.bool_], tuple[int, int]]:
@@ -109,11 +194,14 @@ def footprint_cells(
     heading : float, radians
     resolution : float, metres
     """
-    corners = np.asarray(footprint, dtype=np.float64)
-    cos, sin = math.cos(heading), math.sin(heading)
-    turned = corners @ np.array([[cos, sin], [-sin, cos]])
-    reach = math.ceil(float(np.abs(turned).max()) / resolution) + 1
+    turned = _turned(np.asarray(footprint, dtype=np.float64), heading)
+    cells, at = _cells_of(shapely.Polygon(turned), resolution)
+    return cells, (at, at)
+
+
+def _cells_of(outline: shapely.Geometry, resolution: float) -> tuple[NDArray[np.bool_], int]:
+    """The cells that an outline around a cell's middle meets; the row and column of that cell."""
+    reach = math.ceil(float(np.abs(outline.bounds).max()) / resolution) + 1
     size = 2 * reach + 1
     low = -(reach + 0.5) * resolution
-    cells = area_cells(shapely.Polygon(turned), Grid((low, low), resolution, (size, size)))
-    return cells, (reach, reach)
+    return area_cells(outline, Grid((low, low), resolution, (size, size))), reach

@@ -133,7 +133,6 @@ def write_nav2(costmap: Costmap, folder: Path, *, laser_height: float = 0.25) ->
                 "footprint": [[float(v) for v in corner] for corner in part.footprint],
                 "inscribed_radius": float(part.inscribed_radius),
                 "circumscribed_radius": float(part.circumscribed_radius),
-                "inflate_by": part.inflate_by,
             }
             for part in costmap.parts
         ],
@@ -142,11 +141,18 @@ def write_nav2(costmap: Costmap, folder: Path, *, laser_height: float = 0.25) ->
         "lethal": int((costmap.master == LETHAL).sum()),
         "inscribed": int((costmap.master == INSCRIBED).sum()),
         "unknown": int((costmap.master == UNKNOWN).sum()),
+        "some_headings": some_headings(costmap),
         **geometry_lists(costmap.scene.entities),
         **field_lists(costmap.field_layers, costmap.fields_without_rule),
     }
     (folder / "costmap.json").write_text(json.dumps(files, indent=1) + "\n")
     return files
+
+
+def some_headings(costmap: Costmap) -> int:
+    """The cells below 253 in which the robot fits at some headings, not at all of them."""
+    fits = np.bitwise_and.reduce(costmap.fits)
+    return int(((costmap.master < INSCRIBED) & (fits != np.iinfo(fits.dtype).max)).sum())
 
 
 def _occupied(cells: NDArray[np.bool_], unknown: NDArray[np.bool_]) -> NDArray[np.int8]:
@@ -156,7 +162,9 @@ def _occupied(cells: NDArray[np.bool_], unknown: NDArray[np.bool_]) -> NDArray[n
 
 
 _HEAD = """# Parameters for Nav2 to load these maps; merge them into your own.
-# In the master costmap the robot is a point: do not inflate it again.
+# In the master costmap the robot is a point: do not inflate it again. It is blocked where the
+# robot's shape fits at no heading; in as many cells as "some_headings" in costmap.json counts, it
+# fits at some, not all: there, only planners that check the robot's footprints are sure.
 """
 
 

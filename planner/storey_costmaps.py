@@ -17,10 +17,11 @@ from numpy.typing import NDArray
 
 from navgrid.area import area_cells
 from navgrid.costmap import Costmap
+from navgrid.drive import STEP, DriveSpace, drive, drive_space, drive_way
 from navgrid.field_layer import FieldVoxels
 from navgrid.grid import Grid, scene_grid
 from navgrid.inflation import INSCRIBED, LETHAL, UNKNOWN
-from navgrid.travel import travel, way
+from navgrid.window import grown
 from planner.robot_class import RobotClass
 from planner.room_ground import RoomGround, door_lines
 from planner.topology import OUTSIDE, PlaceRegion, Topology
@@ -111,6 +112,7 @@ class StoreyCostmaps:
         self._progress: Callable[[str, int], None] | None = None
         self._costmaps: dict[str, Costmap] = {}
         self._rooms: dict[str, RoomCostmap | None] = {}
+        self._spaces: dict[str, DriveSpace] = {}
         self._avoided: dict[str, list[PlaceRegion]] = {}
 
     def report_to(self, progress: Callable[[str, int], None]) -> None:
@@ -175,8 +177,18 @@ class StoreyCostmaps:
         costs: NDArray[np.uint8] = self.costmap(storey).master[room.window].copy()
         costs[~room.cells] = UNKNOWN
         for region in self._avoided.get(storey, ()):
-            costs[area_cells(region.outline, room.grid) & (costs != UNKNOWN)] = LETHAL
+            costs[area_cells(region.outline, room.grid)] = UNKNOWN
         return costs
+
+    def space(self, place: str) -> DriveSpace | None:
+        """Where the robot fits and moves, by heading, in the window of a place.
+
+        None if the map has no outline of the place.
+        """
+        room = self.room(place)
+        if room is not None and place not in self._spaces:
+            self._spaces[place] = drive_space(self.costmap(self.storey_of(place)), room.window)
+        return self._spaces.get(place)
 
     def ground(self, place: str) -> RoomGround | None:
         """Where the base can stand in a place; None if the map has no outline of it."""
@@ -210,17 +222,15 @@ class StoreyCostmaps:
         """The travel from each of n poses in a place to each of m; infinite without a path."""
         seconds = np.full((len(a), len(b)), math.inf)
         metres = seconds.copy()
-        costs, room = self.costs(place), self.room(place)
-        if costs is None or room is None:
+        costs, room, space = self.costs(place), self.room(place), self.space(place)
+        if costs is None or room is None or space is None:
             return Travel(seconds, metres)
         ends = [[self._snapped(costs, room.grid, pose) for pose in poses] for poses in (a, b)]
         rows, columns = ([i for i, end in enumerate(e) if end is not None] for e in ends)
         if rows and columns:
             cells, targets = (np.array([e[0] for e in k if e is not None]) for k in ends)
             from_pose, to_pose = (np.array([e[1] for e in k if e is not None]) for k in ends)
-            price, length = travel(
-                costs, self.resolution, cells, targets=targets, slow=self.slow, threads=1
-            )
+            price, length = drive(costs, space, self.resolution, cells, targets, slow=self.slow)
             aside = from_pose[:, None] + to_pose[None, :]
             seconds[np.ix_(rows, columns)] = (price + aside) / self.robot.speed
             metres[np.ix_(rows, columns)] = length + aside
@@ -228,16 +238,16 @@ class StoreyCostmaps:
 
     def path(self, place: str, a: Pose, b: Pose) -> NDArray[np.float64] | None:
         """(N, 2) points of the path from pose to pose in a place, metres; None without a path."""
-        costs, room = self.costs(place), self.room(place)
-        if costs is None or room is None:
+        costs, room, space = self.costs(place), self.room(place), self.space(place)
+        if costs is None or room is None or space is None:
             return None
         ends = [self._snapped(costs, room.grid, pose) for pose in (a, b)]
         if ends[0] is None or ends[1] is None:
             return None
-        found = way(costs, self.resolution, ends[0][0], ends[1][0], slow=self.slow)
+        found = drive_way(costs, space, self.resolution, ends[0][0], ends[1][0], slow=self.slow)
         if found is None:
             return None
-        points = np.array(room.grid.origin) + (found[:, ::-1] + 0.5) * self.resolution
+        points = np.array(room.grid.origin) + (found[:, 1::-1] + 0.5) * self.resolution
         return np.concatenate([[[a.x, a.y]], points, [[b.x, b.y]]])
 
     def _snapped(
@@ -329,9 +339,10 @@ class StoreyCostmaps:
         for storey, costmap in self._costmaps.items():
             here = [t for t in objects if costmap.scene.reaches(t)]
             here += regions.get(storey, ())
-            before = costmap.master.copy()
-            if costmap.update(here, {*ids} - {t.id for t in here}) is not None:
-                changed |= self._places_that_differ(storey, before)
+            before = _Before(costmap)
+            window = costmap.update(here, {*ids} - {t.id for t in here})
+            if window is not None:
+                changed |= self._places_that_differ(storey, before, [window])
         return changed
 
     def set_fields(self, fields: Mapping[str, FieldVoxels | None]) -> set[str]:
@@ -346,10 +357,11 @@ class StoreyCostmaps:
                 self._fields[name] = field
         changed: set[str] = set()
         for storey, costmap in self._costmaps.items():
-            before = costmap.master.copy()
+            before = _Before(costmap)
             windows = [costmap.set_field(name, field) for name, field in fields.items()]
-            if any(window is not None for window in windows):
-                changed |= self._places_that_differ(storey, before)
+            changed |= self._places_that_differ(
+                storey, before, [w for w in windows if w is not None]
+            )
         return changed
 
     def make_costmaps_of(self, fields: Iterable[FieldVoxels]) -> None:
@@ -372,21 +384,32 @@ class StoreyCostmaps:
                     found.add(place)
         return found
 
-    def _places_that_differ(self, storey: str, before: NDArray[np.uint8]) -> set[str]:
-        """The places of a storey whose costs are not those of a former master costmap."""
-        differs = before != self.costmap(storey).master
-        if not differs.any():
-            return set()
-        return {
-            place
-            for place, room in self._rooms_of(storey)
-            if (differs[room.window] & room.cells).any()
-        }
+    def _places_that_differ(
+        self, storey: str, before: _Before, windows: Sequence[Window]
+    ) -> set[str]:
+        """The places of a storey whose costs, or where the robot fits, changed in windows."""
+        costmap = self.costmap(storey)
+        differs = before.master != costmap.master
+        differs |= (before.fits != costmap.fits).any(axis=0)
+        found = set()
+        for place, room in self._rooms_of(storey) if windows else ():
+            if any(_overlap(room.window, grown(w, STEP, costmap.grid)) for w in windows):
+                self._spaces.pop(place, None)
+            if (differs[room.window] & room.cells).any():
+                found.add(place)
+        return found
 
     def _rooms_of(self, storey: str) -> list[tuple[str, RoomCostmap]]:
         """The places of a storey of which the map has an outline."""
         places = [p for p in self.topology.places if self.storey_of(p) == storey]
         return [(place, room) for place in places if (room := self.room(place)) is not None]
+
+
+class _Before:
+    """What a costmap was before a change."""
+
+    def __init__(self, costmap: Costmap) -> None:
+        self.master, self.fits = costmap.master.copy(), costmap.fits.copy()
 
 
 def _overlap(a: Window, b: Window) -> bool:

@@ -6,6 +6,7 @@
 
 #include <algorithm>
 #include <cstdint>
+#include <cstdlib>
 #include <new>
 #include <optional>
 #include <stdexcept>
@@ -14,6 +15,8 @@
 #include <vector>
 
 #include "checks.hpp"
+#include "semmap/collisions.hpp"
+#include "semmap/drive.hpp"
 #include "semmap/graph.hpp"
 #include "semmap/inflation.hpp"
 #include "semmap/occupancy.hpp"
@@ -232,6 +235,89 @@ Array<std::int64_t> way(const Array<std::uint8_t>& costs, double resolution,
     return array;
 }
 
+Array<std::uint16_t> collisions(const Array<bool>& occupied, const Array<std::int32_t>& runs) {
+    expect_shape(occupied, "occupied", {kAny, kAny}, "a (rows, columns) array");
+    expect_shape(runs, "runs", {kAny, 4}, "shape, row, first and last column, an (N, 4) array");
+    std::vector<semmap::Run> found;
+    for (py::ssize_t i = 0; i < runs.shape(0); ++i) {
+        const semmap::Run run{runs.at(i, 0), runs.at(i, 1), runs.at(i, 2), runs.at(i, 3)};
+        const bool fits = run.shape >= 0 && run.shape < semmap::kShapes &&
+                          std::abs(std::int64_t{run.row}) <= semmap::kLongestRun &&
+                          run.first >= -semmap::kLongestRun / 2 && run.first <= run.last &&
+                          run.last <= semmap::kLongestRun / 2;
+        if (!fits) throw py::value_error("run " + std::to_string(i) + " is too long or no run");
+        found.push_back(run);
+    }
+    Array<std::uint16_t> bits({occupied.shape(0), occupied.shape(1)});
+    std::uint16_t* target = bits.mutable_data();
+    const auto* source = reinterpret_cast<const std::uint8_t*>(occupied.data());
+    const auto rows = static_cast<std::size_t>(occupied.shape(0));
+    const auto columns = static_cast<std::size_t>(occupied.shape(1));
+    const py::gil_scoped_release release;
+    semmap::collisions(source, rows, columns, found, target);
+    return bits;
+}
+
+using Bits = Array<std::uint16_t>;
+
+semmap::Space space(const Array<std::uint8_t>& costs, const Bits& fits, const Bits& steps,
+                    const Bits& turns, double resolution, double slow) {
+    const semmap::Terrain ground = terrain(costs, resolution, slow);
+    const auto check = [&](const Bits& bits, const char* name) {
+        expect_shape(bits, name, {costs.shape(0), costs.shape(1)}, "an array as large as costs");
+    };
+    check(fits, "fits");
+    check(steps, "steps");
+    check(turns, "turns");
+    return {ground, fits.data(), steps.data(), turns.data()};
+}
+
+std::pair<Array<double>, Array<double>> drive(const Array<std::uint8_t>& costs, const Bits& fits,
+                                              const Bits& steps, const Bits& turns,
+                                              double resolution, const Array<std::int64_t>& cells,
+                                              const Array<std::int64_t>& targets, double slow,
+                                              std::int64_t thread_count) {
+    const semmap::Space where = space(costs, fits, steps, turns, resolution, slow);
+    const std::vector<semmap::Cell> starts = cells_of(cells, "cells", where.terrain);
+    const std::vector<semmap::Cell> goals = cells_of(targets, "targets", where.terrain);
+    const unsigned team = threads(thread_count);
+    const py::ssize_t k = cells.shape(0);
+    const py::ssize_t m = targets.shape(0);
+    expect(static_cast<double>(k) * static_cast<double>(m) <= kMostResults,
+           "cells and targets make more than 2^28 pairs: ask for parts of them");
+    Array<double> prices({k, m}), metres({k, m});
+    double* price = prices.mutable_data();
+    double* metre = metres.mutable_data();
+    bool done;
+    {
+        const py::gil_scoped_release release;
+        done = semmap::drive(where, starts, goals, team, price, metre);
+    }
+    if (!done) throw std::bad_alloc();
+    return {prices, metres};
+}
+
+Array<std::int64_t> drive_way(const Array<std::uint8_t>& costs, const Bits& fits, const Bits& steps,
+                              const Bits& turns, double resolution,
+                              const Array<std::int64_t>& ends, double slow) {
+    const semmap::Space where = space(costs, fits, steps, turns, resolution, slow);
+    expect_shape(ends, "ends", {2, 2}, "the cells of both ends, a (2, 2) array");
+    const std::vector<semmap::Cell> cells = cells_of(ends, "ends", where.terrain);
+    std::vector<semmap::Stand> found;
+    {
+        const py::gil_scoped_release release;
+        found = semmap::drive_way(where, cells[0], cells[1]);
+    }
+    Array<std::int64_t> array({static_cast<py::ssize_t>(found.size()), py::ssize_t{3}});
+    std::int64_t* data = array.mutable_data();
+    for (const auto& [cell, heading] : found) {
+        *data++ = cell.row;
+        *data++ = cell.column;
+        *data++ = heading;
+    }
+    return array;
+}
+
 using Ids = std::vector<std::uint32_t>;
 using EndList = std::vector<std::pair<std::int64_t, double>>;
 
@@ -394,6 +480,15 @@ PYBIND11_MODULE(semmap_native, module) {
     module.def("travel", &travel, py::arg("costs").noconvert(), py::arg("resolution"),
                py::arg("cells").noconvert(), py::arg("slow"), py::arg("targets").none(true),
                py::arg("threads"));
+    module.def("collisions", &collisions, py::arg("occupied").noconvert(),
+               py::arg("runs").noconvert());
+    module.def("drive", &drive, py::arg("costs").noconvert(), py::arg("fits").noconvert(),
+               py::arg("steps").noconvert(), py::arg("turns").noconvert(), py::arg("resolution"),
+               py::arg("cells").noconvert(), py::arg("targets").noconvert(), py::arg("slow"),
+               py::arg("threads"));
+    module.def("drive_way", &drive_way, py::arg("costs").noconvert(), py::arg("fits").noconvert(),
+               py::arg("steps").noconvert(), py::arg("turns").noconvert(), py::arg("resolution"),
+               py::arg("ends").noconvert(), py::arg("slow"));
     module.def("way", &way, py::arg("costs").noconvert(), py::arg("resolution"),
                py::arg("ends").noconvert(), py::arg("slow"));
     define_shapes(module);

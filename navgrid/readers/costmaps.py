@@ -72,7 +72,7 @@ def read_costmaps(
     policy, inflation = policy or Policy.default(), inflation or Inflation()
     # A part of a storey has the costs of the whole: what is within reach of it is read, too.
     reach = (
-        max(part.radius for part in parts)
+        max(part.circumscribed_radius for part in parts)
         + inflation.inflation_radius
         + max(layer.padding for layer in policy.layers)
     )

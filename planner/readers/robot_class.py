@@ -233,7 +233,6 @@ def _part_as_json(part: Part) -> dict[str, Any]:
         "footprint": part.footprint.tolist(),
         "inscribed_radius": part.inscribed_radius,
         "circumscribed_radius": part.circumscribed_radius,
-        "inflate_by": part.inflate_by,
     }
 
 
@@ -245,5 +244,4 @@ def _part(value: dict[str, Any]) -> Part:
         np.array(value["footprint"]),
         value["inscribed_radius"],
         value["circumscribed_radius"],
-        value["inflate_by"],
     )

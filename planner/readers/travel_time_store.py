@@ -124,4 +124,4 @@ def _affects_travel(seen: Snapshot, ids: Collection[int]) -> bool:
 
 def _reach(robot: RobotClass) -> float:
     """Metres beyond a place within which objects have an effect in it."""
-    return max(part.radius for part in robot.parts) + 1.0
+    return max(part.circumscribed_radius for part in robot.parts) + 1.0

@@ -80,14 +80,18 @@ def show_files(written: Iterable[Files], costmaps: Iterable[Costmap]) -> None:
         )
         for number, part in enumerate(files["parts"]):
             low, high = (round(end, 3) + 0.0 for end in part["interval"])
-            radius = part[f"{part['inflate_by']}_radius"]
+            radii = part["inscribed_radius"], part["circumscribed_radius"]
             cli.out.print(
                 Text.assemble(
                     "  ",
                     (part["name"], PART_COLOURS[number % len(PART_COLOURS)]),
-                    f": {low:.2f} to {high:.2f} m, {part['inflate_by']} radius {radius:.2f} m",
+                    f": {low:.2f} to {high:.2f} m, {radii[0]:.2f} to {radii[1]:.2f} m "
+                    "around the axis",
                 )
             )
+        cli.out.print(
+            f"  the shape fits at some headings, not all, in {files['some_headings']} cells"
+        )
     for costmap in costmaps:
         for note in costmap.notes:
             cli.out.print(f"{costmap.scene.storey}: {note}", style="yellow")

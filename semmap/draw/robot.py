@@ -81,9 +81,10 @@ def footprints_picture(parts: Sequence[Part], path: Path | str, title: str = "")
         )
         above.add_patch(Patch(part.footprint, fc=colour, ec=colour, alpha=0.35, lw=1.5))
         above.add_patch(Patch(part.footprint, fc="none", ec=colour, lw=1.8))
-        label = f"{part.name}: {part.inflate_by} {part.radius:.2f} m"
+        radii = part.inscribed_radius, part.circumscribed_radius
+        label = f"{part.name}: {radii[0]:.2f} to {radii[1]:.2f} m"
         above.add_patch(
-            Circle((0, 0), part.radius, fc="none", ec=colour, lw=1.2, ls="--", label=label)
+            Circle((0, 0), radii[1], fc="none", ec=colour, lw=1.2, ls="--", label=label)
         )
     above.plot([0], [0], marker="+", color=INK, ms=12)
     above.annotate("", (0.12, 0), (0, 0), arrowprops={"arrowstyle": "->", "color": INK})

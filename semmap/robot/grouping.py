@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 
@@ -26,20 +26,19 @@ UPRIGHT = 0.95
 
 @dataclass(frozen=True)
 class LinkGroup:
-    """A part's name and links, and the radius that inflates its layer; None chooses one."""
+    """A part's name and links."""
 
     name: str
     links: tuple[str, ...]
-    inflate_by: Literal["inscribed", "circumscribed"] | None = None
 
 
 def read_groups(path: Path | str, robot: Robot) -> list[LinkGroup]:
     """Return the parts that a YAML file names; links that it does not name form a part ``rest``.
 
-    Each part is a list of links, with wildcards ``*`` and ``?``, or a mapping::
+    Each part is a list of links, with wildcards ``*`` and ``?``::
 
         base: [base_link, "wheel_*"]
-        arm: {links: ["arm_*", "gripper*"], inflate_by: circumscribed}
+        arm: ["arm_*", "gripper*"]
 
     Raises
     ------
@@ -52,32 +51,19 @@ def read_groups(path: Path | str, robot: Robot) -> list[LinkGroup]:
         raise RobotError(f"{path}: give parts as name: [link, ...]")
     groups, taken = [], set[str]()
     for name, value in given.items():
-        links, inflate_by = _part(value, f"{path}: part {name}")
+        if not isinstance(value, list) or not all(isinstance(link, str) for link in value):
+            raise RobotError(f"{path}: part {name}: give [link, ...]")
         found: list[str] = []
-        for pattern in links:
+        for pattern in value:
             matched = [link for link in robot.links if fnmatchcase(link, pattern)]
             if not matched:
                 near = suggestion(pattern, robot.links, f"it has {', '.join(robot.links)}")
                 raise RobotError(f"{path}: part {name}: {robot.name} has no link {pattern}{near}")
             found += [link for link in matched if link not in taken]
             taken.update(matched)
-        groups.append(LinkGroup(str(name), tuple(found), inflate_by))
+        groups.append(LinkGroup(str(name), tuple(found)))
     rest = tuple(link for link in robot.links if link not in taken and link in robot.meshes)
     return [*groups, LinkGroup("rest", rest)] if rest else groups
-
-
-def _part(
-    value: object, element: str
-) -> tuple[list[str], Literal["inscribed", "circumscribed"] | None]:
-    options: Mapping[str, Any] = value if isinstance(value, dict) else {"links": value}
-    unknown = set(options) - {"links", "inflate_by"}
-    links = options.get("links")
-    if unknown or not isinstance(links, list) or not all(isinstance(li, str) for li in links):
-        raise RobotError(f"{element}: give [link, ...] or {{links: [link, ...], inflate_by: ...}}")
-    inflate_by = options.get("inflate_by")
-    if inflate_by not in (None, "inscribed", "circumscribed"):
-        raise RobotError(f"{element}: inflate_by is inscribed or circumscribed")
-    return links, inflate_by
 
 
 def find_groups(robot: Robot) -> list[LinkGroup]:

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
 
 import numpy as np
 import shapely
@@ -27,9 +26,6 @@ class Part:
     footprint : (N, 2) the convex hull of its projection, counter-clockwise, in the robot's frame
     inscribed_radius : from the robot's origin to the hull's border; 0 where it lies outside of it
     circumscribed_radius : from the robot's origin to the hull's farthest corner
-    inflate_by
-        The radius that inflates its layer: the inscribed one is optimistic, the circumscribed one
-        is safe for a robot planned as a point.
     """
 
     name: str
@@ -38,14 +34,6 @@ class Part:
     footprint: NDArray[np.float64]
     inscribed_radius: float
     circumscribed_radius: float
-    inflate_by: Literal["inscribed", "circumscribed"]
-
-    @property
-    def radius(self) -> float:
-        """The radius that inflates its layer, metres."""
-        if self.inflate_by == "inscribed":
-            return self.inscribed_radius
-        return self.circumscribed_radius
 
 
 def robot_parts(
@@ -96,7 +84,6 @@ def _part(group: LinkGroup, points: NDArray[np.float64]) -> Part:
         corners,
         float(inscribed),
         float(np.linalg.norm(corners, axis=1).max()),
-        group.inflate_by or ("inscribed" if inscribed > 0 else "circumscribed"),
     )
 
 
@@ -107,7 +94,7 @@ def footprint_string(part: Part, tolerance: float = 0.005) -> str:
     tolerance, metres.
 
     >>> square = np.array([[-0.2, -0.2], [0.2, -0.2], [0.2, 0.2], [-0.2, 0.2]])
-    >>> footprint_string(Part("base", (), (0.0, 0.3), square, 0.2, 0.283, "inscribed"))
+    >>> footprint_string(Part("base", (), (0.0, 0.3), square, 0.2, 0.283))
     '[[-0.2, -0.2], [0.2, -0.2], [0.2, 0.2], [-0.2, 0.2]]'
     """
     hull = shapely.Polygon(part.footprint)

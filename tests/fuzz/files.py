@@ -288,7 +288,7 @@ def run_urdf(data: bytes, folder: Path) -> None:
 
 
 def parts() -> Iterator[bytes]:
-    yield b'base: [base_link, "whe?l"]\narm: {links: [upper, "low*"], inflate_by: inscribed}\n'
+    yield b'base: [base_link, "whe?l"]\narm: [upper, "low*"]\n'
     yield (OFFICE / "delivery_robot_parts.yaml").read_bytes()
 
 

@@ -93,14 +93,13 @@ def two_rooms(z: float = 0.0, state: str = "open") -> StoreyScene:
 def part(
     name: str, low: float, high: float, corners: NDArray[np.float64] | list[list[float]]
 ) -> Part:
-    """A part of a footprint and an interval; inflated as `semmap.robot` does by default."""
+    """A part of a footprint and an interval."""
     footprint = np.array(corners, float)
     ring = shapely.Polygon(footprint)
     inside = ring.contains(shapely.Point(0, 0))
     inscribed = ring.exterior.distance(shapely.Point(0, 0)) if inside else 0.0
     around = float(np.hypot(*footprint.T).max())
-    by = "inscribed" if inscribed > 0 else "circumscribed"
-    return Part(name, (name,), (low, high), footprint, inscribed, around, by)
+    return Part(name, (name,), (low, high), footprint, inscribed, around)
 
 
 def square(half: float, x: float = 0.0) -> list[list[float]]:

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from navgrid.costmap import Costmap, Inflation, joined
 from navgrid.grid import Grid
+from navgrid.headings import MOVES
 from navgrid.policy import Policy
 from navgrid.terrain import DriveLimits
 from semmap.query.storey_scene import SceneEntity
@@ -65,7 +66,7 @@ def brute_cells(
 def brute_cost(
     occupied: NDArray[np.bool_], inscribed: float, reach: float, k: float, res: float
 ) -> NDArray[np.uint8]:
-    """The formula of costmap_2d by the distance to every occupied cell."""
+    """The formula of costmap_2d by the distance to every occupied cell, below 253."""
     cost = np.zeros(occupied.shape, np.uint8)
     at = np.argwhere(occupied)
     if not len(at):
@@ -79,12 +80,38 @@ def brute_cost(
                 continue
             d = math.sqrt(squared) * res
             if squared == 0:
-                cost[r, c] = 254
+                cost[r, c] = 252
             elif math.sqrt(squared) <= inscribed / res + 1e-9:
-                cost[r, c] = 253
+                cost[r, c] = 252
             else:
                 cost[r, c] = int(252 * math.exp(-k * (d - inscribed)))
     return cost
+
+
+def brute_headings(
+    occupied: NDArray[np.bool_], footprint: NDArray[np.float64], padding: float, grid: Grid
+) -> NDArray[np.bool_]:
+    """(2, 16, rows, columns): where a turned footprint surely meets cells, and where perhaps."""
+    found = np.zeros((2, 16, *grid.shape), bool)
+    r, c = np.nonzero(occupied)
+    if not len(r):
+        return found
+    x, y = grid.origin[0] + c * grid.resolution, grid.origin[1] + r * grid.resolution
+    blocks = shapely.union_all(shapely.box(x, y, x + grid.resolution, y + grid.resolution))
+    shapely.prepare(blocks)
+    middles = np.stack(centres(grid), -1)
+    for h, (rows, columns) in enumerate(MOVES):
+        yaw = math.atan2(rows, columns)
+        turned = shapely.affinity.rotate(
+            shapely.Polygon(footprint), yaw, (0, 0), use_radians=True
+        ).buffer(padding)
+        inner = shapely.get_coordinates(turned.buffer(-2e-3))
+        outer = shapely.get_coordinates(turned.buffer(2e-3))
+        for k, ring in enumerate((inner, outer)):
+            if len(ring):
+                placed = shapely.polygons(middles[:, :, None, :] + ring)
+                found[k, h] = shapely.intersects(blocks, placed)
+    return found
 
 
 boxes = st.tuples(
@@ -124,6 +151,8 @@ def test_the_master_equals_the_maximum_computed_by_brute_force(
     made = Costmap(scene(*entities), parts, SMALL, inflation=FALL)
     policy = Policy.default()
     master = np.zeros(SMALL.shape, np.uint8)
+    headings = np.zeros((2, 16, *SMALL.shape), bool)
+    lethal = np.zeros(SMALL.shape, bool)
     for number, each in enumerate(parts):
         low, high = max(each.interval[0], 0.02), each.interval[1]
         for layer in policy.layers:
@@ -132,10 +161,18 @@ def test_the_master_equals_the_maximum_computed_by_brute_force(
             got = made.occupied[layer.name][number]
             assert (got == wanted)[~open_].all()
             cost = brute_cost(
-                got, each.radius + layer.padding, max(0.6, each.radius) + layer.padding, 3.0, 0.2
+                got,
+                each.inscribed_radius + layer.padding,
+                max(0.6, each.inscribed_radius) + layer.padding,
+                3.0,
+                0.2,
             )
             master = np.maximum(master, cost)
-    assert (made.master == master).all()
+            headings |= brute_headings(got, each.footprint, layer.padding, SMALL)
+            lethal |= got
+    surely, perhaps = headings.all(axis=1)
+    assert (made.master[surely] == np.where(lethal, 254, 253)[surely]).all()
+    assert (made.master[~perhaps] == master[~perhaps]).all()
 
 
 @settings(max_examples=25, deadline=None)

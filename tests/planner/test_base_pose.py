@@ -165,7 +165,7 @@ def test_poses_drawn_in_a_region_are_in_it_and_free(seed):
 def test_a_narrow_region_has_poses_along_it():
     """Between two crates the robot stands only as its footprint is turned."""
     long = np.array([[-0.5, -0.15], [0.5, -0.15], [0.5, 0.15], [-0.5, 0.15]])
-    part = type(ROBOT.parts[0])("base", ("base",), (0.0, 0.5), long, 0.15, 0.55, "inscribed")
+    part = type(ROBOT.parts[0])("base", ("base",), (0.0, 0.5), long, 0.15, 0.55)
     robot = type(ROBOT)("long", (part,))
     things = [box(10, 1.5, 0.9, 0.35), box(11, 1.5, 2.1, 0.35)]
     made = StoreyCostmaps(rooms(), robot, lambda storey: scene(things), resolution=0.05)

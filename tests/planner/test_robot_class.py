@@ -22,7 +22,7 @@ from tests.seen import seen_by
 def part(width, low, high):
     half = width / 2
     corners = np.array([[-0.3, -half], [0.3, -half], [0.3, half], [-0.3, half]])
-    return Part(f"{low:g}", ("link",), (low, high), corners, half, 0.3 + half, "inscribed")
+    return Part(f"{low:g}", ("link",), (low, high), corners, half, 0.3 + half)
 
 
 shapes = st.one_of(

@@ -24,7 +24,7 @@ from semmap.query.storey_scene import FloorArea, SceneEntity, StoreyScene
 from semmap.robot import Part
 
 OUTLINE = np.array([[-0.2, -0.2], [0.2, -0.2], [0.2, 0.2], [-0.2, 0.2]])
-BASE = Part("base", ("base",), (0.0, 0.5), OUTLINE, 0.2, 0.2 * 2**0.5, "inscribed")
+BASE = Part("base", ("base",), (0.0, 0.5), OUTLINE, 0.2, 0.2 * 2**0.5)
 ROBOT = RobotClass("cube", (BASE,), speed=0.5)
 STEPS = [(a, b) for a in range(-2, 3) for b in range(-2, 3) if math.gcd(a, b) == 1]
 

@@ -30,11 +30,9 @@ def test_the_robot_on_paper(robot: Robot) -> None:
     assert parts["base"].interval == pytest.approx((0.0, 0.35), abs=1e-3)
     assert parts["base"].inscribed_radius == pytest.approx(0.2)
     assert parts["base"].circumscribed_radius == pytest.approx(np.hypot(0.3, 0.2))
-    assert parts["base"].inflate_by == "inscribed"
     assert parts["torso"].interval == pytest.approx((0.35, 1.15))
     assert parts["torso"].inscribed_radius == 0, "the origin is not above the column"
-    assert parts["torso"].inflate_by == "circumscribed"
-    assert parts["torso"].radius == pytest.approx(np.hypot(0.25, 0.05))
+    assert parts["torso"].circumscribed_radius == pytest.approx(np.hypot(0.25, 0.05))
     assert parts["arm"].interval == pytest.approx((0.92, 0.98))
     assert parts["arm"].circumscribed_radius == pytest.approx(np.hypot(0.55, 0.02))
 
@@ -107,7 +105,7 @@ def test_real_robots(name: str) -> None:
 def test_groups_by_file(robot: Robot, tmp_path: Path) -> None:
     file = tmp_path / "parts.yaml"
     file.write_text(
-        'base: [base_link, "whe?l"]\narm: {links: [upper, "low*"], inflate_by: inscribed}\n'
+        'base: [base_link, "whe?l"]\narm: [upper, "low*"]\n'
     )
     parts = by_name(robot_parts(robot, {}, file))
     assert {n: p.links for n, p in parts.items()} == {
@@ -115,8 +113,6 @@ def test_groups_by_file(robot: Robot, tmp_path: Path) -> None:
         "arm": ("upper", "lower"),
         "rest": ("column", "head_link"),
     }
-    assert parts["arm"].inflate_by == "inscribed"
-    assert parts["arm"].radius == pytest.approx(0.03)
 
 
 @pytest.mark.parametrize(
@@ -125,7 +121,7 @@ def test_groups_by_file(robot: Robot, tmp_path: Path) -> None:
         ("base: [base_lnk]", "no link base_lnk; did you mean base_link"),
         ("base: base_link", "give \\[link, ...\\]"),
         ("base: {links: [base_link], by: inscribed}", "give \\[link, ...\\]"),
-        ("base: {links: [base_link], inflate_by: both}", "inscribed or circumscribed"),
+        ("base: {links: [base_link]}", "give .link"),
         ("[", "cannot be read"),
         ("- base", "give parts as name"),
         ("base: [base_footprint]", "no link of part base has geometry"),

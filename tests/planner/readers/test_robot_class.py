@@ -22,8 +22,8 @@ from semmap.robot import Part
 from tests.seen import seen_by
 
 SQUARE = np.array([(-0.3, -0.2), (0.3, -0.2), (0.3, 0.2), (-0.3, 0.2)])
-BASE = Part("base", ("base_link", "wheels"), (0.0, 0.31), SQUARE, 0.2, 0.36, "inscribed")
-MAST = Part("mast", ("mast",), (0.31, 1.4), SQUARE / 3, 0.07, 0.12, "circumscribed")
+BASE = Part("base", ("base_link", "wheels"), (0.0, 0.31), SQUARE, 0.2, 0.36)
+MAST = Part("mast", ("mast",), (0.31, 1.4), SQUARE / 3, 0.07, 0.12)
 
 lengths = st.floats(0.01, 5.0)
 ranges = st.tuples(st.floats(0, 1), st.floats(1.01, 3))
