@@ -112,6 +112,8 @@ class Costmap:
         The cells outside of every room and doorway.
     fields_without_rule : list of str
         The names of fields that have no effect, as the policy does not name their property.
+    posture : str
+        The posture that the robot's parts are in, in words; empty where it is not known.
     seconds : dict of float
         What the last whole computation took, for ``slabs`` and ``inflation``.
 
@@ -167,6 +169,7 @@ class Costmap:
         self.limits = limits or DriveLimits()
         self.static = dict(static or {})
         self.fields = {name: _as_voxels(name, each) for name, each in (fields or {}).items()}
+        self.posture = ""
         self._social: dict[str, NDArray[np.uint8]] = {}
         self._sort_fields()
         _check(self)
@@ -391,9 +394,10 @@ class Costmap:
 
     @property
     def notes(self) -> list[str]:
-        """Sentences about objects without geometry and about fields, for a person."""
+        """Sentences about the posture, objects without geometry and fields, for a person."""
         fields = field_notes(self.field_layers, self.fields_without_rule)
-        return [*geometry_notes(self.scene.entities), *fields]
+        said = [self.posture] if self.posture else []
+        return [*said, *geometry_notes(self.scene.entities), *fields]
 
     def write(
         self,

@@ -2,7 +2,8 @@
 
 Deeken et al. (section 4.3) take each part for a disc. Here each part has its exact footprint,
 turned to each of n headings, after Hornung et al.: a long robot fits lengthwise through a gap in
-which its disc does not fit. The headings on which robots drive are those of the steps of `navgrid.drive`.
+which its disc does not fit. Robots drive on the headings of
+the steps of `navgrid.drive`.
 """
 
 from __future__ import annotations

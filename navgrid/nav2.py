@@ -17,11 +17,11 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
-from navgrid.field_layer import field_lists, field_notes
+from navgrid.field_layer import field_lists
 from navgrid.inflation import INSCRIBED, LETHAL, UNKNOWN
 from navgrid.map_file import Mode, file_name, write_map
 from navgrid.masks import Mask, keepout_mask, speed_mask
-from semmap.query.geometry_notes import geometry_lists, geometry_notes
+from semmap.query.geometry_notes import geometry_lists
 from semmap.robot import footprint_string
 
 if TYPE_CHECKING:
@@ -82,8 +82,7 @@ def write_nav2(costmap: Costmap, folder: Path, *, laser_height: float = 0.25) ->
     """
     folder.mkdir(parents=True, exist_ok=True)
     grid, frame = costmap.grid, frame_name(costmap.scene.storey)
-    notes = geometry_notes(costmap.scene.entities)
-    notes += field_notes(costmap.field_layers, costmap.fields_without_rule)
+    notes = costmap.notes
     maps: dict[str, str] = {}
 
     def write(name: str, cells: NDArray[np.int8], mode: Mode = "trinary") -> None:
@@ -136,6 +135,7 @@ def write_nav2(costmap: Costmap, folder: Path, *, laser_height: float = 0.25) ->
             }
             for part in costmap.parts
         ],
+        "posture": costmap.posture,
         "maps": maps,
         "params": "nav2_params.yaml",
         "lethal": int((costmap.master == LETHAL).sum()),

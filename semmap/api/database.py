@@ -325,11 +325,12 @@ class Database(DatabaseManipulation, DatabaseInterlinking):
         from navgrid.terrain import DriveLimits
         from planner.readers.robot_class import store_robot_class
         from planner.robot_class import RobotClass
+        from semmap.api.driving_posture import driving_posture
         from semmap.robot import load_robot, robot_parts
-        from semmap.robot.joint_positions import joints_of
 
         path, grouped = Path(urdf), None if parts is None else Path(parts)
-        shape = robot_parts(load_robot(path), joints_of(path, posture), grouped)
+        chosen = driving_posture(self.session, path, posture, grouped)
+        shape = robot_parts(load_robot(path), chosen.joints, grouped)
         limits = DriveLimits(max_step, math.radians(max_slope))
         added = RobotClass(name, tuple(shape), limits, **{"speed": 0.5} | abilities)
         with self.session.transaction(), shared_engine(self.session).connect() as connection:

@@ -31,7 +31,8 @@ Urdf = Annotated[Path, typer.Option("--robot", help="The robot's URDF.")]
 State = Annotated[
     str | None,
     typer.Option(
-        help='Joint positions as JSON, {"arm_1_joint": 0.5}, a file, or a state of its SRDF.'
+        help='Joint positions as JSON, {"arm_1_joint": 0.5}, a file, or a state of its SRDF; by '
+        "default the stored posture, or one near its axis that is found."
     ),
 ]
 Parts = Annotated[

@@ -49,11 +49,14 @@ def add(
     """Add a class of robots from a URDF, or replace the class of this name."""
     near = parse_numbers(reach, 2, "--reach MIN,MAX")
     high = parse_numbers(heights, 2, "--heights MIN,MAX")
+    from semmap.api.driving_posture import driving_posture
+
     with cli.open_database() as db:
+        chosen = driving_posture(db.session, urdf, state, parts)
         added = db.add_robot(
             name,
             urdf,
-            posture=state,
+            posture=chosen.joints,
             parts=parts,
             max_step=max_step,
             max_slope=max_slope,
@@ -68,6 +71,8 @@ def add(
             capacity=capacity,
         )
     _show([added], json_)
+    if not json_:
+        cli.out.print(str(chosen))
 
 
 @robot.command()

@@ -79,9 +79,7 @@ def brute_cost(
             if squared > most * most:
                 continue
             d = math.sqrt(squared) * res
-            if squared == 0:
-                cost[r, c] = 252
-            elif math.sqrt(squared) <= inscribed / res + 1e-9:
+            if math.sqrt(squared) <= inscribed / res + 1e-9:
                 cost[r, c] = 252
             else:
                 cost[r, c] = int(252 * math.exp(-k * (d - inscribed)))

@@ -8,9 +8,9 @@ from functools import cached_property
 from pathlib import Path
 
 from planner.robot_class import RobotClass
+from semmap.api.driving_posture import driving_posture
 from semmap.geometry.mesh import Mesh
 from semmap.robot import LinkGroup, Part, load_robot, robot_parts
-from semmap.robot.joint_positions import joints_of
 from semmap.robot.urdf import Robot
 
 __all__ = ["DemoRobot"]
@@ -39,7 +39,8 @@ class DemoRobot:
 
     @cached_property
     def _loaded(self) -> tuple[Robot, Mapping[str, float]]:
-        return load_robot(self.urdf), joints_of(self.urdf, self.state)
+        chosen = driving_posture(None, self.urdf, self.state, self.groups)
+        return load_robot(self.urdf), chosen.joints
 
     @cached_property
     def parts(self) -> list[Part]:
