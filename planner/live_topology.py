@@ -13,6 +13,7 @@ import threading
 import time
 from collections.abc import Callable, Collection, Iterator
 from contextlib import AbstractContextManager, contextmanager
+from dataclasses import replace
 from datetime import UTC, datetime
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -24,7 +25,7 @@ from planner.readers.robot_class import read_robot_class
 from planner.readers.scenes import read_objects, read_storey_regions, read_storey_scene
 from planner.readers.topology import read_connectors, read_kinds, read_places, read_regions
 from planner.readers.travel_time_store import TravelTimeStore
-from planner.robot_class import RobotClass
+from planner.robot_class import BODY, RobotClass
 from planner.routing_graph import RoutingGraph
 from planner.storey_costmaps import StoreyCostmaps
 from planner.topology import PlaceConnector, Topology
@@ -80,6 +81,10 @@ class LiveTopology:
     assume_sizes
         Give objects without geometry a typical box for their type. Travel times are measured for
         this topology alone, and not stored.
+    body
+        Inside of places, a robot without shape has `planner.robot_class.BODY`: it drives around
+        obstacles, and needs a free pose at an object. Places without an outline are crossed
+        straight.
 
     Attributes
     ----------
@@ -103,8 +108,10 @@ class LiveTopology:
         *,
         progress: Progress | None = None,
         assume_sizes: bool = False,
+        body: bool = False,
     ) -> None:
         self._robot = robot
+        self._body = body
         self._assume_sizes = assume_sizes
         self._progress = progress
         self._feed: ChangeFeed = open_feed(source)
@@ -258,10 +265,15 @@ class LiveTopology:
             robot, durations = read.robot, read.durations
             store = None if self._assume_sizes else TravelTimeStore(read)
         costmaps, stored = None, None
-        if robot.parts:
+        shaped = replace(robot, parts=(BODY,)) if self._body and not robot.parts else robot
+        if shaped.parts:
             self._field_versions = read_field_versions(seen)
             costmaps = StoreyCostmaps(
-                topology, robot, self._read_scene, fields=read_fields(seen, live=False)
+                topology,
+                shaped,
+                self._read_scene,
+                fields=read_fields(seen, live=False),
+                straight=not robot.parts,
             )
             if self._progress is not None:
                 costmaps.report_to(self._report(self._progress, len(topology.places)))

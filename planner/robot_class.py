@@ -12,9 +12,21 @@ from navgrid.terrain import DriveLimits
 from planner.topology import PlaceConnector
 from semmap.robot import Part
 
-__all__ = ["RobotClass"]
+__all__ = ["BODY", "RobotClass"]
 
 OTHER_STATE = "if its joints can fold it, add the robot again with --state (semmap robot add)"
+
+_RADIUS = 0.3
+
+BODY = Part(
+    "body",
+    ("body",),
+    (0.0, 1.5),
+    _RADIUS * np.stack([f(np.arange(16) * math.pi / 8) for f in (np.cos, np.sin)], 1),
+    _RADIUS * math.cos(math.pi / 16),
+    _RADIUS,
+)
+"""The shape inside of places of a robot of which nothing is known: 0.6 m wide, 1.5 m high."""
 
 
 @dataclass(frozen=True)

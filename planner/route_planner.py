@@ -285,6 +285,8 @@ class RoutePlanner:
         if entity.kind == "room":
             return [None]
         ground = costmaps.ground(place)
+        if ground is None and costmaps.straight:
+            return [None]
         if entity.kind == "region":
             return poses_in(ground, entity, self.rng)
         return poses_to_reach(ground, entity)

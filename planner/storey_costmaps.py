@@ -25,7 +25,7 @@ from navgrid.window import grown
 from planner.robot_class import RobotClass
 from planner.room_ground import RoomGround, door_lines
 from planner.topology import OUTSIDE, PlaceRegion, Topology
-from planner.travel_cost import Travel
+from planner.travel_cost import StraightTravelCost, Travel
 from semmap.geometry.pose import Pose
 from semmap.query.storey_scene import SceneEntity, StoreyScene
 
@@ -84,6 +84,8 @@ class StoreyCostmaps:
         doubles the time.
     fields
         Fields by name, from `navgrid.readers.fields.read_fields`: obstacles and social costs.
+    straight
+        Places without an outline are crossed straight; by default they are not crossed.
 
     Raises
     ------
@@ -99,6 +101,7 @@ class StoreyCostmaps:
         resolution: float = 0.05,
         slow: float = 1.0,
         fields: Mapping[str, FieldVoxels] | None = None,
+        straight: bool = False,
     ) -> None:
         if not robot.parts:
             raise ValueError(
@@ -108,6 +111,7 @@ class StoreyCostmaps:
         self.topology, self.robot, self.slow = topology, robot, slow
         self.resolution = resolution
         self._read_scene = read_scene
+        self.straight = straight
         self._fields = dict(fields or {})
         self._progress: Callable[[str, int], None] | None = None
         self._costmaps: dict[str, Costmap] = {}
@@ -224,6 +228,8 @@ class StoreyCostmaps:
         metres = seconds.copy()
         costs, room, space = self.costs(place), self.room(place), self.space(place)
         if costs is None or room is None or space is None:
+            if self.straight:
+                return StraightTravelCost(self.robot.speed).between(place, a, b)
             return Travel(seconds, metres)
         ends = [[self._snapped(costs, room.grid, pose) for pose in poses] for poses in (a, b)]
         rows, columns = ([i for i, end in enumerate(e) if end is not None] for e in ends)
@@ -283,7 +289,7 @@ class StoreyCostmaps:
         """
         costs, room = self.costs(place), self.room(place)
         if costs is None or room is None:
-            return f"the map has no outline of {place}"
+            return None if self.straight else f"the map has no outline of {place}"
         near = self._snapped(costs, room.grid, pose)
         storey = self.storey_of(place)
         costmap = self.costmap(storey)

@@ -144,7 +144,8 @@ class MapDriving(MapQuestions):
         ----------
         robot : a stored class, a URDF, a `planner.RobotClass` or the parts of a robot
         posture : of its joints: ``{"arm_1_joint": 0.5}``, a state of its SRDF, or JSON; by
-            default that of the stored class, or all joints at 0
+            default that of the stored class or robot, or one that is found, near its axis;
+            `Costmap.posture` says which
         parts : a YAML file that groups the links of a URDF into parts
         storey, rooms, bounds : only this storey, these rooms, or (x0, y0, x1, y1) in metres
         inflation_radius, cost_scaling_factor : as in costmap_2d, metres and 1/metre
@@ -162,9 +163,9 @@ class MapDriving(MapQuestions):
         from navgrid.costmap import Inflation
         from navgrid.readers.costmaps import read_costmaps
 
-        shape = self.robot_parts(robot, posture=posture, parts=parts)
+        shape, said = self._shape(robot, posture, parts)
         with self.snapshot() as seen:
-            return read_costmaps(
+            made = read_costmaps(
                 seen,
                 shape,
                 storey=storey,
@@ -180,6 +181,9 @@ class MapDriving(MapQuestions):
                 voxels=_voxels(self, voxel_size),
                 assume_sizes=assume_sizes,
             )
+        for costmap in made:
+            costmap.posture = said
+        return made
 
     def costmap(self, robot: RobotLike, *, storey: str | None = None, **options: Any) -> Costmap:
         """The layered costmap of a robot on one storey, or in rooms of one storey.
@@ -211,24 +215,34 @@ class MapDriving(MapQuestions):
         parts: Path | str | None = None,
     ) -> list[Part]:
         """The parts of a robot with their intervals of height and footprints, as for `costmaps`."""
+        return self._shape(robot, posture, parts)[0]
+
+    def _shape(
+        self, robot: RobotLike, posture: str | Mapping[str, float] | None, parts: Path | str | None
+    ) -> tuple[list[Part], str]:
+        """The parts of a robot, and the posture that they are in, in words."""
         from planner.readers.robot_class import read_robot_class, read_robot_urdf
         from planner.robot_class import RobotClass
+        from semmap.api.driving_posture import driving_posture
         from semmap.robot import load_robot, robot_parts
-        from semmap.robot.joint_positions import joints_of
 
+        said = ""
         if isinstance(robot, str) and not robot.endswith((".urdf", ".xml", ".xacro")):
             with self.snapshot() as seen:
                 if posture is None and parts is None:
+                    said = f"posture: stored with the class {robot}"
                     robot = read_robot_class(seen, robot).robot
                 else:
                     robot = read_robot_urdf(seen, robot)
         if isinstance(robot, str | Path):
             urdf = Path(robot)
             grouped = None if parts is None else Path(parts)
-            return robot_parts(load_robot(urdf), joints_of(urdf, posture), grouped)
+            with self.snapshot() as seen:
+                chosen = driving_posture(seen.session, urdf, posture, grouped)
+            return robot_parts(load_robot(urdf), chosen.joints, grouped), str(chosen)
         if posture is not None or parts is not None:
             raise ValueError("posture and parts are for a URDF or a stored class: give its name")
-        return list(robot.parts if isinstance(robot, RobotClass) else robot)
+        return list(robot.parts if isinstance(robot, RobotClass) else robot), said
 
     @property
     def robots(self) -> dict[str, RobotClass]:
@@ -262,12 +276,13 @@ class MapDriving(MapQuestions):
         start, goal : a room, an object, a region or an agent by its name; a point (x, y) or
             (x, y, z) in the map's frame, metres; for `goal` also a type or a label: the nearest
         robot : a stored class or a `planner.RobotClass`, with costmaps and travel times; by
-            default a robot without shape, whose route ends in the room of an object
+            default a robot 0.6 m wide and 1.5 m high inside of rooms, that passes all doors and
+            stairs
         avoid : names or types of places, doors and regions that it must not use
         at : the moment, for rules that have hours; by default now
         rules : a YAML file: what places, doors and regions cost
         drawn : on the graph that people drew: imported Nav2 edges or Open-RMF lanes
-        assume_sizes : give objects without geometry a typical box; needs `robot`
+        assume_sizes : give objects without geometry a typical box
         progress : called with a place that is measured, its number, and the number of places
         abilities : `opens` closed doors, `unlocks` locked ones, may go `outside`
 
@@ -321,9 +336,14 @@ class MapDriving(MapQuestions):
         robot: str | RobotClass | None = None,
         *,
         assume_sizes: bool = False,
+        body: bool = False,
         progress: Progress | None = None,
     ) -> LiveTopology:
         """The routing graph of a robot, up to date; it is kept, and follows later changes.
+
+        Parameters
+        ----------
+        body : inside of rooms, a robot without shape is as that of `route` by default
 
         Raises
         ------
@@ -336,11 +356,12 @@ class MapDriving(MapQuestions):
 
         if self.in_transaction:
             raise ValueError("routes and plans see what is committed: end the transaction first")
-        key = (robot if robot is None or isinstance(robot, str) else repr(robot), assume_sizes)
+        known = robot if robot is None or isinstance(robot, str) else repr(robot)
+        key = (known, assume_sizes, body)
         live = self._live.get(key)
         if live is None:
             live = self._live[key] = LiveTopology(
-                self, robot, progress=progress, assume_sizes=assume_sizes
+                self, robot, progress=progress, assume_sizes=assume_sizes, body=body
             )
         else:
             live.catch_up()
@@ -358,8 +379,6 @@ class MapDriving(MapQuestions):
         from planner.robot_class import RobotClass
         from planner.route_planner import RoutePlanner
 
-        if assume_sizes and robot is None:
-            raise ValueError("sizes are assumed for the costmaps of a robot: name one (robot=)")
         unknown = set(abilities) - {"opens", "unlocks", "outside"}
         if unknown:
             raise TypeError(f"route() has no argument {', '.join(sorted(unknown))}")
@@ -367,6 +386,7 @@ class MapDriving(MapQuestions):
             RobotClass(**abilities) if robot is None else robot,  # type: ignore[arg-type]
             assume_sizes=assume_sizes,
             progress=progress,
+            body=True,
         )
         costs = None if rules is None else CostRules.read(Path(rules))
         planner = RoutePlanner.of_live(live, rules=costs)

@@ -66,8 +66,6 @@ def route_command(
     """Find the quickest route: its doors in order, each with an approach and a leave pose."""
     if drawn and count != 1:
         raise typer.BadParameter("--graph finds one route: leave out -k")
-    if assume_sizes and robot is None:
-        raise typer.BadParameter("--assume-sizes is for the costmaps of a robot: add --robot")
     given = {"unlocks": locked, "outside": outside, "opens": closed}
     abilities = {name: value for name, value in given.items() if value == (name != "opens")}
     options: Any = {"robot": robot, "avoid": avoid or (), "at": at, "rules": rules}
