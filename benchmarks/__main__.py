@@ -13,6 +13,7 @@ TABLES = (
     "inventory",
     "meshes",
     "slabs",
+    "voxel_grids",
     "inflation",
     "costmap",
     "fields",

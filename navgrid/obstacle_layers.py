@@ -26,6 +26,9 @@ __all__ = ["Interval", "ObstacleLayers"]
 Interval = tuple[float, float]
 """Closed, metres above the floor."""
 
+ROUNDING = 1e-9
+"""Metres by which a border of voxels may miss an end of an interval."""
+
 
 class ObstacleLayers:
     """The occupied cells of each layer on a grid.
@@ -189,7 +192,7 @@ class ObstacleLayers:
                 if len(self.levels) > 1:
                     above = voxels_over(voxels, level.cells, self.grid)
                 for number, (low, high) in enumerate(intervals):
-                    heights = (level.floor + low, level.floor + high)
+                    heights = (level.floor + low - ROUNDING, level.floor + high + ROUNDING)
                     found[number] |= (voxel_cells(above, heights, self.grid)[window] > 0) & cells
         return found
 

@@ -14,6 +14,7 @@ from sqlalchemy import text
 
 from navgrid.field_layer import FieldVoxels, field_voxels
 from navgrid.policy import Policy
+from semmap.database.maps import see_map
 from semmap.geometry.voxels import Voxels
 from semmap.language.terms import local_name
 from semmap.query.map_handle import MapSource
@@ -133,9 +134,12 @@ def read_fields(
 
 
 def read_mirror(source: MapSource, voxel_size: float = 0.05) -> dict[int, Voxels]:
-    """Return the voxels of a map's objects, walls and doors by id, from its mirror.
+    """Return the voxels of a map's objects, walls and doors by id: conservative ones, for grids.
 
-    The mirror continues from the state that it stored last; without one it reads all meshes.
+    They contain each voxel that a mesh meets, and the inside of closed meshes: their cells contain
+    those of `navgrid.slabs`, and exceed them by at most one voxel. Point clouds, and voxels that
+    were stated in place of a mesh, are those of the mirror, which continues from the state that it
+    stored last.
 
     Parameters
     ----------
@@ -150,6 +154,8 @@ def read_mirror(source: MapSource, voxel_size: float = 0.05) -> dict[int, Voxels
         Objects, walls or doors have more voxels than limits allow.
     """
     with _openvdb("the mirror has the voxels of the map", "take their meshes (no --from-voxels)"):
+        from semmap.fields.regions.region_map import RegionMap
+        from semmap.fields.store.reader import read_occupants, read_walls
         from semmap.fields.store.voxel_mirror import VoxelMirror
     mirror = VoxelMirror.resume(source.engine, source.name, voxel_size)
     mirror.catch_up()
@@ -158,6 +164,16 @@ def read_mirror(source: MapSource, voxel_size: float = 0.05) -> dict[int, Voxels
     objects = [n for n in mirror.names if mirror.roles[n] == "object"]
     found = {n: mirror.regions.voxels(n) for n in objects}
     found |= {n: mirror.walls.voxels(n) for n in mirror.walls.entities() if isinstance(n, int)}
+    with source.engine.connect() as connection:
+        see_map(connection, source.name)
+        occupants = [*read_occupants(connection), *read_walls(connection)]
+    meshed = [o for o in occupants if o.points is None and o.id in {*found} - mirror.stated]
+    cover = RegionMap(voxel_size)
+    try:
+        cover.insert_many([(o.id, region) for o in meshed for region in o.cover(voxel_size)])
+    except ValueError as error:
+        raise ValueError(f"{error}; take larger voxels, or the meshes") from None
+    found |= {o.id: cover.voxels(o.id) for o in meshed}
     return {n: Voxels(voxel_size, each.astype(np.int64)) for n, each in found.items()}
 
 

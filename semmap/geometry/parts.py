@@ -10,7 +10,17 @@ from scipy.sparse.csgraph import connected_components
 import semmap_native
 from semmap.geometry.mesh import Mesh
 
-__all__ = ["closed_parts"]
+__all__ = ["closed_as_whole", "closed_parts"]
+
+
+def closed_as_whole(mesh: Mesh) -> bool:
+    """Return whether the surface has each of its edges as often in one direction as in the other.
+
+    So `navgrid.slabs` decides which solids have an inside: equal corners are one.
+    """
+    vertices = np.ascontiguousarray(mesh.vertices, np.float64)
+    faces = np.ascontiguousarray(mesh.faces, np.int32)
+    return bool(semmap_native.closed_solids(vertices, faces, None, 1, 1)[0])
 
 
 def closed_parts(mesh: Mesh) -> tuple[NDArray[np.int32], NDArray[np.bool_]]:

@@ -27,11 +27,11 @@ GRID = Grid((-0.5, -0.5), 0.05, (70, 90))
 
 
 def voxelised(storey: StoreyScene, size: float) -> StoreyScene:
-    """The scene with the voxels that a mirror has of it, in place of all meshes."""
+    """The scene with the voxels that grids have of it, in place of all meshes."""
     regions = RegionMap(size)
     for each in storey.entities:
         occupant = Occupant(each.id, each.name, each.triangles, encloses_air=each.kind == "room")
-        for region in occupant.regions(size):
+        for region in occupant.cover(size):
             regions.insert(each.id, region)
     return replace(
         storey,
@@ -60,15 +60,13 @@ def occupied(
 def check_within_a_voxel(
     meshes: StoreyScene, voxels: StoreyScene, interval: Interval, size: float, grid: Grid = GRID
 ) -> None:
-    """Each cell of one has a cell of the other within a voxel, in height, too."""
+    """Voxels have each cell of the meshes, and no other beyond a voxel, in height, too."""
     low, high = interval
     around = np.ones((2 * int(np.ceil(size / grid.resolution)) + 1,) * 2)
     found = occupied(voxels, interval, grid)
     most = occupied(meshes, (low - size, high + size), grid)
     assert not (found & ~binary_dilation(most, around)).any()
-    if high - low > 2 * size:
-        least = occupied(meshes, (low + size, high - size), grid)
-        assert not (least & ~binary_dilation(found, around)).any()
+    assert not (occupied(meshes, interval, grid) & ~found).any()
 
 
 def things(seed: int) -> list[SceneEntity]:
@@ -162,6 +160,6 @@ def test_updates_and_causes_of_voxels() -> None:
 def test_a_grid_is_made_of_voxels() -> None:
     storey = voxelised(scene(solid(1, (0.5, 0.5, 0.4), (1.5, 0.8, 0.45), "shelf")), 0.05)
     made = storey_grid(storey, resolution=0.05)
-    assert (made.cells == 100).sum() == 20 * 6
+    assert 20 * 6 <= (made.cells == 100).sum() <= 22 * 8
     planes = storey_grid(storey, resolution=0.05, increment=0.05)
     assert ((planes.cells == 100) == (made.cells == 100)).all()

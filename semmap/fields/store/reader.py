@@ -10,13 +10,18 @@ from numpy.typing import NDArray
 from sqlalchemy import text
 
 from semmap.fields.regions.mesh_regions import mesh_parts
-from semmap.fields.regions.shapes import Region, SurfaceRegion
+from semmap.fields.regions.shapes import Region, Solid, SurfaceRegion
 from semmap.fields.sources.percepts import Zone
 from semmap.fields.sources.synthetic_scene import VisibleObject
+from semmap.geometry.parts import closed_as_whole
 from semmap.geometry.tin import to_mesh
 from semmap.query.snapshot import Snapshot
 from semmap.query.storey_reader import OBJECTS, read_entities
 from semmap.query.storey_scene import SceneEntity
+
+
+TOUCH = 2.5e-9
+"""Voxels within which a surface touches one: more than the tolerance of drawing."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,6 +43,25 @@ class Occupant:
             shell = to_mesh(self.triangles)
             return [SurfaceRegion(shell.vertices, shell.faces)]
         return mesh_parts(to_mesh(self.triangles)).regions(voxel_size)
+
+    def cover(self, voxel_size: float) -> list[Region]:
+        """Return all that is occupied, for grids: no voxel that the surface meets is left out.
+
+        A voxel that it only touches is one of them, on all sides: it lies there by rounding. A
+        closed surface has an inside, as for `navgrid.slabs`: each edge of all its faces is as often
+        in one direction as in the other.
+        """
+        if self.points is not None:
+            return [self.points]
+        mesh = to_mesh(self.triangles)
+        found: list[Region] = [
+            SurfaceRegion(mesh.vertices + np.array([x, y, 0.0]), mesh.faces)
+            for x in (-TOUCH * voxel_size, TOUCH * voxel_size)
+            for y in (-TOUCH * voxel_size, TOUCH * voxel_size)
+        ]
+        if not self.encloses_air and closed_as_whole(mesh):
+            found.append(Solid(mesh.vertices, mesh.faces))
+        return found
 
 
 def read_occupants(seen: Snapshot, ids: Iterable[int] | None = None) -> list[Occupant]:

@@ -89,6 +89,11 @@ class VoxelMirror:
         self._unsaved = False
         self._lock = threading.Lock()  # regions, names and cursor change together
 
+    @property
+    def stated(self) -> frozenset[int]:
+        """The ids of the entities whose voxels were stated, in place of those of their meshes."""
+        return frozenset(self._stated)
+
     @classmethod
     def resume(
         cls, engine: Engine, map_name: str | None = None, voxel_size: float = 0.05
