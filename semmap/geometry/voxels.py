@@ -37,7 +37,7 @@ class Voxels:
 
     @classmethod
     def of_points(cls, points: ArrayLike, size: float) -> Voxels:
-        """Return the voxels that contain points.
+        """Return the voxels that contain points, as OpenVDB draws them for mirrors and grids.
 
         Parameters
         ----------
@@ -46,15 +46,25 @@ class Voxels:
 
         Raises
         ------
+        LookupError
+            OpenVDB is not installed.
         ValueError
             A coordinate is not finite, or the size is not above 0.
         """
+        try:
+            import semmap_vdb
+        except ImportError as error:
+            raise LookupError(
+                f"point clouds become voxels by OpenVDB, which cannot be loaded ({error}); install "
+                "semmap_vdb (scripts/setup)"
+            ) from None
         at = np.asarray(points, np.float64).reshape(-1, 3)
         if not (math.isfinite(size) and size > 0):
             raise ValueError(f"voxel size is {size} m; give one above 0")
         if not np.isfinite(at).all():
             raise ValueError("points: some coordinates are not finite; leave these points out")
-        return cls(size, np.unique(np.floor(at / size).astype(np.int64), axis=0))
+        drawn = semmap_vdb.Shape.points(np.ascontiguousarray(at)).voxels(size)
+        return cls(size, drawn.astype(np.int64))
 
     def __len__(self) -> int:
         """Return the number of voxels."""
