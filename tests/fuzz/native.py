@@ -294,6 +294,33 @@ def way(random: Random) -> Arguments:
     }
 
 
+def driving(random: Random) -> Arguments:
+    found = travelling(random)
+    rows, columns = found["costs"]["shape"]
+    bits = {
+        key: array(random, "u2", rows, columns, high=random.choice((1, 65536)))
+        for key in ("fits", "steps", "turns")
+    }
+    targets = array(random, "i8", 3, 2, high=min(rows, columns))
+    return found | bits | {"targets": targets}
+
+
+def drive_way(random: Random) -> Arguments:
+    found = driving(random)
+    rows, columns = found["costs"]["shape"]
+    ends = array(random, "i8", 2, 2, high=min(rows, columns))
+    left_out = ("cells", "targets", "threads")
+    return {key: value for key, value in found.items() if key not in left_out} | {"ends": ends}
+
+
+def colliding(random: Random) -> Arguments:
+    rows, columns, count = (random.choice((1, 5, 70)) for _ in range(3))
+    return {
+        "occupied": array(random, "?", rows, columns, high=2),
+        "runs": array(random, "i4", count, 4, low=0, high=random.choice((1, 2, 17))),
+    }
+
+
 BOUNDS = {"sphere": 1, "cylinder": 3, "cone": 3, "cuboid": 6}
 ROTATIONS = (
     [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]],
@@ -355,6 +382,9 @@ FUNCTIONS: dict[str, tuple[Callable[..., Any], Good]] = {
     "inflate": (semmap_native.inflate, inflating),
     "travel": (semmap_native.travel, travelling),
     "way": (semmap_native.way, way),
+    "drive": (semmap_native.drive, driving),
+    "drive_way": (semmap_native.drive_way, drive_way),
+    "collisions": (semmap_native.collisions, colliding),
     "shape_distances": (semmap_native.shape_distances, distances),
     "shape_cost": (semmap_native.shape_cost, costs),
     "fit_shape": (semmap_native.fit_shape, fitting),

@@ -225,6 +225,52 @@ def native_calls() -> Iterator[tuple[str, Call]]:
             ],
         },
     )
+    bits = np.zeros(terrain.shape, np.uint16)
+    wrong_bits = [*wrong_arrays(bits), ("smaller", bits[:1])]
+    space: Arguments = {**ground, "fits": bits, "steps": bits, "turns": bits}
+    wrong_space = {
+        **wrong_ground,
+        **dict.fromkeys(("fits", "steps", "turns"), wrong_bits),
+    }
+    yield from variants(
+        "drive",
+        semmap_native.drive,
+        {**space, "cells": cells, "targets": cells, "threads": 1},
+        {
+            **{k: iter(v) for k, v in wrong_space.items()},
+            "cells": [*wrong_arrays(cells), *outside],
+            "targets": [*wrong_arrays(cells), *outside],
+            "threads": wrong_counts(0, 10_000),
+        },
+    )
+    yield from variants(
+        "drive_way",
+        semmap_native.drive_way,
+        {**space, "ends": cells},
+        {
+            **{k: iter(v) for k, v in wrong_space.items()},
+            "ends": [*wrong_arrays(cells), *outside, ("one", cells[:1])],
+        },
+    )
+    runs = np.array([[0, 0, -1, 1]], np.int32)
+    yield from variants(
+        "collisions",
+        semmap_native.collisions,
+        {"occupied": bits.astype(bool), "runs": runs},
+        {
+            "occupied": [
+                *(w for w in wrong_arrays(bits.astype(bool)) if "column" not in w[0]),
+                ("of numbers", bits),
+            ],
+            "runs": [
+                *wrong_arrays(runs),
+                ("of shape 16", runs + np.array([16, 0, 0, 0], np.int32)),
+                ("upside down", runs[:, [0, 1, 3, 2]].copy()),
+                ("too long", runs * np.array([1, 1, 40_000, 1], np.int32)),
+                ("too far", runs + np.array([0, 70_000, 0, 0], np.int32)),
+            ],
+        },
+    )
     yield from graph_calls()
 
 
