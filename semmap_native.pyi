@@ -43,9 +43,7 @@ def travel(
     targets: NDArray[np.int64] | None,
     threads: int,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]: ...
-def collisions(
-    occupied: NDArray[np.bool_], runs: NDArray[np.int32]
-) -> NDArray[np.uint16]: ...
+def collisions(occupied: NDArray[np.bool_], runs: NDArray[np.int32]) -> NDArray[np.uint16]: ...
 def drive(
     costs: NDArray[np.uint8],
     fits: NDArray[np.uint16],

@@ -14,10 +14,9 @@ from sqlalchemy import text
 
 from navgrid.field_layer import FieldVoxels, field_voxels
 from navgrid.policy import Policy
-from semmap.database.maps import see_map
 from semmap.geometry.voxels import Voxels
 from semmap.language.terms import local_name
-from semmap.query.map_handle import MapSource
+from semmap.query.map_handle import MapSource, open_feed
 from semmap.query.snapshot import Snapshot
 from semmap.suggestions import suggestion
 
@@ -164,9 +163,8 @@ def read_mirror(source: MapSource, voxel_size: float = 0.05) -> dict[int, Voxels
     objects = [n for n in mirror.names if mirror.roles[n] == "object"]
     found = {n: mirror.regions.voxels(n) for n in objects}
     found |= {n: mirror.walls.voxels(n) for n in mirror.walls.entities() if isinstance(n, int)}
-    with source.engine.connect() as connection:
-        see_map(connection, source.name)
-        occupants = [*read_occupants(connection), *read_walls(connection)]
+    with open_feed(source).snapshot() as seen:
+        occupants = [*read_occupants(seen), *read_walls(seen)]
     meshed = [o for o in occupants if o.points is None and o.id in {*found} - mirror.stated]
     cover = RegionMap(voxel_size)
     try:

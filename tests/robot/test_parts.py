@@ -104,9 +104,7 @@ def test_real_robots(name: str) -> None:
 
 def test_groups_by_file(robot: Robot, tmp_path: Path) -> None:
     file = tmp_path / "parts.yaml"
-    file.write_text(
-        'base: [base_link, "whe?l"]\narm: [upper, "low*"]\n'
-    )
+    file.write_text('base: [base_link, "whe?l"]\narm: [upper, "low*"]\n')
     parts = by_name(robot_parts(robot, {}, file))
     assert {n: p.links for n, p in parts.items()} == {
         "base": ("base_link", "wheel"),

@@ -19,7 +19,6 @@ from semmap.query.snapshot import Snapshot
 from semmap.query.storey_reader import OBJECTS, read_entities
 from semmap.query.storey_scene import SceneEntity
 
-
 TOUCH = 2.5e-9
 """Voxels within which a surface touches one: more than the tolerance of drawing."""
 
