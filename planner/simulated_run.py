@@ -18,9 +18,12 @@ from planner.mission.store.grasp_memory import GraspMemory
 from planner.mission.store.mission_list import MissionList
 from planner.mission.store.missions import MissionError, MissionStore
 from planner.mission.store.simulation_map import simulation_map
+from planner.readers.robot_class import read_robot_class
+from planner.readers.topology import read_topology
 from planner.search.problem_builder import Detector
+from planner.search.reader import read_believed_object
 from planner.search.search_mission import SearchPlanner, SearchResult
-from planner.search.setup import put_objects, searching_robot
+from planner.search.setup import find_spots, searching_robot
 from planner.search.task_search import FOUND, SearchingPlanner, objects_to_find
 from planner.search.viewpoints import Sight
 from planner.task_planner import TaskPlanner
@@ -28,6 +31,7 @@ from planner.tasks.domain_file import Domain
 from planner.tasks.goal import parse_goal
 from semmap.database.maps import see_map
 from semmap.query.map_handle import MapHandle, MapSource
+from semmap.query.snapshot import Snapshot
 
 __all__ = ["SimulatedMission", "SimulatedRun"]
 
@@ -119,6 +123,8 @@ class SimulatedRun:
         MissionError, planner.tasks.GoalError
             There is no such mission, or the goal cannot be read.
         """
+        if not self.speed > 0:
+            raise MissionError(f"speed is {self.speed}: give a number above 0; 1 is real time")
         grasps = self._grasps()
         rules = [FailureRule.parse(text) for text in self.fail]
         relations = ((FOUND, 1), *(() if self.domain is None else self.domain.relations))
@@ -133,6 +139,9 @@ class SimulatedRun:
                 if number is not None:
                     robot, happens_in = missions.robot_of(number), missions.map_of(number)
                     goal = missions.goal_of(number)
+            with engine.connect() as connection:
+                see_map(connection, happens_in)
+                self._check(Snapshot.of(connection, happens_in), rules)
             if not (self.apply or resume):
                 happens_in = opened_here.enter_context(simulation_map(engine, original, self.world))
             with engine.connect() as connection:
@@ -145,16 +154,24 @@ class SimulatedRun:
             assert goal is not None
             with live.snapshot() as seen:
                 names = objects_to_find(seen, parse_goal(goal, relations))
+                for name in names:
+                    read_believed_object(seen, name)  # refuses a name that is unknown
+            spots = find_spots(store, live, self.put)
             self._place_robot(store, live, robot, new=number is None)
-            if number is None:
-                number = store.add(robot, goal)
             file = self.world or _WORLDS / f"{original}-{number}.sqlite"
-            if self.world is None and not resume:
-                file.unlink(missing_ok=True)  # of a mission of another database
+            if self.world is None and number is None:
+                file = _WORLDS / f"{original}-new-{os.getpid()}.sqlite"
+                file.unlink(missing_ok=True)
+                opened_here.callback(file.unlink, missing_ok=True)
             opened = open_world(file, store, live.topology, robot, rules, resume=resume)
             with closing(opened) as sim_world:
-                put_objects(sim_world, store, live, self.put)
+                for spot in spots:
+                    sim_world.put_object(*spot)
                 body, planner, found = self._actors(live, sim_world, robot, names, tasks, relations)
+                if number is None:  # at last, so that what is refused leaves no mission behind
+                    number = store.add(robot, goal)
+                    if self.world is None:
+                        sim_world.move(_WORLDS / f"{original}-{number}.sqlite")
                 runner = Runner(
                     store,
                     body,
@@ -169,11 +186,26 @@ class SimulatedRun:
                 result.state,
                 result.reason,
                 store.steps(number),
-                file,
+                sim_world.path,
                 happens_in,
                 original,
                 found,
             )
+
+    def _check(self, seen: Snapshot, rules: Sequence[FailureRule]) -> None:
+        """Refuse options that name what the map does not have, before anything changes.
+
+        Raises
+        ------
+        LookupError
+        """
+        topology = read_topology(seen)
+        for rule in rules:
+            rule.check(topology)
+        if self.start is not None:
+            topology.place(self.start)
+        if self.robot_class is not None:
+            read_robot_class(seen, self.robot_class)
 
     def _place_robot(
         self, store: MissionStore, live: LiveTopology, robot: str, *, new: bool
@@ -186,6 +218,11 @@ class SimulatedRun:
             start = store.home()
             if start is not None:
                 self.say(f"{robot} starts in {start}, where the map has a home region")
+        if start is None and new and store.robot(robot) is None:
+            raise MissionError(
+                f"there is no robot named {robot} in a room of {store.map_name}: place an agent of "
+                "that name, or give its start (--from)"
+            )
         if start is not None:
             live.topology.place(start)
             store.add_robot(robot, start, entry_pose(live.topology, start), self.robot_class)

@@ -1,10 +1,20 @@
-"""Failures of a simulation, written as ``door5 locked`` or ``pickup fails twice``."""
+"""Failures of a simulation: ``door5 locked``, ``Lift 1 broken`` or ``pickup fails twice``."""
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
 
-__all__ = ["FailureRule"]
+from planner.topology import Topology
+from semmap.error import Error
+from semmap.suggestions import suggestion
+
+__all__ = ["BROKEN", "FailureRule", "UnknownFailureError"]
+
+BROKEN = "broken"
+"""The state of an elevator that neither comes nor leaves."""
+
+_STATE = re.compile(rf"(?P<name>.*\S)\s+(?P<state>open|closed|locked|{BROKEN})")
 
 TIMES = {"once": 1, "twice": 2}
 BEHAVIOURS = (
@@ -23,16 +33,20 @@ BEHAVIOURS = (
 )
 
 
+class UnknownFailureError(Error, LookupError):
+    """A failure names a door or elevator that the map does not have."""
+
+
 @dataclass(frozen=True)
 class FailureRule:
-    """A state of a door that differs from the map, or a behaviour that fails.
+    """A state of a door or elevator that differs from the map, or a behaviour that fails.
 
     Attributes
     ----------
     what
-        A door or a behaviour. ``drop``: the robot drops its load while it drives.
+        A door, an elevator or a behaviour. ``drop``: the robot drops its load while it drives.
     state
-        Of a door.
+        Of a door: open, closed or locked; of an elevator: broken.
     times
         How often the behaviour fails from now on.
     chance
@@ -58,9 +72,10 @@ class FailureRule:
         >>> FailureRule.parse("pickup fails twice")
         FailureRule(what='pickup', state=None, times=2, chance=0.0)
         """
+        named = _STATE.fullmatch(text.strip())
+        if named is not None:
+            return cls(named["name"], state=named["state"])
         words = text.split()
-        if len(words) == 2 and words[1] in ("open", "closed", "locked"):
-            return cls(words[0], state=words[1])
         if len(words) == 3 and words[1] == "fails" and words[0] in BEHAVIOURS:
             try:
                 number = float(TIMES.get(words[2], words[2]))
@@ -71,7 +86,22 @@ class FailureRule:
             if 0 < number < 1:
                 return cls(words[0], chance=number)
         raise ValueError(
-            f"{text!r} is not a failure; write 'door5 locked', 'pickup fails twice', "
-            "'pass_door fails 0.1' (once in ten times) or 'drop fails once'; behaviours: "
+            f"{text!r} is not a failure; write 'door5 locked', 'lift1 broken', "
+            "'pickup fails twice', 'pass_door fails 0.1' (once in ten times) or 'drop fails once'; behaviours: "
             f"{', '.join(BEHAVIOURS)}"
         )
+
+    def check(self, topology: Topology) -> None:
+        """Refuse a door or elevator that the map does not have.
+
+        Raises
+        ------
+        UnknownFailureError
+        """
+        if self.state is None:
+            return
+        what = "elevator" if self.state == BROKEN else "door"
+        known = topology.cabins() if self.state == BROKEN else topology.connectors
+        if self.what not in known:
+            hint = suggestion(self.what, known, f"the map has no {what} of a similar name")
+            raise UnknownFailureError(f"there is no {what} {self.what}{hint}")

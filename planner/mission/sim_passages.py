@@ -129,7 +129,7 @@ def call_elevator(body: SimBody, command: Command) -> Work:
         with world.change():
             if not body.stands_at(command):
                 return body.misplaced(command)
-            if body.fails("call_elevator"):
+            if world.is_broken(lift) or body.fails("call_elevator"):
                 return "absent", f"{lift} does not come"
             _, occupant = world.elevator(lift)
             if occupant in (None, body.name):
@@ -151,7 +151,7 @@ def use_elevator(body: SimBody, command: Command) -> Work:
         place, _ = world.robot(body.name)
         if place != step.from_place or world.elevator(lift)[0] != place:
             return body.misplaced(command)
-        if body.fails("use_elevator"):
+        if world.is_broken(lift) or body.fails("use_elevator"):
             return "absent", f"{lift} does not leave"
     yield from lasting(command.seconds)
     with world.change():

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from planner.mission.behaviours import Sighting
-from planner.mission.failures import FailureRule
+from planner.mission.failures import BROKEN, FailureRule
 from planner.topology import Topology
 from semmap.geometry.pose import Pose
 
@@ -22,7 +22,7 @@ _TABLES = """
 CREATE TABLE robot (name TEXT PRIMARY KEY, place TEXT, pose TEXT);
 CREATE TABLE thing (name TEXT PRIMARY KEY, place TEXT, holder TEXT, relation TEXT, pose TEXT);
 CREATE TABLE door (name TEXT PRIMARY KEY, state TEXT, ajar INTEGER DEFAULT 0, elevator TEXT);
-CREATE TABLE elevator (name TEXT PRIMARY KEY, at TEXT, occupant TEXT);
+CREATE TABLE elevator (name TEXT PRIMARY KEY, at TEXT, occupant TEXT, broken INTEGER DEFAULT 0);
 CREATE TABLE rule (id INTEGER PRIMARY KEY, what TEXT, times INTEGER, chance REAL);
 CREATE TABLE event (id INTEGER PRIMARY KEY, robot TEXT, what TEXT, about TEXT);
 CREATE TABLE draw (robot TEXT PRIMARY KEY, n INTEGER);
@@ -33,6 +33,10 @@ class SimWorld:
     """A simulated world in a file that several processes may open; each change is atomic."""
 
     def __init__(self, path: Path) -> None:
+        self._open(path)
+
+    def _open(self, path: Path) -> None:
+        self.path = path
         self._file = sqlite3.connect(path, timeout=30, isolation_level=None)
         self._file.row_factory = sqlite3.Row
         self._file.execute("PRAGMA synchronous = OFF")
@@ -80,7 +84,7 @@ class SimWorld:
                 state = "closed" if lift else door.state
                 file.execute("INSERT INTO door VALUES (?, ?, 0, ?)", (door.name, state, lift))
             for lift, inside in topology.cabins().items():
-                file.execute("INSERT INTO elevator VALUES (?, ?, NULL)", (lift, inside[0]))
+                file.execute("INSERT INTO elevator VALUES (?, ?, NULL, 0)", (lift, inside[0]))
             for name, place, seen in objects:
                 world.put_object(name, place, seen)
         return world
@@ -88,6 +92,11 @@ class SimWorld:
     def close(self) -> None:
         """Close the file."""
         self._file.close()
+
+    def move(self, path: Path) -> None:
+        """Give the file another name; no other process may have it open."""
+        self.close()
+        self._open(self.path.replace(path))
 
     @contextmanager
     def change(self) -> Iterator[sqlite3.Connection]:
@@ -191,13 +200,20 @@ class SimWorld:
             "UPDATE elevator SET at = ?, occupant = ? WHERE name = ?", (at, occupant, name)
         )
 
+    def is_broken(self, elevator: str) -> bool:
+        """Whether an elevator neither comes nor leaves."""
+        row = self._file.execute("SELECT * FROM elevator WHERE name = ?", (elevator,)).fetchone()
+        return bool(row["broken"])
+
     # -- failures on demand ---------------------------------------------------------------------
 
     def add_rules(self, rules: Iterable[FailureRule]) -> None:
-        """Add future failures; states of doors change at once."""
+        """Add future failures; states of doors and elevators change at once."""
         with self.change() as file:
             for rule in rules:
-                if rule.state is not None:
+                if rule.state == BROKEN:
+                    file.execute("UPDATE elevator SET broken = 1 WHERE name = ?", (rule.what,))
+                elif rule.state is not None:
                     self.set_door(rule.what, rule.state)
                 else:
                     file.execute(

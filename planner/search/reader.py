@@ -157,7 +157,8 @@ def read_room(seen: Snapshot, name: str) -> str | None:
 _KIND = "SELECT kind FROM entity WHERE map_id = current_map() AND name = :name"
 
 _ROOM = """
-SELECT name FROM entity WHERE id = room_of(entity_id(:name))
+SELECT name FROM entity WHERE id = room_of(
+    (SELECT id FROM entity WHERE map_id = current_map() AND name = :name))
 """
 
 _SHUT = """

@@ -16,7 +16,7 @@ from planner.search.sim_search import SearchingRobot, SimEyes
 from planner.search.viewpoints import Sight
 from semmap.geometry.pose import Pose
 
-__all__ = ["put_objects", "searching_robot"]
+__all__ = ["find_spots", "searching_robot"]
 
 _PUT = re.compile(r"(?P<item>.+?) (?:on|in) (?P<target>.+)")
 
@@ -52,16 +52,19 @@ def searching_robot(
     )
 
 
-def put_objects(
-    world: SimWorld, store: MissionStore, live: LiveTopology, texts: Sequence[str]
-) -> None:
-    """Put objects of a simulated world where they truly are: ``mug on table2``.
+def find_spots(
+    store: MissionStore, live: LiveTopology, texts: Sequence[str]
+) -> list[tuple[str, str, Sighting]]:
+    """Where objects truly are by texts such as ``mug on table2``: each with its room and pose.
 
     Raises
     ------
     MissionError
-        A text cannot be read, a name is unknown, or nothing is free there.
+        A text cannot be read, or nothing is free there.
+    LookupError
+        A name is unknown.
     """
+    spots = []
     for text in texts:
         found = _PUT.fullmatch(text.strip())
         if found is None:
@@ -72,11 +75,11 @@ def put_objects(
         with live.snapshot() as seen:
             room = target if target in live.topology.places else read_room(seen, target)
         if room is None:
-            raise MissionError(f"no room holds {target}: name a place that is in a room")
+            raise MissionError(f"no room holds {target}: name a place of the map that is in one")
         spot = store.spot(item, target, Pose(0.0, 0.0, live.topology.places[room].floor))
         if spot is None:
             raise MissionError(
                 f"nothing is free on {target} for {item}, or the map has no such object"
             )
-        sighting = Sighting(target, "in" if target == room else "on", spot)
-        world.put_object(item, room, sighting)
+        spots.append((item, room, Sighting(target, "in" if target == room else "on", spot)))
+    return spots

@@ -126,7 +126,8 @@ class MapTasks(MapDriving):
         robot : a stored class; by default robots without shape
         agent : the name of the robot in the map
         speed : how many times faster than real time
-        fail, seed : which actions fail (``pass_door(door3) 0.5``), and the seed of chance
+        fail, seed : what fails (``door3 locked``, ``Lift 1 broken``, ``pickup fails twice``), and
+            the seed of chance
         put : where objects are in the simulated world: ``mug1 on table2``
         gripper : by default the robot's own, or the preferred one
         world : a file for the state of the simulated world

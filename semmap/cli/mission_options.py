@@ -19,7 +19,8 @@ RobotName = Annotated[
 ]
 Speed = Annotated[float, typer.Option(help="Speed of the simulated clock; 1 is real time.")]
 Fail = Annotated[
-    list[str] | None, typer.Option(help="'door5 locked', 'pickup fails twice', 'drop fails .1'")
+    list[str] | None,
+    typer.Option(help="'door5 locked', 'Lift 1 broken', 'pickup fails twice', 'drop fails .1'"),
 ]
 Seed = Annotated[int, typer.Option(help="Seed of random failures and detections.")]
 Put = Annotated[

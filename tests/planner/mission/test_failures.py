@@ -26,6 +26,8 @@ def test_rules(said: str, rule: FailureRule) -> None:
         "",
         "door5",
         "door5 gone",
+        "locked",
+        " broken",
         "grasp fails",
         "pickup fails 1.5",
         "jump fails once",
@@ -37,3 +39,8 @@ def test_rules(said: str, rule: FailureRule) -> None:
 def test_what_is_none(said: str) -> None:
     with pytest.raises(ValueError, match="is not a failure; write 'door5 locked'"):
         FailureRule.parse(said)
+
+
+def test_names_may_have_blanks() -> None:
+    assert FailureRule.parse("Cafe  door locked") == FailureRule("Cafe  door", "locked")
+    assert FailureRule.parse(" Lift 1 broken ") == FailureRule("Lift 1", "broken")

@@ -16,7 +16,7 @@ from planner.search.line_of_sight import LineOfSight, line_of_sight
 from planner.search.problem_builder import Detector, MapSearch, build_search
 from planner.search.search_mission import NotFoundError, SearchPlanner
 from planner.search.search_problem import as_pomdp
-from planner.search.setup import put_objects, searching_robot
+from planner.search.setup import find_spots, searching_robot
 from planner.search.task_search import SearchingPlanner
 from planner.search.trials import compare
 from planner.search.viewpoints import Sight
@@ -68,7 +68,8 @@ def search(
     said: list[str] = []
     live = LiveTopology(MapHandle(world.engine, "office"))
     with world.store() as store:
-        put_objects(world.world, store, live, put)
+        for spot in find_spots(store, live, put):
+            world.world.put_object(*spot)
         planner = SearchPlanner(live, Sight(), detector, said.append)
         body = searching_robot(
             live, world.world, "robot", ["muffin1"], Sight(), detector, speed=SPEED, **more
