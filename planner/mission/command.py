@@ -50,6 +50,11 @@ class Command:
         return f"{self.behaviour}({', '.join(self.arguments)})"
 
     @property
+    def needs(self) -> tuple[str, ...]:
+        """The entities without which a pickup or a place cannot begin."""
+        return self.arguments[: {"pickup": 1, "place": 2}.get(self.behaviour, 0)]
+
+    @property
     def subject(self) -> str | None:
         """The object, connector or elevator that it acts on; None for drives inside a place."""
         if self.step is None:

@@ -87,7 +87,8 @@ class FailureRule:
                 return cls(words[0], chance=number)
         raise ValueError(
             f"{text!r} is not a failure; write 'door5 locked', 'lift1 broken', "
-            "'pickup fails twice', 'pass_door fails 0.1' (once in ten times) or 'drop fails once'; behaviours: "
+            "'pickup fails twice', 'pass_door fails 0.1' (once in ten times) or "
+            "'drop fails once'; behaviours: "
             f"{', '.join(BEHAVIOURS)}"
         )
 

@@ -245,7 +245,9 @@ class GraspChooser:
 
     def _pose_of(self, name: str) -> Pose | None:
         row = self.session.execute(
-            "SELECT pose FROM world WHERE entity_id = entity_id(%s)", (name,)
+            "SELECT w.pose FROM entity e JOIN world w ON w.entity_id = e.id "
+            "WHERE e.map_id = current_map() AND e.name = %s",
+            (name,),
         ).fetchone()
         return None if row is None else Pose(*row[0])
 

@@ -19,6 +19,7 @@ from planner.mission.claims import claims_of
 from planner.mission.command import Command, commands_of, with_spot
 from planner.mission.retry_policy import RetryPolicy
 from planner.mission.store.missions import LostMissionError, MissionStore
+from planner.mission.store.reservations import GoneError
 from planner.mission.tree import mission_tree
 from planner.plan import Plan
 from semmap.query.snapshot import Snapshot
@@ -278,6 +279,8 @@ class _Attempt:
             return True
         try:
             held_by_another = self._store.claim(self._mission, [wanted], self._runner._expiry)
+        except GoneError:
+            return False  # the next plan does without it
         except LostMissionError:
             self._beat = -1e9  # check the state of the mission at the next tick
             return None

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planner.live_topology import LiveTopology
+from planner.mission.store.observations import read_missing
 from planner.mission.store.robot_placement import read_robot
 from planner.plan import Action, Plan
 from planner.route_search import find_route
@@ -200,6 +201,10 @@ class SearchPlanner:
     ) -> _State:
         """The belief after what the robot has seen since the last call."""
         state = self._states.get(name)
+        if state is not None:
+            known = {name, *state.search.problem.places} - {ELSEWHERE}
+            if read_missing(seen.connection, known):  # a place was removed: begin again without it
+                state = None
         if state is None:
             search = self.begin(seen, name, start, graph)
             _, newest = read_looks(seen, name, robot, 0)

@@ -58,6 +58,8 @@ class SearchingPlanner:
         for name in objects_to_find(seen, parsed):
             if name in self._search.answers:
                 continue
+            if read_kind(seen, name) is None:
+                raise LookupError(f"the map has no {name} any more: nothing is left to search for")
             holder = read_holder(seen, name)
             if name not in wanted and (holder == robot or read_seen_by(seen, name, robot)):
                 continue

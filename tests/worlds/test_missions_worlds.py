@@ -126,3 +126,82 @@ def test_a_refused_option_leaves_no_mission_and_no_robot(
         run(house, goal, **{"start": "kitchen", "apply": True, **options})
     assert (house.missions(), agents(house)) == before
     assert not [*Path().rglob("*.sqlite")]
+
+
+# -- what disappears during a mission -------------------------------------------------------------
+
+REMOVE = "DELETE FROM entity WHERE id = entity_id(:name)"
+
+
+@pytest.fixture
+def copy(db: semmap.Database) -> Iterator[Map]:
+    """A copy of the small house, with a second table beside the sofa, that a test may change."""
+    with db.engine.begin() as connection:
+        connection.execute(text("SELECT copy_map('house', 'copy')"))
+    copy = db.map("copy")
+    copy.add_object("table", type="table", size=(0.7, 0.7, 0.6), pose=(-1.5, 0, 0))
+    yield copy
+    with db.engine.begin() as connection:
+        connection.execute(text("SELECT drop_map('copy')"))
+
+
+def run_and_remove(copy: Map, goal: str, name: str, event: str, start: str = "kitchen") -> Any:
+    """A mission during which somebody removes something at the first event of a kind."""
+    moments = [event]
+
+    def on_event(seen: Any) -> None:
+        if moments and f"{seen.kind} {seen.command and seen.command.behaviour}" == moments[0]:
+            moments.clear()
+            change(copy, REMOVE, name=name)
+
+    ended = run(copy, goal, start="kitchen", apply=True, on_event=on_event)
+    assert moments == [], "it was removed"
+    assert ended.state == copy.missions()[0]["state"]
+    return ended
+
+
+@pytest.mark.parametrize("event", ["starts pickup", "ended pickup", "starts place"])
+def test_another_table_is_taken_when_the_first_disappears(copy: Map, event: str) -> None:
+    goal = "in(can, living-room)"
+    table = run(copy, goal, start="kitchen").steps[-1]["arguments"][-1]
+    ended = run_and_remove(copy, goal, table, event)
+    assert ended.done, ended.reason
+    assert ended.steps[-1]["arguments"][-1] != table
+    failed = [step for step in ended.steps if step["state"] == "failed"]
+    assert {step["cause"] for step in failed} <= {"gone"}
+
+
+@pytest.mark.parametrize(
+    ("goal", "name", "event", "reason"),
+    [
+        ("on(can, table)", "can", "starts pickup", "there is no can"),
+        ("on(can, table)", "can", "ended pickup", "there is no can"),
+        ("on(can, table)", "can", "starts place", "there is no can"),
+        ("on(can, BalconyTable_01_001)", "BalconyTable_01_001", "ended pickup", "is no Balcony"),
+        ("on(can, BalconyTable_01_001)", "living-room", "started navigate", "cannot be reached"),
+        ("on(can, BalconyTable_01_001)", "balcony-opening", "ended pickup", "has no door"),
+        ("in(can, balcony)", "kitchen", "started navigate", "no room holds robot"),
+        ("found(Tablet_01_001)", "Tablet_01_001", "started pass_door", "has no Tablet_01_001"),
+    ],
+)
+def test_a_mission_ends_with_the_reason_when_what_it_needs_disappears(
+    copy: Map, goal: str, name: str, event: str, reason: str
+) -> None:
+    ended = run_and_remove(copy, goal, name, event)
+    assert ended.state == "failed"
+    assert reason in ended.reason
+
+
+def test_a_search_goes_on_when_a_place_disappears_at_which_it_looks(copy: Map) -> None:
+    place: list[str] = []
+
+    def on_event(seen: Any) -> None:
+        if not place and seen.kind == "started" and seen.command.behaviour == "look":
+            place.append(seen.command.arguments[1])
+            change(copy, REMOVE, name=place[0])
+
+    ended = run(copy, "found(Tablet_01_001)", start="kitchen", apply=True, on_event=on_event)
+    looks = [step for step in ended.steps if step["action"] == "look"]
+    assert len(looks) > 1
+    assert all(place[0] not in step["arguments"] for step in looks[1:])
+    assert copy.missions()[0]["state"] == ended.state != "running"

@@ -30,6 +30,7 @@ from planner.mission.store.mission_steps import (
 from planner.mission.store.observations import (
     ObjectRow,
     find_placement,
+    read_missing,
     read_objects,
     write_door,
     write_execution,
@@ -208,12 +209,16 @@ class MissionStore(MissionList):
 
         Returns
         -------
-        Of a pickup or a place, how the robot does it, or why it cannot; else an empty choice.
+        Of a pickup or a place, how the robot does it, or why it cannot, such as a table that was
+        removed; else an empty choice.
         """
         with self._begin() as connection:
             robot = self._own(connection, mission, running=True)
             choice = Choice()
-            if self.grasps is not None and command.behaviour in KINDS:
+            gone = read_missing(connection, command.needs)
+            if gone:
+                choice = Choice(refusal=Outcome("gone", f"the map has no {gone[0]} any more"))
+            elif self.grasps is not None and command.behaviour in KINDS:
                 target = read_target(connection, mission, command.arguments[0])
                 choice = self.grasps.begin(connection, robot, command, target)
             chosen = command if choice.spot is None else with_spot(command, choice.spot)
@@ -315,6 +320,11 @@ class MissionStore(MissionList):
         Returns
         -------
         None if the robot has them now; else the name of one that another robot has.
+
+        Raises
+        ------
+        planner.mission.store.reservations.GoneError
+            The map has one of them no more.
         """
         with self._begin() as connection:
             robot = self._own(connection, mission, running=True)

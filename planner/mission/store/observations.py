@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import json
 import math
+from collections.abc import Iterable
 from dataclasses import asdict, dataclass
 
 import shapely
@@ -23,6 +24,7 @@ from semmap.query.snapshot import Snapshot
 __all__ = [
     "ObjectRow",
     "find_placement",
+    "read_missing",
     "read_objects",
     "write_door",
     "write_execution",
@@ -67,11 +69,13 @@ def write_observation(connection: Connection, robot: int, seen: RobotObservation
     for name, state in seen.doors.items():
         if state in ("open", "closed", "locked"):
             write_door(connection, name, state)
-    if seen.looks:
+    there = {name for look in seen.looks for name in (look.object, look.place)}
+    there.difference_update(read_missing(connection, there))
+    looks = [look for look in seen.looks if look.object in there and look.place in there]
+    if looks:
         observer = connection.execute(text(_NAME), {"id": robot}).scalar_one()
-        add_observations(
-            driver_of(connection), [asdict(look) | {"observer": observer} for look in seen.looks]
-        )
+        session = driver_of(connection)
+        add_observations(session, [asdict(look) | {"observer": observer} for look in looks])
 
 
 def write_door(connection: Connection, name: str, state: str) -> None:
@@ -130,6 +134,11 @@ def find_placement(seen: Snapshot, item: str, target: str, towards: Pose) -> Pos
     return Pose.planar(found[0], found[1], yaw, (row.floor if is_room else row.top) + size.above)
 
 
+def read_missing(connection: Connection, names: Iterable[str]) -> list[str]:
+    """Those of some names that the map does not have, or has no more, in order."""
+    return list(connection.execute(text(_MISSING), {"names": [*names]}).scalars())
+
+
 def read_objects(seen: Snapshot) -> list[ObjectRow]:
     """The objects of the current map that lie in or on something."""
     rows = seen.connection.execute(text(_THINGS)).all()
@@ -139,7 +148,8 @@ def read_objects(seen: Snapshot) -> list[ObjectRow]:
 _PLACE_ROBOT = """
 UPDATE placement p SET holder_id = w.entity_id, relation = 'in', confidence = NULL, pose = there
 FROM world w, LATERAL pose_compose(pose_inverse(w.pose), CAST(:pose AS float8[])) there
-WHERE p.entity_id = :robot AND w.entity_id = entity_id(:place)
+WHERE p.entity_id = :robot
+  AND w.entity_id = (SELECT id FROM entity WHERE map_id = current_map() AND name = :place)
   AND (p.holder_id, p.pose) IS DISTINCT FROM (w.entity_id, there)
 """
 
@@ -177,6 +187,11 @@ WHERE e.map_id = current_map() AND e.name = s.item AND e.kind = 'object'
        OR abs(w.pose[3] - s.pose[3]) > 0.01)
 """
 
+_MISSING = """
+SELECT n FROM unnest(CAST(:names AS text[])) WITH ORDINALITY o (n, i)
+WHERE NOT EXISTS (SELECT FROM entity e WHERE e.map_id = current_map() AND e.name = n) ORDER BY i
+"""
+
 _NAME = "SELECT name FROM entity WHERE id = :id"
 
 _HELD = """
@@ -184,7 +199,10 @@ SELECT e.name FROM placement p JOIN entity e ON e.id = p.entity_id
 WHERE p.holder_id = :robot AND e.kind = 'object'
 """
 
-_LOSE = "SELECT put(entity_id(:item), entity_id(:place), 'in', 0)"
+_LOSE = """
+SELECT put(entity_id(:item), id, 'in', 0) FROM entity
+WHERE map_id = current_map() AND name = :place
+"""
 
 _DOOR = """
 UPDATE connector c SET state = :state, seen_at = clock_timestamp()

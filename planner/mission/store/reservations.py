@@ -6,7 +6,11 @@ from collections.abc import Iterable
 
 from sqlalchemy import Connection, text
 
-__all__ = ["claim_all", "release_all_claims", "release_claims", "renew_claims"]
+__all__ = ["GoneError", "claim_all", "release_all_claims", "release_claims", "renew_claims"]
+
+
+class GoneError(LookupError):
+    """The map has no such connector or elevator any more."""
 
 
 def claim_all(
@@ -17,12 +21,18 @@ def claim_all(
     Returns
     -------
     None if the robot has them now; else the name of one that another robot has.
+
+    Raises
+    ------
+    GoneError
     """
     wanted = sorted(resources)  # in the same order for all robots, so that they cannot deadlock
     for name in wanted:
         got = connection.execute(
             text(_CLAIM), {"name": name, "robot": robot, "seconds": seconds}
         ).scalar()
+        if got is None:
+            raise GoneError(f"the map has no {name} any more")
         if not got:
             connection.rollback()
             return name
