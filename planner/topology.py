@@ -31,6 +31,10 @@ AT_POINT = 0.3
 """Metres from a waypoint within which a robot is at it."""
 
 
+REGION = "_region"
+"""The end of the names of types of regions, which people leave out."""
+
+
 class TopologyError(Error, ValueError):
     """Places and connectors that do not fit together."""
 
@@ -170,6 +174,18 @@ class PlaceRegion:
     label: str | None = None
     types: tuple[str, ...] = ()
     properties: Mapping[str, Any] = field(default_factory=dict)
+
+    def is_called(self, word: str) -> bool:
+        """Whether a word stands for it: its name, label or type, or a property that is true.
+
+        A type ``home_region`` is called ``home``, too.
+        """
+        words = {self.name, self.label, *self.types}
+        return (
+            word in words
+            or f"{word}{REGION}" in words
+            or self.properties.get(word) in (True, "true")
+        )
 
     def contains(self, pose: Pose) -> bool:
         """Whether a robot at a pose is in the region; at a waypoint, within `AT_POINT`."""

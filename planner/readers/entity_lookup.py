@@ -24,6 +24,12 @@ WITH wanted AS (
     SELECT e.id FROM type_closure t JOIN entity e ON e.type = t.sub
     WHERE t.super = :word AND e.map_id = current_map()
       AND NOT EXISTS (SELECT FROM entity n WHERE n.map_id = current_map() AND n.name = :word)
+    UNION
+    SELECT g.entity_id FROM region g JOIN entity e ON e.id = g.entity_id
+    WHERE e.map_id = current_map() AND g.origin = 'drawn'
+      AND (e.properties->>CAST(:word AS text) = 'true'
+           OR e.type = ANY (subtypes(CAST(:word AS text) || '_region')))
+      AND NOT EXISTS (SELECT FROM entity n WHERE n.map_id = current_map() AND n.name = :word)
 )
 SELECT e.id, e.name, e.kind, e.type, e.label, w.pose, h.name AS place,
        g.entity_id IS NOT NULL AS is_region,
@@ -86,7 +92,8 @@ def find_entities(seen: Snapshot, word: str, most: int = 1000) -> list[LocatedEn
     """The entity of the current map with this name, or else all of this label or type.
 
     ``kitchen`` stands for the rooms whose label or type is kitchen, subtypes included; ``muffin1``
-    for an object, in the room that holds it; ``home`` for a region.
+    for an object, in the room that holds it; ``home`` for a region of this name, of the type
+    ``home_region`` or with the property ``home``.
     """
     rows = seen.connection.execute(text(_FIND), {"word": word, "most": most}).all()
     return [

@@ -2,15 +2,23 @@
 
 from __future__ import annotations
 
+import math
 from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
 
 from planner.tasks.goal import ROBOT
 from planner.tasks.problem import NoPlanError
 from planner.tasks.problem_draft import ProblemDraft
 from planner.tasks.reason_list import join_reasons
 from planner.topology import OUTSIDE
+from semmap.geometry.pose import Pose
 
 __all__ = ["FinalSites"]
+
+SAME = 1e-3
+"""Metres between two poses below which a drive from one to the other is none."""
 
 
 class FinalSites:
@@ -54,7 +62,13 @@ class FinalSites:
         if name in topology.places:
             return [sites.at(name, None)]
         region = next(r for r in topology.regions if r.name == name)
-        inside = (
-            state.place in region.places and state.pose is not None and region.contains(state.pose)
-        )
-        return [*([0] if inside else []), *sites.of_region(region)]
+        found = sites.of_region(region)
+        if state.place in region.places and state.pose is not None and region.contains(state.pose):
+            here = state.pose.translation
+            return [0, *(n for n in found if _distance(sites.all[n].pose, here) > SAME)]
+        return found
+
+
+def _distance(pose: Pose | None, point: NDArray[np.float64]) -> float:
+    """Metres from a pose to a point; infinite without a pose."""
+    return math.inf if pose is None else math.dist(pose.translation, point)

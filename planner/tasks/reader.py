@@ -80,7 +80,8 @@ WHERE e.map_id = current_map() AND (
       CAST(:name AS text) IS NOT NULL AND e.name = :name
       OR CAST(:name AS text) IS NULL AND (
          e.kind = 'agent' AND (e.type IS NULL OR e.type = ANY (subtypes('robot')))
-         OR e.kind = 'region' AND e.type = ANY (subtypes('home_region'))))
+         OR e.kind = 'region'
+            AND (e.type = ANY (subtypes('home_region')) OR e.properties->>'home' = 'true')))
 ORDER BY e.kind, e.name
 """
 

@@ -228,7 +228,7 @@ class TaskWorld:
         ]
         if places:
             return "place", places
-        regions = [r.name for r in topology.regions if text == r.label or text in r.types]
+        regions = [r.name for r in topology.regions if r.is_called(text)]
         if regions:
             return "region", regions
         words = [*self.objects, *self._by_word, *topology.places, *self.known]

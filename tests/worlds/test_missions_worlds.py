@@ -7,11 +7,14 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+import shapely
 from sqlalchemy import Engine, text
 
 import semmap
+from planner.mission import MissionStore
 from semmap import Map
 from semmap.database.maps import see_map
+from semmap.geometry.pose import Pose
 
 CAN = Path("ycb/meshes/005_tomato_soup_can_textured.gltf")
 ON_TABLE = (5.86, 0.87, 0.80135)
@@ -205,3 +208,23 @@ def test_a_search_goes_on_when_a_place_disappears_at_which_it_looks(copy: Map) -
     assert len(looks) > 1
     assert all(place[0] not in step["arguments"] for step in looks[1:])
     assert copy.missions()[0]["state"] == ended.state != "running"
+
+
+# -- words of a goal ------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("kind", [{"type": "home_region"}, {"properties": {"home": True}}])
+def test_home_is_a_region_of_the_type_or_with_the_property(copy: Map, kind: dict[str, Any]) -> None:
+    """The region has another name, and a second one is no home."""
+    corners = {"basket": (-6.2, -4.6, -5.2, -3.6), "mat": (8.0, -0.2, 8.8, 0.5)}
+    for name, (x0, y0, x1, y1) in corners.items():
+        more = kind if name == "mat" else {}
+        copy.draw_region(name, box=(x0, y0, 0, x1, y1, 0.5), **more)
+    with MissionStore(copy) as store:
+        ended = run(copy, "in(robot, home)", start="bedroom", apply=True)
+        assert ended.done, ended.reason
+        place, pose = store.robot("robot") or ("", Pose())
+    assert place == "kitchen"
+    assert shapely.box(*corners["mat"]).covers(shapely.Point(pose.x, pose.y))
+    assert run(copy, "in(robot, home)").steps == []  # it is there already
+    assert copy.route("bedroom", "home").steps[-1].to_place == "kitchen"

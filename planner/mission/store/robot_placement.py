@@ -40,7 +40,7 @@ def read_robot(seen: Snapshot, name: str) -> tuple[str, Pose] | None:
 
 
 def read_home(seen: Snapshot) -> str | None:
-    """The room of the first region of the type ``home_region``, by name; None without one.
+    """The room of the first home region, by name; None without one.
 
     None, too, where the map has an agent: a name that it does not have may be a typing error.
     """
@@ -74,7 +74,8 @@ WHERE e.map_id = current_map() AND e.name = :name AND e.kind = 'agent'
 _HOME = """
 SELECT r.name FROM entity e JOIN placement p ON p.entity_id = e.id
 JOIN entity r ON r.id = p.holder_id AND r.kind = 'room'
-WHERE e.map_id = current_map() AND e.kind = 'region' AND e.type = ANY (subtypes('home_region'))
+WHERE e.map_id = current_map() AND e.kind = 'region'
+  AND (e.type = ANY (subtypes('home_region')) OR e.properties->>'home' = 'true')
   AND NOT EXISTS (SELECT FROM entity a WHERE a.map_id = e.map_id AND a.kind = 'agent')
 ORDER BY e.name LIMIT 1
 """

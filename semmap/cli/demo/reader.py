@@ -125,6 +125,7 @@ SELECT r.name FROM entity e JOIN world w ON w.entity_id = e.id
 JOIN world k ON ST_Intersects(k.footprint, w.footprint)
      AND k.storey_id IS NOT DISTINCT FROM w.storey_id
 JOIN entity r ON r.id = k.entity_id AND r.kind = 'room' AND r.map_id = e.map_id
-WHERE e.map_id = current_map() AND e.kind = 'region' AND e.type = ANY (subtypes('home_region'))
+WHERE e.map_id = current_map() AND e.kind = 'region'
+  AND (e.type = ANY (subtypes('home_region')) OR e.properties->>'home' = 'true')
 ORDER BY e.id, r.id LIMIT 1
 """
