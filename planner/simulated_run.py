@@ -150,7 +150,7 @@ class SimulatedRun:
             copy = MapHandle(engine, happens_in)
             store = opened_here.enter_context(MissionStore(copy, process, grasps))
             live = LiveTopology(copy, self.robot_class, assume_sizes=self.assume_sizes)
-            tasks = TaskPlanner(live, self.domain)
+            tasks = TaskPlanner(live, self.domain, self.gripper)
             assert goal is not None
             with live.snapshot() as seen:
                 names = objects_to_find(seen, parse_goal(goal, relations))
@@ -269,7 +269,6 @@ class SimulatedRun:
             self.gripper,
             simulated=True,
             trial=trial,
-            lenient=self.try_grasps is not True,
             motion_seconds=seconds,
         )
 

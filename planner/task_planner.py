@@ -13,6 +13,7 @@ from planner.floor_spot import floor_spot
 from planner.live_topology import LiveTopology
 from planner.plan import Plan
 from planner.readers.entity_lookup import find_entities
+from planner.readers.grasp_check import grasp_check
 from planner.robot_class import RobotClass
 from planner.routing_graph import RoutingGraph
 from planner.tasks.domain_file import Domain
@@ -142,11 +143,16 @@ class TaskPlanner:
         Topology and travel times of the class.
     domain
         Additional actions.
+    gripper
+        Name of a stored gripper; by default that of the robot or of the URDF of its class.
     """
 
-    def __init__(self, live: LiveTopology, domain: Domain | None = None) -> None:
+    def __init__(
+        self, live: LiveTopology, domain: Domain | None = None, gripper: str | None = None
+    ) -> None:
         self._live = live
         self._domain = domain
+        self._gripper = gripper
 
     def check(self, goal: str) -> None:
         """Refuse a goal that cannot be read.
@@ -187,7 +193,9 @@ class TaskPlanner:
         heights = graph.robot.heights
         world = read_world(seen, parsed, graph.topology, heights, words=words, robot=agent)
         usable = [o for o in world.objects.values() if o.name not in without]
-        world = TaskWorld(usable, world.known)
+        robots = (agent, graph.robot.name)
+        misfit = grasp_check(seen, gripper=self._gripper, robots=robots)
+        world = TaskWorld(usable, world.known, misfit)
         approach_pose = _approach_poses(seen, self._live)
         return Task(graph, world, state, parsed, domain, approach_pose)
 

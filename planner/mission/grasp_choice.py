@@ -86,7 +86,8 @@ def hand_of(session: Any, name: str, robot_class: str | None, gripper: str | Non
 
     Parameters
     ----------
-    name, robot_class : of the robot, which may be those of a stored automaton
+    name, robot_class : of the robot, which may be those of a stored automaton; else that of the
+        URDF of its class is stored
     gripper : name of a gripper, without an arm; by default that of the automaton, else the
         preferred one, else the only one
 
@@ -95,10 +96,12 @@ def hand_of(session: Any, name: str, robot_class: str | None, gripper: str | Non
     LookupError
         There is no such gripper, or there are several and none is preferred.
     """
-    from semmap.manipulation.automata import automaton_of
+    from semmap.manipulation.automata import automaton_of, class_automaton
     from semmap.manipulation.retrieval import DEFAULT_GRIPPER, gripper_name
 
     found = automaton_of(session, name, robot_class)
+    if found is None and gripper is None and robot_class is not None:
+        found = class_automaton(session, robot_class)
     if found is not None and gripper is None:
         return Hand(found[1], found[0])
     chosen = gripper_name(session, gripper)
@@ -121,7 +124,6 @@ class GraspChooser:
     hand : what it grasps with
     base : where it stands, in the map's frame
     trial : whether a trial in simulation decides
-    lenient : an assumed gripper refuses nothing: the robot acts without a grasp then
     motion_seconds : of the processor, to look for motions of the arm; None for no motions
     """
 
@@ -130,7 +132,6 @@ class GraspChooser:
     hand: Hand
     base: Pose
     trial: bool = False
-    lenient: bool = False
     motion_seconds: float | None = None
 
     @property
@@ -210,7 +211,6 @@ class GraspChooser:
         """The best place that ends a grasp, without a motion."""
         from semmap.manipulation.places import place_of
         from semmap.manipulation.practice import NOT_HELD, try_place
-        from semmap.manipulation.store.tasks import record_task
 
         gripper = self.hand.gripper
         action = place_of(self.session, item, grasp, gripper)
@@ -224,18 +224,6 @@ class GraspChooser:
                 action, f"place {action}, not tried: the grasp does not hold in simulation"
             )
         why = f"{item}: place {action} was tried in simulation: it {cause}"
-        if self._acts_anyway:
-            record_task(
-                self.session,
-                item,
-                "place",
-                action=action,
-                outcome="error",
-                robot=self.robot,
-                simulated=True,
-                message=cause,
-            )
-            return Choice(note=f"without a place: {why}; {self._assumption}")
         return Choice(action, refusal=Outcome("missed", why), tried=True)
 
     def _is_at(self, name: str) -> bool:
@@ -422,13 +410,8 @@ class GraspChooser:
         return Choice(action, note, tried=self.trial)
 
     def _none(self, why: str) -> Choice:
-        if self._acts_anyway:
-            return Choice(note=f"without a grasp: {why}; {self._assumption}")
-        return Choice(refusal=Outcome("unable", why))
-
-    @property
-    def _acts_anyway(self) -> bool:
-        return self.lenient and self.hand.assumed
+        assumed = f"; {self._assumption}" if self.hand.assumed else ""
+        return Choice(refusal=Outcome("unable", f"{why}{assumed}"))
 
     @property
     def _assumption(self) -> str:

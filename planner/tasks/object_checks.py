@@ -29,7 +29,7 @@ class ObjectChecks:
         self._obstacles[name] = None
         world = self.draft.world
         item = world.objects[name]
-        why = item.obstacle(self.draft.heights) or self._unreachable(item)
+        why = item.obstacle(self.draft.heights) or self._unreachable(item) or world.misfit(name)
         off: list[str] = []
         if why is None and not item.carrier:
             for above in world.above.get(name, ()):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -182,9 +182,17 @@ class TaskWorld:
         By name.
     above
         The names of the objects on or in each of them.
+    misfit
+        Says why no grasp of an object fits, by its name; None where one does.
     """
 
-    def __init__(self, items: Iterable[TaskObject] = (), known: Iterable[str] = ()) -> None:
+    def __init__(
+        self,
+        items: Iterable[TaskObject] = (),
+        known: Iterable[str] = (),
+        misfit: Callable[[str], str | None] = lambda item: None,
+    ) -> None:
+        self.misfit = misfit
         self.objects: dict[str, TaskObject] = {}
         for item in items:
             if item.name in self.objects:

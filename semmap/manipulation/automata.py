@@ -25,6 +25,8 @@ if TYPE_CHECKING:
 __all__ = [
     "automaton_of",
     "base_pose",
+    "class_automaton",
+    "class_gripper",
     "facing_first",
     "reachable_rows",
     "register_robot",
@@ -128,6 +130,43 @@ def automaton_of(session: Session, *names: str | None) -> tuple[str, str] | None
     ).fetchall()
     found = {name: (name, gripper) for name, gripper in rows}
     return next((found[name] for name in names if name in found), None)
+
+
+def class_gripper(session: Session, robot_class: str) -> Gripper | None:
+    """Return the gripper in the URDF of a class of robots; None without a URDF or fingers."""
+    path = _class_urdf(session, robot_class)
+    return None if path is None else _gripper_of(path, path.stat().st_mtime_ns)
+
+
+def class_automaton(session: Session, robot_class: str) -> tuple[str, str] | None:
+    """Return the automaton and gripper of a class of robots, after they were stored from its URDF.
+
+    None without a URDF, or where the URDF has no gripper that an arm moves.
+    """
+    path = _class_urdf(session, robot_class)
+    if path is None or class_gripper(session, robot_class) is None:
+        return None
+    try:
+        return automaton_of(session, register_robot(session, path, robot_class))
+    except ManipulationError:  # no joint moves the gripper
+        return None
+
+
+def _class_urdf(session: Session, robot_class: str) -> Path | None:
+    found = session.execute("SELECT urdf FROM robot_class WHERE name = %s", (robot_class,))
+    row = found.fetchone()
+    path = None if row is None or row[0] is None else Path(row[0])
+    return path if path is not None and path.is_file() else None
+
+
+@lru_cache(maxsize=8)
+def _gripper_of(path: Path, changed: int) -> Gripper | None:
+    from semmap.manipulation.gripper import read_gripper
+
+    try:
+        return read_gripper(path)
+    except ManipulationError:
+        return None
 
 
 def stored_arm(session: Session, automaton: str) -> tuple[str, Arm]:

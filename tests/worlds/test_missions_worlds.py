@@ -12,9 +12,12 @@ from sqlalchemy import Engine, text
 
 import semmap
 from planner.mission import MissionStore
+from planner.tasks import NoPlanError
 from semmap import Map
 from semmap.database.maps import see_map
 from semmap.geometry.pose import Pose
+from tests.manipulation.grippers import urdf
+from tests.worlds.test_arms_small_house import FOLDED
 
 CAN = Path("ycb/meshes/005_tomato_soup_can_textured.gltf")
 ON_TABLE = (5.86, 0.87, 0.80135)
@@ -228,3 +231,38 @@ def test_home_is_a_region_of_the_type_or_with_the_property(copy: Map, kind: dict
     assert shapely.box(*corners["mat"]).covers(shapely.Point(pose.x, pose.y))
     assert run(copy, "in(robot, home)").steps == []  # it is there already
     assert copy.route("bedroom", "home").steps[-1].to_place == "kitchen"
+
+
+# -- what a robot can grasp -----------------------------------------------------------------------
+
+
+def test_what_no_grasp_fits_is_not_brought_by_an_assumed_gripper(house: Map) -> None:
+    """The ball is 64 cm wide; the robot, of which nothing is known, does not pretend."""
+    change(house, OWN, name="Ball_01_003", own='{"graspable": true}')
+    ended = run(house, "in(Ball_01_003, living-room)", start="bedroom")
+    assert ended.state == "failed"
+    assert "no grasp fits its shape (sphere" in ended.reason
+    assert "parallel_gripper is assumed" in ended.reason
+    assert subjects(ended, "place") == []
+
+
+def test_the_gripper_in_the_urdf_of_the_class_decides(db: semmap.Database, house: Map) -> None:
+    """A TIAGo's gripper takes the can, and not the ball; a plan says so before a mission."""
+    db.add_robot("tiago", urdf("tiago"), posture=FOLDED)
+    change(house, OWN, name="Ball_01_003", own='{"graspable": true}')
+    with pytest.raises(NoPlanError, match=r"Ball_01_003: no grasp fits .* gripper tiago\w* opens"):
+        house.plan("in(Ball_01_003, kitchen)", start="bedroom", robot="tiago")
+    assert house.plan("on(can, CoffeeTable_01_001)", start="kitchen", robot="tiago").actions
+    assert db.list_grippers() == []  # a plan stores nothing
+    ended = run(house, "in(Ball_01_003, kitchen)", start="bedroom", robot="tiago")
+    assert (ended.state, ended.steps) == ("failed", [])
+    ended = run(house, "on(can, CoffeeTable_01_001)", start="kitchen", robot="tiago")
+    assert ended.done, ended.reason
+    (pickup,) = (step for step in ended.steps if step["action"] == "pickup")
+    assert "by tiago_gripper" in pickup["message"]
+    assert "of the arm, planned" in pickup["message"]
+
+
+OWN = """
+UPDATE entity SET properties = properties || CAST(:own AS jsonb) WHERE id = entity_id(:name)
+"""

@@ -41,14 +41,11 @@ class GraspMemory:
         needs MuJoCo for that); one that succeeds is used.
     motion_seconds : how long to look for motions of the robot's arm to a grasp or a place, where it
         has a stored one; without any, the action fails. None: motions are not planned.
-    lenient : what an assumed gripper cannot take is picked up without a grasp. By default, such a
-        pickup fails, as with a gripper that the robot has.
     """
 
     gripper: str | None = None
     simulated: bool = False
     trial: bool = False
-    lenient: bool = False
     motion_seconds: float | None = 30.0
 
     def check(self, connection: Connection, robot: str, robot_class: str | None = None) -> None:
@@ -169,7 +166,6 @@ class GraspMemory:
             hand,
             base,
             trial=self.trial,
-            lenient=self.lenient,
             motion_seconds=self.motion_seconds,
         )
 

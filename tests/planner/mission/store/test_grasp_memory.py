@@ -144,11 +144,11 @@ def test_own_outcomes_count_fully_and_an_object_that_is_gone_says_nothing(
     assert tried(connection) == {action: (1.0, 1.0)}
 
 
-def test_what_does_not_fit_is_refused_unless_the_gripper_is_assumed(
+def test_what_does_not_fit_is_refused_also_where_the_gripper_is_assumed(
     connection: Connection, robot: int
 ) -> None:
     table = Command("pickup", ("table",))
-    refused = GraspMemory(lenient=True).begin(connection, robot, table)
+    refused = GraspMemory().begin(connection, robot, table)
     assert refused.action is None
     assert refused.refusal is not None
     assert refused.refusal.cause == "unable"
@@ -156,11 +156,10 @@ def test_what_does_not_fit_is_refused_unless_the_gripper_is_assumed(
     GraspMemory().end(connection, robot, table, refused.refusal)
     assert tasks(connection) == [("error", refused.refusal.message, None)]
     connection.execute(text("UPDATE gripper SET preferred = false"))  # as where none is stored
-    assert GraspMemory().begin(connection, robot, table).refusal == refused.refusal
-    accepted = GraspMemory(lenient=True).begin(connection, robot, table)
-    assert (accepted.action, accepted.refusal) == (None, None)
-    assert accepted.note.startswith("without a grasp: table: no grasp fits its shape")
-    assert "parallel_gripper is assumed" in accepted.note
+    assumed = GraspMemory().begin(connection, robot, table)
+    assert assumed.refusal is not None
+    assert assumed.refusal.message.startswith("table: no grasp fits its shape")
+    assert "parallel_gripper is assumed: --gripper names another one" in assumed.refusal.message
 
 
 def test_what_has_no_mesh_is_picked_without_a_grasp(connection: Connection, robot: int) -> None:

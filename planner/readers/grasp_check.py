@@ -1,0 +1,80 @@
+"""Whether the gripper of a robot can take an object of the map: plans ask before missions try."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
+from semmap.query.snapshot import Snapshot
+
+if TYPE_CHECKING:
+    from semmap.manipulation.gripper import Gripper
+
+__all__ = ["grasp_check"]
+
+
+def grasp_check(
+    seen: Snapshot, *, gripper: str | None = None, robots: tuple[str | None, ...] = ()
+) -> Callable[[str], str | None]:
+    """Return a function that says why no grasp of an object fits; None if one does.
+
+    It knows the gripper that is named, else that of a stored robot or of the URDF of a class of
+    robots. Without any of them, and of an object without a mesh, nothing is known.
+
+    Parameters
+    ----------
+    gripper : name of a stored gripper
+    robots : names of stored robots or classes of robots, the first one that has a gripper counts
+    """
+    session = seen.session
+    hand = _hand(session, gripper, [name for name in robots if name is not None])
+    if hand is None:
+        return lambda item: None
+    return lambda item: _misfit(session, item, *hand)
+
+
+def _hand(session: Any, gripper: str | None, robots: list[str]) -> tuple[str, Gripper] | None:
+    from semmap.manipulation.automata import automaton_of, class_gripper
+    from semmap.manipulation.error import ManipulationError
+    from semmap.manipulation.retrieval import stored_gripper
+
+    found = automaton_of(session, *robots)
+    named = gripper or (found and found[1])
+    try:
+        if named:
+            return named, stored_gripper(session, named)
+    except ManipulationError:
+        return None  # its URDF is not on this machine
+    for name in robots:
+        own = class_gripper(session, name)
+        if own is not None:
+            return own.name, own
+    return None
+
+
+def _misfit(session: Any, item: str, name: str, gripper: Gripper) -> str | None:
+    from semmap.manipulation.candidates import grasp_candidates
+    from semmap.manipulation.error import ManipulationError
+    from semmap.manipulation.store.shapes import model_mesh
+    from semmap.perception.error import PerceptionError
+    from semmap.perception.mesh_shapes import mesh_primitive
+
+    if session.execute(_KNOWN, {"item": item, "gripper": name}).fetchone()[0]:
+        return None
+    try:
+        shape = mesh_primitive(model_mesh(session, item))
+    except (ManipulationError, PerceptionError):
+        return None
+    if len(grasp_candidates(shape, gripper)):
+        return None
+    sizes = " x ".join(f"{size:.3g}" for size in shape.size)
+    return (
+        f"{item}: no grasp fits its shape ({shape.kind} {sizes} m); "
+        f"gripper {name} opens {gripper.opening:.3g} m"
+    )
+
+
+_KNOWN = """
+SELECT EXISTS (SELECT FROM gripper g JOIN device d ON d.id = g.device_id AND d.name = %(gripper)s,
+               LATERAL actions_on(ARRAY[entity_id(%(item)s)], d.name, 'grasp', 1))
+"""
