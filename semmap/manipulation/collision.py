@@ -191,6 +191,42 @@ def free_places(
     return free
 
 
+def free_way(
+    gripper: Gripper,
+    width: float,
+    pose: Floats,
+    box: tuple[Floats, Floats],
+    obstacles: Obstacles,
+    item: Floats | None = None,
+    held: Floats | None = None,
+) -> bool:
+    """Return whether a gripper comes straight along its approach from outside of a box to a pose.
+
+    Parameters
+    ----------
+    width : between its pads, metres
+    pose : (4, 4) of the grasp frame
+    box : lowest and highest corner, in the frame of the pose and the obstacles, metres
+    item : (V, 3) vertices of an object in the gripper, in its model's frame
+    held : (4, 4) of that model in the grasp frame
+    """
+    out = -pose[:3, 2]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        sides = (np.where(out > 0, box[1], box[0]) - pose[:3, 3]) / out
+    back = max(0.0, float(np.nanmin(np.where(np.abs(out) > 1e-9, sides, np.inf))))
+    posture, move = gripper.index(width), _way(np.array((0.0, 0.0, -back)))
+    links = range(len(gripper.links))
+    moving = [swept_link(gripper, posture, link, move) for link in links]
+    if obstacles.touched_by(moving, [pose] * len(moving)):
+        return False
+    if item is None or held is None:
+        return True
+    there = pose @ held
+    standing = item @ there[:3, :3].T + there[:3, 3]
+    body = convex_body(np.concatenate([standing, standing + back * out]))
+    return not obstacles.touched_by([body], [np.eye(4)])
+
+
 def _hull_points(gripper: Gripper, posture: int, link: int) -> Floats:
     pose = gripper.poses[posture, link]
     corners = gripper.robot.hull(gripper.links[link])

@@ -8,7 +8,7 @@ The spot on the support is found each time, since it depends on the objects ther
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,7 +22,7 @@ from semmap.manipulation.action_record import ActionRecord
 from semmap.manipulation.automata import facing_first, reachable_rows
 from semmap.manipulation.error import ManipulationError
 from semmap.manipulation.found_actions import FoundActions
-from semmap.manipulation.placing import PlacePose, place_candidates, stability
+from semmap.manipulation.placing import PlacePose, covered, place_candidates, stability
 from semmap.manipulation.ranking import ranked
 from semmap.manipulation.reader import actions_on
 from semmap.manipulation.retrieval import find_grasps, gripper_name, stored_gripper
@@ -76,7 +76,8 @@ def find_places(
 
     The object stands as it does now, or as it did before a robot took it, turned about the
     vertical. Gripper and object touch nothing on the way down, the open gripper nothing on its way
-    back.
+    back. Spots on top come before those inside of the support, such as on a lower board; there, the
+    hand with the object must come in straight from outside.
 
     Parameters
     ----------
@@ -128,11 +129,15 @@ def find_places(
     if not spots:
         problem = f"{on}: none of its surfaces has room for {entity}"
         return FoundActions([], [problem], generated)
-    free = _FreePlaces(places, stored_gripper(session, chosen), obstacles, vertices)
+    inside = covered(spots, surfaces, triangles)
+    box = triangles.reshape(-1, 3).min(axis=0), triangles.reshape(-1, 3).max(axis=0)
+    hand = stored_gripper(session, chosen)
+    free = _FreePlaces(places, hand, obstacles, vertices, Compartments(inside, box))
     if towards is None and arm is not None and base is not None:
         ordered = _in_order(spots, (base.x, base.y), room=1.0)
     else:
         ordered = _in_order(spots, towards)
+    ordered.sort(key=lambda spot: spot in inside)  # on it before inside of it
     rows = free.first(ordered, limit, arm, base)
     if not rows:
         problems.append(free.problem(entity, on, base))
@@ -286,14 +291,33 @@ def _side(kind: str, up: Floats) -> str:
     return f"{'+' if up[axis] > 0 else '-'}{'xyz'[axis]} up"
 
 
+class Compartments(NamedTuple):
+    """The inside of a support.
+
+    Attributes
+    ----------
+    spots : those below other parts of the support
+    box : lowest and highest corner of the support, metres
+    """
+
+    spots: frozenset[PlacePose]
+    box: tuple[Floats, Floats]
+
+
 class _FreePlaces:
     """The places at which the gripper touches nothing, spot by spot."""
 
     def __init__(
-        self, places: Sequence[dict[str, Any]], gripper: Any, obstacles: Any, vertices: Floats
+        self,
+        places: Sequence[dict[str, Any]],
+        gripper: Any,
+        obstacles: Any,
+        vertices: Floats,
+        compartments: Compartments,
     ) -> None:
         from semmap.manipulation.candidates import Grasps
 
+        self.compartments = compartments
         self.places, self.obstacles, self.vertices = places, obstacles, vertices
         self.ways = Grasps(
             gripper,
@@ -312,7 +336,22 @@ class _FreePlaces:
         from semmap.manipulation.collision import free_places
 
         free = free_places(self.ways, self.before, spot.pose, self.obstacles, self.vertices)
+        if spot in self.compartments.spots:
+            for i in np.flatnonzero(free):
+                free[i] = self._gets_in(int(i), spot)
         return [_row(self.places[int(i)], spot) for i in np.flatnonzero(free)]
+
+    def _gets_in(self, number: int, spot: PlacePose) -> bool:
+        """Whether hand and object come straight from outside of the support, and the hand back."""
+        from semmap.manipulation.collision import free_way
+
+        before, after = spot.pose @ self.before[number], spot.pose @ self.ways.pre_grasps[number]
+        held = np.linalg.inv(self.ways.poses[number])  # the object in the frame of the gripper
+        width = float(self.ways.widths[number])
+        gripper, box = self.ways.gripper, self.compartments.box
+        return free_way(gripper, width, before, box, self.obstacles, self.vertices, held) and (
+            free_way(gripper, gripper.opening, after, box, self.obstacles)
+        )
 
     def first(
         self,

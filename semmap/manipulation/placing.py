@@ -14,7 +14,7 @@ from shapely import Geometry, Polygon
 from semmap.geometry.surfaces import LevelPatch
 from semmap.manipulation.error import ManipulationError
 
-__all__ = ["PlacePose", "place_candidates", "stability"]
+__all__ = ["PlacePose", "covered", "place_candidates", "stability"]
 
 Floats = NDArray[np.float64]
 
@@ -129,6 +129,26 @@ def place_candidates(
             share = min(1.0, float(gap) / radius)
             found.append(PlacePose(pose, (float(at[0]), float(at[1])), number, float(gap), share))
     return sorted(found, key=lambda place: -place.clearance)
+
+
+def covered(
+    spots: Sequence[PlacePose], surfaces: Sequence[LevelPatch], support: Floats
+) -> frozenset[PlacePose]:
+    """Return the spots below other parts of their support, such as a board.
+
+    Parameters
+    ----------
+    spots, surfaces : as `place_candidates` returns and takes them
+    support : (F, 3, 3) triangles of the support in the frame of the surfaces, metres
+    """
+    found: set[PlacePose] = set()
+    for number in {spot.surface for spot in spots}:
+        here = [spot for spot in spots if spot.surface == number]
+        above = support[..., 2].min(axis=1) > surfaces[number].height + ABOVE
+        roof = shapely.union_all(_outlines(support[above][..., :2]))
+        below = shapely.intersects_xy(roof, [spot.spot for spot in here])
+        found.update(spot for spot, is_below in zip(here, below, strict=True) if is_below)
+    return frozenset(found)
 
 
 def _outlines(triangles: Floats) -> NDArray[np.object_]:

@@ -12,7 +12,9 @@ import trimesh
 from scipy.spatial import ConvexHull
 
 from semmap import Map
+from semmap.geometry.mesh import Mesh
 from semmap.geometry.pose import Pose
+from semmap.ingest.meshes.mesh_file import read_mesh
 from semmap.manipulation.error import ManipulationError
 from semmap.manipulation.places import find_places, place_of
 from semmap.manipulation.pushes import find_pushes
@@ -207,3 +209,55 @@ def test_what_hangs_in_the_air_is_not_pushed(house: Map) -> None:
         house[BOX].move_to(1.4, 1.0, 1.2)
     with pytest.raises(ManipulationError, match="stands on nothing level"):
         find_pushes(house.connection, BOX)
+
+
+def cabinet(open_front: bool) -> Mesh:
+    """Panels of a cabinet of 0.6 x 0.5 x 0.8 m with a slanted top, and a board inside at 0.3 m."""
+
+    def panel(size: tuple[float, ...], at: tuple[float, ...]) -> Any:
+        return trimesh.creation.box(size, trimesh.transformations.translation_matrix(at))
+
+    lid = panel((0.7, 0.6, 0.02), (0, 0, 0))
+    lid.apply_transform(trimesh.transformations.rotation_matrix(0.3, (1, 0, 0)))
+    lid.apply_translation((0, 0, 0.88))
+    panels = [
+        lid,
+        panel((0.02, 0.5, 0.8), (-0.3, 0, 0.4)),
+        panel((0.02, 0.5, 0.8), (0.3, 0, 0.4)),
+        panel((0.6, 0.02, 0.8), (0, 0.25, 0.4)),
+        panel((0.58, 0.48, 0.02), (0, 0, 0.3)),
+    ]
+    if not open_front:
+        panels.append(panel((0.6, 0.02, 0.8), (0, -0.25, 0.4)))
+    whole = trimesh.util.concatenate(panels)
+    return Mesh(np.asarray(whole.vertices), np.asarray(whole.faces, np.int32))
+
+
+@pytest.mark.parametrize("open_front", [True, False])
+def test_a_thing_stands_inside_of_furniture_only_where_a_hand_gets_in(
+    house: Map, open_front: bool
+) -> None:
+    """Rays between the hand and the outside, by trimesh, meet no panel."""
+    here, mesh = house.connection, cabinet(open_front)
+    house.add_object("cabinet", type="cabinet", mesh=mesh, pose=(3.2, 1.2, 0))
+    rows = find_places(here, BOX, "cabinet", limit=4).rows
+    if not open_front:
+        assert rows == []
+        return
+    assert rows
+    panels = trimesh.Trimesh(mesh.vertices + np.array((3.2, 1.2, 0)), mesh.faces)
+    for row in rows:
+        assert 0.31 < placed(house, BOX, row["spot"])[:, 2].min() < 0.32
+        for pose in (row["pre_pose"], row["post_pose"]):
+            start, out = pose.translation, -pose.rotation_matrix[:, 2]
+            assert not panels.ray.intersects_any([start], [out])[0]
+            assert out[1] < -0.7  # through the front
+
+
+def test_on_a_night_stand_comes_before_inside_of_it(house: Map, worlds: Path) -> None:
+    folder = worlds / "small_house" / "models" / "aws_robomaker_residential_NightStand_01"
+    mesh = read_mesh(next(folder.glob("meshes/*visual.DAE")), dae_up_axis=False)
+    house.add_object("stand", type="nightstand", mesh=mesh, pose=(3.2, 1.2, 0))
+    top = np.asarray(model_mesh(house.connection, "stand").vertices)[:, 2].max()
+    for row in find_places(house.connection, BOX, "stand", limit=4).rows:
+        assert abs(placed(house, BOX, row["spot"])[:, 2].min() - top) < 0.02

@@ -104,9 +104,9 @@ def write_execution(connection: Connection, robot: int, command: Command, outcom
 def find_placement(seen: Snapshot, item: str, target: str, towards: Pose) -> Pose | None:
     """The free pose on a target that is nearest to another pose; None if there is none.
 
-    The pose is on the largest level surface of the target, or else on the top of its box, clear of
-    the objects on it; in a room, it is on the floor before the robot, apart from its connectors and
-    the objects there.
+    The pose is on the largest level surface of the target that is under no other one, or else on
+    the top of its box, clear of the objects on it; in a room, it is on the floor before the robot,
+    apart from its connectors and the objects there.
     """
     row = seen.connection.execute(text(_TARGET), {"name": target}).one_or_none()
     size = seen.connection.execute(text(_SIZE), {"name": item}).one_or_none()
@@ -228,6 +228,8 @@ LEFT JOIN LATERAL (
     SELECT k.height, k.outline FROM entity_model m JOIN support_surface k ON k.model_id = m.model_id
     WHERE m.entity_id = e.id AND e.kind = 'object' AND k.outline IS NOT NULL
       AND abs(w.pose[4]) < 1e-3 AND abs(w.pose[5]) < 1e-3
+      AND NOT EXISTS (SELECT FROM support_surface o WHERE o.model_id = k.model_id
+                      AND o.height > k.height AND ST_Relate(o.outline, k.outline, 'T********'))
     ORDER BY ST_Area(k.outline) DESC LIMIT 1) s ON true
 WHERE e.map_id = current_map() AND e.name = :name
 """
