@@ -112,7 +112,7 @@ class LiveTopology:
     ) -> None:
         self._robot = robot
         self._body = body
-        self._assume_sizes = assume_sizes
+        self.assume_sizes = assume_sizes
         self._progress = progress
         self._feed: ChangeFeed = open_feed(source)
         self.lookup = MapLookup(self._feed.snapshot)
@@ -263,7 +263,7 @@ class LiveTopology:
         elif self._robot is not None:
             read = read_robot_class(seen, self._robot)
             robot, durations = read.robot, read.durations
-            store = None if self._assume_sizes else TravelTimeStore(read)
+            store = None if self.assume_sizes else TravelTimeStore(read)
         costmaps, stored = None, None
         shaped = replace(robot, parts=(BODY,)) if self._body and not robot.parts else robot
         if shaped.parts:
@@ -292,7 +292,7 @@ class LiveTopology:
 
     def _read_scene(self, storey: str) -> StoreyScene:
         with self._feed.snapshot() as seen:
-            return read_storey_scene(seen, storey, assume_sizes=self._assume_sizes)
+            return read_storey_scene(seen, storey, assume_sizes=self.assume_sizes)
 
     def _store_travel_times(self, look: Look, change: TopologyChange) -> None:
         if self._store is None or self.costmaps is None:
@@ -387,7 +387,7 @@ class LiveTopology:
             return set()
         storeys = costmaps.storeys() if with_regions else []
         regions = {s: read_storey_regions(look.seen, s, ids) for s in storeys}
-        objects = read_objects(look.seen, ids, assume_sizes=self._assume_sizes)
+        objects = read_objects(look.seen, ids, assume_sizes=self.assume_sizes)
         with self.graph.lock:
             places = costmaps.update(ids, objects, regions)
             for place in places:

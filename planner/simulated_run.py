@@ -14,6 +14,7 @@ from planner.live_topology import LiveTopology
 from planner.mission.failures import FailureRule
 from planner.mission.runner import MissionEvent, Runner
 from planner.mission.sim_setup import entry_pose, open_world, simulated_robot
+from planner.mission.store.assumed_sizes import store_assumed_sizes
 from planner.mission.store.grasp_memory import GraspMemory
 from planner.mission.store.mission_list import MissionList
 from planner.mission.store.missions import MissionError, MissionStore
@@ -30,6 +31,7 @@ from planner.task_planner import TaskPlanner
 from planner.tasks.domain_file import Domain
 from planner.tasks.goal import parse_goal
 from semmap.database.maps import see_map
+from semmap.query.geometry_notes import names_note
 from semmap.query.map_handle import MapHandle, MapSource
 from semmap.query.snapshot import Snapshot
 
@@ -52,6 +54,7 @@ class SimulatedMission:
     world : the file with the state of the simulated world
     map, original : the map in which it happened, and that which was asked for
     found : the answers of searches by object
+    assumed : the names of the objects for which the typical box of their type was assumed
     """
 
     mission: int
@@ -62,6 +65,7 @@ class SimulatedMission:
     map: str
     original: str
     found: dict[str, SearchResult] = field(default_factory=dict)
+    assumed: list[str] = field(default_factory=list)
 
     @property
     def done(self) -> bool:
@@ -89,7 +93,7 @@ class SimulatedRun:
     gripper : of the robot; by default its own or the preferred one
     sight, detector : the robot's camera, and how well it recognises objects
     try_grasps : try each grasp in physics; by default where MuJoCo is installed
-    assume_sizes : give objects without geometry a typical box for their type
+    assume_sizes : give objects without geometry a typical box for their type, in the copy
     on_event : called with what happens
     say : called with notes for a person
     """
@@ -125,6 +129,8 @@ class SimulatedRun:
         """
         if not self.speed > 0:
             raise MissionError(f"speed is {self.speed}: give a number above 0; 1 is real time")
+        if self.assume_sizes and self.apply:
+            raise MissionError("what is assumed is not written into a map: leave out one of both")
         grasps = self._grasps()
         rules = [FailureRule.parse(text) for text in self.fail]
         relations = ((FOUND, 1), *(() if self.domain is None else self.domain.relations))
@@ -144,12 +150,18 @@ class SimulatedRun:
                 self._check(Snapshot.of(connection, happens_in), rules)
             if not (self.apply or resume):
                 happens_in = opened_here.enter_context(simulation_map(engine, original, self.world))
+            assumed: list[str] = []
+            if self.assume_sizes and not resume:
+                with engine.begin() as connection:
+                    see_map(connection, happens_in)
+                    assumed = store_assumed_sizes(Snapshot.of(connection, happens_in))
+                self.say(names_note(assumed, "assumed_sizes") if assumed else "no size is assumed")
             with engine.connect() as connection:
                 see_map(connection, happens_in)
                 grasps.check(connection, robot, self.robot_class)
             copy = MapHandle(engine, happens_in)
             store = opened_here.enter_context(MissionStore(copy, process, grasps))
-            live = LiveTopology(copy, self.robot_class, assume_sizes=self.assume_sizes)
+            live = LiveTopology(copy, self.robot_class)
             tasks = TaskPlanner(live, self.domain, self.gripper)
             assert goal is not None
             with live.snapshot() as seen:
@@ -190,6 +202,7 @@ class SimulatedRun:
                 happens_in,
                 original,
                 found,
+                assumed,
             )
 
     def _check(self, seen: Snapshot, rules: Sequence[FailureRule]) -> None:

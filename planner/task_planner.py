@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
+import shapely
 
 from planner.base_pose import poses_in, poses_to_reach
 from planner.entity_lookup import LocatedEntity
@@ -191,7 +192,15 @@ class TaskPlanner:
         state = read_state(seen, graph.topology, start)
         words = () if domain is None else domain.words
         heights = graph.robot.heights
-        world = read_world(seen, parsed, graph.topology, heights, words=words, robot=agent)
+        world = read_world(
+            seen,
+            parsed,
+            graph.topology,
+            heights,
+            words=words,
+            robot=agent,
+            assume_sizes=self._live.assume_sizes,
+        )
         usable = [o for o in world.objects.values() if o.name not in without]
         robots = (agent, graph.robot.name)
         misfit = grasp_check(seen, gripper=self._gripper, robots=robots)
@@ -229,6 +238,10 @@ def _approach_poses(seen: Snapshot, live: LiveTopology) -> ApproachPoseOf | None
         if isinstance(of, Place):
             return poses_to_reach(costmaps.ground(of.name), floor_spot(costmaps, of.name))
         entity = find_entities(seen, of.name)[0]
+        if of.assumed and of.pose is not None:
+            (x, y), (depth, width, _) = of.pose[:2], of.size
+            around = shapely.box(x - depth / 2, y - width / 2, x + depth / 2, y + width / 2)
+            entity = replace(entity, footprint=around)
         ground = None if entity.place is None else costmaps.ground(entity.place)
         return poses_to_reach(ground, entity)
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import Any
 
+import shapely
 from sqlalchemy import text
 
 from planner.tasks.goal import Goal
@@ -12,6 +13,8 @@ from planner.tasks.world import TaskObject, TaskState, TaskWorld
 from planner.topology import Topology
 from semmap.geometry.pose import Pose
 from semmap.query.snapshot import Snapshot
+from semmap.query.storey_reader import read_entities
+from semmap.query.storey_scene import SceneEntity
 
 __all__ = ["read_state", "read_world"]
 
@@ -94,6 +97,7 @@ def read_world(
     *,
     words: Iterable[str] = (),
     robot: str | None = None,
+    assume_sizes: bool = False,
 ) -> TaskWorld:
     """The objects that a goal can use: those that its words stand for, below and on them.
 
@@ -105,6 +109,8 @@ def read_world(
         Additional names or types that a domain file needs.
     robot
         Name of the agent that may carry objects.
+    assume_sizes
+        Give objects without geometry a typical box for their type.
     """
     searched = sorted({w.text for w in goal.words()} | set(words))
     number = seen.connection.execute(
@@ -126,6 +132,10 @@ def read_world(
         )
     }
     by_id = {row.id: row for row in rows}
+    assumed: dict[int, SceneEntity] = {}
+    if assume_sizes:
+        found_here = read_entities(seen, by_id, kinds=["object"], assume_sizes=True)
+        assumed = {entity.id: entity for entity in found_here if entity.assumed}
     known: list[str] = []
     found = {row.name for row in rows} | {t for ts in types.values() for t in ts}
     found |= {row.label for row in rows} | set(topology.places)
@@ -137,7 +147,15 @@ def read_world(
             on_it[row.holder_id] = on_it.get(row.holder_id, 0.0) + (row.ground or 0.0)
     return TaskWorld(
         [
-            _task_object(row, by_id, types, topology, heights, on_it.get(row.id, 0.0))
+            _task_object(
+                row,
+                by_id,
+                types,
+                topology,
+                heights,
+                on_it.get(row.id, 0.0),
+                assumed.get(row.id),
+            )
             for row in rows
         ],
         known,
@@ -151,6 +169,7 @@ def _task_object(
     topology: Topology,
     heights: tuple[float, float],
     taken: float,
+    assumed: SceneEntity | None,
 ) -> TaskObject:
     lowest = row
     while lowest.holder_id in by_id:
@@ -169,6 +188,13 @@ def _task_object(
         surface = max(sum(area for _, area in within or levels) - taken, 0.0)
         if levels:
             surface_height = max(within or levels, key=lambda level: level[1])[0]
+    if assumed is not None:
+        corners = assumed.triangles.reshape(-1, 3)
+        low, high = corners.min(axis=0).tolist(), corners.max(axis=0).tolist()
+        size = (high[0] - low[0], high[1] - low[1], high[2] - low[2])
+        height, surface_height = (low[2] + high[2]) / 2 - floor, high[2] - floor
+        outline = shapely.convex_hull(shapely.multipoints(corners[:, :2]))
+        surface = max(outline.area - taken, 0.0)
     weight = properties.get("weight", properties.get("mass"))
     return TaskObject(
         row.name,
@@ -185,6 +211,7 @@ def _task_object(
         surface=surface,
         surface_height=surface_height,
         properties=properties,
+        assumed=assumed is not None,
     )
 
 

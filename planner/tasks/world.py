@@ -79,6 +79,8 @@ class TaskObject:
         Of that surface above the floor, metres.
     properties
         Of the entity in the map.
+    assumed
+        Whether its size is the typical one of its type: the map has no shape of it.
     """
 
     name: str
@@ -96,6 +98,7 @@ class TaskObject:
     surface: float = float("inf")
     surface_height: float = 0.75
     properties: Mapping[str, Any] = field(default_factory=dict, compare=False)
+    assumed: bool = False
 
     @property
     def carrier(self) -> bool:

@@ -26,10 +26,12 @@ class MapPlan(Plan):
     Attributes
     ----------
     reasons : why a search goes where it goes, a sentence for each object that is searched for
+    assumed : the objects of the plan for which the typical box of their type was assumed
     map : where it was planned
     options : how `Map.run` carries it out
     """
 
+    assumed: tuple[str, ...] = field(default=(), kw_only=True)
     reasons: tuple[str, ...] = field(default=(), kw_only=True)
     map: MapTasks = field(repr=False, compare=False, kw_only=True)
     options: dict[str, Any] = field(default_factory=dict, repr=False, compare=False, kw_only=True)

@@ -64,6 +64,7 @@ class MapTasks(MapDriving):
         from planner.tasks.domain_file import read_domain
         from planner.tasks.pddl import write_pddl
         from semmap.api.map_plan import MapPlan
+        from semmap.query.geometry_notes import read_names_without_geometry
 
         added = None if domain is None else read_domain(Path(domain))
         agent = robot if isinstance(robot, str) else None
@@ -85,9 +86,14 @@ class MapTasks(MapDriving):
                 if pddl is not None:
                     write_pddl(task.problem(), Path(pddl))
                 found = found or (task.plan(patience), [])
-        plan, reasons = found
+            plan, reasons = found
+            assumed: list[str] = []
+            if assume_sizes:
+                used = {name for action in plan.actions for name in action.names}
+                assumed = [name for name in read_names_without_geometry(seen) if name in used]
         options = {"start": start, "robot": agent, "domain": domain, "assume_sizes": assume_sizes}
-        return MapPlan.of(self, plan, reasons=tuple(reasons), options=options)
+        told = {"reasons": tuple(reasons), "assumed": tuple(assumed)}
+        return MapPlan.of(self, plan, **told, options=options)
 
     def run(
         self,
@@ -134,6 +140,8 @@ class MapTasks(MapDriving):
         apply : change the map itself, in place of a copy
         domain : a YAML file of additional actions
         try_grasps : try each grasp in physics; by default where MuJoCo is installed
+        assume_sizes : give objects without geometry a typical box for their type, in the copy; the
+            answer names them
         resume, mission : go on with this mission, by default the oldest, whose process has ended
         sight, detector : of searches: the camera, and how well it recognises objects
         on_event, say : called with what happens, and with notes for a person

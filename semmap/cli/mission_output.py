@@ -56,6 +56,8 @@ def show_mission(ended: SimulatedMission, json_: bool) -> None:
             "steps": ended.steps,
             "map": ended.map,
         }
+        if ended.assumed:
+            value["assumed_sizes"] = ended.assumed
         if ended.found:
             value["found"] = {name: asdict(answer) for name, answer in ended.found.items()}
         print(json.dumps(value, default=str))

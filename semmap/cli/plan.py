@@ -13,6 +13,7 @@ from semmap.cli.grid_options import AssumeSizes
 
 if TYPE_CHECKING:
     from planner.plan import Action, Plan
+    from semmap.api.map_plan import MapPlan
 
 __all__ = ["plan_command"]
 
@@ -53,18 +54,23 @@ def plan_command(
         return
     if pddl is not None:
         cli.out.print(f"{pddl / 'domain.pddl'}, {pddl / 'problem.pddl'}")
+    if plan.assumed:
+        from semmap.query.geometry_notes import names_note
+
+        cli.out.print(names_note(plan.assumed, "assumed_sizes"), style="cyan")
     for reason in plan.reasons:
         cli.out.print(reason, style="cyan")
     _show_plan(plan)
 
 
-def _plan_as_json(plan: Plan) -> dict[str, Any]:
+def _plan_as_json(plan: MapPlan) -> dict[str, Any]:
     """The plan as plain values; poses as x, y, z and quaternion."""
     return {
         "goal": plan.goal,
         "seconds": plan.seconds,
         "bound": plan.bound,
         "optimal": plan.optimal,
+        "assumed_sizes": [*plan.assumed],
         "actions": [_action_as_json(action) for action in plan.actions],
     }
 

@@ -115,6 +115,7 @@ def test_a_door_whose_name_has_blanks_is_locked(house: Map) -> None:
         ({"put": ["can on the moon"]}, "no room holds the moon"),
         ({"put": ["can"]}, "is not 'OBJECT on PLACE'"),
         ({"speed": -1.0}, "speed is -1"),
+        ({"assume_sizes": True}, "what is assumed is not written into a map"),
         ({"gripper": "claw"}, "no gripper claw"),
         ({"robot": "crawler"}, "no robot class named crawler"),
         ({"start": "cellar"}, "no place named cellar"),
@@ -266,3 +267,33 @@ def test_the_gripper_in_the_urdf_of_the_class_decides(db: semmap.Database, house
 OWN = """
 UPDATE entity SET properties = properties || CAST(:own AS jsonb) WHERE id = entity_id(:name)
 """
+
+
+# -- objects without geometry ---------------------------------------------------------------------
+
+
+def test_a_hotel_of_shapeless_tables_works_with_typical_sizes(hotel: Map, worlds: Path) -> None:
+    """The tables have the size that the T-Box states for their type, in the copy alone."""
+    if "can" not in hotel:
+        hotel.add_object("can", type="can", mesh=worlds / CAN, pose=(17.4, -16.0, 8.7705))
+    goal, table = "on(can, CoffeeTable_3)", hotel["CoffeeTable_3"]
+    with pytest.raises(NoPlanError, match="CoffeeTable_3 has no level surface"):
+        hotel.plan(goal, start="lobby")
+    plan = hotel.plan(goal, start="lobby", assume_sizes=True)
+    assert plan.assumed == ("CoffeeTable_3",)
+    said: list[str] = []
+    ended = plan.run(speed=1e5, try_grasps=False, say=said.append)
+    assert ended.done, ended.reason
+    assert "CoffeeTable_3" in ended.assumed
+    assert any("the typical size of the type is assumed" in text for text in said)
+    with MissionStore(hotel.database.map(ended.map)) as store:
+        seen = {row.name: row.seen for row in store.objects()}["can"]
+    assert seen.holder == "CoffeeTable_3"
+    sizes = "SELECT typical_size FROM semantic_type WHERE name = 'coffee_table'"
+    depth, width, height = hotel.execute(sizes)[0][0]
+    offset = table.pose.inverse().apply([seen.pose.translation])[0]
+    assert abs(offset[0]) < max(depth, width) / 2
+    assert abs(offset[1]) < max(depth, width) / 2
+    assert 0 < offset[2] - height < 0.1
+    with pytest.raises(NoPlanError, match="CoffeeTable_3 has no level surface"):
+        hotel.plan(goal, start="lobby")
