@@ -8,10 +8,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 import shapely
 
-from planner.base_pose import poses_in, poses_to_reach
+from planner.base_pose import NoBasePoseError, poses_in, poses_to_reach
 from planner.entity_lookup import LocatedEntity
 from planner.floor_spot import floor_spot
 from planner.live_topology import LiveTopology
+from planner.mission.command import near
 from planner.plan import Plan
 from planner.readers.entity_lookup import find_entities
 from planner.readers.grasp_check import grasp_check
@@ -172,6 +173,7 @@ class TaskPlanner:
         *,
         agent: str | None = None,
         without: frozenset[str] = frozenset(),
+        tried: frozenset[tuple[str, Pose]] = frozenset(),
     ) -> Task:
         """A task on the state of the map that a transaction sees.
 
@@ -183,6 +185,8 @@ class TaskPlanner:
             Name of the agent that may carry objects.
         without
             Names of objects, connectors and elevators that plans must not use.
+        tried
+            Names of objects, each with a base pose from which the robot could not reach it.
         """
         parsed, domain = self._parsed(goal), self._domain
         graph = self._live.graph
@@ -205,7 +209,7 @@ class TaskPlanner:
         robots = (agent, graph.robot.name)
         misfit = grasp_check(seen, gripper=self._gripper, robots=robots)
         world = TaskWorld(usable, world.known, misfit)
-        approach_pose = _approach_poses(seen, self._live)
+        approach_pose = _approach_poses(seen, self._live, tried)
         return Task(graph, world, state, parsed, domain, approach_pose)
 
     def __call__(
@@ -215,17 +219,20 @@ class TaskPlanner:
         goal: str,
         *,
         without: frozenset[str] = frozenset(),
+        tried: frozenset[tuple[str, Pose]] = frozenset(),
     ) -> Plan:
         """The plan of a mission (`planner.mission.runner.Planner`)."""
         self._live.catch_up()
-        return self.task(seen, goal, robot, agent=robot, without=without).plan()
+        return self.task(seen, goal, robot, agent=robot, without=without, tried=tried).plan()
 
     def _parsed(self, goal: str) -> Goal:
         return parse_goal(goal, () if self._domain is None else self._domain.relations)
 
 
-def _approach_poses(seen: Snapshot, live: LiveTopology) -> ApproachPoseOf | None:
-    """Finds base poses on the costmaps; None for a robot without shape."""
+def _approach_poses(
+    seen: Snapshot, live: LiveTopology, tried: frozenset[tuple[str, Pose]]
+) -> ApproachPoseOf | None:
+    """Finds base poses on the costmaps that were not tried; None for a robot without shape."""
     costmaps = live.costmaps
     if costmaps is None:
         return None
@@ -245,10 +252,20 @@ def _approach_poses(seen: Snapshot, live: LiveTopology) -> ApproachPoseOf | None
         ground = None if entity.place is None else costmaps.ground(entity.place)
         return poses_to_reach(ground, entity)
 
+    def untried(name: str, poses: list[Pose]) -> Pose:
+        bad = [pose for failed, pose in tried if failed == name]
+        left = [pose for pose in poses if not any(near(pose, other) for other in bad)]
+        if not left:
+            raise NoBasePoseError(
+                f"{live.graph.robot.name} has no other base pose for {name}: from "
+                f"{len(poses)} it was tried"
+            )
+        return left[0]
+
     def approach_pose(of: Target) -> Pose:
         key = (of.name, of.places if isinstance(of, PlaceRegion) else ())
         if key not in found:
-            found[key] = poses(of)[0]
+            found[key] = untried(of.name, poses(of))
         return found[key]
 
     return approach_pose

@@ -5,17 +5,31 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass
 
+from semmap.geometry.pose import Pose
+
 __all__ = ["Failure", "RetryPolicy"]
 
 
 @dataclass(frozen=True)
 class Failure:
-    """A step of a mission that failed, with the entity that it acted on and the cause."""
+    """A step of a mission that failed, with the entity that it acted on and the cause.
+
+    Attributes
+    ----------
+    at
+        Of a pickup or a place: the base pose.
+    """
 
     action: str
     subject: str | None
     cause: str
     message: str = ""
+    at: Pose | None = None
+
+    @property
+    def is_of_base(self) -> bool:
+        """Whether the robot's gripper and arm could not do it from where its base stood."""
+        return self.at is not None and self.cause in ("unable", "full")
 
 
 @dataclass(frozen=True)
@@ -32,17 +46,21 @@ class RetryPolicy:
         Seconds, by the robot's clock, before a failed step is tried again.
     queue
         Seconds, by the robot's clock, to wait for a claim before planning again.
+    bases
+        Maximum base poses from which the robot cannot pick an object up, or put one down on
+        another, before the mission avoids that object.
     """
 
     tries: int = 3
     failures: int = 20
     wait: float = 1.0
     queue: float = 120.0
+    bases: int = 4
 
     def __post_init__(self) -> None:
-        if self.tries < 1 or self.failures < 1 or self.wait < 0 or self.queue <= 0:
+        if min(self.tries, self.bases, self.failures) < 1 or self.wait < 0 or self.queue <= 0:
             raise ValueError(
-                f"{self}: tries and failures are 1 or more, wait 0 or more, queue above 0 s"
+                f"{self}: tries, bases and failures are 1 or more, wait 0 or more, queue above 0 s"
             )
 
     def avoided(self, failures: Iterable[Failure]) -> dict[str, str]:
@@ -50,19 +68,36 @@ class RetryPolicy:
 
         Locked doors are not among them, since the map has their state.
         """
-        counts: dict[tuple[str, str], int] = {}
+        counts: dict[tuple[str, str, Pose | None], int] = {}
+        bases: dict[tuple[str, str], set[Pose]] = {}
         found: dict[str, str] = {}
         for failure in failures:
             if failure.subject is None or failure.cause in ("locked", *_NOT_COUNTED):
                 continue
-            key = failure.action, failure.subject
+            at = failure.at if failure.is_of_base else None
+            key = failure.action, failure.subject, at
             counts[key] = counts.get(key, 0) + 1
-            if counts[key] >= self.tries:
+            tried = bases.setdefault(key[:2], set())
+            if at is not None:
+                tried.add(at)
+            if counts[key] >= self.tries or len(tried) >= self.bases:
+                where = (
+                    f"from {len(tried)} base poses" if len(tried) > 1 else f"{counts[key]} times"
+                )
+                word = "on" if failure.action == "place" and at is not None else "of"
                 found[failure.subject] = (
-                    f"{failure.action} of {failure.subject} failed {counts[key]} times: "
+                    f"{failure.action} {word} {failure.subject} failed {where}: "
                     f"{failure.message or failure.cause}"
                 )
         return found
+
+    def tried(self, failures: Iterable[Failure]) -> frozenset[tuple[str, Pose]]:
+        """The base poses from which the robot could not reach objects, each with the object."""
+        return frozenset(
+            (failure.subject, failure.at)
+            for failure in failures
+            if failure.is_of_base and failure.subject is not None and failure.at is not None
+        )
 
     def reason_to_give_up(self, failures: Iterable[Failure]) -> str | None:
         """Why the mission gives up, in words; None if it continues."""

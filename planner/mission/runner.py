@@ -10,6 +10,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Protocol
 
 from py_trees.common import Status
@@ -22,6 +23,7 @@ from planner.mission.store.missions import LostMissionError, MissionStore
 from planner.mission.store.reservations import GoneError
 from planner.mission.tree import mission_tree
 from planner.plan import Plan
+from semmap.geometry.pose import Pose
 from semmap.query.snapshot import Snapshot
 
 __all__ = ["MissionEvent", "MissionResult", "Planner", "Runner"]
@@ -31,7 +33,13 @@ class Planner(Protocol):
     """Plans on the present state of the map."""
 
     def __call__(
-        self, seen: Snapshot, robot: str, goal: str, *, without: frozenset[str] = frozenset()
+        self,
+        seen: Snapshot,
+        robot: str,
+        goal: str,
+        *,
+        without: frozenset[str] = frozenset(),
+        tried: frozenset[tuple[str, Pose]] = frozenset(),
     ) -> Plan:
         """The actions that reach the goal; none if it is reached.
 
@@ -41,6 +49,8 @@ class Planner(Protocol):
             That state.
         without
             Names of objects, connectors and elevators that the plan must not use.
+        tried
+            Names of objects, each with a base pose from which the robot could not reach it.
 
         Raises
         ------
@@ -155,10 +165,12 @@ class Runner:
             if not commands:
                 avoided = self._retry_policy.avoided(failures)
                 try:
-                    plan = self._plan(taken.robot, taken.goal, frozenset(avoided), busy)
+                    tried = self._retry_policy.tried(failures)
+                    plan = self._plan(taken.robot, taken.goal, frozenset(avoided), busy, tried)
                 except (ValueError, LookupError) as error:
                     left = f"without {', '.join(avoided)}: {error}" if avoided else str(error)
-                    why = "; ".join([*avoided.values(), left])
+                    last = [f.message for f in failures[-1:] if f.is_of_base and not avoided]
+                    why = "; ".join([*avoided.values(), *last, left])
                     return self._finish(mission, "failed", why)
                 commands = commands_of(plan)
                 if not commands:
@@ -202,17 +214,24 @@ class Runner:
             return [n for n, _ in planned], [command for _, command in planned]
         return [], []
 
-    def _plan(self, robot: str, goal: str, without: frozenset[str], busy: frozenset[str]) -> Plan:
+    def _plan(
+        self,
+        robot: str,
+        goal: str,
+        without: frozenset[str],
+        busy: frozenset[str],
+        tried: frozenset[tuple[str, Pose]],
+    ) -> Plan:
+        plan = partial(self._store.plan, self._planner, robot, goal, tried=tried)
+        found: Plan
         if busy - without:  # an alternative, if there is one
             try:
-                return self._call_planner(robot, goal, without | busy)
+                found = plan(without=without | busy)
+                return found
             except (ValueError, LookupError):
                 pass
-        return self._call_planner(robot, goal, without)
-
-    def _call_planner(self, robot: str, goal: str, without: frozenset[str]) -> Plan:
-        plan: Plan = self._store.plan(self._planner, robot, goal, without)
-        return plan
+        found = plan(without=without)
+        return found
 
     def _finish(self, mission: int, state: str, reason: str | None = None) -> MissionResult:
         self._store.finish(mission, state, reason)

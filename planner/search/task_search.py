@@ -13,6 +13,7 @@ from planner.search.search_mission import MOST_NAMES, SearchPlanner, explain
 from planner.task_planner import TaskPlanner
 from planner.tasks.goal import Atom, Goal, parse_goal
 from planner.tasks.reader import read_state
+from semmap.geometry.pose import Pose
 from semmap.query.snapshot import Snapshot
 
 __all__ = ["FOUND", "SearchingPlanner", "objects_to_find", "plan_with_search"]
@@ -50,6 +51,7 @@ class SearchingPlanner:
         goal: str,
         *,
         without: frozenset[str] = frozenset(),
+        tried: frozenset[tuple[str, Pose]] = frozenset(),
     ) -> Plan:
         """The next look of a search, or the plan of the rest of the goal."""
         self._search.live.catch_up()
@@ -73,7 +75,8 @@ class SearchingPlanner:
         if not rest:
             return Plan(goal, (), 0.0, 0.0)
         text = goal if len(rest) == len(parsed.atoms) else " and ".join(map(_text, rest))
-        return replace(self._tasks(seen, robot, text, without=without), goal=goal)
+        plan = self._tasks(seen, robot, text, without=without, tried=tried)
+        return replace(plan, goal=goal)
 
 
 def objects_to_find(seen: Snapshot, goal: Goal) -> list[str]:

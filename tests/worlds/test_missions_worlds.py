@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
+from contextlib import closing
+from itertools import combinations
 from pathlib import Path
 from typing import Any
 
@@ -11,11 +14,19 @@ import shapely
 from sqlalchemy import Engine, text
 
 import semmap
-from planner.mission import MissionStore
+from planner.live_topology import LiveTopology
+from planner.mission import MissionStore, Runner
+from planner.mission.command import Command
+from planner.mission.sim_body import Work
+from planner.mission.sim_robot import SimBehaviour, SimulatedRobot
+from planner.mission.sim_setup import body_options, entry_pose, open_world
+from planner.robot_class import RobotClass
+from planner.task_planner import TaskPlanner
 from planner.tasks import NoPlanError
 from semmap import Map
 from semmap.database.maps import see_map
 from semmap.geometry.pose import Pose
+from semmap.robot import Part
 from tests.manipulation.grippers import urdf
 from tests.worlds.test_arms_small_house import FOLDED
 
@@ -297,3 +308,55 @@ def test_a_hotel_of_shapeless_tables_works_with_typical_sizes(hotel: Map, worlds
     assert 0 < offset[2] - height < 0.1
     with pytest.raises(NoPlanError, match="CoffeeTable_3 has no level surface"):
         hotel.plan(goal, start="lobby")
+
+
+# -- another base pose ----------------------------------------------------------------------------
+
+
+class Clumsy(SimulatedRobot):
+    """Its arm takes nothing, or puts nothing down, from so many base poses at first."""
+
+    def __init__(self, action: str, poses: int, *args: Any, **options: Any) -> None:
+        super().__init__(*args, **options)
+        self.action, self.poses, self.bases = action, poses, list[Pose]()
+
+    def pickup(self, command: Command) -> SimBehaviour:
+        return self._tried(command) or super().pickup(command)
+
+    def place(self, command: Command) -> SimBehaviour:
+        return self._tried(command) or super().place(command)
+
+    def _tried(self, command: Command) -> SimBehaviour | None:
+        if command.behaviour != self.action:
+            return None
+        _, pose = self._body.world.robot(self.name)
+        self.bases.append(pose)
+        return SimBehaviour(self._fail(), self.speed) if len(self.bases) <= self.poses else None
+
+    def _fail(self) -> Work:
+        yield 0.0
+        return "unable", "the arm reaches nothing from here"
+
+
+@pytest.mark.parametrize("action", ["pickup", "place"])
+@pytest.mark.parametrize(("poses", "state"), [(2, "done"), (99, "failed")])
+def test_other_base_poses_are_tried_before_giving_up(
+    copy: Map, action: str, poses: int, state: str
+) -> None:
+    corners = shapely.get_coordinates(shapely.Point(0, 0).buffer(0.2).exterior)[:0:-1]
+    part = Part("base", ("base",), (0.05, 1.0), corners, 0.199, 0.2, "circumscribed")
+    live = LiveTopology(copy, RobotClass("disc", (part,)))
+    with MissionStore(copy, "test") as store:
+        store.add_robot("robot", "kitchen", entry_pose(live.topology, "kitchen"))
+        with closing(open_world(Path("world"), store, live.topology, "robot")) as world:
+            options = body_options(live, speed=1e6)
+            robot = Clumsy(action, poses, "robot", world, live.topology, **options)
+            runner = Runner(store, robot, TaskPlanner(live), speed=1e6, tick=0)
+            ended = runner.run(store.add("robot", "on(can, CoffeeTable_01_001)"))
+    assert ended.state == state, ended.reason
+    assert len(robot.bases) == min(poses + 1, 4)
+    places = [(pose.x, pose.y) for pose in robot.bases]
+    apart = [math.dist(a, b) for a, b in combinations(places, 2)]
+    assert min(apart) > 0.1
+    if state == "failed":
+        assert "failed from 4 base poses: the arm reaches nothing from here" in ended.reason

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 from sqlalchemy import Connection, text
@@ -33,10 +34,14 @@ def read_steps(connection: Connection, mission: int) -> list[dict[str, Any]]:
 def read_failures(connection: Connection, mission: int) -> list[Failure]:
     """The steps that failed, in order."""
     rows = connection.execute(text(_FAILURES), {"mission": mission})
-    return [
-        Failure(row.action, Command.of_json(row.command).subject, row.cause, row.message)
-        for row in rows
-    ]
+    return [_failure(row, Command.of_json(row.command)) for row in rows]
+
+
+def _failure(row: Any, command: Command) -> Failure:
+    failure = Failure(row.action, command.subject, row.cause, row.message, command.at)
+    if row.action == "place" and failure.is_of_base:  # what it holds is not the reason
+        return replace(failure, subject=command.arguments[-1])
+    return failure
 
 
 def read_unfinished_steps(connection: Connection, mission: int) -> Sequence[Any]:

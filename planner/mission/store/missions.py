@@ -104,10 +104,18 @@ class MissionStore(MissionList):
         self.runner = runner
         self.grasps = grasps
 
-    def plan(self, planner: Any, robot: str, goal: str, without: frozenset[str]) -> Any:
+    def plan(
+        self,
+        planner: Any,
+        robot: str,
+        goal: str,
+        *,
+        without: frozenset[str],
+        tried: frozenset[tuple[str, Pose]],
+    ) -> Any:
         """The plan that a planner makes on the present state of the map."""
         with self._snapshot() as seen:
-            return planner(seen, robot, goal, without=without)
+            return planner(seen, robot, goal, without=without, tried=tried)
 
     def topology(self) -> Topology:
         """The places and connectors of the map."""

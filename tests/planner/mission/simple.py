@@ -31,7 +31,12 @@ SELECT o.label FROM object_type o WHERE o.map_id = current_map() AND o.type = :t
 
 
 def simple_planner(
-    seen: Snapshot, robot: str, goal: str, *, without: frozenset[str] = frozenset()
+    seen: Snapshot,
+    robot: str,
+    goal: str,
+    *,
+    without: frozenset[str] = frozenset(),
+    tried: frozenset[tuple[str, Pose]] = frozenset(),
 ) -> Plan:
     topology = read_topology(seen)
     graph = RoutingGraph(topology.without(without))

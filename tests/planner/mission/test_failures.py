@@ -5,6 +5,8 @@ from __future__ import annotations
 import pytest
 
 from planner.mission.failures import FailureRule
+from planner.mission.retry_policy import Failure, RetryPolicy
+from semmap.geometry.pose import Pose
 
 
 @pytest.mark.parametrize(
@@ -44,3 +46,16 @@ def test_what_is_none(said: str) -> None:
 def test_names_may_have_blanks() -> None:
     assert FailureRule.parse("Cafe  door locked") == FailureRule("Cafe  door", "locked")
     assert FailureRule.parse(" Lift 1 broken ") == FailureRule("Lift 1", "broken")
+
+
+def test_an_object_is_avoided_after_four_base_poses_or_three_failures_at_one() -> None:
+    def failed(*where: float) -> list[Failure]:
+        return [Failure("pickup", "cup", "unable", "too far", Pose(x)) for x in where]
+
+    policy = RetryPolicy()
+    assert policy.avoided(failed(1, 2, 3, 1)) == {}
+    assert policy.avoided(failed(1, 2, 1, 1))["cup"].startswith("pickup of cup failed from 2")
+    assert policy.avoided(failed(1, 1, 1))["cup"] == "pickup of cup failed 3 times: too far"
+    assert "from 4 base poses" in policy.avoided(failed(1, 2, 3, 4))["cup"]
+    assert policy.tried(failed(1, 2)) == {("cup", Pose(1)), ("cup", Pose(2))}
+    assert policy.tried([Failure("pickup", "cup", "missed", "", Pose(1))]) == set()
