@@ -479,7 +479,7 @@ def test_a_run_on_the_command_line_changes_a_map_only_if_it_shall(
     engine: Engine, url: str, tmp_path: Path
 ) -> None:
     before, shared = state_of(engine, "house"), tmp_path / "shared"
-    goal = "in(DeskPortraitD_03, bedroom)"
+    goal = "in(DeskPortraitD_02, bedroom)"
     words = ["--from", "bedroom", "--simulate", "--map", "house", "--speed", "100000"]
     runs = {"one": goal, "two": "on(SeasoningBox_01_001, CoffeeTable_01_001)"}
     processes = [
@@ -496,7 +496,7 @@ def test_a_run_on_the_command_line_changes_a_map_only_if_it_shall(
     assert "house is unchanged (--apply changes it)" in printed[0]
     assert state_of(engine, "house") == before
     with closing(SimWorld(shared)) as world:
-        place, seen = world.objects()["DeskPortraitD_03"]
+        place, seen = world.objects()["DeskPortraitD_02"]
         assert (place, world.objects()["SeasoningBox_01_001"][0]) == (
             "bedroom",
             "living-room",
@@ -506,8 +506,8 @@ def test_a_run_on_the_command_line_changes_a_map_only_if_it_shall(
     own = ("--apply", "--world", tmp_path / "own")
     assert semmap_command(url, "run", goal, *words, *own).exit_code == 0
     after = state_of(engine, "house")
-    assert after["DeskPortraitD_03"] != before["DeskPortraitD_03"]
-    assert seen.holder == after["DeskPortraitD_03"][0]
+    assert after["DeskPortraitD_02"] != before["DeskPortraitD_02"]
+    assert seen.holder == after["DeskPortraitD_02"][0]
 
 
 def state_of(engine: Engine, name: str) -> dict[str, tuple[str | None, tuple[float, ...]]]:
