@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import cache
 from typing import TYPE_CHECKING, Any
 
 from semmap.query.snapshot import Snapshot
@@ -27,10 +28,16 @@ def grasp_check(
     robots : names of stored robots or classes of robots, the first one that has a gripper counts
     """
     session = seen.session
-    hand = _hand(session, gripper, [name for name in robots if name is not None])
-    if hand is None:
-        return lambda item: None
-    return lambda item: _misfit(session, item, *hand)
+
+    @cache
+    def hand() -> tuple[str, Gripper] | None:  # reads a URDF: only where something is picked up
+        return _hand(session, gripper, [name for name in robots if name is not None])
+
+    def misfit(item: str) -> str | None:
+        found = hand()
+        return None if found is None else _misfit(session, item, *found)
+
+    return misfit
 
 
 def _hand(session: Any, gripper: str | None, robots: list[str]) -> tuple[str, Gripper] | None:

@@ -43,6 +43,9 @@ WAY = ("pre_pose", "pose", "end", "post_pose")
 """The poses of the gripper in an action, in the order in which it takes them."""
 
 
+MAY_STORE = "SELECT has_table_privilege('automaton', 'UPDATE')"
+
+
 def register_robot(
     session: Session,
     urdf: Path,
@@ -141,10 +144,13 @@ def class_gripper(session: Session, robot_class: str) -> Gripper | None:
 def class_automaton(session: Session, robot_class: str) -> tuple[str, str] | None:
     """Return the automaton and gripper of a class of robots, after they were stored from its URDF.
 
-    None without a URDF, or where the URDF has no gripper that an arm moves.
+    None without a URDF, where the URDF has no gripper that an arm moves, or where this login may
+    not store robots.
     """
     path = _class_urdf(session, robot_class)
     if path is None or class_gripper(session, robot_class) is None:
+        return None
+    if session.execute(MAY_STORE).fetchone() != (True,):
         return None
     try:
         return automaton_of(session, register_robot(session, path, robot_class))

@@ -229,7 +229,7 @@ def cabinet(open_front: bool) -> Mesh:
     ]
     if not open_front:
         panels.append(panel((0.6, 0.02, 0.8), (0, -0.25, 0.4)))
-    whole = trimesh.util.concatenate(panels)
+    whole: Any = trimesh.util.concatenate(panels)
     return Mesh(np.asarray(whole.vertices), np.asarray(whole.faces, np.int32))
 
 
