@@ -345,7 +345,7 @@ def test_other_base_poses_are_tried_before_giving_up(
     copy: Map, action: str, poses: int, state: str
 ) -> None:
     corners = shapely.get_coordinates(shapely.Point(0, 0).buffer(0.2).exterior)[:0:-1]
-    part = Part("base", ("base",), (0.05, 1.0), corners, 0.199, 0.2, "circumscribed")
+    part = Part("base", ("base",), (0.05, 1.0), corners, 0.199, 0.2)
     live = LiveTopology(copy, RobotClass("disc", (part,)))
     with MissionStore(copy, "test") as store:
         store.add_robot("robot", "kitchen", entry_pose(live.topology, "kitchen"))
