@@ -170,7 +170,8 @@ class MapQuestions:
         """
         from semmap.query.map_check import check_map
 
-        return check_map(self.connection)
+        with self.snapshot() as seen:
+            return check_map(seen)
 
     def fix(self, findings: Iterable[Finding]) -> int:
         """Derive again what findings of `check` say is stale; no entity moves.

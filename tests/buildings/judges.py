@@ -16,6 +16,7 @@ import shapely
 
 import semmap
 from planner.readers.entity_lookup import find_entities
+from planner.robot_class import RobotClass
 from semmap.database import Cluster
 from tests.buildings.building import Building, Item, room_of
 
@@ -148,7 +149,7 @@ def judge_routes(building: Building, place: semmap.Map) -> tuple[int, list[str]]
     wrong = []
     for start, goal in pairs:
         try:
-            places = place.route(start, goal).places
+            places = place.route(start, goal, robot=RobotClass("point")).places
         except ValueError:
             places = []
         if nx.has_path(graph, start, goal) != bool(places):

@@ -35,7 +35,7 @@ def test_asking_the_map_loads_no_library_of_grids_and_plans(command: str) -> Non
     assert not modules_loaded_by(command, "--help") & {*HEAVY, "navgrid", "planner"}
 
 
-@pytest.mark.parametrize("command", ["ls", "maps", "types", "check", "changes", "show mug"])
+@pytest.mark.parametrize("command", ["ls", "maps", "types", "changes", "show mug"])
 def test_short_commands_load_neither_sqlalchemy_nor_numpy(database: str, command: str) -> None:
     with semmap.connect(database) as db:
         db.create_map("flat").add_object("mug", size=(0.1, 0.1, 0.1), pose=(0, 0, 0))

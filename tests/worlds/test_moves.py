@@ -30,13 +30,21 @@ WORLDS = {
 }
 
 
+INVENTORY = {"stale pose", "wrong room", "wrong holder"}
+"""The findings of `Map.check` about the inventory; random moves leave things in the air."""
+
+
+def faults(world: semmap.Map) -> list[str]:
+    return [str(found) for found in world.check() if found.kind in INVENTORY]
+
+
 @pytest.mark.parametrize("name", WORLDS)
 def test_inventory_follows_random_moves(name: str, worlds: Path, database: str) -> None:
     dice = random.Random(4)
     with semmap.connect(database) as db:
         world = db.create_map(name)
         world.import_file(worlds / WORLDS[name])
-        assert world.check() == []
+        assert faults(world) == []
         objects = [e for e in world.find("object") if e.pose is not None]
         places = [p for e in [*objects, *world.find("room")] if (p := e.pose) is not None]
         before = {e: e.holder for e in objects}
@@ -45,7 +53,7 @@ def test_inventory_follows_random_moves(name: str, worlds: Path, database: str) 
             moved.move_to(
                 near.x, near.y, near.z + dice.choice((0, 0.4, 0.75, 3)), dice.uniform(-3, 3)
             )
-        assert world.check() == []
+        assert faults(world) == []
         if name == "small_house":
             assert any(e.holder != holder for e, holder in before.items())
 
@@ -102,27 +110,31 @@ def test_all_objects_of_the_hotel_moved_in_one_statement(hotel: Engine) -> None:
         else:
             assert row.holder == before[row.name].holder
     url = hotel.url.render_as_string(hide_password=False)
-    done = semmap_command(url, "check", "--map", "hotel")
-    assert done.exit_code == 0, done.output
+    with semmap.connect(url) as db:
+        assert faults(db.map("hotel")) == []
 
 
 def test_check_lists_a_holder_that_the_geometry_contradicts(hotel: Engine) -> None:
     """A pose written past the derivation, as only a damaged map has it, is listed."""
     url = hotel.url.render_as_string(hide_password=False)
-    words = ("check", "--map", "hotel", "--json")
-    assert json.loads(semmap_command(url, *words).stdout) == []
+
+    def listed() -> list[list[str]]:
+        done = semmap_command(url, "check", "--map", "hotel", "--json")
+        found = json.loads(done.stdout)
+        assert done.exit_code == any(row["severity"] == "error" for row in found)
+        return [row["entities"] for row in found if row["kind"] in INVENTORY]
+
+    assert listed() == []
     move = "SELECT move_to(entity_id('DigitalKiosk'), 0, 0, 50)"
     with hotel.begin() as connection:
         see_map(connection, "hotel")
         connection.execute(text("SELECT set_config('semmap.deriving', 'off', true)"))
         connection.execute(text(move))
-    done = semmap_command(url, *words)
-    assert done.exit_code == 1
-    assert [row["name"] for row in json.loads(done.stdout)] == ["DigitalKiosk"]
+    assert [names[0] for names in listed()] == ["DigitalKiosk"]
     with hotel.begin() as connection:
         see_map(connection, "hotel")
         connection.execute(text("SELECT derive_again(ARRAY[entity_id('DigitalKiosk')])"))
-    assert json.loads(semmap_command(url, *words).stdout) == []
+    assert listed() == []
 
 
 EDITS = {

@@ -12,7 +12,7 @@ from shapely import STRtree
 from semmap.geometry.contact import heights_at, touches
 from semmap.query.map_check.reader import CheckedEntity
 
-__all__ = ["CONTACT", "FASTENED", "WALL", "Building"]
+__all__ = ["CONTACT", "FASTENED", "WALL", "CheckedBuilding"]
 
 CONTACT = 0.03
 """Metres between things that touch, and by which solids may overlap: percepts and models of rooms
@@ -41,7 +41,7 @@ SAMPLES = 200
 Floats = NDArray[np.float64]
 
 
-class Building:
+class CheckedBuilding:
     """The entities of a map, sorted by what the rules need."""
 
     def __init__(self, entities: list[CheckedEntity]) -> None:

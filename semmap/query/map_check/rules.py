@@ -5,19 +5,18 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-import psycopg
 import shapely
 import shapely.ops
 from numpy.typing import NDArray
 
 from semmap.geometry.contact import overlap
 from semmap.geometry.pose import Pose
-from semmap.query.map_check.building import CONTACT, FASTENED, STEP, WALL, Building
+from semmap.query.map_check.building import CONTACT, FASTENED, STEP, WALL, CheckedBuilding
 from semmap.query.map_check.finding import Finding, Severity
 from semmap.query.map_check.reader import CheckedEntity, read_checked_entities
+from semmap.query.snapshot import Snapshot
 
 __all__ = ["RULES", "check_map"]
 
@@ -46,18 +45,18 @@ Found = Iterator[tuple[tuple[str, ...], str, str]]
 
 
 @dataclass(frozen=True)
-class Rule:
+class CheckRule:
     """One row of the table."""
 
     kind: str
     severity: Severity
-    find: Callable[[Building], Found]
+    find: Callable[[CheckedBuilding], Found]
     safe: bool = False
 
 
-def check_map(session: psycopg.Connection[Any]) -> list[Finding]:
+def check_map(seen: Snapshot) -> list[Finding]:
     """Return what is wrong with the current map: errors first, then warnings and notes."""
-    building = Building(read_checked_entities(session))
+    building = CheckedBuilding(read_checked_entities(seen.session))
     return [
         Finding(rule.kind, rule.severity, names, text, fix, rule.safe)
         for rule in RULES
@@ -68,7 +67,7 @@ def check_map(session: psycopg.Connection[Any]) -> list[Finding]:
 # -- physics -------------------------------------------------------------------------------------
 
 
-def _floating(building: Building) -> Found:
+def _floating(building: CheckedBuilding) -> Found:
     for entity in building.solids:
         if building.is_part(entity) or any(e.kind == "agent" for e in entity.chain):
             continue
@@ -82,7 +81,7 @@ def _floating(building: Building) -> Found:
         yield (entity.name,), text, fix
 
 
-def _penetrating(building: Building) -> Found:
+def _penetrating(building: CheckedBuilding) -> Found:
     done = set()
     for entity in building.solids:
         for other in building.near(entity, 0.0):
@@ -117,7 +116,7 @@ def _shared(one: CheckedEntity, two: CheckedEntity) -> Floats | None:
     return extents
 
 
-def _belongs(building: Building, one: CheckedEntity, two: CheckedEntity) -> bool:
+def _belongs(building: CheckedBuilding, one: CheckedEntity, two: CheckedEntity) -> bool:
     """Whether both are parts of the building, or one is a fixture: those are built in."""
     fixed = bool(one.row["fixture"]) or bool(two.row["fixture"])
     return fixed or (building.is_part(one) and building.is_part(two))
@@ -130,7 +129,7 @@ def _same_point(one: CheckedEntity, two: CheckedEntity) -> bool:
     return bool(np.abs(apart).max() <= SAME_POINT)
 
 
-def _one_point(building: Building) -> Found:
+def _one_point(building: CheckedBuilding) -> Found:
     cells: dict[tuple[int, ...], list[CheckedEntity]] = {}
     for entity in building.objects:
         middle = np.append((entity.low + entity.high)[:2] / 2, entity.low[2])
@@ -153,7 +152,7 @@ def _one_point(building: Building) -> Found:
 # -- rooms, doors, storeys -----------------------------------------------------------------------
 
 
-def _outside(building: Building) -> Found:
+def _outside(building: CheckedBuilding) -> Found:
     outdoors = []
     for entity in [*building.objects, *building.agents] if building.rooms else ():
         if building.is_part(entity) or building.distance_to_rooms(entity) <= WALL:
@@ -173,15 +172,15 @@ def _outside(building: Building) -> Found:
         yield tuple(outdoors), text, "map.add_room(...) where robots are to reach them"
 
 
-def _rooms_overlap(building: Building) -> Found:
+def _rooms_overlap(building: CheckedBuilding) -> Found:
     yield from _room_pairs(building, same=False)
 
 
-def _rooms_identical(building: Building) -> Found:
+def _rooms_identical(building: CheckedBuilding) -> Found:
     yield from _room_pairs(building, same=True)
 
 
-def _room_pairs(building: Building, same: bool) -> Found:
+def _room_pairs(building: CheckedBuilding, same: bool) -> Found:
     tree = building._room_tree
     for number, room in enumerate(building.rooms):
         for other in (building.rooms[n] for n in np.sort(tree.query(room.outline)) if n > number):
@@ -201,7 +200,7 @@ def _room_pairs(building: Building, same: bool) -> Found:
             yield names, text, fix
 
 
-def _no_door(building: Building) -> Found:
+def _no_door(building: CheckedBuilding) -> Found:
     joined = {p for d in building.doors for p in (d.row["place_a"], d.row["place_b"])}
     for room in building.rooms if len(building.rooms) > 1 else ():
         if room.row["id"] not in joined:
@@ -217,7 +216,7 @@ def _no_door(building: Building) -> Found:
             yield (room.name,), f"no door leads to the room {room.name}", fix
 
 
-def _far_doors(building: Building) -> Found:
+def _far_doors(building: CheckedBuilding) -> Found:
     for door in building.doors:
         assert door.pose is not None
         stairs = door.row["form"] in ("stairs", "ramp")
@@ -241,7 +240,7 @@ def _far_doors(building: Building) -> Found:
             yield (door.name, room.name), text, fix
 
 
-def _no_floor(building: Building) -> Found:
+def _no_floor(building: CheckedBuilding) -> Found:
     for storey in building.storeys:
         assert storey.pose is not None
         z = storey.pose.z
@@ -264,7 +263,7 @@ def _is_level(entity: CheckedEntity, z: float) -> bool:
 # -- geometry and inventory ----------------------------------------------------------------------
 
 
-def _shapeless(building: Building) -> Found:
+def _shapeless(building: CheckedBuilding) -> Found:
     names = tuple(e.name for e in building.objects if e.outline is None)
     if names:
         count = f"{len(names)} object{'s have' if len(names) > 1 else ' has'}"
@@ -272,7 +271,7 @@ def _shapeless(building: Building) -> Found:
         yield names, text, "--assume-sizes, or import their meshes"
 
 
-def _shapeless_places(building: Building) -> Found:
+def _shapeless_places(building: CheckedBuilding) -> Found:
     bearing = Counter(
         e.holder.name
         for e in building.objects
@@ -287,7 +286,7 @@ def _shapeless_places(building: Building) -> Found:
             yield (entity.name,), f"the room {entity.name} has no outline, so no grid", fix
 
 
-def _stale(building: Building) -> Found:
+def _stale(building: CheckedBuilding) -> Found:
     for entity in building.entities:
         world = entity.row["world"]
         if entity.pose is None:
@@ -301,7 +300,7 @@ def _stale(building: Building) -> Found:
             yield (entity.name,), text, f"SELECT refresh_world(ARRAY[{entity.row['id']}])"
 
 
-def _wrong_room(building: Building) -> Found:
+def _wrong_room(building: CheckedBuilding) -> Found:
     for entity in [*building.objects, *building.agents]:
         if building.is_part(entity) or (entity.outline is None and entity.low is entity.high):
             continue
@@ -332,7 +331,7 @@ def _wrong_room(building: Building) -> Found:
         yield (entity.name, *([] if says is None else [says])), text, fix
 
 
-def _wrong_holder(building: Building) -> Found:
+def _wrong_holder(building: CheckedBuilding) -> Found:
     for entity in building.solids:
         holder = entity.holder
         if holder is None or holder.kind != "object" or not len(holder.triangles):
@@ -374,19 +373,19 @@ def _apart(small: CheckedEntity, large: CheckedEntity, shared: Floats) -> str:
 
 
 RULES = (
-    Rule("stale pose", "error", _stale, safe=True),
-    Rule("wrong room", "error", _wrong_room, safe=True),
-    Rule("wrong holder", "error", _wrong_holder, safe=True),
-    Rule("identical rooms", "error", _rooms_identical),
-    Rule("door away from its room", "error", _far_doors),
-    Rule("things at one point", "error", _one_point),
-    Rule("overlapping rooms", "warning", _rooms_overlap),
-    Rule("room without a door", "warning", _no_door),
-    Rule("storey without a floor", "warning", _no_floor),
-    Rule("floating", "warning", _floating),
-    Rule("penetrating", "warning", _penetrating),
-    Rule("place without geometry", "warning", _shapeless_places),
-    Rule("outside of all rooms", "note", _outside),
-    Rule("without geometry", "note", _shapeless),
+    CheckRule("stale pose", "error", _stale, safe=True),
+    CheckRule("wrong room", "error", _wrong_room, safe=True),
+    CheckRule("wrong holder", "error", _wrong_holder, safe=True),
+    CheckRule("identical rooms", "error", _rooms_identical),
+    CheckRule("door away from its room", "error", _far_doors),
+    CheckRule("things at one point", "error", _one_point),
+    CheckRule("overlapping rooms", "warning", _rooms_overlap),
+    CheckRule("room without a door", "warning", _no_door),
+    CheckRule("storey without a floor", "warning", _no_floor),
+    CheckRule("floating", "warning", _floating),
+    CheckRule("penetrating", "warning", _penetrating),
+    CheckRule("place without geometry", "warning", _shapeless_places),
+    CheckRule("outside of all rooms", "note", _outside),
+    CheckRule("without geometry", "note", _shapeless),
 )
 """By severity, the gravest first."""
