@@ -298,8 +298,8 @@ std::pair<Array<double>, Array<double>> drive(const Array<std::uint8_t>& costs, 
 }
 
 Array<std::int64_t> drive_way(const Array<std::uint8_t>& costs, const Bits& fits, const Bits& steps,
-                              const Bits& turns, double resolution,
-                              const Array<std::int64_t>& ends, double slow) {
+                              const Bits& turns, double resolution, const Array<std::int64_t>& ends,
+                              double slow) {
     const semmap::Space where = space(costs, fits, steps, turns, resolution, slow);
     expect_shape(ends, "ends", {2, 2}, "the cells of both ends, a (2, 2) array");
     const std::vector<semmap::Cell> cells = cells_of(ends, "ends", where.terrain);

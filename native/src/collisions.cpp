@@ -26,7 +26,8 @@ void collisions(const std::uint8_t* occupied, std::size_t rows, std::size_t colu
             const auto mark = [&](std::int64_t column) {
                 const std::int64_t first = std::clamp<std::int64_t>(column + run.first, 0, width);
                 const std::int64_t end = std::clamp<std::int64_t>(column + run.last + 1, 0, width);
-                if (before[static_cast<std::size_t>(first)] != before[static_cast<std::size_t>(end)])
+                if (before[static_cast<std::size_t>(first)] !=
+                    before[static_cast<std::size_t>(end)])
                     found[column] = static_cast<std::uint16_t>(found[column] | bit);
             };
             const std::int64_t low = std::clamp<std::int64_t>(-run.first, 0, width);

@@ -22,8 +22,8 @@ struct Move {
 };
 
 constexpr Move kMoves[16] = {
-    {0, 1},  {1, 2},   {1, 1},   {2, 1},   {1, 0},  {2, -1},  {1, -1},  {1, -2},
-    {0, -1}, {-1, -2}, {-1, -1}, {-2, -1}, {-1, 0}, {-2, 1},  {-1, 1},  {-1, 2},
+    {0, 1},  {1, 2},   {1, 1},   {2, 1},   {1, 0},  {2, -1}, {1, -1}, {1, -2},
+    {0, -1}, {-1, -2}, {-1, -1}, {-2, -1}, {-1, 0}, {-2, 1}, {-1, 1}, {-1, 2},
 };
 
 // The states: at a cell, the headings among which the shape can turn. Most cells have one.
@@ -99,12 +99,12 @@ struct States {
 
     std::size_t stride;
     std::size_t cells;
-    double dearest;                        // the most that a step costs, by its length
-    std::vector<std::uint32_t> first;      // state of each cell; the next cell's ends them
-    std::vector<std::uint16_t> steps;      // by heading, from each cell ahead
-    std::vector<double> worth;             // half of what a metre costs at each cell
-    std::vector<std::uint16_t> headings;   // of each state
-    std::vector<std::uint32_t> cell_of;    // of each state
+    double dearest;                       // the most that a step costs, by its length
+    std::vector<std::uint32_t> first;     // state of each cell; the next cell's ends them
+    std::vector<std::uint16_t> steps;     // by heading, from each cell ahead
+    std::vector<double> worth;            // half of what a metre costs at each cell
+    std::vector<std::uint16_t> headings;  // of each state
+    std::vector<std::uint32_t> cell_of;   // of each state
     std::ptrdiff_t offsets[16];
     double lengths[16];
 
@@ -207,7 +207,8 @@ class Search {
     double length(std::uint32_t state) const {
         std::size_t counts[3] = {0, 0, 0};
         backwards(state, [&](std::uint32_t, int h) { ++counts[h % 2 == 1 ? 2 : h % 4 / 2]; });
-        return static_cast<double>(counts[0]) + static_cast<double>(counts[1]) * states_.lengths[2] +
+        return static_cast<double>(counts[0]) +
+               static_cast<double>(counts[1]) * states_.lengths[2] +
                static_cast<double>(counts[2]) * states_.lengths[1];
     }
 
