@@ -82,8 +82,7 @@ DECLARE
     place semmap.world;
     around bigint;
 BEGIN
-    IF EXISTS (SELECT FROM semmap.entity WHERE id = thing
-                   AND (kind = 'agent' OR kind = 'object' AND NOT semmap.is_building_part(type))) THEN
+    IF EXISTS (SELECT FROM semmap.entity WHERE id = thing AND semmap.has_room(kind, type)) THEN
         SELECT * INTO place FROM semmap.world w WHERE w.entity_id = thing;
         IF FOUND THEN
             around := (semmap.room_at(place.map_id, semmap.ground_of(place), (ST_ZMin(place.box) + ST_ZMax(place.box)) / 2)).room_id;
@@ -185,8 +184,7 @@ BEGIN
         RETURN false;
     ELSIF wb.footprint IS NULL OR semmap.is_nowhere(a) THEN
         RETURN semmap.is_held_by(a, b);
-    ELSIF b_kind = 'room' AND EXISTS (SELECT FROM semmap.entity WHERE id = a
-                                       AND (kind = 'agent' OR kind = 'object' AND NOT semmap.is_building_part(type))) THEN
+    ELSIF b_kind = 'room' AND EXISTS (SELECT FROM semmap.entity WHERE id = a AND semmap.has_room(kind, type)) THEN
         RETURN (wa.box && semmap.grown(wb.box, 0.5) OR semmap.is_held_by(a, b)) AND coalesce(semmap.room_of(a) = b, false);
     ELSIF NOT wa.box && wb.box THEN
         RETURN false;

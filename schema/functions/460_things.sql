@@ -78,10 +78,10 @@ BEGIN
     IF (SELECT kind FROM semmap.entity WHERE id = b) = 'room' THEN
         RETURN QUERY
             SELECT t.id FROM semmap.things_in(b) t (id) JOIN semmap.entity e ON e.id = t.id
-            WHERE e.kind = 'agent' OR e.kind = 'object' AND NOT semmap.is_building_part(e.type)
+            WHERE semmap.has_room(e.kind, e.type)
           UNION
             SELECT t.id FROM semmap.things_held(b) t (id) JOIN semmap.entity e ON e.id = t.id
-            WHERE NOT (e.kind = 'agent' OR e.kind = 'object' AND NOT semmap.is_building_part(e.type));
+            WHERE NOT semmap.has_room(e.kind, e.type);
     ELSE
         RETURN QUERY SELECT semmap.things_held(b);
     END IF;

@@ -2,20 +2,31 @@
 -- their pose"). The holder of an object is stated (its confidence is null) or derived. A move derives the
 -- holders of what moved again; a stated holder stays until the geometry contradicts it.
 
+CREATE FUNCTION kinds_of_building_part()
+RETURNS text[] LANGUAGE sql IMMUTABLE PARALLEL SAFE
+BEGIN ATOMIC
+SELECT ARRAY['wall', 'floor', 'ceiling', 'window', 'door_leaf', 'roof', 'building_shell'];
+END;
+
 CREATE FUNCTION building_parts()
 RETURNS text[] LANGUAGE sql STABLE PARALLEL SAFE
 BEGIN ATOMIC
 -- The types that are parts of the building.
-SELECT ARRAY(SELECT DISTINCT sub FROM semmap.type_closure
-             WHERE super IN ('wall', 'floor', 'ceiling', 'window', 'door_leaf', 'roof', 'building_shell'));
+SELECT ARRAY(SELECT DISTINCT sub FROM semmap.type_closure WHERE super = ANY (semmap.kinds_of_building_part()));
 END;
 
 CREATE FUNCTION is_building_part(of_type text)
 RETURNS boolean LANGUAGE sql STABLE PARALLEL SAFE
 BEGIN ATOMIC
 -- Whether a type is a part of the building: its holder is its storey, and it is not a holder.
-SELECT EXISTS (SELECT FROM semmap.type_closure WHERE sub = of_type
-               AND super IN ('wall', 'floor', 'ceiling', 'window', 'door_leaf', 'roof', 'building_shell'));
+SELECT EXISTS (SELECT FROM semmap.type_closure WHERE sub = of_type AND super = ANY (semmap.kinds_of_building_part()));
+END;
+
+CREATE FUNCTION has_room(of_kind text, of_type text)
+RETURNS boolean LANGUAGE sql STABLE PARALLEL SAFE
+BEGIN ATOMIC
+-- Whether an entity is in the room of its place: an agent, and an object that is no part of the building.
+SELECT of_kind = 'agent' OR of_kind = 'object' AND NOT semmap.is_building_part(of_type);
 END;
 
 CREATE FUNCTION part_by_shape(thing bigint, named boolean)
@@ -251,21 +262,6 @@ SELECT semmap.is_apart(thing, stated)
            ELSE false END;
 END;
 
--- Each contradiction between the inventory and the geometry: a stated holder that the geometry excludes, a
--- derived one that is not what the geometry shows now. `semmap check` lists it.
-CREATE VIEW inventory_contradiction AS
-    SELECT e.map_id, m.name AS map, e.id, e.name, h.name AS holder, p.relation,
-           CASE WHEN p.confidence IS NULL THEN 'stated' ELSE 'derived' END AS origin, d.name AS geometry_says
-    FROM map m
-    CROSS JOIN LATERAL derived_holders(ARRAY(SELECT id FROM entity WHERE map_id = m.id AND kind IN ('object', 'agent'))) g
-    JOIN entity e ON e.id = g.entity_id
-    JOIN placement p ON p.entity_id = e.id
-    LEFT JOIN entity h ON h.id = p.holder_id
-    LEFT JOIN entity d ON d.id = g.holder_id
-    WHERE CASE WHEN p.confidence IS NULL AND p.holder_id IS NOT NULL AND h.kind <> 'storey'
-               THEN contradicts(e.id, p.holder_id, g.holder_id, g.confidence)
-               ELSE p.holder_id IS DISTINCT FROM g.holder_id END;
-
 CREATE FUNCTION placed_here(ids bigint[])
 RETURNS boolean LANGUAGE sql STABLE SET search_path = semmap, public, pg_temp AS $$
 -- Whether this transaction placed the given entities and all above them, as an import does: no other can move them.
@@ -371,14 +367,3 @@ BEGIN
         PERFORM semmap.derive_again(around);
     END IF;
 END $$;
-
--- Each entity whose pose in the world is not its holder's pose times its placement; `semmap check` lists it.
-CREATE VIEW world_mismatch AS
-    SELECT m.name AS map, e.id, e.name, h.name AS holder
-    FROM placement p JOIN entity e ON e.id = p.entity_id JOIN map m ON m.id = e.map_id
-    LEFT JOIN world w ON w.entity_id = p.entity_id
-    LEFT JOIN world k ON k.entity_id = p.holder_id LEFT JOIN entity h ON h.id = p.holder_id
-    WHERE w.pose IS NULL
-       OR EXISTS (SELECT FROM unnest(w.pose, CASE WHEN p.holder_id IS NULL THEN p.pose ELSE pose_compose(k.pose, p.pose) END)
-                         AS t (is_at, should_be)
-                  WHERE NOT abs(is_at - should_be) <= 1e-6 * (1 + abs(should_be)));

@@ -254,7 +254,7 @@ SPOT = 0.02
 _IN_THE_WAY = """
 SELECT ST_AsBinary(coalesce(w.footprint, ST_MakePoint(w.pose[1], w.pose[2])))
 FROM world w JOIN entity e ON e.id = w.entity_id
-WHERE e.map_id = current_map() AND e.kind IN ('object', 'agent') AND NOT is_building_part(e.type)
+WHERE e.map_id = current_map() AND has_room(e.kind, e.type)
 AND e.id <> %s AND e.id <> %s AND w.box && ST_MakeEnvelope(%s, %s, %s, %s)
 AND ST_ZMin(w.box) < %s AND (ST_ZMax(w.box) > %s OR w.footprint IS NULL AND ST_ZMax(w.box) >= %s)
 AND NOT coalesce(ST_Covers(w.footprint, ST_GeomFromWKB(%s)), false)

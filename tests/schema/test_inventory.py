@@ -20,6 +20,7 @@ from semmap.geometry.pose import Pose
 from semmap.ingest.store.holder_store import derive_inventories, find_surfaces
 from semmap.ingest.world import Entry, Shape, StoreyDetail, World
 from semmap.model import Entity
+from tests.consistency import HOLDERS
 from tests.oracles.holders import Holding, Item, RoomSpace, SurfacePatch, derive_holders
 from tests.query.office_scene import block, drawn, room, store, thing
 
@@ -68,7 +69,7 @@ def holders(engine: Engine) -> dict[str, str | None]:
 
 def no_contradictions(engine: Engine) -> bool:
     with engine.connect() as connection:
-        found = connection.execute(text("SELECT * FROM inventory_contradiction")).all()
+        found = connection.execute(text(HOLDERS)).all()
     assert not found, found
     return True
 

@@ -33,6 +33,7 @@ from semmap.fields.service.settings import ServiceSettings, SourceSettings
 from semmap.fields.store.voxel_mirror import VoxelMirror
 from semmap.ingest.importer import import_file
 from semmap.query.entity_query import changes_since
+from tests.consistency import POSES
 from tests.soak.invariants import last_line, url_of
 from tests.soak.kept_span import kept_span
 
@@ -164,7 +165,7 @@ def reader(cluster: Cluster, state: Path) -> None:
 
     def work(engine: Engine) -> None:
         with engine.connect() as connection:
-            wrong = connection.exec_driver_sql("SELECT name FROM world_mismatch LIMIT 5").all()
+            wrong = connection.exec_driver_sql(f"{POSES} LIMIT 5").all()
         if wrong:
             with (state / "wrong").open("a") as file:
                 file.write(f"a reader saw a wrong world pose: {wrong}\n")

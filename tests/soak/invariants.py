@@ -18,6 +18,7 @@ from semmap.fields.store.names import read_map_vocabulary
 from semmap.fields.store.source_history import load_updates
 from semmap.fields.store.voxel_mirror import VoxelMirror
 from semmap.query.entity_query import changes_since
+from tests.consistency import POSES
 from tests.seen import seen_by
 from tests.soak.kept_span import kept_span
 
@@ -32,7 +33,7 @@ __all__ = [
 ]
 
 NEVER = {
-    "world poses that do not follow from the placements": "SELECT name FROM world_mismatch",
+    "world poses that do not follow from the placements": POSES,
     "placements without a world pose, or the reverse": (
         "SELECT entity_id FROM placement p FULL JOIN world w USING (entity_id) "
         "WHERE p.entity_id IS NULL OR w.entity_id IS NULL"

@@ -21,6 +21,7 @@ from semmap.geometry.pose import Pose
 from semmap.model import Entity, Placement
 from tests.command_line import semmap as semmap_command
 from tests.conftest import Import
+from tests.consistency import HOLDERS, POSES
 from tests.worlds.conftest import HOUSE, ROOMS
 
 WORLDS = {
@@ -169,8 +170,8 @@ def test_inventory_follows_each_edit_of_the_small_house(house: Engine, edit: str
         see_map(connection, "house")
         before = connection.execute(text(holders)).all()
         connection.execute(text(edit))
-        assert connection.execute(text("SELECT * FROM inventory_contradiction")).all() == []
-        assert connection.execute(text("SELECT * FROM world_mismatch")).all() == []
+        assert connection.execute(text(HOLDERS)).all() == []
+        assert connection.execute(text(POSES)).all() == []
         assert connection.execute(text(holders)).all() != before
 
 
@@ -277,4 +278,4 @@ def test_what_is_lifted_leaves_figure_3_and_what_was_stated_ends(house: Engine) 
             )
         )
         assert reason == "the geometry contradicted the stated holder"
-        assert connection.execute(text("SELECT * FROM inventory_contradiction")).all() == []
+        assert connection.execute(text(HOLDERS)).all() == []

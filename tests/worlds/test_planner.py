@@ -52,6 +52,7 @@ from semmap.query.sql_statement import run_sql
 from semmap.query.storey_reader import read_storeys
 from semmap.robot import load_robot, robot_parts
 from tests.command_line import semmap as semmap_command
+from tests.consistency import HOLDERS
 from tests.robot.robots import real_robot
 from tests.schema.test_roles import as_role
 from tests.seen import seen_by
@@ -315,7 +316,7 @@ class Building:
     def contradictions(self) -> list[Any]:
         """Where the inventory of the map disagrees with its geometry."""
         with self.live.snapshot() as seen:
-            own = "SELECT name FROM inventory_contradiction WHERE map = :name"
+            own = f"SELECT name FROM ({HOLDERS}) c WHERE map = :name"
             return list(seen.connection.execute(text(own), {"name": self.store.map_name}).scalars())
 
     def close(self) -> None:
