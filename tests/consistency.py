@@ -12,7 +12,8 @@ Contradiction = tuple[str, str, str | None, str, str | None]
 
 HOLDERS = """
 SELECT m.name AS map, e.name, h.name AS holder,
-       CASE WHEN p.confidence IS NULL THEN 'stated' ELSE 'derived' END || ' holder', d.name
+       CASE WHEN p.confidence IS NULL THEN 'stated' ELSE 'derived' END || ' holder' AS problem,
+       d.name AS geometry_says
 FROM semmap.map m
 CROSS JOIN LATERAL semmap.derived_holders(ARRAY(
     SELECT id FROM semmap.entity WHERE map_id = m.id AND kind IN ('object', 'agent'))) g
@@ -30,7 +31,7 @@ It shows that the triggers forget nothing; whether the rules are right, `tests.b
 """
 
 POSES = """
-SELECT m.name AS map, e.name, h.name AS holder, 'world pose', NULL
+SELECT m.name AS map, e.name, h.name AS holder, 'world pose' AS problem, NULL AS geometry_says
 FROM semmap.placement p JOIN semmap.entity e ON e.id = p.entity_id
 JOIN semmap.map m ON m.id = e.map_id LEFT JOIN semmap.world w ON w.entity_id = p.entity_id
 LEFT JOIN semmap.world k ON k.entity_id = p.holder_id
