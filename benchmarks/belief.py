@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.timing import Row, median_seconds, print_rows
-from semmap.belief.inference import Observations, infer
-from semmap.belief.observation_columns import observation_rates
+from semmap.belief.inference import infer
+from semmap.belief.observation_columns import Observations, observation_rates
 from semmap.belief.occlusion import infer_with_occlusion
 from semmap.belief.problog_program import problog_program
 from semmap.belief.sighting_model import THESIS

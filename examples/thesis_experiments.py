@@ -17,8 +17,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from semmap.belief.inference import Observations, infer
+from semmap.belief.inference import infer
 from semmap.belief.motion import MotionModel
+from semmap.belief.observation_columns import Observations
 from semmap.belief.occlusion import infer_with_occlusion
 from semmap.belief.sighting_model import SightingModel
 

@@ -10,8 +10,6 @@ from numpy.typing import NDArray
 from navgrid.grid import Grid
 from navgrid.slabs import occupancy
 
-__all__ = ["area_cells", "flat_triangles"]
-
 
 def area_cells(outline: shapely.Geometry, grid: Grid) -> NDArray[np.bool_]:
     """Return the cells whose half-open square meets a polygon.

@@ -17,8 +17,6 @@ from navgrid.window import grown
 if TYPE_CHECKING:
     from navgrid.costmap import Costmap
 
-__all__ = ["CostSource", "cost_sources"]
-
 ALL = 0xFFFF
 """Every heading."""
 

@@ -38,8 +38,6 @@ from semmap.robot import Part
 if TYPE_CHECKING:  # fields need OpenVDB, a costmap without them does not
     from semmap.fields.maps.representation_map import RepresentationMap
 
-__all__ = ["Costmap", "Inflation"]
-
 
 @dataclass(frozen=True)
 class Inflation:

@@ -13,8 +13,6 @@ from navgrid.nav2 import Files, write_nav2
 if TYPE_CHECKING:
     from navgrid.costmap import Costmap
 
-__all__ = ["draw_costmap", "draw_master", "write_costmap"]
-
 
 def write_costmap(
     costmap: Costmap, folder: Path, laser_height: float, headings: int, *, picture: bool

@@ -14,8 +14,6 @@ from navgrid.window import Window, grown
 if TYPE_CHECKING:
     from navgrid.costmap import Costmap
 
-__all__ = ["DriveSpace", "drive", "drive_space", "drive_way"]
-
 STEP = 3
 """Cells by which a step makes a footprint longer."""
 

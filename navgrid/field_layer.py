@@ -24,16 +24,6 @@ if TYPE_CHECKING:  # fields need OpenVDB, a costmap without them does not
     from semmap.fields.maps.grids import Grid as VoxelGrid
     from semmap.fields.maps.representation_map import RepresentationMap
 
-__all__ = [
-    "FieldLayer",
-    "FieldVoxels",
-    "field_lists",
-    "field_notes",
-    "field_voxels",
-    "social_costs",
-    "sort_fields",
-]
-
 
 @dataclass(frozen=True, eq=False)
 class FieldVoxels:

@@ -14,8 +14,6 @@ from semmap.robot import Part
 if TYPE_CHECKING:
     from navgrid.costmap import Costmap
 
-__all__ = ["NoFreeCellError", "check_free"]
-
 
 class NoFreeCellError(Error, ValueError):
     """No cell of a master costmap is free; the message names the cause and how to fix it."""

@@ -10,8 +10,6 @@ import numpy as np
 from semmap.limits import GRID_CELLS
 from semmap.query.storey_scene import Bounds, StoreyScene
 
-__all__ = ["MARGIN", "Grid", "scene_grid"]
-
 MARGIN = 0.25
 """Metres of a grid around the rooms and entities that it shows."""
 

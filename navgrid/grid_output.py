@@ -16,8 +16,6 @@ from semmap.query.geometry_notes import geometry_lists
 if TYPE_CHECKING:
     from navgrid.occupancy_grid import StoreyGrid
 
-__all__ = ["with_grid", "write_grid"]
-
 
 def write_grid(made: StoreyGrid, folder: Path, *, picture: bool = True) -> dict[str, Any]:
     """Write ``map.yaml``, ``map.pgm`` and ``plan.png`` into a folder; return a description of them.

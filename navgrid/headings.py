@@ -24,16 +24,6 @@ from navgrid.grid import Grid
 if TYPE_CHECKING:
     from navgrid.costmap import Costmap
 
-__all__ = [
-    "HEADINGS",
-    "MOVES",
-    "Motion",
-    "collisions",
-    "footprint_cells",
-    "hits",
-    "part_collisions",
-]
-
 MOVES = (
     *((0, 1), (1, 2), (1, 1), (2, 1), (1, 0), (2, -1), (1, -1), (1, -2)),
     *((0, -1), (-1, -2), (-1, -1), (-2, -1), (-1, 0), (-2, 1), (-1, 1), (-1, 2)),

@@ -13,8 +13,6 @@ from numpy.typing import ArrayLike, NDArray
 
 import semmap_native
 
-__all__ = ["FREE", "INSCRIBED", "LETHAL", "UNKNOWN", "costs_by_distance", "inflate"]
-
 FREE, INSCRIBED, LETHAL, UNKNOWN = 0, 253, 254, 255
 
 LARGEST_RADIUS = 4096

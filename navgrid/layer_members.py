@@ -13,8 +13,6 @@ from navgrid.terrain import DriveLimits, drivable
 from semmap.geometry.voxels import Voxels
 from semmap.query.storey_scene import Bounds, SceneEntity, StoreyScene
 
-__all__ = ["LayerChange", "LayerMembers"]
-
 
 @dataclass
 class LayerChange:

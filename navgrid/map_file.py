@@ -26,8 +26,6 @@ from semmap.error import Error
 from semmap.limits import CONFIG_BYTES, PIXELS
 from semmap.yaml_file import check_structure
 
-__all__ = ["MapFileError", "Mode", "read_map", "write_map"]
-
 Mode = Literal["trinary", "scale", "raw"]
 
 FREE, OCCUPIED, UNKNOWN = 0, 100, -1

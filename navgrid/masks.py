@@ -18,8 +18,6 @@ from navgrid.grid import Grid
 from semmap.finite_number import is_finite_number
 from semmap.query.storey_scene import SceneEntity
 
-__all__ = ["Mask", "keepout_mask", "speed_mask"]
-
 SPEED_TYPES = frozenset({"speed_zone"})
 
 KEEPOUT, SPEED_PERCENT, SPEED_ABSOLUTE = 0, 1, 2

@@ -27,8 +27,6 @@ from semmap.robot import footprint_string
 if TYPE_CHECKING:
     from navgrid.costmap import Costmap
 
-__all__ = ["Files", "as_occupancy", "frame_name", "write_nav2"]
-
 Files: TypeAlias = dict[str, Any]
 """The content of ``costmap.json``."""
 

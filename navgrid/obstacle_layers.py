@@ -21,8 +21,6 @@ from navgrid.window import Window, whole
 from semmap.geometry.voxels import Voxels
 from semmap.query.storey_scene import SceneEntity
 
-__all__ = ["Interval", "ObstacleLayers"]
-
 Interval = tuple[float, float]
 """Closed, metres above the floor."""
 

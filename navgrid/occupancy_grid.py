@@ -25,8 +25,6 @@ from semmap.draw.picture import Picture
 from semmap.query.geometry_notes import geometry_notes
 from semmap.query.storey_scene import Bounds, SceneEntity, StoreyScene
 
-__all__ = ["StoreyGrid", "plane_heights", "storey_grid"]
-
 FREE, OCCUPIED, UNKNOWN = 0, 100, -1
 
 _PLANES_AT_ONCE = 8

@@ -17,8 +17,6 @@ from semmap.finite_number import is_finite_number
 from semmap.query.storey_scene import EntityKind, SceneEntity
 from semmap.yaml_file import parse_yaml, read_text
 
-__all__ = ["FLOOR", "NONE", "SOCIAL", "FieldRule", "Layer", "Policy", "PolicyError", "PolicyRule"]
-
 NONE, FLOOR, SOCIAL = "none", "floor", "social"
 """Names that are not layers: for what is not an obstacle, for what is driven on, and for fields
 whose values are costs below those of obstacles."""

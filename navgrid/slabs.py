@@ -18,8 +18,6 @@ from numpy.typing import ArrayLike, NDArray
 import semmap_native
 from navgrid.grid import Grid
 
-__all__ = ["occupancy"]
-
 LARGEST = 2**34
 """The most cells of a result, over all layers."""
 

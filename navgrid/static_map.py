@@ -11,8 +11,6 @@ from navgrid.grid import Grid
 from navgrid.map_file import read_map
 from navgrid.slabs import occupancy
 
-__all__ = ["map_layer", "resampled"]
-
 _LESS = 1e-6  # of a cell: a cell that only touches another does not occupy it
 
 

@@ -22,8 +22,6 @@ from navgrid.slabs import occupancy
 from semmap.geometry.walk import GAP, walked_faces
 from semmap.query.storey_scene import FloorArea
 
-__all__ = ["DriveLimits", "FloorLevel", "drivable", "floor_levels"]
-
 THINNEST = 0.005
 """Metres of height below which a slope is not divided further."""
 

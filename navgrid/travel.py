@@ -10,8 +10,6 @@ from numpy.typing import ArrayLike, NDArray
 
 import semmap_native
 
-__all__ = ["DEAREST", "travel", "way"]
-
 DEAREST = 1000.0
 """The largest value of `slow`."""
 

@@ -10,8 +10,6 @@ from numpy.typing import NDArray
 from navgrid.grid import Grid
 from semmap.geometry.voxels import Voxels
 
-__all__ = ["voxel_cells", "voxels_between", "voxels_over"]
-
 _DENSE = 100
 """Places per voxel up to which a table of all places is quicker than sorting."""
 

@@ -11,8 +11,6 @@ import numpy as np
 from navgrid.grid import Grid
 from semmap.query.storey_scene import Bounds
 
-__all__ = ["Window", "grown", "whole", "window_around"]
-
 Window: TypeAlias = tuple[slice, slice]
 """Rows and columns."""
 

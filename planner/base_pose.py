@@ -20,8 +20,6 @@ from planner.route import NoRouteError
 from planner.topology import AT_POINT
 from semmap.geometry.pose import Pose
 
-__all__ = ["NoBasePoseError", "poses_in", "poses_to_reach"]
-
 SECTORS = 24
 """Number of sides of an object from which it may be reached."""
 

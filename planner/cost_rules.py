@@ -19,8 +19,6 @@ from semmap.error import Error
 from semmap.finite_number import is_finite_number
 from semmap.yaml_file import parse_yaml, read_text
 
-__all__ = ["CostRule", "CostRules", "CostRulesError", "avoiding"]
-
 Kind = Literal["place", "connector", "region"]
 
 

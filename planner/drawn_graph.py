@@ -21,8 +21,6 @@ from planner.routing_graph import Endpoint, RoutingGraph
 from planner.topology import PlaceConnector
 from semmap.geometry.pose import Pose
 
-__all__ = ["DrawnEdge", "DrawnGraph", "DrawnNode", "find_drawn_route"]
-
 START, GOAL = ("start",), ("goal",)
 """The ends of a route among the names of nodes."""
 

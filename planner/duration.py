@@ -8,8 +8,6 @@ from dataclasses import dataclass, field
 
 from planner.topology import PlaceConnector
 
-__all__ = ["Durations"]
-
 
 @dataclass(frozen=True)
 class Durations:

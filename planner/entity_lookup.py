@@ -10,8 +10,6 @@ import shapely
 
 from semmap.geometry.pose import Pose
 
-__all__ = ["EntityLookup", "LocatedEntity", "NoLookup"]
-
 
 @dataclass(frozen=True, eq=False)
 class LocatedEntity:

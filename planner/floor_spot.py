@@ -11,8 +11,6 @@ from planner.entity_lookup import LocatedEntity
 from planner.storey_costmaps import StoreyCostmaps
 from semmap.geometry.pose import Pose
 
-__all__ = ["floor_spot"]
-
 DOOR_CLEARANCE = 0.8
 """Metres from the passage of a connector that stay free."""
 

@@ -16,8 +16,6 @@ from numpy.typing import ArrayLike, NDArray
 
 import semmap_native
 
-__all__ = ["Graph", "GraphPath", "PathEnd"]
-
 PathEnd = tuple[int, float]
 """A node at which paths may begin or end, and the cost of doing so."""
 

@@ -11,8 +11,6 @@ from scipy.ndimage import distance_transform_edt
 from navgrid.grid import Grid
 from navgrid.travel import way
 
-__all__ = ["grid_path"]
-
 Floats = NDArray[np.float64]
 _DEAR = 6.0  # how much dearer a cell beside an obstacle is than one that is clear
 

@@ -10,8 +10,6 @@ from planner.graph import Graph
 from planner.routing_graph import Endpoint, RoutingGraph
 from planner.topology import OUTSIDE
 
-__all__ = ["infeasibility"]
-
 _BLOCKED = 1e9
 """Seconds that a blocked passage costs here."""
 

@@ -37,8 +37,6 @@ from semmap.query.storey_scene import StoreyScene
 if TYPE_CHECKING:
     pass
 
-__all__ = ["LiveTopology", "TopologyChange", "no_garbage_collection"]
-
 POLL = 1.0
 """Seconds between looks at live fields, which send no notifications."""
 

@@ -11,8 +11,6 @@ from planner.route import NoRouteError
 from planner.topology import Place, PlaceRegion, Topology, UnknownPlaceError
 from semmap.geometry.pose import Pose
 
-__all__ = ["Location", "LocationFinder", "LocationLike"]
-
 Point: TypeAlias = tuple[float, float] | tuple[float, float, float]
 
 LocationLike: TypeAlias = str | Pose | Point | tuple[str, Pose] | LocatedEntity

@@ -8,10 +8,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from planner.routing_graph import RoutingGraph, TravelEdges
+from planner.routing_graph import RoutingGraph
 from planner.topology import Topology
-
-__all__ = ["MeasuredTravel", "as_travel_edges", "travel_in_places"]
+from planner.travel_edges import TravelEdges
 
 
 class MeasuredTravel(NamedTuple):

@@ -12,8 +12,6 @@ from planner.duration import Durations
 from planner.robot_class import RobotClass
 from planner.topology import PlaceConnector
 
-__all__ = ["Passages"]
-
 _DECISIVE = attrgetter("state", "type", "behaviour", "permissions", "width", "height", "step")
 """What decides whether a robot is blocked, except the direction and the slope of a ramp."""
 

@@ -7,11 +7,10 @@ from collections.abc import Iterator, Sequence
 from datetime import datetime
 
 from planner.cost_rules import CostRule
-from planner.routing_graph import Penalties, RoutingGraph
+from planner.edge_penalties import Penalties
+from planner.routing_graph import RoutingGraph
 from planner.storey_costmaps import StoreyCostmaps
 from planner.topology import PlaceRegion
-
-__all__ = ["forbidden_regions", "penalties"]
 
 
 def penalties(

@@ -8,8 +8,6 @@ from dataclasses import dataclass
 from planner.route import RouteStep
 from semmap.geometry.pose import Pose
 
-__all__ = ["Action", "Plan"]
-
 
 @dataclass(frozen=True)
 class Action:

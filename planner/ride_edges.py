@@ -13,8 +13,6 @@ from planner.duration import Durations
 from planner.travel_edges import TravelEdges
 from semmap.geometry.pose import Pose
 
-__all__ = ["ride_edges"]
-
 
 def ride_edges(
     cabins: Mapping[str, Iterable[str]],

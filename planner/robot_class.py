@@ -12,8 +12,6 @@ from navgrid.terrain import DriveLimits
 from planner.topology import PlaceConnector
 from semmap.robot import Part
 
-__all__ = ["BODY", "RobotClass"]
-
 OTHER_STATE = "if its joints can fold it, add the robot again with --state (semmap robot add)"
 
 _RADIUS = 0.3

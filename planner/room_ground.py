@@ -17,8 +17,6 @@ from navgrid.inflation import INSCRIBED
 from planner.robot_class import RobotClass
 from planner.topology import PlaceConnector
 
-__all__ = ["RoomGround", "door_lines"]
-
 Window = tuple[slice, slice]
 
 WALLS = "room_geometry"

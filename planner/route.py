@@ -12,8 +12,6 @@ from planner.topology import PlaceConnector
 from semmap.error import Error
 from semmap.geometry.pose import Pose
 
-__all__ = ["NoRouteError", "Route", "RouteStep"]
-
 BETWEEN_TRANSITIONS = ("navigate", "open_door", "unlock_door", "switch_map")
 """Behaviours that Figure 4 does not print."""
 

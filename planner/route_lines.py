@@ -17,8 +17,6 @@ from planner.topology import Topology
 from semmap.draw.view import storey_view
 from semmap.geometry.pose import Pose
 
-__all__ = ["route_lines"]
-
 Line = NDArray[np.float64]
 
 

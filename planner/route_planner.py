@@ -25,8 +25,6 @@ from planner.topology import PlaceRegion
 from semmap.geometry.pose import Pose
 from semmap.query.map_handle import MapSource
 
-__all__ = ["RoutePlanner"]
-
 
 class RoutePlanner:
     """Plans routes for one class of robots.

@@ -13,8 +13,6 @@ from planner.route import NoRouteError, Route
 from planner.route_steps import steps_along
 from planner.routing_graph import Edges, Endpoint, RoutingGraph
 
-__all__ = ["find_alternatives", "find_route", "seconds_between"]
-
 
 def seconds_between(
     graph: RoutingGraph, starts: Sequence[Endpoint], goals: Sequence[Endpoint]

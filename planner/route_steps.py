@@ -11,8 +11,6 @@ from planner.routing_graph import Edges, Endpoint, RoutingGraph
 from planner.topology import PlaceConnector
 from semmap.geometry.pose import Pose
 
-__all__ = ["make_step", "steps_along", "turned_around"]
-
 
 def steps_along(
     graph: RoutingGraph,

@@ -29,8 +29,6 @@ from planner.travel_cost import StraightTravelCost, TravelCost
 from planner.travel_edges import TravelEdges, complete_travel, measure_travel
 from semmap.geometry.pose import Pose
 
-__all__ = ["Edges", "Endpoint", "Penalties", "RoutingGraph", "TravelEdges"]
-
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Edges = Sequence[int] | Ints

@@ -16,8 +16,9 @@ from planner.mission.runner import MissionEvent, Runner
 from planner.mission.sim_setup import entry_pose, open_world, simulated_robot
 from planner.mission.store.assumed_sizes import store_assumed_sizes
 from planner.mission.store.grasp_memory import GraspMemory
+from planner.mission.store.map_connection import MissionError
 from planner.mission.store.mission_list import MissionList
-from planner.mission.store.missions import MissionError, MissionStore
+from planner.mission.store.missions import MissionStore
 from planner.mission.store.simulation_map import simulation_map
 from planner.readers.robot_class import read_robot_class
 from planner.readers.topology import read_topology
@@ -34,8 +35,6 @@ from semmap.database.maps import see_map
 from semmap.query.geometry_notes import names_note
 from semmap.query.map_handle import MapHandle, MapSource
 from semmap.query.snapshot import Snapshot
-
-__all__ = ["SimulatedMission", "SimulatedRun"]
 
 _WORLDS = Path("out/missions")
 """Folder for the states of simulated worlds."""

@@ -29,8 +29,6 @@ from planner.travel_cost import StraightTravelCost, Travel
 from semmap.geometry.pose import Pose
 from semmap.query.storey_scene import SceneEntity, StoreyScene
 
-__all__ = ["RoomCostmap", "StoreyCostmaps"]
-
 SNAP = 0.5
 """Metres within which a pose that is too close to an obstacle counts as the nearest free cell."""
 

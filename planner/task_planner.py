@@ -34,8 +34,6 @@ from semmap.query.snapshot import Snapshot
 if TYPE_CHECKING:
     pass
 
-__all__ = ["Task", "TaskPlanner", "plan_task"]
-
 
 def plan_task(
     source: MapSource,

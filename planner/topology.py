@@ -14,16 +14,6 @@ from semmap.error import Error
 from semmap.geometry.pose import Pose
 from semmap.suggestions import suggestion
 
-__all__ = [
-    "OUTSIDE",
-    "Place",
-    "PlaceConnector",
-    "PlaceRegion",
-    "Topology",
-    "TopologyError",
-    "UnknownPlaceError",
-]
-
 OUTSIDE = "outside"
 """Name of the place beyond the building: the second place of an exterior door."""
 

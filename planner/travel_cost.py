@@ -11,8 +11,6 @@ from numpy.typing import NDArray
 
 from semmap.geometry.pose import Pose
 
-__all__ = ["StraightTravelCost", "Travel", "TravelCost"]
-
 
 class Travel(NamedTuple):
     """Seconds and metres from n poses to m poses.

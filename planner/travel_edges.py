@@ -12,8 +12,6 @@ from planner.topology import OUTSIDE
 from planner.travel_cost import TravelCost
 from semmap.geometry.pose import Pose
 
-__all__ = ["TravelEdges", "complete_travel", "measure_travel"]
-
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 

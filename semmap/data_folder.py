@@ -5,8 +5,6 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
-__all__ = ["default_home"]
-
 
 def default_home() -> Path:
     """Where the cluster lies: ``$SEMMAP_DATA``, else ``semmap`` in the user's data directory.

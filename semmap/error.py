@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-__all__ = ["Error"]
-
 
 class Error(Exception):
     """Something that was given cannot be used; the message says what is wrong and how to fix it.

@@ -7,8 +7,6 @@ import sys
 from collections.abc import Iterable
 from typing import Any, TypeGuard
 
-__all__ = ["finite_numbers", "is_finite_number"]
-
 
 def is_finite_number(value: object) -> TypeGuard[float]:
     """Whether a value of YAML or JSON is a finite number; truth values are none.

@@ -7,8 +7,6 @@ from dataclasses import dataclass, field
 from html import escape
 from typing import Any, overload
 
-__all__ = ["FoundRows", "html_table"]
-
 Row = dict[str, Any]
 
 LONGEST = 7

@@ -7,8 +7,6 @@ from html import escape
 from itertools import islice
 from typing import Any
 
-__all__ = ["html_table"]
-
 SHOWN = 100
 """The most rows of a table."""
 

@@ -13,35 +13,6 @@ import sys
 from collections.abc import Callable
 from dataclasses import dataclass
 
-__all__ = [
-    "ACTIONS",
-    "CONFIG_BYTES",
-    "ELEMENTS",
-    "ENTRIES",
-    "EXTENT",
-    "GRID_CELLS",
-    "LIMITS",
-    "LINKS",
-    "MESH_BYTES",
-    "NAME_CHARACTERS",
-    "NESTING",
-    "PARTS",
-    "PIXELS",
-    "QUERY_CHARACTERS",
-    "QUERY_ROWS",
-    "QUERY_SECONDS",
-    "QUERY_WORDS",
-    "REGEX_SECONDS",
-    "REGION_BLOCKS",
-    "REGION_VOXELS",
-    "SURFACE_TRIANGLES",
-    "TEXT_BYTES",
-    "TRIANGLES",
-    "VERTICES",
-    "Limit",
-    "table",
-]
-
 
 @dataclass(frozen=True)
 class Limit:

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import math
 
-__all__ = ["parse_numbers"]
-
 
 def parse_numbers(text: str, count: int, option: str) -> tuple[float, ...]:
     """Return the finite numbers of a text with commas between them.

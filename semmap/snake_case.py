@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import re
 
-__all__ = ["snake_case"]
-
 
 def snake_case(local_name: str) -> str:
     """Return the name of a type from the local name of its class.

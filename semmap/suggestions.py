@@ -5,8 +5,6 @@ from __future__ import annotations
 import difflib
 from collections.abc import Iterable
 
-__all__ = ["similar_names", "suggestion"]
-
 
 def similar_names(name: str, known: Iterable[str], count: int = 3) -> list[str]:
     """Return known names that are spelt like a name, the most similar first, or that contain it.

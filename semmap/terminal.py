@@ -7,8 +7,6 @@ import re
 import sys
 from typing import Any
 
-__all__ = ["guard_streams", "has_control", "print_bold", "print_waiting", "visible"]
-
 _CONTROL = re.compile(
     "[\x00-\x08\x0b-\x1f\x7f-\x9f"  # all control characters but tab and line feed
     "\u202a-\u202e\u2066-\u2069"  # what changes the direction of text

@@ -11,8 +11,6 @@ import yaml
 
 from semmap.limits import CONFIG_BYTES, ELEMENTS, NESTING
 
-__all__ = ["FAST", "check_structure", "parse_yaml", "read_text"]
-
 FAST: type[yaml.SafeLoader] = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 """For large files; the other loader locates mistakes better."""
 

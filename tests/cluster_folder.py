@@ -14,8 +14,6 @@ from pathlib import Path
 
 from semmap.database import Cluster, DatabaseError
 
-__all__ = ["cluster_folder", "remove_abandoned"]
-
 PREFIX, LOCK = "semmap-test-", ".lock"
 
 YOUNG = 60.0

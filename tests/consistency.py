@@ -5,8 +5,6 @@ from __future__ import annotations
 import psycopg
 from sqlalchemy import URL
 
-__all__ = ["HOLDERS", "POSES", "Contradiction", "contradictions"]
-
 Contradiction = tuple[str, str, str | None, str, str | None]
 """Map, entity, its holder, the kind of problem, and the holder that the geometry shows."""
 

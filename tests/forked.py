@@ -13,8 +13,6 @@ import tempfile
 from collections.abc import Mapping
 from pathlib import Path
 
-__all__ = ["context", "semmap_process"]
-
 context = multiprocessing.get_context("forkserver")
 context.set_forkserver_preload(["tests.forked_imports"])
 

@@ -14,8 +14,6 @@ from typing import Any
 
 import psycopg
 
-__all__ = ["interleave", "orders"]
-
 Session = Sequence[str]
 """The statements of one transaction, without its BEGIN and COMMIT."""
 

@@ -7,8 +7,6 @@ from pathlib import Path
 from planner.robot_class import RobotClass
 from semmap.cli.demo.demo_robot import DemoRobot
 
-__all__ = ["OFFICE", "OFFICE_FILES", "OFFICE_ROBOT", "delivery_robot"]
-
 OFFICE = Path(__file__).parents[1] / "examples" / "office"
 
 OFFICE_FILES = (OFFICE / "office.sdf", OFFICE / "office_rooms.geojson")

@@ -10,8 +10,6 @@ from typing import Any
 
 from semmap.knowledge.vocabulary import decode
 
-__all__ = ["DOCS", "blocks_of", "plain", "questions", "written"]
-
 DOCS = Path(__file__).parents[1] / "docs"
 
 

@@ -18,8 +18,6 @@ from semmap.query.storey_reader import read_scene, read_storey_names
 from semmap.query.storey_scene import Bounds
 from semmap.robot import Part
 
-__all__ = ["read_costmaps"]
-
 
 def read_costmaps(
     seen: Snapshot,

@@ -20,15 +20,6 @@ from semmap.query.map_handle import MapSource, open_feed
 from semmap.query.snapshot import Snapshot
 from semmap.suggestions import suggestion
 
-__all__ = [
-    "LIVE",
-    "read_ended_fields",
-    "read_field_versions",
-    "read_fields",
-    "read_live_versions",
-    "read_mirror",
-]
-
 LIVE = 60.0
 """Seconds since its last update for which the field of a source is live."""
 

@@ -8,8 +8,6 @@ from typing import Any
 
 from shapely import MultiPolygon, Polygon
 
-__all__ = ["BuildingOutline", "Cabin", "DrawnLane"]
-
 
 @dataclass(frozen=True)
 class Cabin:

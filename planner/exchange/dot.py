@@ -7,8 +7,6 @@ from itertools import pairwise
 
 from planner.topology import OUTSIDE, Place, PlaceConnector, Topology
 
-__all__ = ["dot"]
-
 STATES = {"open": "#3b6ea5", "closed": "#b07a1f", "locked": "#b3261e"}
 """Colours of connectors by state, as in floor plans."""
 

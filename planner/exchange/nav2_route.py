@@ -28,8 +28,6 @@ from planner.exchange.route_graph import (
 from planner.routing_graph import RoutingGraph
 from planner.topology import PlaceConnector, Topology
 
-__all__ = ["MOST_IDS", "nav2_graph", "nav2_graphs", "write_nav2"]
-
 MOST_IDS = 65_535
 """The largest id of a node or an edge: messages store them as uint16."""
 

@@ -15,8 +15,6 @@ from planner.topology import OUTSIDE, PlaceConnector, Topology
 from semmap.draw.floor_plan import floor_plan
 from semmap.draw.view import RoomView, StoreyView
 
-__all__ = ["topology_plan"]
-
 Point = tuple[float, float]
 
 STATES = {"open": "#3b6ea5", "closed": "#b07a1f", "locked": "#b3261e"}

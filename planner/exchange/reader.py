@@ -10,8 +10,6 @@ from planner.exchange.building_outline import BuildingOutline, Cabin, DrawnLane
 from semmap.geometry.pose import Pose
 from semmap.query.snapshot import Snapshot
 
-__all__ = ["read_building_outline"]
-
 _ROOMS = """
 SELECT e.name, w.storey_id, l.name AS elevator, w.pose, ST_AsBinary(w.footprint) AS outline
 FROM room r JOIN entity e ON e.id = r.entity_id JOIN world w ON w.entity_id = e.id

@@ -33,8 +33,6 @@ from planner.exchange.route_graph import (
 from planner.routing_graph import RoutingGraph
 from planner.topology import PlaceConnector
 
-__all__ = ["rmf_nav_graph", "write_rmf_nav"]
-
 REVERSED = {"forward": "backward", "backward": "forward"}
 """The orientation of a lane in the other direction."""
 

@@ -21,19 +21,6 @@ from planner.topology import OUTSIDE, PlaceConnector, Topology
 from semmap.error import Error
 from semmap.geometry.pose import Pose
 
-__all__ = [
-    "ApproachPose",
-    "ExchangeError",
-    "Move",
-    "RouteGraph",
-    "Waypoint",
-    "around_corners",
-    "route_graph",
-    "with_middles",
-    "with_waypoints",
-]
-
-
 Outline: TypeAlias = Polygon | MultiPolygon
 
 LEAF = 0.9

@@ -21,8 +21,6 @@ from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import dijkstra
 from shapely import MultiPolygon, Polygon
 
-__all__ = ["CLEARANCE", "CornerPaths", "corner_paths"]
-
 CLEARANCE = 0.3
 """Metres between a path and the walls for a robot without shape, where there is enough room."""
 

@@ -9,7 +9,8 @@ from planner.mission.behaviours import (
 )
 from planner.mission.command import Command, commands_of
 from planner.mission.runner import MissionResult, Runner
-from planner.mission.store.missions import MissionError, MissionStore
+from planner.mission.store.map_connection import MissionError
+from planner.mission.store.missions import MissionStore
 
 __all__ = [
     "Behaviours",

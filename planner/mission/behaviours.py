@@ -9,8 +9,6 @@ from typing import Literal, Protocol
 from planner.mission.command import Command
 from semmap.geometry.pose import Pose
 
-__all__ = ["Behaviours", "Outcome", "PlaceLook", "RobotObservation", "RunningBehaviour", "Sighting"]
-
 Cause = Literal[
     "locked",
     "closed",

@@ -13,8 +13,6 @@ from collections.abc import Mapping, Sequence
 from planner.mission.command import Command
 from planner.topology import PlaceConnector
 
-__all__ = ["claims_of"]
-
 ROOM = 0.3
 """Metres between two robots that pass each other in a connector, and at its sides."""
 

@@ -12,8 +12,6 @@ from planner.route import RouteStep
 from planner.topology import PlaceConnector
 from semmap.geometry.pose import Pose
 
-__all__ = ["Command", "commands_of"]
-
 NEAR = 0.1
 """Metres within which a robot counts as being at a pose."""
 

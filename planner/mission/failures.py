@@ -9,8 +9,6 @@ from planner.topology import Topology
 from semmap.error import Error
 from semmap.suggestions import suggestion
 
-__all__ = ["BROKEN", "FailureRule", "UnknownFailureError"]
-
 BROKEN = "broken"
 """The state of an elevator that neither comes nor leaves."""
 

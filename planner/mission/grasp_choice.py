@@ -20,8 +20,6 @@ if TYPE_CHECKING:
     from semmap.manipulation.arm import Arm
     from semmap.manipulation.arm_motions import ArmMotion
 
-__all__ = ["Choice", "GraspChooser", "Hand", "hand_of"]
-
 GRASPS, REACHED = 400, 100
 """Free grasps of which an arm must reach one, and the most that it reaches that are considered."""
 

@@ -7,8 +7,6 @@ from collections.abc import Iterable
 import numpy as np
 import shapely
 
-__all__ = ["find_free_spot"]
-
 STEP = 0.05
 """Metres between the spots that are tried."""
 

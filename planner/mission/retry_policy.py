@@ -7,8 +7,6 @@ from dataclasses import dataclass
 
 from semmap.geometry.pose import Pose
 
-__all__ = ["Failure", "RetryPolicy"]
-
 
 @dataclass(frozen=True)
 class Failure:

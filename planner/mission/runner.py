@@ -26,8 +26,6 @@ from planner.plan import Plan
 from semmap.geometry.pose import Pose
 from semmap.query.snapshot import Snapshot
 
-__all__ = ["MissionEvent", "MissionResult", "Planner", "Runner"]
-
 
 class Planner(Protocol):
     """Plans on the present state of the map."""

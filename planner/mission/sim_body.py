@@ -14,8 +14,6 @@ from planner.mission.sim_world import SimWorld
 from planner.topology import Topology
 from semmap.geometry.pose import Pose
 
-__all__ = ["PathFinder", "SimBody", "Work", "lasting"]
-
 PathFinder = Callable[[str, Pose, Pose], NDArray[np.float64] | None]
 """Returns the path in a place between two poses, (N, 2) points in the map's frame, or None."""
 

@@ -13,8 +13,6 @@ from planner.mission.sim_body import SimBody, Work, lasting
 from planner.mission.sim_hands import drop, held_objects
 from semmap.geometry.pose import Pose
 
-__all__ = ["navigate", "switch_map"]
-
 
 def navigate(body: SimBody, command: Command) -> Work:
     """Drive along a path, on the costmap if there is one."""

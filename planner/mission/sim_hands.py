@@ -9,8 +9,6 @@ from planner.mission.command import Command
 from planner.mission.sim_body import SimBody, Work, lasting
 from semmap.geometry.pose import Pose
 
-__all__ = ["drop", "held_objects", "pickup", "place"]
-
 GRIP = Pose(0.3, 0.0, 0.8)
 """Pose of a held object, in the robot's frame."""
 

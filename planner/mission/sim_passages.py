@@ -7,8 +7,6 @@ from planner.mission.command import Command
 from planner.mission.sim_body import SimBody, Work, lasting
 from semmap.geometry.pose import Pose
 
-__all__ = ["call_elevator", "open_door", "pass_connector", "unlock_door", "use_elevator"]
-
 Failure = tuple[Cause, str]
 
 

@@ -23,8 +23,6 @@ from planner.mission.sim_passages import (
 from planner.mission.sim_world import SimWorld
 from planner.topology import Topology
 
-__all__ = ["PathFinder", "SimBehaviour", "SimulatedRobot"]
-
 SIGHT = 1.0
 """Metres from the robot to connectors whose state it sees."""
 

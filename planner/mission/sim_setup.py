@@ -10,11 +10,10 @@ from planner.live_topology import LiveTopology
 from planner.mission.failures import FailureRule
 from planner.mission.sim_robot import SimulatedRobot
 from planner.mission.sim_world import SimWorld
-from planner.mission.store.missions import MissionError, MissionStore
+from planner.mission.store.map_connection import MissionError
+from planner.mission.store.missions import MissionStore
 from planner.topology import Topology
 from semmap.geometry.pose import Pose
-
-__all__ = ["body_options", "entry_pose", "open_world", "simulated_robot"]
 
 _NOWHERE = "no room holds {}: give its start (--from)"
 

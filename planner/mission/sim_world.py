@@ -16,8 +16,6 @@ from planner.mission.failures import BROKEN, FailureRule
 from planner.topology import Topology
 from semmap.geometry.pose import Pose
 
-__all__ = ["SimWorld"]
-
 _TABLES = """
 CREATE TABLE robot (name TEXT PRIMARY KEY, place TEXT, pose TEXT);
 CREATE TABLE thing (name TEXT PRIMARY KEY, place TEXT, holder TEXT, relation TEXT, pose TEXT);

@@ -12,8 +12,6 @@ from py_trees.composites import Sequence as Steps
 from planner.mission.behaviours import Outcome, RunningBehaviour
 from planner.mission.command import Command
 
-__all__ = ["StepHandlers", "mission_tree"]
-
 
 class StepHandlers(Protocol):
     """Executes the leaves of the tree, each for a command by its index in the plan."""

@@ -12,8 +12,6 @@ from planner.topology import Topology
 from semmap.finite_number import is_finite_number
 from semmap.query.snapshot import Snapshot
 
-__all__ = ["read_drawn_graph"]
-
 _EDGES = """
 SELECT a.name AS start, b.name AS "end", l.relation, l.properties FROM link l
 JOIN entity a ON a.id = l.from_id JOIN entity b ON b.id = l.to_id

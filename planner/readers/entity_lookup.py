@@ -12,8 +12,6 @@ from planner.entity_lookup import LocatedEntity
 from semmap.geometry.pose import Pose
 from semmap.query.snapshot import Snapshot
 
-__all__ = ["MapLookup", "find_entities", "read_place_at", "read_similar_names"]
-
 _FIND = """
 WITH wanted AS (
     SELECT e.id FROM entity e WHERE e.map_id = current_map() AND e.name = :word

@@ -11,8 +11,6 @@ from semmap.query.snapshot import Snapshot
 if TYPE_CHECKING:
     from semmap.manipulation.gripper import Gripper
 
-__all__ = ["grasp_check"]
-
 
 def grasp_check(
     seen: Snapshot, *, gripper: str | None = None, robots: tuple[str | None, ...] = ()

@@ -17,16 +17,6 @@ from planner.robot_class import RobotClass
 from semmap.query.snapshot import Snapshot
 from semmap.robot import Part
 
-__all__ = [
-    "StoredRobotClass",
-    "delete_robot_class",
-    "read_robot_class",
-    "read_robot_class_digest",
-    "read_robot_class_names",
-    "read_robot_urdf",
-    "store_robot_class",
-]
-
 _SAME_NAME = ("speed", "opens", "unlocks", "outside", "capacity")
 """Attributes of `RobotClass` whose columns have the same name."""
 

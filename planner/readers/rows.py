@@ -9,8 +9,6 @@ from psycopg.rows import tuple_row
 
 from semmap.query.snapshot import Snapshot
 
-__all__ = ["fetch_rows"]
-
 
 def fetch_rows(
     seen: Snapshot, statement: str, values: Sequence[Any] = (), rows: Any = tuple_row

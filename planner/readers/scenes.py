@@ -8,8 +8,6 @@ from semmap.query.snapshot import Snapshot
 from semmap.query.storey_reader import read_entities, read_scene, read_storey_names
 from semmap.query.storey_scene import SceneEntity, StoreyScene
 
-__all__ = ["read_objects", "read_storey_regions", "read_storey_scene"]
-
 
 def read_storey_scene(seen: Snapshot, storey: str, *, assume_sizes: bool = False) -> StoreyScene:
     """The present scene of a storey of the current map; of "" in a map that has no storeys."""

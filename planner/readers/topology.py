@@ -18,8 +18,6 @@ from planner.topology import OUTSIDE, Place, PlaceConnector, PlaceRegion, Topolo
 from semmap.geometry.pose import Pose
 from semmap.query.snapshot import Snapshot
 
-__all__ = ["read_connectors", "read_kinds", "read_places", "read_regions", "read_topology"]
-
 _PLACES = """
 SELECT e.name, e.type, e.label, s.name, l.name, NULLIF(e.properties, '{}'),
        coalesce(w.pose[3] + r.floor, 0), e.id

@@ -19,11 +19,10 @@ from planner.readers.travel_times import (
     store_travel_times,
 )
 from planner.robot_class import RobotClass
-from planner.routing_graph import RoutingGraph, TravelEdges
+from planner.routing_graph import RoutingGraph
 from planner.topology import OUTSIDE, Topology
+from planner.travel_edges import TravelEdges
 from semmap.query.snapshot import Snapshot
-
-__all__ = ["TravelTimeStore"]
 
 
 class TravelTimeStore:

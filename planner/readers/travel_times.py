@@ -19,16 +19,6 @@ from planner.readers.robot_class import read_robot_class_digest
 from planner.readers.rows import fetch_rows
 from semmap.query.snapshot import Snapshot
 
-__all__ = [
-    "compute_place_digests",
-    "may_store_travel_times",
-    "read_place_digests",
-    "read_travel_times",
-    "store_measured_until",
-    "store_travel_times",
-]
-
-
 _PACKED = np.dtype(
     [("place", ">i8"), ("a", ">i8"), ("b", ">i8"), ("seconds", ">f8"), ("metres", ">f8")]
 )

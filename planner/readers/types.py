@@ -8,8 +8,6 @@ from sqlalchemy import text
 
 from semmap.query.snapshot import Snapshot
 
-__all__ = ["read_supertypes"]
-
 _SUPERTYPES = """
 SELECT sub, array_agg(super ORDER BY super <> sub, super) AS supers FROM type_closure
 WHERE sub = ANY (:types) GROUP BY sub

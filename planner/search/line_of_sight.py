@@ -12,8 +12,6 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["LineOfSight", "line_of_sight"]
-
 Floats = NDArray[np.float64]
 
 SPARED = 0.12

@@ -14,8 +14,6 @@ from planner.search.viewpoints import Sight
 from semmap.draw.floor_plan import floor_plan
 from semmap.draw.view import StoreyView
 
-__all__ = ["search_picture"]
-
 VIEW = "#e4007c"
 
 

@@ -10,8 +10,6 @@ import numpy as np
 
 from planner.search.pomdp import Pomdp
 
-__all__ = ["write_pomdp"]
-
 _LISTS = ("states", "actions", "observations")
 _HEADS = (*_LISTS, "discount", "values", "start", "T", "O", "R")
 

@@ -21,8 +21,6 @@ from semmap.belief.places import BeliefPlace, sample_points
 from semmap.belief.views import visible_points
 from semmap.geometry.pose import Pose
 
-__all__ = ["ELSEWHERE", "Detector", "MapSearch", "Viewpoint", "build_search"]
-
 Floats = NDArray[np.float64]
 
 ELSEWHERE = "elsewhere"

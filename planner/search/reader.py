@@ -16,20 +16,6 @@ from semmap.query.snapshot import Snapshot
 from semmap.query.storey_reader import read_entities
 from semmap.query.storey_scene import SceneEntity
 
-__all__ = [
-    "BelievedObject",
-    "LookRow",
-    "is_doubtful",
-    "read_believed_object",
-    "read_entity_shapes",
-    "read_holder",
-    "read_kind",
-    "read_looks",
-    "read_opened",
-    "read_room",
-    "read_seen_by",
-]
-
 HEIGHT = 0.1
 """Metres, of an object whose size is unknown."""
 

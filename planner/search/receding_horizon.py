@@ -19,8 +19,6 @@ from scipy.special import bdtrc
 
 from planner.search.search_problem import NOT_SEEN, SearchProblem
 
-__all__ = ["Decision", "Option", "decide"]
-
 Floats = NDArray[np.float64]
 
 VOTES = ((1, 1), (2, 2), (4, 3))

@@ -26,8 +26,6 @@ from planner.search.viewpoints import Sight
 from semmap.error import Error
 from semmap.query.snapshot import Snapshot
 
-__all__ = ["NotFoundError", "SearchPlanner", "SearchResult", "explain"]
-
 Floats = NDArray[np.float64]
 
 MOST_NAMES = 4

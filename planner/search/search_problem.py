@@ -18,8 +18,6 @@ from numpy.typing import NDArray
 
 from planner.search.pomdp import Pomdp
 
-__all__ = ["NOT_SEEN", "SearchProblem", "as_pomdp"]
-
 Floats = NDArray[np.float64]
 
 NOT_SEEN = -1

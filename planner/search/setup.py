@@ -9,14 +9,13 @@ from planner.live_topology import LiveTopology
 from planner.mission.behaviours import Sighting
 from planner.mission.sim_setup import body_options
 from planner.mission.sim_world import SimWorld
-from planner.mission.store.missions import MissionError, MissionStore
+from planner.mission.store.map_connection import MissionError
+from planner.mission.store.missions import MissionStore
 from planner.search.problem_builder import Detector
 from planner.search.reader import read_believed_object, read_entity_shapes, read_room
 from planner.search.sim_search import SearchingRobot, SimEyes
 from planner.search.viewpoints import Sight
 from semmap.geometry.pose import Pose
-
-__all__ = ["find_spots", "searching_robot"]
 
 _PUT = re.compile(r"(?P<item>.+?) (?:on|in) (?P<target>.+)")
 

@@ -23,8 +23,6 @@ from semmap.geometry.mesh import box_mesh
 from semmap.geometry.pose import Pose
 from semmap.query.storey_scene import NO_TRIANGLES, SceneEntity
 
-__all__ = ["SearchingRobot", "SimEyes"]
-
 Floats = NDArray[np.float64]
 
 RECOGNISED = 0.25

@@ -16,8 +16,6 @@ from planner.tasks.reader import read_state
 from semmap.geometry.pose import Pose
 from semmap.query.snapshot import Snapshot
 
-__all__ = ["FOUND", "SearchingPlanner", "objects_to_find", "plan_with_search"]
-
 FOUND = "found"
 """The relation of a goal that is reached when the robot knows where an object is."""
 

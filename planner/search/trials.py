@@ -18,8 +18,6 @@ from planner.search.receding_horizon import decide
 from planner.search.search_problem import NOT_SEEN, SearchProblem
 from semmap.belief import SightingModel
 
-__all__ = ["compare"]
-
 Floats = NDArray[np.float64]
 
 RUNS = 5

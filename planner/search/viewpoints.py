@@ -22,8 +22,6 @@ from semmap.belief.views import camera_at
 from semmap.draw.depth_camera import DepthCamera
 from semmap.geometry.pose import Pose
 
-__all__ = ["Sight", "choose_views", "free_positions", "views_from"]
-
 Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 

@@ -17,8 +17,6 @@ from planner.tasks.goal_objects import GoalObjects
 from planner.tasks.object_checks import ObjectChecks
 from planner.tasks.problem_draft import ProblemDraft
 
-__all__ = ["CandidatePruning"]
-
 
 class CandidatePruning:
     """Removes candidates and surfaces that no shortest plan uses.

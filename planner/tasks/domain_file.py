@@ -30,8 +30,6 @@ from semmap.error import Error
 from semmap.limits import ACTIONS, CONFIG_BYTES
 from semmap.yaml_file import check_structure
 
-__all__ = ["Domain", "DomainError", "UserAction", "read_domain"]
-
 _KEYS = ("parameters", "at", "needs", "effects", "seconds")
 _OWN = {"holding": 1, "on": 2}
 _RESERVED = ("on", "in", "carries", "holding", "pickup", "place", "drive")

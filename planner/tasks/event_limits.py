@@ -8,8 +8,6 @@ from planner.tasks.goal_objects import GoalObjects
 from planner.tasks.object_checks import ObjectChecks
 from planner.tasks.problem_draft import ProblemDraft
 
-__all__ = ["count_slots", "limit_pickups"]
-
 
 def limit_pickups(
     draft: ProblemDraft, checks: ObjectChecks, objects: GoalObjects, moved: Iterable[str]

@@ -15,8 +15,6 @@ from planner.tasks.reason_list import join_reasons
 from planner.topology import OUTSIDE
 from semmap.geometry.pose import Pose
 
-__all__ = ["FinalSites"]
-
 SAME = 1e-3
 """Metres between two poses below which a drive from one to the other is none."""
 

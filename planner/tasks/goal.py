@@ -9,8 +9,6 @@ from dataclasses import dataclass
 from semmap.error import Error
 from semmap.suggestions import suggestion
 
-__all__ = ["ROBOT", "Atom", "Goal", "GoalError", "Word", "parse_goal"]
-
 ROBOT = "robot"
 """The word for the planning robot."""
 

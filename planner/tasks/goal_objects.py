@@ -13,8 +13,6 @@ from planner.tasks.problem_draft import ProblemDraft
 from planner.tasks.reason_list import join_reasons
 from planner.tasks.world import TaskObject
 
-__all__ = ["GoalObjects"]
-
 _SURFACES = frozenset({"table", "counter", "support_furniture", "shelf", "bookshelf"})
 
 

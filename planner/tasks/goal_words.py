@@ -7,8 +7,6 @@ from planner.tasks.problem import NoPlanError, Problem
 from planner.tasks.world import TaskWorld
 from planner.topology import Topology
 
-__all__ = ["resolve_words"]
-
 
 def resolve_words(problem: Problem, world: TaskWorld, topology: Topology) -> None:
     """Fill the candidates and regions of a problem, and the pairs of words that differ.

@@ -9,8 +9,6 @@ from scipy.optimize import linear_sum_assignment
 from planner.tasks.goal import ROBOT
 from planner.tasks.problem import Problem
 
-__all__ = ["lower_bound"]
-
 _NEVER = 1e9
 
 

@@ -5,8 +5,6 @@ from __future__ import annotations
 from planner.tasks.problem_draft import ProblemDraft
 from planner.tasks.world import TaskObject
 
-__all__ = ["ObjectChecks"]
-
 
 class ObjectChecks:
     """Why objects cannot be picked up or put down; each pickup is checked once.

@@ -18,8 +18,6 @@ from pathlib import Path
 from planner.tasks.goal import ROBOT
 from planner.tasks.problem import Problem, milliseconds
 
-__all__ = ["pddl", "write_pddl"]
-
 _DOMAIN = """\
 ; Tasks of a robot that fetches and delivers; times are milliseconds.
 (define (domain tasks)

@@ -9,8 +9,6 @@ from planner.tasks.object_checks import ObjectChecks
 from planner.tasks.problem import Problem
 from planner.tasks.problem_draft import ProblemDraft
 
-__all__ = ["add_placements"]
-
 
 def add_placements(
     draft: ProblemDraft, checks: ObjectChecks, objects: GoalObjects, anywhere: Collection[str]

@@ -12,8 +12,6 @@ from planner.routing_graph import Endpoint, RoutingGraph
 from planner.tasks.problem import Operator, Problem
 from planner.topology import Topology
 
-__all__ = ["TaskEvent", "actions_along", "expand_plan"]
-
 
 @dataclass(frozen=True)
 class TaskEvent:

@@ -12,8 +12,6 @@ from planner.tasks.goal import Goal, Word
 from planner.tasks.world import TaskState
 from semmap.error import Error
 
-__all__ = ["NoPlanError", "Operator", "Problem", "milliseconds"]
-
 
 class NoPlanError(Error, ValueError):
     """No plan reaches the goal; the message says why."""

@@ -25,8 +25,6 @@ from planner.tasks.sites import ApproachPoseOf, Sites
 from planner.tasks.travel_matrix import add_travel_times
 from planner.tasks.world import TaskState, TaskWorld
 
-__all__ = ["Extend", "build_problem"]
-
 Extend = Callable[[Problem, TaskWorld], tuple[list[str], int]]
 """Adds operators and facts; returns the objects to hold for them, and the number of more events."""
 

@@ -9,8 +9,6 @@ from planner.tasks.problem import Problem
 from planner.tasks.sites import Sites
 from planner.tasks.world import TaskWorld
 
-__all__ = ["ProblemDraft"]
-
 
 @dataclass(frozen=True)
 class ProblemDraft:

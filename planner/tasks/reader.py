@@ -16,8 +16,6 @@ from semmap.query.snapshot import Snapshot
 from semmap.query.storey_reader import read_entities
 from semmap.query.storey_scene import SceneEntity
 
-__all__ = ["read_state", "read_world"]
-
 _UNCLASSIFIED = frozenset({"object", "entity"})
 """The supertypes of a type that the T-Box does not have."""
 

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-__all__ = ["join_reasons"]
-
 
 def join_reasons(reasons: Sequence[str], most: int = 3) -> str:
     """The first reasons, without repetition."""

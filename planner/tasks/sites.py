@@ -15,8 +15,6 @@ from planner.tasks.world import TaskObject, TaskWorld
 from planner.topology import Place, PlaceRegion
 from semmap.geometry.pose import Pose
 
-__all__ = ["ApproachPoseOf", "Sites", "Target"]
-
 Target: TypeAlias = TaskObject | PlaceRegion | Place
 """An object, a region, or the floor of a place."""
 

@@ -31,8 +31,6 @@ from planner.tasks.world import TaskState, TaskWorld
 if TYPE_CHECKING:
     from planner.tasks.domain_file import Domain
 
-__all__ = ["find_plan", "solve"]
-
 PATIENCE = 10.0
 """Seconds after which the best plan found so far is taken."""
 

@@ -9,8 +9,6 @@ import numpy as np
 from planner.route_search import seconds_between
 from planner.tasks.problem_draft import ProblemDraft
 
-__all__ = ["add_travel_times"]
-
 
 def add_travel_times(draft: ProblemDraft) -> None:
     """Number the sites that a problem uses, and compute the travel times between them."""

@@ -12,8 +12,6 @@ from semmap.error import Error
 from semmap.geometry.pose import Pose
 from semmap.suggestions import suggestion
 
-__all__ = ["CARRIERS", "TaskObject", "TaskState", "TaskWorld", "UnknownObjectError"]
-
 CARRIERS = frozenset({"tray", "basket", "box", "bucket"})
 """Types of objects that are carried with all objects on them."""
 

@@ -30,8 +30,6 @@ if TYPE_CHECKING:
     from semmap.api.map import Map
     from semmap.api.map_entity import MapEntity
 
-__all__ = ["DoorShape", "add_entry", "door", "region", "room", "spot", "storey", "thing"]
-
 ROOM_HEIGHT = 2.5
 """Metres, where a room has no ceiling."""
 

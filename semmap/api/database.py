@@ -31,8 +31,6 @@ if TYPE_CHECKING:
     from semmap.ingest.store.model_store import Progress
     from semmap.query.sql_statement import SqlRows
 
-__all__ = ["Database", "connect"]
-
 
 def connect(url: str | Cluster | None = None, *, migrate: bool | None = None) -> Database:
     """Open the database of the maps; close it with `Database.close` or a ``with`` statement.

@@ -17,8 +17,6 @@ if TYPE_CHECKING:
     Labels = Mapping[tuple[str, str], bool]
     Progress = Callable[[str, int, int], None]
 
-__all__ = ["DatabaseInterlinking", "link_records"]
-
 
 def link_records(
     left: Records,

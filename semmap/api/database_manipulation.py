@@ -11,8 +11,6 @@ if TYPE_CHECKING:
 
     from semmap.manipulation.found_actions import FoundActions
 
-__all__ = ["DatabaseManipulation"]
-
 
 class DatabaseManipulation:
     """The part of `Database` about manipulation."""

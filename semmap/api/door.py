@@ -6,8 +6,6 @@ from typing import Any
 
 from semmap.api.map_entity import MapEntity
 
-__all__ = ["Door"]
-
 STATES = ("open", "closed", "locked")
 
 

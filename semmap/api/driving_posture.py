@@ -17,8 +17,6 @@ from semmap.robot.joint_positions import joints_of
 if TYPE_CHECKING:
     import psycopg
 
-__all__ = ["DrivingPosture", "driving_posture"]
-
 FAR = 1.5
 """Radii of the base beyond which a part is folded to drive."""
 

@@ -8,8 +8,6 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from semmap.api.map import Map
 
-__all__ = ["EntityCard"]
-
 
 class EntityCard:
     """The part of `MapEntity` that shows it in a notebook."""

@@ -12,9 +12,6 @@ if TYPE_CHECKING:
     from semmap.api.map import Map
     from semmap.api.map_entity import MapEntity
 
-__all__ = ["EntityCollection", "MapCollections"]
-
-
 Kind = TypeVar("Kind", bound="MapEntity")
 
 

@@ -10,8 +10,6 @@ if TYPE_CHECKING:
 
     from semmap.api.map import Map
 
-__all__ = ["EntityShape"]
-
 
 class EntityShape:
     """The part of `MapEntity` that reads geometry; all of it is in the map's frame, metres."""

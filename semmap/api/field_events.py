@@ -16,8 +16,6 @@ if TYPE_CHECKING:
     from semmap.fields.service.client import ServiceConnection
     from semmap.query.map_handle import MapSource
 
-__all__ = ["watch_map", "watch_service"]
-
 Event = dict[str, Any]
 Callback = Callable[[Event], Any] | None
 

@@ -15,8 +15,6 @@ if TYPE_CHECKING:
 
     from semmap.api.map_questions import MapQuestions
 
-__all__ = ["FieldSources"]
-
 
 class FieldSources:
     """The part of `SpatialFields` that needs the running service, or is it.

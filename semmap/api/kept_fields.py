@@ -16,17 +16,6 @@ if TYPE_CHECKING:
 
     Mirror = MirrorState | VoxelMirror
 
-__all__ = [
-    "Note",
-    "current_mirror",
-    "export_entities",
-    "export_field",
-    "kept_space",
-    "query_kept",
-    "resumed_mirror",
-    "update_kept",
-]
-
 Note = Callable[[str], Any]
 """Gets what a user should know."""
 

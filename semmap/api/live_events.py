@@ -6,8 +6,6 @@ import threading
 from collections.abc import Callable, Iterable, Iterator
 from typing import Any, Generic, Self, TypeVar
 
-__all__ = ["LiveEvents"]
-
 Item = TypeVar("Item")
 
 

@@ -33,8 +33,6 @@ if TYPE_CHECKING:
     from semmap.geometry.mesh import Mesh
     from semmap.ingest.importer import ImportSummary
 
-__all__ = ["Map"]
-
 PlanarPose = Sequence[float]
 """(x, y, z, yaw): metres and radians in the map's frame; yaw may be left out."""
 

@@ -14,8 +14,6 @@ if TYPE_CHECKING:
     from semmap.belief.believed_places import BelievedPlaces
     from semmap.belief.identify import Detection, Identity
 
-__all__ = ["MapBeliefs"]
-
 
 class MapBeliefs(MapQuestions):
     """The part of `Map` about beliefs; they follow from what `MapObservations` stores."""

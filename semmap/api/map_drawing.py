@@ -17,8 +17,6 @@ if TYPE_CHECKING:
     from semmap.draw.picture import Picture
     from semmap.draw.view import StoreyView
 
-__all__ = ["MapDrawing", "TopologyFormat", "topology_as_json", "topology_format"]
-
 
 class TopologyFormat(StrEnum):
     """File formats of a topology."""

@@ -26,8 +26,6 @@ if TYPE_CHECKING:
 
     RobotLike = str | Path | RobotClass | Sequence[Part]
 
-__all__ = ["MapDriving", "Progress"]
-
 Progress = Callable[[str, int, int], None]
 """Called with what is done now, its number, and how many there are."""
 

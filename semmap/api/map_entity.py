@@ -18,8 +18,6 @@ if TYPE_CHECKING:
     from semmap.geometry.pose import Pose
     from semmap.query.placements import EntityVersion
 
-__all__ = ["MapEntity"]
-
 
 class MapEntity(EntityShape, EntityCard):
     """A room, object, region, agent, connector or storey of a map, read at each access.

@@ -11,8 +11,6 @@ if TYPE_CHECKING:
     from semmap.api.map_subscription import MapSubscription
     from semmap.query.map_events import MapEvent
 
-__all__ = ["MapEvents"]
-
 
 class MapEvents:
     """The part of `Map` that tells changes."""

@@ -10,8 +10,6 @@ if TYPE_CHECKING:
 
     from semmap.api.map import Map
 
-__all__ = ["MapExport"]
-
 
 class MapExport:
     """The part of `Map` that gives it to a GIS."""

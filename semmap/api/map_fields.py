@@ -8,8 +8,6 @@ from semmap.api.map_questions import MapQuestions
 from semmap.api.spatial_fields import SpatialFields
 from semmap.fields.service.client import ServiceAddress
 
-__all__ = ["MapSpace"]
-
 
 class MapSpace(MapQuestions):
     """The part of `Map` with what space contains."""

@@ -18,8 +18,6 @@ if TYPE_CHECKING:
     from semmap.knowledge.standing.subscriptions import Event
     from semmap.knowledge.updates import GraphChanges
 
-__all__ = ["MapKnowledge"]
-
 
 class MapKnowledge(MapReasoning):
     """The part of `Map` that is a graph of RDF; see docs/knowledge.md."""

@@ -12,8 +12,6 @@ if TYPE_CHECKING:
     from semmap.manipulation.found_actions import FoundActions
     from semmap.manipulation.robot_actions import RobotActions
 
-__all__ = ["MapManipulation"]
-
 
 class MapManipulation(MapQuestions):
     """The part of `Map` about actions on objects; `MapPractice` stores how they end."""

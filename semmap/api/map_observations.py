@@ -13,8 +13,6 @@ from semmap.api.moments import aware
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
-__all__ = ["MapObservations"]
-
 
 class MapObservations(MapQuestions):
     """The part of `Map` that stores observations; `Map.where` follows them."""

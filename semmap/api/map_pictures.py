@@ -8,8 +8,6 @@ from typing import TYPE_CHECKING, Any, cast
 if TYPE_CHECKING:
     from semmap.api.map import Map
 
-__all__ = ["MapPictures", "room_svg"]
-
 _TYPES = (
     "SELECT c.sub, array_agg(c.super ORDER BY c.sub <> c.super, "
     "(SELECT count(*) FROM type_closure n WHERE n.super = c.super), c.super) FROM type_closure c "

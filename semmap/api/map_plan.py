@@ -16,8 +16,6 @@ if TYPE_CHECKING:
     from planner.simulated_run import SimulatedMission
     from semmap.api.map_tasks import MapTasks
 
-__all__ = ["MapPlan", "ObjectSearch"]
-
 
 @dataclass(frozen=True)
 class MapPlan(Plan):

@@ -14,8 +14,6 @@ if TYPE_CHECKING:
 
     Progress = Callable[[str, int, int], None]
 
-__all__ = ["MapPractice"]
-
 
 class MapPractice(MapQuestions):
     """The part of `Map` about attempts of manipulation, by robots and in simulation."""

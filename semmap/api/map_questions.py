@@ -29,8 +29,6 @@ if TYPE_CHECKING:
     from semmap.api.map import Map
     from semmap.query.map_check import Finding
 
-__all__ = ["MapQuestions"]
-
 ATTEMPTS = 5
 """How often a single statement is tried that PostgreSQL ends to resolve a deadlock."""
 

@@ -14,8 +14,6 @@ if TYPE_CHECKING:
     from semmap.knowledge.reasoning.runs import Reasoned
     from semmap.knowledge.shapes import Violation
 
-__all__ = ["MapReasoning"]
-
 
 class MapReasoning(MapSql):
     """The part of `Map` that infers facts, and validates them."""

@@ -16,8 +16,6 @@ if TYPE_CHECKING:
 
     from semmap.found_rows import FoundRows
 
-__all__ = ["MapRegions"]
-
 
 class MapRegions(MapQuestions):
     """The part of `Map` about regions."""

@@ -14,8 +14,6 @@ if TYPE_CHECKING:
     from semmap.api.map_driving import MapDriving
     from semmap.draw.picture import Picture
 
-__all__ = ["MapRoute"]
-
 
 @dataclass(frozen=True)
 class MapRoute(Route):

@@ -16,8 +16,6 @@ if TYPE_CHECKING:
 
     from semmap.query.sql_statement import SqlRows
 
-__all__ = ["MapSql", "sql_rows"]
-
 
 class MapSql(MapQuestions):
     """The part of `Map` that runs SQL, and reads with a login that can only read."""

@@ -12,8 +12,6 @@ import psycopg
 from semmap.database.session import reopen_session
 from semmap.query.map_events import MapEvent, events_since
 
-__all__ = ["LOOK", "MapSubscription", "current_cursor"]
-
 LOOK = 0.5
 """Seconds after which a follower looks although nothing was announced, or tries to connect."""
 

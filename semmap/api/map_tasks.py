@@ -17,8 +17,6 @@ if TYPE_CHECKING:
     from planner.simulated_run import SimulatedMission
     from semmap.api.map_plan import MapPlan, ObjectSearch
 
-__all__ = ["MapTasks"]
-
 
 class MapTasks(MapDriving):
     """The part of `Map` about tasks."""
@@ -237,7 +235,7 @@ class MapTasks(MapDriving):
         ValueError
             There is no such mission.
         """
-        from planner.mission.store.missions import MissionError
+        from planner.mission.store.map_connection import MissionError
 
         with self._missions() as store:
             if mission not in {row["id"] for row in store.missions()}:
@@ -252,7 +250,7 @@ class MapTasks(MapDriving):
         ValueError
             It does not exist, has ended, or belongs to another robot.
         """
-        from planner.mission.store.missions import MissionError
+        from planner.mission.store.map_connection import MissionError
 
         with self._missions() as store:
             if not store.cancel(mission):

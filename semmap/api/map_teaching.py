@@ -11,8 +11,6 @@ from semmap.api.map_questions import MapQuestions
 if TYPE_CHECKING:
     from semmap.belief.teaching import KnownAction
 
-__all__ = ["MapTeaching"]
-
 
 class MapTeaching(MapQuestions):
     """The part of `Map` about teachings."""

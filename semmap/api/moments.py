@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from datetime import datetime
 
-__all__ = ["aware"]
-
 
 def aware(at: datetime | None) -> datetime | None:
     """Return a moment with a time zone, by default that of the machine; None stays.

@@ -11,8 +11,6 @@ from functools import cached_property
 from importlib import import_module
 from typing import Any, Literal
 
-__all__ = ["COMMANDS", "OPERATIONS", "Operation"]
-
 Right = Literal["reader", "robot", "admin", "owner", "none"]
 
 

@@ -8,8 +8,6 @@ from typing import Any, NamedTuple
 
 from semmap.html_table import html_table
 
-__all__ = ["EntityVoxels", "FieldChanges", "KeptField", "SpaceAnswer"]
-
 
 class EntityVoxels(NamedTuple):
     """An entity, its kind, the number of its voxels and their volume in cubic metres."""

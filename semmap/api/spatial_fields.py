@@ -15,8 +15,6 @@ if TYPE_CHECKING:
     from semmap.api.map_questions import MapQuestions
     from semmap.fields.service.client import ServiceAddress
 
-__all__ = ["SpatialFields"]
-
 VOXEL_SIZE = 0.05
 """Metres."""
 

@@ -9,8 +9,6 @@ from semmap.belief.error import BeliefError
 from semmap.belief.teaching import KnownAction
 from semmap.suggestions import suggestion
 
-__all__ = ["action_chain"]
-
 
 def action_chain(
     actions: Sequence[KnownAction],

@@ -18,8 +18,6 @@ from scipy.optimize import linear_sum_assignment
 
 from semmap.belief.error import BeliefError
 
-__all__ = ["NEW", "Association", "associate", "moved_or_new"]
-
 NEW = -1
 """Stands for a new instance in an assignment."""
 

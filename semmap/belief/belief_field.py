@@ -15,8 +15,6 @@ from semmap.fields.maps.lattice import Lattice
 from semmap.fields.maps.representation_map import RepresentationMap
 from semmap.fields.maps.vocabulary import Properties
 
-__all__ = ["HEADROOM", "belief_map"]
-
 HEADROOM = 0.2
 """Metres above a surface that belong to its place."""
 

@@ -9,8 +9,6 @@ from typing import Any
 
 from semmap.found_rows import html_table
 
-__all__ = ["BelievedPlaces"]
-
 
 @dataclass(frozen=True, eq=False)
 class BelievedPlaces(Mapping[str, float]):

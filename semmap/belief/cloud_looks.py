@@ -27,9 +27,6 @@ from semmap.query.storey_scene import EntityKind
 if TYPE_CHECKING:
     pass
 
-__all__ = ["observe_cloud", "read_models"]
-
-
 SPACING = 0.004
 """Metres between the points of furniture, on average."""
 

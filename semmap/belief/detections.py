@@ -13,8 +13,6 @@ from semmap.belief.store.beliefs import Row, read_belief
 from semmap.query.snapshot import Snapshot
 from semmap.snake_case import snake_case
 
-__all__ = ["AddObject", "observe_detections"]
-
 SURE = 0.9
 """A detection is of an object, or of a new one, with at least this probability; else in doubt."""
 

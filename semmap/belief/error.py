@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from semmap.error import Error
 
-__all__ = ["BeliefError"]
-
 
 class BeliefError(Error, ValueError):
     """Knowledge or observations that cannot be used: the text says what, where and the fix."""

@@ -13,8 +13,6 @@ from semmap.belief.occlusion import infer_with_occlusion
 from semmap.belief.reader import BeliefColumns, read_columns, read_model
 from semmap.query.snapshot import Snapshot
 
-__all__ = ["belief_with_occlusion", "known_volumes"]
-
 Belief = dict[str, dict[str, float]]
 """The probability of each place, for each object; the place `elsewhere` included."""
 

@@ -7,8 +7,6 @@ from collections.abc import Mapping, Sequence
 
 from semmap.belief.error import BeliefError
 
-__all__ = ["FORMATS", "spoken", "write_grammar"]
-
 FORMATS = ("gbnf", "jsgf")
 
 RULES: dict[str, tuple[str, ...]] = {

@@ -20,8 +20,6 @@ from semmap.draw.floor_plan import FLAT, floor_plan
 from semmap.draw.palette import HIDDEN
 from semmap.draw.view import StoreyView
 
-__all__ = ["heat_map"]
-
 LEAST_SHOWN = 0.005
 """A place below this probability is not coloured."""
 

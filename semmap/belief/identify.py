@@ -23,8 +23,6 @@ from semmap.query.snapshot import Snapshot
 if TYPE_CHECKING:
     pass
 
-__all__ = ["Detection", "Identity", "identify"]
-
 
 @dataclass(frozen=True)
 class Detection:

@@ -18,8 +18,6 @@ from semmap.belief.error import BeliefError
 from semmap.belief.observation_columns import Observations, observation_rates
 from semmap.belief.sighting_model import THESIS, SightingRates
 
-__all__ = ["Observations", "checked_mobility", "checked_prior", "infer", "log_ratios"]
-
 
 def infer(
     prior: ArrayLike,

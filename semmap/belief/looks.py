@@ -19,8 +19,6 @@ from semmap.query.snapshot import Snapshot
 if TYPE_CHECKING:
     pass
 
-__all__ = ["agent_view", "observe_point", "observe_view", "spot"]
-
 LEAST_SHARE = 0.02
 """A place of which a view shows less was not looked at."""
 

@@ -14,8 +14,6 @@ from xml.etree.ElementTree import Element
 from semmap.belief.error import BeliefError
 from semmap.ingest.xml_file import read_xml
 
-__all__ = ["LENGTH_UNIT", "read_map_xml"]
-
 LENGTH_UNIT = 0.01
 """Metres; the thesis states no unit. Its numbers are of the order of centimetres."""
 

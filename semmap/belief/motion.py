@@ -24,8 +24,6 @@ from semmap.belief.inference import (
 from semmap.belief.observation_columns import Observations, observation_rates
 from semmap.belief.sighting_model import THESIS, SightingRates
 
-__all__ = ["DAILY", "MotionModel", "infer_with_motion"]
-
 
 @dataclass(frozen=True)
 class MotionModel:

@@ -11,8 +11,6 @@ from numpy.typing import ArrayLike, NDArray
 from semmap.belief.error import BeliefError
 from semmap.belief.sighting_model import SightingRates
 
-__all__ = ["Observations", "observation_rates"]
-
 COLUMNS = ("object", "place", "age", "seen", "share", "hit", "false_alarm")
 
 

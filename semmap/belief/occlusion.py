@@ -26,8 +26,6 @@ from semmap.belief.observation_columns import Observations, observation_rates
 from semmap.belief.sighting_model import THESIS, SightingRates
 from semmap.geometry.voxel_keys import sorted_unique
 
-__all__ = ["check_hiding", "checked_volume", "infer_with_occlusion"]
-
 CHOICES = 2**22
 """The largest number of choices, over all sets of occupied places; more would take seconds."""
 

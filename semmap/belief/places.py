@@ -14,8 +14,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from semmap.geometry.pose import IDENTITY, Pose
 
-__all__ = ["BeliefPlace", "Surface", "place_at", "sample_points"]
-
 BELOW, ABOVE = 0.05, 0.5
 """Metres that a detected point may be below a surface, and above it: an object has its height."""
 

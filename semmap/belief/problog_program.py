@@ -17,8 +17,6 @@ from semmap.belief.observation_columns import Observations, observation_rates
 from semmap.belief.occlusion import check_hiding, checked_volume
 from semmap.belief.sighting_model import THESIS, SightingModel, SightingRates
 
-__all__ = ["problog_program"]
-
 RULES = """\
 % Larger objects at the same place may hide smaller ones.
 larger(L, X) :- volume(L, V), volume(X, W), V > W.

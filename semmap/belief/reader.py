@@ -23,17 +23,6 @@ from semmap.query.snapshot import Snapshot
 from semmap.query.storey_reader import read_entities
 from semmap.query.storey_scene import NO_TRIANGLES
 
-__all__ = [
-    "BeliefColumns",
-    "is_wide",
-    "read_agent_pose",
-    "read_columns",
-    "read_height",
-    "read_model",
-    "read_occluders",
-    "read_places",
-]
-
 _PLACES = """
 SELECT e.name, e.kind, y.name AS storey, coalesce(w.pose, '{0,0,0,0,0,0,1}') AS pose,
        ST_AsBinary(w.footprint) AS footprint,

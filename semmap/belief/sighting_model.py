@@ -11,8 +11,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from semmap.belief.error import BeliefError
 
-__all__ = ["THESIS", "SightingModel", "SightingRates"]
-
 
 class SightingRates(Protocol):
     """Any model of how sightings lose their value with age."""

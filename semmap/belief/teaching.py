@@ -17,17 +17,6 @@ from semmap.finite_number import is_finite_number
 from semmap.limits import TEXT_BYTES
 from semmap.snake_case import snake_case
 
-__all__ = [
-    "Knowledge",
-    "KnownAction",
-    "KnownRelation",
-    "TaughtObject",
-    "Teaching",
-    "is_a",
-    "parse_teaching",
-    "read_teaching",
-]
-
 Row = dict[str, Any]
 
 ALIASES = {

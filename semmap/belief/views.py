@@ -12,8 +12,6 @@ from semmap.belief.error import BeliefError
 from semmap.belief.places import BeliefPlace, sample_points
 from semmap.draw.depth_camera import DepthCamera
 
-__all__ = ["camera_at", "visible_points", "visible_shares"]
-
 DEPTH_TOLERANCE = 0.02
 """Metres by which a surface may be nearer than a point that it carries."""
 

@@ -19,8 +19,6 @@ if TYPE_CHECKING:
     from semmap.belief.believed_places import BelievedPlaces
     from semmap.belief.identify import Detection
 
-__all__ = ["belief", "observe_command", "teach_command", "where_command"]
-
 At = Annotated[
     datetime | None, typer.Option(help="At this time (ISO 8601, local without a zone); else now.")
 ]

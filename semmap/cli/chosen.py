@@ -17,14 +17,6 @@ if TYPE_CHECKING:
 
     Session = psycopg.Connection[Any]
 
-__all__ = [
-    "CliOptions",
-    "chosen_map",
-    "chosen_url",
-    "engine",
-    "open_database",
-]
-
 
 class CliOptions:
     """What the options before the command say."""

@@ -11,8 +11,6 @@ from semmap import cli
 from semmap.api.spatial_fields import SpatialFields
 from semmap.fields.service.client import ServiceAddress
 
-__all__ = ["chosen_fields"]
-
 
 @contextmanager
 def chosen_fields(map_name: str | None, voxel_size: float = 0.05) -> Iterator[SpatialFields]:

@@ -11,8 +11,6 @@ from rich.text import Text
 
 from semmap.terminal import has_control, visible
 
-__all__ = ["SafeConsole"]
-
 
 class SafeConsole(Console):
     """A console that controls the terminal by itself alone, not by what it prints."""

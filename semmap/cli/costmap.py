@@ -29,8 +29,6 @@ from semmap.cli.grid_options import (
 )
 from semmap.number_list import parse_numbers
 
-__all__ = ["costmap_command"]
-
 
 def costmap_command(
     robot: Urdf,

@@ -16,8 +16,6 @@ from navgrid.nav2 import Files
 from semmap import cli
 from semmap.draw.palette import PART_COLOURS
 
-__all__ = ["show_explanation", "show_files"]
-
 
 def show_explanation(costmaps: Iterable[Costmap], x: float, y: float, json_: bool) -> None:
     """Print the causes of the cost at a point, per storey.

@@ -14,8 +14,6 @@ import typer
 if TYPE_CHECKING:
     from sqlalchemy import URL, Engine
 
-__all__ = ["app"]
-
 app = typer.Typer(no_args_is_help=True, help="The database: start, stop, revisions, psql.")
 
 # `semmap --db` and SEMMAP_DB come before the command; `semmap db COMMAND --db` works, too.

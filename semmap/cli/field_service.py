@@ -15,8 +15,6 @@ from semmap.cli.chosen_fields import chosen_fields
 if TYPE_CHECKING:
     import threading
 
-__all__ = ["add_service_commands"]
-
 source = typer.Typer(no_args_is_help=True, help="Sources of the running service.")
 
 

@@ -16,8 +16,6 @@ from semmap.cli.field_service import add_service_commands
 if TYPE_CHECKING:
     from semmap.api.space_answer import SpaceAnswer
 
-__all__ = ["fields"]
-
 fields = typer.Typer(no_args_is_help=True, help="What space contains, voxel by voxel.")
 
 add_service_commands(fields)

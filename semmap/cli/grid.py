@@ -29,8 +29,6 @@ from semmap.cli.grid_options import (
 if TYPE_CHECKING:
     from navgrid.occupancy_grid import StoreyGrid
 
-__all__ = ["grid_command"]
-
 
 def grid_command(
     folder: Annotated[Path, typer.Option("--output", "-o", help="Folder for the maps.")],

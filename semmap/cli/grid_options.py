@@ -11,22 +11,6 @@ import typer
 if TYPE_CHECKING:
     from semmap.api.map import Map
 
-__all__ = [
-    "AssumeSizes",
-    "FieldNames",
-    "FromVoxels",
-    "MaxSlope",
-    "MaxStep",
-    "Moment",
-    "NoFields",
-    "Parts",
-    "PolicyFile",
-    "State",
-    "Urdf",
-    "VoxelSize",
-    "fields_of",
-]
-
 Urdf = Annotated[Path, typer.Option("--robot", help="The robot's URDF.")]
 State = Annotated[
     str | None,

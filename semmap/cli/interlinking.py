@@ -20,8 +20,6 @@ if TYPE_CHECKING:
     from semmap.interlinking.interlink import Interlinking, PairQuestion
     from semmap.interlinking.records import Records
 
-__all__ = ["interlink"]
-
 QUESTIONS = 25
 
 

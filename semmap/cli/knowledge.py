@@ -17,8 +17,6 @@ if TYPE_CHECKING:
     from semmap.knowledge.answer import Answer
     from semmap.knowledge.reasoning.runs import Reasoned
 
-__all__ = ["knowledge", "rdf", "sparql_command"]
-
 rdf = typer.Typer(no_args_is_help=True, help="Write the map as RDF, and read facts from RDF.")
 
 knowledge = typer.Typer(

@@ -15,8 +15,6 @@ from semmap.cli.texts import numbers
 if TYPE_CHECKING:
     from semmap.manipulation.found_actions import FoundActions
 
-__all__ = ["Gripper", "Limit", "grasp_command", "place_command", "push_command"]
-
 # NumPy and the libraries of the extra are slow to import: the functions below import what they use.
 
 Gripper = Annotated[

@@ -13,8 +13,6 @@ from semmap import cli
 from semmap.cli.manipulation import Gripper, Limit
 from semmap.cli.texts import numbers
 
-__all__ = ["manipulation"]
-
 manipulation = typer.Typer(
     no_args_is_help=True, help="Grippers, shapes, outcomes, and sharing of manipulation knowledge."
 )

@@ -7,8 +7,6 @@ from typing import Annotated
 
 import typer
 
-__all__ = ["Agent", "Apply", "Fail", "Put", "RobotName", "Seed", "Speed", "Start", "WorldFile"]
-
 Start = Annotated[
     str | None,
     typer.Option("--from", help="Room in which the robot starts; by default its room."),

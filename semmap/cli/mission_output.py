@@ -14,8 +14,6 @@ if TYPE_CHECKING:
     from planner.mission.runner import MissionEvent
     from planner.simulated_run import SimulatedMission
 
-__all__ = ["say", "show_event", "show_mission"]
-
 
 def say(text: str) -> None:
     """Print a note."""

@@ -12,8 +12,6 @@ from semmap import cli
 from semmap.cli import mission_options as options
 from semmap.cli.grid_options import AssumeSizes
 
-__all__ = ["missions_command", "run_command"]
-
 
 def run_command(
     goal: Annotated[

@@ -6,8 +6,6 @@ from typing import Annotated
 
 import typer
 
-__all__ = ["Json", "MapName"]
-
 MapName = Annotated[
     str | None,
     typer.Option("--map", envvar="SEMMAP_MAP", help="The map; not needed where there is one only."),

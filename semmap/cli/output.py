@@ -24,18 +24,6 @@ if TYPE_CHECKING:
     out: SafeConsole
     err: SafeConsole
 
-__all__ = [
-    "cell_width",
-    "err",
-    "out",
-    "plain",
-    "print_json",
-    "readable",
-    "show_rows",
-    "show_table",
-    "unique_names",
-]
-
 
 @cache
 def _console(name: str) -> SafeConsole:

@@ -7,8 +7,6 @@ from contextlib import contextmanager
 
 from semmap import cli
 
-__all__ = ["place_progress"]
-
 
 @contextmanager
 def place_progress(*, quiet: bool) -> Iterator[Callable[[str, int, int], None]]:

@@ -15,8 +15,6 @@ if TYPE_CHECKING:
     from planner.plan import Action, Plan
     from semmap.api.map_plan import MapPlan
 
-__all__ = ["plan_command"]
-
 
 def plan_command(
     goal: Annotated[str, typer.Argument(help="on(muffin, desk1) and in(robot, kitchen), ...")],

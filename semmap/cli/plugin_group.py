@@ -21,8 +21,6 @@ from typer.core import TyperGroup
 from semmap.api.operations import COMMANDS
 from semmap.terminal import visible
 
-__all__ = ["GROUP", "PluginGroup", "help_line"]
-
 GROUP = "semmap.commands"
 
 

@@ -12,8 +12,6 @@ import typer
 
 from semmap import cli
 
-__all__ = ["regions"]
-
 regions = typer.Typer(
     no_args_is_help=True, help="Parts of rooms and objects: drawn, or found in the geometry."
 )

@@ -14,8 +14,6 @@ from semmap.number_list import parse_numbers
 if TYPE_CHECKING:
     from planner.robot_class import RobotClass
 
-__all__ = ["robot"]
-
 robot = typer.Typer(no_args_is_help=True, help="Classes of robots: their shape and abilities.")
 
 

@@ -19,8 +19,6 @@ if TYPE_CHECKING:
     from planner.route import Route, RouteStep
     from semmap.geometry.pose import Pose
 
-__all__ = ["readable_pose", "route_command"]
-
 
 def route_command(
     start: Annotated[

@@ -15,8 +15,6 @@ from semmap.cli.place_progress import place_progress
 if TYPE_CHECKING:
     from semmap.api.map_plan import ObjectSearch
 
-__all__ = ["search_command"]
-
 
 def search_command(
     name: Annotated[str, typer.Argument(help="Name of the object.")],

@@ -7,8 +7,6 @@ from typing import Any
 
 import typer
 
-__all__ = ["json_value", "numbers"]
-
 
 def numbers(text: str, option: str, count: int | None = None) -> list[float]:
     """Return the numbers of a text; `count` of them, where it is given.

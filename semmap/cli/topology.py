@@ -11,8 +11,6 @@ import typer
 from semmap import cli
 from semmap.api.map_drawing import TopologyFormat, topology_as_json, topology_format
 
-__all__ = ["topology_command"]
-
 
 def topology_command(
     file: Annotated[

@@ -12,8 +12,6 @@ from typing import Any
 
 from semmap.database.error import DatabaseError
 
-__all__ = ["Account", "caller", "server_account", "user_name"]
-
 SUBSTITUTES = ("postgres", "nobody")
 """Who runs the server for root, whom PostgreSQL refuses; the first that exists."""
 

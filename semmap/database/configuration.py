@@ -9,8 +9,6 @@ from pathlib import Path
 
 from semmap.database.programs import Programs
 
-__all__ = ["ALLOCATOR", "READER", "SUPERUSER", "access_rules", "server_settings", "user_map"]
-
 SUPERUSER = "semmap"
 """The database role that the cluster's owner has."""
 

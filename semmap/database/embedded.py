@@ -27,8 +27,6 @@ from semmap.terminal import print_waiting
 if TYPE_CHECKING:
     from sqlalchemy import URL
 
-__all__ = ["Cluster", "default_home"]
-
 DATABASE = "semmap"
 
 INCLUDES = "include '../semmap.conf'\ninclude_if_exists '../local.conf'\n"

@@ -22,8 +22,6 @@ from semmap.database.parameters import (
 from semmap.database.patience import Patience
 from semmap.terminal import print_waiting
 
-__all__ = ["database_url", "make_engine", "open_engine"]
-
 
 def database_url(url: str | URL | Cluster | None = None) -> URL:
     """Which database is meant: `url`, else ``$SEMMAP_DB``, else the embedded cluster, started.

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from semmap.error import Error
 
-__all__ = ["DatabaseError"]
-
 
 class DatabaseError(Error):
     """A database that cannot be had or used; the message says what to do."""

@@ -6,8 +6,6 @@ from pathlib import Path
 
 from semmap.database.error import DatabaseError
 
-__all__ = ["migrations_folder", "schema_folder"]
-
 PACKAGE = Path(__file__).resolve().parents[1]
 PLACES = (PACKAGE / "_data", PACKAGE.parent)
 """The folder that a wheel brings; a checkout's root."""

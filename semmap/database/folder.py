@@ -14,8 +14,6 @@ from pathlib import Path
 from semmap.database.account import Account, user_name
 from semmap.database.error import DatabaseError
 
-__all__ = ["Folder", "check_home", "open_folder", "read_file"]
-
 HINT = "Set SEMMAP_DATA to another folder, or name a database: SEMMAP_DB, --db"
 
 

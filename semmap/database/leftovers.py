@@ -14,8 +14,6 @@ from semmap.database.patience import BUSY_SECONDS
 from semmap.database.pid_file import NAME, read_pid_file
 from semmap.database.sockets import answers
 
-__all__ = ["clear_leftovers", "remove_stale", "servers_in"]
-
 GRACE = 0.5
 """Seconds in which orphans may end by themselves, as idle ones do at once."""
 

@@ -9,8 +9,6 @@ import psycopg
 if TYPE_CHECKING:
     from sqlalchemy import Connection
 
-__all__ = ["driver_of", "pick_map", "see_map"]
-
 
 def driver_of(connection: Connection | psycopg.Connection[Any]) -> psycopg.Connection[Any]:
     """Return psycopg's connection: the one given, or that below one of SQLAlchemy."""

@@ -29,15 +29,6 @@ from semmap.database.requirements import check_requirements
 if TYPE_CHECKING:
     from pathlib import Path
 
-__all__ = [
-    "current",
-    "downgrade",
-    "drop",
-    "run_sql_files",
-    "schema_folder",
-    "upgrade",
-]
-
 LOCK = 0x73656D6D6170  # "semmap"
 """Key of the advisory lock that whoever changes the schema holds."""
 

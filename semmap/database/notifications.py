@@ -9,8 +9,6 @@ import psycopg
 from sqlalchemy import Engine
 from sqlalchemy.exc import DBAPIError
 
-__all__ = ["notifications"]
-
 
 def notifications(
     engine: Engine, channels: Sequence[str], stop: threading.Event, *, patience: float = 0.2

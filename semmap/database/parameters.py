@@ -17,15 +17,6 @@ from semmap.database.patience import BUSY_SECONDS
 if TYPE_CHECKING:
     from sqlalchemy import URL
 
-__all__ = [
-    "CONNECT_TIMEOUT",
-    "SETTINGS",
-    "connection_parameters",
-    "describe",
-    "lost_folder",
-    "unreachable",
-]
-
 SETTINGS = {"search_path": "semmap,public", "timezone": "UTC"}
 """What every session is opened with."""
 

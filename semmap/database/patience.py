@@ -6,8 +6,6 @@ import time
 
 from psycopg.pq import PGconn, Ping
 
-__all__ = ["BUSY_SECONDS", "SILENT_SECONDS", "Patience"]
-
 BUSY_SECONDS = 60.0
 """How long a command waits while the server says that it starts, recovers or stops."""
 

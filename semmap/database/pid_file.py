@@ -7,8 +7,6 @@ from typing import NamedTuple
 
 from semmap.database.folder import read_file
 
-__all__ = ["NAME", "PidFile", "read_pid_file"]
-
 NAME = "postmaster.pid"
 
 

@@ -13,8 +13,6 @@ from pathlib import Path
 from semmap.database.error import DatabaseError
 from semmap.database.requirements import POSTGRESQL
 
-__all__ = ["Programs", "find_programs"]
-
 NEEDED = ("initdb", "postgres", "pg_ctl")
 
 FOLDERS = (

@@ -18,8 +18,6 @@ from semmap.database.shared_engine import SharedConnection
 if TYPE_CHECKING:
     from sqlalchemy import Engine
 
-__all__ = ["as_reader", "reading_session"]
-
 RELOAD_SECONDS = 10.0
 """How long the server may take to read its user map again."""
 

@@ -10,8 +10,6 @@ from semmap.database.error import DatabaseError
 if TYPE_CHECKING:
     from sqlalchemy import Connection
 
-__all__ = ["POSTGIS", "POSTGRESQL", "check_requirements"]
-
 POSTGRESQL = 14
 """The oldest major version of PostgreSQL that serves."""
 

@@ -14,16 +14,6 @@ from semmap.database.files import migrations_folder
 if TYPE_CHECKING:
     from sqlalchemy import Engine
 
-__all__ = [
-    "VERSION_SCHEMA",
-    "VERSION_TABLE",
-    "OldSchema",
-    "check_revision",
-    "installed",
-    "installed_on",
-    "newest",
-]
-
 VERSION_TABLE = "semmap_version"
 VERSION_SCHEMA = "public"
 """Not in `semmap`, for a revision may rename that schema."""

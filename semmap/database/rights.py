@@ -9,8 +9,6 @@ from semmap.database.configuration import READER
 if TYPE_CHECKING:
     import psycopg
 
-__all__ = ["LIMIT_RIGHTS", "excess_rights", "limit_rights"]
-
 FOR_WRITERS = (
     "pg_notify",
     "pg_advisory_lock",

@@ -25,8 +25,6 @@ if TYPE_CHECKING:
 
     from semmap.database.embedded import Cluster
 
-__all__ = ["conninfo_of", "open_session", "reopen_session", "twin_session"]
-
 
 def open_session(
     url: str | URL | Cluster | None = None, *, migrate: bool = False

@@ -11,8 +11,6 @@ from psycopg.pq import TransactionStatus
 if TYPE_CHECKING:
     from sqlalchemy import Engine
 
-__all__ = ["SharedConnection", "shared_engine"]
-
 _ENGINES: WeakKeyDictionary[psycopg.Connection[Any], Engine] = WeakKeyDictionary()
 
 

@@ -15,8 +15,6 @@ from semmap.database.account import Account
 from semmap.database.error import DatabaseError
 from semmap.database.folder import open_folder
 
-__all__ = ["PORT", "answers", "lock_file", "make_socket_folder"]
-
 PORT = 5432
 
 PATH_LIMIT = 103

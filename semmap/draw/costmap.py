@@ -13,8 +13,6 @@ from numpy.typing import NDArray
 
 from semmap.draw.title import draw_title
 
-__all__ = ["colours", "costmap_picture"]
-
 _LETHAL, _INSCRIBED, _UNKNOWN = 254, 253, 255
 
 

@@ -9,8 +9,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from semmap.draw.rasteriser import nearest_triangles
 
-__all__ = ["DepthCamera", "look_at"]
-
 Floats = NDArray[np.float64]
 
 

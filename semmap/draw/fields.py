@@ -17,8 +17,6 @@ from semmap.draw.palette import INK, PAPER
 from semmap.draw.rasteriser import Camera, as_bytes, nearest_triangles, quarters
 from semmap.draw.shading import Surfaces, shade
 
-__all__ = ["FieldView", "fields_picture", "voxel_faces"]
-
 Floats = NDArray[np.float64]
 
 

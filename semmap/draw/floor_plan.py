@@ -27,8 +27,6 @@ from semmap.draw.palette import HIDDEN, INK, PAPER, PATH, STATES, family, object
 from semmap.draw.title import draw_title
 from semmap.draw.view import DoorView, ObjectView, OccupancyView, Outline, RegionView, StoreyView
 
-__all__ = ["floor_plan"]
-
 FLAT = {"carpet"}
 OVERHEAD = 1.9
 """Metres above the floor from which things are not on a plan."""

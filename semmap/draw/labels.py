@@ -9,8 +9,6 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.text import Annotation, Text
 
-__all__ = ["Labels"]
-
 Offset = tuple[float, float]
 Box = tuple[float, float, float, float]
 """x0, y0, x1, y1, pixels; a Bbox computes its sides each time it is asked for them."""

@@ -5,18 +5,6 @@ from __future__ import annotations
 import zlib
 from collections.abc import Iterable, Mapping
 
-__all__ = [
-    "BOX_COLOURS",
-    "HIDDEN",
-    "INK",
-    "PAPER",
-    "PATH",
-    "STATES",
-    "family",
-    "object_colour",
-    "room_colour",
-]
-
 INK = "#2b2f36"
 PAPER = "#fbfaf7"
 PATH = "#d6336c"

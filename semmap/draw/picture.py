@@ -9,8 +9,6 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Self
 
-__all__ = ["Picture"]
-
 
 @dataclass(frozen=True)
 class Picture:

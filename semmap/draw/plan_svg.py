@@ -11,8 +11,6 @@ import shapely
 
 from semmap.draw.palette import HIDDEN, INK, PAPER, PATH, STATES, object_colour, room_colour
 
-__all__ = ["plan_svg"]
-
 MARGIN = 0.4
 """Around what is drawn, metres."""
 

@@ -14,8 +14,6 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Camera", "Projection", "as_bytes", "nearest_triangles", "quarters"]
-
 Floats = NDArray[np.float64]
 
 _DEPTH_BITS, _FACE_BITS = 31, 32

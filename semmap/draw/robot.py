@@ -19,8 +19,6 @@ from semmap.geometry.mesh import Mesh, join
 from semmap.geometry.pose import Pose
 from semmap.robot.parts import Part
 
-__all__ = ["footprints_picture", "parts_picture", "robot_views"]
-
 
 def robot_views(
     parts: Sequence[Part], meshes: Mapping[str, Mesh], pose: Pose | None = None

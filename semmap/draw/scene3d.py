@@ -25,8 +25,6 @@ from semmap.draw.view import ObjectView, RoomView, StoreyView
 from semmap.geometry.mesh import Mesh, prism_mesh
 from semmap.geometry.parts import closed_parts
 
-__all__ = ["scene3d"]
-
 Floats = NDArray[np.float64]
 
 HIDDEN = {"ceiling", "roof", "ceiling_lamp", "beam", "ground"}

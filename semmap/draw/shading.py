@@ -10,8 +10,6 @@ from scipy.ndimage import gaussian_filter, uniform_filter
 
 from semmap.draw.rasteriser import Camera, nearest_triangles
 
-__all__ = ["Surfaces", "shade"]
-
 Floats = NDArray[np.float64]
 Pixels = NDArray[np.int64]
 

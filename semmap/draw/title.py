@@ -7,8 +7,6 @@ from matplotlib.text import Text
 
 from semmap.draw.palette import INK
 
-__all__ = ["draw_title"]
-
 
 def draw_title(
     figure: Figure, title: str, y: float, size: float, left: float = 0.025, right: float = 0.975

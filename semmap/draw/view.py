@@ -13,16 +13,6 @@ from semmap.geometry.mesh import Mesh
 from semmap.geometry.pose import Pose
 from semmap.query.storey_scene import SceneEntity, StoreyScene
 
-__all__ = [
-    "DoorView",
-    "ObjectView",
-    "OccupancyView",
-    "RegionView",
-    "RoomView",
-    "StoreyView",
-    "storey_view",
-]
-
 Outline: TypeAlias = Polygon | MultiPolygon
 
 

@@ -6,8 +6,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import binary_erosion
 
-__all__ = ["heights_at", "overlap", "touches"]
-
 Floats = NDArray[np.float64]
 Ints = NDArray[np.intp]
 

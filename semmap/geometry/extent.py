@@ -7,8 +7,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["extent"]
-
 
 def extent(points: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
     """Return the lowest and the highest value of each coordinate.

@@ -16,8 +16,6 @@ from semmap.geometry.morphology import polygons, without_gaps
 from semmap.geometry.parts import closed_parts
 from semmap.geometry.walk import GAP, walked_faces
 
-__all__ = ["Floor", "shadow", "walkable_floor"]
-
 THIN = 1e-3
 """Thickness of a sheet to either side, metres."""
 

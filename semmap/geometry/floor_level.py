@@ -8,8 +8,6 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["floor_level"]
-
 LEVEL = math.radians(6)
 """Slope up to which a face is level."""
 

@@ -15,8 +15,6 @@ from semmap.geometry.pose import Pose
 if TYPE_CHECKING:
     from shapely import MultiPolygon, Polygon
 
-__all__ = ["Mesh", "box_mesh", "join", "prism_mesh"]
-
 
 @dataclass(frozen=True, eq=False)
 class Mesh:

@@ -11,8 +11,6 @@ import shapely
 from shapely import MultiPolygon, Polygon
 from shapely.geometry.base import BaseGeometry
 
-__all__ = ["polygons", "without_gaps", "without_slivers"]
-
 
 def polygons(shape: BaseGeometry) -> list[Polygon]:
     """Return the polygons of a shape, without its lines and points."""

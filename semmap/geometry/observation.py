@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from shapely import MultiPolygon, Polygon
 
-__all__ = ["observation_area"]
-
 _SEGMENTS = 16
 
 

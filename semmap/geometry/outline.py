@@ -11,9 +11,6 @@ from shapely import MultiPolygon, Polygon
 from semmap.geometry.mesh import Mesh
 from semmap.geometry.pose import Pose
 
-__all__ = ["hull_points", "placed_outline", "silhouette"]
-
-
 MANY = 2000
 """Most points for which Qhull merges facets; for more points on a circle or plane it is slow."""
 

@@ -10,8 +10,6 @@ from scipy.sparse.csgraph import connected_components
 import semmap_native
 from semmap.geometry.mesh import Mesh
 
-__all__ = ["closed_as_whole", "closed_parts"]
-
 
 def closed_as_whole(mesh: Mesh) -> bool:
     """Return whether the surface has each of its edges as often in one direction as in the other.

@@ -15,8 +15,6 @@ from numpy.typing import ArrayLike, NDArray
 if TYPE_CHECKING:
     from scipy.spatial.transform import Rotation
 
-__all__ = ["IDENTITY", "Pose"]
-
 
 class Pose(NamedTuple):
     """Where a frame stands in another: ``p_outer = rotation_matrix @ p_inner + translation``.

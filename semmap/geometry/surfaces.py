@@ -14,8 +14,6 @@ from semmap.geometry.mesh import Mesh
 from semmap.geometry.morphology import polygons, without_gaps, without_slivers
 from semmap.geometry.parts import closed_parts
 
-__all__ = ["LevelPatch", "support_surfaces"]
-
 
 @dataclass(frozen=True, eq=False)
 class LevelPatch:

@@ -9,8 +9,6 @@ from numpy.typing import NDArray
 
 from semmap.geometry.mesh import Mesh
 
-__all__ = ["CHUNK", "decode_patch", "encode_chunks", "to_mesh"]
-
 CHUNK = 1024
 """Triangles per patch: small enough for a selective index, large enough for speed."""
 

@@ -7,8 +7,6 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["keys_of", "sorted_unique", "voxels_of_keys"]
-
 Integer = TypeVar("Integer", bound=np.integer)
 
 _BITS = 21

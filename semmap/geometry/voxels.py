@@ -11,8 +11,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from semmap.geometry.extent import extent
 
-__all__ = ["Voxels"]
-
 
 @dataclass(frozen=True, eq=False)
 class Voxels:

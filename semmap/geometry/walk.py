@@ -11,8 +11,6 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from shapely import STRtree, polygons
 
-__all__ = ["GAP", "walked_faces"]
-
 GAP = 0.005
 """Largest gap between connected faces, seen from above, metres."""
 

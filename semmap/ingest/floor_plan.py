@@ -12,8 +12,6 @@ from numpy.typing import NDArray
 from shapely import LineString, Point, Polygon, STRtree
 from shapely.ops import substring
 
-__all__ = ["FloorPlan", "Opening", "Sides", "bridge_gaps", "enclose", "rooms_beside"]
-
 GRID = 1e-4
 """Lines are noded on a grid of 0.1 mm, so that a line which ends on another really meets it."""
 

@@ -7,8 +7,6 @@ from typing import Any
 
 import psycopg
 
-__all__ = ["on_utm", "utm_crs"]
-
 UTM_LATITUDES = (-80.0, 84.0)
 """Degrees between which UTM is defined."""
 

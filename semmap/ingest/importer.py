@@ -28,14 +28,13 @@ from semmap.ingest.store.holder_store import (
     postpone_derivation,
     recognise_parts,
 )
-from semmap.ingest.store.world_store import Progress, StoreSummary, store_world
+from semmap.ingest.store.model_store import Progress
+from semmap.ingest.store.world_store import StoreSummary, store_world
 from semmap.ingest.storeys import FOUND, found_storeys
 from semmap.ingest.world import Skipped, World, WorldError
 from semmap.limits import ENTRIES, NAME_CHARACTERS
 from semmap.query.geometry_notes import names_note, read_names_without_geometry
 from semmap.query.snapshot import Snapshot
-
-__all__ = ["ImportSummary", "import_file", "read_world"]
 
 Geometry = Literal["visual", "collision"]
 MeshAs = Literal["object", "room"]

@@ -14,8 +14,6 @@ from semmap.geometry.pose import IDENTITY
 from semmap.ingest.ontology.tbox import own_tbox
 from semmap.ingest.world import Entry
 
-__all__ = ["GUESS", "SURE", "TypeGuess", "give_type", "guess_type", "unique_name", "words"]
-
 GUESS = "type_guess"
 """The property with the type and the confidence of a guess."""
 

@@ -10,8 +10,6 @@ from semmap.geometry.mesh import box_mesh
 from semmap.geometry.pose import Pose
 from semmap.ingest.world import Shape
 
-__all__ = ["LEAF_HEIGHT", "approach_pose", "door_leaf"]
-
 LEAF_THICKNESS = 0.05
 LEAF_HEIGHT = 2.1
 """Size of a door's leaf, metres."""

@@ -10,8 +10,6 @@ from numpy.typing import NDArray
 from semmap.geometry.pose import IDENTITY, Pose
 from semmap.ingest.world import Entry, StoreyDetail
 
-__all__ = ["FOUND", "found_storeys"]
-
 FOUND = "found"
 """The property of a storey that was found, not stated."""
 

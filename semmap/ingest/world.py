@@ -12,20 +12,6 @@ from semmap.error import Error
 from semmap.geometry.mesh import Mesh
 from semmap.geometry.pose import IDENTITY, Pose
 
-__all__ = [
-    "OUTSIDE",
-    "ConnectorDetail",
-    "Entry",
-    "PlaceDetail",
-    "Refused",
-    "Shape",
-    "Skipped",
-    "StoreyDetail",
-    "World",
-    "WorldError",
-    "WorldLink",
-]
-
 Kind = Literal["room", "object", "region", "connector", "elevator", "storey", "agent"]
 ShapeKind = Literal["mesh", "box", "cloud", "polygon", "cad"]
 

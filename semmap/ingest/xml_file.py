@@ -18,8 +18,6 @@ from defusedxml.ElementTree import fromstring
 from semmap.ingest.world import WorldError
 from semmap.limits import TEXT_BYTES
 
-__all__ = ["read_xml"]
-
 TOKEN = re.compile(
     rb"<!--.*?(?:-->|\Z)|<!\[CDATA\[.*?(?:\]\]>|\Z)|<\?.*?(?:\?>|\Z)|<[^<>]*>?|[^<]+", re.DOTALL
 )

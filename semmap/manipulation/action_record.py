@@ -16,8 +16,6 @@ from numpy.typing import ArrayLike
 from semmap.geometry.pose import Pose
 from semmap.manipulation.error import ManipulationError
 
-__all__ = ["KINDS", "MOTIONS", "ActionRecord", "action_key", "composed_key", "pose_of"]
-
 KINDS = ("grasp", "place", "push", "turn", "open", "put")
 """Of actions; `turn` is a rotational push, `open` opens doors and drawers, `put` is composed."""
 

@@ -17,8 +17,6 @@ from semmap.manipulation.extra import library
 from semmap.manipulation.gripper import Gripper
 from semmap.robot.urdf import Joint
 
-__all__ = ["Arm"]
-
 Floats = NDArray[np.float64]
 
 POSITION, ROTATION = 5e-4, 5e-3

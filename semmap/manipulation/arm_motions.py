@@ -30,8 +30,6 @@ if TYPE_CHECKING:
     from semmap.manipulation.collision import Obstacles
     from semmap.manipulation.motion import Stroke
 
-__all__ = ["ArmMotion", "approachable_rows", "plan_grasp", "plan_place", "plan_push"]
-
 Floats = NDArray[np.float64]
 
 AROUND = 1.5

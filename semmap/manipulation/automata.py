@@ -22,17 +22,6 @@ if TYPE_CHECKING:
     from semmap.manipulation.gripper import Gripper
     from semmap.robot.urdf import Robot
 
-__all__ = [
-    "automaton_of",
-    "base_pose",
-    "class_automaton",
-    "class_gripper",
-    "facing_first",
-    "reachable_rows",
-    "register_robot",
-    "stored_arm",
-]
-
 TRIED = 200
 """Actions whose reach is computed, at most."""
 

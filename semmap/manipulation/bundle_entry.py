@@ -10,8 +10,6 @@ from semmap.finite_number import is_finite_number
 from semmap.limits import NAME_CHARACTERS
 from semmap.manipulation.error import ManipulationError
 
-__all__ = ["check_entry"]
-
 LARGEST = 1e9
 """Of a number in a bundle: metres, radians, shares and outcomes are smaller."""
 

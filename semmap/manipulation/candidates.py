@@ -19,8 +19,6 @@ from semmap.manipulation.error import ManipulationError
 from semmap.manipulation.gripper import PAD, Gripper
 from semmap.manipulation.solids import ConvexSolid, PrimitiveShape, solid_of
 
-__all__ = ["ANGLES", "Grasp", "Grasps", "grasp_candidates", "without_duplicates"]
-
 Floats = NDArray[np.float64]
 
 ANGLES = 17

@@ -8,8 +8,6 @@ from numpy.typing import NDArray
 from semmap.manipulation.arm import Arm
 from semmap.manipulation.collision import Obstacles, convex_body
 
-__all__ = ["carrying_posture"]
-
 Floats = NDArray[np.float64]
 
 DRAWN = 1000

@@ -18,15 +18,6 @@ from semmap.manipulation.candidates import Grasps
 from semmap.manipulation.extra import library
 from semmap.manipulation.gripper import Gripper
 
-__all__ = [
-    "GAP",
-    "Obstacles",
-    "convex_body",
-    "free_grasps",
-    "free_places",
-    "swept_link",
-]
-
 Floats = NDArray[np.float64]
 
 GAP = 0.003

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from semmap.error import Error
 
-__all__ = ["ManipulationError"]
-
 
 class ManipulationError(Error, ValueError):
     """Grippers, objects or actions that cannot be used: the text says what, where and the fix."""

@@ -16,17 +16,6 @@ from numpy.typing import NDArray
 from semmap.manipulation.candidates import Grasp
 from semmap.manipulation.trial import HEIGHT, Rest, TrialOutcome
 
-__all__ = [
-    "Attempt",
-    "Expected",
-    "ExpectedRest",
-    "Lesson",
-    "corrected",
-    "group_of",
-    "learn_grasp",
-    "shifted",
-]
-
 Floats = NDArray[np.float64]
 
 Cause = Literal["pushed", "missed", "dropped", "slipped", "turned"]

@@ -7,8 +7,6 @@ from typing import Any
 
 from semmap.manipulation.error import ManipulationError
 
-__all__ = ["library"]
-
 
 def library(name: str) -> Any:
     """Return a module of the extra.

@@ -10,8 +10,6 @@ from semmap.found_rows import FoundRows
 if TYPE_CHECKING:
     from semmap.manipulation.arm_motions import ArmMotion
 
-__all__ = ["FoundActions"]
-
 
 @dataclass(frozen=True)
 class FoundActions(FoundRows):

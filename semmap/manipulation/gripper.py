@@ -20,8 +20,6 @@ from semmap.geometry.mesh import Mesh, join
 from semmap.manipulation.error import ManipulationError
 from semmap.robot.urdf import Joint, Robot, load_robot
 
-__all__ = ["Gripper", "find_grippers", "read_gripper"]
-
 Floats = NDArray[np.float64]
 
 FINGER = 0.35

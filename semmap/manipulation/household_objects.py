@@ -28,8 +28,6 @@ from semmap.manipulation.store.actions import add_actions
 from semmap.manipulation.store.devices import gripper_id
 from semmap.manipulation.store.models import add_object
 
-__all__ = ["import_household_grasps", "read_rows"]
-
 Row = dict[str, Any]
 
 NEEDED = ("scaled_model_id", "hand_name", "grasp_grasp_position")

@@ -17,8 +17,6 @@ from semmap.belief.store.beliefs import Session
 from semmap.manipulation.error import ManipulationError
 from semmap.manipulation.store.shapes import model_mesh, shape_of
 
-__all__ = ["fitting_rows", "prepare_links"]
-
 BESIDE = 0.01
 """Metres beside the box of a mesh at which pads are still on the object."""
 

@@ -15,17 +15,6 @@ from semmap.manipulation.collision import Obstacles
 from semmap.manipulation.error import ManipulationError
 from semmap.manipulation.extra import library
 
-__all__ = [
-    "Held",
-    "Stroke",
-    "free_strokes",
-    "is_free",
-    "plan_motion",
-    "plan_strokes",
-    "straight_motion",
-    "straight_motions",
-]
-
 Floats = NDArray[np.float64]
 
 STEP = 0.05

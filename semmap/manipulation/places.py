@@ -34,8 +34,6 @@ from semmap.query.entity_query import entity_id
 if TYPE_CHECKING:
     from semmap.manipulation.arm import Arm
 
-__all__ = ["find_places", "place_of"]
-
 Floats = NDArray[np.float64]
 
 LIFT = 0.1

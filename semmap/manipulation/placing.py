@@ -14,8 +14,6 @@ from shapely import Geometry, Polygon
 from semmap.geometry.surfaces import LevelPatch
 from semmap.manipulation.error import ManipulationError
 
-__all__ = ["PlacePose", "covered", "place_candidates", "stability"]
-
 Floats = NDArray[np.float64]
 
 TURNS = 8

@@ -25,8 +25,6 @@ from semmap.manipulation.store.shapes import model_mesh
 from semmap.manipulation.store.tasks import record_task, replace_action
 from semmap.manipulation.trial import HEIGHT, Rest, Trial, TrialOutcome, body_of
 
-__all__ = ["NOT_HELD", "practise", "practise_places", "practise_pushes", "try_place"]
-
 GRASPS = 100
 """The most grasps of an object that are considered."""
 

@@ -32,8 +32,6 @@ from semmap.query.entity_query import entity_id
 if TYPE_CHECKING:
     from semmap.manipulation.arm import Arm
 
-__all__ = ["find_pushes"]
-
 Floats = NDArray[np.float64]
 
 STORED = 1000

@@ -16,8 +16,6 @@ from semmap.manipulation.collision import GAP, Obstacles, convex_body, swept_lin
 from semmap.manipulation.error import ManipulationError
 from semmap.manipulation.gripper import Gripper
 
-__all__ = ["Push", "free_pushes", "push_candidates"]
-
 Floats = NDArray[np.float64]
 
 DIRECTIONS = 16

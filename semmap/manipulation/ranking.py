@@ -20,8 +20,6 @@ from semmap.manipulation.candidates import Grasp
 from semmap.manipulation.evaluation import group_of, shifted
 from semmap.manipulation.reader import read_shape
 
-__all__ = ["Evidence", "best_first", "evidence_on", "grasp_of_row", "moved_alike", "ranked"]
-
 Floats = NDArray[np.float64]
 
 PRIOR = 0.5

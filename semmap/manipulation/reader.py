@@ -23,18 +23,6 @@ from semmap.manipulation.store.devices import ABLE, gripper_id
 from semmap.manipulation.store.statements import refusals
 from semmap.suggestions import suggestion
 
-__all__ = [
-    "actions_by_shape",
-    "actions_on",
-    "entities_meant",
-    "function_named",
-    "list_automata",
-    "list_contributors",
-    "list_grippers",
-    "list_tasks",
-    "read_shape",
-]
-
 Row = dict[str, Any]
 
 POSES = ("pose", "pre_pose", "post_pose", "model_pose", "shape_pose")

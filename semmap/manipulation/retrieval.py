@@ -25,19 +25,6 @@ from semmap.manipulation.surroundings import free_rows
 if TYPE_CHECKING:
     from semmap.manipulation.gripper import Gripper
 
-__all__ = [
-    "DEFAULT_GRIPPER",
-    "find_grasps",
-    "generate",
-    "gripper_name",
-    "gripper_or_urdf",
-    "is_urdf",
-    "register_gripper",
-    "stored_actions",
-    "stored_for_shape",
-    "stored_gripper",
-]
-
 DEFAULT_GRIPPER = Path(__file__).with_name("parallel_gripper.urdf")
 """The gripper of maps whose robots have none."""
 

@@ -19,8 +19,6 @@ from semmap.manipulation.retrieval import find_grasps, is_urdf
 if TYPE_CHECKING:
     from semmap.manipulation.arm import Arm
 
-__all__ = ["RobotActions"]
-
 PLANNED = 40
 """Actions within reach among which one is chosen whose motion is free."""
 

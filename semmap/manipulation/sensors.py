@@ -6,8 +6,6 @@ import re
 from dataclasses import dataclass
 from xml.etree import ElementTree
 
-__all__ = ["CAPABILITIES", "Sensor", "read_sensors"]
-
 CAPABILITIES = {
     "depth camera": ("sensing", "seeing"),
     "camera": ("seeing",),

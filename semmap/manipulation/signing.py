@@ -9,8 +9,6 @@ from typing import Any
 from semmap.data_folder import default_home
 from semmap.manipulation.error import ManipulationError
 
-__all__ = ["is_signed", "key_file", "own_key", "public_key", "sign"]
-
 
 def key_file() -> Path:
     """Return the file of the private key; only its owner reads it."""

@@ -15,8 +15,6 @@ from numpy.typing import NDArray
 from semmap.geometry.mesh import Mesh
 from semmap.manipulation.error import ManipulationError
 
-__all__ = ["SIZES", "ConvexSolid", "PrimitiveShape", "solid_of"]
-
 Floats = NDArray[np.float64]
 
 SIZES = {

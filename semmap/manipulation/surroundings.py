@@ -16,8 +16,6 @@ if TYPE_CHECKING:
     from semmap.manipulation.collision import Obstacles
     from semmap.manipulation.gripper import Gripper
 
-__all__ = ["entity_triangles", "free_rows", "obstacles_around"]
-
 REACH = 0.6
 """How far from an object its surroundings are obstacles, metres: a gripper and its approach."""
 

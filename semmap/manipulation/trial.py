@@ -23,8 +23,6 @@ from semmap.manipulation.placing import ABOVE
 from semmap.manipulation.pushing import Push
 from semmap.manipulation.solids import ConvexSolid
 
-__all__ = ["Body", "Rest", "Trial", "TrialOutcome", "body_of"]
-
 Floats = NDArray[np.float64]
 
 STEP = 0.002

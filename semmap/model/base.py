@@ -12,8 +12,6 @@ from sqlalchemy.types import TypeDecorator
 
 from semmap.geometry.pose import Pose
 
-__all__ = ["Base", "PoseColumn"]
-
 
 class Base(DeclarativeBase):
     """Declarative base; every table lies in the schema `semmap`."""

@@ -11,8 +11,6 @@ from sqlalchemy.orm import Mapped, mapped_column, relationship
 from semmap.model.base import Base
 from semmap.model.entity import Entity
 
-__all__ = ["Belief", "Observation"]
-
 
 class Observation(Base):
     """A look at a place: an object was seen there, or looked for and not seen.

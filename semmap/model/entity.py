@@ -30,20 +30,6 @@ from semmap.model.geometry import EntityModel, GeometricModel
 from semmap.model.placement import Placement, WorldPlacement
 from semmap.model.semantics import SemanticType
 
-__all__ = [
-    "Agent",
-    "Connector",
-    "Elevator",
-    "Entity",
-    "Link",
-    "Object",
-    "ObjectType",
-    "Region",
-    "Room",
-    "StoredMap",
-    "Storey",
-]
-
 
 class StoredMap(Base):
     """A local metric frame and all that is in it; optionally placed on the earth.

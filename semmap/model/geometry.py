@@ -10,8 +10,6 @@ from sqlalchemy.orm import Mapped, mapped_column
 
 from semmap.model.base import Base
 
-__all__ = ["EntityModel", "GeometricModel"]
-
 
 class GeometricModel(Base):
     """A mesh, box, point cloud, polygon or CAD reference, in its own frame (metres).

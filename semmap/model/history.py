@@ -12,8 +12,6 @@ from sqlalchemy.orm import Mapped, mapped_column
 from semmap.geometry.pose import Pose
 from semmap.model.base import Base, PoseColumn
 
-__all__ = ["EntityHistory", "PlacementHistory"]
-
 
 class EntityHistory(Base):
     """The former state of an entity, and during which time it was valid."""

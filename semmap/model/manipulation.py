@@ -26,16 +26,6 @@ from semmap.model.base import Base, PoseColumn
 from semmap.model.entity import Entity, StoredMap
 from semmap.model.semantics import SemanticType
 
-__all__ = [
-    "Contributor",
-    "Device",
-    "EntityObject",
-    "ManipulationTask",
-    "ObjectModel",
-    "StoredAction",
-    "StoredGripper",
-]
-
 OWN = text("1")
 NOW = text("clock_timestamp()")
 EMPTY = text("'{}'")

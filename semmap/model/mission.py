@@ -12,8 +12,6 @@ from sqlalchemy.orm import Mapped, mapped_column
 from semmap.model.base import Base
 from semmap.model.entity import Entity, StoredMap
 
-__all__ = ["Mission", "MissionStep"]
-
 
 class Mission(Base):
     """A goal of a robot, and whether it reached it: waiting, running, done, failed or cancelled.

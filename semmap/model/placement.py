@@ -15,8 +15,6 @@ from semmap.model.base import Base, PoseColumn
 if TYPE_CHECKING:
     from semmap.model.entity import Entity
 
-__all__ = ["Placement", "WorldPlacement"]
-
 
 class Placement(Base):
     """One row an entity: inventory and frame at once, so that they cannot disagree.

@@ -9,8 +9,6 @@ from sqlalchemy.orm import Mapped, mapped_column, relationship
 
 from semmap.model.base import Base
 
-__all__ = ["SemanticType", "TypeParent"]
-
 
 class SemanticType(Base):
     """A concept, named in lower snake case (``dining_table``)."""

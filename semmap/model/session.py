@@ -7,8 +7,6 @@ from sqlalchemy.orm import Session
 
 from semmap.database import maps
 
-__all__ = ["map_session"]
-
 
 def map_session(engine: Engine, map_name: str) -> Session:
     """A session in each of whose transactions the schema's views show the map of a name.

@@ -24,19 +24,6 @@ from semmap.database.maps import driver_of, pick_map, see_map
 from semmap.database.notifications import notifications
 from semmap.query.snapshot import Snapshot
 
-__all__ = [
-    "CHANNEL",
-    "FIELDS",
-    "ChangeFeed",
-    "Look",
-    "announce_fields",
-    "changed_since",
-    "cursor",
-    "reaches_back",
-    "settle",
-    "shows_fields",
-]
-
 CHANNEL = "semmap"
 """Where each transaction that changes a map announces it."""
 

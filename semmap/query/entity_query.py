@@ -17,21 +17,6 @@ from psycopg.types.json import Jsonb
 
 from semmap.suggestions import suggestion
 
-__all__ = [
-    "SETTLE",
-    "Near",
-    "changes_since",
-    "check_cursor",
-    "describe",
-    "describe_id",
-    "entity_id",
-    "find",
-    "list_guessed_types",
-    "list_incomplete",
-    "list_maps",
-    "list_types",
-]
-
 Session = psycopg.Connection[Any]
 Row = dict[str, Any]
 

@@ -14,8 +14,6 @@ from psycopg.rows import dict_row
 
 from semmap.query.shapes import read_shapes
 
-__all__ = ["write_features"]
-
 Feature = tuple[shapely.Geometry | None, dict[str, Any]]
 
 _BASE = (

@@ -7,8 +7,6 @@ from typing import Any
 
 import shapely
 
-__all__ = ["feature", "feature_collection"]
-
 
 def feature(row: Mapping[str, Any]) -> dict[str, Any]:
     """The Feature of a row of `semmap.query.shapes.read_shapes`; free properties come along."""

@@ -9,8 +9,6 @@ from sqlalchemy import text
 from semmap.query.snapshot import Snapshot
 from semmap.query.storey_scene import SceneEntity
 
-__all__ = ["geometry_lists", "geometry_notes", "names_note", "read_names_without_geometry"]
-
 SHOWN = 5
 """Names in a note; the lists have all of them."""
 

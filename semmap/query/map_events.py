@@ -13,8 +13,6 @@ import psycopg
 from semmap.geometry.pose import Pose
 from semmap.query.entity_query import SETTLE, check_cursor
 
-__all__ = ["MapEvent", "events_since"]
-
 Session = psycopg.Connection[Any]
 
 MOVED, CARRIED = "moved itself", "carried by its holder"

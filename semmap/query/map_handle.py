@@ -10,8 +10,6 @@ from semmap.query.change_feed import ChangeFeed
 if TYPE_CHECKING:
     from sqlalchemy import Engine
 
-__all__ = ["MapHandle", "MapSource", "open_feed"]
-
 
 class MapSource(Protocol):
     """A map, as `semmap.Map` is one, or a `MapHandle`."""

@@ -13,8 +13,6 @@ from numpy.typing import NDArray
 from semmap.geometry.pose import Pose
 from semmap.geometry.tin import decode_patch
 
-__all__ = ["model_triangles", "models_points", "models_triangles", "world_triangles"]
-
 
 def model_triangles(connection: psycopg.Connection[Any], model_id: int) -> NDArray[np.float64]:
     """The triangles of a model in its own frame, (F, 3, 3) metres, in the order of its chunks."""

@@ -10,8 +10,6 @@ import psycopg
 
 from semmap.geometry.pose import Pose
 
-__all__ = ["EntityVersion", "read_history"]
-
 
 @dataclass(frozen=True)
 class EntityVersion:

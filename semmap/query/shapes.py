@@ -16,8 +16,6 @@ from semmap.query.meshes import models_triangles
 if TYPE_CHECKING:
     import trimesh
 
-__all__ = ["read_box", "read_footprint", "read_mesh", "read_shapes", "read_size"]
-
 Session = psycopg.Connection[Any]
 
 OPENING = (

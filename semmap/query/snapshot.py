@@ -17,8 +17,6 @@ from semmap.database.shared_engine import shared_engine
 if TYPE_CHECKING:
     from sqlalchemy import Connection
 
-__all__ = ["Snapshot", "open_snapshot"]
-
 
 @dataclass(frozen=True)
 class Snapshot:

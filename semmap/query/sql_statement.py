@@ -19,8 +19,6 @@ from semmap.query.statements import READING, kind
 if TYPE_CHECKING:
     from sqlalchemy import Connection
 
-__all__ = ["SUPERUSER_NOTE", "SqlRows", "is_superuser", "run_sql"]
-
 SUPERUSER_NOTE = (
     "note: this login is a superuser, and a hostile statement could take that right back; "
     "to read what others wrote, log in as a reader (docs/semmap.md)"

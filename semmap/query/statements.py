@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import re
 
-__all__ = ["READING", "kind"]
-
 READING = ("SELECT", "WITH", "VALUES", "TABLE", "EXPLAIN", "SHOW")
 """Statements that return rows and, in a transaction that only reads, change nothing."""
 

@@ -33,8 +33,6 @@ from semmap.query.storey_scene import (
 )
 from semmap.suggestions import suggestion
 
-__all__ = ["read_entities", "read_scene", "read_storey_names", "read_storeys"]
-
 BELOW, TOP = 0.5, 3.0
 """Metres below a storey's floor, and above the floor of the highest one, that belong to it."""
 

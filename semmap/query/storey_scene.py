@@ -20,8 +20,6 @@ from semmap.geometry.extent import extent
 from semmap.geometry.pose import IDENTITY, Pose
 from semmap.geometry.voxels import Voxels
 
-__all__ = ["NO_TRIANGLES", "Bounds", "EntityKind", "FloorArea", "SceneEntity", "StoreyScene"]
-
 Bounds: TypeAlias = tuple[float, float, float, float]
 """Lowest x and y, highest x and y, metres."""
 

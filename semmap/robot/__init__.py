@@ -1,6 +1,7 @@
 """Robots from URDF: their parts, with intervals of height and footprints."""
 
-from semmap.robot.grouping import LinkGroup, RobotError, find_groups, read_groups
+from semmap.robot.error import RobotError
+from semmap.robot.grouping import LinkGroup, find_groups, read_groups
 from semmap.robot.parts import Part, footprint_string, robot_parts
 from semmap.robot.urdf import Robot, load_robot
 

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from semmap.error import Error
 
-__all__ = ["RobotError"]
-
 
 class RobotError(Error, ValueError):
     """A robot description that cannot be used: the text names file, element and fix."""

@@ -15,8 +15,6 @@ from semmap.robot.urdf import Joint, Robot
 from semmap.suggestions import suggestion
 from semmap.yaml_file import parse_yaml, read_text
 
-__all__ = ["LinkGroup", "RobotError", "find_groups", "read_groups"]
-
 ABOVE_BASE = 0.08
 """Height above the base's largest link up to which links fixed to it are part of it, metres."""
 

@@ -10,8 +10,6 @@ from typing import Any
 from semmap.finite_number import is_finite_number
 from semmap.robot.srdf import read_states
 
-__all__ = ["joints_of"]
-
 
 def joints_of(robot: Path, state: str | Mapping[str, float] | None) -> dict[str, float]:
     """Return the joint positions that an option ``--state`` describes, radians or metres.

@@ -10,10 +10,9 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from semmap.robot.grouping import LinkGroup, RobotError, find_groups, read_groups
+from semmap.robot.error import RobotError
+from semmap.robot.grouping import LinkGroup, find_groups, read_groups
 from semmap.robot.urdf import Robot
-
-__all__ = ["Part", "footprint_string", "robot_parts"]
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,8 +11,6 @@ from defusedxml.ElementTree import fromstring
 from semmap.limits import TEXT_BYTES
 from semmap.robot.error import RobotError
 
-__all__ = ["read_states"]
-
 
 def read_states(urdf: Path) -> dict[str, dict[str, float]]:
     """Return the joint positions of each named state, radians or metres.

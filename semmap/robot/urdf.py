@@ -20,8 +20,6 @@ from semmap.ingest.meshes.mesh_file import MeshFileError, read_mesh
 from semmap.limits import EXTENT, LINKS, PARTS, TEXT_BYTES, TRIANGLES
 from semmap.robot.error import RobotError
 
-__all__ = ["Joint", "Robot", "load_robot"]
-
 GROUND = "base_footprint"
 """The name of the link whose frame lies on the ground, if a robot has it (REP 120)."""
 

@@ -7,8 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from semmap.belief.inference import Observations
-from semmap.belief.observation_columns import observation_rates
+from semmap.belief.observation_columns import Observations, observation_rates
 from semmap.belief.sighting_model import THESIS
 from tests.oracles.bayes import Look
 

@@ -8,7 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from semmap.belief.error import BeliefError
-from semmap.belief.inference import Observations, infer
+from semmap.belief.inference import infer
+from semmap.belief.observation_columns import Observations
 from semmap.belief.sighting_model import SightingModel
 from tests.belief.cases import looks_of, random_case
 from tests.oracles.bayes import posterior

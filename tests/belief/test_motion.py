@@ -11,8 +11,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from semmap.belief.error import BeliefError
-from semmap.belief.inference import Observations, infer
+from semmap.belief.inference import infer
 from semmap.belief.motion import MotionModel, infer_with_motion
+from semmap.belief.observation_columns import Observations
 from semmap.belief.sighting_model import SightingModel
 from tests.belief.cases import Case, looks_of, random_case
 

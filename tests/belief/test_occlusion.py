@@ -9,7 +9,8 @@ from hypothesis import strategies as st
 
 from semmap.belief import occlusion
 from semmap.belief.error import BeliefError
-from semmap.belief.inference import Observations, infer
+from semmap.belief.inference import infer
+from semmap.belief.observation_columns import Observations
 from semmap.belief.occlusion import infer_with_occlusion
 from tests.belief.cases import looks_of, random_case
 from tests.oracles.bayes import posterior

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from semmap.belief.error import BeliefError
-from semmap.belief.inference import Observations, infer
+from semmap.belief.inference import infer
+from semmap.belief.observation_columns import Observations
 from semmap.belief.occlusion import infer_with_occlusion
 from semmap.belief.problog_program import problog_program
 from semmap.belief.sighting_model import SightingModel

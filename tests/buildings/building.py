@@ -426,6 +426,3 @@ def room_of(building: Building, item: Item) -> set[str]:
     }
     least = min(away.values(), default=0.0)
     return {name for name, distance in away.items() if distance < least + 1e-4}
-
-
-__all__ = ["Building", "Door", "Item", "Room", "random_building", "room_of"]

@@ -20,8 +20,6 @@ from planner.readers.entity_lookup import find_entities
 from semmap.database import Cluster
 from tests.buildings.building import Building, Item, room_of
 
-__all__ = ["JUDGES", "Judge", "stored"]
-
 Judge = Callable[[Building, semmap.Map], tuple[int, list[str]]]
 """Returns how many questions it asked, and a sentence for each wrong answer."""
 

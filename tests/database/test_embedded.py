@@ -12,8 +12,8 @@ import pytest
 from sqlalchemy import create_engine
 from sqlalchemy.exc import OperationalError
 
+from semmap.data_folder import default_home
 from semmap.database import Cluster, DatabaseError
-from semmap.database.embedded import default_home
 from tests.database.conftest import as_owner, become, python, query, said
 
 ENSURE = """

@@ -9,8 +9,6 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-__all__ = ["FOLDER", "Case", "keep", "kept"]
-
 FOLDER = Path(__file__).parent / "cases"
 
 

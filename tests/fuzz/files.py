@@ -55,8 +55,6 @@ from tests.planner.office import office
 from tests.planner.tasks.test_domain_file import TIDY, garden
 from tests.robot.robots import BY_HAND
 
-__all__ = ["FILE_KINDS"]
-
 ROOT = Path(__file__).parents[2]
 OFFICE = ROOT / "examples" / "office"
 WORLDS = Path(environ.get("SEMMAP_WORLDS", "/nowhere"))

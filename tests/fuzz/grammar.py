@@ -6,8 +6,6 @@ from abc import ABC, abstractmethod
 from random import Random
 from typing import ClassVar
 
-__all__ = ["Grammar"]
-
 
 class Grammar(ABC):
     """Makes group graph patterns at random; a dialect adds its words, expressions and queries."""

@@ -10,8 +10,6 @@ from random import Random
 
 from tests.fuzz.mutate import MOST_BYTES, Mutation
 
-__all__ = ["SERVER", "Kind"]
-
 SERVER = "SEMMAP_FUZZ_DB"
 """Environment variable with the URL of a database that has the map of `stored_knowledge`."""
 

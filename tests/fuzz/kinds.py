@@ -9,7 +9,5 @@ from tests.fuzz.languages import LANGUAGE_KINDS
 from tests.fuzz.native import NATIVE_KINDS
 from tests.fuzz.stored_knowledge import STORED_KINDS
 
-__all__ = ["KINDS"]
-
 _ALL = (*FILE_KINDS, *KNOWLEDGE_FILE_KINDS, *LANGUAGE_KINDS, *STORED_KINDS, *NATIVE_KINDS)
 KINDS: dict[str, Kind] = {kind.name: kind for kind in _ALL}

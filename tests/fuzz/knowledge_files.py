@@ -27,8 +27,6 @@ from tests.fuzz.kind import Kind
 from tests.fuzz.mutate import bytes_of, json_tree, lines_of, words_of, xml_tree
 from tests.interlinking.data_sets import alignment_xml, person1, rdf_xml
 
-__all__ = ["KNOWLEDGE_FILE_KINDS"]
-
 
 def tabletop() -> np.ndarray:
     """A table with a box and a ball on it, metres."""

@@ -22,8 +22,6 @@ from tests.fuzz.kind import Kind
 from tests.fuzz.mutate import NUMBERS, bytes_of, lines_of, words_of
 from tests.planner.tasks.test_domain_file import garden
 
-__all__ = ["LANGUAGE_KINDS"]
-
 NOUNS = (
     ":mug1",
     ":human1",

@@ -12,8 +12,6 @@ from xml.etree import ElementTree
 
 import yaml
 
-__all__ = ["MOST_BYTES", "bytes_of", "json_tree", "lines_of", "words_of", "xml_tree", "yaml_tree"]
-
 MOST_BYTES = 200_000
 """Of a case: what takes gigabytes or minutes must not need a large file."""
 

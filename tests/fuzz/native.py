@@ -20,8 +20,6 @@ import semmap_vdb
 from semmap_vdb import BoolGrid, FloatGrid, Int32Grid, RegionMap, Shape
 from tests.fuzz.kind import Kind
 
-__all__ = ["NATIVE_KINDS"]
-
 Spec = Any
 """An argument as JSON: a number, a text, a list, or a mapping that `made` knows."""
 

@@ -18,8 +18,6 @@ from typing import Any
 
 from tests.fuzz.worker import MODULES
 
-__all__ = ["MEMORY", "SECONDS", "Result", "Worker"]
-
 SECONDS = 5.0
 """Processor time that a case may take."""
 

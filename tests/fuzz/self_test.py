@@ -12,8 +12,6 @@ import numpy as np
 
 from tests.fuzz.kind import Kind
 
-__all__ = ["KINDS"]
-
 
 def _same(_: Random, seed: bytes, __: Sequence[bytes]) -> bytes:
     return seed

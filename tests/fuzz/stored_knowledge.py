@@ -42,8 +42,6 @@ from tests.knowledge.test_query import QUERIES
 from tests.manipulation.cup_map import candidate, primitive
 from tests.manipulation.test_household_objects import grasp, write
 
-__all__ = ["STORED_KINDS", "prepare", "served"]
-
 KEY = SigningKey(bytes(range(32)))
 SECONDS = 2.0
 """Of a query."""

@@ -8,8 +8,6 @@ from typing import Any
 
 import psycopg
 
-__all__ = ["RETENTION", "TABLES", "expired_changes", "gaps", "move", "sizes", "versions"]
-
 TABLES = ("placement", "world", "placement_history", "change")
 """What a move writes."""
 

@@ -7,8 +7,6 @@ import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
-__all__ = ["Look", "posterior"]
-
 
 class Look(NamedTuple):
     """One look for an object at a place: its rates, and what came of it."""

@@ -7,9 +7,6 @@ import math
 from collections.abc import Collection, Mapping, Sequence
 from typing import NamedTuple
 
-__all__ = ["Fact", "where_by_paths"]
-
-
 UNMOVED = 0.99
 """At most so probably, a thing that is seen has not been moved since the fact before."""
 

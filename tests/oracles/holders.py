@@ -15,8 +15,6 @@ import shapely
 from numpy.typing import NDArray
 from shapely import MultiPolygon, Polygon, STRtree
 
-__all__ = ["CONTACT", "Holding", "Item", "RoomSpace", "SurfacePatch", "derive_holders"]
-
 CONTACT = 0.03
 """Metres between a thing's bottom and a surface within which it lies on it."""
 

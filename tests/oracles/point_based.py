@@ -14,8 +14,6 @@ from numpy.typing import NDArray
 
 from planner.search.pomdp import Pomdp
 
-__all__ = ["SearchPolicy", "solve"]
-
 Floats = NDArray[np.float64]
 
 CANDIDATES = 3000

@@ -7,8 +7,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from semmap.belief.error import BeliefError
 
-__all__ = ["make_prior"]
-
 
 def make_prior(
     fits: ArrayLike,

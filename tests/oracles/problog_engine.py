@@ -13,8 +13,6 @@ with warnings.catch_warnings():
     from problog.program import PrologString
 sys.setrecursionlimit(_LIMIT)  # ProbLog raises it for the whole process
 
-__all__ = ["places_by_problog"]
-
 
 def places_by_problog(program: str) -> dict[tuple[str, str], float]:
     """P(object at place) by names, of a program that queries is_in(object, place)."""

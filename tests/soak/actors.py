@@ -37,8 +37,6 @@ from tests.consistency import POSES
 from tests.soak.invariants import last_line, url_of
 from tests.soak.kept_span import kept_span
 
-__all__ = ["ACTORS", "COUNTED", "IMPORTED"]
-
 COUNTED = "steps"
 """The property in which a writer counts its transactions."""
 

@@ -20,8 +20,6 @@ from tests.soak.actors import IMPORTED
 from tests.soak.invariants import signature, violations
 from tests.soak.kills import boxes
 
-__all__ = ["fill", "full_disk", "read_only_disk", "small_disk"]
-
 MEGABYTES = 400
 COMMAND = [sys.executable, "-c", "from semmap.cli import main; main()"]
 

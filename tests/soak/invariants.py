@@ -22,16 +22,6 @@ from tests.consistency import POSES
 from tests.seen import seen_by
 from tests.soak.kept_span import kept_span
 
-__all__ = [
-    "last_line",
-    "signature",
-    "url_of",
-    "violations",
-    "wrong_cursors",
-    "wrong_mirror",
-    "wrong_service",
-]
-
 NEVER = {
     "world poses that do not follow from the placements": POSES,
     "placements without a world pose, or the reverse": (

@@ -29,8 +29,6 @@ from tests.soak.invariants import (
     wrong_service,
 )
 
-__all__ = ["OFFICE", "Soak", "boxes"]
-
 ROOT = Path(__file__).parents[2]
 OFFICE = [ROOT / "examples/office" / name for name in ("office_rooms.geojson", "office.sdf")]
 MIRRORED = "soaked"

@@ -13,8 +13,6 @@ from typing import Any
 
 from tests.command_line import semmap
 
-__all__ = ["MAIN", "Server", "eventually", "fields"]
-
 MAIN = "from semmap.cli import main; main()"
 
 

@@ -11,8 +11,6 @@ from semmap.ingest.world import Entry, Shape
 from semmap.query.snapshot import Snapshot
 from semmap.query.storey_reader import read_entities
 
-__all__ = ["store_assumed_sizes"]
-
 DIGITS = 6
 """Decimals of the corners, so that equal boxes at different places are one model."""
 

@@ -17,8 +17,6 @@ from planner.mission.grasp_choice import Choice, GraspChooser, Hand, hand_of
 from semmap.database.maps import driver_of
 from semmap.geometry.pose import Pose
 
-__all__ = ["KINDS", "GraspMemory"]
-
 KINDS = {"pickup": "grasp", "place": "place"}
 """Behaviours, and the kinds of their actions."""
 

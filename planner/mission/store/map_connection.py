@@ -14,8 +14,6 @@ from semmap.error import Error
 from semmap.query.map_handle import MapSource
 from semmap.query.snapshot import Snapshot
 
-__all__ = ["MapConnection", "MissionError"]
-
 
 class MissionError(Error, ValueError):
     """A mission cannot be made or run; the message says why."""

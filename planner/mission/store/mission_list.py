@@ -10,8 +10,6 @@ from planner.mission.retry_policy import Failure
 from planner.mission.store.map_connection import MapConnection, MissionError
 from planner.mission.store.mission_steps import read_failures, read_steps
 
-__all__ = ["MissionList", "read_mission"]
-
 
 class MissionList(MapConnection):
     """The missions of one map and of its simulations, on a connection that stays open."""

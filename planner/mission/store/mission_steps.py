@@ -13,17 +13,6 @@ from planner.mission.behaviours import Outcome
 from planner.mission.command import Command
 from planner.mission.retry_policy import Failure
 
-__all__ = [
-    "end_step",
-    "forget_planned",
-    "read_failures",
-    "read_steps",
-    "read_target",
-    "read_unfinished_steps",
-    "replace_planned",
-    "start_step",
-]
-
 
 def read_steps(connection: Connection, mission: int) -> list[dict[str, Any]]:
     """The steps in order: action, arguments, state, times, cause and message."""

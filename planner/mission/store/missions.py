@@ -48,8 +48,6 @@ from planner.topology import Topology
 from semmap.geometry.pose import Pose
 from semmap.query.map_handle import MapSource
 
-__all__ = ["LostMissionError", "MissionError", "MissionStatus", "MissionStore", "TakenMission"]
-
 LOCK = 0x6D697373
 """Upper half of the keys of locks on robots. A lock is released when its process dies."""
 

@@ -21,17 +21,6 @@ from semmap.database.maps import driver_of
 from semmap.geometry.pose import Pose
 from semmap.query.snapshot import Snapshot
 
-__all__ = [
-    "ObjectRow",
-    "find_placement",
-    "read_missing",
-    "read_objects",
-    "write_door",
-    "write_execution",
-    "write_observation",
-]
-
-
 PASSAGE = 0.6
 """Metres around the passage of a connector that stay free of objects on the floor."""
 

@@ -8,8 +8,6 @@ from sqlalchemy import Connection, text
 
 from semmap.error import Error
 
-__all__ = ["GoneError", "claim_all", "release_all_claims", "release_claims", "renew_claims"]
-
 
 class GoneError(Error, LookupError):
     """The map has no such connector or elevator any more."""

@@ -8,8 +8,6 @@ from planner.mission.store.map_connection import MissionError
 from semmap.geometry.pose import Pose
 from semmap.query.snapshot import Snapshot
 
-__all__ = ["read_home", "read_robot", "write_robot"]
-
 
 def write_robot(
     connection: Connection, name: str, place: str, pose: Pose, robot_class: str | None

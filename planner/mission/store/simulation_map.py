@@ -15,8 +15,6 @@ from sqlalchemy import Connection, Engine, text
 
 from planner.mission.store.map_connection import MissionError
 
-__all__ = ["simulation_map"]
-
 KEY = 0x73696D75
 """Upper half of the keys of locks on copies. A lock is released when its process dies."""
 

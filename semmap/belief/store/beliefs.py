@@ -20,18 +20,6 @@ from semmap.query.entity_query import entity_id
 from semmap.query.snapshot import Snapshot
 from semmap.snake_case import snake_case
 
-__all__ = [
-    "ELSEWHERE",
-    "Row",
-    "Session",
-    "add_observations",
-    "initial_belief",
-    "read_belief",
-    "refusal",
-    "things_named",
-    "where",
-]
-
 ELSEWHERE = "elsewhere"
 """The name of being at no place of the map."""
 

@@ -19,8 +19,6 @@ from semmap.query.snapshot import Snapshot
 from semmap.snake_case import snake_case
 from semmap.suggestions import suggestion
 
-__all__ = ["how_to", "teach", "vocabulary"]
-
 PLACED = ("in", "on", "is_in", "is_on")
 """Relations that say where an object is: they are sightings."""
 

@@ -9,8 +9,6 @@ import typer
 
 from semmap.cli.grid_options import Parts, State, Urdf
 
-__all__ = ["demo_command"]
-
 
 def demo_command(
     world: Annotated[list[Path], typer.Argument(help="World files, or folders of them.")],

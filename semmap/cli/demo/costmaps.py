@@ -23,8 +23,6 @@ from semmap.geometry.mesh import Mesh
 from semmap.query.snapshot import Snapshot
 from semmap.query.storey_reader import read_scene
 
-__all__ = ["robot_demo"]
-
 MOST = 4
 """Number of rooms in which a passage for Figure 9 is searched."""
 

@@ -13,8 +13,6 @@ from semmap.geometry.mesh import Mesh
 from semmap.robot import LinkGroup, Part, load_robot, robot_parts
 from semmap.robot.urdf import Robot
 
-__all__ = ["DemoRobot"]
-
 
 @dataclass(frozen=True)
 class DemoRobot:

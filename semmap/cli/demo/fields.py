@@ -37,8 +37,6 @@ from semmap.fields.store.reader import read_visible_objects, read_zones
 from semmap.language.names import NameIndex
 from semmap.query.snapshot import Snapshot
 
-__all__ = ["PAPERS_QUERY", "arrange_scene", "field_demo", "perceived_maps"]
-
 PAPERS_QUERY = """PREFIX : http://kb.openrobots.org/
 SELECT ?voxels
 WHERE

@@ -22,8 +22,6 @@ from semmap.geometry.mesh import Mesh
 from semmap.geometry.pose import Pose
 from semmap.robot.parts import Part
 
-__all__ = ["Passage", "blocked_region", "passage", "robot_figures"]
-
 Point = tuple[float, float]
 _WAY = "#e4007c"
 

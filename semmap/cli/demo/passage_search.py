@@ -11,8 +11,6 @@ from scipy.ndimage import distance_transform_edt, label
 from navgrid.grid import Grid
 from navgrid.inflation import INSCRIBED
 
-__all__ = ["HiddenPassage", "find_passage"]
-
 Point = tuple[float, float]
 
 SMALLEST = 0.1

@@ -10,8 +10,6 @@ from sqlalchemy import text
 from semmap.query.snapshot import Snapshot
 from semmap.yaml_file import parse_yaml, read_text
 
-__all__ = ["DemoChoices", "choose", "figure_3", "read_choices"]
-
 SMALL = 0.4
 """Metres of the longest side of an object that the demo asks for."""
 

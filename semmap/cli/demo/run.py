@@ -35,8 +35,6 @@ from semmap.draw.scene3d import scene3d
 from semmap.draw.view import StoreyView, storey_view
 from semmap.query.storey_reader import read_storeys
 
-__all__ = ["run_demo"]
-
 WORLD_FILES = ("*.world", "*.sdf", "*.building.yaml", "*.gpkg", "*.geojson")
 INTERVAL = (0.05, 1.8)
 MOST_ROOMS = 40

@@ -15,8 +15,6 @@ from semmap.api.map import Map
 from semmap.cli.demo.reader import DemoChoices
 from semmap.draw.view import StoreyView
 
-__all__ = ["search_demo"]
-
 NAMED = 8
 """Number of viewpoints that the demo names."""
 

@@ -11,8 +11,6 @@ from semmap.cli.demo.reader import DemoChoices
 from semmap.knowledge.results import shown
 from semmap.knowledge.vocabulary import TYPE, encode, prefixes, short
 
-__all__ = ["ask_in_sparql", "figure_3_in_sparql"]
-
 FIGURE_3 = """SELECT ?room ?table (geof:minX(?box) AS ?from_x) (geof:maxX(?box) AS ?to_x)
     (geof:maxZ(?box) AS ?top) {{
     ?object a {object} ; semmap:heldBy ?table .

@@ -10,7 +10,8 @@ from typing import Any
 from planner.live_topology import LiveTopology
 from planner.mission.runner import MissionEvent, MissionResult, Runner
 from planner.mission.sim_setup import entry_pose, open_world, simulated_robot
-from planner.mission.store.missions import MissionError, MissionStore
+from planner.mission.store.map_connection import MissionError
+from planner.mission.store.missions import MissionStore
 from planner.mission.store.simulation_map import simulation_map
 from planner.plan import Plan
 from planner.readers.robot_class import store_robot_class
@@ -20,8 +21,6 @@ from planner.topology import OUTSIDE, Topology
 from semmap.api.map import Map
 from semmap.cli.demo.reader import DemoChoices
 from semmap.query.map_handle import MapHandle
-
-__all__ = ["task_demo"]
 
 TIMES = 60.0
 """How much faster than real the robot's clock runs."""

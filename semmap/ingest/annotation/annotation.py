@@ -17,8 +17,6 @@ from semmap.ingest.annotation.connectors import add_connector
 from semmap.ingest.annotation.draft_world import Draft, DraftWorld
 from semmap.ingest.world import Kind, World
 
-__all__ = ["read_annotation"]
-
 KINDS: dict[Kind, Callable[[DraftWorld, Draft], None]] = {
     "storey": add_storey,
     "elevator": add_elevator,

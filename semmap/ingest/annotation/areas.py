@@ -21,15 +21,6 @@ from semmap.ingest.annotation.feature_values import (
 from semmap.ingest.openings import LEAF_HEIGHT
 from semmap.ingest.world import PlaceDetail, Refused, Shape, StoreyDetail
 
-__all__ = [
-    "add_elevator",
-    "add_object",
-    "add_region",
-    "add_room",
-    "add_storey",
-    "overlaps",
-]
-
 ROOM_HEIGHT = 2.5
 """Height of the solid of a room whose ceiling is unknown, metres."""
 

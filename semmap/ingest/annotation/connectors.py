@@ -23,8 +23,6 @@ from semmap.ingest.floor_plan import rooms_beside
 from semmap.ingest.openings import approach_pose, door_leaf
 from semmap.ingest.world import OUTSIDE, ConnectorDetail, Refused
 
-__all__ = ["add_connector"]
-
 REACH = 0.5
 """Distance from its line within which a door looks for the places that it joins, metres."""
 

@@ -17,8 +17,6 @@ from semmap.ingest.annotation.feature_values import kind_of, middle_of, number, 
 from semmap.ingest.naming import unique_name
 from semmap.ingest.world import OUTSIDE, Entry, Kind, Refused, StoreyDetail, World
 
-__all__ = ["Draft", "DraftWorld", "RoomArea"]
-
 _COMMON = {"name", "kind", "type", "label", "storey", "holder", "heading", "heading_deg", "front"}
 _HEIGHTS = {"floor", "ceiling"}
 _OPENING = {"width", "height", "step"}

@@ -21,15 +21,6 @@ from numpy.typing import NDArray
 from semmap.ingest.world import Refused, Skipped, WorldError
 from semmap.limits import EXTENT, NESTING, TEXT_BYTES, VERTICES
 
-__all__ = [
-    "ENDINGS",
-    "Feature",
-    "FeatureFile",
-    "checked_property",
-    "parse_json",
-    "read_features",
-]
-
 ENDINGS = (".geojson", ".json", ".gpkg")
 
 DEPTHS = {

@@ -15,21 +15,6 @@ from semmap.ingest.ontology.tbox import KINDS, TypeRecord, own_tbox
 from semmap.ingest.world import Kind, Refused
 from semmap.snake_case import snake_case
 
-__all__ = [
-    "area_of",
-    "choice",
-    "drawn_as",
-    "flag_of",
-    "heading_of",
-    "kind_of",
-    "line_of",
-    "middle_of",
-    "number",
-    "supertypes",
-    "text",
-    "type_of",
-]
-
 SMALLEST = 1e-4
 """Least area of a polygon, m2; a smaller one is an accidental click."""
 

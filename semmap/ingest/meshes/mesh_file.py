@@ -26,8 +26,6 @@ from semmap.ingest.naming import give_type
 from semmap.ingest.world import Entry, PlaceDetail, Shape, World, WorldError
 from semmap.limits import EXTENT, PARTS, TRIANGLES
 
-__all__ = ["MeshFileError", "other_case", "read_mesh", "read_mesh_world"]
-
 Y_UP = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])
 """Rotation from coordinates with y up to coordinates with z up."""
 

@@ -18,8 +18,6 @@ from defusedxml.ElementTree import iterparse
 
 from semmap.limits import MESH_BYTES, NESTING, PARTS, TRIANGLES
 
-__all__ = ["check_size"]
-
 Raise = Callable[[str, str], Exception]
 
 _SIMPLER = "Export a simpler mesh."

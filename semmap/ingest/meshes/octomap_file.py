@@ -18,8 +18,6 @@ from numpy.typing import NDArray
 from semmap.geometry.mesh import Mesh
 from semmap.limits import TRIANGLES
 
-__all__ = ["read_octomap"]
-
 DEPTH = 16
 """Of the tree: its root has 2^16 voxels along each axis, around the origin of the map."""
 

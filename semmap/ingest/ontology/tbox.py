@@ -17,8 +17,6 @@ from semmap.ingest.world import WorldError
 from semmap.limits import TEXT_BYTES
 from semmap.snake_case import snake_case
 
-__all__ = ["KINDS", "TypeRecord", "ontology_files", "own_tbox", "read_tbox"]
-
 ENDINGS = (".ttl", ".nt")
 """Endings of Turtle, and of N-Triples, which is a part of Turtle."""
 

@@ -8,8 +8,6 @@ from sqlalchemy import Connection
 
 from semmap.ingest.ontology.tbox import ontology_files, own_tbox
 
-__all__ = ["load_tbox"]
-
 
 def load_tbox(connection: Connection) -> int:
     """Store the semantic types of the ontology files; return their number, 0 if nothing changed.

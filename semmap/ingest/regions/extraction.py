@@ -38,14 +38,6 @@ from semmap.ingest.store.holder_store import find_surfaces
 from semmap.limits import SURFACE_TRIANGLES
 from semmap.query.meshes import model_triangles, world_triangles
 
-__all__ = [
-    "draw_region",
-    "find_observation_area",
-    "find_support_surfaces",
-    "find_walkable_floor",
-    "region_of_faces",
-]
-
 THIN = 0.01
 """Height of a surface's region above it, metres: objects on the surface touch the region."""
 

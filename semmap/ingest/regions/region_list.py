@@ -8,8 +8,6 @@ from typing import Any
 import psycopg
 from psycopg.rows import dict_row
 
-__all__ = ["list_regions"]
-
 REGIONS = """
 SELECT e.name, e.type, r.origin, o.name AS of, h.name AS holder, ST_Area(w.footprint) AS area,
        ST_ZMin(w.box) AS low, ST_ZMax(w.box) AS high, cardinality(r.faces) AS faces

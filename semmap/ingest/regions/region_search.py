@@ -20,8 +20,6 @@ from semmap.ingest.regions.extraction import (
 from semmap.ingest.regions.region_list import list_regions
 from semmap.query import entity_query
 
-__all__ = ["SORTS", "find_regions"]
-
 SORTS: dict[str, str] = {"surfaces": "object", "floor": "room", "observation": "object"}
 """The kind of the entities that have regions of a sort."""
 

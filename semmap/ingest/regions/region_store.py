@@ -16,8 +16,6 @@ from semmap.geometry.morphology import polygons
 from semmap.geometry.pose import Pose
 from semmap.ingest.ontology.type_store import load_tbox
 
-__all__ = ["Outline", "Owner", "Wanted", "at_its_middle", "keep", "level_region", "with_article"]
-
 Outline: TypeAlias = Polygon | MultiPolygon
 Origin = Literal["drawn", "faces", "support_surface", "walkable_floor", "observation_area"]
 

@@ -11,8 +11,6 @@ from semmap.ingest.rmf.building_file import Building, LevelPlan, Vertex
 from semmap.ingest.rmf.similarity import Similarity, fit_similarity
 from semmap.ingest.world import Skipped, WorldError
 
-__all__ = ["Alignment", "align"]
-
 
 @dataclass
 class Alignment:

@@ -10,8 +10,6 @@ from semmap.ingest.rmf.building_world import BuildingWorld
 from semmap.ingest.rmf.storey_entries import StoreyEntries
 from semmap.ingest.world import World
 
-__all__ = ["read_rmf"]
-
 
 def read_rmf(path: Path | str) -> World:
     """Return the world of an Open-RMF building.

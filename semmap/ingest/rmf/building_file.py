@@ -17,17 +17,6 @@ from semmap.ingest.world import Refused, Skipped, WorldError
 from semmap.limits import TEXT_BYTES
 from semmap.yaml_file import FAST, check_structure
 
-__all__ = [
-    "Building",
-    "Edge",
-    "FloorOutline",
-    "LevelPlan",
-    "Lift",
-    "LiftDoor",
-    "RmfModel",
-    "Vertex",
-]
-
 LARGEST = 1e9
 """Pixels, metres or radians; also excludes NaN and infinity."""
 

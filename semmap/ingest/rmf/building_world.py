@@ -8,8 +8,6 @@ from semmap.ingest.rmf.alignment import Alignment
 from semmap.ingest.rmf.building_file import Building, LevelPlan, Lift
 from semmap.ingest.world import OUTSIDE, Entry, Kind, Skipped, World
 
-__all__ = ["WALL_HEIGHT", "BuildingWorld"]
-
 WALL_HEIGHT = 2.5
 """The height at which the traffic editor's own world generator builds walls, metres."""
 

@@ -15,8 +15,6 @@ from semmap.ingest.rmf.building_file import Edge, LevelPlan, Lift, LiftDoor
 from semmap.ingest.rmf.building_world import BuildingWorld
 from semmap.limits import EXTENT
 
-__all__ = ["DrawnDoor", "StoreyDrawing"]
-
 DOOR_PROPERTIES = (
     "type",
     "motion_axis",

@@ -31,8 +31,6 @@ from semmap.ingest.world import (
 )
 from semmap.limits import EXTENT
 
-__all__ = ["StoreyEntries"]
-
 WALL_THICKNESS = 0.1
 """The thickness at which the traffic editor's own world generator builds walls, metres."""
 

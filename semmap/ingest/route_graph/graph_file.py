@@ -18,8 +18,6 @@ from semmap.ingest.naming import unique_name
 from semmap.ingest.world import Entry, Refused, Skipped, World, WorldError, WorldLink
 from semmap.limits import EXTENT, TEXT_BYTES
 
-__all__ = ["EDGE", "is_route_graph", "read_route_graph"]
-
 EDGE = "nav2_edge"
 """The relation of a link that is an edge."""
 

@@ -11,8 +11,6 @@ from psycopg.types.json import Jsonb
 
 from semmap.ingest.world import World, WorldError
 
-__all__ = ["STANDS_BEFORE", "check_names", "settle_nodes"]
-
 STANDS_BEFORE = "stands_before"
 """The relation of a node to the connector that a robot passes from there."""
 

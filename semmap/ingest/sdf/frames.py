@@ -14,8 +14,6 @@ from semmap.geometry.pose import IDENTITY, Pose
 from semmap.ingest.sdf.values import Unusable
 from semmap.ingest.world import WorldError
 
-__all__ = ["Frames"]
-
 
 class Frames:
     """The frames of one scope.

@@ -19,8 +19,6 @@ from semmap.ingest.sdf.resources import Resources
 from semmap.ingest.sdf.values import Unusable, flag, numbers
 from semmap.limits import EXTENT, VERTICES
 
-__all__ = ["Geometries"]
-
 SMALLEST = 1e-6
 """Least size of a solid, metres: smaller ones cannot be computed with."""
 

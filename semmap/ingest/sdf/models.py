@@ -24,8 +24,6 @@ from semmap.ingest.sdf.values import Unusable, flag, leaving_out, local_pose
 from semmap.ingest.world import Shape, Skipped, World, WorldError
 from semmap.limits import EXTENT, NESTING, PARTS, TRIANGLES
 
-__all__ = ["Instance", "Models", "Role", "SdfFile", "SdfModel"]
-
 Role = Literal["visual", "collision"]
 
 MODEL_FRAME = "__model__"

@@ -12,8 +12,6 @@ from semmap.ingest.sdf.values import Unusable
 from semmap.ingest.world import WorldError
 from semmap.ingest.xml_file import read_xml
 
-__all__ = ["PATH_VARIABLES", "Resources", "model_name"]
-
 PATH_VARIABLES = ("GZ_SIM_RESOURCE_PATH", "GAZEBO_MODEL_PATH", "SDF_PATH")
 """Environment variables with folders of models, searched last."""
 

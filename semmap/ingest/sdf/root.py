@@ -7,8 +7,6 @@ from xml.etree.ElementTree import Element, SubElement
 
 from semmap.ingest.xml_file import read_xml
 
-__all__ = ["read_root"]
-
 OLD_ATTRIBUTES = {
     "model": {"static": "static"},
     "include": {"filename": "uri"},

@@ -10,8 +10,6 @@ from xml.etree.ElementTree import Element
 from semmap.geometry.pose import IDENTITY, Pose
 from semmap.ingest.world import Skipped
 
-__all__ = ["Unusable", "flag", "leaving_out", "local_pose", "numbers"]
-
 _LARGEST = 1e12
 """Largest length, angle or factor; products of a few such numbers stay finite."""
 

@@ -28,8 +28,6 @@ from semmap.ingest.sdf.values import Unusable, leaving_out, local_pose, numbers
 from semmap.ingest.world import Entry, Skipped, World, WorldError
 from semmap.limits import EXTENT
 
-__all__ = ["read_sdf"]
-
 MADE_AT_RUN_TIME = ("population", "road")
 """Elements whose geometry the simulator makes at run time."""
 

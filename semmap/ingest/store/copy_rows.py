@@ -9,8 +9,6 @@ from typing import Any
 import psycopg
 from psycopg import sql
 
-__all__ = ["copy_rows", "copy_statement", "writable_table"]
-
 
 def copy_rows(
     cursor: psycopg.Cursor[Any], table: str, columns: Sequence[str], rows: Iterable[Sequence[Any]]

@@ -18,8 +18,6 @@ from semmap.ingest.world import (
     WorldError,
 )
 
-__all__ = ["id_of", "store_details"]
-
 
 def store_details(
     cursor: psycopg.Cursor[Any], entries: Sequence[Entry], ids: dict[str, int], world: World

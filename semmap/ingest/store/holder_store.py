@@ -16,8 +16,6 @@ from semmap.ingest.store.copy_rows import copy_rows
 from semmap.limits import SURFACE_TRIANGLES
 from semmap.query.meshes import model_triangles
 
-__all__ = ["derive_inventories", "find_surfaces", "postpone_derivation", "recognise_parts"]
-
 
 def postpone_derivation(connection: psycopg.Connection[Any]) -> None:
     """Derive no holders at the statements of this transaction; `derive_inventories` does it."""

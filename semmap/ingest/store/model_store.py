@@ -15,8 +15,6 @@ from semmap.geometry.tin import encode_chunks
 from semmap.ingest.store.copy_rows import copy_statement, writable_table
 from semmap.ingest.world import Entry, Shape
 
-__all__ = ["Progress", "shape_digest", "store_models"]
-
 Progress = Callable[[str, int, int], None]
 """Called with the name of a stage, the amount done, and the total amount."""
 

@@ -26,8 +26,6 @@ from semmap.ingest.world import (
     World,
 )
 
-__all__ = ["Progress", "StoreSummary", "digest_of", "store_world"]
-
 
 @dataclass
 class StoreSummary:

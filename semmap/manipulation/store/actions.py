@@ -17,8 +17,6 @@ from semmap.manipulation.store.models import object_model_id
 from semmap.manipulation.store.statements import OWN, column, contributor_id, number, refusals
 from semmap.suggestions import suggestion
 
-__all__ = ["add_actions", "add_put", "insert_actions"]
-
 
 def add_actions(
     session: Session,

@@ -30,8 +30,6 @@ from semmap.manipulation.store.actions import insert_actions
 from semmap.manipulation.store.devices import add_gripper
 from semmap.manipulation.store.statements import refusals
 
-__all__ = ["VERSION", "export_bundle", "import_bundle", "trust"]
-
 FORMAT = "semmap manipulation knowledge"
 
 VERSION = 1

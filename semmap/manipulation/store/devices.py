@@ -13,8 +13,6 @@ from semmap.manipulation.error import ManipulationError
 from semmap.manipulation.store.statements import column, number, refusals
 from semmap.suggestions import suggestion
 
-__all__ = ["ABLE", "add_automaton", "add_device", "add_gripper", "gripper_id"]
-
 CAPABILITIES = {
     "gripper": ("gripping", "pushing"),
     "robot": ("reaching",),

@@ -14,8 +14,6 @@ from semmap.manipulation.store.statements import column, number, refusals
 from semmap.query.entity_query import entity_id
 from semmap.suggestions import suggestion
 
-__all__ = ["add_object", "object_model_id", "set_shape"]
-
 
 def object_model_id(session: Session, model: str | int) -> int:
     """Return the id of an object model: of an entity's mesh, which is made if nothing is known yet.

@@ -11,8 +11,6 @@ from semmap.manipulation.error import ManipulationError
 from semmap.manipulation.store.statements import column, number, refusals
 from semmap.suggestions import suggestion
 
-__all__ = ["add_path"]
-
 
 def add_path(
     session: Session,

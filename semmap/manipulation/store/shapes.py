@@ -21,8 +21,6 @@ if TYPE_CHECKING:
     import trimesh
     from numpy.typing import NDArray
 
-__all__ = ["StoredShape", "model_mesh", "shape_of", "store_shapes"]
-
 
 @dataclass(frozen=True)
 class StoredShape:

@@ -12,8 +12,6 @@ from psycopg import errors
 from semmap.manipulation.error import ManipulationError
 from semmap.suggestions import suggestion
 
-__all__ = ["ASSUMED", "OWN", "SIMULATION", "column", "contributor_id", "number", "refusals"]
-
 OWN, SIMULATION, ASSUMED = "own", "simulation", "assumed"
 """Contributors that each database has: its own robots, trials in simulation, and actions of
 simulated robots whose outcome nobody tried, which count for nothing."""

@@ -17,8 +17,6 @@ from semmap.manipulation.store.statements import (
 )
 from semmap.query.entity_query import entity_id
 
-__all__ = ["add_task", "record_task", "replace_action"]
-
 
 def add_task(
     session: Session,

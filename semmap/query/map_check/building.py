@@ -12,8 +12,6 @@ from shapely import STRtree
 from semmap.geometry.contact import heights_at, touches
 from semmap.query.map_check.reader import CheckedEntity
 
-__all__ = ["CONTACT", "FASTENED", "WALL", "CheckedBuilding"]
-
 CONTACT = 0.03
 """Metres between things that touch, and by which solids may overlap: percepts and models of rooms
 are this exact, and holders are derived with it."""

@@ -15,8 +15,6 @@ from psycopg.rows import dict_row
 from semmap.geometry.pose import Pose
 from semmap.query.meshes import models_triangles
 
-__all__ = ["CheckedEntity", "read_checked_entities"]
-
 Floats = NDArray[np.float64]
 
 

@@ -18,8 +18,6 @@ from semmap.query.map_check.finding import Finding, Severity
 from semmap.query.map_check.reader import CheckedEntity, read_checked_entities
 from semmap.query.snapshot import Snapshot
 
-__all__ = ["RULES", "check_map"]
-
 SAME_POINT = 0.001
 """Metres: things that meet so exactly were put there by a program, not by a hand."""
 

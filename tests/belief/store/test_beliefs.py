@@ -13,7 +13,8 @@ from sqlalchemy import select
 
 from semmap import Map
 from semmap.belief.error import BeliefError
-from semmap.belief.inference import Observations, infer
+from semmap.belief.inference import infer
+from semmap.belief.observation_columns import Observations
 from semmap.belief.store.beliefs import ELSEWHERE, add_observations, read_belief, where
 from semmap.database.maps import driver_of, see_map
 from semmap.model import Belief, Entity

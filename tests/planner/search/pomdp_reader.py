@@ -9,8 +9,6 @@ import numpy as np
 
 from planner.search.pomdp import Pomdp
 
-__all__ = ["read_pomdp"]
-
 _LISTS = ("states", "actions", "observations")
 _HEADS = (*_LISTS, "discount", "values", "start", "T", "O", "R")
 

@@ -19,8 +19,6 @@ from planner.topology import OUTSIDE, Topology
 from planner.travel_cost import StraightTravelCost, TravelCost
 from semmap.geometry.pose import Pose
 
-__all__ = ["InvalidPlanError", "validate"]
-
 
 class InvalidPlanError(ValueError):
     """A plan that cannot be carried out, or that does not reach its goal; with the action."""
