@@ -12,6 +12,7 @@ import json
 import re
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
+from xml.etree import ElementTree
 
 import numpy as np
 import yaml
@@ -115,6 +116,8 @@ def write_nav2(costmap: Costmap, folder: Path, *, laser_height: float = 0.25) ->
     params = _params(costmap, paths, masks, frame)
     head = _HEAD + "".join(f"# {note}\n" for note in notes)
     (folder / "nav2_params.yaml").write_text(head + yaml.safe_dump(params, sort_keys=False))
+    bringup = ElementTree.tostring(_bringup(params), encoding="unicode")
+    (folder / "bringup.launch.xml").write_text(bringup + "\n")
     files: Files = {
         "storey": costmap.scene.storey,
         "frame": frame,
@@ -136,6 +139,7 @@ def write_nav2(costmap: Costmap, folder: Path, *, laser_height: float = 0.25) ->
         "posture": costmap.posture,
         "maps": maps,
         "params": "nav2_params.yaml",
+        "bringup": "bringup.launch.xml",
         "lethal": int((costmap.master == LETHAL).sum()),
         "inscribed": int((costmap.master == INSCRIBED).sum()),
         "unknown": int((costmap.master == UNKNOWN).sum()),
@@ -159,7 +163,8 @@ def _occupied(cells: NDArray[np.bool_], unknown: NDArray[np.bool_]) -> NDArray[n
     return found
 
 
-_HEAD = """# Parameters for Nav2 to load these maps; merge them into your own.
+_HEAD = """# Parameters for Nav2 to load these maps; merge them into your own. "ros2 launch
+# bringup.launch.xml" serves all of them, with paths of its own folder.
 # In the master costmap the robot is a point: do not inflate it again. It is blocked where the
 # robot's shape fits at no heading; in as many cells as "some_headings" in costmap.json counts, it
 # fits at some, not all: there, only planners that check the robot's footprints are sure.
@@ -213,11 +218,45 @@ def _params(
             base=float(mask.base),
             multiplier=float(mask.multiplier),
         )
+    for name in paths:
+        if name in ("master", "localisation", *masks):
+            continue
+        params[f"{_ros_name(name)}_server"] = server(name, f"layers/{_ros_name(name)}")
     # For planners that check footprints.
     params["robot_footprints"] = _node(
         **{part.name: footprint_string(part) for part in costmap.parts}
     )
     return params
+
+
+def _bringup(params: dict[str, Any]) -> ElementTree.Element:
+    """The launch file that serves all maps beside it, wherever the folder lies."""
+    launch = ElementTree.Element("launch")
+    ElementTree.SubElement(launch, "arg", name="use_sim_time", default="false")
+
+    def add(package: str, program: str, name: str, **values: str) -> None:
+        node = ElementTree.SubElement(launch, "node", pkg=package, exec=program, name=name)
+        ElementTree.SubElement(node, "param", {"from": "$(dirname)/nav2_params.yaml"})
+        for key, value in {**values, "use_sim_time": "$(var use_sim_time)"}.items():
+            ElementTree.SubElement(node, "param", name=key, value=value)
+
+    servers = {name: node["ros__parameters"] for name, node in params.items() if "_server" in name}
+    for name, values in servers.items():
+        if "yaml_filename" in values:
+            file = f"$(dirname)/{Path(values['yaml_filename']).name}"
+            add("nav2_map_server", "map_server", name, yaml_filename=file)
+        else:
+            add("nav2_map_server", "costmap_filter_info_server", name)
+    names = f"[{', '.join(servers)}]"
+    manager = "lifecycle_manager"
+    add("nav2_lifecycle_manager", manager, f"{manager}_maps", autostart="true", node_names=names)
+    ElementTree.indent(launch)
+    return launch
+
+
+def _ros_name(name: str) -> str:
+    """The name of a map as ROS takes it for nodes and topics."""
+    return re.sub(r"\W+", "_", name, flags=re.ASCII).strip("_") or "layer"
 
 
 def _node(**parameters: Any) -> dict[str, Any]:

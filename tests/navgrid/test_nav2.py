@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import ast
 import json
+import re
 from pathlib import Path
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
@@ -126,6 +128,36 @@ def test_the_parameters_describe_footprints_maps_and_filters(
         files = params[server]["ros__parameters"]
         assert (tmp_path / files["yaml_filename"]).is_file()
         assert files["frame_id"] == "map_ground"
+
+
+def test_the_bringup_serves_every_map_wherever_the_folder_lies(
+    costmap: Costmap, tmp_path: Path
+) -> None:
+    files = write_nav2(costmap, tmp_path / "made")
+    folder = (tmp_path / "made").rename(tmp_path / "moved")
+    launch = ElementTree.parse(folder / files["bringup"]).getroot()
+    params = yaml.safe_load((folder / files["params"]).read_text())
+    nodes = {node.attrib["name"]: node for node in launch.iter("node")}
+    served = set()
+    for name, node in nodes.items():
+        assert re.fullmatch(r"[A-Za-z_][A-Za-z0-9_]*", name), "as rcl wants names of nodes"
+        values = {
+            p.attrib["name"]: p.attrib["value"] for p in node.iter("param") if "name" in p.attrib
+        }
+        assert node.find("param").attrib["from"] == "$(dirname)/nav2_params.yaml"
+        if node.attrib["exec"] == "map_server":
+            path = Path(values["yaml_filename"].replace("$(dirname)", str(folder)))
+            served.add(path.name)
+            assert path.is_file()
+            assert Path(params[name]["ros__parameters"]["yaml_filename"]).name == path.name
+        elif node.attrib["exec"] == "lifecycle_manager":
+            managed = set(yaml.safe_load(values["node_names"]))
+    assert served == set(files["maps"].values())
+    assert managed == nodes.keys() - {"lifecycle_manager_maps"}
+    topics = [
+        node["ros__parameters"].get("topic_name") for name, node in params.items() if name in nodes
+    ]
+    assert len({*filter(None, topics)}) == len(served)
 
 
 def test_every_parameter_is_below_ros__parameters(costmap: Costmap, tmp_path: Path) -> None:

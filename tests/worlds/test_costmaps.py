@@ -126,7 +126,7 @@ def test_tiago_in_the_small_house(house: Engine, tmp_path: Path) -> None:
     y = made.grid.origin[1] + (row + 0.5) * 0.05
     assert made.explain(x, y)[0].cost == 254
     assert made.explain(x, y)[0].entities
-    check_parameters(tmp_path, {"master", "localisation"})
+    check_parameters(tmp_path, set(said["maps"]))
 
 
 def check_parameters(folder: Path, maps: set[str]) -> None:
@@ -176,8 +176,8 @@ def test_stretch_in_the_hotel(level: str, hotel: Engine, tmp_path: Path) -> None
     inside = ~made.unknown
     assert 0.3 < (made.master[inside] < 253).mean() < 0.98
     assert (made.master == 255).any()
-    write_nav2(made, tmp_path)
-    check_parameters(tmp_path, {"master", "localisation"})
+    said = write_nav2(made, tmp_path)
+    check_parameters(tmp_path, set(said["maps"]))
 
 
 def test_typical_sizes_of_furniture_in_the_hotel(hotel: Engine) -> None:
