@@ -13,6 +13,7 @@ from benchmarks.bench_map import fresh_map
 from benchmarks.timing import Row, print_rows
 from semmap.knowledge.queries import query
 from semmap.knowledge.standing.subscriptions import Event, Subscriptions
+from semmap.knowledge.updates import update
 
 __all__ = ["main"]
 
@@ -180,7 +181,7 @@ def measured(made: semmap.Map, number: int, times: int = 60) -> Row:
                 if change.startswith("UPDATE"):
                     session.execute(change)
                 else:
-                    semmap.knowledge.update(session, change)
+                    update(session, change)
             start, before = time.perf_counter(), time.process_time()
             assert done.wait(30), change
             time.sleep(0.01)
