@@ -17,19 +17,7 @@ _LETHAL, _INSCRIBED, _UNKNOWN = 254, 253, 255
 
 
 def colours(costs: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """Return the colours of costs, as RViz shows them.
-
-    Free is white, low to high costs are blue to red, inscribed is cyan, lethal is purple.
-
-    Parameters
-    ----------
-    costs : uint8 array
-        With the meaning of costmap_2d.
-
-    Returns
-    -------
-    (..., 3) uint8, RGB
-    """
+    """The RGB that RViz gives costs of costmap_2d, (..., 3) uint8: free white, lethal purple."""
     share = np.arange(256) / 252
     table = np.empty((256, 3))
     table[:, 0], table[:, 1], table[:, 2] = 255 * share, 0, 255 * (1 - share)
@@ -57,19 +45,8 @@ def costmap_picture(
 ) -> Path:
     """Draw a costmap and save it as PNG; return the path of the picture.
 
-    Parameters
-    ----------
-    costs : (rows, columns) uint8
-        Row 0 is the lowest y.
-    origin : (x, y) of the lower left corner, metres
-    resolution : float, metres
-    path : of the picture
-    title : str
-    lines : sequence of ((N, 2) points in metres, colour)
-    footprints : sequence of ((N, 2) corners in metres, colour)
-        Polygons that are drawn on top.
-    size : float
-        The longer side, inches.
+    Row 0 of `costs` is the lowest y; `origin` is the lower left corner. Lines are (N, 2) points and
+    footprints (N, 2) corners, each with a colour; all in metres. `size`: the longer side, inches.
     """
     rows, columns = costs.shape
     width = size if columns >= rows else size * columns / rows

@@ -14,51 +14,26 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class DepthCamera:
-    """A pinhole camera without distortion.
+    """A pinhole camera without distortion."""
 
-    Attributes
-    ----------
-    size : (width, height), pixels
-    intrinsics : (fx, fy, cx, cy), pixels
-        The centre of the first pixel is at (0, 0).
-    pose : (4, 4) array
-        The optical frame (x right, y down, z ahead) in the map's frame.
-    nearest : float
-        Surfaces nearer than this are not seen, metres ahead.
-    """
-
-    size: tuple[int, int]
-    intrinsics: tuple[float, float, float, float]
-    pose: Floats
-    nearest: float = 0.1
+    size: tuple[int, int]  # (width, height), pixels
+    intrinsics: tuple[float, float, float, float]  # fx, fy, cx, cy; a pixel's centre is (0, 0)
+    pose: Floats  # (4, 4): the optical frame (x right, y down, z ahead) in the map's frame
+    nearest: float = 0.1  # metres ahead, within which nothing is seen
 
     def project(self, points: Floats) -> Floats:
-        """Return (..., 3) pixels from the left, pixels from the top, and 1 / depth.
+        """Return (..., 3) of points ahead: pixels from the left and from the top, and 1 / depth.
 
         1 / depth is linear across the picture of a triangle, and larger for nearer points.
-
-        Parameters
-        ----------
-        points : (..., 3) ahead of the camera, metres in the map's frame
         """
         fx, fy, cx, cy = self.intrinsics
         x, y, z = np.moveaxis((points - self.pose[:3, 3]) @ self.pose[:3, :3], -1, 0)
         return np.stack([fx * x / z + cx + 0.5, fy * y / z + cy + 0.5, 1 / z], axis=-1)
 
     def image(self, triangles: Floats) -> tuple[NDArray[np.float32], NDArray[np.int32]]:
-        """Return the depth image of triangles, and the triangle at each pixel.
+        """Return the depth image of triangles (F, 3, 3), and the triangle at each pixel.
 
-        Parameters
-        ----------
-        triangles : (F, 3, 3), metres in the map's frame
-            Both sides are seen.
-
-        Returns
-        -------
-        depths : (height, width) float32, metres
-            NaN where no triangle is seen.
-        faces : (height, width) int32
-            The number of the triangle, -1 for none.
+        Both sides are seen. Depths are metres, NaN where nothing is seen; there the triangle is -1.
         """
         ahead = (triangles - self.pose[:3, 3]) @ self.pose[:3, 2]
         clipped, of = _clipped(triangles, ahead - self.nearest)

@@ -22,33 +22,17 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class FieldView:
-    """A field in a picture.
+    """A field in a picture, with its label in the legend."""
 
-    Attributes
-    ----------
-    voxels : (N, 3) int32, indices
-    voxel_size : float, metres
-    colour : str
-    label : str, for the legend
-    opacity : float
-        1 draws cubes; less draws transparent air.
-    """
-
-    voxels: NDArray[np.int32]
-    voxel_size: float
+    voxels: NDArray[np.int32]  # (N, 3) indices
+    voxel_size: float  # metres
     colour: str
     label: str
-    opacity: float = 1.0
+    opacity: float = 1.0  # 1 draws cubes, less draws transparent air
 
 
 def voxel_faces(voxels: NDArray[np.int32], size: float) -> Floats:
-    """Return the (F, 3, 3) triangles of the cubes' faces that no other cube covers.
-
-    Parameters
-    ----------
-    voxels : (N, 3) int32, indices
-    size : float, metres
-    """
+    """Return the (F, 3, 3) triangles of those faces of cubes that no other cube covers, metres."""
     shifted = voxels.astype(np.int64) + (1 << 20)
     keys = (shifted[:, 0] << 42) | (shifted[:, 1] << 21) | shifted[:, 2]
     parts = [np.zeros((0, 3, 3))]
@@ -74,19 +58,10 @@ def fields_picture(
     elevation: float = 30.0,
     width: int = 1600,
 ) -> Path:
-    """Draw a scene with fields and save it as PNG; return the path of the picture.
+    """Draw fields in a scene and save the picture as PNG; return its path.
 
-    Parameters
-    ----------
-    triangles : (F, 3, 3), metres
-        Those of the scene.
-    colours : (F, 3), sRGB in 0..1
-    fields : sequence of FieldView
-    path : of the picture
-    title : str
-    azimuth, elevation : float
-        The direction from which the scene is seen, degrees.
-    width : int, pixels
+    The scene is triangles (F, 3, 3), metres, with colours (F, 3), sRGB in 0..1; azimuth and
+    elevation from which it is seen are degrees, the width is pixels.
     """
     cubes = [f for f in fields if f.opacity >= 1]
     faces = [voxel_faces(f.voxels, f.voxel_size) for f in cubes]

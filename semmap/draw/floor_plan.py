@@ -57,15 +57,9 @@ def floor_plan(
 
     Parameters
     ----------
-    storey : StoreyView
-    path : of the picture
-    title : str
-        By default the name of the storey.
-    width : float, inches
-        The height follows from the storey.
-    dpi : int, pixels per inch
-    over : callable, optional
-        Draws more on the plan before names are written; its axes are metres of the map's frame.
+    title : by default the name of the storey
+    width : inches; the height follows from the storey
+    over : draws more before names are written; its axes are metres of the map's frame
 
     Examples
     --------
@@ -146,10 +140,7 @@ def _bounds(storey: StoreyView) -> tuple[float, float, float, float]:
 
 
 def _shown(storey: StoreyView) -> list[ObjectView]:
-    """The objects that a plan shows: no parts of the building, nothing above the heads of people.
-
-    A lamp at the ceiling would be a disc on the aisle.
-    """
+    """The objects on a plan: no parts of the building, nothing overhead, such as lamps."""
     overhead = storey.elevation + OVERHEAD
     return [
         o

@@ -21,15 +21,7 @@ AROUND: tuple[Offset, ...] = tuple(
 
 
 class Labels:
-    """The texts of a figure.
-
-    Parameters
-    ----------
-    axes : Axes
-        Their limits and size are final.
-    padding : float
-        Around each text, points.
-    """
+    """The texts of a figure whose axes have their final size; `padding` around each in points."""
 
     def __init__(self, axes: Axes, padding: float = 1.5) -> None:
         self.axes = axes
@@ -68,21 +60,10 @@ class Labels:
         within: tuple[float, float] | None = None,
         **style: Any,
     ) -> Annotation | None:
-        """Write a text at the first offset at which it overlaps no other; return it, or None.
+        """Write a text at the first offset (right, up; points) without overlap; return it, or None.
 
-        Parameters
-        ----------
-        x, y : float, data units
-        text : str
-        offsets : iterable of (right, up), points
-        force : bool
-            If no place is free, write at the place with the least overlap.
-        leader : dict, optional
-            The style of a line from a text that is moved to its point.
-        within : (width, height), optional
-            The text has to fit into this size, data units.
-        **style
-            As for `Axes.annotate`.
+        `force` writes it where it overlaps least; `leader` is the style of a line from a moved text
+        to its point; it has to fit `within` a (width, height). All these are data units.
         """
         style = {"ha": "center", "va": "center"} | style
         artist = self.axes.annotate(

@@ -12,12 +12,7 @@ from typing import Self
 
 @dataclass(frozen=True)
 class Picture:
-    """A PNG.
-
-    Attributes
-    ----------
-    png : bytes
-    """
+    """A PNG."""
 
     png: bytes = field(repr=False)
 

@@ -29,20 +29,10 @@ def plan_svg(
     width: int = 640,
     marked: int | None = None,
 ) -> str:
-    """Draw the outlines of entities as SVG.
+    """Return outlines of entities as an SVG element, without parts of the building.
 
-    Parameters
-    ----------
-    entities : rows of `semmap.query.shapes.read_shapes`; what has no outline and is no door is left
-        out, and so are parts of the building
-    types : each type with its supertypes, the nearest first
-    width : pixels
-    marked : the id of an entity that is outlined
-
-    Returns
-    -------
-    str
-        The element ``<svg>``.
+    `entities` are rows of `read_shapes`, `types` has each type's supertypes, the nearest first;
+    `width` is pixels, and the entity with the id `marked` is outlined.
     """
     drawn = [row for row in entities if row["geometry"] is not None and _layer(row, types)]
     drawn.sort(key=lambda row: (_layer(row, types), row["high"] or 0.0))

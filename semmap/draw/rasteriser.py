@@ -21,56 +21,40 @@ _FRAGMENTS_AT_ONCE = 4_000_000
 
 
 class Projection(Protocol):
-    """A projection of points to the pixels of a picture."""
+    """Projects points (..., 3) to pixels from the left and the top, and a depth, larger if nearer.
+
+    All three are linear across a triangle's picture.
+    """
 
     @property
     def size(self) -> tuple[int, int]:
-        """The (width, height) of the picture, pixels."""
+        """(width, height) of the picture, pixels."""
         ...
 
     def project(self, points: Floats) -> Floats:
-        """Return (..., 3) pixels from the left, pixels from the top, and a depth.
-
-        The depth is larger for nearer points. All three are linear across a triangle's picture.
-        """
+        """Return (..., 3)."""
         ...
 
 
 @dataclass(frozen=True)
 class Camera:
-    """A parallel projection.
-
-    Attributes
-    ----------
-    right, up, back : (3,) arrays
-        Unit vectors in the map's frame; `back` points to the eye.
-    centre : (2,) array
-        The coordinates of the middle of the picture along `right` and `up`, metres.
-    scale : float, pixels per metre
-    size : (width, height), pixels
-    """
+    """A parallel projection; right, up and back (to the eye) are unit vectors of the map."""
 
     right: Floats
     up: Floats
     back: Floats
-    centre: Floats
-    scale: float
-    size: tuple[int, int]
+    centre: Floats  # (2,) of the picture, along right and up, metres
+    scale: float  # pixels per metre
+    size: tuple[int, int]  # (width, height), pixels
 
     @classmethod
     def look(
         cls, azimuth: float, elevation: float, points: Floats, width: int, margin: float = 0.03
     ) -> Camera:
-        """Return the camera that sees all points from a direction.
+        """Return the camera that sees all points (N, 3) from the direction of the eye.
 
-        Parameters
-        ----------
-        azimuth, elevation : float
-            The direction of the eye, from +x and from the ground, radians.
-        points : (N, 3), metres
-        width : int, pixels
-        margin : float
-            The share of the width that stays free on each side.
+        The azimuth is from +x, the elevation from the ground, radians; a share `margin` of the
+        width (pixels) stays free on each side.
         """
         ca, sa, ce, se = np.cos(azimuth), np.sin(azimuth), np.cos(elevation), np.sin(elevation)
         right = np.array([-sa, ca, 0.0])
@@ -100,22 +84,10 @@ class Camera:
 def nearest_triangles(
     camera: Projection, triangles: Floats, cut: Floats | None = None
 ) -> tuple[NDArray[np.int32], Floats]:
-    """Return the triangle that each pixel shows, and its depth.
+    """Return the triangle that each pixel shows, -1 for none, and its depth, -inf for none.
 
-    Parameters
-    ----------
-    camera : Projection
-    triangles : (F, 3, 3), metres in the map's frame
-        Both sides are seen.
-    cut : (F,), optional
-        The height above which a triangle is cut away, inf for no cut. Only with a `Camera`.
-
-    Returns
-    -------
-    faces : (height, width) int32
-        The number of the triangle at the centre of the pixel, -1 for none.
-    depths : (height, width) float64
-        Metres towards the eye, -inf for none.
+    Both sides of triangles (F, 3, 3) are seen. With a `Camera`, `cut` (F,) is the height above
+    which a triangle is cut away, inf for none, and depths are metres towards the eye.
     """
     width, height = camera.size
     buffer = np.full(width * height, -1, np.int64)

@@ -23,15 +23,9 @@ from semmap.robot.parts import Part
 def robot_views(
     parts: Sequence[Part], meshes: Mapping[str, Mesh], pose: Pose | None = None
 ) -> list[ObjectView]:
-    """Return a robot as objects for pictures, one per part, in the part's colour.
+    """Return one object per part, in the part's colour, at the robot's pose in the map's frame.
 
-    Parameters
-    ----------
-    parts : sequence of Part
-    meshes : mapping of Mesh
-        By link, in the robot's frame.
-    pose : Pose, optional
-        That of the robot in the map's frame.
+    `meshes` are those of links, in the robot's frame.
     """
     found = []
     for number, part in enumerate(parts):

@@ -1,7 +1,4 @@
-"""Pictures of rooms, their boxes and objects in 3D (Deeken et al., Figures 2 and 8).
-
-Storeys are drawn one above the other, their walls cut open at a height.
-"""
+"""Storeys in 3D, one above the other, their walls cut open (Deeken et al., Figures 2 and 8)."""
 
 from __future__ import annotations
 
@@ -75,20 +72,12 @@ def scene3d(
 
     Parameters
     ----------
-    storeys : sequence of StoreyView
-    path : of the picture
-    title : str
-    boxes : bool
-        Draw a coloured box around each room, with its name (Deeken et al., Figure 2).
-    object_labels : bool
-        Write the semantic types of objects beside them (Figure 8).
-    cut : float
-        The height above a storey's floor at which walls are cut open, metres.
-    azimuth, elevation : float
-        The direction from which the storeys are seen, degrees.
-    width : int, pixels
-    tint_rooms : bool
-        Give each room's floor the colour of its type.
+    boxes : draw a coloured box around each room, with its name (Deeken et al., Figure 2)
+    object_labels : write the semantic types of objects beside them (Figure 8)
+    cut : height above a storey's floor at which walls are cut open, metres
+    azimuth, elevation : from which the storeys are seen, degrees
+    width : pixels
+    tint_rooms : give each room's floor the colour of its type
 
     Raises
     ------
@@ -171,8 +160,7 @@ def _shifts(
 ) -> list[Floats]:
     """The offsets that lift each storey so that it hides no part of the storey below.
 
-    The lift clears the longest line across the storeys' ground in the direction of view, and the
-    `tall` metres above it.
+    Each clears the longest line across the ground in the direction of view, and `tall` metres.
     """
     shifts = [np.zeros(3)]
     bounds = [b for s in storeys if (b := _ground(s)) is not None]

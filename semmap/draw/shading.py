@@ -21,25 +21,13 @@ _SHADOW_MAP = 1600
 
 @dataclass(frozen=True, eq=False)
 class Surfaces:
-    """The triangles of a picture, one row per triangle.
+    """The triangles of a picture, one row per triangle."""
 
-    Attributes
-    ----------
-    triangles : (F, 3, 3), metres in the map's frame
-    colours : (F, 3), sRGB in 0..1
-    owners : (F,) int32
-        An edge is drawn between two owners.
-    cuts : (F,)
-        The height above which the triangle is cut away, inf for no cut.
-    caps : (F,) bool
-        The back of the triangle, seen through the cut, is shown as the cut itself.
-    """
-
-    triangles: Floats
-    colours: Floats
-    owners: NDArray[np.int32]
-    cuts: Floats
-    caps: NDArray[np.bool_]
+    triangles: Floats  # (F, 3, 3), metres in the map's frame
+    colours: Floats  # (F, 3), sRGB in 0..1
+    owners: NDArray[np.int32]  # (F,) edges are drawn between two owners
+    cuts: Floats  # (F,) height above which it is cut away, inf for none
+    caps: NDArray[np.bool_]  # (F,) its back, seen through the cut, is shown as the cut
 
     def joined(self, other: Surfaces) -> Surfaces:
         """Return these triangles and others as one."""
@@ -51,22 +39,10 @@ class Surfaces:
 def shade(
     camera: Camera, surfaces: Surfaces, background: Floats, cap: Floats, occlusion: float = 0.45
 ) -> tuple[NDArray[np.float32], Floats]:
-    """Return a picture of surfaces, and its depths.
+    """Return a picture (height, width, 3) of surfaces, and its depths towards the eye, metres.
 
-    Parameters
-    ----------
-    camera : Camera
-    surfaces : Surfaces
-    background, cap : (3,), sRGB in 0..1
-        The colours of the background and of cuts.
-    occlusion : float
-        The radius within which surfaces occlude the light of the sky, metres.
-
-    Returns
-    -------
-    picture : (height, width, 3) float32, sRGB in 0..1
-    depths : (height, width), metres towards the eye
-        -inf where no surface is seen.
+    Colours are sRGB in 0..1, depths -inf where nothing is seen. Surfaces occlude the light of the
+    sky within `occlusion` metres; `cap` is the colour of cuts.
     """
     face, depth = nearest_triangles(camera, surfaces.triangles, surfaces.cuts)
     seen = face >= 0

@@ -11,18 +11,9 @@ from semmap.draw.palette import INK
 def draw_title(
     figure: Figure, title: str, y: float, size: float, left: float = 0.025, right: float = 0.975
 ) -> Text:
-    """Draw a title in bold at the left; one that is too long is made smaller.
+    """Draw a bold title of `size` points, or smaller where it would reach over `right`.
 
-    Parameters
-    ----------
-    figure : Figure
-    title : str
-    y : float
-        Of its middle, as a part of the figure's height.
-    size : float
-        Of the font at most, points.
-    left, right : float
-        Where it begins, and where it ends at most, as parts of the figure's width.
+    `y` of its middle, `left` and `right` are parts of the figure's height and width.
     """
     text = figure.text(left, y, title, fontsize=size, weight="bold", color=INK, va="center")
     width = text.get_window_extent().width

@@ -18,18 +18,9 @@ Outline: TypeAlias = Polygon | MultiPolygon
 
 @dataclass(frozen=True)
 class RoomView:
-    """A room.
+    """A room from z `low` to `high`; `types` are its type and supertypes, the nearest first.
 
-    Attributes
-    ----------
-    name : str
-    outline : Polygon or MultiPolygon
-    low, high : float
-        z of its floor and of its ceiling.
-    types : tuple of str
-        Its semantic type and the supertypes, the nearest first.
-    label : str, optional
-        Its function.
+    `label` is its function, such as kitchen.
     """
 
     name: str
@@ -42,17 +33,7 @@ class RoomView:
 
 @dataclass(frozen=True, eq=False)
 class ObjectView:
-    """An object: its mesh and the area that it covers on the ground.
-
-    Attributes
-    ----------
-    name : str
-    types : tuple of str
-    mesh : Mesh, optional
-    footprint : Polygon or MultiPolygon, optional
-    colour : str, optional
-        By default that of its type.
-    """
+    """An object: its mesh, the area that it covers, and its colour, by default that of its type."""
 
     name: str
     types: tuple[str, ...] = ()
@@ -63,25 +44,13 @@ class ObjectView:
 
 @dataclass(frozen=True, eq=False)
 class DoorView:
-    """A connector.
-
-    Attributes
-    ----------
-    name : str
-    poses : (Pose, Pose)
-        One on each side, facing it.
-    width : float, optional
-        Of the clear opening.
-    type : str
-        "door", "elevator_door", "stairs", "ramp", ...
-    state : "open", "closed" or "locked"
-    """
+    """A connector with a pose on each side, facing it."""
 
     name: str
     poses: tuple[Pose, Pose]
-    width: float | None = None
-    type: str = "door"
-    state: str = "open"
+    width: float | None = None  # of the clear opening
+    type: str = "door"  # or elevator_door, stairs, ramp
+    state: str = "open"  # or closed, locked
 
 
 @dataclass(frozen=True)
@@ -96,19 +65,11 @@ class RegionView:
 
 @dataclass(frozen=True, eq=False)
 class OccupancyView:
-    """An occupancy grid.
+    """An occupancy grid."""
 
-    Attributes
-    ----------
-    origin : (x, y) of the lower left corner
-    resolution : float
-    cells : (rows, columns) int8
-        Row 0 is the lowest y: 100 occupied, 0 free, -1 unknown.
-    """
-
-    origin: tuple[float, float]
+    origin: tuple[float, float]  # of the lower left corner
     resolution: float
-    cells: NDArray[np.int8]
+    cells: NDArray[np.int8]  # row 0 is the lowest y: 100 occupied, 0 free, -1 unknown
 
     @property
     def extent(self) -> tuple[float, float, float, float]:
@@ -120,18 +81,7 @@ class OccupancyView:
 
 @dataclass(frozen=True, eq=False)
 class StoreyView:
-    """A storey with the content of a picture of it.
-
-    Attributes
-    ----------
-    name : str
-    elevation : float
-        z of its floor.
-    rooms, objects, doors, regions : lists
-    occupancy : OccupancyView, optional
-    path : list of (N, 2) or (N, 3) arrays
-        The lines of a route on this storey.
-    """
+    """A storey with the content of a picture of it; `elevation` is the z of its floor."""
 
     name: str
     elevation: float = 0.0
@@ -140,17 +90,11 @@ class StoreyView:
     doors: list[DoorView] = field(default_factory=list)
     regions: list[RegionView] = field(default_factory=list)
     occupancy: OccupancyView | None = None
-    path: list[NDArray[np.float64]] = field(default_factory=list)
+    path: list[NDArray[np.float64]] = field(default_factory=list)  # lines (N, 2) or (N, 3)
 
 
 def storey_view(scene: StoreyScene) -> StoreyView:
-    """Return the inventory of a storey as pictures show it.
-
-    Parameters
-    ----------
-    scene : StoreyScene
-        From `semmap.query.storey_reader.read_storeys`, which fills its inventory.
-    """
+    """Return the inventory of a storey, which `read_storeys` fills, as pictures show it."""
     view = StoreyView(scene.storey, scene.elevation)
     for entity in scene.inventory:
         _add(view, entity)
