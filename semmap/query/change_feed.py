@@ -38,12 +38,12 @@ class Look:
 
     Attributes
     ----------
-    seen : that state; its transaction is committed at the end of the look
+    seen : its transaction is committed at the end of the look
     changed : ids of the entities that changed, deleted ones included; None where the whole map is
         to be read: at the first look, or where changes since the last one are not kept
     cursor : where the state lies in the history
     moment : when the transaction began
-    rows : what the statement returned that was sent along
+    rows : of the statement that was sent along
     """
 
     seen: Snapshot
@@ -58,16 +58,11 @@ class ChangeFeed:
 
     Parameters
     ----------
-    map_name : the current map if not given, and that one from the first look on
-    cursor : where a former feed came to; without one, the first look sees the whole map
-    durable : make each cursor survive a crash of the server, at the price of a write to its disk.
-        Else forget the cursor when the server was away: a server that crashed assigns transaction
+    map_name : by default the current map, and that one from the first look on
+    durable : make each cursor survive a crash of the server, at the price of a write to its disk;
+        else forget it when the server was away: a server that crashed assigns transaction
         numbers again that the feed has seen
     one_connection : looks use a private connection, which `close` closes
-
-    Attributes
-    ----------
-    cursor : of the last look that was taken in; None before the first
     """
 
     def __init__(
@@ -105,15 +100,9 @@ class ChangeFeed:
     def look(
         self, *, entities: bool = True, also: tuple[str, Mapping[str, Any]] | None = None
     ) -> Iterator[Look]:
-        """Look at the map.
+        """Look at what changed, with `entities`, and send a statement with its values along.
 
-        Pass the look to `take_in` when it is processed: until then the next look sees the same
-        changes.
-
-        Parameters
-        ----------
-        entities : find which entities changed; else `changed` is None
-        also : a statement of psycopg with its values, which is sent along
+        Pass the look to `take_in` when it is processed: until then the next sees the same changes.
 
         Raises
         ------
@@ -179,12 +168,9 @@ class ChangeFeed:
     ) -> None:
         """Call `wake` whenever there may be something new, until `stop` is set.
 
-        Parameters
-        ----------
-        wake : gets the payloads that were sent on the channel, none every `patience` seconds, and
-            None where anything may have changed. Where it loses the server, it is called again
-        patience : seconds between calls, and before another attempt to connect
-        fields : call it when fields have changed, too (`shows_fields`)
+        It gets the payloads that were sent, none every `patience` seconds, and None where anything
+        may have changed; where it loses the server, it is called again. With `fields`, it is also
+        called when fields have changed.
         """
         again = False
         channels = (CHANNEL, FIELDS) if fields else (CHANNEL,)
@@ -232,11 +218,10 @@ def cursor(seen: Snapshot) -> str:
 
 
 def changed_since(seen: Snapshot, since: str) -> frozenset[int] | None:
-    """The entities of the current map that changed after a cursor, deleted ones included.
+    """The entities of the map that changed after a cursor, deleted ones included.
 
     Those of which only a belief, a statement, an inference or a link changed are left out: their
-    geometry and types are as before.
-    None where the changes after the cursor are not all kept: read the whole map again.
+    geometry and types are as before. None where the changes are not all kept.
     """
     if not reaches_back(seen, since):
         return None
@@ -254,10 +239,9 @@ def changed_since(seen: Snapshot, since: str) -> frozenset[int] | None:
 def settle(seen: Snapshot) -> None:
     """Write what a cursor of this transaction saw to disk when it commits.
 
-    A server that crashes assigns numbers of transactions again that it had not written yet, such as
-    that of one which was rolled back; a cursor that saw the first would take the second for seen.
-    Needed where a cursor is stored outside of the database: one that is stored in it is as safe as
-    the database.
+    A server that crashes assigns numbers of transactions again that it had not written yet; a
+    cursor that saw the first would take the second for seen. Needed where a cursor is stored
+    outside of the database.
     """
     seen.connection.execute(
         text(

@@ -29,10 +29,7 @@ hides the place from the planner. A wider one is planned each time, to begin wit
 
 
 def list_maps(session: Session) -> list[Row]:
-    """The maps of the database, the oldest first, and how many entities each has.
-
-    Copies, in which simulated runs take place, are left out.
-    """
+    """The maps, the oldest first, with numbers of entities; not the copies of simulated runs."""
     return _rows(
         session,
         "SELECT m.name, count(e.id) AS entities, count(*) FILTER (WHERE e.kind = 'room') AS rooms, "
@@ -66,13 +63,7 @@ def list_guessed_types(session: Session) -> list[Row]:
 
 
 def entity_id(session: Session, name: str) -> int:
-    """The id of an entity.
-
-    Raises
-    ------
-    LookupError
-        The map has none of this name; the message names those that come near it.
-    """
+    """The id of an entity; a LookupError names those that come near an unknown name."""
     query = "SELECT id FROM entity WHERE map_id = current_map() AND name = %s"
     row = None if "\0" in name else session.execute(query, (name,)).fetchone()  # no text has it
     if row is None:
@@ -111,7 +102,6 @@ def find(
     box : (x0, y0, z0, x1, y1, z1), metres: the entity's 3D box meets it
     name : the name, or a pattern in which ``*`` is any text and ``?`` any character
     on : name of an entity on which they stand
-    limit : the most entities to return
 
     Returns
     -------
@@ -244,17 +234,7 @@ PARTS = {
 
 
 def describe(session: Session, name: str, at: datetime | None = None) -> Row:
-    """All that the map has of one entity.
-
-    Parameters
-    ----------
-    at : adds `then`: pose and holder at that time
-
-    Raises
-    ------
-    LookupError
-        The map has no such entity.
-    """
+    """All that the map has of one entity; `at` adds `then`: pose and holder at that time."""
     return describe_id(session, entity_id(session, name), at)
 
 
@@ -326,12 +306,7 @@ def _first_version(session: Session, number: int) -> datetime:
 def changes_since(session: Session, since: str | None) -> tuple[str, list[Row]]:
     """The changes after a cursor (all that are kept where None), and the cursor for the next call.
 
-    The cursor survives a crash of the server.
-
-    Raises
-    ------
-    ValueError
-        `since` is not a cursor.
+    The cursor survives a crash of the server; a ValueError refuses what is not one.
     """
     check_cursor(since)
     with session.transaction():

@@ -69,13 +69,7 @@ LAYERS = {
 
 
 def write_features(session: psycopg.Connection[Any], name: str, path: Path) -> Path:
-    """Write a map as features to a ``.gpkg`` or ``.geojson`` file; return its path.
-
-    Raises
-    ------
-    ValueError
-        The ending is neither.
-    """
+    """Write a map to a ``.gpkg`` or ``.geojson`` file; return its path."""
     writers = {".gpkg": _write_geopackage, ".geojson": _write_geojson}
     if path.suffix.lower() not in writers:
         known = " or ".join(writers)

@@ -19,17 +19,7 @@ _NOTES = {
 
 
 def geometry_lists(entities: Iterable[SceneEntity]) -> dict[str, list[str]]:
-    """Return the names of objects without geometry, and of those with an assumed size.
-
-    Parameters
-    ----------
-    entities : iterable of SceneEntity
-
-    Returns
-    -------
-    dict
-        ``no_geometry`` and ``assumed_sizes``, each a list of names.
-    """
+    """Return the names of objects without geometry, and of those with an assumed size."""
     entities = [*entities]
     return {
         "no_geometry": [entity.name for entity in entities if entity.lacks_geometry],
@@ -40,12 +30,6 @@ def geometry_lists(entities: Iterable[SceneEntity]) -> dict[str, list[str]]:
 def geometry_notes(entities: Iterable[SceneEntity]) -> list[str]:
     """Return a sentence about objects without geometry and one about assumed sizes, if any.
 
-    Parameters
-    ----------
-    entities : iterable of SceneEntity
-
-    Examples
-    --------
     >>> geometry_notes([SceneEntity(1, "bed1", "object"), SceneEntity(2, "bed2", "object")])
     ['2 objects with no geometry: treated as free floor: bed1, bed2']
     """
@@ -54,13 +38,7 @@ def geometry_notes(entities: Iterable[SceneEntity]) -> list[str]:
 
 
 def names_note(names: Sequence[str], key: str = "no_geometry") -> str:
-    """Return a sentence about objects without geometry.
-
-    Parameters
-    ----------
-    names : sequence of str
-    key : "no_geometry" or "assumed_sizes"
-    """
+    """Return a sentence about objects without geometry; `key` is one of `_NOTES`."""
     more = f" and {len(names) - SHOWN} more" if len(names) > SHOWN else ""
     listed = ", ".join(names[:SHOWN]) + more
     return f"{len(names)} object{'s' if len(names) > 1 else ''} with {_NOTES[key]}: {listed}"
@@ -69,15 +47,10 @@ def names_note(names: Sequence[str], key: str = "no_geometry") -> str:
 def read_names_without_geometry(
     seen: Snapshot, places: Sequence[str] | None = None, *, assume_sizes: bool = False
 ) -> list[str]:
-    """Return the names of the objects of the current map that have no geometry, in order.
+    """Return the names of the map's objects without geometry, in order.
 
-    Parameters
-    ----------
-    seen : a state of the map
-    places : sequence of str, optional
-        Only objects that these rooms hold, directly or through other objects.
-    assume_sizes : bool
-        Only those whose type has no typical size, either.
+    `places` are rooms that hold them, directly or not; with `assume_sizes`, only those of types
+    without a typical size.
     """
     values = {"places": None if places is None else [*places], "assume_sizes": assume_sizes}
     return [*seen.connection.execute(text(_NAMES), values).scalars()]

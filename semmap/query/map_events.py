@@ -46,8 +46,7 @@ class MapEvent:
     from_pose, to_pose : in the map's frame, of an entity that was added, moved or removed
     from_holder, to_holder : their names; None for the map itself
     reason : of a move or a change, such as ``carried by its holder`` or ``retyped``
-    values : former and new value of ``name``, ``type``, ``label``, ``properties``, ``front`` and
-        ``state``, of those that changed
+    values : former and new value of what changed of `CHANGES`
     """
 
     what: str
@@ -94,13 +93,8 @@ class _Draft:
 def events_since(session: Session, map_name: str, since: str | None) -> tuple[str, list[MapEvent]]:
     """The events of a map after a cursor (all that are kept where None), and the next cursor.
 
-    The events of a transaction follow each other. Transactions that change the same entity are in
-    the order of their commits.
-
-    Raises
-    ------
-    ValueError
-        `since` is not a cursor.
+    The events of a transaction follow each other; transactions that change the same entity are in
+    the order of their commits. A ValueError refuses what is not a cursor.
     """
     check_cursor(since)
     with session.transaction():

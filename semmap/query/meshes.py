@@ -64,10 +64,7 @@ def models_points(
 def world_triangles(
     connection: psycopg.Connection[Any], entity_ids: list[int]
 ) -> dict[int, NDArray[np.float64]]:
-    """The triangles of entities in the map's frame, (F, 3, 3) metres; without geometry: none.
-
-    Each model is read once, however many instances it has.
-    """
+    """The triangles of entities in the map's frame, (F, 3, 3) metres, each model read once."""
     rows = connection.execute(
         "SELECT DISTINCT ec.entity_id, c.model_id, w.pose FROM entity_chunk ec "
         "JOIN chunk c ON c.id = ec.chunk_id JOIN world w ON w.entity_id = ec.entity_id "

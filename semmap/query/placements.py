@@ -13,13 +13,10 @@ from semmap.geometry.pose import Pose
 
 @dataclass(frozen=True)
 class EntityVersion:
-    """Where an entity was for a while.
+    """Where an entity was from `begin` to `end`, which is None for the present version.
 
-    Attributes
-    ----------
-    begin, end : of the while; `end` is None for the present version
-    pose : in the map's frame, also where its holder carried it
-    holder : the name of what held it, the last one where that is gone; None for the map itself
+    `pose` is in the map's frame, also where a holder carried it; `holder` is the last name of what
+    held it, None for the map itself.
     """
 
     begin: datetime
@@ -31,14 +28,10 @@ class EntityVersion:
 def read_history(
     session: psycopg.Connection[Any], entity: int, since: datetime | None = None
 ) -> list[EntityVersion]:
-    """The versions of an entity's place that the map has, the oldest first.
+    """The versions of an entity's place that the map has, the oldest first, that end after `since`.
 
     A version begins when the entity moves, when what holds it moves, and when it gets another
     holder. The retention of the map thins out those of agents (`docs/semmap.md`).
-
-    Parameters
-    ----------
-    since : leave out versions that ended before
     """
     rows = session.execute(
         "WITH RECURSIVE above (id) AS (SELECT %(id)s::bigint UNION SELECT v.holder_id FROM above a "

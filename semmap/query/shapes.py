@@ -29,13 +29,10 @@ OPENING = (
 def read_shapes(session: Session, ids: Sequence[int] | None = None) -> list[dict[str, Any]]:
     """What a GIS shows of entities, of all in the map where `ids` is None, by kind and name.
 
-    Returns
-    -------
     Rows with `id`, `name`, `kind`, `type`, `label`, `holder`, `storey`, `low` and `high` (metres in
-    the map's frame), `state` (of a door), `properties` and `geometry`, a 2D Shapely geometry in the
-    map's frame: the outline where the entity has one (Polygon, or MultiPolygon of several parts);
-    the line of a door's opening, or along stairs and ramps; else the point of its pose; None
-    without a placement.
+    the map's frame), `state` (of a door), `properties` and `geometry`, in 2D in the map's frame:
+    the outline (Polygon, or MultiPolygon of several parts); the line of a door's opening, or along
+    stairs and ramps; else the point of its pose; None without a placement.
     """
     with session.cursor(row_factory=dict_row) as cursor:
         rows = cursor.execute(
@@ -97,9 +94,9 @@ def read_size(session: Session, entity: int) -> tuple[float, float, float] | Non
 
 
 def read_mesh(session: Session, entity: int) -> trimesh.Trimesh | None:
-    """The triangles of an entity in the map's frame; None where it has none or no placement.
+    """The triangles of an entity in the map's frame; of a region that is a part, those faces of it.
 
-    Of a region that is a part of a room or object: those faces, where its owner is.
+    None where it has none or no placement.
     """
     import trimesh
 

@@ -20,13 +20,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Snapshot:
-    """A transaction that sees one state of one map.
-
-    Attributes
-    ----------
-    session : psycopg's connection
-    name : of the map
-    """
+    """A transaction that sees one state of the map of a name."""
 
     session: psycopg.Connection[Any]
     name: str

@@ -27,16 +27,9 @@ SUPERUSER_NOTE = (
 
 @dataclass(frozen=True)
 class SqlRows(Sequence[tuple[Any, ...]]):
-    """The rows of a SQL statement: a sequence of tuples.
+    """The rows of a SQL statement: a sequence of tuples; `notes` are for its user."""
 
-    Attributes
-    ----------
-    columns : their names, in order; a name may be there twice
-    rows : values of Python
-    notes : what a user should know beside them
-    """
-
-    columns: tuple[str, ...]
+    columns: tuple[str, ...]  # in order; a name may be there twice
     rows: tuple[tuple[Any, ...], ...]
     notes: tuple[str, ...] = ()
 
@@ -65,10 +58,6 @@ def run_sql(
     superuser has the role ``semmap_reader`` in it. That role is left by a function such as
     ``set_config``: only a login that is not a superuser keeps a hostile statement from it
     (`semmap.database.reader.reading_session`).
-
-    Parameters
-    ----------
-    statement : as it stands, or with ``%s`` for each of `values`
 
     Raises
     ------

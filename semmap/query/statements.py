@@ -15,12 +15,8 @@ _COMMENT = re.compile(r"/\*|\*/")
 def kind(statement: str) -> str:
     """The first word of a statement in capitals; empty if it does not begin with a word.
 
-    Parameters
-    ----------
-    statement : SQL; comments, nested ones too, semicolons and parentheses before it do not count
+    Comments, semicolons and parentheses before it do not count.
 
-    Examples
-    --------
     >>> kind("/* a /* b */ */ (select 1)")
     'SELECT'
     """

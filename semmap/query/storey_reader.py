@@ -107,22 +107,7 @@ _MESHED: tuple[EntityKind, ...] = ("room", "object", "connector")
 
 
 def read_storey_names(seen: Snapshot) -> list[str]:
-    """Return the names of the current map's storeys, the lowest first.
-
-    Parameters
-    ----------
-    seen : a state of the map
-
-    Returns
-    -------
-    list of str
-        For a map without storeys, the name of the map alone.
-
-    Raises
-    ------
-    LookupError
-        There is no map.
-    """
+    """Return the names of the map's storeys, the lowest first; its own where it has none."""
     return [storey.name for storey in _storeys(seen)]
 
 
@@ -137,26 +122,16 @@ def read_scene(
     voxels: Mapping[int, Voxels] | None = None,
     assume_sizes: bool = False,
 ) -> StoreyScene:
-    """Return what stands on a storey, or on a part of it.
-
-    What an agent carries moves with the agent and is left out.
+    """Return what stands on a storey, or on a part of it; not what agents carry and move.
 
     Parameters
     ----------
-    seen : a state of the map
-    storey : str
-    bounds : (x0, y0, x1, y1), optional
-        Read only what is in or near this rectangle, metres.
-    rooms : sequence of str, optional
-        Read only these rooms, their doorways and what is in or near them.
-    margin : float
-        Metres around bounds or rooms that are read as well.
-    moment : datetime, optional
-        Leave out regions that do not hold then.
-    voxels : mapping of Voxels by id, optional
-        The geometry of objects, walls of rooms and doors, in place of all meshes.
-    assume_sizes : bool
-        Give objects without geometry a typical box for their type; see `SceneEntity.assumed`.
+    bounds : (x0, y0, x1, y1), metres: only what is in or near this rectangle
+    rooms : only these rooms, their doorways and what is in or near them
+    margin : metres around bounds or rooms that are read as well
+    moment : leave out regions that do not hold then
+    voxels : by id, the geometry of objects, walls of rooms and doors, in place of all meshes
+    assume_sizes : give objects without geometry a typical box for their type
 
     Raises
     ------
@@ -188,23 +163,10 @@ def read_storeys(
     voxels: Mapping[int, Voxels] | None = None,
     assume_sizes: bool = False,
 ) -> list[StoreyScene]:
-    """Return the storeys of the current map with their contents, the lowest first.
+    """Return the storeys of the map with their contents, the lowest first, or only one of them.
 
-    Each mesh is read once, on however many storeys it shows.
-
-    Parameters
-    ----------
-    seen : a state of the map
-    storey : str, optional
-        Return only this one.
-    moment : datetime, optional
-        Leave out regions that do not hold then.
-    triangles : bool
-        Read the meshes of rooms, objects and connectors.
-    voxels : mapping of Voxels by id, optional
-        The geometry of objects, walls of rooms and doors, in place of all meshes.
-    assume_sizes : bool
-        Give objects without geometry a typical box for their type; see `SceneEntity.assumed`.
+    Each mesh is read once, on however many storeys it shows; with `triangles` false, none is. The
+    other parameters are those of `read_scene`.
 
     Raises
     ------
@@ -255,25 +217,10 @@ def read_entities(
     carried: bool = False,
     assume_sizes: bool = False,
 ) -> list[SceneEntity]:
-    """Return placed entities of the current map with their geometry, in the order of their ids.
+    """Return placed entities of the map with their geometry, in the order of their ids.
 
-    Parameters
-    ----------
-    seen : a state of the map
-    ids : iterable of int, optional
-        Only entities with these ids.
-    kinds : collection of kinds, optional
-        Only entities of these kinds.
-    storey : str, optional
-        Only entities in the scene of this storey.
-    moment : datetime, optional
-        Leave out regions that do not hold then.
-    triangles : bool
-        Read the meshes.
-    carried : bool
-        Include what agents carry.
-    assume_sizes : bool
-        Give objects without geometry a typical box for their type; see `SceneEntity.assumed`.
+    Only those of some `ids` and `kinds`, and in the scene of a `storey`, where these are given;
+    with `carried`, also what agents carry. The other parameters are those of `read_storeys`.
 
     Raises
     ------
@@ -370,11 +317,9 @@ def _has_rooms(seen: Snapshot, level: _StoreyLevel) -> bool:
 
 
 def _measured_floor(reading: _Reading, level: _StoreyLevel | None = None) -> float | None:
-    """The floor that the meshes of a storey without rooms show; None where they show none.
+    """The floor that the meshes of a storey without rooms show, None where they show none.
 
-    Parameters
-    ----------
-    level : of the storey; if None, the whole map is one storey
+    Where `level` is None, the whole map is one storey.
     """
     where, values = ("", {}) if level is None else (_ON_STOREY, level.values)
     ground = reading.entities(where + _OF_TYPES, values | {"types": [*FLOOR_TYPES]}, OBJECTS)
@@ -618,12 +563,7 @@ def _typical_box(size: tuple[float, float, float], pose: Pose, front: float) -> 
 def _floor_areas(
     entities: Iterable[SceneEntity], rooms: Sequence[str] | None = None
 ) -> tuple[FloorArea, ...]:
-    """The rooms, and the doorways between the poses before and behind each connector.
-
-    Parameters
-    ----------
-    rooms : only these, and the doorways that touch them
-    """
+    """Rooms (only some), and the doorways between the poses before and behind each connector."""
     entities = [*entities]
     found = [
         FloorArea(e.name, e.footprint, e.floor)

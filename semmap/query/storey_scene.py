@@ -37,34 +37,20 @@ class SceneEntity:
 
     Attributes
     ----------
-    id, name : int, str
-    kind : "room", "object", "region", "connector" or "agent"
-    types : tuple of str
-        The semantic type and its supertypes, the nearest first.
-    triangles : (F, 3, 3) float64
-        The mesh in the map's frame; for a shut door without a mesh the box of its opening. Empty
-        where the map has no mesh, as for a room that is drawn as an outline.
-    voxels : Voxels, optional
-        Of an entity without triangles, such as a point cloud.
-    assumed : bool
-        The map has no geometry for it; `triangles` is a typical box for its type.
-    footprint : Polygon or MultiPolygon, optional
-        The area that it covers on the ground.
-    properties : dict
-    state : "open", "closed" or "locked", for a connector
-    valid : (begin, end), for a region
-        When the region holds; None on either side means without limit.
-    pose : Pose in the map's frame
-    label : str, optional
-        For a room, its function, such as kitchen.
-    storey : str, optional
-        The storey that holds it, directly or through its holders.
-    floor, ceiling : float, optional
-        For a room, the z of its floor and of its ceiling; for a region, of its lower and upper end.
-    form, width, sides : for a connector
-        "door", "stairs", ...; the clear width; the poses before and behind it, facing it.
-    carried : bool
-        An agent carries it: it moves with the agent and is not an obstacle.
+    types : the semantic type and its supertypes, the nearest first
+    triangles : (F, 3, 3) in the map's frame; of a shut door without a mesh the box of its opening.
+        Empty where the map has no mesh, as for a room that is drawn as an outline
+    footprint : the area that it covers on the ground
+    state : "open", "closed" or "locked", of a connector
+    valid : (begin, end) of a region; None on either side means without limit
+    label : of a room, its function, such as kitchen
+    storey : that holds it, directly or through its holders
+    floor, ceiling : z of a room's floor and ceiling, of a region's lower and upper end
+    form, width, sides : of a connector: "door", "stairs", ...; the clear width; the poses before
+        and behind it, facing it
+    carried : by an agent, with which it moves: it is not an obstacle
+    voxels : of an entity without triangles, such as a point cloud
+    assumed : the map has no geometry for it; `triangles` is a typical box for its type
     """
 
     id: int
@@ -128,10 +114,7 @@ class SceneEntity:
 
     @cached_property
     def bounds(self) -> Bounds | None:
-        """The ground rectangle that encloses it; None without geometry.
-
-        That of triangles and voxels, of a region or an outlined room that of its footprint.
-        """
+        """The ground rectangle of triangles and voxels, or of a region's or room's footprint."""
         if self.kind != "region" and self._corners is not None:
             low, high = self._corners
             return float(low[0]), float(low[1]), float(high[0]), float(high[1])
@@ -143,14 +126,7 @@ class SceneEntity:
 
 @dataclass(frozen=True, eq=False)
 class FloorArea:
-    """An area on which a robot may drive: a room, or the doorway of a connector.
-
-    Attributes
-    ----------
-    name : str, of the room or connector
-    outline : Polygon or MultiPolygon
-    floor : float, z of its ground
-    """
+    """A room or the doorway of a connector, where a robot may drive, and the z of its ground."""
 
     name: str
     outline: Polygon | MultiPolygon
@@ -163,19 +139,13 @@ class StoreyScene:
 
     Attributes
     ----------
-    storey : str
-    elevation : float
-        The z of the floor outside of `floors`.
-    entities : tuple of SceneEntity
-        Everything that reaches into the storey's heights, wherever its holder is; of rooms and
-        regions, those of the storey.
-    floors : tuple of FloorArea
-        Rooms and doorways. If there are none, the whole scene is known ground.
-    band : (low, high)
-        The heights z that belong to the storey.
-    inventory : tuple of SceneEntity
-        What belongs to the storey by its holder, else by its height: the content of a floor plan.
-        Only `semmap.query.storey_reader.read_storeys` fills it.
+    elevation : the z of the floor outside of `floors`
+    entities : what reaches into the storey's heights, wherever its holder is; of rooms and regions,
+        those of the storey
+    floors : rooms and doorways; without any, the whole scene is known ground
+    band : (low, high), the heights z that belong to the storey
+    inventory : what belongs to the storey by its holder, else by its height: the content of a floor
+        plan. Only `semmap.query.storey_reader.read_storeys` fills it
     """
 
     storey: str

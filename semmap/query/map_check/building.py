@@ -161,10 +161,7 @@ class CheckedBuilding:
         return found
 
     def gap_beneath(self, entity: CheckedEntity) -> tuple[float, str | None]:
-        """The least height of air under an object, metres, and the name of what is beneath.
-
-        Infinite where nothing is beneath; None: a floor.
-        """
+        """Metres of air under an object, inf over nothing, and what is beneath: None is a floor."""
         least, name = np.inf, None
         for outline, z in self.grounds:
             gap = max(float(entity.low[2]) - z, 0.0)
@@ -217,9 +214,9 @@ def _box(triangles: Floats) -> tuple[Floats, Floats]:
 
 
 def _gap(points: Floats, under: Floats, support: Floats) -> float:
-    """Metres of air between an underside and a support; infinite where it is beside or above.
+    """Metres of air between an underside and a support, at corners and middles of faces of either.
 
-    Measured at corners and middles of faces of either, so that a board on a pole is on it.
+    Infinite where it is beside or above; a board on a pole is on it.
     """
     if not len(support):
         return float(np.inf)

@@ -20,19 +20,10 @@ Floats = NDArray[np.float64]
 
 @dataclass(eq=False)
 class CheckedEntity:
-    """An entity as its placement, models and outline have it; metres in the map's frame.
+    """An entity as its placement, models and outline have it; metres in the map's frame."""
 
-    Attributes
-    ----------
-    pose : composed of the placements of its holders; None without a placement
-    row : the columns of the statement
-    triangles : (F, 3, 3) faces
-    hull : (N, 3) corners of its convex hull, empty without geometry
-    outline : its ground, None without geometry
-    """
-
-    row: dict[str, Any]
-    pose: Pose | None
+    row: dict[str, Any]  # the columns of the statement
+    pose: Pose | None  # composed of the placements of its holders; None without a placement
     holder: CheckedEntity | None = None
     triangles: Floats = field(default_factory=lambda: np.empty((0, 3, 3)))
     hull: Floats = field(default_factory=lambda: np.empty((0, 3)))
