@@ -39,21 +39,14 @@ class Opening:
 class FloorPlan:
     """The faces that the lines of one storey enclose.
 
-    Attributes
-    ----------
-    rooms : polygons in metres, disjoint to 0.1 mm, from top to bottom and left to right
-    openings : borders between two rooms that can be walked through
-    floorless : faces as large as a room that no floor covers: shafts, voids, courtyards
-    solid : faces that no door leads to and that are no rooms: columns, ducts, the space around a
-        cabin
-    cracks : faces too small or too thin to be rooms
+    Rooms are polygons in metres, disjoint to 0.1 mm, from top to bottom and left to right.
     """
 
     rooms: list[Polygon] = field(default_factory=list)
-    openings: list[Opening] = field(default_factory=list)
-    floorless: list[Polygon] = field(default_factory=list)
-    solid: list[Polygon] = field(default_factory=list)
-    cracks: list[Polygon] = field(default_factory=list)
+    openings: list[Opening] = field(default_factory=list)  # can be walked through
+    floorless: list[Polygon] = field(default_factory=list)  # large: shafts, voids, courtyards
+    solid: list[Polygon] = field(default_factory=list)  # without a door: columns, ducts
+    cracks: list[Polygon] = field(default_factory=list)  # too small or too thin
 
 
 @dataclass(frozen=True)
@@ -67,17 +60,9 @@ class Sides:
 def bridge_gaps(
     lines: Sequence[LineString], gap: float, ends: Sequence[LineString] | None = None
 ) -> list[LineString]:
-    """Return short lines that close the gaps between the ends of lines and other lines.
+    """Return lines that close gaps of at most `gap` metres between ends of lines and others.
 
-    Parameters
-    ----------
-    lines : what an end may be joined to
-    gap : the widest gap that is closed, metres; that width included
-    ends : the lines whose ends are joined, `lines` where None
-
-    Returns
-    -------
-    One line for each end and line that are further apart than 0 and at most `gap`.
+    The ends are those of `ends`, of `lines` where None.
     """
     tree = STRtree(lines)
     corners = shapely.points(
@@ -102,7 +87,7 @@ def enclose(
     smallest: float = 0.5,
     smallest_closed: float = 2.0,
 ) -> FloorPlan:
-    """Return the rooms of a storey.
+    """Return the rooms of a storey; lengths are metres.
 
     The lines of walls, doors and floor outlines are joined where they miss each other by at most
     `gap`, noded, and polygonised. A crack (for example between a wall and the floor outline drawn
@@ -110,13 +95,12 @@ def enclose(
 
     Parameters
     ----------
-    walls, doors : straight lines, metres
+    walls, doors : straight lines
     floors : their outlines close what walls leave open; a border that is nothing but an outline
         is an opening
     cabins : elevator cabins, cut out of the rooms
     cabin_doors : elevator doors, the cabin to their right; they stand in the opening of a shaft
         and are joined to what is within `cabin_gap` of their ends
-    gap, cabin_gap : metres
     smallest : the area in square metres from which a face is a room
     smallest_closed : the same where no door or opening leads into the face
     """

@@ -14,13 +14,8 @@ UTM_LATITUDES = (-80.0, 84.0)
 def utm_crs(latitude: float, longitude: float) -> int:
     """Return the EPSG code of the UTM zone (WGS 84) of a place given in degrees.
 
-    Zones are 6° wide everywhere, also around Norway and Svalbard: a map must lie near one grid,
-    not on the sheet that printed maps use.
-
-    Raises
-    ------
-    ValueError
-        The latitude is beyond those of UTM.
+    Zones are 6° wide everywhere, also around Norway and Svalbard: a map must lie near one grid, not
+    on the sheet that printed maps use. A ValueError refuses a latitude beyond those of UTM.
     """
     low, high = UTM_LATITUDES
     if not low <= latitude <= high:
@@ -40,19 +35,13 @@ def on_utm(
 ) -> dict[str, float]:
     """Return the pose of a level frame at a place on the earth, on the UTM grid of that place.
 
-    Parameters
-    ----------
-    cursor : of a database with PostGIS, whose projections are used
-    latitude, longitude : of the frame's origin, WGS 84, degrees
-    elevation : metres
-    heading : degrees by which the frame is turned from east-north-up about the downward axis, as
-        `heading_deg` of SDF's ``spherical_coordinates``: at 90 its x axis points south
+    Latitude and longitude are WGS 84, degrees; the elevation is metres. `heading` is the degrees by
+    which the frame is turned from east-north-up about the downward axis, as `heading_deg` of SDF's
+    ``spherical_coordinates``: at 90 its x axis points south.
 
-    Returns
-    -------
-    `crs` (EPSG code), `easting`, `northing`, `height` (metres), `rotation` (of the frame's x axis
-    from the grid's east, radians in [-pi, pi], counter-clockwise; the grid's convergence is
-    allowed for). The grid's scale, within 0.1 % of 1, is not.
+    The pose is `crs` (EPSG code), `easting`, `northing`, `height` (metres) and `rotation` of its x
+    axis from the grid's east, radians in [-pi, pi], counter-clockwise; the grid's convergence is
+    allowed for, its scale, within 0.1 % of 1, is not.
     """
     crs = utm_crs(latitude, longitude)
     cursor.execute(

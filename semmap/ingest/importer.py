@@ -179,7 +179,6 @@ def import_file(
     map_name : the map that takes it, made if it is not there; by default the file's own name
     strict : take nothing if anything has to be left out
     source : under which name a repeated import finds its entities again; by default the file's path
-    model_path, scale : as in `read_world`
 
     Raises
     ------

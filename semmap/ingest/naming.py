@@ -93,10 +93,10 @@ SURE = 0.8
 
 @dataclass(frozen=True)
 class TypeGuess:
-    """A semantic type that a name suggests.
+    """A semantic type that a name suggests; its confidence is a rank, not a measured share.
 
-    `confidence` is 0.9 if the name is nothing but a phrase for the type, 0.8 if it ends in a phrase
-    of several words, 0.6 if only its last word is known. These are ranks, not measured shares.
+    It is 0.9 if the name is nothing but a phrase for the type, 0.8 if it ends in a phrase of
+    several words, 0.6 if only its last word is known.
     """
 
     type: str
@@ -104,7 +104,7 @@ class TypeGuess:
 
 
 def guess_type(name: str) -> TypeGuess | None:
-    """Return the semantic type of a model's name: of the longest known phrase at its end.
+    """Return the type that the longest known phrase at the end of a model's name means.
 
     Known are the labels and synonyms of the T-Box's objects, and `TYPE_WORDS`. English puts the
     head of a compound last: a `DeskPortrait` is a picture, and a `floor_2_pump` is not a floor.
@@ -129,10 +129,7 @@ def guess_type(name: str) -> TypeGuess | None:
 
 
 def give_type(entry: Entry, names: Iterable[str]) -> None:
-    """Give an entry the type that the first of some names suggests and its size allows.
-
-    The guess is kept as the property `GUESS`, so that it can be listed and corrected.
-    """
+    """Give an entry the type that the first of some names suggests and its size allows."""
     guesses = [guess for guess in map(guess_type, names) if guess is not None]
     type_ = next((guess.type for guess in guesses if _fits(entry, guess.type)), None)
     if type_ is not None:

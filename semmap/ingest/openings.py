@@ -27,16 +27,8 @@ def door_leaf(width: float) -> Shape:
 def approach_pose(frame: Pose, place: Polygon | MultiPolygon | None, side: int) -> Pose:
     """Return the pose at which a robot faces an opening, in the opening's frame.
 
-    Parameters
-    ----------
-    frame : the pose of the opening, in the frame of `place`
-    place : the area in which the robot stands; None where it is unknown
-    side : -1 before the opening, 1 behind it, along x
-
-    Returns
-    -------
-    Pose
-        At the first of `APPROACH_DISTANCES` that lies in the place, else at the first of all.
+    It is at the first of `APPROACH_DISTANCES` that lies in the place, else at the first of all;
+    `frame` is the opening's in that of the place. `side` is -1 before the opening, 1 behind it.
     """
     distance = APPROACH_DISTANCES[0]
     for each in APPROACH_DISTANCES if place is not None else ():

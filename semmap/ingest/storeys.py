@@ -38,11 +38,6 @@ def found_storeys(entries: Sequence[Entry]) -> tuple[list[Entry], list[str]]:
     A storey is a level face of `WALKED` square metres on which something stands; there are storeys
     where there are two of these, `APART` or more. Where things stand above each other and no floors
     are seen, a note asks for storeys.
-
-    Returns
-    -------
-    storeys : entries of kind ``storey`` with the property `FOUND`; empty where there is one level
-    notes : sentences for the summary
     """
     boxes = np.array([box for entry in entries for box in _bounds(entry)]).reshape(-1, 2, 3)
     sizes = boxes[:, 1] - boxes[:, 0]

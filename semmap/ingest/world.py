@@ -22,12 +22,8 @@ OUTSIDE = "outside"
 class WorldError(Error):
     """A file that cannot be trusted as a whole; none of it is imported.
 
-    Parameters
-    ----------
-    path : the file
-    element : where in the file (an XPath-like name, a line, a feature)
-    problem : what is wrong
-    fix : what the user can do
+    `element` says where in the file (an XPath-like name, a line, a feature), `problem` what is
+    wrong, `fix` what the user can do.
     """
 
     def __init__(self, path: Path | str, element: str, problem: str, fix: str) -> None:
@@ -63,11 +59,10 @@ class Skipped:
 
 @dataclass
 class Shape:
-    """A geometric model of an entry, in the entry's own frame (metres).
+    """A geometric model of an entry, in the entry's own frame, metres.
 
-    `mesh` is the surface that navigation and relations use; box and polygon shapes carry theirs,
-    too (`box_mesh`, `prism_mesh`). `outline` is the footprint where it is known to be other than
-    the convex hull of the mesh (the polygon of a room, the plan of the walls).
+    `mesh` is the surface that navigation and relations use, of boxes and polygons, too; `outline`
+    is the footprint where it is not the convex hull of the mesh (of a room, of walls).
     """
 
     kind: ShapeKind
@@ -79,10 +74,7 @@ class Shape:
 
 @dataclass
 class PlaceDetail:
-    """What an entry of kind room adds.
-
-    Heights are metres in its own frame; `elevator` is the one whose cabin it is.
-    """
+    """What a room adds: heights in its frame, metres, and the elevator whose cabin it is."""
 
     floor: float = 0.0
     ceiling: float | None = None
@@ -99,13 +91,13 @@ class StoreyDetail:
 
 @dataclass
 class ConnectorDetail:
-    """The part of an entry that only connectors have (Deeken et al., section 3.4).
+    """What a connector adds (Deeken et al., section 3.4).
 
-    The two places that it joins (the second may be `OUTSIDE`), and a pose in each, in the
-    connector's own frame, at which a robot stands facing the connector. x of the connector's
-    frame points from the first place to the second. `behaviour` names the robot behaviour that
-    passing needs (``pass_door``, ``call_elevator``, ...). `width` and `height` are of the clear
-    opening, `step` that of its threshold, metres; a robot needs one of the `permissions` to pass.
+    It joins two places, the second of which may be `OUTSIDE`; x of its frame points from the first
+    to the second. In each is a pose in the connector's frame at which a robot faces it. `behaviour`
+    names the robot behaviour that passing needs (``pass_door``, ``call_elevator``, ...). `width`
+    and `height` are of the clear opening, `step` that of its threshold, metres; a robot needs one
+    of the `permissions`.
     """
 
     places: tuple[str, str]

@@ -33,18 +33,10 @@ QUOTED = re.compile(rb"\"[^\"]*\"|'[^']*'")
 
 
 def read_xml(path: Path, roots: Collection[str] | None = None) -> Element:
-    """Return the root element of an XML file.
+    """Return the root element of an XML file; it is one of `roots`, where they are given.
 
-    Parameters
-    ----------
-    path : the file
-    roots : names that the root element may have; None allows any
-
-    Raises
-    ------
-    WorldError
-        The file is absent, is not well-formed XML, declares a DTD or entities (an XML bomb), or has
-        another root.
+    A WorldError refuses a file that is absent, not well-formed, or declares a DTD or entities (an
+    XML bomb).
     """
     try:
         TEXT_BYTES.check(path.stat().st_size, partial(WorldError, path, "file"), "Split the file.")
@@ -92,10 +84,10 @@ def _parse(data: bytes) -> Element:
 
 
 def _as_tinyxml_reads(data: bytes) -> bytes:
-    """Return a text with what TinyXML2 accepts written as the standard wants it.
+    """Return a text with what TinyXML2 accepts written as the standard wants it; lines stay.
 
     Comments may contain ``--`` and stand before ``<?xml``, a namespace prefix needs no declaration,
-    and an ampersand may stand alone. Lines keep their numbers.
+    and an ampersand may stand alone.
     """
     prefixes: set[bytes] = set()
 

@@ -49,11 +49,6 @@ def read_annotation(path: Path, name: str | None = None) -> World:
     - storey: `elevation`, `height`; elevator; object (polygon with `height`, or point); agent
     - without a geometry: an entry with nothing but its semantics
 
-    Parameters
-    ----------
-    path : ``.geojson`` or ``.gpkg``
-    name : of the world, by default the file's own
-
     Raises
     ------
     WorldError

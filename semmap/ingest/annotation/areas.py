@@ -124,10 +124,7 @@ def _check_heights(floor: float, ceiling: float) -> None:
 def _placed(
     world: DraftWorld, feature: Feature, storey: str | None, low: float, high: float | None
 ) -> tuple[Pose | None, list[Shape]]:
-    """Return the pose in the map and the shape of a polygon or point.
-
-    Without `high`, the shape is the outline alone.
-    """
+    """The pose and shape of a polygon or point in the map; without `high`, its outline alone."""
     geometry = feature.geometry
     yaw, elevation = heading_of(feature), world.elevation(storey)
     if geometry is None:

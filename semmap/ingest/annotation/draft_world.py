@@ -56,17 +56,8 @@ class Draft:
 class DraftWorld:
     """A world that grows kind by kind, each holder before what it holds.
 
-    Attributes
-    ----------
-    out : the world so far
-    poses : of the entries, in the map; None for an entry without a place
-    kinds : of all features that can be used, by name
-    storeys, rooms : those that are in `out`
-
-    Raises
-    ------
-    WorldError
-        The file cannot be trusted as a whole.
+    `poses` of its entries are in the map, None without a place; `kinds` are those of all usable
+    features, `storeys` and `rooms` those in `out`, the world so far.
     """
 
     def __init__(self, path: Path, name: str | None) -> None:
@@ -126,19 +117,10 @@ class DraftWorld:
         return ready
 
     def add(self, draft: Draft, pose: Pose | None, holder: str | None, **parts: Any) -> None:
-        """Add an entry.
+        """Add an entry with `detail` and `shapes`, at a pose in the map, None for no place.
 
-        Parameters
-        ----------
-        pose : in the map; it becomes the pose in the holder. None for an entry without a place
-        holder : an entry; or a storey that no feature draws, which the map must have, and whose
-            origin is the map's
-        parts : `detail` and `shapes` of the entry
-
-        Raises
-        ------
-        Refused
-            The holder has no place.
+        The holder is an entry that has a place, or a storey that no feature draws, which the map
+        must have, and whose origin is the map's.
         """
         feature = draft.feature
         outer: Pose | None = None

@@ -75,10 +75,7 @@ class FeatureFile:
 def read_features(path: Path) -> FeatureFile:
     """Return all features of a file; coordinates are metres of the map, whatever CRS is stated.
 
-    Raises
-    ------
-    WorldError
-        The file is not there, is malformed, or is neither GeoJSON nor a GeoPackage.
+    A WorldError refuses one that is not there, is malformed, or is neither GeoJSON nor GeoPackage.
     """
     if path.suffix.lower() not in ENDINGS:
         known = ", ".join(ENDINGS)

@@ -57,7 +57,9 @@ def read_mesh(
     dae_up_axis: bool = True,
     scale: float = 1.0,
 ) -> Mesh:
-    """Return the surface in a mesh file, all parts joined; vertices that coincide are merged.
+    """Return the surface in a mesh file, metres, z up, all parts joined, equal vertices merged.
+
+    The unit of COLLADA and 3MF is applied, glTF is turned from y up.
 
     Parameters
     ----------
@@ -66,11 +68,6 @@ def read_mesh(
     center : put the middle of the bounding box at the origin
     dae_up_axis : follow a COLLADA file's `<up_axis>`; Gazebo does not
     scale : metres per unit of the file, for formats without units (OBJ, STL, PLY, OFF)
-
-    Returns
-    -------
-    Mesh
-        In metres, z up: the unit of COLLADA and 3MF is applied, glTF is turned from y up.
 
     Raises
     ------
@@ -115,19 +112,8 @@ def read_mesh_world(
     """A world of one entry: the mesh of a file as an object or as the shell of a room.
 
     A PLY file of points without faces is an object with a point cloud, whose type is not guessed.
-
-    Parameters
-    ----------
-    path : a file of any format that trimesh reads
-    as_ : what the mesh is
-    name : name of the entry; the file's stem if None
-    type_ : T-Box name; guessed from the name if None
-    scale : metres a unit of the file, for formats that know no unit
-
-    Raises
-    ------
-    WorldError
-        The mesh cannot be used (see `read_mesh`).
+    By default, the name is the file's stem and the type is guessed from it. `scale` is metres per
+    unit of a format without units. A WorldError refuses a mesh that cannot be used.
     """
     path = Path(path)
     name = name or path.stem

@@ -29,17 +29,9 @@ _COMPONENTS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT2": 4, "MAT3": 
 
 
 def check_size(path: Path, error: Raise) -> None:
-    """Refuse a mesh file that is larger than `semmap.limits` allow, or becomes so when loaded.
+    """Raise an `error` for a mesh file that is larger than limits allow, or would be once loaded.
 
-    Parameters
-    ----------
-    path : a mesh file; the structure of `.3mf`, `.dae`, `.glb` and `.gltf` is read
-    error : makes the exception from a problem and how to fix it
-
-    Raises
-    ------
-    Exception
-        What `error` makes; anything where the file is malformed.
+    The structure of `.3mf`, `.dae`, `.glb` and `.gltf` is read; a malformed one raises anything.
     """
     MESH_BYTES.check(path.stat().st_size, error, _SIMPLER)
     check = {".3mf": _check_3mf, ".dae": _check_dae, ".glb": _check_glb, ".gltf": _check_gltf}
@@ -178,10 +170,7 @@ def _placed(parts: Mapping[str, Sequence[str]], error: Raise) -> float:
 
 
 def _unfolded(parts: Mapping[str, Sequence[str]], weights: Mapping[str, int], root: str) -> float:
-    """Return the weight of all parts of a root, each as often as it is placed.
-
-    Infinite where parts contain themselves.
-    """
+    """The weight of all parts of a root, each as often as it is placed; inf in a cycle."""
     whole: dict[str, float] = {}
     entered: set[str] = set()
     stack = [root]

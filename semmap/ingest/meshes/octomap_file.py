@@ -37,22 +37,10 @@ class _Header:
 
 
 def read_octomap(path: Path, error: Callable[[str, str], Exception]) -> Mesh:
-    """Return the surface of the occupied voxels of an OctoMap file.
+    """Return the outward faces between occupied voxels and others of an OctoMap file, metres.
 
-    Parameters
-    ----------
-    path : .bt (occupied, free, unknown) or .ot (log-odds; occupied above 0)
-    error : makes the exception for a file above the limits, from a problem and how to fix it
-
-    Returns
-    -------
-    Mesh
-        In metres; outward faces between an occupied voxel and one that is not.
-
-    Raises
-    ------
-    ValueError
-        The file is no OctoMap or is damaged, or has no occupied voxel.
+    It is a .bt (occupied, free, unknown) or .ot (log-odds; occupied above 0). A ValueError refuses
+    a damaged file or one without an occupied voxel, `error` one above the limits.
     """
     header = _read_header(path.read_bytes())
     leaves = _binary_leaves(header) if header.binary else _full_leaves(header)

@@ -34,31 +34,21 @@ KINDS = ("room", "object", "region", "connector", "elevator", "storey", "agent")
 class TypeRecord:
     """A semantic type (Deeken et al., section 3.3, A2).
 
-    Attributes
-    ----------
-    name : local name of the class in lower snake case (``dining_table``)
-    label : its name in prose
-    iri : the class
-    parents : names of the types that subsume it directly
-    kind : the kind of entity it is for (one of `KINDS`), None for none or several
-    comment : its meaning
-    synonyms : its other names
-    typical_size : depth (along its front), width and height, metres
-    found_in : names of the types of places where such things are usually found
-    functions : what such things are used for (``drinking``)
-    keeps : how readily things are kept there, per area, to a table's; None: as its supertype
+    `kind` is one of `KINDS`, None for none or several; the typical size is depth (along its front),
+    width and height, metres; `found_in` has types of places. `keeps` says how readily things are
+    kept there, per area, to a table's; None: as its supertype.
     """
 
-    name: str
+    name: str  # local name of the class in lower snake case
     label: str
     iri: str
-    parents: tuple[str, ...]
+    parents: tuple[str, ...]  # types that subsume it directly
     kind: str | None
     comment: str | None
     synonyms: tuple[str, ...] = ()
     typical_size: tuple[float, float, float] | None = None
     found_in: tuple[str, ...] = ()
-    functions: tuple[str, ...] = ()
+    functions: tuple[str, ...] = ()  # what such things are used for, such as drinking
     keeps: float | None = None
 
 
@@ -89,19 +79,10 @@ def own_tbox() -> tuple[TypeRecord, ...]:
 
 
 def read_tbox(paths: Iterable[Path]) -> list[TypeRecord]:
-    """Return the classes of ontology files as one hierarchy.
+    """Return the classes of ontology files, which may refer to each other, each after its parents.
 
     Classes are declared as ``rdfs:Class`` or ``owl:Class``. A superclass of another namespace that
     no file declares is left out.
-
-    Parameters
-    ----------
-    paths : Turtle or N-Triples files, which may refer to each other
-
-    Returns
-    -------
-    list of TypeRecord
-        Each after its parents, otherwise by name.
 
     Raises
     ------

@@ -72,7 +72,6 @@ def draw_region(
     outline : on the ground, in the map's frame, metres; the region reaches from the floor to the
         ceiling of the room that is, or holds, its holder
     box : instead of an outline: lowest and highest corner (x0, y0, z0, x1, y1, z1), map's frame
-    type : a semantic type of the T-Box, such as ``blocked_region``
     holder : the entity that it is in and moves with; the map itself where None
     properties : added to those that it has
     valid : from when until when it holds, None being open; as it was where not given
@@ -125,12 +124,8 @@ def region_of_faces(
     """Make or change a region of some faces of an entity's model; return its id.
 
     Its own model is the outline of these faces on the entity's ground (of upright ones, a strip of
-    2 mm) over their heights; the view ``region_face`` shows the faces themselves.
-
-    Parameters
-    ----------
-    faces : indices of triangles, in the order of the model's chunks (`model_triangles`), from 0
-    model : which model; may be left out where the entity has one that is seen
+    2 mm) over their heights; the view ``region_face`` shows the faces themselves, indices from 0 in
+    the order of the model's chunks. The model may be left out where one is seen.
 
     Raises
     ------
@@ -172,13 +167,8 @@ def region_of_faces(
 def find_support_surfaces(connection: Connection, entity: int) -> list[int]:
     """Make regions of the support surfaces of an object; return their ids.
 
-    They are named ``NAME_surface_1`` and so on, the highest first. Those that a former search found
-    and this one does not are taken out.
-
-    Raises
-    ------
-    ValueError
-        No object, one without triangles, or one of more than limits allow.
+    They are named ``NAME_surface_1`` and so on, the highest first; those of a former search that
+    are not found again are taken out. A ValueError says why an object has none.
     """
     owner = _owner(connection, entity)
     if owner.kind != "object":
@@ -230,16 +220,8 @@ def find_walkable_floor(
 ) -> int:
     """Make the region ``NAME_floor``, the walkable floor of a room as it is now; return its id.
 
-    Parameters
-    ----------
-    headroom : metres above the floor that have to be free
-    max_step : metres that one steps up or down; lower steps are not obstacles
-    max_slope : radians by which the floor may be tilted
-
-    Raises
-    ------
-    ValueError
-        No room, one without an outline, or one without a place to walk.
+    `headroom` is metres that have to be free above, `max_step` metres that one steps up or down,
+    `max_slope` radians of tilt. A ValueError says why there is no place to walk.
     """
     owner = _owner(connection, room)
     if owner.kind != "room" or owner.footprint is None:
@@ -281,13 +263,8 @@ def find_observation_area(
     """Make the region ``NAME_observation``, from which to observe an object; return its id.
 
     A ring from `near` to `far` metres from the object's footprint, within its room, from floor to
-    ceiling. The object holds it, and they move together; its room clips it again when it is found
-    again.
-
-    Raises
-    ------
-    ValueError
-        The object has no footprint, the distances make no ring, or the ring is outside the room.
+    ceiling, which moves with the object; its room clips it again when it is found again. A
+    ValueError says why there is none.
     """
     owner = _owner(connection, entity)
     if owner.kind in ("room", "storey", "region") or owner.footprint is None:
@@ -394,7 +371,7 @@ def _standing_in(connection: Connection, room: Owner) -> list[tuple[Mesh, bool]]
 def _surfaces(
     connection: Connection, owner: Owner, frame: Pose
 ) -> list[tuple[int, float, Polygon, list[int]]]:
-    """Return model, height, outline and faces of the surfaces level in `frame`, highest first.
+    """Model, height, outline and faces of the surfaces level in `frame`, highest first.
 
     Those that are level in the models' own frame are kept with the models; what lies on its side
     has others, which are looked for here.

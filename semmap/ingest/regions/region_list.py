@@ -22,13 +22,9 @@ ORDER BY e.name
 def list_regions(
     session: psycopg.Connection[Any], ids: Sequence[int] | None = None
 ) -> list[dict[str, Any]]:
-    """Return the regions of the current map, or those with these ids.
+    """Return the regions of the map, or those with these ids; area in square metres, z in metres.
 
-    Returns
-    -------
-    list of dict
-        `name`, `type`, `origin`, the entity that it is a part `of`, its `holder`, `area` (square
-        metres), `low` and `high` (metres), rounded to 0.001, and the number of its `faces`.
+    `of` is the entity that it is a part of; `faces` is their number.
     """
     with session.cursor(row_factory=dict_row) as cursor:
         rows = cursor.execute(REGIONS, {"ids": ids}).fetchall()

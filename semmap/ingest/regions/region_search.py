@@ -43,9 +43,7 @@ def find_regions(
 
     Returns
     -------
-    FoundRows
-        The regions, as of `list_regions`; `problems` has the reasons for those of the type that
-        have none.
+    The regions, as of `list_regions`; `problems` has the reasons for those of the type without any.
 
     Raises
     ------

@@ -35,10 +35,7 @@ class Owner:
 
 @dataclass(frozen=True)
 class Wanted:
-    """The wanted state of a region.
-
-    Its outline, from z `low` to `high`, is in its own frame; its pose is in its holder.
-    """
+    """The wanted state of a region: its pose in its holder; outline and z in its own frame."""
 
     name: str
     type: str
@@ -53,7 +50,7 @@ class Wanted:
 
 
 def at_its_middle(outline: Outline, height: float) -> tuple[Pose, Outline]:
-    """Return a frame at a point of the outline, parallel to the given one; the outline in it.
+    """A frame at a point of the outline, parallel to the given one; the outline in it.
 
     A neck as thin as the last digit may cross itself there; it is cut, with what it joins kept.
     """

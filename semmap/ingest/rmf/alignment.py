@@ -21,15 +21,11 @@ class Alignment:
 
 
 def align(building: Building) -> Alignment:
-    """Return the transforms: the reference level scaled by its measurements, others fitted to it.
+    """The reference level is scaled by its measurements, the others are fitted to it.
 
-    As in Open-RMF, a level's own measurements count only where it is the reference level; here
-    they also serve a level that shares fewer than two fiducials with it.
-
-    Raises
-    ------
-    WorldError
-        The reference level has no measurement that can be used.
+    As in Open-RMF, a level's own measurements count only where it is the reference level; here they
+    also serve a level that shares fewer than two fiducials with it. A WorldError refuses a
+    reference level without a measurement that can be used.
     """
     if not building.in_pixels:
         return Alignment({name: Similarity() for name in building.levels})

@@ -12,15 +12,11 @@ from semmap.ingest.world import World
 
 
 def read_rmf(path: Path | str) -> World:
-    """Return the world of an Open-RMF building.
+    """Return the world of an Open-RMF building, in ``reference_image`` or ``cartesian_meters``.
 
     The map's frame is the reference level's drawing in metres, y up; the frame of a storey is the
-    same, raised to its elevation. Rooms are the faces that walls, doors and floor outlines
-    enclose. Each named vertex and each end of a lane is a region, each lane a link.
-
-    Parameters
-    ----------
-    path : a ``building.yaml``, coordinate system ``reference_image`` or ``cartesian_meters``
+    same, raised to its elevation. Rooms are the faces that walls, doors and floor outlines enclose.
+    Each named vertex and each end of a lane is a region, each lane a link.
 
     Raises
     ------

@@ -125,13 +125,7 @@ class Building:
 
     @classmethod
     def read(cls, path: Path) -> Building:
-        """Read and check a file.
-
-        Raises
-        ------
-        WorldError
-            It cannot be read, is not a building, or its levels are malformed.
-        """
+        """Read a file; a WorldError refuses one that is not a building, or is malformed."""
         return _Reader(path).building(_load(path))
 
 

@@ -13,13 +13,7 @@ WALL_HEIGHT = 2.5
 
 
 class BuildingWorld:
-    """A world that grows storey by storey.
-
-    Attributes
-    ----------
-    out : the world so far, with its storeys and elevators
-    storeys, elevators : names of their entries, by the names of levels and lifts
-    """
+    """A world `out` that grows; `storeys` and `elevators` name entries by level and lift."""
 
     def __init__(self, building: Building, alignment: Alignment) -> None:
         self.building = building
@@ -34,12 +28,7 @@ class BuildingWorld:
         self.elevators = {lift.name: self._add_elevator(lift) for lift in building.lifts}
 
     def add(self, entry: Entry, suffix: str = "") -> str:
-        """Add an entry under a free name and return that name.
-
-        Parameters
-        ----------
-        suffix : appended to the name if an entry of another kind has it
-        """
+        """Add an entry under a free name, with a suffix if another kind has its; return it."""
         wanted = free = entry.name
         if self._names.get(wanted, entry.kind) != entry.kind:
             free += suffix

@@ -29,16 +29,8 @@ def fit_similarity(source: ArrayLike, target: ArrayLike) -> Similarity:
     """Return the similarity without reflection that maps `source` to `target` by least squares.
 
     In the plane the problem is linear in (a, b) = scale * (cos yaw, sin yaw), and centring
-    separates the translation (Umeyama 1991, for two dimensions).
-
-    Parameters
-    ----------
-    source, target : (N, 2), N >= 2, the points of `source` not all the same
-
-    Raises
-    ------
-    ValueError
-        Fewer than two distinct points, or a fit that shrinks everything to one point.
+    separates the translation (Umeyama 1991, for two dimensions). Points are (N, 2); a ValueError
+    refuses fewer than two distinct ones, or a fit that shrinks everything to one.
     """
     p, q = np.asarray(source, float), np.asarray(target, float)
     mean_p, mean_q = p.mean(axis=0), q.mean(axis=0)

@@ -39,13 +39,8 @@ class DrawnDoor:
 class StoreyDrawing:
     """What a level draws; unusable elements are left out of the world and named.
 
-    Attributes
-    ----------
-    points : (V, 2) its vertices
-    far : numbers of the vertices that are too far away to be used
-    walls, doors, floors : its lines, doors and floor outlines
-    lifts : that serve it
-    lift_doors : by names of lift and door, each with the cabin to its right
+    `points` (V, 2) are its vertices, of which those numbered in `far` are too far away to be used;
+    `lift_doors` are by names of lift and door, each with the cabin to its right.
     """
 
     def __init__(self, world: BuildingWorld, plan: LevelPlan) -> None:

@@ -47,17 +47,12 @@ def is_route_graph(path: Path) -> bool:
 
 
 def read_route_graph(path: Path) -> World:
-    """Return the world of a route graph; refuse a file that Nav2's loader would refuse.
+    """Return the world of a route graph; a WorldError names a feature that Nav2 would refuse.
 
     A node's name is that in its metadata or properties, else ``FILE-nodeID``; its heading is `yaw`
     of its metadata, radians. Its height is its third coordinate, else that of the storey named by
     `storey` (of its metadata or properties, or beside `features`), or by its frame (the storey's
     name, or ``map_STOREY``): see `settle_nodes`. Coordinates are metres in the map's frame.
-
-    Raises
-    ------
-    WorldError
-        The file is malformed; the message names the feature at fault.
     """
     return _Reader(path).world()
 

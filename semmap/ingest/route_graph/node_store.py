@@ -24,13 +24,7 @@ BELOW, ABOVE = 0.5, 0.5
 def check_names(
     connection: psycopg.Connection[Any], map_id: int, world: World, source: str
 ) -> None:
-    """Refuse a graph whose nodes would be taken for those of another file with its name.
-
-    Raises
-    ------
-    WorldError
-        Two graphs, for example of two storeys, number their nodes alike.
-    """
+    """Refuse a graph whose nodes would be taken for those of another file with its name."""
     numbered = [e.name for e in world.entries if e.name.startswith(f"{world.name}-node")]
     row = connection.execute(
         "SELECT name, source FROM entity WHERE map_id = %s AND name = ANY(%s) "
@@ -51,13 +45,9 @@ def settle_nodes(
 ) -> None:
     """Put the nodes of a graph on their storeys and into their rooms; join them with connectors.
 
-    Within the caller's transaction. A node that names a storey, or whose frame does, is at that
-    storey's elevation; any other is on the only storey, or at its third coordinate.
-
-    Raises
-    ------
-    WorldError
-        A node names a storey that the map does not have, or none where it has several.
+    A node that names a storey, or whose frame does, is at that storey's elevation; any other is on
+    the only storey, or at its third coordinate. A WorldError refuses one that names a storey that
+    the map does not have, or none where it has several.
     """
     nodes = connection.execute(
         "SELECT e.id, e.name, e.properties, w.pose FROM entity e "

@@ -16,14 +16,7 @@ from semmap.ingest.world import WorldError
 
 
 class Frames:
-    """The frames of one scope.
-
-    Parameters
-    ----------
-    path : the file, for errors
-    scope : name of the model or world, for errors
-    root : name of the scope's own frame, ``__model__`` or ``world``
-    """
+    """The frames of a model or world; `root` is its own, ``__model__`` or ``world``."""
 
     def __init__(self, path: Path, scope: str, root: str) -> None:
         self._path, self._scope, self._root = path, scope, root
@@ -55,12 +48,7 @@ class Frames:
     def pose(self, name: str, where: str = "") -> Pose:
         """Return the pose of a frame in the scope's own frame; `where` is the element, for errors.
 
-        Raises
-        ------
-        Unusable
-            The frame, or one to which it is relative, does not exist.
-        WorldError
-            Frames are relative to each other in a circle.
+        A WorldError refuses frames in a circle; a frame that leads to none that exists is Unusable.
         """
         chain: list[tuple[str, Pose]] = []
         passed: dict[str, None] = {}

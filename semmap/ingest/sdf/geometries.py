@@ -27,25 +27,14 @@ SECTIONS = 32
 
 
 class Geometries:
-    """Makes meshes of `<geometry>` elements, each mesh file read once.
-
-    Parameters
-    ----------
-    resources : finds the files
-    """
+    """Makes meshes of `<geometry>` elements, each mesh file read once."""
 
     def __init__(self, resources: Resources) -> None:
         self._resources = resources
         self._files: dict[tuple[Path, str | None, bool], Mesh | MeshFileError] = {}
 
     def mesh(self, geometry: Element | None, named_in: Path, where: str) -> Mesh:
-        """Return the surface of a geometry.
-
-        Raises
-        ------
-        Unusable
-            Its kind is not supported, its numbers are wrong, or its file is missing.
-        """
+        """Return the surface of a geometry; Unusable says why it has none."""
         shape = None if geometry is None else next(iter(geometry), None)
         if geometry is None or shape is None:
             raise Unusable(where, "it has no geometry", "Add one, or remove the element.")

@@ -72,22 +72,17 @@ class _Part:
 
 @dataclass
 class SdfModel:
-    """The content of a `<model>`, shared by its instances.
-
-    `source` is the name of the model file that it was made from, its own name for an inline model.
-    A model that has nothing but one other model is a wrapper: `wrapped` is that model and its pose.
-    `mass` is that of its links, kilograms, where they state one.
-    """
+    """The content of a `<model>`, shared by its instances."""
 
     name: str
-    source: str
+    source: str  # name of its model file; of an inline model, its own
     frames: Frames
     pose: Pose = IDENTITY
     relative_to: str = ""
     static: bool = False
     parts: list[_Part] = field(default_factory=list)
-    wrapped: tuple[SdfModel, Pose] | None = None
-    mass: float | None = None
+    wrapped: tuple[SdfModel, Pose] | None = None  # all that it has: another model, its pose
+    mass: float | None = None  # of its links, kilograms, where they state one
 
     def unwrapped(self) -> tuple[SdfModel, Pose]:
         """Return the innermost model of nested wrappers, and its pose in this model's frame."""
@@ -121,13 +116,7 @@ def _mass(model: Element, nested: Sequence[Instance]) -> float | None:
 
 
 class Models:
-    """Reads models, each file once, and bakes them, each shape once.
-
-    Parameters
-    ----------
-    world : records what is left out
-    resources : finds the files
-    """
+    """Reads models, each file once, and bakes them, each shape once."""
 
     def __init__(self, world: World, resources: Resources) -> None:
         self._world, self._resources = world, resources
@@ -319,8 +308,8 @@ class Models:
     def _bounded(self, model: SdfModel, role: Role) -> list[_Part]:
         """Return the parts of a role that have an extent.
 
-        A plane collides without bound whatever its size, so a model that collides as a plane
-        is endless ground, and the rectangle that shows it is not an object.
+        A plane collides without bound whatever its size, so a model that collides as a plane is
+        endless ground, and the rectangle that shows it is not an object.
         """
         endless = any(p.holds("plane") and p.role == "collision" for p in model.parts)
         parts = []

@@ -44,13 +44,7 @@ class Resources:
         ]
 
     def find(self, uri: str, named_in: Path, where: str) -> Path:
-        """Return the file or folder that `uri` names in the file `named_in`.
-
-        Raises
-        ------
-        Unusable
-            It is not on this machine; the error names the element `where`.
-        """
+        """Return what `uri` names in the file `named_in`; `where` is the element, for errors."""
         scheme, separator, rest = uri.strip().partition("://")
         if not separator:
             scheme, rest = "", uri.strip()
@@ -75,10 +69,7 @@ class Resources:
         )
 
     def model_file(self, uri: str, named_in: Path, where: str) -> Path:
-        """Return the SDF file of the model (or world) that an `<include>` names.
-
-        A folder's ``model.config`` names it; of several versions the highest is used.
-        """
+        """Return the SDF file that an `<include>` names, of several versions the highest."""
         found = self.find(uri, named_in, where)
         if found.is_file():
             return found

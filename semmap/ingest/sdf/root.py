@@ -20,13 +20,7 @@ OLD_ATTRIBUTES = {
 
 
 def read_root(path: Path) -> Element:
-    """Return the root of an SDF file: ``<sdf>``, or ``<gazebo>``, as it was called before SDF 1.3.
-
-    Raises
-    ------
-    WorldError
-        The file cannot be read, or has another root.
-    """
+    """Return the root of an SDF file: ``<sdf>``, or ``<gazebo>`` as before SDF 1.3."""
     root = read_xml(path, ("sdf", "gazebo"))
     if root.tag == "gazebo":
         for element in list(root.iter()):

@@ -38,22 +38,15 @@ def read_sdf(path: Path, *, geometry: Role = "visual", model_path: Sequence[Path
     All links and nested models of a model are baked into one mesh in the model's frame, in the pose
     that the file gives them; instances of one model share one `Mesh`. A model that is nothing but
     one box along its own axes has a shape of kind ``box``. Where no geometry of the requested kind
-    can be read, the other kind is used, and noted. Lights, plugins, physics and views are not
-    part of the map.
+    can be read, the other kind is used, and noted. Lights, plugins, physics and views are not part
+    of the map. Entries have no holder; their `properties` are ``model`` (the name of the model
+    file), ``static`` and ``type_guess``. A model that has nothing but another one stands where that
+    one does. `georeference` holds latitude_deg, longitude_deg, elevation (metres) and heading_deg.
 
     Parameters
     ----------
     path : an SDF file with a `<world>`, or with a single `<model>`; what Gazebo reads is read
-    geometry : which surfaces to read, ``visual`` or ``collision``
     model_path : folders of models, searched first (see `resources.Resources`)
-
-    Returns
-    -------
-    World
-        Entries have no holder; their `properties` are ``model`` (the name of the model file),
-        ``static`` and ``type_guess`` (see `naming.give_type`). A model that has nothing but another
-        one stands where that one does. What could not be used is in `skipped`. `georeference` holds
-        latitude_deg, longitude_deg, elevation (metres) and heading_deg where the file states any.
 
     Raises
     ------

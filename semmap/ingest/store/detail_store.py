@@ -78,13 +78,7 @@ def _detail(entry: Entry, ids: dict[str, int], world: World) -> dict[str, Any]:
 
 
 def id_of(ids: dict[str, int], name: str, entry: Entry, world: World) -> int:
-    """Return the id of an entity that an entry names.
-
-    Raises
-    ------
-    WorldError
-        Neither the file nor the map has an entity of that name.
-    """
+    """Return the id of an entity that an entry names, in the file or in the map."""
     if name not in ids:
         raise WorldError(
             world.source,

@@ -23,7 +23,7 @@ def postpone_derivation(connection: psycopg.Connection[Any]) -> None:
 
 
 def recognise_parts(connection: psycopg.Connection[Any], map_id: int) -> list[dict[str, Any]]:
-    """Find the floors, walls and ceilings among objects without a stated type, by their shape.
+    """Find floors, walls and ceilings among objects without a stated type, by their shape.
 
     Returns name, type and confidence of each that the map has.
     """

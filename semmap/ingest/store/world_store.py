@@ -49,13 +49,7 @@ def store_world(
 ) -> StoreSummary:
     """Store a world in a map, within the caller's transaction.
 
-    Parameters
-    ----------
-    connection : psycopg.Connection, its search path on the schema
-    map_id : the map
-    world : the result of a parser
-    source : the name by which a repeated import finds its entities; None: they are new
-    progress : called at each stage
+    `source` is the name by which a repeated import finds its entities; None: they are new.
     """
     stored = StoreSummary(notes=list(world.notes))
     with connection.cursor() as cursor:
