@@ -11,9 +11,13 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Polygon as Patch
 from numpy.typing import NDArray
 
-from semmap.draw.title import draw_title
+from semmap.draw.sheet import draw_title, save_sheet
 
 _LETHAL, _INSCRIBED, _UNKNOWN = 254, 253, 255
+
+
+LONGER_SIDE = 11.0
+"""Of a picture, inches."""
 
 
 def colours(costs: NDArray[np.uint8]) -> NDArray[np.uint8]:
@@ -41,35 +45,27 @@ def costmap_picture(
     title: str = "",
     lines: Sequence[tuple[NDArray[np.float64], str]] = (),
     footprints: Sequence[tuple[NDArray[np.float64], str]] = (),
-    size: float = 11.0,
 ) -> Path:
     """Draw a costmap and save it as PNG; return the path of the picture.
 
     Row 0 of `costs` is the lowest y; `origin` is the lower left corner. Lines are (N, 2) points and
-    footprints (N, 2) corners, each with a colour; all in metres. `size`: the longer side, inches.
+    footprints (N, 2) corners, each with a colour; all in metres.
     """
     rows, columns = costs.shape
-    width = size if columns >= rows else size * columns / rows
+    width = LONGER_SIDE * min(1, columns / rows)
     height = width * rows / columns
     figure = Figure(figsize=(width, height + 0.45), dpi=150)
     axes = figure.add_axes((0, 0, 1, height / (height + 0.45)))
-    extent = (
-        origin[0],
-        origin[0] + columns * resolution,
-        origin[1],
-        origin[1] + rows * resolution,
-    )
+    x, y = origin
+    extent = (x, x + columns * resolution, y, y + rows * resolution)
     axes.imshow(colours(costs), origin="lower", extent=extent, interpolation="nearest")
     for points, colour in lines:
-        axes.plot(points[:, 0], points[:, 1], color="white", lw=3.4, solid_capstyle="round")
-        axes.plot(points[:, 0], points[:, 1], color=colour, lw=1.8, solid_capstyle="round")
+        for shade, wide in (("white", 3.4), (colour, 1.8)):
+            axes.plot(*points[:, :2].T, color=shade, lw=wide, solid_capstyle="round")
     for corners, colour in footprints:
         axes.add_patch(Patch(corners, closed=True, fc=(*to_rgb(colour), 0.25), ec=colour, lw=1.6))
     axes.set_axis_off()
     axes.set_xlim(extent[:2])
     axes.set_ylim(extent[2:])
     draw_title(figure, title, 1 - 0.22 / (height + 0.45), 12, left=0.01, right=0.99)
-    path = Path(path)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    figure.savefig(path)
-    return path
+    return save_sheet(figure, path)

@@ -7,15 +7,14 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import to_rgb
-from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
 from semmap.draw.palette import INK, PAPER
-from semmap.draw.rasteriser import Camera, as_bytes, nearest_triangles, quarters
+from semmap.draw.rasteriser import Camera, nearest_triangles, quarters
 from semmap.draw.shading import Surfaces, shade
+from semmap.draw.sheet import rendered_sheet, save_sheet
 
 Floats = NDArray[np.float64]
 
@@ -64,51 +63,41 @@ def fields_picture(
     elevation from which it is seen are degrees, the width is pixels.
     """
     cubes = [f for f in fields if f.opacity >= 1]
-    faces = [voxel_faces(f.voxels, f.voxel_size) for f in cubes]
-    everything = np.concatenate([triangles, *faces])
-    painted = [np.tile(to_rgb(f.colour), (len(t), 1)) for f, t in zip(cubes, faces, strict=True)]
-    counts = [len(triangles), *(len(t) for t in faces)]
+    air = [f for f in fields if f.opacity < 1]
+    solids = [triangles, *(voxel_faces(f.voxels, f.voxel_size) for f in cubes)]
+    counts = [len(faces) for faces in solids]
+    painted = [np.tile(to_rgb(f.colour), (n, 1)) for f, n in zip(cubes, counts[1:], strict=True)]
+    count = sum(counts)
     surfaces = Surfaces(
-        everything,
+        np.concatenate(solids),
         np.concatenate([colours, *painted]),
         np.repeat(np.arange(len(counts), dtype=np.int32), counts),
-        np.full(len(everything), np.inf),
-        np.zeros(len(everything), np.bool_),
+        np.full(count, np.inf),
+        np.zeros(count, np.bool_),
     )
-    air = [f for f in fields if f.opacity < 1]
-    shown = [everything.reshape(-1, 3), *((f.voxels + 0.5) * f.voxel_size for f in air)]
+    shown = [surfaces.triangles.reshape(-1, 3), *((f.voxels + 0.5) * f.voxel_size for f in air)]
     camera = Camera.look(
         np.deg2rad(azimuth), np.deg2rad(elevation), np.concatenate(shown), 2 * width
     )
-    picture, depth = shade(
-        camera, surfaces, np.array(to_rgb(PAPER)), np.array(to_rgb(PAPER)), occlusion=0.3
-    )
+    paper = np.array(to_rgb(PAPER))
+    picture, depth = shade(camera, surfaces, paper, paper, occlusion=0.3)
     for field in air:
         _, there = nearest_triangles(camera, voxel_faces(field.voxels, field.voxel_size))
         seen = there > depth
         picture[seen] += field.opacity * (np.array(to_rgb(field.colour)) - picture[seen])
     w, h = (n // 2 for n in camera.size)
-    figure = Figure(figsize=(w / 150, h / 150), dpi=150, facecolor=PAPER)
-    FigureCanvasAgg(figure)
-    axes = figure.add_axes((0, 0, 1, 1))
-    small = as_bytes(quarters(picture[: 2 * h, : 2 * w]).mean(axis=0))
-    figure.figimage(small, origin="upper", zorder=-1)
-    axes.axis("off")
-    patches = [
-        Patch(color=f.colour, alpha=min(1.0, f.opacity + 0.3), label=f.label) for f in fields
-    ]
+    figure, axes = rendered_sheet(quarters(picture[: 2 * h, : 2 * w]).mean(axis=0), 150)
     legend = axes.legend(
-        handles=patches,
+        handles=[
+            Patch(color=f.colour, alpha=min(1.0, f.opacity + 0.3), label=f.label) for f in fields
+        ],
         loc="upper left",
         fontsize=9,
         facecolor=PAPER,
+        labelcolor=INK,
+        alignment="left",
         title=title or None,
         title_fontproperties={"weight": "bold", "size": 10},
     )
-    legend._legend_box.align = "left"  # type: ignore[attr-defined]
-    for written in legend.get_texts():
-        written.set_color(INK)
-    path = Path(path)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    figure.savefig(path, facecolor=PAPER)
-    return path
+    assert legend is not None
+    return save_sheet(figure, path)

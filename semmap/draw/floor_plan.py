@@ -13,7 +13,6 @@ import matplotlib.patheffects as effects
 import numpy as np
 import shapely
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import to_rgb, to_rgba
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
@@ -23,9 +22,11 @@ from numpy.typing import NDArray
 from scipy.ndimage import label
 
 from semmap.draw.labels import AROUND, Labels
-from semmap.draw.palette import HIDDEN, INK, PAPER, PATH, STATES, family, object_colour, room_colour
-from semmap.draw.title import draw_title
+from semmap.draw.palette import HIDDEN, INK, PATH, STATES, family, object_colour, room_colour
+from semmap.draw.sheet import draw_title, paper_sheet, save_sheet
 from semmap.draw.view import DoorView, ObjectView, OccupancyView, Outline, RegionView, StoreyView
+
+Point = NDArray[np.float64]
 
 FLAT = {"carpet"}
 OVERHEAD = 1.9
@@ -42,6 +43,35 @@ REGIONS: tuple[tuple[str, str, str], ...] = (  # type, colour, hatch
 _WALL = "#343a46"
 _MARGIN = 0.55
 _DOUBLE, _OPENING = 1.3, 2.4  # widths beyond which a door has two leaves, or none, metres
+
+
+_KITE = [[0.13, 0, 0], [-0.09, 0.085, 0], [-0.045, 0, 0], [-0.09, -0.085, 0]]
+"""The sign of a pose, metres in its frame."""
+
+_ARROW = {
+    "arrowstyle": "-|>,head_width=0.34,head_length=0.5",
+    "color": PATH,
+    "lw": 0,
+    "ec": "white",
+}
+_ARROW |= {"shrinkA": 0, "shrinkB": 0, "mutation_scale": 13}
+
+_SOUGHT = "#b3261e"
+"""Of what robots look for and people are."""
+
+
+def _halo(width: float, alpha: float) -> dict[str, Any]:
+    stroke = effects.withStroke(linewidth=width, foreground="white", alpha=alpha)
+    return {"path_effects": [stroke]}
+
+
+_HALO = _halo(2.2, 0.85)
+_ROOM_NAME = {"fontsize": 9.5, "weight": "bold", "color": INK, "linespacing": 1.1, "zorder": 8}
+_ROOM_NAME |= _HALO
+_DOOR_NAME = {"fontsize": 6.8, "weight": "bold", "color": "white", "zorder": 8}
+_REGION_NAME = {"fontsize": 7, "weight": "bold", "style": "italic", "zorder": 8} | _HALO
+_SOUGHT_NAME = {"fontsize": 7, "weight": "bold", "color": _SOUGHT, "zorder": 8} | _HALO
+_OBJECT_NAME = {"fontsize": 5.8, "color": "#23262b", "zorder": 7.5} | _halo(1.4, 0.7)
 
 
 def floor_plan(
@@ -76,14 +106,12 @@ def floor_plan(
     head, foot = 0.62, 0.95
     sheet = width - 0.9  # inches for the plan itself
     height = sheet * (y1 - y0) / (x1 - x0)
-    figure = Figure(figsize=(width, height + head + foot), dpi=dpi, facecolor=PAPER)
-    FigureCanvasAgg(figure)
     whole = height + head + foot
+    figure = paper_sheet(width, whole, dpi)
     axes = figure.add_axes((0.6 / width, foot / whole, sheet / width, height / whole))
     axes.set_xlim(x0, x1)
     axes.set_ylim(y0, y1)
     axes.set_aspect("equal")
-    per_metre = 72 * sheet / (x1 - x0)  # points
 
     for room in storey.rooms:
         _fill(axes, room.outline, fc=room_colour(room.types, room.name), ec="none", zorder=1)
@@ -97,29 +125,20 @@ def floor_plan(
         for room in storey.rooms:
             _fill(axes, room.outline, fc="none", ec=_WALL, lw=1.6, zorder=4)
     for door in storey.doors:
-        _door(axes, door, storey)
+        _door(axes, door)
     for line in storey.path:
         _path(axes, line)
     if over is not None:
         over(axes)
     _frame(axes, x0, y0, x1, y1)
-    summary = figure.text(
-        1 - 0.3 / width,
-        1 - 0.36 / whole,
-        _summary(storey),
-        fontsize=8.5,
-        color="#6b6f76",
-        va="center",
-        ha="right",
-    )
+    level = 1 - 0.36 / whole
+    style = {"fontsize": 8.5, "color": "#6b6f76", "va": "center", "ha": "right"}
+    summary = figure.text(1 - 0.3 / width, level, _summary(storey), fontdict=style)
     free = summary.get_window_extent().x0 / figure.bbox.width - 0.2 / width
-    draw_title(figure, title or storey.name, 1 - 0.36 / whole, 15, left=0.6 / width, right=free)
-    _write(axes, storey, objects, per_metre)
+    draw_title(figure, title or storey.name, level, 15, left=0.6 / width, right=free)
+    _write(axes, storey, objects, 72 * sheet / (x1 - x0))
     _legend(figure, axes, storey, objects, foot / whole)
-    path = Path(path)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    figure.savefig(path, facecolor=PAPER)
-    return path
+    return save_sheet(figure, path)
 
 
 def _bounds(storey: StoreyView) -> tuple[float, float, float, float]:
@@ -170,23 +189,20 @@ def _walls(axes: Axes, grid: OccupancyView, outlines: list[Outline]) -> None:
     """Draw the occupied cells: dark for the building, a light shade over objects."""
     rows, columns = np.nonzero(grid.cells > 50)
     image = np.zeros((*grid.cells.shape, 4))
-    x = grid.origin[0] + (columns + 0.5) * grid.resolution
-    y = grid.origin[1] + (rows + 0.5) * grid.resolution
     solid = _enclosed(grid.cells)
     image[solid] = to_rgba(_WALL, 0.80)
     image[rows, columns] = to_rgba(_WALL, 0.96)
     if outlines:
         covered = shapely.union_all([t.buffer(0.75 * grid.resolution) for t in outlines])
         shapely.prepare(covered)
+        x = grid.origin[0] + (columns + 0.5) * grid.resolution
+        y = grid.origin[1] + (rows + 0.5) * grid.resolution
         over = shapely.contains_xy(covered, x, y)
         image[rows[over], columns[over]] = to_rgba(_WALL, 0.20)
-    left, right, bottom, top = grid.extent
-    axes.imshow(
-        image, extent=(left, right, bottom, top), origin="lower", interpolation="nearest", zorder=4
-    )
+    axes.imshow(image, extent=grid.extent, origin="lower", interpolation="nearest", zorder=4)
     unknown = np.zeros_like(image)
     unknown[(grid.cells < 0) & ~solid] = to_rgba("#8a8f98", 0.22)
-    axes.imshow(unknown, extent=(left, right, bottom, top), origin="lower", zorder=1.5)
+    axes.imshow(unknown, extent=grid.extent, origin="lower", zorder=1.5)
 
 
 def _enclosed(cells: NDArray[np.int8]) -> NDArray[np.bool_]:
@@ -200,16 +216,8 @@ def _enclosed(cells: NDArray[np.int8]) -> NDArray[np.bool_]:
 
 def _region(axes: Axes, region: RegionView) -> None:
     _, colour, hatch = _region_style(region)
-    _fill(
-        axes,
-        region.outline,
-        fc=to_rgba(colour, 0.10),
-        ec=to_rgba(colour, 0.75),
-        hatch=hatch,
-        lw=1.1,
-        ls=(0, (4, 2)),
-        zorder=2,
-    )
+    fill, edge = to_rgba(colour, 0.10), to_rgba(colour, 0.75)
+    _fill(axes, region.outline, fc=fill, ec=edge, hatch=hatch, lw=1.1, ls=(0, (4, 2)), zorder=2)
 
 
 def _region_style(region: RegionView) -> tuple[str, str, str]:
@@ -229,121 +237,65 @@ def _object(axes: Axes, entity: ObjectView) -> None:
     _fill(axes, entity.footprint, fc=fill, ec=edge, lw=0.7, zorder=above)
 
 
-def _door(axes: Axes, door: DoorView, storey: StoreyView) -> None:
+def _door(axes: Axes, door: DoorView) -> None:
     """Draw a door: its opening, and its open leaf or sliding panels."""
     a, b = (np.array([p.x, p.y]) for p in door.poses)
-    middle, way = (a + b) / 2, b - a
-    length = float(np.hypot(*way))
+    length = float(np.hypot(*(b - a)))
     if length < 1e-6:
         return
-    way /= length
+    middle, way = (a + b) / 2, (b - a) / length
     along = np.array([-way[1], way[0]])
     w = door.width or 0.9
     colour = STATES.get(door.state, STATES["open"])
-    for pose in door.poses:
-        nose = np.array([math.cos(pose.yaw), math.sin(pose.yaw)])
-        side = np.array([-nose[1], nose[0]])
-        p = np.array([pose.x, pose.y])
-        kite = [
-            p + 0.13 * nose,
-            p - 0.09 * nose + 0.085 * side,
-            p - 0.045 * nose,
-            p - 0.09 * nose - 0.085 * side,
-        ]
-        axes.add_patch(Polygon(kite, fc="white", ec=colour, lw=0.8, zorder=5.5))
     hinge, latch = middle - along * w / 2, middle + along * w / 2
+
+    def stroke(start: Point, end: Point, lw: float, **style: Any) -> None:
+        style = {"solid_capstyle": "butt", "zorder": 5} | style
+        axes.plot(*np.stack([start, end]).T, color=colour, lw=lw, **style)
+
+    for pose in door.poses:
+        axes.add_patch(Polygon(pose.apply(_KITE)[:, :2], fc="white", ec=colour, lw=0.8, zorder=5.5))
     if door.type == "elevator_door":
-        for end, sign in ((hinge, 1.0), (latch, -1.0)):
-            axes.plot(
-                *np.stack([end, end + sign * along * w * 0.36]).T,
-                color=colour,
-                lw=3.2,
-                solid_capstyle="butt",
-                zorder=5,
-            )
+        for end, panel in ((hinge, along), (latch, -along)):
+            stroke(end, end + panel * w * 0.36, 3.2)
         return
     if door.type in ("stairs", "ramp"):
-        axes.annotate(
-            "",
-            (b[0], b[1]),
-            (a[0], a[1]),
-            arrowprops={"arrowstyle": "->", "color": colour, "lw": 1.4},
-        )
+        arrow = {"arrowstyle": "->", "color": colour, "lw": 1.4}
+        axes.annotate("", (b[0], b[1]), (a[0], a[1]), arrowprops=arrow)
         return
     for end in (hinge, latch):
-        post = np.stack([end - 0.07 * way, end + 0.07 * way])
-        axes.plot(*post.T, color=colour, lw=2.2, solid_capstyle="butt", zorder=5)
-    if door.state == "open" and w > _OPENING:
-        axes.plot(*np.stack([hinge, latch]).T, color=colour, lw=1.2, ls=(0, (4, 3)), zorder=5)
-    elif door.state == "open":
-        leaves = (
-            [(hinge, along, w)] if w <= _DOUBLE else [(hinge, along, w / 2), (latch, -along, w / 2)]
-        )
-        for pivot, shut, reach in leaves:
-            tip = pivot - way * reach
-            axes.plot(
-                *np.stack([pivot, tip]).T, color=colour, lw=1.8, solid_capstyle="round", zorder=5
-            )
-            start, end_ = (math.degrees(math.atan2(v[1], v[0])) for v in (-way, shut))
-            if (end_ - start) % 360 > 180:
-                start, end_ = end_, start
-            axes.add_patch(
-                Arc(
-                    (pivot[0], pivot[1]),
-                    2 * reach,
-                    2 * reach,
-                    theta1=start,
-                    theta2=end_,
-                    color=colour,
-                    lw=0.8,
-                    ls=(0, (3, 2)),
-                    zorder=5,
-                )
-            )
+        stroke(end - 0.07 * way, end + 0.07 * way, 2.2)
+    if door.state != "open":
+        stroke(hinge, latch, 2.6)
+    elif w > _OPENING:
+        stroke(hinge, latch, 1.2, ls=(0, (4, 3)))
     else:
-        axes.plot(
-            *np.stack([hinge, latch]).T, color=colour, lw=2.6, solid_capstyle="butt", zorder=5
-        )
+        leaves = [(hinge, along), (latch, -along)][: 1 if w <= _DOUBLE else 2]
+        reach = w / len(leaves)
+        for pivot, shut in leaves:
+            stroke(pivot, pivot - way * reach, 1.8, solid_capstyle="round")
+            turns = [math.degrees(math.atan2(v[1], v[0])) for v in (-way, shut)]
+            start, end = turns if (turns[1] - turns[0]) % 360 <= 180 else turns[::-1]
+            swing = {"color": colour, "lw": 0.8, "ls": (0, (3, 2)), "zorder": 5}
+            at = pivot[0], pivot[1]
+            axes.add_patch(Arc(at, 2 * reach, 2 * reach, theta1=start, theta2=end, **swing))
 
 
 def _path(axes: Axes, line: NDArray[np.float64]) -> None:
     """Draw a route as a line with arrows, and a dot at its start."""
     xy = line[:, :2]
-    axes.plot(
-        *xy.T,
-        color="white",
-        lw=5.5,
-        alpha=0.9,
-        solid_capstyle="round",
-        solid_joinstyle="round",
-        zorder=6,
-    )
-    axes.plot(
-        *xy.T, color=PATH, lw=2.8, solid_capstyle="round", solid_joinstyle="round", zorder=6.1
-    )
+    rounded: dict[str, Any] = {"solid_capstyle": "round", "solid_joinstyle": "round"}
+    axes.plot(*xy.T, color="white", lw=5.5, alpha=0.9, zorder=6, **rounded)
+    axes.plot(*xy.T, color=PATH, lw=2.8, zorder=6.1, **rounded)
     steps = np.hypot(*np.diff(xy, axis=0).T)
     gone = np.concatenate([[0.0], np.cumsum(steps)])
     if gone[-1] > 0.3:
         for at in np.arange(min(1.2, gone[-1] / 2), gone[-1] - 0.3, 2.4):
             p, q = (
-                np.array([np.interp(s, gone, xy[:, i]) for i in (0, 1)])
+                (np.interp(s, gone, xy[:, 0]), np.interp(s, gone, xy[:, 1]))
                 for s in (at - 0.12, at + 0.12)
             )
-            axes.annotate(
-                "",
-                (q[0], q[1]),
-                (p[0], p[1]),
-                zorder=6.2,
-                arrowprops={
-                    "arrowstyle": "-|>,head_width=0.34,head_length=0.5",
-                    "color": PATH,
-                    "lw": 0,
-                    "shrinkA": 0,
-                    "shrinkB": 0,
-                    "mutation_scale": 13,
-                    "ec": "white",
-                },
-            )
+            axes.annotate("", q, p, zorder=6.2, arrowprops=_ARROW)
     axes.plot(*xy[0], "o", ms=8, mfc="white", mec=PATH, mew=2.2, zorder=6.3)
     axes.plot(*xy[-1], "o", ms=8, mfc=PATH, mec="white", mew=1.4, zorder=6.3)
 
@@ -366,14 +318,8 @@ def _round_length(length: float) -> float:
 
 
 def _summary(storey: StoreyView) -> str:
-    parts = []
-    for outlines, one, many in (
-        (storey.rooms, "room", "rooms"),
-        (storey.doors, "door", "doors"),
-        (_shown(storey), "object", "objects"),
-    ):
-        if outlines:
-            parts.append(f"{len(outlines)} {one if len(outlines) == 1 else many}")
+    counts = {"room": storey.rooms, "door": storey.doors, "object": _shown(storey)}
+    parts = [f"{len(v)} {k}{'s' * (len(v) > 1)}" for k, v in counts.items() if v]
     if storey.occupancy is not None:
         rows, columns = storey.occupancy.cells.shape
         parts.append(f"grid {columns} x {rows} at {storey.occupancy.resolution:g} m")
@@ -383,14 +329,12 @@ def _summary(storey: StoreyView) -> str:
 def _write(axes: Axes, storey: StoreyView, objects: list[ObjectView], per_metre: float) -> None:
     """Write the names of rooms, doors, regions and objects where there is space for them."""
     labels = Labels(axes)
-    halo = [effects.withStroke(linewidth=2.2, foreground="white", alpha=0.85)]
     for line in storey.path:
-        for (ax, ay), (bx, by) in pairwise(line[:, :2]):
-            count = 2 + int(math.hypot(bx - ax, by - ay) / 0.2)
-            for x, y in zip(np.linspace(ax, bx, count), np.linspace(ay, by, count), strict=True):
+        for a, b in pairwise(line[:, :2]):
+            for x, y in np.linspace(a, b, 2 + int(np.hypot(*(b - a)) / 0.2)):
                 labels.keep_clear(x, y, 2.0)
-    for door in storey.doors:
-        x, y = (np.mean([getattr(p, k) for p in door.poses]) for k in "xy")
+    middles = [np.mean([(p.x, p.y) for p in door.poses], axis=0) for door in storey.doors]
+    for x, y in middles:
         labels.keep_clear(x, y, 0.16 * per_metre)
     labels.shun([o.footprint.bounds for o in objects if o.footprint is not None])
     for room in storey.rooms:
@@ -401,41 +345,15 @@ def _write(axes: Axes, storey: StoreyView, objects: list[ObjectView], per_metre:
             name += f"\n{kind}"
         x, y = spots[0]
         offsets = [((u - x) * per_metre, (v - y) * per_metre) for u, v in spots]
-        labels.put(
-            x,
-            y,
-            name,
-            offsets=offsets,
-            force=True,
-            fontsize=9.5,
-            weight="bold",
-            color=INK,
-            path_effects=halo,
-            zorder=8,
-            linespacing=1.1,
-        )
+        labels.put(x, y, name, offsets=offsets, force=True, **_ROOM_NAME)
     labels.shun([])
-    for door in storey.doors:
-        x, y = (float(np.mean([getattr(p, k) for p in door.poses])) for k in "xy")
+    near = max(9.0, 0.30 * per_metre)
+    beside = _ring((near, near + 8, near + 16, near + 26))
+    for door, (x, y) in zip(storey.doors, middles, strict=True):
         colour = STATES.get(door.state, STATES["open"])
-        near = max(9.0, 0.30 * per_metre)
-        labels.put(
-            x,
-            y,
-            door.name,
-            offsets=_ring((near, near + 8, near + 16, near + 26)),
-            force=True,
-            fontsize=6.8,
-            color="white",
-            weight="bold",
-            zorder=8,
-            bbox={
-                "boxstyle": "round,pad=0.22,rounding_size=0.5",
-                "fc": colour,
-                "ec": "white",
-                "lw": 0.5,
-            },
-        )
+        box = {"boxstyle": "round,pad=0.22,rounding_size=0.5", "fc": colour, "ec": "white"}
+        plate = {**_DOOR_NAME, "bbox": box | {"lw": 0.5}}
+        labels.put(x, y, door.name, offsets=beside, force=True, **plate)
     for region in storey.regions:
         c = region.outline.representative_point()
         _, colour, _ = _region_style(region)
@@ -443,55 +361,22 @@ def _write(axes: Axes, storey: StoreyView, objects: list[ObjectView], per_metre:
         text = region.name
         if kind and kind not in region.name.lower():
             text += f" ({kind})"
-        labels.put(
-            c.x,
-            c.y,
-            text,
-            offsets=((0, 0), *AROUND),
-            force=True,
-            fontsize=7,
-            color=colour,
-            style="italic",
-            weight="bold",
-            path_effects=halo,
-            zorder=8,
-        )
+        around = ((0, 0), *AROUND)
+        labels.put(c.x, c.y, text, offsets=around, force=True, color=colour, **_REGION_NAME)
     for entity in sorted(objects, key=lambda o: -o.footprint.area if o.footprint else 0.0):
-        assert entity.footprint is not None
-        if not entity.types:
+        if entity.footprint is None or not entity.types:
             continue
-        important = bool({"food", "robot", "person"} & set(entity.types))
         c = entity.footprint.centroid
         x0, y0, x1, y1 = entity.footprint.bounds
         text = entity.types[0].replace("_", " ")
-        if important:
-            labels.put(
-                c.x,
-                c.y,
-                text,
-                offsets=AROUND,
-                fontsize=7,
-                weight="bold",
-                zorder=8,
-                force=True,
-                color="#b3261e",
-                path_effects=halo,
-                leader={"color": "#b3261e", "lw": 0.7},
-            )
-            axes.plot(c.x, c.y, "o", ms=9, mfc="none", mec="#b3261e", mew=1.3, zorder=7)
+        if {"food", "robot", "person"} & set(entity.types):
+            leader = {"color": _SOUGHT, "lw": 0.7}
+            labels.put(c.x, c.y, text, offsets=AROUND, force=True, leader=leader, **_SOUGHT_NAME)
+            axes.plot(c.x, c.y, "o", ms=9, mfc="none", mec=_SOUGHT, mew=1.3, zorder=7)
             continue
-        tall = (y1 - y0) > 1.6 * (x1 - x0)
-        labels.put(
-            c.x,
-            c.y,
-            text,
-            fontsize=5.8,
-            color="#23262b",
-            zorder=7.5,
-            rotation=90 if tall else 0,
-            within=(1.12 * (x1 - x0), 1.2 * (y1 - y0)),
-            path_effects=[effects.withStroke(linewidth=1.4, foreground="white", alpha=0.7)],
-        )
+        turn = 90 if (y1 - y0) > 1.6 * (x1 - x0) else 0
+        within = (1.12 * (x1 - x0), 1.2 * (y1 - y0))
+        labels.put(c.x, c.y, text, within=within, rotation=turn, **_OBJECT_NAME)
 
 
 def _ring(radii: Iterable[float]) -> list[tuple[float, float]]:
@@ -524,40 +409,25 @@ def _legend(
     share = width * length / (x1 - x0)
     y = bottom - 0.50 * foot
     for i in range(4):
-        figure.add_artist(
-            Rectangle(
-                (left + i * share / 4, y),
-                share / 4,
-                0.045 * foot,
-                fc=INK if i % 2 == 0 else "white",
-                ec=INK,
-                lw=0.7,
-                transform=figure.transFigure,
-            )
-        )
-    figure.text(left, y - 0.05 * foot, "0", fontsize=7, color=INK, ha="center", va="top")
-    figure.text(
-        left + share, y - 0.05 * foot, f"{length:g} m", fontsize=7, color=INK, ha="center", va="top"
-    )
+        at, colour = (left + i * share / 4, y), INK if i % 2 == 0 else "white"
+        bar = Rectangle(at, share / 4, 0.045 * foot, fc=colour, ec=INK, lw=0.7)
+        bar.set_transform(figure.transFigure)
+        figure.add_artist(bar)
+    for x, number in ((left, "0"), (left + share, f"{length:g} m")):
+        figure.text(x, y - 0.05 * foot, number, fontsize=7, color=INK, ha="center", va="top")
 
     handles: list[Any] = []
     if storey.path:
         handles.append(Line2D([], [], color=PATH, lw=2.8, label="route"))
-    for state in ("open", "closed", "locked"):
+    for state, colour in STATES.items():
         if any(d.state == state for d in storey.doors):
-            handles.append(Line2D([], [], color=STATES[state], lw=2.2, label=f"door, {state}"))
+            handles.append(Line2D([], [], color=colour, lw=2.2, label=f"door, {state}"))
     kinds = Counter(f for o in objects if (f := family(o.types)) is not None)
     for kind, _ in kinds.most_common(14):
         handles.append(Patch(fc=object_colour([kind]), ec="none", label=kind.replace("_", " ")))
-    for region in dict.fromkeys(_region_style(r) for r in storey.regions):
-        handles.append(
-            Patch(
-                fc=to_rgba(region[1], 0.12),
-                ec=region[1],
-                hatch=region[2],
-                label=region[0].replace("_", " "),
-            )
-        )
+    for name, colour, hatch in dict.fromkeys(_region_style(r) for r in storey.regions):
+        label_ = name.replace("_", " ")
+        handles.append(Patch(fc=to_rgba(colour, 0.12), ec=colour, hatch=hatch, label=label_))
     if handles:
         figure.legend(
             handles=handles,

@@ -19,13 +19,15 @@ AROUND: tuple[Offset, ...] = tuple(
     for a in np.deg2rad((90, -90, 0, 180, 45, 135, -45, -135))
 )
 
+PADDING = 1.5
+"""Around each text, points."""
+
 
 class Labels:
-    """The texts of a figure whose axes have their final size; `padding` around each in points."""
+    """The texts of a figure whose axes have their final size."""
 
-    def __init__(self, axes: Axes, padding: float = 1.5) -> None:
+    def __init__(self, axes: Axes) -> None:
         self.axes = axes
-        self.padding = padding
         self.taken: list[Box] = []
         self._shunned: list[Box] = []
         figure = axes.get_figure(root=True)
@@ -108,7 +110,7 @@ class Labels:
             box = patch.get_window_extent(self._renderer)
         else:
             box = Text.get_window_extent(artist, self._renderer)
-        x0, y0, x1, y1 = map(float, box.padded(self.padding * self._points).extents)
+        x0, y0, x1, y1 = map(float, box.padded(PADDING * self._points).extents)
         return x0, y0, x1, y1
 
     def _fits(self, box: Box, within: tuple[float, float]) -> bool:

@@ -29,11 +29,9 @@ class Projection(Protocol):
     @property
     def size(self) -> tuple[int, int]:
         """(width, height) of the picture, pixels."""
-        ...
 
     def project(self, points: Floats) -> Floats:
         """Return (..., 3)."""
-        ...
 
 
 @dataclass(frozen=True)
@@ -178,9 +176,3 @@ def _height(camera: Camera, y: Floats, depth: Floats) -> Floats:
 def quarters(image: NDArray[Any]) -> NDArray[Any]:
     """(4, height / 2, width / 2, ...): the four pixels of each square of 2 x 2."""
     return np.stack([image[i::2, j::2] for i in (0, 1) for j in (0, 1)])
-
-
-def as_bytes(image: NDArray[np.floating[Any]]) -> NDArray[np.uint8]:
-    """Colours of 0..1 as bytes."""
-    levels: NDArray[np.floating[Any]] = np.rint(np.clip(image, 0, 1) * 255)
-    return levels.astype(np.uint8)

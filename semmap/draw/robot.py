@@ -14,6 +14,7 @@ from matplotlib.ticker import MultipleLocator
 
 from semmap.draw.palette import INK, PAPER, PART_COLOURS
 from semmap.draw.scene3d import scene3d
+from semmap.draw.sheet import save_sheet
 from semmap.draw.view import ObjectView, StoreyView
 from semmap.geometry.mesh import Mesh, join
 from semmap.geometry.pose import Pose
@@ -90,10 +91,7 @@ def footprints_picture(parts: Sequence[Part], path: Path | str, title: str = "")
     )
     above.legend(loc="upper left", fontsize=8, frameon=True)
     figure.suptitle(title, x=0.02, ha="left", fontsize=13, weight="bold", color=INK)
-    path = Path(path)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    figure.savefig(path)
-    return path
+    return save_sheet(figure, path)
 
 
 def _frame(

@@ -4,20 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import pairwise
+from itertools import cycle, pairwise, permutations
 from pathlib import Path
+from typing import Any
 
 import numpy as np
-from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.axes import Axes
 from matplotlib.colors import to_rgb
-from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from semmap.draw.labels import AROUND, Labels
 from semmap.draw.palette import BOX_COLOURS, INK, PAPER, PATH, object_colour, room_colour
-from semmap.draw.rasteriser import Camera, as_bytes, quarters
+from semmap.draw.rasteriser import Camera, quarters
 from semmap.draw.shading import Surfaces, shade
-from semmap.draw.title import draw_title
+from semmap.draw.sheet import draw_title, rendered_sheet, save_sheet
 from semmap.draw.view import ObjectView, RoomView, StoreyView
 from semmap.geometry.mesh import Mesh, prism_mesh
 from semmap.geometry.parts import closed_parts
@@ -84,19 +84,19 @@ def scene3d(
     ValueError
         No room has an outline, and no object a mesh.
     """
+    eye = np.deg2rad(azimuth), np.deg2rad(elevation)
     storeys = sorted(storeys, key=lambda s: s.elevation)
     tall = max((r.high - r.low for s in storeys for r in s.rooms), default=cut) if boxes else cut
-    shifts = _shifts(storeys, np.deg2rad(azimuth), np.deg2rad(elevation), tall)
-    surfaces = [_surfaces(s, d, cut, tint_rooms) for s, d in zip(storeys, shifts, strict=True)]
-    rooms = [(room, shift) for s, shift in zip(storeys, shifts, strict=True) for room in s.rooms]
+    lifted = list(zip(storeys, _shifts(storeys, *eye, tall), strict=True))
+    surfaces = [_surfaces(s, shift, cut, tint_rooms) for s, shift in lifted]
+    rooms = [(room, shift) for s, shift in lifted for room in s.rooms]
+    routes = [_lifted(p, s.elevation + 0.08) + shift for s, shift in lifted for p in s.path]
     lines: list[_Line] = []
     if boxes:
-        for i, (room, shift) in enumerate(rooms):
-            colour = BOX_COLOURS[i % len(BOX_COLOURS)]
+        for (room, shift), colour in zip(rooms, cycle(BOX_COLOURS)):
             lines += [_Line(edge + shift, colour, 2.2) for edge in _box_edges(room)]
-    for s, shift in zip(storeys, shifts, strict=True):
-        lines += [_Line(_lifted(p, s.elevation + 0.08) + shift, PATH, 5.0) for p in s.path]
-    lines += _rides(storeys, shifts)
+    lines += [_Line(route, PATH, 5.0) for route in routes]
+    lines += _rides(routes)
 
     points = [_uncut_points(s) for s in surfaces] + [line.points for line in lines]
     everything = np.concatenate([np.zeros((0, 3)), *points])
@@ -104,7 +104,7 @@ def scene3d(
         raise ValueError(
             "the picture is empty: no room has an outline and no object a mesh; import some"
         )
-    camera = Camera.look(np.deg2rad(azimuth), np.deg2rad(elevation), everything, 2 * width, 0.035)
+    camera = Camera.look(*eye, everything, 2 * width, 0.035)
     w, h = (n // 2 for n in camera.size)
     picture = np.empty((h, w, 3), np.float32)
     picture[:] = to_rgb(PAPER)
@@ -114,29 +114,22 @@ def scene3d(
             _render(camera, storey, picture, depth)
 
     head = 130 if title else 0
-    figure = Figure(figsize=(w / 200, (h + head) / 200), dpi=200, facecolor=PAPER)
-    FigureCanvasAgg(figure)
-    axes = figure.add_axes((0, 0, 1, h / (h + head)))
-    figure.figimage(as_bytes(picture), origin="upper", zorder=-1)  # not resampled, as by axes
+    figure, axes = rendered_sheet(picture, 200, head)
     axes.set_xlim(0, 2 * w)
     axes.set_ylim(2 * h, 0)
-    axes.axis("off")
     if title:
         draw_title(figure, title, 1 - 60 / (h + head), 15)
     for line in lines:
         _draw_line(axes, camera, depth, line)
     labels = Labels(axes)
     if len(storeys) > 1:
-        for s, shift in zip(storeys, shifts, strict=True):
+        for s, shift in lifted:
             _name_storey(labels, camera, s, shift)
     if boxes:
-        _name_rooms(labels, camera, depth, rooms)
+        _name_rooms(labels, camera, rooms)
     if object_labels:
-        _name_objects(labels, camera, depth, storeys, shifts, cut)
-    path = Path(path)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    figure.savefig(path, facecolor=PAPER)
-    return path
+        _name_objects(labels, camera, depth, lifted, cut)
+    return save_sheet(figure, path)
 
 
 def _render(camera: Camera, storey: Surfaces, picture: NDArray[np.float32], depth: Floats) -> None:
@@ -186,40 +179,28 @@ def _ground(storey: StoreyView) -> Floats | None:
 
 def _surfaces(storey: StoreyView, shift: Floats, cut: float, tint: bool) -> Surfaces:
     """The surfaces of a storey, lifted by `shift`."""
-    triangles: list[Floats] = [np.zeros((0, 3, 3))]
-    colours: list[str] = []
-    cuts: list[float] = []
-    caps: list[bool] = []
-
-    def add(mesh: Mesh, colour: str, cut_at: float = np.inf, cap: bool = False) -> None:
-        triangles.append(mesh.triangles + shift)
-        colours.append(colour)
-        cuts.append(cut_at)
-        caps.append(cap)
-
+    meshes: list[tuple[Mesh, str, float, bool]] = []  # with its colour, cut and cap
     for room in storey.rooms:
         colour = room_colour(room.types, room.name) if tint else "#ece9e2"
         for polygon in getattr(room.outline, "geoms", [room.outline]):
-            add(prism_mesh(polygon, room.low - _SLAB, room.low + 0.006), colour)
+            floor = prism_mesh(polygon, room.low - _SLAB, room.low + 0.006)
+            meshes.append((floor, colour, np.inf, False))
     for entity in storey.objects:
         shown = _shown(entity, storey, cut)
-        if shown is not None and _is_cut(entity):
-            at = storey.elevation + cut + float(shift[2])
-            add(
-                shown,
-                entity.colour or object_colour(entity.types),
-                at,
-                bool(closed_parts(shown)[1].all()),
-            )
-        elif shown is not None:
-            add(shown, entity.colour or object_colour(entity.types))
-    counts = [len(t) for t in triangles[1:]]
+        if shown is not None:
+            is_cut = _is_cut(entity)
+            at = storey.elevation + cut + float(shift[2]) if is_cut else np.inf
+            cap = is_cut and bool(closed_parts(shown)[1].all())
+            meshes.append((shown, entity.colour or object_colour(entity.types), at, cap))
+    counts = [len(mesh.faces) for mesh, *_ in meshes]
     return Surfaces(
-        np.concatenate(triangles),
-        np.repeat(np.array([to_rgb(c) for c in colours]).reshape(-1, 3), counts, axis=0),
+        np.concatenate([np.zeros((0, 3, 3)), *(mesh.triangles + shift for mesh, *_ in meshes)]),
+        np.repeat(
+            np.reshape([to_rgb(colour) for _, colour, *_ in meshes], (-1, 3)), counts, axis=0
+        ),
         np.repeat(np.arange(len(counts), dtype=np.int32), counts),
-        np.repeat(np.array(cuts, float), counts),
-        np.repeat(np.array(caps, bool), counts),
+        np.repeat(np.array([at for *_, at, _ in meshes], float), counts),
+        np.repeat(np.array([cap for *_, cap in meshes], bool), counts),
     )
 
 
@@ -261,48 +242,33 @@ def _lifted(points: Floats, height: float) -> Floats:
     return np.column_stack([points[:, :2], np.full(len(points), height)])
 
 
-def _rides(storeys: Sequence[StoreyView], shifts: Sequence[Floats]) -> list[_Line]:
+def _rides(routes: Sequence[Floats]) -> list[_Line]:
     """Vertical lines from the end of a path on one storey to its start on another."""
-    ends = []
-    for s, shift in zip(storeys, shifts, strict=True):
-        for p in s.path:
-            lifted = _lifted(p, s.elevation + 0.08) + shift
-            ends.append((lifted[0], lifted[-1]))
     found = []
-    for i, (_, end) in enumerate(ends):
-        for j, (start, _) in enumerate(ends):
-            near = np.hypot(*(end[:2] - start[:2])) < 1.5
-            if i != j and near and abs(end[2] - start[2]) > 0.5:
-                found.append(_Line(np.stack([end, start]), PATH, 3.5, dashed=True))
+    for one, other in permutations(routes, 2):
+        end, start = one[-1], other[0]
+        if np.hypot(*(end[:2] - start[:2])) < 1.5 and abs(end[2] - start[2]) > 0.5:
+            found.append(_Line(np.stack([end, start]), PATH, 3.5, dashed=True))
     return found
 
 
-def _draw_line(axes: object, camera: Camera, depth: Floats, line: _Line) -> None:
+def _draw_line(axes: Axes, camera: Camera, depth: Floats, line: _Line) -> None:
     """Draw a line, faint where it is hidden."""
     pieces = []
     for a, b in pairwise(line.points):
         n = max(2, int(np.ceil(np.linalg.norm(b - a) / 0.05)))
         pieces.append(a + (b - a) * np.linspace(0, 1, n, endpoint=False)[:, None])
-    points = np.concatenate([*pieces, line.points[-1:]])
-    at = camera.project(points)
+    at = camera.project(np.concatenate([*pieces, line.points[-1:]]))
+    style: dict[str, Any] = {"color": line.colour, "lw": line.width * 0.6}
+    if line.dashed:
+        axes.plot(*at[:, :2].T, ls=(0, (1.2, 1.6)), dash_capstyle="round", **style)
+        return
+    style["solid_capstyle"] = "round"
+    axes.plot(*at[:, :2].T, **style, alpha=0.45 if line.colour == PATH else 0.28)
     column = np.clip(at[:, 0] // 2, 0, depth.shape[1] - 1).astype(int)
     row = np.clip(at[:, 1] // 2, 0, depth.shape[0] - 1).astype(int)
-    free = line.dashed | (depth[row, column] <= at[:, 2] + 0.06)
-    style = {"color": line.colour, "solid_capstyle": "round", "lw": line.width * 0.6}
-    plot = axes.plot  # type: ignore[attr-defined]
-    if line.dashed:
-        plot(
-            at[:, 0],
-            at[:, 1],
-            ls=(0, (1.2, 1.6)),
-            dash_capstyle="round",
-            color=line.colour,
-            lw=line.width * 0.6,
-        )
-        return
-    plot(at[:, 0], at[:, 1], **(style | {"alpha": 0.45 if line.colour == PATH else 0.28}))
-    visible = np.where(free, 1.0, np.nan)
-    plot(at[:, 0] * visible, at[:, 1], **style)
+    visible = np.where(depth[row, column] <= at[:, 2] + 0.06, 1.0, np.nan)
+    axes.plot(at[:, 0] * visible, at[:, 1], **style)
 
 
 def _name_storey(labels: Labels, camera: Camera, storey: StoreyView, shift: Floats) -> None:
@@ -311,64 +277,35 @@ def _name_storey(labels: Labels, camera: Camera, storey: StoreyView, shift: Floa
         return
     (x0, y0), (x1, y1) = bounds
     corners = np.array([[x, y, storey.elevation] for x in (x0, x1) for y in (y0, y1)]) + shift
-    at = camera.project(corners)
-    labels.put(
-        at[:, 0].min(),
-        at[:, 1].min(),
-        storey.name,
-        force=True,
-        ha="left",
-        va="top",
-        fontsize=11,
-        weight="bold",
-        color=INK,
-    )
+    x, y, _ = camera.project(corners).min(axis=0)
+    style = {"ha": "left", "va": "top", "fontsize": 11, "weight": "bold", "color": INK}
+    labels.put(x, y, storey.name, force=True, **style)
 
 
-def _name_rooms(
-    labels: Labels, camera: Camera, depth: Floats, rooms: Sequence[tuple[RoomView, Floats]]
-) -> None:
-    for i, (room, shift) in enumerate(rooms):
-        colour = BOX_COLOURS[i % len(BOX_COLOURS)]
+def _name_rooms(labels: Labels, camera: Camera, rooms: Sequence[tuple[RoomView, Floats]]) -> None:
+    around = ((0, 0), (0, 10), (0, -10), *AROUND)
+    style = {"fontsize": 7.5, "color": "white", "weight": "bold", "linespacing": 1.05}
+    for (room, shift), colour in zip(rooms, cycle(BOX_COLOURS)):
         centre = room.outline.representative_point()
-        at = camera.project(np.array([centre.x, centre.y, room.low]) + shift)
-        name = (
-            room.name
-            if not room.label or room.label in room.name
-            else (f"{room.name}\n{room.label}")
-        )
-        labels.put(
-            at[0],
-            at[1],
-            name,
-            offsets=((0, 0), (0, 10), (0, -10), *AROUND),
-            force=True,
-            fontsize=7.5,
-            color="white",
-            weight="bold",
-            linespacing=1.05,
-            leader={"color": colour, "lw": 0.8},
-            bbox={
-                "boxstyle": "round,pad=0.28,rounding_size=0.6",
-                "fc": colour,
-                "ec": "white",
-                "lw": 0.6,
-                "alpha": 0.93,
-            },
-        )
+        x, y, _ = camera.project(np.array([centre.x, centre.y, room.low]) + shift)
+        told = not room.label or room.label in room.name
+        name = room.name if told else f"{room.name}\n{room.label}"
+        plate = {"boxstyle": "round,pad=0.28,rounding_size=0.6", "fc": colour, "ec": "white"}
+        plate |= {"lw": 0.6, "alpha": 0.93}
+        leader = {"color": colour, "lw": 0.8}
+        labels.put(x, y, name, offsets=around, force=True, leader=leader, bbox=plate, **style)
 
 
 def _name_objects(
     labels: Labels,
     camera: Camera,
     depth: Floats,
-    storeys: Sequence[StoreyView],
-    shifts: Sequence[Floats],
+    lifted: Sequence[tuple[StoreyView, Floats]],
     cut: float,
 ) -> None:
     """Write the types of objects, the largest first, where there is space for them."""
     named: list[tuple[float, str, str, Floats]] = []
-    for storey, shift in zip(storeys, shifts, strict=True):
+    for storey, shift in lifted:
         for entity in storey.objects:
             shown = _shown(entity, storey, cut)
             if shown is None or not entity.types or UNNAMED & set(entity.types):
@@ -383,23 +320,12 @@ def _name_objects(
             wanted = 10.0 if {"food", "robot", "person"} & set(entity.types) else size
             named.append((wanted, entity.types[0], object_colour(entity.types), at))
     written: list[tuple[str, Floats]] = []
+    around, leader = ((0, 5), *AROUND), {"color": INK, "lw": 0.5}
     for _, name, colour, at in sorted(named, key=lambda item: -item[0]):
         if any(n == name and np.hypot(*(p - at)[:2]) < 90 for n, p in written):
             continue  # one name for several objects of a type
         written.append((name, at))
-        labels.put(
-            at[0],
-            at[1],
-            name.replace("_", " "),
-            offsets=((0, 5), *AROUND),
-            fontsize=6.2,
-            color=INK,
-            leader={"color": INK, "lw": 0.5},
-            bbox={
-                "boxstyle": "round,pad=0.18,rounding_size=0.5",
-                "fc": "white",
-                "ec": colour,
-                "lw": 0.9,
-                "alpha": 0.9,
-            },
-        )
+        plate = {"boxstyle": "round,pad=0.18,rounding_size=0.5", "fc": "white", "ec": colour}
+        style = {"fontsize": 6.2, "color": INK, "bbox": plate | {"lw": 0.9, "alpha": 0.9}}
+        text = name.replace("_", " ")
+        labels.put(at[0], at[1], text, offsets=around, leader=leader, **style)

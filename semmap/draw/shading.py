@@ -29,12 +29,6 @@ class Surfaces:
     cuts: Floats  # (F,) height above which it is cut away, inf for none
     caps: NDArray[np.bool_]  # (F,) its back, seen through the cut, is shown as the cut
 
-    def joined(self, other: Surfaces) -> Surfaces:
-        """Return these triangles and others as one."""
-        return Surfaces(
-            *(np.concatenate([getattr(self, n), getattr(other, n)]) for n in vars(self))
-        )
-
 
 def shade(
     camera: Camera, surfaces: Surfaces, background: Floats, cap: Floats, occlusion: float = 0.45
@@ -55,36 +49,28 @@ def shade(
     turned = outward @ camera.back < 0
     normal = np.where(turned[:, None], -outward, outward)
     f = face[seen]
-    sun = _direction(_SUN_AZIMUTH, _SUN_ELEVATION)
+    light = Camera.look(
+        _SUN_AZIMUTH, _SUN_ELEVATION, surfaces.triangles.reshape(-1, 3), _SHADOW_MAP
+    )
     open_sky = _ambient(camera, face, depth, normal, occlusion)[seen]
     lit = (
-        np.clip(normal @ sun, 0, None).astype(np.float32)[f]
-        * _sunlit(camera, surfaces, face, depth, normal)[seen]
+        np.clip(normal @ light.back, 0, None).astype(np.float32)[f]
+        * _sunlit(camera, light, surfaces, face, depth, normal)[seen]
     )
     sky = (_GROUND + (_SKY - _GROUND) * (0.5 + 0.5 * normal[:, 2])).astype(np.float32)[f]
-    light = sky * open_sky + _SUN * lit * (0.4 + 0.6 * open_sky)
+    brightness = sky * open_sky + _SUN * lit * (0.4 + 0.6 * open_sky)
     colour = _to_linear(surfaces.colours).astype(np.float32)[f]
-    colour *= light[:, None]
+    colour *= brightness[:, None]
     colour[:, 0] *= np.float32(1.02)  # a warm sun, a cool sky
     colour[:, 2] *= np.float32(0.985) + np.float32(0.03) * open_sky
     is_cap = (surfaces.caps & turned)[f]
     colour[is_cap] = _to_linear(cap[None])[0]
     picture[seen] = _to_srgb(colour)
 
-    edge = _edges(
-        camera,
-        face,
-        depth,
-        np.where((surfaces.caps & turned)[:, None], 9.0, normal),
-        surfaces.owners,
-    )
+    capped = np.where((surfaces.caps & turned)[:, None], 9.0, normal)
+    edge = _edges(camera, face, depth, capped, surfaces.owners)
     picture *= np.where(edge, np.float32(_EDGE), np.float32(1.0))[..., None]
     return picture, depth
-
-
-def _direction(azimuth: float, elevation: float) -> Floats:
-    ce = np.cos(elevation)
-    return np.array([np.cos(azimuth) * ce, np.sin(azimuth) * ce, np.sin(elevation)])
 
 
 def _normals(triangles: Floats) -> Floats:
@@ -108,12 +94,14 @@ def _positions(camera: Camera, y: Pixels, x: Pixels, depth: Floats) -> Floats:
 
 
 def _sunlit(
-    camera: Camera, surfaces: Surfaces, face: NDArray[np.int32], depth: Floats, normal: Floats
+    camera: Camera,
+    light: Camera,
+    surfaces: Surfaces,
+    face: NDArray[np.int32],
+    depth: Floats,
+    normal: Floats,
 ) -> NDArray[np.float32]:
     """(height, width) share of the sun's light: a shadow map, sampled at half resolution."""
-    light = Camera.look(
-        _SUN_AZIMUTH, _SUN_ELEVATION, surfaces.triangles.reshape(-1, 3), _SHADOW_MAP
-    )
     _, shadow = nearest_triangles(light, surfaces.triangles, surfaces.cuts)
     half = face[::2, ::2]
     y, x = np.nonzero(half >= 0)
@@ -153,29 +141,20 @@ def _ambient(
     slope_x, slope_y = slope_x.reshape(shape), slope_y.reshape(shape)
     hidden = np.zeros(shape)
     total = 0.0
+    reach = int(np.ceil(radius * scale)) + 1
+    around = np.pad(depth, reach, constant_values=-1e9)  # far away beyond the border
     for ring, weight in ((0.25, 1.0), (0.6, 0.8), (1.0, 0.6)):
         for angle in np.arange(8) * np.pi / 4 + ring:
             dx, dy = (
                 round(float(v) * radius * ring * scale) for v in (np.cos(angle), np.sin(angle))
             )
-            there = _shifted(depth, dx, dy)
+            there = around[reach + dy :, reach + dx :][: shape[0], : shape[1]]
             above = there - (depth + slope_x * dx + slope_y * dy)
             near = np.exp(-np.clip(above - radius, 0, None) / radius)
             hidden += weight * np.clip((above - 0.01) / (0.6 * radius * ring + 0.02), 0, 1) * near
             total += weight
     opened = np.clip(1.0 - 1.35 * gaussian_filter(hidden / total, 0.8), 0.15, 1.0)
     return _enlarged(opened.astype(np.float32), 4, whole)
-
-
-def _shifted(image: Floats, dx: int, dy: int) -> Floats:
-    """The image's values at (x + dx, y + dy); far away beyond its border."""
-    out = np.full_like(image, -1e9)
-    h, w = image.shape
-    if abs(dx) < w and abs(dy) < h:
-        ys, xs = slice(max(dy, 0), h + min(dy, 0)), slice(max(dx, 0), w + min(dx, 0))
-        yd, xd = slice(max(-dy, 0), h + min(-dy, 0)), slice(max(-dx, 0), w + min(-dx, 0))
-        out[yd, xd] = image[ys, xs]
-    return out
 
 
 def _edges(

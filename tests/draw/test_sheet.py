@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 from matplotlib.figure import Figure
 
-from semmap.draw.title import draw_title
+from semmap.draw.sheet import draw_title
 
 
 @pytest.mark.parametrize("inches", [2.0, 2.8, 11.0])
