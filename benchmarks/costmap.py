@@ -27,11 +27,11 @@ from semmap.geometry.pose import Pose
 from semmap.ingest.ontology.type_store import load_tbox
 from semmap.ingest.store.world_store import store_world
 from semmap.ingest.world import Entry, Shape, World
-from semmap.query.change_feed import changed_since, cursor
+from semmap.query.change_feed import changed_since
 from semmap.query.map_handle import MapHandle
 from semmap.query.storey_reader import read_entities, read_scene
 from semmap.robot import LinkGroup, load_robot, robot_parts
-from tests.seen import seen_by
+from tests.seen import cursor, seen_by
 
 __all__ = ["main"]
 

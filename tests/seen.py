@@ -20,3 +20,10 @@ def seen_by(connection: Connection | psycopg.Connection[Any]) -> Snapshot:
     if isinstance(connection, psycopg.Connection):
         return Snapshot(connection, row[0])
     return Snapshot.of(connection, row[0])
+
+
+def cursor(seen: Snapshot) -> str:
+    """Where what is seen lies in the history of the database."""
+    row = seen.session.execute("SELECT change_cursor()").fetchone()
+    assert row is not None
+    return str(row[0])

@@ -37,14 +37,14 @@ class EntityShape:
 
         Of a door, the ground of its closed leaf, where it has one.
         """
-        from semmap.query.shapes import read_footprint
+        from semmap.query.entity_shapes import read_footprint
 
         return read_footprint(self.map.connection, self.id)
 
     @property
     def mesh(self) -> trimesh.Trimesh | None:
         """Its triangles in the map's frame; None where it has none or no placement."""
-        from semmap.query.shapes import read_mesh
+        from semmap.query.entity_shapes import read_mesh
 
         return read_mesh(self.map.connection, self.id)
 
@@ -54,7 +54,7 @@ class EntityShape:
 
         A turned desk keeps its size; `box` is the box in the map's frame.
         """
-        from semmap.query.shapes import read_size
+        from semmap.query.entity_shapes import read_size
 
         return read_size(self.map.connection, self.id)
 
@@ -64,19 +64,19 @@ class EntityShape:
 
         Without geometry, both corners are its origin.
         """
-        from semmap.query.shapes import read_box
+        from semmap.query.entity_shapes import read_box
 
         return read_box(self.map.connection, self.id)
 
     @property
     def __geo_interface__(self) -> dict[str, Any]:
         """A GeoJSON Feature, its coordinates metres in the map's frame."""
-        from semmap.query.features import feature
+        from semmap.query.entity_shapes import feature
 
         return feature(self._shown())
 
     def _shown(self) -> dict[str, Any]:
-        from semmap.query.shapes import read_shapes
+        from semmap.query.entity_shapes import read_shapes
 
         rows = read_shapes(self.map.connection, [self.id])
         if not rows:

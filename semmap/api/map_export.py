@@ -20,8 +20,7 @@ class MapExport:
 
         Folium shows it as ``folium.GeoJson(house)`` on a ``folium.Map(crs="Simple")``.
         """
-        from semmap.query.features import feature_collection
-        from semmap.query.shapes import read_shapes
+        from semmap.query.entity_shapes import feature_collection, read_shapes
 
         return feature_collection(read_shapes(cast("Map", self).connection))
 
@@ -50,7 +49,7 @@ class MapExport:
         --------
         >>> house.to_geodataframe("room").area.sum()  # doctest: +SKIP
         """
-        from semmap.query.shapes import read_shapes
+        from semmap.query.entity_shapes import read_shapes
 
         try:
             import geopandas

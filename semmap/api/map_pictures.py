@@ -35,7 +35,7 @@ class MapPictures:
 
     def _repr_svg_(self) -> str:
         """The floor plan of the lowest storey: rooms, regions, doors and furniture."""
-        from semmap.query.shapes import read_shapes
+        from semmap.query.entity_shapes import read_shapes
 
         map = cast("Map", self)
         rows = read_shapes(map.connection)
@@ -59,7 +59,7 @@ class MapPictures:
 
 def room_svg(map: Map, entity: int) -> str:
     """The plan of the room of an entity, with the entity marked; empty without outlines."""
-    from semmap.query.shapes import read_shapes
+    from semmap.query.entity_shapes import read_shapes
 
     rows = map.execute(_IN_ROOM, entity)
     shapes = read_shapes(map.connection, [row[0] for row in rows])

@@ -22,6 +22,7 @@ from sqlalchemy.exc import DBAPIError
 
 from semmap.database.maps import driver_of, pick_map, see_map
 from semmap.database.notifications import notifications
+from semmap.query.entity_query import SETTLE
 from semmap.query.snapshot import Snapshot
 
 CHANNEL = "semmap"
@@ -126,7 +127,7 @@ class ChangeFeed:
                     changed = changed_since(seen, self.cursor)
                 yield Look(seen, changed, now, moment, rows)
                 if self._durable:
-                    settle(seen)
+                    driver.execute(SETTLE)
                 connection.commit()
         except DBAPIError as error:
             if error.connection_invalidated:
@@ -212,50 +213,19 @@ def shows_fields(payload: str, map_name: str | None) -> bool:
     return False
 
 
-def cursor(seen: Snapshot) -> str:
-    """The cursor of this transaction's snapshot."""
-    return str(seen.connection.execute(text("SELECT change_cursor()")).scalar_one())
-
-
 def changed_since(seen: Snapshot, since: str) -> frozenset[int] | None:
     """The entities of the map that changed after a cursor, deleted ones included.
 
     Those of which only a belief, a statement, an inference or a link changed are left out: their
     geometry and types are as before. None where the changes are not all kept.
     """
-    if not reaches_back(seen, since):
-        return None
-    rows = seen.connection.execute(
-        text(
-            "SELECT entities FROM changes_since(:since) "
-            "WHERE map_id = current_map() "
-            "AND what NOT IN ('belief', 'statement', 'inferred', 'linked')"
-        ),
+    row = seen.session.execute(
+        "SELECT CASE WHEN reaches_back(%(since)s) THEN ARRAY ("
+        "SELECT unnest(entities) FROM changes_since(%(since)s) WHERE map_id = current_map() "
+        "AND what NOT IN ('belief', 'statement', 'inferred', 'linked')) END",
         {"since": since},
-    )
-    return frozenset(number for (numbers,) in rows for number in numbers)
-
-
-def settle(seen: Snapshot) -> None:
-    """Write what a cursor of this transaction saw to disk when it commits.
-
-    A server that crashes assigns numbers of transactions again that it had not written yet; a
-    cursor that saw the first would take the second for seen. Needed where a cursor is stored
-    outside of the database.
-    """
-    seen.connection.execute(
-        text(
-            "SELECT set_config('synchronous_commit', 'local', true), CASE WHEN pg_is_in_recovery() "
-            "THEN NULL ELSE pg_logical_emit_message(true, 'semmap', '') END"
-        )
-    )
-
-
-def reaches_back(seen: Snapshot, since: str) -> bool:
-    """Whether all changes after a cursor are still kept."""
-    return bool(
-        seen.connection.execute(text("SELECT reaches_back(:since)"), {"since": since}).scalar()
-    )
+    ).fetchone()
+    return None if row is None or row[0] is None else frozenset(row[0])
 
 
 @contextmanager

@@ -115,28 +115,21 @@ def find(
     ValueError
         A point, box, distance or limit that is none.
     """
-    conditions = ["e.map_id = current_map()"]
-    values: dict[str, Any] = {}
+    patterned = name is not None and any(character in name for character in "*?")
+    given: dict[str, tuple[Any, str]] = {
+        "type": (type, "e.id IN (SELECT id FROM object WHERE type = %(type)s)"),
+        "label": (label, "(e.label = %(label)s OR e.type = ANY (subtypes(%(label)s)))"),
+        "holder": (holder, f"e.id IN (SELECT contents_of({_ID.format('holder')}))"),
+        "on": (on, f"p.relation = 'on' AND p.holder_id = {_ID.format('on')}"),
+        "name": (
+            _like(name) if name and patterned else name,
+            f"e.name {'LIKE' if patterned else '='} %(name)s",
+        ),
+        "where": (Jsonb(dict(where)) if where else None, "e.properties @> %(where)s"),
+    }
+    values: dict[str, Any] = {k: value for k, (value, _) in given.items() if value is not None}
+    conditions = ["e.map_id = current_map()", *(given[key][1] for key in values)]
     order, extra, source, is_close = "e.kind, e.name", "", "", False
-    if type is not None:
-        conditions.append("e.id IN (SELECT id FROM object WHERE type = %(type)s)")
-        values["type"] = type
-    if label is not None:
-        conditions.append("(e.label = %(label)s OR e.type = ANY (subtypes(%(label)s)))")
-        values["label"] = label
-    if holder is not None:
-        conditions.append(f"e.id IN (SELECT contents_of({_ID.format('holder')}))")
-        values["holder"] = holder
-    if on is not None:
-        conditions.append(f"p.relation = 'on' AND p.holder_id = {_ID.format('on')}")
-        values["on"] = on
-    if name is not None:
-        patterned = any(character in name for character in "*?")
-        conditions.append(f"e.name {'LIKE' if patterned else '='} %(name)s")
-        values["name"] = _like(name) if patterned else name
-    if where:
-        conditions.append("e.properties @> %(where)s")
-        values["where"] = Jsonb(dict(where))
     if box is not None:
         corners = _numbers(box, 6, "box")
         if not all(low <= high for low, high in zip(corners[:3], corners[3:], strict=True)):
@@ -335,7 +328,11 @@ SETTLE = (
     "SELECT set_config('synchronous_commit', 'local', true), CASE WHEN pg_is_in_recovery() "
     "THEN NULL ELSE pg_logical_emit_message(true, 'semmap', '') END"
 )
-"""Writes what this transaction saw to disk when it commits (`semmap.query.change_feed.settle`)."""
+"""Writes what a cursor of this transaction saw to disk when it commits.
+
+A server that crashes assigns numbers of transactions again that it had not written yet; a cursor
+that saw the first would take the second for seen. Needed where a cursor is stored outside of the
+database."""
 
 
 def _rows(

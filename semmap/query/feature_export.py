@@ -12,7 +12,7 @@ import psycopg
 import shapely
 from psycopg.rows import dict_row
 
-from semmap.query.shapes import read_shapes
+from semmap.query.entity_shapes import read_shapes
 
 Feature = tuple[shapely.Geometry | None, dict[str, Any]]
 

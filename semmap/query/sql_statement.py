@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
@@ -14,7 +15,6 @@ from psycopg.types.datetime import DateLoader, TimestampLoader, TimestamptzLoade
 
 from semmap.database.maps import driver_of
 from semmap.html_table import html_table
-from semmap.query.statements import READING, kind
 
 if TYPE_CHECKING:
     from sqlalchemy import Connection
@@ -23,6 +23,14 @@ SUPERUSER_NOTE = (
     "note: this login is a superuser, and a hostile statement could take that right back; "
     "to read what others wrote, log in as a reader (docs/semmap.md)"
 )
+
+
+READING = ("SELECT", "WITH", "VALUES", "TABLE", "EXPLAIN", "SHOW")
+"""Statements that return rows and, in a transaction that only reads, change nothing."""
+
+_SPACE = re.compile(r"(?:[\s;(]|--[^\r\n]*)*")
+_WORD = re.compile(r"[^\W\d]\w*")
+_COMMENT = re.compile(r"/\*|\*/")
 
 
 @dataclass(frozen=True)
@@ -135,6 +143,32 @@ def _check_that_it_reads(session: psycopg.Connection[Any], statement: str) -> No
         f"permission denied for {word}: without --write, semmap sql runs {', '.join(READING[:-1])} "
         f"and {READING[-1]}. Add --write to run it with all your rights, or use semmap db psql"
     )
+
+
+def kind(statement: str) -> str:
+    """The first word of a statement in capitals; empty if it does not begin with a word.
+
+    Comments, semicolons and parentheses before it do not count.
+
+    >>> kind("/* a /* b */ */ (select 1)")
+    'SELECT'
+    """
+    position = 0
+    while True:
+        space = _SPACE.match(statement, position)
+        position = space.end() if space else position
+        if not statement.startswith("/*", position):
+            break
+        depth = 0
+        for mark in _COMMENT.finditer(statement, position):
+            depth += 1 if mark[0] == "/*" else -1
+            if depth == 0:
+                position = mark.end()
+                break
+        else:
+            return ""
+    word = _WORD.match(statement, position)
+    return word[0].upper() if word else ""
 
 
 def _lenient(usual: type[Loader]) -> type[Loader]:

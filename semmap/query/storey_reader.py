@@ -7,6 +7,7 @@ without storeys is read as one storey that has the map's name.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime
@@ -52,7 +53,10 @@ FLOOR_TYPES = ("floor", "ground")
 """Entities of these types carry the floor of a storey without rooms."""
 
 _STOREYS = """
-SELECT e.name, s.elevation, s.entity_id AS id FROM storey s JOIN entity e ON e.id = s.entity_id
+SELECT e.name, e.id, s.elevation, s.elevation - :below AS low, coalesce(min(s.elevation) OVER (
+    ORDER BY s.elevation GROUPS BETWEEN 1 FOLLOWING AND UNBOUNDED FOLLOWING
+), s.elevation + :top) AS high
+FROM storey s JOIN entity e ON e.id = s.entity_id
 WHERE e.map_id = current_map() ORDER BY s.elevation, e.id
 """
 
@@ -139,19 +143,17 @@ def read_scene(
         There is no such storey, or it has no such room.
     """
     reading = _Reading(seen, moment=moment, voxels=voxels, assume_sizes=assume_sizes)
-    level = _storey_level(reading, storey)
-    inside = bounds
-    if rooms is not None:
-        inside = _bounds_of_rooms(seen, rooms, level, bounds)
+    level = _with_floor(reading, storey)
     where, values = _ON_STOREY, level.values
-    if inside is not None:
-        x0, y0, x1, y1 = inside
+    if rooms is not None:
+        bounds = _bounds_of_rooms(seen, rooms, level, bounds)
+    if bounds is not None:
+        x0, y0, x1, y1 = bounds
         where += _IN_BOUNDS
         values |= {"x0": x0 - margin, "y0": y0 - margin, "x1": x1 + margin, "y1": y1 + margin}
-    entities = [e for e in reading.entities(where, values) if not e.carried]
-    return StoreyScene(
-        storey, level.elevation, tuple(entities), _floor_areas(entities, rooms), level.band
-    )
+    entities = tuple(e for e in reading.entities(where, values) if not e.carried)
+    floors = _floor_areas(entities, rooms)
+    return StoreyScene(storey, level.elevation, entities, floors, level.band)
 
 
 def read_storeys(
@@ -159,14 +161,13 @@ def read_storeys(
     storey: str | None = None,
     *,
     moment: datetime | None = None,
-    triangles: bool = True,
     voxels: Mapping[int, Voxels] | None = None,
     assume_sizes: bool = False,
 ) -> list[StoreyScene]:
     """Return the storeys of the map with their contents, the lowest first, or only one of them.
 
-    Each mesh is read once, on however many storeys it shows; with `triangles` false, none is. The
-    other parameters are those of `read_scene`.
+    Each mesh is read once, on however many storeys it shows. The parameters are those of
+    `read_scene`.
 
     Raises
     ------
@@ -180,29 +181,18 @@ def read_storeys(
         text("SELECT EXISTS (SELECT FROM entity WHERE map_id = current_map())")
     ).scalar():
         raise LookupError("the map is empty: semmap import FILE fills it")
-    reading = _Reading(
-        seen, moment=moment, triangles=triangles, voxels=voxels, assume_sizes=assume_sizes
-    )
+    reading = _Reading(seen, moment=moment, voxels=voxels, assume_sizes=assume_sizes)
     pairs = reading.pairs()
     inventories: dict[str, list[SceneEntity]] = {s.name: [] for s in stated}
     for row, entity in pairs:
         inventories[_home(row, stated)].append(entity)
     found = []
-    for s in stated:
-        if storey not in (None, s.name):
-            continue
-        level = _storey_level(reading, s.name)
-        here = [e for row, e in pairs if not e.carried and _is_on(row, level)]
-        found.append(
-            StoreyScene(
-                s.name,
-                level.elevation,
-                tuple(here),
-                _floor_areas(here),
-                level.band,
-                tuple(inventories[s.name]),
-            )
-        )
+    for name in inventories if storey is None else [storey]:
+        level = _with_floor(reading, name)
+        here = tuple(e for row, e in pairs if not e.carried and _is_on(row, level))
+        inventory = tuple(inventories[name])
+        floors = _floor_areas(here)
+        found.append(StoreyScene(name, level.elevation, here, floors, level.band, inventory))
     return found
 
 
@@ -220,7 +210,8 @@ def read_entities(
     """Return placed entities of the map with their geometry, in the order of their ids.
 
     Only those of some `ids` and `kinds`, and in the scene of a `storey`, where these are given;
-    with `carried`, also what agents carry. The other parameters are those of `read_storeys`.
+    with `carried`, also what agents carry; without `triangles`, no meshes. The other parameters are
+    those of `read_scene`.
 
     Raises
     ------
@@ -233,7 +224,7 @@ def read_entities(
         where, values = "  AND e.id = ANY(:ids)\n", {"ids": [*ids]}
     if storey is not None:
         where += _ON_STOREY
-        values |= _storey_level(reading, storey).values
+        values |= _with_floor(reading, storey).values
     found = reading.entities(where, values, kinds=kinds)
     return [e for e in found if carried or not e.carried]
 
@@ -243,20 +234,15 @@ def read_entities(
 
 @dataclass(frozen=True)
 class _Storey:
-    """A storey as the map states it; `id` is None for a map without storeys."""
+    """A storey, the z of its floor, and the heights z that belong to it.
+
+    Without an id, it is the whole of a map without storeys.
+    """
 
     name: str
-    elevation: float | None
-    id: int | None
-
-
-@dataclass(frozen=True)
-class _StoreyLevel:
-    """The floor of a storey and the heights that belong to it, z in metres."""
-
-    id: int | None
-    elevation: float
-    band: tuple[float, float]
+    id: int | None = None
+    elevation: float = -math.inf
+    band: tuple[float, float] = (-math.inf, math.inf)
 
     @property
     def values(self) -> dict[str, Any]:
@@ -265,10 +251,11 @@ class _StoreyLevel:
 
 
 def _storeys(seen: Snapshot) -> list[_Storey]:
-    rows = seen.connection.execute(text(_STOREYS)).all()
-    if not rows:
-        return [_Storey(seen.name, None, None)]
-    return [_Storey(row.name, row.elevation, row.id) for row in rows]
+    """The storeys as the map states them, the lowest first."""
+    rows = seen.connection.execute(text(_STOREYS), {"below": BELOW, "top": TOP}).all()
+    return [_Storey(r.name, r.id, r.elevation, (r.low, r.high)) for r in rows] or [
+        _Storey(seen.name)
+    ]
 
 
 def _find(name: str, storeys: Sequence[_Storey]) -> _Storey:
@@ -278,56 +265,38 @@ def _find(name: str, storeys: Sequence[_Storey]) -> _Storey:
     raise LookupError(_unknown("storey", name, [s.name for s in storeys]))
 
 
-def _storey_level(reading: _Reading, name: str) -> _StoreyLevel:
-    """The floor of a storey: as its rooms or the map state it, else measured on its meshes."""
-    storeys = _storeys(reading.seen)
-    storey = _find(name, storeys)
-    if storey.elevation is None:
-        floor = _lowest_room(reading.seen)
-        if floor is None:
-            floor = _measured_floor(reading) or 0.0
-        return _StoreyLevel(None, floor, (floor - BELOW, floor + TOP))
-    elevation = storey.elevation
-    above = [s.elevation for s in storeys if s.elevation is not None and s.elevation > elevation]
-    band = elevation - BELOW, min(above, default=elevation + TOP)
-    level = _StoreyLevel(storey.id, elevation, band)
-    if _has_rooms(reading.seen, level):
-        return level
-    measured = _measured_floor(reading, level)
-    return level if measured is None else replace(level, elevation=measured)
+def _with_floor(reading: _Reading, name: str) -> _Storey:
+    """A storey with its floor: as its rooms or the map state it, else measured on its meshes."""
+    storey = _find(name, _storeys(reading.seen))
+    lowest = _lowest_room(reading.seen, storey)
+    if lowest is not None and storey.id is not None:
+        return storey
+    floor = _measured_floor(reading, storey) if lowest is None else lowest
+    if storey.id is None:
+        floor = floor or 0.0
+        return replace(storey, elevation=floor, band=(floor - BELOW, floor + TOP))
+    return storey if floor is None else replace(storey, elevation=floor)
 
 
-def _lowest_room(seen: Snapshot) -> float | None:
-    """The lowest floor that a room of the current map states."""
-    floor: float | None = seen.connection.execute(
-        text(
-            "SELECT min(w.pose[3] + r.floor) FROM entity e JOIN room r ON r.entity_id = e.id "
-            "JOIN world w ON w.entity_id = e.id WHERE e.map_id = current_map() AND e.kind = 'room'"
-        )
-    ).scalar_one()
+def _lowest_room(seen: Snapshot, storey: _Storey) -> float | None:
+    """The lowest floor that a room of a storey states."""
+    statement = (
+        "SELECT min(w.pose[3] + r.floor) FROM entity e JOIN room r ON r.entity_id = e.id "
+        "JOIN world w ON w.entity_id = e.id WHERE e.map_id = current_map()" + _ON_STOREY
+    )
+    floor: float | None = seen.connection.execute(text(statement), storey.values).scalar_one()
     return floor
 
 
-def _has_rooms(seen: Snapshot, level: _StoreyLevel) -> bool:
-    statement = (
-        "SELECT EXISTS (SELECT FROM world w JOIN entity e ON e.id = w.entity_id "
-        "WHERE e.map_id = current_map() AND e.kind = 'room'" + _ON_STOREY + ")"
-    )
-    return bool(seen.connection.execute(text(statement), level.values).scalar_one())
-
-
-def _measured_floor(reading: _Reading, level: _StoreyLevel | None = None) -> float | None:
-    """The floor that the meshes of a storey without rooms show, None where they show none.
-
-    Where `level` is None, the whole map is one storey.
-    """
-    where, values = ("", {}) if level is None else (_ON_STOREY, level.values)
-    ground = reading.entities(where + _OF_TYPES, values | {"types": [*FLOOR_TYPES]}, OBJECTS)
-    faces = [_faces(e) for e in ground if not e.carried]
-    near = None if level is None else (level.elevation - BELOW, level.elevation + BELOW)
-    found = floor_level(faces, near=near)
+def _measured_floor(reading: _Reading, storey: _Storey) -> float | None:
+    """The floor that the meshes of a storey without rooms show, None where they show none."""
+    stated = storey.elevation
+    near = None if storey.id is None else (stated - BELOW, stated + BELOW)
+    types = storey.values | {"types": [*FLOOR_TYPES]}
+    ground = reading.entities(_ON_STOREY + _OF_TYPES, types, OBJECTS)
+    found = floor_level([_faces(e) for e in ground if not e.carried], near=near)
     if found is None:
-        others = reading.entities(where, values, OBJECTS)
+        others = reading.entities(_ON_STOREY, storey.values, OBJECTS)
         found = floor_level([], [_faces(e) for e in others if not e.carried], near=near)
     return found
 
@@ -343,11 +312,11 @@ def _home(row: Any, storeys: Sequence[_Storey]) -> str:
     """The storey to which an entity belongs: its holder's, else the highest not above it."""
     if row.storey is not None:
         return str(row.storey)
-    below = [s for s in storeys if s.elevation is None or s.elevation <= row.low + BELOW]
+    below = [s for s in storeys if s.elevation <= row.low + BELOW]
     return (below or [*storeys[:1]])[-1].name
 
 
-def _is_on(row: Any, level: _StoreyLevel) -> bool:
+def _is_on(row: Any, level: _Storey) -> bool:
     """The condition `_ON_STOREY`, for a row that is already read."""
     if row.kind in ("room", "region") and level.id is not None and row.storey_id is not None:
         return bool(row.storey_id == level.id)
@@ -355,18 +324,18 @@ def _is_on(row: Any, level: _StoreyLevel) -> bool:
 
 
 def _bounds_of_rooms(
-    seen: Snapshot, rooms: Sequence[str], level: _StoreyLevel, bounds: Bounds | None
+    seen: Snapshot, rooms: Sequence[str], level: _Storey, bounds: Bounds | None
 ) -> Bounds:
     """The rectangle around rooms, and within bounds where they are given."""
     found = seen.connection.execute(
         text(
-            "SELECT e.name, ST_XMin(w.box) AS x0, ST_YMin(w.box) AS y0, ST_XMax(w.box) AS x1, "
-            "ST_YMax(w.box) AS y1 FROM world w JOIN entity e ON e.id = w.entity_id "
+            "SELECT e.name, ST_XMin(w.box), ST_YMin(w.box), ST_XMax(w.box), ST_YMax(w.box) "
+            "FROM world w JOIN entity e ON e.id = w.entity_id "
             "WHERE e.map_id = current_map() AND e.kind = 'room'" + _ON_STOREY
         ),
         level.values,
-    ).all()
-    known = {row.name: tuple(row)[1:] for row in found}
+    )
+    known = {name: box for name, *box in found}
     for room in rooms:
         if room not in known:
             raise LookupError(_unknown("room", room, [*known]))
@@ -427,37 +396,43 @@ class _Reading:
             {"kinds": [*(kinds or _KINDS)], "meshed": self._meshed, "clouded": self._clouded}
             | (values or {}),
         ).all()
-        self._fetch({m for row in rows for m in row.models or ()} - {*self._models})
-        self._fetch_clouds({m for row in rows for m in row.clouds or ()} - {*self._clouds})
-        names = {row.type for row in rows}
-        types = _supertypes(self.seen, names)
+        session = self.seen.session
+        models = {m for row in rows for m in row.models or ()} - self._models.keys()
+        clouds = {m for row in rows for m in row.clouds or ()} - self._clouds.keys()
+        self._models |= models_triangles(session, models) if models else {}
+        self._clouds |= models_points(session, clouds) if clouds else {}
+        types = _supertypes(self.seen, {row.type for row in rows})
         footprints = shapely.from_wkb(
             np.array([None if r.footprint is None else bytes(r.footprint) for r in rows], object)
         )
-        found = []
-        for row, footprint in zip(rows, footprints, strict=True):
-            entity = self._entity(row, footprint, types.get(row.type, (row.kind,)))
-            if entity.holds_at(self._moment):
-                found.append((row, entity))
-        return found
+        found = [
+            (row, self._entity(row, footprint, types.get(row.type, (row.kind,))))
+            for row, footprint in zip(rows, footprints, strict=True)
+        ]
+        return [(row, entity) for row, entity in found if entity.holds_at(self._moment)]
 
-    def _fetch(self, models: set[int]) -> None:
-        if models:
-            self._models |= models_triangles(self.seen.session, models)
-
-    def _fetch_clouds(self, models: set[int]) -> None:
-        if models:
-            self._clouds |= models_points(self.seen.session, models)
-
-    def _entity(
-        self,
-        row: Any,
-        footprint: Any,
-        types: tuple[str, ...],
-    ) -> SceneEntity:
+    def _entity(self, row: Any, footprint: Any, types: tuple[str, ...]) -> SceneEntity:
         pose = Pose(*row.pose)
         parts = [_placed(self._models[m], pose) for m in row.models or () if m in self._models]
-        entity = SceneEntity(
+        voxels = None if parts else self._voxels(row, pose)
+        own: dict[str, Any] = {}
+        if row.kind == "room":
+            floor = pose.z + row.floor
+            top = row.high if row.ceiling is None else pose.z + row.ceiling
+            own = {"floor": floor, "ceiling": _top(floor, top)}
+        elif row.kind == "region":
+            own = {"floor": row.low, "ceiling": _top(row.low, row.high)}
+        elif row.kind == "connector":
+            sides = (pose @ Pose(*row.pose_a), pose @ Pose(*row.pose_b))
+            own = {"form": row.form, "width": row.width, "sides": sides}
+            if not parts and voxels is None and self._meshed:
+                parts = [_leaf(pose, sides, row.width)]
+        elif row.kind == "object" and not parts and (voxels is None or voxels.corners is None):
+            size = next((self._sizes[t] for t in types if t in self._sizes), None)
+            if size is not None:
+                stand = Pose.planar(pose.x, pose.y, pose.yaw + row.front, pose.z)
+                parts, own = [_upright_box(*size, stand)], {"assumed": True}
+        return SceneEntity(
             row.id,
             row.name,
             row.kind,
@@ -471,25 +446,9 @@ class _Reading:
             row.label,
             row.storey,
             carried=row.carried,
-            voxels=None if parts else self._voxels(row, pose),
+            voxels=voxels,
+            **own,
         )
-        if row.kind == "room":
-            floor = pose.z + row.floor
-            top = row.high if row.ceiling is None else pose.z + row.ceiling
-            return replace(entity, floor=floor, ceiling=_top(floor, top))
-        if row.kind == "region":
-            return replace(entity, floor=row.low, ceiling=_top(row.low, row.high))
-        if row.kind == "connector":
-            sides = (pose @ Pose(*row.pose_a), pose @ Pose(*row.pose_b))
-            door = replace(entity, form=row.form, width=row.width, sides=sides)
-            if parts or door.voxels is not None or not self._meshed:
-                return door
-            return replace(door, triangles=_leaf(pose, sides, row.width))
-        size = next((self._sizes[t] for t in types if t in self._sizes), None)
-        if size is not None and entity.lacks_geometry:
-            box = _typical_box(size, pose, row.front)
-            return replace(entity, triangles=box, assumed=True)
-        return entity
 
     def _voxels(self, row: Any, pose: Pose) -> Voxels | None:
         """The given voxels of an entity, or those of its point clouds."""
@@ -546,25 +505,21 @@ def _leaf(frame: Pose, sides: tuple[Pose, Pose], width: float | None) -> NDArray
     """The box of a connector's opening, for a connector without a mesh."""
     a, b = sides
     thick, high = LEAF
-    half = (width or DOOR_WIDTH) / 2
     heading = np.arctan2(b.y - a.y, b.x - a.x) if (a.x, a.y) != (b.x, b.y) else frame.yaw
     middle = Pose.planar((a.x + b.x) / 2, (a.y + b.y) / 2, float(heading), min(a.z, b.z))
-    box = box_mesh((-thick / 2, -half, 0.0), (thick / 2, half, high))
-    return _placed(box.triangles, middle)
+    return _upright_box(thick, width or DOOR_WIDTH, high, middle)
 
 
-def _typical_box(size: tuple[float, float, float], pose: Pose, front: float) -> NDArray[np.float64]:
-    """An upright box on the point at which an object stands, its depth along the front."""
-    depth, width, height = size
+def _upright_box(depth: float, width: float, height: float, pose: Pose) -> NDArray[np.float64]:
+    """A box on the point at which something stands, its depth along the front."""
     box = box_mesh((-depth / 2, -width / 2, 0.0), (depth / 2, width / 2, height))
-    return _placed(box.triangles, Pose.planar(pose.x, pose.y, pose.yaw + front, pose.z))
+    return _placed(box.triangles, pose)
 
 
 def _floor_areas(
-    entities: Iterable[SceneEntity], rooms: Sequence[str] | None = None
+    entities: Sequence[SceneEntity], rooms: Sequence[str] | None = None
 ) -> tuple[FloorArea, ...]:
     """Rooms (only some), and the doorways between the poses before and behind each connector."""
-    entities = [*entities]
     found = [
         FloorArea(e.name, e.footprint, e.floor)
         for e in entities
@@ -576,9 +531,8 @@ def _floor_areas(
         if door.sides is None:
             continue
         a, b = door.sides
-        if (a.x, a.y) != (b.x, b.y):
-            line = shapely.LineString([(a.x, a.y), (b.x, b.y)])
-            if rooms is None or inside.intersects(line):
-                doorway = line.buffer((door.width or DOOR_WIDTH) / 2, cap_style="flat")
-                found.append(FloorArea(door.name, doorway, min(a.z, b.z)))
+        line = shapely.LineString([(a.x, a.y), (b.x, b.y)])
+        if line.length and (rooms is None or inside.intersects(line)):
+            doorway = line.buffer((door.width or DOOR_WIDTH) / 2, cap_style="flat")
+            found.append(FloorArea(door.name, doorway, min(a.z, b.z)))
     return tuple(found)

@@ -19,7 +19,7 @@ import pytest
 from sqlalchemy import URL, Engine
 from sqlalchemy.exc import DBAPIError
 
-from semmap.query.statements import READING
+from semmap.query.sql_statement import READING
 from tests.command_line import semmap
 
 SECRET = "what only the server's user can read"

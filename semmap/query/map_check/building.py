@@ -69,14 +69,15 @@ class CheckedBuilding:
         return float(top if stated is not None else max(top, self.floor(room) + 2.5))
 
     @cached_property
-    def _room_tree(self) -> STRtree:
+    def room_tree(self) -> STRtree:
+        """By the numbers of rooms."""
         return STRtree([room.outline for room in self.rooms])
 
     def shares(self, entity: CheckedEntity) -> dict[str, float]:
         """Which part of an entity's ground is in each room at the height of its middle."""
         ground, middle = entity.ground, float(entity.low[2] + entity.high[2]) / 2
         found = {}
-        for number in self._room_tree.query(ground, predicate="intersects"):
+        for number in self.room_tree.query(ground, predicate="intersects"):
             room = self.rooms[number]
             if self.floor(room) - CONTACT <= middle <= self.ceiling(room) + CONTACT:
                 area = ground.area
@@ -117,17 +118,16 @@ class CheckedBuilding:
         """Flat or tall and over half of a room; or tall, thin and between rooms."""
         if entity.outline is None:
             return False
-        tall, flat = (entity.high - entity.low)[2] >= TALL, (entity.high - entity.low)[2] <= SLAB
-        if not tall and not flat:
+        height = (entity.high - entity.low)[2]
+        if SLAB < height < TALL:
             return False
         around = shapely.box(*entity.low[:2], *entity.high[:2])
         if around.area >= 1:
-            for number in self._room_tree.query(around, predicate="intersects"):
-                outline = self.rooms[number].outline
-                assert outline is not None
-                if around.intersection(outline).area >= outline.area / 2:
+            for number in self.room_tree.query(around, predicate="intersects"):
+                ground = self.rooms[number].ground
+                if around.intersection(ground).area >= ground.area / 2:
                     return True
-        if not tall or not self.rooms:
+        if height < TALL or not self.rooms:
             return False
         sides = shapely.get_coordinates(entity.outline.minimum_rotated_rectangle)
         thin = min(np.linalg.norm(np.diff(sides[:3], axis=0), axis=1), default=0) <= WALL
@@ -156,18 +156,15 @@ class CheckedBuilding:
         """Floors that are only numbers: of rooms and storeys, and outside of them the lowest."""
         found = [(room.outline, self.floor(room)) for room in self.rooms]
         found += [(None, float(s.pose.z)) for s in self.storeys if s.pose is not None]
-        if not found:
-            found = [(None, min((float(e.low[2]) for e in self.solids), default=0.0))]
-        return found
+        return found or [(None, min((float(e.low[2]) for e in self.solids), default=0.0))]
 
     def gap_beneath(self, entity: CheckedEntity) -> tuple[float, str | None]:
         """Metres of air under an object, inf over nothing, and what is beneath: None is a floor."""
         least, name = np.inf, None
         for outline, z in self.grounds:
-            gap = max(float(entity.low[2]) - z, 0.0)
             meets = outline is None or outline.intersects(entity.ground)
-            if meets and float(entity.high[2]) >= z - CONTACT and gap < least:
-                least = gap
+            if meets and float(entity.high[2]) >= z - CONTACT:
+                least = min(least, max(float(entity.low[2]) - z, 0.0))
         if least <= FASTENED:
             return least, name
         under = entity.triangles[entity.face_boxes[0][:, 2] <= entity.low[2] + CONTACT]

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import partial
+from typing import Literal
 
 import numpy as np
 import shapely
@@ -14,7 +16,6 @@ from numpy.typing import NDArray
 from semmap.geometry.contact import overlap
 from semmap.geometry.pose import Pose
 from semmap.query.map_check.building import CONTACT, FASTENED, STEP, WALL, CheckedBuilding
-from semmap.query.map_check.finding import Finding, Severity
 from semmap.query.map_check.reader import CheckedEntity, read_checked_entities
 from semmap.query.snapshot import Snapshot
 
@@ -38,27 +39,34 @@ SHOWN = 5
 
 Floats = NDArray[np.float64]
 
+Severity = Literal["error", "warning", "note"]
+
 Found = Iterator[tuple[tuple[str, ...], str, str]]
 """The entities, the sentence and the fix of each finding of a rule."""
 
 
 @dataclass(frozen=True)
-class CheckRule:
-    """One row of the table."""
+class Finding:
+    """One place where a map disagrees with itself or with physics."""
 
-    kind: str
-    severity: Severity
-    find: Callable[[CheckedBuilding], Found]
-    safe: bool = False
+    kind: str  # of the table of rules, such as floating
+    severity: Severity  # an error makes answers wrong, a warning can, a note does not
+    entities: tuple[str, ...]
+    text: str
+    fix: str  # the call or statement that repairs it, or what to do by hand
+    safe: bool = False  # `fix` is SQL that changes only what is derived from the geometry
+
+    def __str__(self) -> str:
+        return f"{self.severity}: {self.kind}: {self.text}"
 
 
 def check_map(seen: Snapshot) -> list[Finding]:
     """Return what is wrong with the current map: errors first, then warnings and notes."""
     building = CheckedBuilding(read_checked_entities(seen.session))
     return [
-        Finding(rule.kind, rule.severity, names, text, fix, rule.safe)
-        for rule in RULES
-        for names, text, fix in rule.find(building)
+        Finding(kind, severity, names, text, fix, fix.startswith("SELECT "))
+        for kind, severity, find in RULES
+        for names, text, fix in find(building)
     ]
 
 
@@ -87,7 +95,8 @@ def _penetrating(building: CheckedBuilding) -> Found:
             if pair in done or _belongs(building, entity, other):
                 continue
             done.add(pair)
-            shared = None if _same_point(entity, other) else _shared(entity, other)
+            apart = np.abs(_stand(entity) - _stand(other)).max()
+            shared = None if apart <= SAME_POINT else _shared(entity, other)
             if shared is None:
                 continue
             small, large = sorted(
@@ -120,24 +129,21 @@ def _belongs(building: CheckedBuilding, one: CheckedEntity, two: CheckedEntity) 
     return fixed or (building.is_part(one) and building.is_part(two))
 
 
-def _same_point(one: CheckedEntity, two: CheckedEntity) -> bool:
-    if one.pose is None or two.pose is None:
-        return False
-    apart = np.append((one.low + one.high - two.low - two.high)[:2] / 2, one.low[2] - two.low[2])
-    return bool(np.abs(apart).max() <= SAME_POINT)
+def _stand(entity: CheckedEntity) -> Floats:
+    """The middle of an entity's lowest level."""
+    return np.append((entity.low + entity.high)[:2] / 2, entity.low[2])
 
 
 def _one_point(building: CheckedBuilding) -> Found:
     cells: dict[tuple[int, ...], list[CheckedEntity]] = {}
     for entity in building.objects:
-        middle = np.append((entity.low + entity.high)[:2] / 2, entity.low[2])
-        cells.setdefault(tuple(np.round(middle / SAME_POINT / 2).astype(int)), []).append(entity)
+        cell = np.round(_stand(entity) / SAME_POINT / 2).astype(int)
+        cells.setdefault(tuple(cell), []).append(entity)
     for group in cells.values():
         movable = [e for e in group if not building.is_part(e)]
         if len(movable) > 1:
             names = tuple(e.name for e in movable)
-            x, y = (movable[0].low + movable[0].high)[:2] / 2
-            z = movable[0].low[2]
+            x, y, z = _stand(movable[0])
             holder = movable[-1].holder
             fix = (
                 f"map[{names[-1]!r}].put_on({holder.name!r})"
@@ -170,45 +176,32 @@ def _outside(building: CheckedBuilding) -> Found:
         yield tuple(outdoors), text, "map.add_room(...) where robots are to reach them"
 
 
-def _rooms_overlap(building: CheckedBuilding) -> Found:
-    yield from _room_pairs(building, same=False)
-
-
-def _rooms_identical(building: CheckedBuilding) -> Found:
-    yield from _room_pairs(building, same=True)
-
-
 def _room_pairs(building: CheckedBuilding, same: bool) -> Found:
-    tree = building._room_tree
     for number, room in enumerate(building.rooms):
-        for other in (building.rooms[n] for n in np.sort(tree.query(room.outline)) if n > number):
+        for n in np.sort(building.room_tree.query(room.ground)):
+            other = building.rooms[n]
             low = max(building.floor(room), building.floor(other))
-            if min(building.ceiling(room), building.ceiling(other)) - low <= STEP:
+            high = min(building.ceiling(room), building.ceiling(other))
+            if n <= number or high - low <= STEP:
                 continue
-            assert room.outline is not None
-            assert other.outline is not None
-            common = room.outline.intersection(other.outline)
-            is_same = common.area >= 0.95 * room.outline.union(other.outline).area
+            common = room.ground.intersection(other.ground)
+            is_same = common.area >= 0.95 * room.ground.union(other.ground).area
             if is_same != same or common.buffer(-WALL / 2).is_empty:
                 continue
-            names = (room.name, other.name)
             what = "are the same place" if same else f"overlap in {common.area:.2f} m2"
             text = f"the rooms {room.name} and {other.name} {what}"
             fix = f"map[{other.name!r}].delete(), or draw one of them again in gis_room"
-            yield names, text, fix
+            yield (room.name, other.name), text, fix
 
 
 def _no_door(building: CheckedBuilding) -> Found:
     joined = {p for d in building.doors for p in (d.row["place_a"], d.row["place_b"])}
     for room in building.rooms if len(building.rooms) > 1 else ():
         if room.row["id"] not in joined:
-            assert room.outline is not None
+            floor = building.floor(room)
             near = min(
                 (r for r in building.rooms if r is not room),
-                key=lambda r: (
-                    abs(building.floor(r) - building.floor(room)),
-                    r.ground.distance(room.ground),
-                ),
+                key=lambda r: (abs(building.floor(r) - floor), r.ground.distance(room.ground)),
             )
             fix = f"map.add_door(name, {room.name!r}, {near.name!r}, ((x, y), (x, y)))"
             yield (room.name,), f"no door leads to the room {room.name}", fix
@@ -370,20 +363,20 @@ def _apart(small: CheckedEntity, large: CheckedEntity, shared: Floats) -> str:
     return _move(small, *away)
 
 
-RULES = (
-    CheckRule("stale pose", "error", _stale, safe=True),
-    CheckRule("wrong room", "error", _wrong_room, safe=True),
-    CheckRule("wrong holder", "error", _wrong_holder, safe=True),
-    CheckRule("identical rooms", "error", _rooms_identical),
-    CheckRule("door away from its room", "error", _far_doors),
-    CheckRule("things at one point", "error", _one_point),
-    CheckRule("overlapping rooms", "warning", _rooms_overlap),
-    CheckRule("room without a door", "warning", _no_door),
-    CheckRule("storey without a floor", "warning", _no_floor),
-    CheckRule("floating", "warning", _floating),
-    CheckRule("penetrating", "warning", _penetrating),
-    CheckRule("place without geometry", "warning", _shapeless_places),
-    CheckRule("outside of all rooms", "note", _outside),
-    CheckRule("without geometry", "note", _shapeless),
+RULES: tuple[tuple[str, Severity, Callable[[CheckedBuilding], Found]], ...] = (
+    ("stale pose", "error", _stale),
+    ("wrong room", "error", _wrong_room),
+    ("wrong holder", "error", _wrong_holder),
+    ("identical rooms", "error", partial(_room_pairs, same=True)),
+    ("door away from its room", "error", _far_doors),
+    ("things at one point", "error", _one_point),
+    ("overlapping rooms", "warning", partial(_room_pairs, same=False)),
+    ("room without a door", "warning", _no_door),
+    ("storey without a floor", "warning", _no_floor),
+    ("floating", "warning", _floating),
+    ("penetrating", "warning", _penetrating),
+    ("place without geometry", "warning", _shapeless_places),
+    ("outside of all rooms", "note", _outside),
+    ("without geometry", "note", _shapeless),
 )
 """By severity, the gravest first."""

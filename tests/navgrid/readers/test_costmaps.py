@@ -14,10 +14,10 @@ from navgrid.costmap import Costmap
 from navgrid.grid import scene_grid
 from navgrid.readers.costmaps import read_costmaps
 from semmap.ingest.regions.extraction import draw_region
-from semmap.query.change_feed import changed_since, cursor
+from semmap.query.change_feed import changed_since
 from semmap.query.storey_reader import read_entities, read_scene
 from tests.navgrid.scenes import ARM, BASE
-from tests.seen import seen_by
+from tests.seen import cursor, seen_by
 
 
 @pytest.fixture(scope="module")

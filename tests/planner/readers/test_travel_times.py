@@ -15,8 +15,7 @@ from planner.readers.travel_times import (
     store_travel_times,
 )
 from planner.robot_class import RobotClass
-from semmap.query.change_feed import cursor
-from tests.seen import seen_by
+from tests.seen import cursor, seen_by
 
 OFFICES = {"office4", "office2"}
 """Where desk4 stands, and what lies below: of a thing's storey nothing is taken for granted."""

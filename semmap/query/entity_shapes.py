@@ -1,8 +1,8 @@
-"""The shapes of entities: outlines and lines in the map's frame, boxes, meshes."""
+"""The shapes of entities: outlines and lines in the map's frame, boxes, meshes, GeoJSON."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -118,3 +118,23 @@ def read_mesh(session: Session, entity: int) -> trimesh.Trimesh | None:
     ]
     corners = np.concatenate(parts)
     return trimesh.Trimesh(corners, np.arange(len(corners)).reshape(-1, 3))
+
+
+def feature(row: Mapping[str, Any]) -> dict[str, Any]:
+    """The Feature of a row of `read_shapes`; free properties come along."""
+    shown = {k: v for k, v in row.items() if k not in ("id", "geometry", "properties")}
+    if row["kind"] != "connector":
+        del shown["state"]
+    geometry = row["geometry"]
+    return {
+        "type": "Feature",
+        "id": row["id"],
+        "geometry": None if geometry is None else shapely.geometry.mapping(geometry),
+        "properties": {**row["properties"], **shown},
+        **({} if geometry is None else {"bbox": geometry.bounds}),
+    }
+
+
+def feature_collection(rows: Iterable[Mapping[str, Any]]) -> dict[str, Any]:
+    """The FeatureCollection of rows of `read_shapes`."""
+    return {"type": "FeatureCollection", "features": [feature(row) for row in rows]}
