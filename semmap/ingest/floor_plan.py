@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 import shapely
 from numpy.typing import NDArray
-from shapely import LineString, Point, Polygon, STRtree
+from shapely import LineString, MultiPolygon, Point, Polygon, STRtree
 from shapely.ops import substring
 
 GRID = 1e-4
@@ -165,6 +165,11 @@ def rooms_beside(
         return best if best is not None and filled[best] > 0.1 * strip.area else None
 
     return Sides(beside(1), beside(-1))
+
+
+def middle_of(area: Polygon | MultiPolygon) -> Point:
+    """Return a point of the area, its centroid where that lies in it."""
+    return area.centroid if area.contains(area.centroid) else area.representative_point()
 
 
 def _segments(line: LineString) -> list[LineString]:

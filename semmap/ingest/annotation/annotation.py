@@ -5,31 +5,160 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
-from semmap.ingest.annotation.areas import (
-    add_elevator,
-    add_object,
-    add_region,
-    add_room,
-    add_storey,
-    overlaps,
-)
+import shapely
+from shapely import MultiPolygon, Point, Polygon
+
+from semmap.geometry.mesh import prism_mesh
+from semmap.geometry.outline import placed_outline
+from semmap.geometry.pose import Pose
 from semmap.ingest.annotation.connectors import add_connector
-from semmap.ingest.annotation.draft_world import Draft, DraftWorld
-from semmap.ingest.world import Kind, World
+from semmap.ingest.annotation.draft_world import Draft, DraftWorld, RoomArea
+from semmap.ingest.annotation.feature_file import Feature
+from semmap.ingest.annotation.feature_values import (
+    area_of,
+    drawn_as,
+    flag_of,
+    heading_of,
+    number,
+)
+from semmap.ingest.floor_plan import middle_of
+from semmap.ingest.openings import LEAF_HEIGHT
+from semmap.ingest.world import Kind, PlaceDetail, Refused, Shape, StoreyDetail, World
+
+ROOM_HEIGHT = 2.5
+"""Height of the solid of a room whose ceiling is unknown, metres."""
+
+THIN = 1e-6
+"""Least height of an entity that has one, metres."""
+
+
+def _add_storey(world: DraftWorld, draft: Draft) -> None:
+    """Add a storey: its elevation, its clear height, and its outline where it is drawn."""
+    feature = draft.feature
+    level = StoreyDetail(number(feature, "elevation") or 0.0, number(feature, "height"))
+    if level.height is not None and level.height < THIN:
+        raise Refused(f"its height is {level.height}", "Give the clear height in metres.")
+    shapes = []
+    if isinstance(feature.geometry, Polygon | MultiPolygon):
+        area = area_of(feature, world.out.notes)
+        shapes = [Shape("polygon", prism_mesh(area, 0.0, level.height or ROOM_HEIGHT), area)]
+    world.storeys[draft.name] = level
+    world.add(draft, Pose(z=level.elevation), None, detail=level, shapes=shapes)
+
+
+def _add_elevator(world: DraftWorld, draft: Draft) -> None:
+    """Add an elevator at the middle of what is drawn."""
+    geometry = draft.feature.geometry
+    pose = None
+    if geometry is not None:
+        middle = geometry.centroid
+        pose = Pose.planar(middle.x, middle.y, heading_of(draft.feature))
+    world.add(draft, pose, None)
+
+
+def _add_room(world: DraftWorld, draft: Draft) -> None:
+    """Add a room; its ceiling defaults to the storey's height."""
+    feature = draft.feature
+    storey = world.storey_of(feature)
+    floor = number(feature, "floor") or 0.0
+    ceiling = number(feature, "ceiling")
+    if ceiling is None and storey in world.storeys:
+        ceiling = world.storeys[storey].height
+    if ceiling is not None:
+        _check_heights(floor, ceiling)
+    place = PlaceDetail(floor, ceiling, world.elevator_of(feature))
+    top = ceiling if ceiling is not None else floor + ROOM_HEIGHT
+    pose, shapes = _placed(world, feature, storey, floor, top)
+    world.add(draft, pose, storey, detail=place, shapes=shapes)
+    if shapes:
+        world.rooms.append(RoomArea(draft.name, area_of(feature, []), storey, top))
+
+
+def _add_object(world: DraftWorld, draft: Draft) -> None:
+    """Add an object or agent; the import derives its holder where the feature names none."""
+    feature = draft.feature
+    storey = world.storey_of(feature) if feature.geometry is not None else None
+    floor, ceiling = number(feature, "floor") or 0.0, number(feature, "ceiling")
+    height = number(feature, "height")
+    if height is None and ceiling is not None:
+        height = ceiling - floor
+    if height is not None and height < THIN:
+        raise Refused("it has no height", "Give height in metres, or ceiling above floor.")
+    pose, shapes = _placed(world, feature, storey, 0.0, height)
+    if pose is not None:
+        pose = Pose(z=floor) @ pose
+    world.add(draft, pose, world.holder_of(feature) or storey, shapes=shapes)
+
+
+def _add_region(world: DraftWorld, draft: Draft) -> None:
+    """Add a region, held by the room that it lies in; it reaches to that room's ceiling."""
+    feature = draft.feature
+    for key in {"blocked", "home"} & feature.properties.keys():
+        feature.properties[key] = flag_of(feature.properties[key], key)
+    storey = world.storey_of(feature) if feature.geometry is not None else None
+    room = world.room_at(feature.geometry, storey)
+    floor, ceiling = number(feature, "floor") or 0.0, number(feature, "ceiling")
+    if ceiling is None:
+        ceiling = max(room.ceiling if room else ROOM_HEIGHT, floor + LEAF_HEIGHT)
+    _check_heights(floor, ceiling)
+    pose, shapes = _placed(world, feature, storey, floor, ceiling)
+    holder = world.holder_of(feature) or (room.name if room else storey)
+    world.add(draft, pose, holder, shapes=shapes)
+
+
+def _overlaps(rooms: list[RoomArea]) -> list[str]:
+    """Return a note for each two rooms of a storey that share floor: probably a slip."""
+    notes = []
+    tree = shapely.STRtree([room.area for room in rooms])
+    for i, room in enumerate(rooms):
+        for j in tree.query(room.area, predicate="intersects"):
+            other = rooms[j]
+            if j > i and room.storey == other.storey:
+                common = room.area.intersection(other.area).area
+                if common > 0.01:
+                    notes.append(f"{room.name} and {other.name} overlap by {common:.2f} m2")
+    return notes
+
+
+def _check_heights(floor: float, ceiling: float) -> None:
+    if ceiling < floor + THIN:
+        raise Refused(f"its ceiling {ceiling} is not above its floor {floor}", "Correct them.")
+
+
+def _placed(
+    world: DraftWorld, feature: Feature, storey: str | None, low: float, high: float | None
+) -> tuple[Pose | None, list[Shape]]:
+    """The pose and shape of a polygon or point in the map; without `high`, its outline alone."""
+    geometry = feature.geometry
+    yaw, elevation = heading_of(feature), world.elevation(storey)
+    if geometry is None:
+        return None, []
+    if isinstance(geometry, Point):
+        return Pose.planar(geometry.x, geometry.y, yaw, elevation), []
+    if not isinstance(geometry, Polygon | MultiPolygon):
+        raise Refused(f"is drawn as {drawn_as(feature)}", "Draw it as a polygon or a point.")
+    area = area_of(feature, world.out.notes)
+    middle = middle_of(area)
+    pose = Pose.planar(middle.x, middle.y, yaw, elevation)
+    own = placed_outline(area, pose.inverse())
+    if high is None:
+        return pose, [Shape("polygon", None, shapely.force_3d(own, low))]
+    return pose, [Shape("polygon", prism_mesh(own, low, high), own)]
+
 
 KINDS: dict[Kind, Callable[[DraftWorld, Draft], None]] = {
-    "storey": add_storey,
-    "elevator": add_elevator,
-    "room": add_room,
+    "storey": _add_storey,
+    "elevator": _add_elevator,
+    "room": _add_room,
     "connector": add_connector,
-    "region": add_region,
-    "object": add_object,
-    "agent": add_object,
+    "region": _add_region,
+    "object": _add_object,
+    "agent": _add_object,
 }
 """How each kind is added; a holder comes before what it holds."""
 
 
-def read_annotation(path: Path, name: str | None = None) -> World:
+def read_annotation(path: Path) -> World:
     """Return the world that the features of a GeoJSON file or GeoPackage describe.
 
     Coordinates are metres in the map's frame; heights (`floor`, `ceiling`) are above the feature's
@@ -54,9 +183,9 @@ def read_annotation(path: Path, name: str | None = None) -> World:
     WorldError
         The file as a whole cannot be trusted. A feature that cannot be used is in `skipped`.
     """
-    draft_world = DraftWorld(Path(path), name)
+    draft_world = DraftWorld(Path(path))
     for kind, add in KINDS.items():
         for draft in draft_world.drafts_of(kind):
             draft_world.attempt(draft.feature, add, draft_world, draft)
-    draft_world.out.notes += overlaps(draft_world.rooms)
+    draft_world.out.notes += _overlaps(draft_world.rooms)
     return draft_world.out

@@ -14,12 +14,11 @@ from semmap.ingest.annotation.feature_file import Feature
 from semmap.ingest.annotation.feature_values import (
     choice,
     line_of,
-    middle_of,
     number,
     supertypes,
     text,
 )
-from semmap.ingest.floor_plan import rooms_beside
+from semmap.ingest.floor_plan import middle_of, rooms_beside
 from semmap.ingest.openings import approach_pose, door_leaf
 from semmap.ingest.world import OUTSIDE, ConnectorDetail, Refused
 

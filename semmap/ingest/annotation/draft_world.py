@@ -13,7 +13,8 @@ from shapely import MultiPolygon, Polygon
 
 from semmap.geometry.pose import IDENTITY, Pose
 from semmap.ingest.annotation.feature_file import Feature, read_features
-from semmap.ingest.annotation.feature_values import kind_of, middle_of, number, text, type_of
+from semmap.ingest.annotation.feature_values import kind_of, number, text, type_of
+from semmap.ingest.floor_plan import middle_of
 from semmap.ingest.naming import unique_name
 from semmap.ingest.world import OUTSIDE, Entry, Kind, Refused, StoreyDetail, World
 
@@ -60,10 +61,10 @@ class DraftWorld:
     features, `storeys` and `rooms` those in `out`, the world so far.
     """
 
-    def __init__(self, path: Path, name: str | None) -> None:
+    def __init__(self, path: Path) -> None:
         self.file = read_features(path)
         self.out = World(
-            name or path.stem,
+            path.stem,
             path,
             skipped=self.file.skipped,
             notes=self.file.notes,

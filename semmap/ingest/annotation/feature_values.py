@@ -172,11 +172,6 @@ def area_of(feature: Feature, notes: list[str]) -> Polygon | MultiPolygon:
     return geometry
 
 
-def middle_of(area: Polygon | MultiPolygon) -> Point:
-    """Return a point of the area, its centroid where that lies in it."""
-    return area.centroid if area.contains(area.centroid) else area.representative_point()
-
-
 def line_of(feature: Feature, notes: list[str]) -> LineString:
     """Return the straight line of a connector, from its first to its last point."""
     geometry = feature.geometry

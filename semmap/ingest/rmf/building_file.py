@@ -6,8 +6,9 @@ system ``reference_image`` vertices are pixels with y down; here y is already up
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +17,9 @@ import yaml
 from semmap.ingest.world import Refused, Skipped, WorldError
 from semmap.limits import TEXT_BYTES
 from semmap.yaml_file import FAST, check_structure
+
+IS_IT_ONE = "Is it a building.yaml of the traffic editor?"
+
 
 LARGEST = 1e9
 """Pixels, metres or radians; also excludes NaN and infinity."""
@@ -122,36 +126,13 @@ class Building:
     levels: dict[str, LevelPlan]
     lifts: list[Lift]
     skipped: list[Skipped] = field(default_factory=list)
-
-    @classmethod
-    def read(cls, path: Path) -> Building:
-        """Read a file; a WorldError refuses one that is not a building, or is malformed."""
-        return _Reader(path).building(_load(path))
+    notes: list[str] = field(default_factory=list)
 
 
-def _load(path: Path) -> dict[str, Any]:
-    def fail(element: str, problem: str, fix: str) -> WorldError:
-        return WorldError(path, element, problem, fix)
-
-    TEXT_BYTES.check(path.stat().st_size, lambda p, f: fail("file", p, f), "Is it a building.yaml?")
-    try:
-        text = path.read_text(encoding="utf-8")
-        check_structure(
-            text, lambda line, p, f: fail(f"line {line}", p, f), loader=FAST, aliases=False
-        )
-        data = yaml.load(text, Loader=FAST)
-    except UnicodeDecodeError as error:
-        raise fail(f"byte {error.start}", "is not UTF-8", "Save the file as UTF-8.") from None
-    except yaml.YAMLError as error:
-        mark = getattr(error, "problem_mark", None)
-        where = f"line {mark.line + 1}" if mark else "file"
-        problem = getattr(error, "problem", None) or str(error).splitlines()[0]
-        raise fail(where, f"is not valid YAML: {problem}", "Is the file complete?") from None
-    except ValueError as error:
-        raise fail("file", f"has a value that YAML cannot hold: {error}", "Correct it.") from None
-    if not isinstance(data, dict):
-        raise fail("file", "is not a mapping", "Is it a building.yaml of the traffic editor?")
-    return data
+def read_building(path: Path) -> Building:
+    """Read a file; a WorldError refuses one that is not a building, or is malformed."""
+    reader = _Reader(path)
+    return reader.building(reader.load())
 
 
 def _number(value: object, what: str) -> float:
@@ -179,18 +160,15 @@ def _params(value: object) -> dict[str, Any]:
     for name, typed in _mapping({} if value is None else value, "its parameters").items():
         if not isinstance(typed, list) or len(typed) != 2:
             raise Refused(f"parameter {name} is not [type, value]", "Write it as such.")
-        if isinstance(typed[1], str):
-            found[_text(name)] = _text(typed[1])
-        elif isinstance(typed[1], bool):
-            found[_text(name)] = typed[1]
-        else:
-            _number(typed[1], f"parameter {name}")
-            found[_text(name)] = typed[1]
+        given = typed[1]
+        if not isinstance(given, str | bool):
+            _number(given, f"parameter {name}")
+        found[_text(name)] = _text(given) if isinstance(given, str) else given
     return found
 
 
 class _Reader:
-    """Makes a `Building` of the loaded YAML; collects what is left out."""
+    """Makes a `Building` of a file; collects what is left out."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
@@ -200,39 +178,51 @@ class _Reader:
     def fail(self, element: str, problem: str, fix: str) -> WorldError:
         return WorldError(self.path, element, problem, fix)
 
+    def load(self) -> dict[str, Any]:
+        large = partial(self.fail, "file")
+        TEXT_BYTES.check(self.path.stat().st_size, large, "Is it a building.yaml?")
+        try:
+            text = self.path.read_text(encoding="utf-8")
+            check_structure(
+                text, lambda line, p, f: self.fail(f"line {line}", p, f), loader=FAST, aliases=False
+            )
+            data = yaml.load(text, Loader=FAST)
+        except UnicodeDecodeError as error:
+            raise self.fail(f"byte {error.start}", "is not UTF-8", "Save it as UTF-8.") from None
+        except yaml.YAMLError as error:
+            mark = getattr(error, "problem_mark", None)
+            where = f"line {mark.line + 1}" if mark else "file"
+            problem = getattr(error, "problem", None) or str(error).splitlines()[0]
+            problem = f"is not valid YAML: {problem}"
+            raise self.fail(where, problem, "Is the file complete?") from None
+        except ValueError as error:
+            problem = f"has a value that YAML cannot hold: {error}"
+            raise self.fail("file", problem, "Correct it.") from None
+        if not isinstance(data, dict):
+            raise self.fail("file", "is not a mapping", IS_IT_ONE)
+        return data
+
     def building(self, data: dict[str, Any]) -> Building:
         system = str(data.get("coordinate_system", "reference_image"))
         if system not in COORDINATE_SYSTEMS:
-            raise self.fail(
-                "coordinate_system",
-                f"{system!r} is not read",
-                f"Save the building as one of {', '.join(COORDINATE_SYSTEMS)}.",
-            )
+            known = f"Save the building as one of {', '.join(COORDINATE_SYSTEMS)}."
+            raise self.fail("coordinate_system", f"{system!r} is not read", known)
         self.flip = COORDINATE_SYSTEMS[system]
         levels = data.get("levels")
         if not isinstance(levels, dict) or not levels:
             problem = "is missing" if "levels" not in data else "holds no level"
-            raise self.fail("levels", problem, "Is it a building.yaml of the traffic editor?")
+            raise self.fail("levels", problem, IS_IT_ONE)
         plans = {_text(name): self.level(_text(name), level) for name, level in levels.items()}
         if "" in plans:
             raise self.fail("levels", "has a level without a name", "Name it.")
         reference = _text(data.get("reference_level_name") or next(iter(plans)))
         if reference not in plans:
-            raise self.fail(
-                "reference_level_name",
-                f"{reference!r} is not a level of this building",
-                f"Name one of {', '.join(plans)}.",
-            )
+            problem = f"{reference!r} is not a level of this building"
+            raise self.fail("reference_level_name", problem, f"Name one of {', '.join(plans)}.")
         name = _text(data.get("building_name") or data.get("name") or "") or self.path.name
-        return Building(
-            self.path,
-            name,
-            system == "reference_image",
-            reference,
-            plans,
-            list(self.lifts(data.get("lifts"), plans, reference)),
-            self.skipped,
-        )
+        lifts = self.lifts(data.get("lifts"), plans, reference)
+        pixels = system == "reference_image"
+        return Building(self.path, name, pixels, reference, plans, lifts, self.skipped)
 
     def level(self, name: str, data: object) -> LevelPlan:
         where = f"levels/{name}"
@@ -242,55 +232,34 @@ class _Reader:
             elevation = _number(data.get("elevation", 0.0), "elevation")
         except Refused as error:
             raise self.fail(f"{where}/elevation", error.problem, error.fix) from None
-
         vertices: list[Vertex | None] = []
-        for element, item in self.items(data, where, "vertices"):
-            vertices.append(self.use(element, self.vertex, item))
 
-        def edges(key: str) -> list[Edge]:
-            found = [
-                self.use(element, self.edge, item, vertices, element)
-                for element, item in self.items(data, where, key)
-            ]
-            return [edge for edge in found if edge is not None]
+        def each(key: str, parse: Callable[..., Any]) -> list[Any]:
+            """The elements of a list, which may be missing or empty; None for an unusable one."""
+            items = [] if data.get(key) in (None, {}) else data[key]
+            if not isinstance(items, list):
+                raise self.fail(f"{where}/{key}", "is not a list", "Write one element a line.")
+            elements = [(f"{where}/{key}[{number}]", item) for number, item in enumerate(items)]
+            return [self.use(element, parse, item, element, vertices) for element, item in elements]
 
+        def usable(key: str, parse: Callable[..., Any]) -> list[Any]:
+            return [found for found in each(key, parse) if found is not None]
+
+        vertices += each("vertices", self.vertex)
         fiducials: dict[str, tuple[float, float]] = {}
-        for element, item in self.items(data, where, "fiducials"):
-            named = self.use(element, self.fiducial, item)
-            if named is not None:
-                fiducials.setdefault(named[0], named[1])
-        floors = [
-            self.use(element, self.floor, item, vertices, element)
-            for element, item in self.items(data, where, "floors")
-        ]
-        models = [
-            self.use(element, self.model, item, element)
-            for element, item in self.items(data, where, "models")
-        ]
+        for mark, at in usable("fiducials", self.fiducial):
+            fiducials.setdefault(mark, at)
         return LevelPlan(
             name,
             elevation,
             vertices,
             fiducials,
-            edges("measurements"),
-            edges("walls"),
-            edges("doors"),
-            edges("lanes"),
-            [floor for floor in floors if floor is not None],
-            [model for model in models if model is not None],
+            *(usable(key, self.edge) for key in ("measurements", "walls", "doors", "lanes")),
+            usable("floors", self.floor),
+            usable("models", self.model),
         )
 
-    def items(self, data: dict[str, Any], where: str, key: str) -> Iterator[tuple[str, Any]]:
-        """Yield the elements of a list, with their paths; the list may be missing or empty."""
-        found = data.get(key)
-        if found is None or found == {}:
-            return
-        if not isinstance(found, list):
-            raise self.fail(f"{where}/{key}", "is not a list", "Write one element a line.")
-        for number, item in enumerate(found):
-            yield f"{where}/{key}[{number}]", item
-
-    def use(self, element: str, parse: Any, *arguments: Any) -> Any:
+    def use(self, element: str, parse: Callable[..., Any], *arguments: Any) -> Any:
         """Return the result of `parse`, or None, with the reason in `skipped`."""
         try:
             return parse(*arguments)
@@ -298,40 +267,29 @@ class _Reader:
             self.skipped.append(Skipped(element, error.problem, error.fix))
             return None
 
-    def vertex(self, item: object) -> Vertex:
+    def vertex(self, item: object, element: str, vertices: list[Vertex | None]) -> Vertex:
         if not isinstance(item, list) or len(item) < 2:
             raise Refused("is not [x, y, z, name]", "Write it as such.")
         name = _text(item[3]) if len(item) > 3 and item[3] is not None else ""
         params = _params(item[4] if len(item) > 4 else None)
         return Vertex(_number(item[0], "x"), self.flip * _number(item[1], "y"), name, params)
 
-    def edge(self, item: object, vertices: list[Vertex | None], element: str) -> Edge:
+    def edge(self, item: object, element: str, vertices: list[Vertex | None]) -> Edge:
         if not isinstance(item, list) or len(item) < 2:
             raise Refused("is not [start, end, parameters]", "Write it as such.")
-        start, end = (self.reference(i, vertices) for i in item[:2])
+        start, end = (_reference(i, vertices) for i in item[:2])
         params = _params(item[2] if len(item) > 2 else None)
         if isinstance(params.get("graph_idx"), str):
             raise Refused("parameter graph_idx is not a number", "Write [2, 0] for graph 0.")
         return Edge(start, end, params, element)
 
-    def reference(self, index: object, vertices: list[Vertex | None]) -> int:
-        if isinstance(index, bool) or not isinstance(index, int):
-            raise Refused(f"refers to vertex {index!r}", "Refer by number.")
-        if not 0 <= index < len(vertices):
-            raise Refused(
-                f"refers to vertex {index}, which does not exist", "Draw it again between vertices."
-            )
-        if vertices[index] is None:
-            raise Refused(f"refers to vertex {index}, which is unusable", "Correct the vertex.")
-        return index
-
-    def floor(self, item: object, vertices: list[Vertex | None], element: str) -> FloorOutline:
+    def floor(self, item: object, element: str, vertices: list[Vertex | None]) -> FloorOutline:
         corners = _mapping(item, "it").get("vertices")
         if not isinstance(corners, list) or len(corners) < 3:
             raise Refused("has fewer than three vertices", "Draw the floor as a polygon.")
-        return FloorOutline(tuple(self.reference(i, vertices) for i in corners), element)
+        return FloorOutline(tuple(_reference(i, vertices) for i in corners), element)
 
-    def model(self, item: object, element: str) -> RmfModel:
+    def model(self, item: object, element: str, vertices: list[Vertex | None]) -> RmfModel:
         data = _mapping(item, "it")
         model = _text(data.get("model_name") or data.get("name") or "")
         if not model:
@@ -347,53 +305,49 @@ class _Reader:
             element,
         )
 
-    def fiducial(self, item: object) -> tuple[str, tuple[float, float]]:
+    def fiducial(
+        self, item: object, element: str, vertices: list[Vertex | None]
+    ) -> tuple[str, tuple[float, float]]:
         if not isinstance(item, list) or len(item) < 3:
             raise Refused("is not [x, y, name]", "Write it as such.")
         return _text(item[2]), (_number(item[0], "x"), self.flip * _number(item[1], "y"))
 
-    def lifts(self, data: object, plans: dict[str, LevelPlan], reference: str) -> Iterator[Lift]:
-        if data is None:
-            return
-        if not isinstance(data, dict):
+    def lifts(self, data: object, plans: dict[str, LevelPlan], reference: str) -> list[Lift]:
+        if not isinstance(data, dict | None):
             raise self.fail("lifts", "is not a mapping", "Write name: {...} for each lift.")
-        for name, item in data.items():
-            lift = self.use(f"lifts/{name}", self.lift, _text(name), item, plans, reference)
-            if lift is not None:
-                yield lift
+        found = [
+            self.use(f"lifts/{name}", self.lift, _text(name), item, plans, reference)
+            for name, item in (data or {}).items()
+        ]
+        return [lift for lift in found if lift is not None]
 
     def lift(self, name: str, item: object, plans: dict[str, LevelPlan], reference: str) -> Lift:
         data = _mapping(item, "it")
         if not name:
             raise Refused("has no name", "Name the lift.")
+        known = f"Name one of {', '.join(plans)}."
         level = _text(data.get("reference_floor_name") or reference)
         if level not in plans:
-            raise Refused(f"refers to level {level!r}", f"Name one of {', '.join(plans)}.")
+            raise Refused(f"refers to level {level!r}", known)
         width, depth = (_number(data.get(key), key) for key in ("width", "depth"))
         if width <= 0 or depth <= 0:
             raise Refused(f"measures {width} x {depth} m", "Give it a size above zero.")
         doors: dict[str, LiftDoor] = {}
         for key, value in _mapping(data.get("doors") or {}, "doors").items():
-            door = self.use(f"lifts/{name}/doors/{key}", self.lift_door, _text(key), value)
+            door = self.use(f"lifts/{name}/doors/{key}", _lift_door, _text(key), value)
             if door is not None:
                 doors[_text(key)] = door
         served: dict[str, tuple[str, ...]] = {}
         for key, value in _mapping(data.get("level_doors") or {}, "level_doors").items():
             element = f"lifts/{name}/level_doors/{key}"
             if _text(key) not in plans:
-                fix = f"Name one of {', '.join(plans)}."
-                self.skipped.append(Skipped(element, "is not a level of this building", fix))
+                self.skipped.append(Skipped(element, "is not a level of this building", known))
                 continue
             names = [_text(v) for v in value] if isinstance(value, list) else []
             unknown = [n for n in names if n not in doors]
             if unknown:
-                self.skipped.append(
-                    Skipped(
-                        element,
-                        f"names doors that the lift does not have: {unknown}",
-                        "Correct the name.",
-                    )
-                )
+                problem = f"names doors that the lift does not have: {unknown}"
+                self.skipped.append(Skipped(element, problem, "Correct the name."))
             served[_text(key)] = tuple(n for n in names if n in doors)
         if not served:
             raise Refused("serves no level", "Give it doors in the traffic editor.")
@@ -411,11 +365,23 @@ class _Reader:
             f"lifts/{name}",
         )
 
-    def lift_door(self, name: str, item: object) -> LiftDoor:
-        data = _mapping(item, "it")
-        width = _number(data.get("width"), "width")
-        if width <= 0:
-            raise Refused(f"is {width} m wide", "Give it a width above zero.")
-        yaw = _number(data.get("motion_axis_orientation", 0.0), "motion_axis_orientation")
-        x, y = (_number(data.get(key), key) for key in ("x", "y"))
-        return LiftDoor(name, x, y, width, yaw, int(_number(data.get("door_type", 0), "door_type")))
+
+def _reference(index: object, vertices: list[Vertex | None]) -> int:
+    if isinstance(index, bool) or not isinstance(index, int):
+        raise Refused(f"refers to vertex {index!r}", "Refer by number.")
+    if not 0 <= index < len(vertices):
+        problem = f"refers to vertex {index}, which does not exist"
+        raise Refused(problem, "Draw it again between vertices.")
+    if vertices[index] is None:
+        raise Refused(f"refers to vertex {index}, which is unusable", "Correct the vertex.")
+    return index
+
+
+def _lift_door(name: str, item: object) -> LiftDoor:
+    data = _mapping(item, "it")
+    width = _number(data.get("width"), "width")
+    if width <= 0:
+        raise Refused(f"is {width} m wide", "Give it a width above zero.")
+    yaw = _number(data.get("motion_axis_orientation", 0.0), "motion_axis_orientation")
+    x, y = (_number(data.get(key), key) for key in ("x", "y"))
+    return LiftDoor(name, x, y, width, yaw, int(_number(data.get("door_type", 0), "door_type")))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from semmap.geometry.pose import Pose
 from semmap.ingest.naming import unique_name
-from semmap.ingest.rmf.alignment import Alignment
+from semmap.ingest.rmf.alignment import align
 from semmap.ingest.rmf.building_file import Building, LevelPlan, Lift
 from semmap.ingest.world import OUTSIDE, Entry, Kind, Skipped, World
 
@@ -15,11 +15,12 @@ WALL_HEIGHT = 2.5
 class BuildingWorld:
     """A world `out` that grows; `storeys` and `elevators` name entries by level and lift."""
 
-    def __init__(self, building: Building, alignment: Alignment) -> None:
+    def __init__(self, building: Building) -> None:
         self.building = building
-        self.alignment = alignment
-        self.out = World(building.name, building.path, skipped=building.skipped)
-        self.out.notes += alignment.notes
+        self.to_map = align(building)
+        self.out = World(
+            building.name, building.path, skipped=building.skipped, notes=building.notes
+        )
         self._names: dict[str, Kind | None] = {OUTSIDE: None}
         self.storeys = {
             plan.name: self.add(Entry(plan.name, "storey", "storey", pose=Pose(z=plan.elevation)))
@@ -28,7 +29,7 @@ class BuildingWorld:
         self.elevators = {lift.name: self._add_elevator(lift) for lift in building.lifts}
 
     def add(self, entry: Entry, suffix: str = "") -> str:
-        """Add an entry under a free name, with a suffix if another kind has its; return it."""
+        """Add an entry under a free name, with a suffix if another kind has it; return it."""
         wanted = free = entry.name
         if self._names.get(wanted, entry.kind) != entry.kind:
             free += suffix
@@ -52,21 +53,17 @@ class BuildingWorld:
 
     def lift_pose(self, lift: Lift) -> Pose:
         """Return the pose of a cabin in the frame of any storey."""
-        to_map = self.alignment.levels[lift.reference_level]
-        (x, y), *_ = to_map.apply([(lift.x, lift.y)])
+        (x, y), *_ = self.to_map[lift.reference_level].apply([(lift.x, lift.y)])
         return Pose.planar(float(x), float(y), lift.yaw)
 
     def _add_elevator(self, lift: Lift) -> str:
-        pose = self.lift_pose(lift)
         initial = self.building.levels.get(lift.initial_level)
-        z = initial.elevation if initial else 0.0
         properties = {
             "levels": list(lift.level_doors),
             "initial_level": lift.initial_level,
             "width": lift.width,
             "depth": lift.depth,
         }
-        placed = Pose.planar(pose.x, pose.y, lift.yaw, z)
-        return self.add(
-            Entry(lift.name, "elevator", "elevator", properties=properties, pose=placed)
-        )
+        placed = self.lift_pose(lift)._replace(z=initial.elevation if initial else 0.0)
+        entry = Entry(lift.name, "elevator", "elevator", properties=properties, pose=placed)
+        return self.add(entry)

@@ -8,8 +8,9 @@ from dataclasses import dataclass
 
 import numpy as np
 import shapely
-from shapely import LineString, MultiPolygon, Polygon
+from shapely import LineString, Polygon
 
+from semmap.geometry.morphology import polygons
 from semmap.geometry.outline import placed_outline
 from semmap.ingest.rmf.building_file import Edge, LevelPlan, Lift, LiftDoor
 from semmap.ingest.rmf.building_world import BuildingWorld
@@ -45,7 +46,7 @@ class StoreyDrawing:
 
     def __init__(self, world: BuildingWorld, plan: LevelPlan) -> None:
         self._world, self.plan = world, plan
-        self.to_map = world.alignment.levels[plan.name]
+        self.to_map = world.to_map[plan.name]
         self.points = self.to_map.apply(
             [(v.x, v.y) if v else (0.0, 0.0) for v in plan.vertices] or np.empty((0, 2))
         )
@@ -69,21 +70,18 @@ class StoreyDrawing:
         away = np.linalg.norm(self.points - middle, axis=1)
         far = {i for i in usable if not away[i] <= EXTENT.value}
         for i in sorted(far):
-            self._world.skip(
-                f"levels/{self.plan.name}/vertices[{i}]",
-                f"lies {away[i]:.0f} m from the middle of its level",
-                "Move it to where it belongs.",
-            )
+            element = f"levels/{self.plan.name}/vertices[{i}]"
+            problem = f"lies {away[i]:.0f} m from the middle of its level"
+            self._world.skip(element, problem, "Move it to where it belongs.")
         return far
 
     def _near(self, indices: Iterable[int], element: str) -> bool:
         """Return whether all vertices are near; if not, the element is left out."""
-        if not self.far.isdisjoint(indices):
-            self._world.skip(
-                element, "refers to a vertex that lies far away", "Correct the vertex."
-            )
-            return False
-        return True
+        near = self.far.isdisjoint(indices)
+        if not near:
+            problem = "refers to a vertex that lies far away"
+            self._world.skip(element, problem, "Correct the vertex.")
+        return near
 
     def lines(self, edges: Sequence[Edge]) -> list[tuple[Edge, LineString]]:
         """Return the usable edges, each with its line."""
@@ -100,11 +98,8 @@ class StoreyDrawing:
 
     def _door(self, edge: Edge, line: LineString) -> DrawnDoor:
         name = str(edge.params.get("name") or f"{self.plan.name}-door{edge.start}-{edge.end}")
-        properties = {
-            ("door_type" if key == "type" else key): edge.params[key]
-            for key in DOOR_PROPERTIES
-            if key in edge.params
-        }
+        given = {key: edge.params[key] for key in DOOR_PROPERTIES if key in edge.params}
+        properties = {("door_type" if k == "type" else k): v for k, v in given.items()}
         return DrawnDoor(line, name, properties, f"{edge.element} ({name})")
 
     def _lift_door(self, lift: Lift, door: LiftDoor) -> DrawnDoor:
@@ -128,8 +123,9 @@ class StoreyDrawing:
             if not self._near(floor.vertices, floor.element):
                 continue
             drawn = shapely.make_valid(Polygon(self.points[list(floor.vertices)]))
-            parts = [p for p in shapely.get_parts(drawn) if isinstance(p, Polygon | MultiPolygon)]
-            parts = [p for part in parts for p in shapely.get_parts(part) if p.area > 1e-6]
+            parts = [
+                p for part in shapely.get_parts(drawn) for p in polygons(part) if p.area > 1e-6
+            ]
             if not parts:
                 self._world.skip(floor.element, "encloses no area", "Draw the floor again.")
             floors += parts

@@ -8,13 +8,12 @@ from dataclasses import dataclass
 
 import numpy as np
 import shapely
-from numpy.typing import NDArray
 from shapely import LineString, Point, Polygon
 
 from semmap.geometry.mesh import prism_mesh
 from semmap.geometry.outline import placed_outline
 from semmap.geometry.pose import Pose
-from semmap.ingest.floor_plan import FloorPlan, enclose, rooms_beside
+from semmap.ingest.floor_plan import FloorPlan, enclose, middle_of, rooms_beside
 from semmap.ingest.naming import give_type, words
 from semmap.ingest.openings import approach_pose, door_leaf
 from semmap.ingest.rmf.building_file import Edge, LevelPlan, RmfModel
@@ -113,12 +112,11 @@ class StoreyEntries:
     def _storey_entry(self) -> None:
         entry = next(e for e in self.world.out.entries if e.name == self.holder)
         entry.detail = StoreyDetail(self.plan.elevation, self.height)
-        named = sum(1 for v in self.plan.vertices if v and v.name)
         entry.properties = {
             "walls": len(self.plan.walls),
             "doors": len(self.plan.doors),
             "lanes": len(self.plan.lanes),
-            "named_places": named,
+            "named_places": sum(1 for v in self.plan.vertices if v and v.name),
             "models": len(self.plan.models),
         }
         if self.drawing.floors:
@@ -126,40 +124,26 @@ class StoreyEntries:
             entry.shapes = [Shape("polygon", prism_mesh(outline, 0.0, self.height), outline)]
 
     def _wall_entry(self) -> None:
-        if not self.drawing.walls:
+        drawing = self.drawing
+        if not drawing.walls:
             return
-        solid = shapely.union_all(
-            [w.buffer(WALL_THICKNESS / 2, cap_style="square") for w in self.drawing.walls]
-        )
-        openings = [d.line.buffer(WALL_THICKNESS, cap_style="flat") for d in self.drawing.doors] + [
-            d.line.buffer(SHAFT_REACH, cap_style="flat") for d in self.drawing.lift_doors.values()
-        ]
-        outline = shapely.difference(solid, shapely.union_all(openings))
-        self.world.add(
-            Entry(
-                f"walls-{self.plan.name}",
-                "object",
-                "wall",
-                properties={"walls": len(self.drawing.walls), "thickness": WALL_THICKNESS},
-                holder=self.holder,
-                shapes=[Shape("mesh", prism_mesh(outline, 0.0, self.height), outline)],
-            )
-        )
+        walls = [w.buffer(WALL_THICKNESS / 2, cap_style="square") for w in drawing.walls]
+        doors = [d.line.buffer(WALL_THICKNESS, cap_style="flat") for d in drawing.doors]
+        lifts = [d.line.buffer(SHAFT_REACH, cap_style="flat") for d in drawing.lift_doors.values()]
+        outline = shapely.difference(shapely.union_all(walls), shapely.union_all(doors + lifts))
+        entry = Entry(f"walls-{self.plan.name}", "object", "wall", holder=self.holder)
+        entry.properties = {"walls": len(drawing.walls), "thickness": WALL_THICKNESS}
+        entry.shapes = [Shape("mesh", prism_mesh(outline, 0.0, self.height), outline)]
+        self.world.add(entry)
 
     def _room_entries(self, layout: FloorPlan) -> None:
         named = self._namesakes(layout.rooms)
         for number, face in enumerate(layout.rooms, 1):
             name = named.get(number - 1)
-            kind = (
-                next((w for w in reversed(words(name)) if w in ROOM_TYPES), None) if name else None
-            )
-            middle = face.centroid if face.contains(face.centroid) else face.representative_point()
-            self._space(
-                Entry(name or f"{self.plan.name}-room{number}", "room", kind or "room"),
-                face,
-                Pose(middle.x, middle.y),
-                None,
-            )
+            kind = next((w for w in reversed(words(name or "")) if w in ROOM_TYPES), "room")
+            middle = middle_of(face)
+            entry = Entry(name or f"{self.plan.name}-room{number}", "room", kind)
+            self._space(entry, face, Pose(middle.x, middle.y), None)
 
     def _namesakes(self, rooms: Sequence[Polygon]) -> dict[int, str]:
         """Return the names of rooms: of the one named vertex in each that is not equipment."""
@@ -192,9 +176,8 @@ class StoreyEntries:
         sides = rooms_beside([room.outline for room in rooms], door.line)
         left, right = (rooms[i] if i is not None else None for i in (sides.left, sides.right))
         if left is None and right is None:
-            self.world.skip(
-                door.element, "touches no room", "Join it to walls that enclose a room."
-            )
+            fix = "Join it to walls that enclose a room."
+            self.world.skip(door.element, "touches no room", fix)
         else:
             self._connector(door, left, right, "door", "pass_door")
 
@@ -223,34 +206,28 @@ class StoreyEntries:
         door: DrawnDoor,
         left: DrawnRoom | None,
         right: DrawnRoom | None,
-        form: str,
+        type_: str,
         behaviour: str,
     ) -> None:
+        """Add a connector whose x leads from its left to its right, or outward."""
         first, second = (left, right) if left is not None else (right, None)
         assert first is not None
-        frame = _frame(door.line, left, right)
+        (ax, ay), (bx, by) = shapely.get_coordinates(door.line)
+        yaw = math.atan2(by - ay, bx - ax) + (math.pi / 2 if left is None else -math.pi / 2)
+        frame = Pose.planar((ax + bx) / 2, (ay + by) / 2, yaw)
         behind = second.outline if second is not None else None
-        poses = approach_pose(frame, first.outline, -1), approach_pose(frame, behind, 1)
         width = float(str(door.properties.get("width", door.line.length)))
-        self.world.add(
-            Entry(
-                door.name,
-                "connector",
-                form,
-                properties=door.properties,
-                holder=self.holder,
-                pose=frame,
-                shapes=[] if form == "opening" else [door_leaf(width)],
-                detail=ConnectorDetail(
-                    (first.name, second.name if second is not None else OUTSIDE),
-                    poses,
-                    type="elevator_door" if form == "elevator_door" else "door",
-                    behaviour=behaviour,
-                    width=width,
-                ),
-            ),
-            "-door",
+        detail = ConnectorDetail(
+            (first.name, second.name if second is not None else OUTSIDE),
+            (approach_pose(frame, first.outline, -1), approach_pose(frame, behind, 1)),
+            type="elevator_door" if type_ == "elevator_door" else "door",
+            behaviour=behaviour,
+            width=width,
         )
+        entry = Entry(door.name, "connector", type_, holder=self.holder, pose=frame, detail=detail)
+        entry.properties = door.properties
+        entry.shapes = [] if type_ == "opening" else [door_leaf(width)]
+        self.world.add(entry, "-door")
 
     def _place_entries(self) -> None:
         """Add named vertices and the ends of lanes as regions, lanes as links between them."""
@@ -262,27 +239,14 @@ class StoreyEntries:
                 continue
             wanted = vertex.name or f"{self.plan.name}-waypoint{i}"
             type_ = next((t for key, t in PLACE_TYPES if vertex.params.get(key)), "waypoint")
+            entry = Entry(wanted, "region", type_, vertex.name or None, dict(vertex.params))
             x, y = (float(v) for v in self.drawing.points[i])
-            holder, pose = self._held(Pose(x, y))
-            entries[i] = self.world.add(
-                Entry(
-                    wanted,
-                    "region",
-                    type_,
-                    label=vertex.name or None,
-                    properties=dict(vertex.params),
-                    holder=holder,
-                    pose=pose,
-                ),
-                "-waypoint",
-            )
+            entry.holder, entry.pose = self._held(Pose(x, y))
+            entries[i] = self.world.add(entry, "-waypoint")
         links: dict[tuple[str, str], WorldLink] = {}
         for lane in lanes:
-            ends_of_lane = (entries[lane.start], entries[lane.end])
-            link = links.setdefault(
-                ends_of_lane, WorldLink(ends_of_lane[0], "lane", ends_of_lane[1])
-            )
-            _describe_lane(link, lane)
+            start, end = entries[lane.start], entries[lane.end]
+            _describe_lane(links.setdefault((start, end), WorldLink(start, "lane", end)), lane)
         self.world.out.links += links.values()
 
     def _held(self, pose: Pose) -> tuple[str, Pose]:
@@ -293,29 +257,19 @@ class StoreyEntries:
 
     def _model_entry(self, model: RmfModel) -> None:
         (x, y), *_ = self.drawing.to_map.apply([(model.x, model.y)])
-        middle: NDArray[np.float64] = (
-            np.median(self.drawing.points, axis=0) if len(self.drawing.points) else np.zeros(2)
-        )
+        points = self.drawing.points
+        middle = np.median(points, axis=0) if len(points) else (0.0, 0.0)
         away = math.hypot(x - middle[0], y - middle[1], model.z)
         if EXTENT.exceeded_by(away):
-            self.world.skip(
-                f"{model.element} ({model.name})",
-                f"stands {away:.0f} m from the middle of its level",
-                "Move it to where it belongs.",
-            )
+            element = f"{model.element} ({model.name})"
+            problem = f"stands {away:.0f} m from the middle of its level"
+            self.world.skip(element, problem, "Move it to where it belongs.")
             return
         own = model.model.rpartition("/")[2]
+        entry = Entry(model.name.rpartition("/")[2], "object", "_".join(words(own)) or None, own)
+        entry.properties = {"model": model.model, "static": model.static}
         yaw = model.yaw + self.drawing.to_map.yaw
-        holder, pose = self._held(Pose.planar(float(x), float(y), yaw, model.z))
-        entry = Entry(
-            model.name.rpartition("/")[2],
-            "object",
-            "_".join(words(own)) or None,
-            label=own,
-            properties={"model": model.model, "static": model.static},
-            holder=holder,
-            pose=pose,
-        )
+        entry.holder, entry.pose = self._held(Pose.planar(float(x), float(y), yaw, model.z))
         give_type(entry, (own,))
         self.world.add(entry)
 
@@ -329,12 +283,3 @@ def _describe_lane(link: WorldLink, lane: Edge) -> None:
     for key in LANE_PROPERTIES:
         if lane.params.get(key):
             about[key] = lane.params[key]
-
-
-def _frame(line: LineString, left: DrawnRoom | None, right: DrawnRoom | None) -> Pose:
-    """Return the frame of a door: x leads from its left to its right, or outward."""
-    (ax, ay), (bx, by) = shapely.get_coordinates(line)
-    along = math.atan2(by - ay, bx - ax)
-    inward = left is None and right is not None
-    yaw = along + (math.pi / 2 if inward else -math.pi / 2)
-    return Pose.planar((ax + bx) / 2, (ay + by) / 2, yaw)

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from semmap.ingest.rmf.similarity import Similarity, fit_similarity
+from semmap.ingest.rmf.alignment import Similarity, fit_similarity
 
 coordinates = st.floats(-1000, 1000)
 points = st.lists(st.tuples(coordinates, coordinates), min_size=2, max_size=8, unique=True)
