@@ -8,15 +8,14 @@ from __future__ import annotations
 
 import re
 from collections.abc import Collection
-from functools import partial
 from pathlib import Path
 from xml.etree.ElementTree import Element, ParseError
 
 from defusedxml import DefusedXmlException
 from defusedxml.ElementTree import fromstring
 
+from semmap.ingest.text_file import read_bytes
 from semmap.ingest.world import WorldError
-from semmap.limits import TEXT_BYTES
 
 TOKEN = re.compile(
     rb"<!--.*?(?:-->|\Z)|<!\[CDATA\[.*?(?:\]\]>|\Z)|<\?.*?(?:\?>|\Z)|<[^<>]*>?|[^<]+", re.DOTALL
@@ -38,21 +37,18 @@ def read_xml(path: Path, roots: Collection[str] | None = None) -> Element:
     A WorldError refuses a file that is absent, not well-formed, or declares a DTD or entities (an
     XML bomb).
     """
+    data = read_bytes(path)
     try:
-        TEXT_BYTES.check(path.stat().st_size, partial(WorldError, path, "file"), "Split the file.")
-        root = _parse(path.read_bytes())
-    except OSError as error:
-        raise WorldError(
-            path, "file", f"cannot be read ({error.strerror})", "Check path and permissions."
-        ) from error
+        try:
+            root: Element = fromstring(data, forbid_dtd=True)
+        except ParseError:
+            root = fromstring(_as_tinyxml_reads(data), forbid_dtd=True)
     except ParseError as error:
         line, column = error.position
-        raise WorldError(
-            path,
-            f"line {line}, column {column + 1}",
-            f"is not well-formed XML ({str(error).split(':')[0]})",
-            "The file may be truncated: restore it, or fix the XML at this place.",
-        ) from error
+        where = f"line {line}, column {column + 1}"
+        problem = f"is not well-formed XML ({str(error).split(':')[0]})"
+        fix = "The file may be truncated: restore it, or fix the XML at this place."
+        raise WorldError(path, where, problem, fix) from error
     except DefusedXmlException as error:
         raise WorldError(
             path,
@@ -61,25 +57,11 @@ def read_xml(path: Path, roots: Collection[str] | None = None) -> Element:
             "Remove the <!DOCTYPE ...> declaration and write out what its entities stand for.",
         ) from error
     except (ValueError, LookupError) as error:
-        raise WorldError(
-            path, "line 1", f"is not readable XML ({error})", "Save it as UTF-8 XML."
-        ) from error
+        problem = f"is not readable XML ({error})"
+        raise WorldError(path, "line 1", problem, "Save it as UTF-8 XML.") from error
     if roots is not None and root.tag not in roots:
-        raise WorldError(
-            path,
-            f"<{root.tag}>",
-            f"is not the expected root, <{'> or <'.join(roots or ())}>",
-            "Give a file of this format.",
-        )
-    return root
-
-
-def _parse(data: bytes) -> Element:
-    """Return the root of an XML text; of a text that is not well-formed, as TinyXML2 reads it."""
-    try:
-        root: Element = fromstring(data, forbid_dtd=True)
-    except ParseError:
-        root = fromstring(_as_tinyxml_reads(data), forbid_dtd=True)
+        problem = f"is not the expected root, <{'> or <'.join(roots)}>"
+        raise WorldError(path, f"<{root.tag}>", problem, "Give a file of this format.")
     return root
 
 

@@ -82,10 +82,8 @@ class DraftWorld:
 
     def attempt(self, feature: Feature, make: Callable[..., None], *arguments: Any) -> None:
         """Call `make`; a feature that it refuses is left out and named."""
-        try:
+        with self.file.leaving_out(feature.where, feature.properties.get("name")):
             make(*arguments)
-        except Refused as refused:
-            self.file.skip(feature.properties.get("name"), feature.where, refused)
 
     def _draft(self, feature: Feature) -> None:
         type_ = type_of(feature)

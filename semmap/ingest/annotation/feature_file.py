@@ -7,19 +7,19 @@ import json
 import math
 import sqlite3
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
-from functools import partial
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Any
 
 import numpy as np
 import pyogrio
 import shapely
 from numpy.typing import NDArray
 
+from semmap.ingest.text_file import read_text
 from semmap.ingest.world import Refused, Skipped, WorldError
-from semmap.limits import EXTENT, NESTING, TEXT_BYTES, VERTICES
+from semmap.limits import EXTENT, NESTING, VERTICES
 
 ENDINGS = (".geojson", ".json", ".gpkg")
 
@@ -35,6 +35,9 @@ DEPTHS = {
 
 STYLE_LAYERS = frozenset({"layer_styles", "qgis_projects"})
 """Tables of a GeoPackage that store how QGIS shows the others."""
+
+CRS_IGNORED = "the CRS is ignored: coordinates are metres of the map's own frame"
+
 
 EARTH = 1e8
 """Largest coordinate of a projection of the earth, and largest EPSG code."""
@@ -65,11 +68,16 @@ class FeatureFile:
     notes: list[str] = field(default_factory=list)
     georeference: dict[str, object] | None = None
 
-    def skip(self, feature_name: object, where: str, refused: Refused) -> None:
-        """Record a feature that is left out."""
-        self.skipped.append(Skipped(where, refused.problem, refused.fix))
-        if isinstance(feature_name, str):
-            self.lost.add(feature_name)
+    @contextlib.contextmanager
+    def leaving_out(self, where: str, name: object) -> Iterator[str]:
+        """Leave out and name a feature that is refused in this block; yields its place and name."""
+        where += f" ({name})" if name is not None else ""
+        try:
+            yield where
+        except Refused as refused:
+            self.skipped.append(Skipped(where, refused.problem, refused.fix))
+            if isinstance(name, str):
+                self.lost.add(name)
 
 
 def read_features(path: Path) -> FeatureFile:
@@ -77,21 +85,11 @@ def read_features(path: Path) -> FeatureFile:
 
     A WorldError refuses one that is not there, is malformed, or is neither GeoJSON nor GeoPackage.
     """
-    if path.suffix.lower() not in ENDINGS:
-        known = ", ".join(ENDINGS)
-        raise WorldError(
-            path,
-            "ending",
-            f"{path.suffix!r} is not the ending of an annotation",
-            f"Known: {known}.",
-        )
-    read = _read_geopackage if path.suffix.lower() == ".gpkg" else _read_geojson
-    try:
-        found = read(path)
-    except OSError as error:
-        raise WorldError(
-            path, "file", f"cannot be read ({error.strerror})", "Check path and permissions."
-        ) from error
+    ending = path.suffix.lower()
+    if ending not in ENDINGS:
+        problem = f"{path.suffix!r} is not the ending of an annotation"
+        raise WorldError(path, "ending", problem, f"Known: {', '.join(ENDINGS)}.")
+    found = _read_geopackage(path) if ending == ".gpkg" else _read_geojson(path)
     _check_metres(path, found)
     return found
 
@@ -104,16 +102,15 @@ def _check_metres(path: Path, found: FeatureFile) -> None:
         return
     west, south, east, north = map(float, shapely.total_bounds(outlines))
     small = east - west < DEGREES and north - south < DEGREES
-    if not small or max(abs(west) / 180, abs(north) / 90) > 1:
-        return
-    raise WorldError(
-        path,
-        "coordinates",
-        f"all outlines lie within {east - west:.2g} x {north - south:.2g}: they are degrees, not "
-        "metres",
-        "Give metres of the map's own frame, for example by ogr2ogr -t_srs '+proj=aeqd "
-        f"+lat_0={south:.6f} +lon_0={west:.6f}' metres.geojson {path.name}",
-    )
+    if small and max(abs(west) / 180, abs(north) / 90) <= 1:
+        raise WorldError(
+            path,
+            "coordinates",
+            f"all outlines lie within {east - west:.2g} x {north - south:.2g}: they are degrees, "
+            "not metres",
+            "Give metres of the map's own frame, for example by ogr2ogr -t_srs '+proj=aeqd "
+            f"+lat_0={south:.6f} +lon_0={west:.6f}' metres.geojson {path.name}",
+        )
 
 
 # -- GeoJSON (RFC 7946) -----------------------------------------------------------------------
@@ -123,57 +120,40 @@ def _read_geojson(path: Path) -> FeatureFile:
     root = parse_json(path)
     if not isinstance(root, dict) or root.get("type") not in ("FeatureCollection", "Feature"):
         found = root.get("type") if isinstance(root, dict) else type(root).__name__
-        raise WorldError(
-            path,
-            "type",
-            f"is {found!r}, not FeatureCollection",
-            "Give a GeoJSON FeatureCollection, as QGIS and ogr2ogr write it.",
-        )
+        fix = "Give a GeoJSON FeatureCollection, as QGIS and ogr2ogr write it."
+        raise WorldError(path, "type", f"is {found!r}, not FeatureCollection", fix)
     members = root.get("features") if root["type"] == "FeatureCollection" else [root]
     if not isinstance(members, list):
         raise WorldError(path, "features", "is not an array", "Make it the array of features.")
     out = FeatureFile()
     layer = root.get("name") if isinstance(root.get("name"), str) else None
     if root.get("crs") is not None:
-        out.notes.append("the CRS is ignored: coordinates are metres of the map's own frame")
+        out.notes.append(CRS_IGNORED)
     _read_georeference(root.get("georeference"), out)
     for number, member in enumerate(members):
         properties = member.get("properties") if isinstance(member, dict) else None
         name = properties.get("name") if isinstance(properties, dict) else None
-        where = f"features[{number}]" + (f" ({name})" if name is not None else "")
-        try:
+        with out.leaving_out(f"features[{number}]", name) as where:
             if not isinstance(member, dict) or member.get("type") != "Feature":
                 raise Refused("is not a Feature", "Make it one, or remove it.")
             if not isinstance(properties, dict | None):
                 raise Refused("its properties are not an object", "Make them one.")
-            given = {
-                k: checked_property(v, k) for k, v in (properties or {}).items() if v is not None
-            }
+            given = checked_properties(
+                {k: v for k, v in (properties or {}).items() if v is not None}
+            )
             geometry = _geojson_geometry(member.get("geometry"))
             out.features.append(Feature(where, layer, geometry, given))
-        except Refused as refused:
-            out.skip(name, where, refused)
     return out
 
 
 def parse_json(path: Path) -> Any:
     """Return the content of a JSON file; a `WorldError` names the place of an error."""
     try:
-        TEXT_BYTES.check(
-            path.stat().st_size, partial(WorldError, path, "file"), "Split it into several files."
-        )
-        return json.loads(path.read_text(encoding="utf-8-sig"))
-    except UnicodeDecodeError as error:
-        raise WorldError(
-            path, f"byte {error.start}", "is not UTF-8", "Save it as UTF-8."
-        ) from error
+        return json.loads(read_text(path))
     except json.JSONDecodeError as error:
-        raise WorldError(
-            path,
-            f"line {error.lineno}, column {error.colno}",
-            f"is not JSON ({error.msg})",
-            "The file may be truncated: restore it, or fix the JSON at this place.",
-        ) from error
+        where, problem = f"line {error.lineno}, column {error.colno}", f"is not JSON ({error.msg})"
+        fix = "The file may be truncated: restore it, or fix the JSON at this place."
+        raise WorldError(path, where, problem, fix) from error
     except RecursionError as error:
         raise WorldError(path, "file", "is nested too deeply", "Give a GeoJSON file.") from error
     except ValueError as error:
@@ -186,29 +166,30 @@ def _geojson_geometry(geometry: object) -> shapely.Geometry | None:
     kind = geometry.get("type") if isinstance(geometry, dict) else None
     if not isinstance(geometry, dict) or not isinstance(kind, str) or kind not in DEPTHS:
         raise Refused(f"has a geometry of type {kind!r}", f"Use one of {', '.join(DEPTHS)}.")
-    coordinates = geometry.get("coordinates")
-    _check_positions(coordinates, DEPTHS[kind])
+    coordinates = _positions(geometry.get("coordinates"), DEPTHS[kind])
     try:
-        made: shapely.Geometry = shapely.geometry.shape(
-            {"type": kind, "coordinates": _flattened(coordinates, DEPTHS[kind])}
-        )
+        made: shapely.Geometry = shapely.geometry.shape({"type": kind, "coordinates": coordinates})
     except (ValueError, TypeError, IndexError, shapely.errors.ShapelyError) as error:
         raise Refused(f"is not a valid {kind} ({error})", "Draw it again.") from error
-    VERTICES.check(shapely.get_num_coordinates(made), Refused, "Simplify it.")
-    return None if made.is_empty else made
+    return _checked(made)
 
 
-def _check_positions(coordinates: object, depth: int) -> None:
+def _positions(coordinates: object, depth: int) -> list[Any]:
+    """Return positions as pairs of numbers, nested: heights are properties."""
     if not isinstance(coordinates, list):
         raise Refused("its coordinates are not nested as its type requires", "Draw it again.")
     if depth:
-        for inner in coordinates:
-            _check_positions(inner, depth - 1)
-        return
+        return [_positions(inner, depth - 1) for inner in coordinates]
     numbers = [c for c in coordinates if isinstance(c, int | float) and not isinstance(c, bool)]
     if len(numbers) != len(coordinates) or len(numbers) < 2:
         raise Refused(f"has the position {str(coordinates)[:60]}", "Give two or three numbers.")
     _check_range(numbers)
+    return numbers[:2]
+
+
+def _checked(geometry: shapely.Geometry) -> shapely.Geometry | None:
+    VERTICES.check(shapely.get_num_coordinates(geometry), Refused, "Simplify it.")
+    return None if geometry.is_empty else geometry
 
 
 def _check_range(numbers: list[Any] | NDArray[np.float64]) -> None:
@@ -221,24 +202,17 @@ def _check_range(numbers: list[Any] | NDArray[np.float64]) -> None:
             )
 
 
-def _flattened(coordinates: Any, depth: int) -> Any:
-    """Return positions as pairs: heights are properties."""
-    return [_flattened(c, depth - 1) for c in coordinates] if depth else coordinates[:2]
-
-
 def _read_georeference(given: object, out: FeatureFile) -> None:
     """Read the foreign member that places the map on the earth (see the table `map`)."""
     if given is None:
         return
-    try:
+    with out.leaving_out("georeference", None):
         if not isinstance(given, dict) or set(given) != set(GEOREFERENCE):
             raise Refused("is not complete", f"Give the numbers {', '.join(GEOREFERENCE)}.")
         for key, value in given.items():
             if not isinstance(value, int | float) or not abs(value) <= EARTH:
                 raise Refused(f"{key} is {value!r}", "Give a number.")
         out.georeference = dict(given)
-    except Refused as refused:
-        out.skip(None, "georeference", refused)
 
 
 # -- GeoPackage (OGC 12-128) ------------------------------------------------------------------
@@ -250,12 +224,11 @@ def _read_geopackage(path: Path) -> FeatureFile:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # GDAL's remarks on the CRS, which is not used
         try:
-            layers = [str(name) for name, _ in pyogrio.list_layers(path)]
-            for layer in layers:
+            for layer in (str(name) for name, _ in pyogrio.list_layers(path)):
                 if layer not in STYLE_LAYERS:
                     _read_layer(path, layer, out)
         except (RuntimeError, ValueError) as error:
-            _not_a_geopackage(path, str(error), error)
+            raise _not_a_geopackage(path, error) from error
     return out
 
 
@@ -263,33 +236,30 @@ def _check_sqlite(path: Path) -> None:
     """Refuse a damaged file: GDAL would read a part of it."""
     if not path.is_file():
         raise WorldError(path, "file", "is not there", "Check the path.")
+    address = f"{path.resolve().as_uri()}?mode=ro"
     try:
-        with contextlib.closing(
-            sqlite3.connect(f"{path.resolve().as_uri()}?mode=ro", uri=True)
-        ) as database:
+        with contextlib.closing(sqlite3.connect(address, uri=True)) as database:
             found = database.execute("PRAGMA quick_check(1)").fetchone()[0]
             database.execute("SELECT count(*) FROM gpkg_contents").fetchone()
     except sqlite3.Error as error:
-        _not_a_geopackage(path, str(error), error)
+        raise _not_a_geopackage(path, error) from error
     if found != "ok":
-        _not_a_geopackage(path, str(found), None)
+        raise _not_a_geopackage(path, found)
 
 
-def _not_a_geopackage(path: Path, problem: str, cause: Exception | None) -> NoReturn:
-    raise WorldError(
+def _not_a_geopackage(path: Path, problem: object) -> WorldError:
+    return WorldError(
         path,
         "database",
-        f"is not a readable GeoPackage ({' '.join(problem.split())})",
+        f"is not a readable GeoPackage ({' '.join(str(problem).split())})",
         "It may be truncated: restore it, or export it from QGIS again.",
-    ) from cause
+    )
 
 
 def _read_layer(path: Path, layer: str, out: FeatureFile) -> None:
     meta, fids, wkb, columns = pyogrio.raw.read(path, layer=layer, return_fids=True)
-    if meta.get("crs"):
-        note = "the CRS is ignored: coordinates are metres of the map's own frame"
-        if note not in out.notes:
-            out.notes.append(note)
+    if meta.get("crs") and CRS_IGNORED not in out.notes:
+        out.notes.append(CRS_IGNORED)
     kinds = list(zip(meta["fields"], meta["ogr_types"], meta["ogr_subtypes"], strict=True))
     for row, fid in enumerate(fids):
         given = {
@@ -297,14 +267,10 @@ def _read_layer(path: Path, layer: str, out: FeatureFile) -> None:
             for (key, type_, subtype), column in zip(kinds, columns, strict=True)
             if (value := _plain(column[row], type_, subtype)) is not None
         }
-        name = given.get("name")
-        where = f"{layer}/{fid}" + (f" ({name})" if name is not None else "")
-        try:
-            checked = {k: checked_property(v, k) for k, v in given.items()}
+        with out.leaving_out(f"{layer}/{fid}", given.get("name")) as where:
+            checked = checked_properties(given)
             geometry = _wkb_geometry(None if wkb is None else wkb[row])
             out.features.append(Feature(where, layer, geometry, checked))
-        except Refused as refused:
-            out.skip(name, where, refused)
 
 
 def _wkb_geometry(wkb: bytes | None) -> shapely.Geometry | None:
@@ -315,8 +281,7 @@ def _wkb_geometry(wkb: bytes | None) -> shapely.Geometry | None:
     except shapely.errors.ShapelyError as error:
         raise Refused(f"has a geometry that cannot be read ({error})", "Draw it again.") from error
     _check_range(shapely.get_coordinates(geometry).ravel())
-    VERTICES.check(shapely.get_num_coordinates(geometry), Refused, "Simplify it.")
-    return None if geometry.is_empty else geometry
+    return _checked(geometry)
 
 
 def _plain(value: Any, ogr_type: str, subtype: str) -> Any:
@@ -348,6 +313,11 @@ def checked_property(value: Any, key: str) -> Any:
         if "\x00" in text or any("\ud800" <= c <= "\udfff" for c in text):
             raise Refused(f"{key!a} holds a character that is not valid in text", "Remove it.")
     return value
+
+
+def checked_properties(given: Mapping[str, Any]) -> dict[str, Any]:
+    """Return properties that the map can keep."""
+    return {key: checked_property(value, key) for key, value in given.items()}
 
 
 def _texts(value: Any, key: str, depth: int = 0) -> Iterator[str]:

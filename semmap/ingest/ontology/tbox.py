@@ -4,17 +4,18 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
+from contextlib import suppress
 from dataclasses import dataclass
-from functools import cache, partial
+from functools import cache
 from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 
 from rdflib import OWL, RDF, RDFS, SKOS, Graph, Literal, URIRef
 from rdflib.plugins.parsers.notation3 import BadSyntax
 
+from semmap.ingest.text_file import read_text
 from semmap.ingest.world import WorldError
-from semmap.limits import TEXT_BYTES
 from semmap.snake_case import snake_case
 
 ENDINGS = (".ttl", ".nt")
@@ -98,9 +99,7 @@ def read_tbox(paths: Iterable[Path]) -> list[TypeRecord]:
         functions |= {f for f in graph.subjects(RDF.type, FUNCTION) if isinstance(f, URIRef)}
     names = _names(classes)
     for iri, found in classes.items():
-        _check_parents(iri, found, classes)
-        _check_places(iri, found, classes)
-        _check_functions(iri, found, functions)
+        _check_references(iri, found, classes, functions)
     parents = {
         names[iri]: sorted(names[p] for p in found.parents if p in classes)
         for iri, found in classes.items()
@@ -129,39 +128,18 @@ def read_tbox(paths: Iterable[Path]) -> list[TypeRecord]:
 
 def _parse(path: Path) -> Graph:
     if path.suffix.lower() not in ENDINGS:
-        known = ", ".join(ENDINGS)
-        raise WorldError(
-            path, "ending", f"{path.suffix!r} is not the ending of an ontology", f"Known: {known}."
-        )
-    try:
-        TEXT_BYTES.check(
-            path.stat().st_size, partial(WorldError, path, "file"), "Split it into several files."
-        )
-        text = path.read_text(encoding="utf-8")
-    except OSError as error:
-        raise WorldError(
-            path, "file", f"cannot be read ({error.strerror})", "Check the path."
-        ) from error
-    except UnicodeDecodeError as error:
-        raise WorldError(
-            path, f"byte {error.start}", "is not UTF-8", "Save it as UTF-8."
-        ) from error
+        problem = f"{path.suffix!r} is not the ending of an ontology"
+        raise WorldError(path, "ending", problem, f"Known: {', '.join(ENDINGS)}.")
+    text = read_text(path)
     try:
         return Graph().parse(data=text, format="turtle")
     except BadSyntax as error:
-        raise WorldError(
-            path,
-            f"line {error.lines + 1}",
-            f"is not Turtle: {error.message}",
-            "Correct the syntax there.",
-        ) from error
+        where, problem = f"line {error.lines + 1}", f"is not Turtle: {error.message}"
+        raise WorldError(path, where, problem, "Correct the syntax there.") from error
     except Exception as error:  # rdflib's parsers raise anything, assertions too, on broken text
-        raise WorldError(
-            path,
-            "file",
-            f"is not Turtle: {str(error)[:200]}",
-            "It may be truncated: restore it, or fix its syntax.",
-        ) from error
+        problem = f"is not Turtle: {str(error)[:200]}"
+        fix = "It may be truncated: restore it, or fix its syntax."
+        raise WorldError(path, "file", problem, fix) from error
 
 
 def _collect(graph: Graph, path: Path, classes: dict[URIRef, _Class]) -> None:
@@ -169,22 +147,22 @@ def _collect(graph: Graph, path: Path, classes: dict[URIRef, _Class]) -> None:
     declared = {*graph.subjects(RDF.type, RDFS.Class), *graph.subjects(RDF.type, OWL.Class)}
     for iri in sorted(c for c in declared if isinstance(c, URIRef)):
         found = classes.setdefault(iri, _Class(path, set()))
-        found.parents |= {
-            p
-            for p in graph.objects(iri, RDFS.subClassOf)
-            if isinstance(p, URIRef) and p != OWL.Thing
-        }
+        found.parents |= _references(graph, iri, RDFS.subClassOf) - {OWL.Thing}
         found.label = found.label or _text(graph, iri, RDFS.label)
         found.comment = found.comment or _text(graph, iri, RDFS.comment)
         found.synonyms += tuple(sorted(str(o) for o in graph.objects(iri, SKOS.altLabel)))
-        found.found_in |= {o for o in graph.objects(iri, FOUND_IN) if isinstance(o, URIRef)}
-        found.functions |= {o for o in graph.objects(iri, USED_FOR) if isinstance(o, URIRef)}
+        found.found_in |= _references(graph, iri, FOUND_IN)
+        found.functions |= _references(graph, iri, USED_FOR)
         size = _text(graph, iri, TYPICAL_SIZE)
         if size is not None:
             found.typical_size = _size(size, path, iri)
         keeps = _text(graph, iri, KEEPS)
         if keeps is not None:
             found.keeps = _share(keeps, path, iri)
+
+
+def _references(graph: Graph, iri: URIRef, predicate: URIRef) -> set[URIRef]:
+    return {o for o in graph.objects(iri, predicate) if isinstance(o, URIRef)}
 
 
 def _text(graph: Graph, iri: URIRef, predicate: URIRef) -> str | None:
@@ -195,76 +173,49 @@ def _text(graph: Graph, iri: URIRef, predicate: URIRef) -> str | None:
 
 
 def _size(text: str, path: Path, iri: URIRef) -> tuple[float, float, float]:
-    try:
+    with suppress(ValueError):
         depth, width, height = (float(word) for word in text.split())
         if all(0 < length < math.inf for length in (depth, width, height)):
             return depth, width, height
-    except ValueError:
-        pass
-    raise WorldError(
-        path,
-        f"class <{iri}>",
-        f"its typical size is {text!r}",
-        'Give depth, width and height in metres, such as "0.8 1.2 0.75".',
-    )
+    fix = 'Give depth, width and height in metres, such as "0.8 1.2 0.75".'
+    raise WorldError(path, f"class <{iri}>", f"its typical size is {text!r}", fix)
 
 
 def _share(text: str, path: Path, iri: URIRef) -> float:
     share = float(text) if text.replace(".", "", 1).isdecimal() else math.nan
     if 0 < share < math.inf:
         return share
-    raise WorldError(
-        path, f"class <{iri}>", f"it keeps {text!r}", "Give a number above 0: 1 is that of a table."
-    )
+    fix = "Give a number above 0: 1 is that of a table."
+    raise WorldError(path, f"class <{iri}>", f"it keeps {text!r}", fix)
 
 
 def _names(classes: dict[URIRef, _Class]) -> dict[URIRef, str]:
-    names: dict[URIRef, str] = {}
     iri_of: dict[str, URIRef] = {}
     for iri, found in classes.items():
-        name = snake_case(_local_name(iri))
+        name, where = snake_case(_local_name(iri)), f"class <{iri}>"
         if not name:
-            raise WorldError(found.path, f"class <{iri}>", "has no local name", "Give it one.")
+            raise WorldError(found.path, where, "has no local name", "Give it one.")
         if name in iri_of:
-            raise WorldError(
-                found.path,
-                f"class <{iri}>",
-                f"is named {name}, as is <{iri_of[name]}>",
-                "Rename one.",
-            )
-        names[iri], iri_of[name] = name, iri
-    return names
+            problem = f"is named {name}, as is <{iri_of[name]}>"
+            raise WorldError(found.path, where, problem, "Rename one.")
+        iri_of[name] = iri
+    return {iri: name for name, iri in iri_of.items()}
 
 
-def _check_parents(iri: URIRef, found: _Class, classes: dict[URIRef, _Class]) -> None:
-    for parent in sorted(found.parents - classes.keys()):
-        if _namespace(parent) == _namespace(iri):
-            raise WorldError(
-                found.path,
-                f"class <{iri}>",
-                f"its superclass <{parent}> is declared in none of the files",
-                "Declare it (a owl:Class), correct its name, or give the file that declares it.",
-            )
-
-
-def _check_places(iri: URIRef, found: _Class, classes: dict[URIRef, _Class]) -> None:
-    for place in sorted(found.found_in - classes.keys()):
-        raise WorldError(
-            found.path,
-            f"class <{iri}>",
-            f"it is found in <{place}>, which is declared in none of the files",
-            "Declare it (a owl:Class), correct its name, or give the file that declares it.",
-        )
-
-
-def _check_functions(iri: URIRef, found: _Class, functions: set[URIRef]) -> None:
-    for function in sorted(found.functions - functions):
-        raise WorldError(
-            found.path,
-            f"class <{iri}>",
-            f"it is used for <{function}>, which is declared in none of the files",
-            "Declare it (a :Function), correct its name, or give the file that declares it.",
-        )
+def _check_references(
+    iri: URIRef, found: _Class, classes: Collection[URIRef], functions: Collection[URIRef]
+) -> None:
+    """Refuse a class that names what no file declares."""
+    parents = {p for p in found.parents if _namespace(p) == _namespace(iri)}
+    for what, named, declared, kind in (
+        ("its superclass <{}> is", parents, classes, "a owl:Class"),
+        ("it is found in <{}>, which is", found.found_in, classes, "a owl:Class"),
+        ("it is used for <{}>, which is", found.functions, functions, "a :Function"),
+    ):
+        for missing in sorted(named.difference(declared)):
+            problem = f"{what.format(missing)} declared in none of the files"
+            fix = f"Declare it ({kind}), correct its name, or give the file that declares it."
+            raise WorldError(found.path, f"class <{iri}>", problem, fix)
 
 
 def _local_name(iri: URIRef) -> str:
@@ -280,9 +231,6 @@ def _parents_first(parents: dict[str, list[str]], path_of: dict[str, Path]) -> l
         return list(TopologicalSorter({n: parents[n] for n in sorted(parents)}).static_order())
     except CycleError as error:
         cycle = error.args[1]
-        raise WorldError(
-            path_of[cycle[0]],
-            f"class {cycle[0]}",
-            f"subsumes itself: {' > '.join(cycle)}",
-            "Remove one of these rdfs:subClassOf statements.",
-        ) from error
+        problem = f"subsumes itself: {' > '.join(cycle)}"
+        fix = "Remove one of these rdfs:subClassOf statements."
+        raise WorldError(path_of[cycle[0]], f"class {cycle[0]}", problem, fix) from error

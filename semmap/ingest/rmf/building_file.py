@@ -8,14 +8,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from functools import partial
 from pathlib import Path
 from typing import Any
 
 import yaml
 
+from semmap.ingest.text_file import read_text
 from semmap.ingest.world import Refused, Skipped, WorldError
-from semmap.limits import TEXT_BYTES
 from semmap.yaml_file import FAST, check_structure
 
 IS_IT_ONE = "Is it a building.yaml of the traffic editor?"
@@ -179,16 +178,12 @@ class _Reader:
         return WorldError(self.path, element, problem, fix)
 
     def load(self) -> dict[str, Any]:
-        large = partial(self.fail, "file")
-        TEXT_BYTES.check(self.path.stat().st_size, large, "Is it a building.yaml?")
+        text = read_text(self.path)
         try:
-            text = self.path.read_text(encoding="utf-8")
             check_structure(
                 text, lambda line, p, f: self.fail(f"line {line}", p, f), loader=FAST, aliases=False
             )
             data = yaml.load(text, Loader=FAST)
-        except UnicodeDecodeError as error:
-            raise self.fail(f"byte {error.start}", "is not UTF-8", "Save it as UTF-8.") from None
         except yaml.YAMLError as error:
             mark = getattr(error, "problem_mark", None)
             where = f"line {mark.line + 1}" if mark else "file"

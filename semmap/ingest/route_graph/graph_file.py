@@ -7,13 +7,18 @@ stands before a connector has a link `stands_before` to that connector.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Container, Mapping
 from pathlib import Path
 from typing import Any
 
 from semmap.finite_number import is_finite_number
 from semmap.geometry.pose import Pose
-from semmap.ingest.annotation.feature_file import checked_property, parse_json
+from semmap.ingest.annotation.feature_file import (
+    CRS_IGNORED,
+    checked_properties,
+    checked_property,
+    parse_json,
+)
 from semmap.ingest.naming import unique_name
 from semmap.ingest.world import Entry, Refused, Skipped, World, WorldError, WorldLink
 from semmap.limits import EXTENT, TEXT_BYTES
@@ -77,44 +82,33 @@ class _Reader:
         self.names: set[str] = set()
         self.edges: set[int] = set()
         if self.root.get("crs") is not None:
-            self.out.notes.append(
-                "the CRS is ignored: coordinates are metres of the map's own frame"
-            )
+            self.out.notes.append(CRS_IGNORED)
 
     def world(self) -> World:
-        features = list(enumerate(self.root["features"]))
-        nodes = [(n, f) for n, f in features if _kind(f) == "Point"]
-        edges = [(n, f) for n, f in features if _kind(f) in LINES]
-        for number, feature in features:
-            if _kind(feature) not in ("Point", *LINES):
-                self.out.skipped.append(
-                    Skipped(
-                        f"features[{number}]",
-                        f"is {_kind(feature) or 'without geometry'}, not a node or edge",
-                        "Draw nodes as points and edges as lines, the rest in another file.",
-                    )
-                )
-        if not nodes:
+        found: dict[str, list[tuple[str, Any]]] = {"node": [], "edge": []}
+        for number, feature in enumerate(self.root["features"]):
+            kind, where = _kind(feature), f"features[{number}]"
+            if kind in ("Point", *LINES):
+                what = "node" if kind == "Point" else "edge"
+                given = _properties(feature).get("id", "without id")
+                found[what].append((f"{where} ({what} {given})", feature))
+            else:
+                problem = f"is {kind or 'without geometry'}, not a node or edge"
+                fix = "Draw nodes as points and edges as lines, the rest in another file."
+                self.out.skipped.append(Skipped(where, problem, fix))
+        if not found["node"]:
             raise WorldError(self.path, "features", "contain no node", "Draw nodes as points.")
-        for number, feature in nodes:
-            self.attempt(f"features[{number}] (node {_id_of(feature)})", self.node, feature)
-        for number, feature in edges:
-            self.attempt(f"features[{number}] (edge {_id_of(feature)})", self.edge, feature)
+        for what, read in (("node", self.node), ("edge", self.edge)):
+            for where, feature in found[what]:
+                try:
+                    read(feature)
+                except Refused as refused:
+                    raise WorldError(self.path, where, refused.problem, refused.fix) from None
         return self.out
-
-    def attempt(self, where: str, read: Any, feature: Any) -> None:
-        try:
-            read(feature)
-        except Refused as refused:
-            raise WorldError(self.path, where, refused.problem, refused.fix) from None
 
     def node(self, feature: Any) -> None:
         given = _properties(feature)
-        number = _id(given, "id")
-        if number in self.nodes:
-            raise Refused(
-                f"its id {number} is also that of another node", "Give each node its own id."
-            )
+        number = _own_id(given, "node", self.nodes)
         about, metadata = _about(given), _metadata(given)
         frame = given.get("frame", "map")
         if not isinstance(frame, str):
@@ -131,49 +125,35 @@ class _Reader:
             raise Refused(f"its storey is {storey!r}", "Give its name, or leave it out.")
         about |= {"id": number, "frame": frame, "metadata": metadata}
         about |= {"storey": storey} if storey is not None else {}
-        self.nodes[number] = unique_name(
-            name.strip() if name else f"{self.path.stem}-node{number}", self.names
-        )
+        about |= {"z_said": True} if z else {}
+        wanted = name.strip() if name else f"{self.path.stem}-node{number}"
+        self.nodes[number] = unique_name(wanted, self.names)
         self.names.add(self.nodes[number])
+        pose = Pose.planar(x, y, float(yaw), z[0] if z else 0.0)
         self.out.entries.append(
-            Entry(
-                self.nodes[number],
-                "region",
-                "waypoint",
-                properties=about | ({"z_said": True} if z else {}),
-                pose=Pose.planar(x, y, float(yaw), z[0] if z else 0.0),
-            )
+            Entry(self.nodes[number], "region", "waypoint", properties=about, pose=pose)
         )
 
     def edge(self, feature: Any) -> None:
         given = _properties(feature)
-        number = _id(given, "id")
-        if number in self.edges:
-            raise Refused(
-                f"its id {number} is also that of another edge", "Give each edge its own id."
-            )
+        number = _own_id(given, "edge", self.edges)
         self.edges.add(number)
-        start, end = (_id(given, key) for key in ENDS)
-        for key, node in zip(ENDS, (start, end), strict=True):
+        ends = []
+        for key in ENDS:
+            node = _id(given, key)
             if node not in self.nodes:
-                raise Refused(
-                    f"its {key} is {node}, which is not a node",
-                    "Draw that node, or correct the id.",
-                )
+                problem = f"its {key} is {node}, which is not a node"
+                raise Refused(problem, "Draw that node, or correct the id.")
+            ends.append(self.nodes[node])
         about = _about(given) | {"id": number, "metadata": _metadata(given)}
         about |= {"cost": _cost(given), "overridable": given.get("overridable", True)}
         if not isinstance(about["overridable"], bool):
             raise Refused(f"overridable is {about['overridable']!r}", "Give true or false.")
-        ends = (self.nodes[start], self.nodes[end])
         for link in self.out.links:
-            if (link.subject, link.object) == ends:  # nodes that several edges join have one link
+            if [link.subject, link.object] == ends:  # nodes that several edges join have one link
                 link.properties.setdefault("also", []).append(about)
                 return
         self.out.links.append(WorldLink(ends[0], EDGE, ends[1], about))
-
-
-def _id_of(feature: Any) -> Any:
-    return _properties(feature).get("id", "without id")
 
 
 def _id(given: Mapping[str, Any], key: str) -> int:
@@ -182,6 +162,14 @@ def _id(given: Mapping[str, Any], key: str) -> int:
         problem = f"has no {key}" if value is None else f"its {key} is {value!r}"
         raise Refused(problem, f"Give a whole number from 0 to {MOST_IDS}.")
     return int(value)
+
+
+def _own_id(given: Mapping[str, Any], what: str, taken: Container[int]) -> int:
+    number = _id(given, "id")
+    if number in taken:
+        problem = f"its id {number} is also that of another {what}"
+        raise Refused(problem, f"Give each {what} its own id.")
+    return number
 
 
 def _position(coordinates: Any) -> list[float]:
@@ -209,7 +197,7 @@ def _cost(given: Mapping[str, Any]) -> float:
 def _about(given: Mapping[str, Any]) -> dict[str, Any]:
     """Return the checked operations and the properties that the format does not define."""
     known = ("id", "frame", "metadata", "operations", "cost", "overridable", "name", *ENDS)
-    about = {k: checked_property(v, k) for k, v in given.items() if k not in known}
+    about = checked_properties({k: v for k, v in given.items() if k not in known})
     about = {k: v for k, v in about.items() if v is not None}
     operations = given.get("operations")
     if operations is None:
@@ -219,11 +207,10 @@ def _about(given: Mapping[str, Any]) -> dict[str, Any]:
     for name, operation in operations.items():
         if not isinstance(operation, dict) or not isinstance(operation.get("type"), str):
             raise Refused(f"its operation {name} has no type", "Name the route server's plugin.")
-        if operation.get("trigger") not in TRIGGERS:
-            raise Refused(
-                f"the trigger of its operation {name} is {operation.get('trigger')!r}",
-                f"Use one of {', '.join(TRIGGERS)}.",
-            )
+        trigger = operation.get("trigger")
+        if trigger not in TRIGGERS:
+            problem = f"the trigger of its operation {name} is {trigger!r}"
+            raise Refused(problem, f"Use one of {', '.join(TRIGGERS)}.")
         _metadata(operation)
     return about | {"operations": checked_property(operations, "operations")}
 
@@ -248,6 +235,5 @@ def _check_primitives(metadata: Mapping[str, Any], where: str) -> None:
         for inner in value if isinstance(value, list) else [value]:
             if not isinstance(inner, bool | int | float | str):
                 given = "null" if inner is None else "an array of arrays or objects"
-                raise Refused(
-                    f"{where}.{key} is {given}, which makes Nav2's loader fail", "Remove it."
-                )
+                problem = f"{where}.{key} is {given}, which makes Nav2's loader fail"
+                raise Refused(problem, "Remove it.")
