@@ -120,7 +120,7 @@ class MapRegions(MapQuestions):
                               holder="kitchen")
         """
         from semmap.ingest.regions.extraction import draw_region
-        from semmap.ingest.regions.region_list import list_regions
+        from semmap.query.entity_query import list_regions
 
         if not name:
             raise ValueError("a region needs a name")
@@ -151,7 +151,7 @@ class MapRegions(MapQuestions):
         Metres and square metres in the map's frame; `of` is the room or object of which a region
         is a part.
         """
-        from semmap.ingest.regions.region_list import list_regions
+        from semmap.query.entity_query import list_regions
 
         return list_regions(self.connection)
 

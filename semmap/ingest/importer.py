@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import hashlib
 import time
-from collections.abc import Callable, Sequence
+from collections import Counter
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
 from functools import partial
 from pathlib import Path
@@ -29,7 +30,7 @@ from semmap.ingest.store.holder_store import (
     recognise_parts,
 )
 from semmap.ingest.store.model_store import Progress
-from semmap.ingest.store.world_store import StoreSummary, store_world
+from semmap.ingest.store.world_store import store_world
 from semmap.ingest.storeys import FOUND, found_storeys
 from semmap.ingest.world import Skipped, World, WorldError
 from semmap.limits import ENTRIES, NAME_CHARACTERS
@@ -39,30 +40,9 @@ from semmap.query.snapshot import Snapshot
 Geometry = Literal["visual", "collision"]
 MeshAs = Literal["object", "room"]
 
+SDF, RMF, FEATURES = (".sdf", ".world"), (".yaml", ".yml"), (".geojson", ".json", ".gpkg")
 MESHES = (".3mf", ".bt", ".dae", ".glb", ".gltf", ".obj", ".off", ".ot", ".ply", ".stl")
 """The mesh formats that trimesh reads and whose triangles can be counted."""
-
-
-@dataclass(frozen=True)
-class _Options:
-    """How files are read; each parser takes what concerns it."""
-
-    geometry: Geometry = "visual"
-    mesh_as: MeshAs = "object"
-    model_path: Sequence[Path] = ()
-    scale: float = 1.0
-
-
-READERS: tuple[tuple[tuple[str, ...], Callable[[Path, _Options], World]], ...] = (
-    (
-        (".sdf", ".world"),
-        lambda path, o: read_sdf(path, geometry=o.geometry, model_path=o.model_path),
-    ),
-    ((".yaml", ".yml"), lambda path, o: read_rmf(path)),
-    ((".geojson", ".json", ".gpkg"), lambda path, o: _read_features(path)),
-    (MESHES, lambda path, o: read_mesh_world(path, as_=o.mesh_as, scale=o.scale)),
-)
-"""The parsers, by the endings of files."""
 
 
 def read_world(
@@ -89,15 +69,22 @@ def read_world(
     """
     if not path.is_file():
         raise WorldError(path, "file", "is not there", "Check the path.")
-    if scale != 1.0 and path.suffix.lower() not in MESHES:
+    ending = path.suffix.lower()
+    if scale != 1.0 and ending not in MESHES:
         raise WorldError(path, "scale", "is of mesh files only", "Leave it out for this file.")
-    for endings, read in READERS:
-        if path.suffix.lower() in endings:
-            world = read(path, _Options(geometry, mesh_as, model_path, scale))
-            _check_names(path, world)
-            return world
-    known = ", ".join(sorted(e for endings, _ in READERS for e in endings))
-    raise WorldError(path, "ending", f"{path.suffix or 'none'} is not known", f"Known: {known}.")
+    if ending in SDF:
+        world = read_sdf(path, geometry=geometry, model_path=model_path)
+    elif ending in RMF:
+        world = read_rmf(path)
+    elif ending in FEATURES:
+        world = read_route_graph(path) if is_route_graph(path) else read_annotation(path)
+    elif ending in MESHES:
+        world = read_mesh_world(path, mesh_as, scale=scale)
+    else:
+        known = f"Known: {', '.join(sorted((*SDF, *RMF, *FEATURES, *MESHES)))}."
+        raise WorldError(path, "ending", f"{path.suffix or 'none'} is not known", known)
+    _check_names(path, world)
+    return world
 
 
 def _check_content(path: Path, world: World) -> None:
@@ -107,12 +94,8 @@ def _check_content(path: Path, world: World) -> None:
     if not world.skipped:
         raise WorldError(path, "file", "has nothing that a map can hold", "Give another file.")
     first, more = world.skipped[0], len(world.skipped) - 1
-    raise WorldError(
-        path,
-        first.element,
-        f"{first.problem}{f' (and {more} more)' if more else ''}, so nothing of the file is left",
-        first.fix,
-    )
+    problem = f"{first.problem}{f' (and {more} more)' if more else ''}"
+    raise WorldError(path, first.element, f"{problem}, so nothing of the file is left", first.fix)
 
 
 def _check_names(path: Path, world: World) -> None:
@@ -123,11 +106,6 @@ def _check_names(path: Path, world: World) -> None:
             where = f"{entry.kind} {entry.name[:60]}"
             refused = partial(WorldError, path, where)
             NAME_CHARACTERS.check(len(text or ""), refused, "Shorten it.", f"its {what} has")
-
-
-def _read_features(path: Path) -> World:
-    """A route graph of Nav2, or else what people annotated."""
-    return read_route_graph(path) if is_route_graph(path) else read_annotation(path)
 
 
 MANY = 50
@@ -191,30 +169,40 @@ def import_file(
     world = read_world(path, geometry, mesh_as, model_path=model_path, scale=scale)
     if strict and world.skipped:
         first = world.skipped[0]
-        raise WorldError(
-            path,
-            first.element,
-            f"{first.problem} (and {len(world.skipped) - 1} more)",
-            f"{first.fix} Or import without --strict, which leaves it out.",
-        )
+        problem = f"{first.problem} (and {len(world.skipped) - 1} more)"
+        fix = f"{first.fix} Or import without --strict, which leaves it out."
+        raise WorldError(path, first.element, problem, fix)
     _check_content(path, world)
     source = source or str(path.resolve())
     with engine.begin() as connection:
         load_tbox(connection)
         map_id = _map_id(connection, map_name or world.name)
-        psycopg_connection = driver_of(connection)
-        postpone_derivation(psycopg_connection)
-        _settle_storeys(psycopg_connection, map_id, world, source)
+        session = driver_of(connection)
+        postpone_derivation(session)
+        _settle_storeys(session, map_id, world, source)
         is_graph = any(link.relation == EDGE for link in world.links)
         if is_graph:
-            check_names(psycopg_connection, map_id, world, source)
-        stored = store_world(psycopg_connection, map_id, world, source, progress)
+            check_names(session, map_id, world, source)
+        stored = store_world(session, map_id, world, source, progress)
         if is_graph:
-            settle_nodes(psycopg_connection, map_id, world, source)
+            settle_nodes(session, map_id, world, source)
         progress("inventories", 0, 0)
-        parts = recognise_parts(psycopg_connection, map_id)
-        holders = derive_inventories(psycopg_connection, map_id)
-        summary = _summary(world, stored, map_name or world.name, source, holders, parts)
+        parts = recognise_parts(session, map_id)
+        summary = ImportSummary(
+            map=map_name or world.name,
+            source=source,
+            kinds=dict(Counter(entry.kind for entry in world.entries)),
+            added=len(stored.added),
+            changed=len(stored.changed),
+            removed=len(stored.removed),
+            unchanged=stored.unchanged,
+            models=stored.models,
+            triangles=stored.triangles,
+            holders=derive_inventories(session, map_id),
+            guessed=_guessed(world, parts),
+            skipped=world.skipped,
+            notes=stored.notes,
+        )
         seen = Snapshot.of(connection, see_map(connection, summary.map))
         summary.no_geometry = read_names_without_geometry(seen)
         if summary.no_geometry and (stored.added or stored.changed):
@@ -252,40 +240,12 @@ def _settle_storeys(
 
 
 def _map_id(connection: Connection, name: str) -> int:
-    row = connection.exec_driver_sql(
+    made = connection.exec_driver_sql(
         "INSERT INTO map (name) VALUES (%(name)s) ON CONFLICT (name) DO UPDATE SET name = map.name "
         "RETURNING id",
         {"name": name},
-    ).scalar_one()
-    return int(row)
-
-
-def _summary(
-    world: World,
-    stored: StoreSummary,
-    map_name: str,
-    source: str,
-    holders: int,
-    parts: list[dict[str, Any]],
-) -> ImportSummary:
-    kinds: dict[str, int] = {}
-    for entry in world.entries:
-        kinds[entry.kind] = kinds.get(entry.kind, 0) + 1
-    return ImportSummary(
-        map=map_name,
-        source=source,
-        kinds=kinds,
-        added=len(stored.added),
-        changed=len(stored.changed),
-        removed=len(stored.removed),
-        unchanged=stored.unchanged,
-        models=stored.models,
-        triangles=stored.triangles,
-        holders=holders,
-        guessed=_guessed(world, parts),
-        skipped=world.skipped,
-        notes=stored.notes,
     )
+    return int(made.scalar_one())
 
 
 def _guessed(world: World, parts: list[dict[str, Any]]) -> list[dict[str, Any]]:

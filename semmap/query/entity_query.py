@@ -62,6 +62,25 @@ def list_guessed_types(session: Session) -> list[Row]:
     )
 
 
+def list_regions(session: Session, ids: Sequence[int] | None = None) -> list[Row]:
+    """The regions of the map, or those with these ids; area in square metres, z in metres.
+
+    `of` is the entity that each is a part of; `faces` is their number.
+    """
+    rows = _rows(
+        session,
+        "SELECT e.name, e.type, r.origin, o.name AS of, h.name AS holder, "
+        "ST_Area(w.footprint) AS area, ST_ZMin(w.box) AS low, ST_ZMax(w.box) AS high, "
+        "cardinality(r.faces) AS faces FROM region r JOIN entity e ON e.id = r.entity_id "
+        "LEFT JOIN entity o ON o.id = r.of_id LEFT JOIN placement p ON p.entity_id = e.id "
+        "LEFT JOIN entity h ON h.id = p.holder_id LEFT JOIN world w ON w.entity_id = e.id "
+        "WHERE e.map_id = current_map() AND (%(ids)s::bigint[] IS NULL OR e.id = ANY (%(ids)s)) "
+        "ORDER BY e.name",
+        {"ids": ids},
+    )
+    return [{k: round(v, 3) if isinstance(v, float) else v for k, v in r.items()} for r in rows]
+
+
 def entity_id(session: Session, name: str) -> int:
     """The id of an entity; a LookupError names those that come near an unknown name."""
     query = "SELECT id FROM entity WHERE map_id = current_map() AND name = %s"

@@ -26,6 +26,7 @@ from semmap.geometry.pose import IDENTITY, Pose
 from semmap.geometry.surfaces import support_surfaces
 from semmap.geometry.tin import to_mesh
 from semmap.ingest.regions.region_store import (
+    Origin,
     Outline,
     Owner,
     Wanted,
@@ -96,9 +97,7 @@ def draw_region(
     else:
         low, high = _heights(connection, owner)
     assert outline is not None
-    region = level_region(
-        name, type, "drawn", owner, outline, low, high, properties=properties or {}
-    )
+    region = level_region(name, type, "drawn", owner, outline, low, high, properties or {})
     made = keep(connection, map_id, owner, region)
     if valid is not None:
         since, until = valid
@@ -150,17 +149,8 @@ def region_of_faces(
         outline = shapely.MultiPoint(part.reshape(-1, 3)[:, :2]).convex_hull.buffer(0.001)
     low, high = float(part[:, :, 2].min()), float(part[:, :, 2].max())
     pose, outline = at_its_middle(outline, 0.0)
-    region = Wanted(
-        name,
-        type,
-        "faces",
-        pose,
-        outline,
-        low,
-        max(high, low + THIN),
-        model_id=model,
-        faces=chosen,
-    )
+    high = max(high, low + THIN)
+    region = Wanted(name, type, "faces", pose, outline, low, high, model_id=model, faces=chosen)
     return keep(connection, owner.map_id, owner, region)
 
 
@@ -177,31 +167,16 @@ def find_support_surfaces(connection: Connection, entity: int) -> list[int]:
         )
     frame = IDENTITY
     if max(abs(owner.pose.qx), abs(owner.pose.qy)) >= UPRIGHT:
-        frame = Pose(0, 0, 0, -owner.pose.qx, -owner.pose.qy, -owner.pose.qz, owner.pose.qw)
-    found = []
+        frame = owner.pose._replace(x=0.0, y=0.0, z=0.0).inverse()
+    kept: list[int] = []
+    sort: Origin = "support_surface"
     for model, height, outline, faces in _surfaces(connection, owner, frame):
         pose, flat = at_its_middle(outline, height)
-        if flat.area >= LEAST_AREA:
-            found.append((frame @ pose, flat, model, faces))
-    kept = [
-        keep(
-            connection,
-            owner.map_id,
-            owner,
-            Wanted(
-                f"{owner.name}_surface_{number}",
-                "support_surface",
-                "support_surface",
-                pose,
-                flat,
-                0.0,
-                THIN,
-                model_id=model,
-                faces=faces,
-            ),
-        )
-        for number, (pose, flat, model, faces) in enumerate(found, 1)
-    ]
+        if flat.area < LEAST_AREA:
+            continue
+        name, pose = f"{owner.name}_surface_{len(kept) + 1}", frame @ pose
+        region = Wanted(name, sort, sort, pose, flat, 0.0, THIN, model_id=model, faces=faces)
+        kept.append(keep(connection, owner.map_id, owner, region))
     connection.exec_driver_sql(
         "DELETE FROM entity e USING region r WHERE r.entity_id = e.id AND r.of_id = %(of)s "
         "AND r.origin = 'support_surface' AND NOT e.id = ANY(%(kept)s::bigint[])",
@@ -230,30 +205,18 @@ def find_walkable_floor(
             "it has no floor"
         )
     height, _ = _heights(connection, owner)
-    floor = walkable_floor(
-        owner.footprint,
-        height,
-        _shell(connection, owner),
-        _standing_in(connection, owner),
-        headroom=headroom,
-        max_step=max_step,
-        max_slope=max_slope,
-    )
+    shell, standing = _shell(connection, owner), _standing_in(connection, owner)
+    limits = {"headroom": headroom, "max_step": max_step, "max_slope": max_slope}
+    floor = walkable_floor(owner.footprint, height, shell, standing, **limits)
     if floor is None:
         raise ValueError(
             f"nothing of {owner.name} can be walked on at z = {height:.3f} m with {headroom} m "
             "above it free: check the room's floor height, or ask for less headroom"
         )
-    region = level_region(
-        f"{owner.name}_floor",
-        "walkable_floor",
-        "walkable_floor",
-        owner,
-        floor.outline,
-        floor.low,
-        max(floor.high, floor.low + THIN),
-        properties={"headroom": headroom, "max_step": max_step, "max_slope": round(max_slope, 6)},
-    )
+    name, high = f"{owner.name}_floor", max(floor.high, floor.low + THIN)
+    limits["max_slope"] = round(max_slope, 6)
+    sort: Origin = "walkable_floor"
+    region = level_region(name, sort, sort, owner, floor.outline, floor.low, high, limits)
     return keep(connection, owner.map_id, owner, region)
 
 
@@ -277,16 +240,9 @@ def find_observation_area(
     except ValueError as error:
         raise ValueError(f"{owner.name}: {error}") from None
     low, high = _heights(connection, owner)
-    region = level_region(
-        f"{owner.name}_observation",
-        "observation_area",
-        "observation_area",
-        owner,
-        ring,
-        low,
-        high,
-        properties={"near": near, "far": far},
-    )
+    name, about = f"{owner.name}_observation", {"near": near, "far": far}
+    sort: Origin = "observation_area"
+    region = level_region(name, sort, sort, owner, ring, low, high, about)
     return keep(connection, owner.map_id, owner, region)
 
 

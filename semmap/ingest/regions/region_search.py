@@ -17,7 +17,6 @@ from semmap.ingest.regions.extraction import (
     find_support_surfaces,
     find_walkable_floor,
 )
-from semmap.ingest.regions.region_list import list_regions
 from semmap.query import entity_query
 
 SORTS: dict[str, str] = {"surfaces": "object", "floor": "room", "observation": "object"}
@@ -73,7 +72,7 @@ def find_regions(
             problems.append(str(error.orig if isinstance(error, DBAPIError) else error))
             continue
         found += made if isinstance(made, list) else [made]
-    return FoundRows(list_regions(session, found), problems)
+    return FoundRows(entity_query.list_regions(session, found), problems)
 
 
 def _of_type(session: psycopg.Connection[Any], type: str, kind: str) -> list[int]:

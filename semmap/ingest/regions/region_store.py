@@ -70,7 +70,6 @@ def level_region(
     outline: Outline,
     low: float,
     high: float,
-    *,
     properties: dict[str, Any],
 ) -> Wanted:
     """Return a region given in the map's frame; its own frame is level."""
@@ -97,18 +96,14 @@ def keep(connection: Connection, map_id: int, owner: Owner | None, region: Wante
 
 
 def _check_type(connection: Connection, region: Wanted) -> None:
-    known = "SELECT EXISTS (SELECT FROM type_closure WHERE (sub, super) = (%(type)s, 'region'))"
-    if connection.exec_driver_sql(known, {"type": region.type}).scalar():
+    subtypes = "SELECT sub FROM type_closure WHERE super = 'region' ORDER BY sub"
+    if region.type in connection.exec_driver_sql(subtypes).scalars().all():
         return
     load_tbox(connection)
-    if not connection.exec_driver_sql(known, {"type": region.type}).scalar():
-        kinds = connection.exec_driver_sql(
-            "SELECT sub FROM type_closure WHERE super = 'region' ORDER BY sub"
-        ).scalars()
-        raise LookupError(
-            f"{region.name}: the T-Box has no type of region {region.type}; it has "
-            + ", ".join(kinds)
-        )
+    known = connection.exec_driver_sql(subtypes).scalars().all()
+    if region.type not in known:
+        problem = f"{region.name}: the T-Box has no type of region {region.type}"
+        raise LookupError(f"{problem}; it has {', '.join(known)}")
 
 
 def _entry(connection: Connection, map_id: int, owner: Owner | None, region: Wanted) -> int:
