@@ -69,11 +69,10 @@ class FeatureFile:
     georeference: dict[str, object] | None = None
 
     @contextlib.contextmanager
-    def leaving_out(self, where: str, name: object) -> Iterator[str]:
-        """Leave out and name a feature that is refused in this block; yields its place and name."""
-        where += f" ({name})" if name is not None else ""
+    def leaving_out(self, where: str, name: object) -> Iterator[None]:
+        """Leave out and name a feature that is refused in this block."""
         try:
-            yield where
+            yield
         except Refused as refused:
             self.skipped.append(Skipped(where, refused.problem, refused.fix))
             if isinstance(name, str):
@@ -133,7 +132,8 @@ def _read_geojson(path: Path) -> FeatureFile:
     for number, member in enumerate(members):
         properties = member.get("properties") if isinstance(member, dict) else None
         name = properties.get("name") if isinstance(properties, dict) else None
-        with out.leaving_out(f"features[{number}]", name) as where:
+        where = _place(f"features[{number}]", name)
+        with out.leaving_out(where, name):
             if not isinstance(member, dict) or member.get("type") != "Feature":
                 raise Refused("is not a Feature", "Make it one, or remove it.")
             if not isinstance(properties, dict | None):
@@ -267,7 +267,9 @@ def _read_layer(path: Path, layer: str, out: FeatureFile) -> None:
             for (key, type_, subtype), column in zip(kinds, columns, strict=True)
             if (value := _plain(column[row], type_, subtype)) is not None
         }
-        with out.leaving_out(f"{layer}/{fid}", given.get("name")) as where:
+        name = given.get("name")
+        where = _place(f"{layer}/{fid}", name)
+        with out.leaving_out(where, name):
             checked = checked_properties(given)
             geometry = _wkb_geometry(None if wkb is None else wkb[row])
             out.features.append(Feature(where, layer, geometry, checked))
@@ -302,6 +304,10 @@ def _plain(value: Any, ogr_type: str, subtype: str) -> Any:
 
 
 # -- Both -------------------------------------------------------------------------------------
+
+
+def _place(where: str, name: object) -> str:
+    return where if name is None else f"{where} ({name})"
 
 
 def checked_property(value: Any, key: str) -> Any:
