@@ -5,12 +5,15 @@ from __future__ import annotations
 import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 import shapely
 from numpy.typing import NDArray
 from shapely import LineString, MultiPolygon, Point, Polygon, STRtree
 from shapely.ops import substring
+
+from semmap.geometry.morphology import polygons
 
 GRID = 1e-4
 """Lines are noded on a grid of 0.1 mm, so that a line which ends on another really meets it."""
@@ -20,6 +23,16 @@ NARROWEST = 0.4
 
 DOORWAY = 0.5
 """A border without wall or door is an opening from this length (metres) on."""
+
+
+GAP, CABIN_GAP = 0.05, 0.5
+"""Metres by which lines may miss each other, and elevator doors their shaft."""
+
+SMALLEST, SMALLEST_CLOSED = 0.5, 2.0
+"""Square metres from which a face is a room, and one into which no door or opening leads."""
+
+CLEARANCE = 0.05
+"""Metres beside a door at which rooms begin."""
 
 BESIDE = 0.15
 ALONG = 0.8
@@ -49,8 +62,7 @@ class FloorPlan:
     cracks: list[Polygon] = field(default_factory=list)  # too small or too thin
 
 
-@dataclass(frozen=True)
-class Sides:
+class Sides(NamedTuple):
     """The rooms to the left and to the right of a directed line; None where there is none."""
 
     left: int | None
@@ -81,16 +93,11 @@ def enclose(
     floors: Sequence[Polygon] = (),
     cabins: Sequence[Polygon] = (),
     cabin_doors: Sequence[LineString] = (),
-    *,
-    gap: float = 0.05,
-    cabin_gap: float = 0.5,
-    smallest: float = 0.5,
-    smallest_closed: float = 2.0,
 ) -> FloorPlan:
     """Return the rooms of a storey; lengths are metres.
 
     The lines of walls, doors and floor outlines are joined where they miss each other by at most
-    `gap`, noded, and polygonised. A crack (for example between a wall and the floor outline drawn
+    `GAP`, noded, and polygonised. A crack (for example between a wall and the floor outline drawn
     beside it) joins the room to which it is open. Where there are floors, a face must lie on them.
 
     Parameters
@@ -100,55 +107,50 @@ def enclose(
         is an opening
     cabins : elevator cabins, cut out of the rooms
     cabin_doors : elevator doors, the cabin to their right; they stand in the opening of a shaft
-        and are joined to what is within `cabin_gap` of their ends
-    smallest : the area in square metres from which a face is a room
-    smallest_closed : the same where no door or opening leads into the face
+        and are joined to what is within `CABIN_GAP` of their ends
     """
     rings = [ring for floor in floors for ring in (floor.exterior, *floor.interiors)]
     outlines = [side for ring in rings for side in _segments(ring)]
     drawn = [line for line in (*walls, *doors, *outlines, *cabin_doors) if line.length > 0]
     if not drawn:
         return FloorPlan()
-    bridges = bridge_gaps(drawn, gap)
+    bridges = bridge_gaps(drawn, GAP)
     if cabin_doors:
-        bridges += bridge_gaps([*walls, *doors], cabin_gap, cabin_doors)
+        bridges += bridge_gaps([*walls, *doors], CABIN_GAP, cabin_doors)
     noded = shapely.unary_union([*drawn, *bridges], grid_size=GRID)
     barriers = [*walls, *doors, *cabin_doors]
 
     faces = list(shapely.polygonize([noded]).geoms)
-    faces, cracks = _fill_cracks(faces, [*barriers, *bridges], smallest)
+    faces, cracks = _fill_cracks(faces, [*barriers, *bridges])
     plan = FloorPlan(cracks=cracks)
-    faces, around_cabins = _without_cabins(faces, cabins, plan, smallest)
+    faces, around_cabins = _without_cabins(faces, cabins, plan)
     faces = _on_floors(faces, floors, plan)
     faces.sort(key=_reading_order)
 
     openings = _openings(faces, barriers)
     reached = {i for opening in openings for i in opening.rooms}
     for door in doors:
-        sides = rooms_beside(faces, door)
-        reached |= {i for i in (sides.left, sides.right) if i is not None}
+        reached.update(i for i in rooms_beside(faces, door) if i is not None)
     for door in cabin_doors:
-        before = rooms_beside(faces, door, reach=cabin_gap).left
+        before = rooms_beside(faces, door, reach=CABIN_GAP).left
         reached |= {before} if before is not None else set()
     numbers: dict[int, int] = {}
     for i, face in enumerate(faces):
-        if i in reached or (face.area >= smallest_closed and face not in around_cabins):
+        if i in reached or (face.area >= SMALLEST_CLOSED and face not in around_cabins):
             numbers[i] = len(plan.rooms)
             plan.rooms.append(face.simplify(GRID))
         else:
             plan.solid.append(face)
-    plan.openings = [
-        Opening((numbers[o.rooms[0]], numbers[o.rooms[1]]), o.border) for o in openings
-    ]
+    for opening in openings:
+        a, b = opening.rooms
+        plan.openings.append(Opening((numbers[a], numbers[b]), opening.border))
     return plan
 
 
-def rooms_beside(
-    rooms: Sequence[Polygon], line: LineString, reach: float = 0.3, clearance: float = 0.05
-) -> Sides:
+def rooms_beside(rooms: Sequence[Polygon], line: LineString, reach: float = 0.3) -> Sides:
     """Return the rooms on both sides of a door, found by the strips along it.
 
-    The strips leave out the outer tenths of the line and begin `clearance` beside it; of several
+    The strips leave out the outer tenths of the line and begin `CLEARANCE` beside it; of several
     rooms in a strip `reach` metres deep, the one that fills most of it counts.
     """
     tree = STRtree(rooms)
@@ -156,8 +158,8 @@ def rooms_beside(
 
     def beside(sign: int) -> int | None:
         strip = shapely.difference(
-            middle.buffer(sign * (clearance + reach), single_sided=True),
-            middle.buffer(sign * clearance, single_sided=True),
+            middle.buffer(sign * (CLEARANCE + reach), single_sided=True),
+            middle.buffer(sign * CLEARANCE, single_sided=True),
         )
         near = [int(i) for i in tree.query(strip, predicate="intersects")]
         filled = {i: rooms[i].intersection(strip).area for i in near}
@@ -176,13 +178,8 @@ def _segments(line: LineString) -> list[LineString]:
     return [LineString(pair) for pair in itertools.pairwise(shapely.get_coordinates(line))]
 
 
-def _polygons(geometry: shapely.Geometry) -> list[Polygon]:
-    parts = shapely.get_parts(geometry)
-    return [p for p in parts if isinstance(p, Polygon) and not p.is_empty]
-
-
-def _is_roomy(face: Polygon, smallest: float) -> bool:
-    return bool(face.area >= smallest and not face.buffer(-NARROWEST / 2).is_empty)
+def _is_roomy(face: Polygon) -> bool:
+    return bool(face.area >= SMALLEST and not face.buffer(-NARROWEST / 2).is_empty)
 
 
 def _reading_order(face: Polygon) -> tuple[float, float]:
@@ -196,12 +193,12 @@ def _reading_order(face: Polygon) -> tuple[float, float]:
 
 
 def _fill_cracks(
-    faces: list[Polygon], barriers: Sequence[LineString], smallest: float
+    faces: list[Polygon], barriers: Sequence[LineString]
 ) -> tuple[list[Polygon], list[Polygon]]:
     """Join each crack to the room with which it shares the longest border that is not solid."""
     solid = shapely.union_all([b.buffer(10 * GRID) for b in barriers])
-    rooms = [f for f in faces if _is_roomy(f, smallest)]
-    cracks = [f for f in faces if not _is_roomy(f, smallest)]
+    rooms = [f for f in faces if _is_roomy(f)]
+    cracks = [f for f in faces if not _is_roomy(f)]
     given = True
     while given and rooms and cracks:
         given = False
@@ -209,12 +206,9 @@ def _fill_cracks(
         left: list[Polygon] = []
         parts: dict[int, list[Polygon]] = {}
         for crack in cracks:
-            beside = tree.query(crack, predicate="intersects")
             shared = {
-                int(i): sum(
-                    part.difference(solid).length for part in _common_border(crack, rooms[i])
-                )
-                for i in beside
+                int(i): sum(p.difference(solid).length for p in _common_border(crack, rooms[i]))
+                for i in tree.query(crack, predicate="intersects")
             }
             best = max(shared, key=lambda i: (shared[i], -i), default=None)
             if best is None or shared[best] <= 10 * GRID:
@@ -233,22 +227,17 @@ def _fill_cracks(
 
 
 def _without_cabins(
-    faces: list[Polygon], cabins: Sequence[Polygon], plan: FloorPlan, smallest: float
+    faces: list[Polygon], cabins: Sequence[Polygon], plan: FloorPlan
 ) -> tuple[list[Polygon], list[Polygon]]:
     """Cut the cabins out of the faces; returns all that is left, and the parts that were cut."""
     if not cabins:
         return faces, []
-    rest, cut = [], []
     taken = shapely.union_all(cabins)
-    for face in faces:
-        if not face.intersects(taken):
-            rest.append(face)
-            continue
-        for part in _polygons(face.difference(taken)):
-            if _is_roomy(part, smallest):
-                cut.append(part)
-            else:
-                plan.cracks.append(part)
+    rest = [face for face in faces if not face.intersects(taken)]
+    met = [face.difference(taken) for face in faces if face.intersects(taken)]
+    parts = [part for face in met for part in polygons(face) if part.area]
+    plan.cracks += [part for part in parts if not _is_roomy(part)]
+    cut = [part for part in parts if _is_roomy(part)]
     return rest + cut, cut
 
 

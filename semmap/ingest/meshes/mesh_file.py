@@ -7,7 +7,6 @@ import os
 import re
 import warnings
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 from xml.etree.ElementTree import ParseError
@@ -26,6 +25,9 @@ from semmap.ingest.naming import give_type
 from semmap.ingest.world import Entry, PlaceDetail, Shape, World, WorldError
 from semmap.limits import EXTENT, PARTS, TRIANGLES
 
+_SIMPLER = "Export a simpler mesh."
+
+
 Y_UP = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])
 """Rotation from coordinates with y up to coordinates with z up."""
 
@@ -41,12 +43,8 @@ class MeshFileError(Error):
         self.problem, self.fix = problem, fix
 
 
-@dataclass(frozen=True)
-class _Part:
-    """A named piece of a file, in the file's frame and metres."""
-
-    names: frozenset[str]
-    mesh: Mesh
+_Part = tuple[frozenset[str], Mesh]
+"""A piece of a file with its names, in the file's frame and metres."""
 
 
 def read_mesh(
@@ -90,62 +88,54 @@ def read_mesh(
                 "The file may be truncated or of another format: export it again.",
             ) from error
     if part is not None:
-        parts = [p for p in parts if part in p.names]
-    parts = [p for p in parts if len(p.mesh.faces)]
-    if not parts:
+        parts = [p for p in parts if part in p[0]]
+    meshes = [mesh for _, mesh in parts if len(mesh.faces)]
+    if not meshes:
         missing = "has no faces" if part is None else f"has no faces in a part named {part!r}"
         raise MeshFileError(missing, "Export it as a triangle mesh.")
-    mesh = _checked(_tidy(join([p.mesh for p in parts]), scale))
+    mesh = _checked(_tidy(join(meshes), scale))
     if center:
         mesh = Mesh(mesh.vertices - mesh.bounds.mean(axis=0), mesh.faces)
     return mesh
 
 
 def read_mesh_world(
-    path: Path,
-    as_: Literal["object", "room"] = "object",
-    *,
-    name: str | None = None,
-    type_: str | None = None,
-    scale: float = 1.0,
+    path: Path, as_: Literal["object", "room"] = "object", *, scale: float = 1.0
 ) -> World:
     """A world of one entry: the mesh of a file as an object or as the shell of a room.
 
-    A PLY file of points without faces is an object with a point cloud, whose type is not guessed.
-    By default, the name is the file's stem and the type is guessed from it. `scale` is metres per
-    unit of a format without units. A WorldError refuses a mesh that cannot be used.
+    A PLY file of points without faces is an object with a point cloud; the type of other objects is
+    guessed from the file's name. `scale` is metres per unit of a format without units. A WorldError
+    refuses a mesh that cannot be used.
     """
     path = Path(path)
-    name = name or path.stem
+    name = path.stem
     try:
         points = _read_points(path, scale) if as_ == "object" else None
-        if points is not None:
-            cloud = Shape("cloud", points, uri=path.name)
-            return World(name, path, [Entry(name, kind=as_, type=type_, shapes=[cloud])])
-        mesh = read_mesh(path, scale=scale)
+        mesh = read_mesh(path, scale=scale) if points is None else points
     except MeshFileError as error:
         raise WorldError(path, "mesh", error.problem, error.fix) from error
-    entry = Entry(
-        name,
-        kind=as_,
-        type=type_ or ("room" if as_ == "room" else None),
-        shapes=[Shape("mesh", mesh, uri=path.name)],
-    )
-    if type_ is None and as_ == "object":
-        give_type(entry, (name,))
+    if points is not None:
+        cloud = Shape("cloud", points, uri=path.name)
+        return World(name, path, [Entry(name, kind=as_, shapes=[cloud])])
+    shape = Shape("mesh", mesh, uri=path.name)
+    entry = Entry(name, kind=as_, shapes=[shape])
     world = World(name, path, [entry])
     low, high = mesh.bounds
-    if as_ == "room":
-        entry.shapes[0].outline = _footprint(mesh)
+    if as_ == "object":
+        give_type(entry, (name,))
+    else:
+        entry.type, shape.outline = "room", _footprint(mesh)
         entry.detail = PlaceDetail(float(low[2]), float(high[2]) if high[2] > low[2] else None)
-        if entry.shapes[0].outline is None:
+        if shape.outline is None:
             world.notes.append(
                 f"{name}: the mesh encloses no area seen from above; its convex hull is the outline"
             )
-    if (high - low).max() > 200:
+    longest = (high - low).max()
+    if longest > 200:
         world.notes.append(
-            f"{name} is {(high - low).max():.0f} m long: if the file is in millimetres, import "
-            "it with --scale 0.001"
+            f"{name} is {longest:.0f} m long: if the file is in millimetres, import it with "
+            "--scale 0.001"
         )
     return world
 
@@ -190,30 +180,26 @@ def _read_dae(path: Path, up_axis: bool) -> list[_Part]:
     lost = len(list(document.xmlnode.iter("{*}geometry"))) - len(document.geometries)
     if lost:
         reason = document.errors[0] if document.errors else "of an unknown kind"
-        raise MeshFileError(
-            f"{lost} of its geometries are unreadable ({reason})", "Export it again."
-        )
+        problem = f"{lost} of its geometries are unreadable ({reason})"
+        raise MeshFileError(problem, "Export it again.")
     turn = {"Y_UP": Y_UP, "X_UP": X_UP}.get(up, np.eye(3)) if up_axis else np.eye(3)
-    placed: list[tuple[set[str], object, NDArray[np.float64]]] = []
-    if document.scene is not None:
-        for number, bound in enumerate(document.scene.objects("geometry"), 1):
-            PARTS.check(number, MeshFileError, "Export a simpler mesh.")
-            placed.append(({bound.original.name, bound.original.id}, bound.original, bound.matrix))
-        names = _dae_node_names(document)
-        for names_of, geometry, _ in placed:
-            names_of.update(names.get(geometry.id, ()))  # type: ignore[attr-defined]
+    names = _dae_node_names(document)
     parts, faces = [], 0
-    for names_of, geometry, matrix in placed:
-        for primitive in geometry.primitives:  # type: ignore[attr-defined]
+    placed = document.scene.objects("geometry") if document.scene is not None else ()
+    for number, bound in enumerate(placed, 1):
+        PARTS.check(number, MeshFileError, _SIMPLER)
+        geometry, matrix = bound.original, np.asarray(bound.matrix, float)
+        named = {geometry.name, geometry.id, *names.get(geometry.id, ())} - {None, ""}
+        for primitive in geometry.primitives:
             if isinstance(primitive, collada.polylist.Polylist):
                 primitive = primitive.triangleset()
             if not isinstance(primitive, collada.triangleset.TriangleSet) or not len(primitive):
                 continue
-            mesh = _placed(primitive.vertex, primitive.vertex_index, np.asarray(matrix, float))
+            mesh = _placed(primitive.vertex, primitive.vertex_index, matrix)
             faces += len(mesh.faces)
-            TRIANGLES.check(faces, MeshFileError, "Export a simpler mesh.")
+            TRIANGLES.check(faces, MeshFileError, _SIMPLER)
             vertices = unit * mesh.vertices @ turn.T
-            parts.append(_Part(frozenset(n for n in names_of if n), Mesh(vertices, mesh.faces)))
+            parts.append((frozenset(named), Mesh(vertices, mesh.faces)))
     return parts
 
 
@@ -268,16 +254,16 @@ def _read_any(path: Path, up_axis: bool) -> list[_Part]:
         geometry = scene.geometry[name]
         if isinstance(geometry, trimesh.Trimesh) and len(geometry.faces):
             faces += len(geometry.faces)
-            TRIANGLES.check(faces, MeshFileError, "Export a simpler mesh.")
+            TRIANGLES.check(faces, MeshFileError, _SIMPLER)
             mesh = _placed(geometry.vertices, geometry.faces, np.asarray(matrix, float))
             names = frozenset({str(node), str(name)})
-            parts.append(_Part(names, Mesh(unit * mesh.vertices @ turn.T, mesh.faces)))
+            parts.append((names, Mesh(unit * mesh.vertices @ turn.T, mesh.faces)))
     return parts
 
 
 def _read_octomap(path: Path, _: bool) -> list[_Part]:
     check_size(path, MeshFileError)
-    return [_Part(frozenset(), read_octomap(path, MeshFileError))]
+    return [(frozenset(), read_octomap(path, MeshFileError))]
 
 
 _READERS: dict[str, Callable[[Path, bool], list[_Part]]] = {

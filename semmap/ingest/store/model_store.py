@@ -6,8 +6,10 @@ import hashlib
 from collections.abc import Callable, Sequence
 from typing import Any
 
+import numpy as np
 import psycopg
 import shapely
+from numpy.typing import NDArray
 from psycopg import sql
 
 from semmap.geometry.outline import hull_points
@@ -56,42 +58,28 @@ def store_models(
 
 
 def _insert_model(cursor: psycopg.Cursor[Any], digest: str, shape: Shape) -> int:
-    mesh, outline = shape.mesh, shape.outline
+    mesh, outline, is_cloud = shape.mesh, shape.outline, shape.kind == "cloud"
     if mesh is not None and len(mesh.vertices):
         hull = hull_points(mesh)
     elif outline is not None:
         hull = shapely.get_coordinates(outline, include_z=True)
     else:
         raise ValueError(f"a {shape.kind} shape with neither mesh nor outline")
-    points = shapely.multipoints(shapely.points(hull))
-    many = None
+    flat = None
     if outline is not None:
-        flat = shapely.force_2d(outline)
-        many = shapely.MultiPolygon([flat]) if flat.geom_type == "Polygon" else flat
-    faces = 0 if mesh is None or shape.kind == "cloud" else len(mesh.faces)
-    closed = mesh is not None and shape.kind != "cloud" and mesh.is_closed
+        flat = shapely.to_wkb(shapely.multipolygons(shapely.get_parts(shapely.force_2d(outline))))
+    faces = 0 if mesh is None or is_cloud else len(mesh.faces)
+    closed = mesh is not None and not is_cloud and mesh.is_closed
     cursor.execute(
         "INSERT INTO model (digest, kind, uri, triangles, closed, hull, outline) "
         "VALUES (%s, %s, %s, %s, %s, ST_GeomFromWKB(%s, 0), ST_GeomFromWKB(%s, 0)) RETURNING id",
-        (
-            digest,
-            shape.kind,
-            shape.uri,
-            faces,
-            closed,
-            shapely.to_wkb(points, output_dimension=3),
-            None if many is None else shapely.to_wkb(many),
-        ),
+        (digest, shape.kind, shape.uri, faces, closed, _points(hull), flat),
     )
     row = cursor.fetchone()
     assert row is not None
     model_id: int = row[0]
     if mesh is not None:
-        if shape.kind == "cloud":
-            cloud = shapely.multipoints(shapely.points(mesh.vertices))
-            patches = iter([shapely.to_wkb(cloud, output_dimension=3)])
-        else:
-            patches = encode_chunks(mesh.triangles)
+        patches = iter([_points(mesh.vertices)]) if is_cloud else encode_chunks(mesh.triangles)
         columns = ("model_id", "number", "geom")
         with writable_table(cursor, "chunk", columns) as table:
             statement = copy_statement(table, columns) + sql.SQL(" (FORMAT BINARY)")
@@ -100,3 +88,9 @@ def _insert_model(cursor: psycopg.Cursor[Any], digest: str, shape: Shape) -> int
                 for number, patch in enumerate(patches):
                     copy.write_row((model_id, number, patch))
     return model_id
+
+
+def _points(points: NDArray[np.float64]) -> bytes:
+    """(N, 3) points as WKB."""
+    wkb: bytes = shapely.to_wkb(shapely.multipoints(shapely.points(points)), output_dimension=3)
+    return wkb

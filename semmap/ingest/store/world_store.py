@@ -157,8 +157,7 @@ def _add_types(cursor: psycopg.Cursor[Any], entries: Iterable[Entry], stored: St
     """Add types that the T-Box lacks, each below the entry's kind, and note them."""
     kinds = {entry.type: entry.kind for entry in entries if entry.type}
     cursor.execute("SELECT name FROM semantic_type WHERE name = ANY(%s)", (list(kinds),))
-    there = {name for (name,) in cursor}
-    new = sorted(set(kinds) - there)
+    new = sorted(set(kinds).difference(name for (name,) in cursor))
     if new:
         cursor.execute(
             "INSERT INTO semantic_type (name, origin) SELECT t, 'import' FROM unnest(%s::text[]) t",
@@ -228,6 +227,7 @@ def _annotate(
     cursor: psycopg.Cursor[Any], entries: Sequence[Entry], ids: dict[str, int], stored: StoreSummary
 ) -> None:
     for e in entries:
+        given = {"type": e.type, "label": e.label, "id": ids[e.name]}
         cursor.execute(
             "UPDATE entity SET type = coalesce(%(type)s, type), "
             "label = coalesce(%(label)s, label), properties = properties || %(properties)s "
@@ -235,12 +235,7 @@ def _annotate(
             "type IS NOT DISTINCT FROM coalesce(%(type)s, type) AND "
             "label IS NOT DISTINCT FROM coalesce(%(label)s, label) AND "
             "properties @> %(properties)s)",
-            {
-                "type": e.type,
-                "label": e.label,
-                "properties": Jsonb(e.properties),
-                "id": ids[e.name],
-            },
+            given | {"properties": Jsonb(e.properties)},
         )
         if cursor.rowcount:
             stored.notes.append(f"{e.name}: annotated")
@@ -260,10 +255,10 @@ def _give_models(
             ([ids[e.name] for e in changed],),
         )
         has = {tuple(row) for row in cursor}
-        for stale in has - wanted:
-            cursor.execute(
-                "DELETE FROM entity_model WHERE (entity_id, model_id, role) = (%s, %s, %s)", stale
-            )
+        cursor.executemany(
+            "DELETE FROM entity_model WHERE (entity_id, model_id, role) = (%s, %s, %s)",
+            sorted(has - wanted),
+        )
         wanted -= has
     if wanted:
         copy_rows(cursor, "entity_model", ("entity_id", "model_id", "role"), sorted(wanted))
@@ -339,13 +334,8 @@ def _georeference(cursor: psycopg.Cursor[Any], map_id: int, world: World) -> Non
     if not given:
         return
     if "crs" not in given:
-        given = on_utm(
-            cursor,
-            given.get("latitude_deg", 0.0),
-            given.get("longitude_deg", 0.0),
-            given.get("elevation", 0.0),
-            given.get("heading_deg", 0.0),
-        )
+        place = ("latitude_deg", "longitude_deg", "elevation", "heading_deg")
+        given = on_utm(cursor, *(given.get(key, 0.0) for key in place))
     cursor.execute(
         "UPDATE map SET crs = %(crs)s, easting = %(easting)s, northing = %(northing)s, "
         "height = %(height)s, rotation = %(rotation)s WHERE id = %(id)s",

@@ -272,10 +272,6 @@ def test_object(tmp_path: Path) -> None:
     (entry,) = world.entries
     assert (entry.name, entry.kind, entry.type) == ("OfficeChair_01", "object", "office_chair")
     assert entry.shapes[0].mesh is not None
-    named = read_mesh_world(tmp_path / "OfficeChair_01.stl", name="stool1", type_="stool").entries[
-        0
-    ]
-    assert (named.name, named.type) == ("stool1", "stool")
 
 
 def test_room_has_heights_and_its_outline(tmp_path: Path) -> None:
