@@ -17,30 +17,18 @@ from defusedxml import DefusedXmlException
 from defusedxml.ElementTree import iterparse
 from numpy.typing import ArrayLike, NDArray
 
-from semmap.error import Error
 from semmap.geometry.mesh import Mesh, join
-from semmap.ingest.meshes.mesh_size import check_size
+from semmap.ingest.meshes.mesh_size import SIMPLER, MeshFileError, check_size
 from semmap.ingest.meshes.octomap_file import read_octomap
 from semmap.ingest.naming import give_type
 from semmap.ingest.world import Entry, PlaceDetail, Shape, World, WorldError
 from semmap.limits import EXTENT, PARTS, TRIANGLES
-
-_SIMPLER = "Export a simpler mesh."
-
 
 Y_UP = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])
 """Rotation from coordinates with y up to coordinates with z up."""
 
 X_UP = np.array([[0.0, -1, 0], [0, 0, -1], [1, 0, 0]])
 """Rotation from coordinates with x up (COLLADA: right -y, towards the viewer z) to z up."""
-
-
-class MeshFileError(Error):
-    """A mesh file that cannot be used: what is wrong, and how to fix it."""
-
-    def __init__(self, problem: str, fix: str) -> None:
-        super().__init__(f"{problem}. {fix}")
-        self.problem, self.fix = problem, fix
 
 
 _Part = tuple[frozenset[str], Mesh]
@@ -171,7 +159,7 @@ def _read_dae(path: Path, up_axis: bool) -> list[_Part]:
 
     data = path.read_bytes()
     unit, up = _dae_asset(data)
-    check_size(path, MeshFileError)
+    check_size(path)
     # pycollada takes a comment inside <mesh> for an unknown primitive and drops the whole geometry
     document = collada.Collada(
         io.BytesIO(re.sub(rb"<!--.*?-->", b"", data, flags=re.DOTALL)),
@@ -187,7 +175,7 @@ def _read_dae(path: Path, up_axis: bool) -> list[_Part]:
     parts, faces = [], 0
     placed = document.scene.objects("geometry") if document.scene is not None else ()
     for number, bound in enumerate(placed, 1):
-        PARTS.check(number, MeshFileError, _SIMPLER)
+        PARTS.check(number, MeshFileError, SIMPLER)
         geometry, matrix = bound.original, np.asarray(bound.matrix, float)
         named = {geometry.name, geometry.id, *names.get(geometry.id, ())} - {None, ""}
         for primitive in geometry.primitives:
@@ -197,7 +185,7 @@ def _read_dae(path: Path, up_axis: bool) -> list[_Part]:
                 continue
             mesh = _placed(primitive.vertex, primitive.vertex_index, matrix)
             faces += len(mesh.faces)
-            TRIANGLES.check(faces, MeshFileError, _SIMPLER)
+            TRIANGLES.check(faces, MeshFileError, SIMPLER)
             vertices = unit * mesh.vertices @ turn.T
             parts.append((frozenset(named), Mesh(vertices, mesh.faces)))
     return parts
@@ -242,7 +230,7 @@ def _read_any(path: Path, up_axis: bool) -> list[_Part]:
     import trimesh
 
     _check_signature(path)
-    check_size(path, MeshFileError)
+    check_size(path)
     scene = trimesh.load_scene(path, process=False, skip_materials=True)
     unit = 1.0
     if scene.units is not None:
@@ -254,7 +242,7 @@ def _read_any(path: Path, up_axis: bool) -> list[_Part]:
         geometry = scene.geometry[name]
         if isinstance(geometry, trimesh.Trimesh) and len(geometry.faces):
             faces += len(geometry.faces)
-            TRIANGLES.check(faces, MeshFileError, _SIMPLER)
+            TRIANGLES.check(faces, MeshFileError, SIMPLER)
             mesh = _placed(geometry.vertices, geometry.faces, np.asarray(matrix, float))
             names = frozenset({str(node), str(name)})
             parts.append((names, Mesh(unit * mesh.vertices @ turn.T, mesh.faces)))
@@ -262,8 +250,8 @@ def _read_any(path: Path, up_axis: bool) -> list[_Part]:
 
 
 def _read_octomap(path: Path, _: bool) -> list[_Part]:
-    check_size(path, MeshFileError)
-    return [(frozenset(), read_octomap(path, MeshFileError))]
+    check_size(path)
+    return [(frozenset(), read_octomap(path))]
 
 
 _READERS: dict[str, Callable[[Path, bool], list[_Part]]] = {

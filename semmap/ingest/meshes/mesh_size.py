@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from io import BytesIO
 from pathlib import Path
 from typing import Any
@@ -16,11 +16,10 @@ from zipfile import ZipFile
 
 from defusedxml.ElementTree import iterparse
 
+from semmap.error import Error
 from semmap.limits import MESH_BYTES, NESTING, PARTS, TRIANGLES
 
-Raise = Callable[[str, str], Exception]
-
-_SIMPLER = "Export a simpler mesh."
+SIMPLER = "Export a simpler mesh."
 
 _BYTES = {5120: 1, 5121: 1, 5122: 2, 5123: 2, 5125: 4, 5126: 4}
 """Bytes of glTF's component types."""
@@ -28,41 +27,49 @@ _BYTES = {5120: 1, 5121: 1, 5122: 2, 5123: 2, 5125: 4, 5126: 4}
 _COMPONENTS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT2": 4, "MAT3": 9, "MAT4": 16}
 
 
-def check_size(path: Path, error: Raise) -> None:
-    """Raise an `error` for a mesh file that is larger than limits allow, or would be once loaded.
+class MeshFileError(Error):
+    """A mesh file that cannot be used: what is wrong, and how to fix it."""
+
+    def __init__(self, problem: str, fix: str) -> None:
+        super().__init__(f"{problem}. {fix}")
+        self.problem, self.fix = problem, fix
+
+
+def check_size(path: Path) -> None:
+    """Raise a MeshFileError for a file that is larger than limits allow, or would be once loaded.
 
     The structure of `.3mf`, `.dae`, `.glb` and `.gltf` is read; a malformed one raises anything.
     """
-    MESH_BYTES.check(path.stat().st_size, error, _SIMPLER)
+    MESH_BYTES.check(path.stat().st_size, MeshFileError, SIMPLER)
     check = {".3mf": _check_3mf, ".dae": _check_dae, ".glb": _check_glb, ".gltf": _check_gltf}
     if path.suffix.lower() in check:
-        check[path.suffix.lower()](path, error)
+        check[path.suffix.lower()](path)
 
 
-def _check_glb(path: Path, error: Raise) -> None:
+def _check_glb(path: Path) -> None:
     with path.open("rb") as file:
         file.seek(12)
         length = int.from_bytes(file.read(4), "little")
         file.seek(20)
-        _check_accessors(json.loads(file.read(length)), error)
+        _check_accessors(json.loads(file.read(length)))
 
 
-def _check_gltf(path: Path, error: Raise) -> None:
+def _check_gltf(path: Path) -> None:
     document = json.loads(path.read_bytes())
     uris = [str(b.get("uri", "")) for b in document.get("buffers", [])]
     beside = [path.parent / unquote(uri) for uri in uris if not uri.startswith("data:")]
-    MESH_BYTES.check(sum(p.stat().st_size for p in beside if p.is_file()), error, _SIMPLER)
-    _check_accessors(document, error)
+    MESH_BYTES.check(sum(p.stat().st_size for p in beside if p.is_file()), MeshFileError, SIMPLER)
+    _check_accessors(document)
 
 
-def _check_accessors(document: Mapping[str, Any], error: Raise) -> None:
+def _check_accessors(document: Mapping[str, Any]) -> None:
     """Check that each accessor has its data in the file, and the number of placed triangles."""
     accessors: Sequence[Mapping[str, Any]] = document.get("accessors", [])
     views: Sequence[Mapping[str, Any]] = document.get("bufferViews", [])
     total = 0
     for number, accessor in enumerate(accessors):
         if "sparse" in accessor or "bufferView" not in accessor:
-            raise error(
+            raise MeshFileError(
                 f"its accessor {number} is sparse or compressed",
                 "Export it without sparse accessors and without Draco compression.",
             )
@@ -71,9 +78,11 @@ def _check_accessors(document: Mapping[str, Any], error: Raise) -> None:
         stride = view.get("byteStride", item)
         count = accessor["count"]
         if count < 0 or stride < item or (count - 1) * stride + item > view["byteLength"]:
-            raise error(f"its accessor {number} exceeds its buffer view", "Export it again.")
+            raise MeshFileError(
+                f"its accessor {number} exceeds its buffer view", "Export it again."
+            )
         total += count * item
-    MESH_BYTES.check(total, error, _SIMPLER)
+    MESH_BYTES.check(total, MeshFileError, SIMPLER)
 
     primitives = [mesh["primitives"] for mesh in document.get("meshes", [])]
     corners = [sum(_vertices(each, accessors) for each in mesh) for mesh in primitives]
@@ -81,9 +90,9 @@ def _check_accessors(document: Mapping[str, Any], error: Raise) -> None:
     roots = [n for scene in document.get("scenes", []) for n in scene.get("nodes", [])]
     placed = [*roots, *(child for node in nodes for child in node.get("children", []))]
     meshes = [*range(len(corners)), *(nodes[n]["mesh"] for n in placed if "mesh" in nodes[n])]
-    PARTS.check(len(placed) + sum(len(primitives[m]) for m in meshes), error, _SIMPLER)
-    TRIANGLES.check(sum(corners[m] for m in meshes) / 3, error, _SIMPLER)
-    NESTING.check(_depth(nodes, roots), error, _SIMPLER, verb="nests")
+    PARTS.check(len(placed) + sum(len(primitives[m]) for m in meshes), MeshFileError, SIMPLER)
+    TRIANGLES.check(sum(corners[m] for m in meshes) / 3, MeshFileError, SIMPLER)
+    NESTING.check(_depth(nodes, roots), MeshFileError, SIMPLER, verb="nests")
 
 
 def _vertices(primitive: Mapping[str, Any], accessors: Sequence[Mapping[str, Any]]) -> int:
@@ -102,12 +111,15 @@ def _depth(nodes: Sequence[Mapping[str, Any]], roots: Sequence[int]) -> int:
     return depth
 
 
-def _check_3mf(path: Path, error: Raise) -> None:
+def _check_3mf(path: Path) -> None:
     """Check a 3MF, whose objects place others as components: a few lines can place many meshes."""
     with ZipFile(path) as packed:
         members = {m.filename: m.file_size for m in packed.infolist()}
         MESH_BYTES.check(
-            sum(members.values()), error, "Export a simpler mesh, or as binary STL.", "inflates to"
+            sum(members.values()),
+            MeshFileError,
+            "Export a simpler mesh, or as binary STL.",
+            "inflates to",
         )
         model = next(n for n in members if "3d/3dmodel.model" in n.lower())
         components: dict[str, list[str]] = {}
@@ -128,13 +140,13 @@ def _check_3mf(path: Path, error: Raise) -> None:
                     triangles[element.attrib["id"]], count = count, 0
                 case "item":
                     items.append(element.attrib["objectid"])
-    MESH_BYTES.check(referred, error, _SIMPLER)
+    MESH_BYTES.check(referred, MeshFileError, SIMPLER)
     components["world"] = items
-    PARTS.check(_placed(components, error), error, _SIMPLER)
-    TRIANGLES.check(_unfolded(components, triangles, "world"), error, _SIMPLER)
+    PARTS.check(_placed(components), MeshFileError, SIMPLER)
+    TRIANGLES.check(_unfolded(components, triangles, "world"), MeshFileError, SIMPLER)
 
 
-def _check_dae(path: Path, error: Raise) -> None:
+def _check_dae(path: Path) -> None:
     """Check a COLLADA file, whose nodes place others as instances."""
     children: dict[str, list[str]] = {"world": []}
     open_: list[str] = ["world"]
@@ -145,12 +157,12 @@ def _check_dae(path: Path, error: Raise) -> None:
             children.setdefault(name, [])
             children[open_[-1]].append(name)
             open_.append(name)
-            NESTING.check(len(open_), error, _SIMPLER, verb="nests")
+            NESTING.check(len(open_), MeshFileError, SIMPLER, verb="nests")
         elif tag == "node":
             open_.pop()
         elif tag == "instance_node" and event == "start":
             children[open_[-1]].append(element.attrib.get("url", "").lstrip("#"))
-    PARTS.check(_placed(children, error), error, _SIMPLER)
+    PARTS.check(_placed(children), MeshFileError, SIMPLER)
 
 
 def _events(data: bytes) -> Iterator[tuple[str, Any]]:
@@ -161,11 +173,11 @@ def _events(data: bytes) -> Iterator[tuple[str, Any]]:
             element.clear()
 
 
-def _placed(parts: Mapping[str, Sequence[str]], error: Raise) -> float:
+def _placed(parts: Mapping[str, Sequence[str]]) -> float:
     """Return the number of parts of the world."""
     count = _unfolded(parts, dict.fromkeys(parts, 1), "world")
     if math.isinf(count):
-        raise error("its parts contain each other", "Remove the cycle.")
+        raise MeshFileError("its parts contain each other", "Remove the cycle.")
     return count
 
 

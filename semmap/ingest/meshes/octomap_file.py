@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import struct
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from semmap.geometry.mesh import Mesh
+from semmap.ingest.meshes.mesh_size import MeshFileError
 from semmap.limits import TRIANGLES
 
 DEPTH = 16
@@ -36,15 +37,15 @@ class _Header:
     data: bytes
 
 
-def read_octomap(path: Path, error: Callable[[str, str], Exception]) -> Mesh:
+def read_octomap(path: Path) -> Mesh:
     """Return the outward faces between occupied voxels and others of an OctoMap file, metres.
 
     It is a .bt (occupied, free, unknown) or .ot (log-odds; occupied above 0). A ValueError refuses
-    a damaged file or one without an occupied voxel, `error` one above the limits.
+    a damaged file or one without an occupied voxel.
     """
     header = _read_header(path.read_bytes())
     leaves = _binary_leaves(header) if header.binary else _full_leaves(header)
-    voxels = _voxels(list(leaves), error)
+    voxels = _voxels(list(leaves))
     if not len(voxels):
         raise ValueError("no voxel is occupied")
     mesh = _surface(voxels)
@@ -113,10 +114,10 @@ def _children(cube: Leaf) -> Iterator[Leaf]:
         yield x + (i & 1) * half, y + (i >> 1 & 1) * half, z + (i >> 2 & 1) * half, half
 
 
-def _voxels(leaves: list[Leaf], error: Callable[[str, str], Exception]) -> NDArray[np.int64]:
+def _voxels(leaves: list[Leaf]) -> NDArray[np.int64]:
     """(N, 3) the lowest corners of all voxels of some leaves."""
     count = sum(edge**3 for *_, edge in leaves)
-    TRIANGLES.check(12 * count, error, "Write it with a larger res.", "may have")
+    TRIANGLES.check(12 * count, MeshFileError, "Write it with a larger res.", "may have")
     by_edge: dict[int, list[tuple[int, int, int]]] = {}
     for x, y, z, edge in leaves:
         by_edge.setdefault(edge, []).append((x, y, z))

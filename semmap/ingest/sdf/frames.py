@@ -11,7 +11,7 @@ from contextlib import suppress
 from pathlib import Path
 
 from semmap.geometry.pose import IDENTITY, Pose
-from semmap.ingest.sdf.values import Unusable
+from semmap.ingest.sdf.elements import Unusable
 from semmap.ingest.world import WorldError
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 from urllib.parse import unquote
 
 from semmap.ingest.meshes.mesh_file import other_case
-from semmap.ingest.sdf.values import Unusable
+from semmap.ingest.sdf.elements import Unusable
 from semmap.ingest.world import WorldError
 from semmap.ingest.xml_file import read_xml
 

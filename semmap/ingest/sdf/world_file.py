@@ -20,11 +20,10 @@ import numpy as np
 from semmap.geometry.pose import Pose
 from semmap.ingest.georeference import utm_crs
 from semmap.ingest.naming import give_type, unique_name
+from semmap.ingest.sdf.elements import Unusable, leaving_out, local_pose, numbers, read_root
 from semmap.ingest.sdf.frames import Frames
 from semmap.ingest.sdf.models import Instance, Models, Role, SdfFile
 from semmap.ingest.sdf.resources import Resources
-from semmap.ingest.sdf.root import read_root
-from semmap.ingest.sdf.values import Unusable, leaving_out, local_pose, numbers
 from semmap.ingest.world import Entry, Skipped, World, WorldError
 from semmap.limits import EXTENT
 

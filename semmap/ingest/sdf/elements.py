@@ -1,14 +1,27 @@
-"""Numbers, flags and poses from the text of SDF elements."""
+"""The elements of SDF files: roots, numbers, flags and poses; old notation becomes the present."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterator
 from contextlib import contextmanager
-from xml.etree.ElementTree import Element
+from pathlib import Path
+from xml.etree.ElementTree import Element, SubElement
 
 from semmap.geometry.pose import IDENTITY, Pose
 from semmap.ingest.world import Skipped
+from semmap.ingest.xml_file import read_xml
+
+OLD_ATTRIBUTES = {
+    "model": {"static": "static"},
+    "include": {"filename": "uri"},
+    "box": {"size": "size"},
+    "sphere": {"radius": "radius"},
+    "cylinder": {"radius": "radius", "length": "length"},
+    "plane": {"normal": "normal", "size": "size"},
+    "mesh": {"filename": "uri", "scale": "scale"},
+}
+"""What files with the root ``<gazebo>`` write as attributes: by element, attribute and element."""
 
 _LARGEST = 1e12
 """Largest length, angle or factor; products of a few such numbers stay finite."""
@@ -30,6 +43,19 @@ def leaving_out(skipped: list[Skipped]) -> Iterator[None]:
     except Unusable as unusable:
         if unusable.skipped not in skipped:
             skipped.append(unusable.skipped)
+
+
+def read_root(path: Path) -> Element:
+    """Return the root of an SDF file: ``<sdf>``, or ``<gazebo>`` as before SDF 1.3."""
+    root = read_xml(path, ("sdf", "gazebo"))
+    if root.tag == "gazebo":
+        for element in list(root.iter()):
+            for attribute, tag in OLD_ATTRIBUTES.get(element.tag, {}).items():
+                if attribute in element.attrib and element.find(tag) is None:
+                    SubElement(element, tag).text = element.get(attribute)
+            if element.tag == "origin":
+                element.tag, element.text = "pose", element.get("pose")
+    return root
 
 
 def numbers(element: Element | None, count: int, where: str) -> tuple[float, ...]:
