@@ -107,9 +107,6 @@ _KINDS: tuple[EntityKind, ...] = ("room", "object", "region", "connector", "agen
 _MESHED: tuple[EntityKind, ...] = ("room", "object", "connector")
 
 
-# -- the reader ---------------------------------------------------------------------------------
-
-
 def read_storey_names(seen: Snapshot) -> list[str]:
     """Return the names of the map's storeys, the lowest first; its own where it has none."""
     return [storey.name for storey in _storeys(seen)]
@@ -229,9 +226,6 @@ def read_entities(
     return [e for e in found if carried or not e.carried]
 
 
-# -- storeys and their heights ------------------------------------------------------------------
-
-
 @dataclass(frozen=True)
 class _Storey:
     """A storey, the z of its floor, and the heights z that belong to it.
@@ -349,9 +343,6 @@ def _bounds_of_rooms(
 def _unknown(what: str, name: str, names: Sequence[str]) -> str:
     near = suggestion(name, names, f"there are: {', '.join(names) or 'none'}")
     return f"there is no {what} named {name}{near}"
-
-
-# -- entities -----------------------------------------------------------------------------------
 
 
 class _Reading:

@@ -141,8 +141,6 @@ class DraftWorld:
         self.poses[draft.name] = pose
         self.out.entries.append(entry)
 
-    # -- what features refer to ---------------------------------------------------------------
-
     def is_left_out(self, name: str | None) -> bool:
         """Return whether the file has a feature of this name that cannot be used."""
         return name in self.file.lost and name not in self.poses

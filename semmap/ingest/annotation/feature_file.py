@@ -112,9 +112,6 @@ def _check_metres(path: Path, found: FeatureFile) -> None:
         )
 
 
-# -- GeoJSON (RFC 7946) -----------------------------------------------------------------------
-
-
 def _read_geojson(path: Path) -> FeatureFile:
     root = parse_json(path)
     if not isinstance(root, dict) or root.get("type") not in ("FeatureCollection", "Feature"):
@@ -215,9 +212,6 @@ def _read_georeference(given: object, out: FeatureFile) -> None:
         out.georeference = dict(given)
 
 
-# -- GeoPackage (OGC 12-128) ------------------------------------------------------------------
-
-
 def _read_geopackage(path: Path) -> FeatureFile:
     _check_sqlite(path)
     out = FeatureFile()
@@ -301,9 +295,6 @@ def _plain(value: Any, ogr_type: str, subtype: str) -> Any:
     if isinstance(value, bytes):
         return value.hex()
     return value
-
-
-# -- Both -------------------------------------------------------------------------------------
 
 
 def _place(where: str, name: object) -> str:

@@ -37,9 +37,6 @@ LAYERS: dict[str, Kind] = {
 """The kind of the features in a layer of this name."""
 
 
-# -- the T-Box ------------------------------------------------------------------------------
-
-
 @functools.cache
 def _tbox() -> Mapping[str, TypeRecord]:
     return {record.name: record for record in own_tbox()}
@@ -59,9 +56,6 @@ def supertypes(type_: str) -> set[str]:
         above.add(current := todo.pop())
         todo += _tbox()[current].parents if current in _tbox() else ()
     return above
-
-
-# -- words and numbers -----------------------------------------------------------------------
 
 
 def text(feature: Feature, key: str) -> str | None:
@@ -143,9 +137,6 @@ def kind_of(feature: Feature, type_: str | None) -> Kind:
             f"Add the property kind: {', '.join(KINDS)}.",
         )
     return kind
-
-
-# -- areas and lines -------------------------------------------------------------------------
 
 
 def area_of(feature: Feature, notes: list[str]) -> Polygon | MultiPolygon:

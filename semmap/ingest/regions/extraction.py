@@ -246,9 +246,6 @@ def find_observation_area(
     return keep(connection, owner.map_id, owner, region)
 
 
-# -- what is read -----------------------------------------------------------------------------
-
-
 def _owner(connection: Connection, entity: int) -> Owner:
     row = connection.exec_driver_sql(
         "SELECT e.id, e.map_id, e.name, e.kind, w.pose, ARRAY[ST_XMin(w.box), ST_YMin(w.box), "

@@ -123,8 +123,6 @@ class Models:
         self._files: dict[Path, SdfModel | Unusable | None] = {}
         self._baked: dict[tuple[tuple[int, Pose], ...], Mesh | None] = {}
 
-    # Reading
-
     def instances(self, scope: Element, frames: Frames, source: SdfFile) -> list[Instance]:
         """Return the models and includes in a scope; add their frames under unique names."""
         found = []
@@ -282,8 +280,6 @@ class Models:
                         pose = frames.pose(relative_to or frame, named) @ local
                         parts.append(_Part(role, pose, element.find("geometry"), path, named))
         return parts
-
-    # Baking
 
     def shape(self, model: SdfModel, role: Role) -> Shape | None:
         """Return all surfaces of a model as one mesh in its frame; None where it has none.

@@ -54,8 +54,6 @@ class CheckedBuilding:
         self.solids = [e for e in self.objects if len(e.triangles)]
         self._parts: dict[str, bool] = {}
 
-    # -- rooms and storeys
-
     def floor(self, room: CheckedEntity) -> float:
         """The z of a room's floor."""
         assert room.pose is not None
@@ -106,8 +104,6 @@ class CheckedBuilding:
         whole = whole.buffer(WALL, join_style="mitre").buffer(-WALL, join_style="mitre")
         return shapely.union_all([shapely.Polygon(p.exterior) for p in shapely.get_parts(whole)])
 
-    # -- parts of the building
-
     def is_part(self, entity: CheckedEntity) -> bool:
         """Whether an object is a part of the building: by its type, else by shape and place."""
         if entity.name not in self._parts:
@@ -132,8 +128,6 @@ class CheckedBuilding:
         sides = shapely.get_coordinates(entity.outline.minimum_rotated_rectangle)
         thin = min(np.linalg.norm(np.diff(sides[:3], axis=0), axis=1), default=0) <= WALL
         return bool(thin) and sum(self.shares(entity).values()) < 0.5
-
-    # -- neighbours
 
     @cached_property
     def _solid_tree(self) -> STRtree:

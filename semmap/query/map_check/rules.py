@@ -70,9 +70,6 @@ def check_map(seen: Snapshot) -> list[Finding]:
     ]
 
 
-# -- physics -------------------------------------------------------------------------------------
-
-
 def _floating(building: CheckedBuilding) -> Found:
     for entity in building.solids:
         if building.is_part(entity) or any(e.kind == "agent" for e in entity.chain):
@@ -151,9 +148,6 @@ def _one_point(building: CheckedBuilding) -> Found:
                 else f"map[{names[-1]!r}].move_to(x, y, {z:.3f}), or .delete() if it is the same"
             )
             yield names, f"{_list(names)} are at one point: {x:.3f}, {y:.3f}, {z:.3f}", fix
-
-
-# -- rooms, doors, storeys -----------------------------------------------------------------------
 
 
 def _outside(building: CheckedBuilding) -> Found:
@@ -251,9 +245,6 @@ def _is_level(entity: CheckedEntity, z: float) -> bool:
     return float(shapely.area(shapely.polygons(faces[flat][:, :, :2])).sum()) >= FLOOR_AREA
 
 
-# -- geometry and inventory ----------------------------------------------------------------------
-
-
 def _shapeless(building: CheckedBuilding) -> Found:
     names = tuple(e.name for e in building.objects if e.outline is None)
     if names:
@@ -336,9 +327,6 @@ def _wrong_holder(building: CheckedBuilding) -> Found:
             )
             fix = f"SELECT derive_again(ARRAY[{entity.row['id']}])"
             yield (entity.name, holder.name), text, fix
-
-
-# -- help ----------------------------------------------------------------------------------------
 
 
 def _list(names: list[str] | tuple[str, ...]) -> str:
