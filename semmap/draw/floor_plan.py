@@ -21,7 +21,7 @@ from matplotlib.path import Path as Curve
 from numpy.typing import NDArray
 from scipy.ndimage import label
 
-from semmap.draw.labels import AROUND, Labels
+from semmap.draw.labels import AROUND, Labels, Style
 from semmap.draw.palette import HIDDEN, INK, PATH, STATES, family, object_colour, room_colour
 from semmap.draw.sheet import draw_title, paper_sheet, save_sheet
 from semmap.draw.view import DoorView, ObjectView, OccupancyView, Outline, RegionView, StoreyView
@@ -60,18 +60,18 @@ _SOUGHT = "#b3261e"
 """Of what robots look for and people are."""
 
 
-def _halo(width: float, alpha: float) -> dict[str, Any]:
+def _halo(width: float, alpha: float) -> Style:
     stroke = effects.withStroke(linewidth=width, foreground="white", alpha=alpha)
     return {"path_effects": [stroke]}
 
 
 _HALO = _halo(2.2, 0.85)
-_ROOM_NAME = {"fontsize": 9.5, "weight": "bold", "color": INK, "linespacing": 1.1, "zorder": 8}
-_ROOM_NAME |= _HALO
-_DOOR_NAME = {"fontsize": 6.8, "weight": "bold", "color": "white", "zorder": 8}
-_REGION_NAME = {"fontsize": 7, "weight": "bold", "style": "italic", "zorder": 8} | _HALO
-_SOUGHT_NAME = {"fontsize": 7, "weight": "bold", "color": _SOUGHT, "zorder": 8} | _HALO
-_OBJECT_NAME = {"fontsize": 5.8, "color": "#23262b", "zorder": 7.5} | _halo(1.4, 0.7)
+_BOLD: Style = {"weight": "bold", "zorder": 8}
+_ROOM_NAME = _BOLD | _HALO | {"fontsize": 9.5, "color": INK, "linespacing": 1.1}
+_DOOR_NAME = _BOLD | {"fontsize": 6.8, "color": "white"}
+_REGION_NAME = _BOLD | _HALO | {"fontsize": 7, "style": "italic"}
+_SOUGHT_NAME = _BOLD | _HALO | {"fontsize": 7, "color": _SOUGHT}
+_OBJECT_NAME: Style = {"fontsize": 5.8, "color": "#23262b", "zorder": 7.5} | _halo(1.4, 0.7)
 
 
 def floor_plan(
@@ -250,7 +250,7 @@ def _door(axes: Axes, door: DoorView) -> None:
     hinge, latch = middle - along * w / 2, middle + along * w / 2
 
     def stroke(start: Point, end: Point, lw: float, **style: Any) -> None:
-        style = {"solid_capstyle": "butt", "zorder": 5} | style
+        style = Style(solid_capstyle="butt", zorder=5) | style
         axes.plot(*np.stack([start, end]).T, color=colour, lw=lw, **style)
 
     for pose in door.poses:
@@ -276,7 +276,7 @@ def _door(axes: Axes, door: DoorView) -> None:
             stroke(pivot, pivot - way * reach, 1.8, solid_capstyle="round")
             turns = [math.degrees(math.atan2(v[1], v[0])) for v in (-way, shut)]
             start, end = turns if (turns[1] - turns[0]) % 360 <= 180 else turns[::-1]
-            swing = {"color": colour, "lw": 0.8, "ls": (0, (3, 2)), "zorder": 5}
+            swing: Style = {"color": colour, "lw": 0.8, "ls": (0, (3, 2)), "zorder": 5}
             at = pivot[0], pivot[1]
             axes.add_patch(Arc(at, 2 * reach, 2 * reach, theta1=start, theta2=end, **swing))
 
@@ -284,7 +284,7 @@ def _door(axes: Axes, door: DoorView) -> None:
 def _path(axes: Axes, line: NDArray[np.float64]) -> None:
     """Draw a route as a line with arrows, and a dot at its start."""
     xy = line[:, :2]
-    rounded: dict[str, Any] = {"solid_capstyle": "round", "solid_joinstyle": "round"}
+    rounded: Style = {"solid_capstyle": "round", "solid_joinstyle": "round"}
     axes.plot(*xy.T, color="white", lw=5.5, alpha=0.9, zorder=6, **rounded)
     axes.plot(*xy.T, color=PATH, lw=2.8, zorder=6.1, **rounded)
     steps = np.hypot(*np.diff(xy, axis=0).T)
@@ -318,7 +318,11 @@ def _round_length(length: float) -> float:
 
 
 def _summary(storey: StoreyView) -> str:
-    counts = {"room": storey.rooms, "door": storey.doors, "object": _shown(storey)}
+    counts: dict[str, Sized] = {
+        "room": storey.rooms,
+        "door": storey.doors,
+        "object": _shown(storey),
+    }
     parts = [f"{len(v)} {k}{'s' * (len(v) > 1)}" for k, v in counts.items() if v]
     if storey.occupancy is not None:
         rows, columns = storey.occupancy.cells.shape
@@ -351,8 +355,8 @@ def _write(axes: Axes, storey: StoreyView, objects: list[ObjectView], per_metre:
     beside = _ring((near, near + 8, near + 16, near + 26))
     for door, (x, y) in zip(storey.doors, middles, strict=True):
         colour = STATES.get(door.state, STATES["open"])
-        box = {"boxstyle": "round,pad=0.22,rounding_size=0.5", "fc": colour, "ec": "white"}
-        plate = {**_DOOR_NAME, "bbox": box | {"lw": 0.5}}
+        box: Style = {"boxstyle": "round,pad=0.22,rounding_size=0.5", "fc": colour, "ec": "white"}
+        plate: Style = {**_DOOR_NAME, "bbox": box | {"lw": 0.5}}
         labels.put(x, y, door.name, offsets=beside, force=True, **plate)
     for region in storey.regions:
         c = region.outline.representative_point()
@@ -370,7 +374,7 @@ def _write(axes: Axes, storey: StoreyView, objects: list[ObjectView], per_metre:
         x0, y0, x1, y1 = entity.footprint.bounds
         text = entity.types[0].replace("_", " ")
         if {"food", "robot", "person"} & set(entity.types):
-            leader = {"color": _SOUGHT, "lw": 0.7}
+            leader: Style = {"color": _SOUGHT, "lw": 0.7}
             labels.put(c.x, c.y, text, offsets=AROUND, force=True, leader=leader, **_SOUGHT_NAME)
             axes.plot(c.x, c.y, "o", ms=9, mfc="none", mec=_SOUGHT, mew=1.3, zorder=7)
             continue

@@ -10,6 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.text import Annotation, Text
 
 Offset = tuple[float, float]
+Style = dict[str, Any]
 Box = tuple[float, float, float, float]
 """x0, y0, x1, y1, pixels; a Bbox computes its sides each time it is asked for them."""
 

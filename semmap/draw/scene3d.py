@@ -6,14 +6,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import cycle, pairwise, permutations
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.colors import to_rgb
 from numpy.typing import NDArray
 
-from semmap.draw.labels import AROUND, Labels
+from semmap.draw.labels import AROUND, Labels, Style
 from semmap.draw.palette import BOX_COLOURS, INK, PAPER, PATH, object_colour, room_colour
 from semmap.draw.rasteriser import Camera, quarters
 from semmap.draw.shading import Surfaces, shade
@@ -259,7 +258,7 @@ def _draw_line(axes: Axes, camera: Camera, depth: Floats, line: _Line) -> None:
         n = max(2, int(np.ceil(np.linalg.norm(b - a) / 0.05)))
         pieces.append(a + (b - a) * np.linspace(0, 1, n, endpoint=False)[:, None])
     at = camera.project(np.concatenate([*pieces, line.points[-1:]]))
-    style: dict[str, Any] = {"color": line.colour, "lw": line.width * 0.6}
+    style: Style = {"color": line.colour, "lw": line.width * 0.6}
     if line.dashed:
         axes.plot(*at[:, :2].T, ls=(0, (1.2, 1.6)), dash_capstyle="round", **style)
         return
@@ -278,21 +277,21 @@ def _name_storey(labels: Labels, camera: Camera, storey: StoreyView, shift: Floa
     (x0, y0), (x1, y1) = bounds
     corners = np.array([[x, y, storey.elevation] for x in (x0, x1) for y in (y0, y1)]) + shift
     x, y, _ = camera.project(corners).min(axis=0)
-    style = {"ha": "left", "va": "top", "fontsize": 11, "weight": "bold", "color": INK}
+    style: Style = {"ha": "left", "va": "top", "fontsize": 11, "weight": "bold", "color": INK}
     labels.put(x, y, storey.name, force=True, **style)
 
 
 def _name_rooms(labels: Labels, camera: Camera, rooms: Sequence[tuple[RoomView, Floats]]) -> None:
     around = ((0, 0), (0, 10), (0, -10), *AROUND)
-    style = {"fontsize": 7.5, "color": "white", "weight": "bold", "linespacing": 1.05}
+    style: Style = {"fontsize": 7.5, "color": "white", "weight": "bold", "linespacing": 1.05}
     for (room, shift), colour in zip(rooms, cycle(BOX_COLOURS)):
         centre = room.outline.representative_point()
         x, y, _ = camera.project(np.array([centre.x, centre.y, room.low]) + shift)
         told = not room.label or room.label in room.name
         name = room.name if told else f"{room.name}\n{room.label}"
-        plate = {"boxstyle": "round,pad=0.28,rounding_size=0.6", "fc": colour, "ec": "white"}
+        plate: Style = {"boxstyle": "round,pad=0.28,rounding_size=0.6", "fc": colour, "ec": "white"}
         plate |= {"lw": 0.6, "alpha": 0.93}
-        leader = {"color": colour, "lw": 0.8}
+        leader: Style = {"color": colour, "lw": 0.8}
         labels.put(x, y, name, offsets=around, force=True, leader=leader, bbox=plate, **style)
 
 
@@ -320,12 +319,12 @@ def _name_objects(
             wanted = 10.0 if {"food", "robot", "person"} & set(entity.types) else size
             named.append((wanted, entity.types[0], object_colour(entity.types), at))
     written: list[tuple[str, Floats]] = []
-    around, leader = ((0, 5), *AROUND), {"color": INK, "lw": 0.5}
+    around, leader = ((0, 5), *AROUND), Style(color=INK, lw=0.5)
     for _, name, colour, at in sorted(named, key=lambda item: -item[0]):
         if any(n == name and np.hypot(*(p - at)[:2]) < 90 for n, p in written):
             continue  # one name for several objects of a type
         written.append((name, at))
-        plate = {"boxstyle": "round,pad=0.18,rounding_size=0.5", "fc": "white", "ec": colour}
-        style = {"fontsize": 6.2, "color": INK, "bbox": plate | {"lw": 0.9, "alpha": 0.9}}
+        plate: Style = {"boxstyle": "round,pad=0.18,rounding_size=0.5", "fc": "white", "ec": colour}
+        style: Style = {"fontsize": 6.2, "color": INK, "bbox": plate | {"lw": 0.9, "alpha": 0.9}}
         text = name.replace("_", " ")
         labels.put(at[0], at[1], text, offsets=around, leader=leader, **style)

@@ -16,7 +16,8 @@ from scipy.spatial.transform import Rotation
 
 from semmap.geometry.mesh import Mesh, join
 from semmap.geometry.outline import hull_points
-from semmap.ingest.meshes.mesh_file import MeshFileError, read_mesh
+from semmap.ingest.meshes.mesh_file import read_mesh
+from semmap.ingest.meshes.mesh_size import MeshFileError
 from semmap.limits import EXTENT, LINKS, PARTS, TEXT_BYTES, TRIANGLES
 from semmap.robot.error import RobotError
 

@@ -249,7 +249,10 @@ class _Reader:
             elevation,
             vertices,
             fiducials,
-            *(usable(key, self.edge) for key in ("measurements", "walls", "doors", "lanes")),
+            usable("measurements", self.edge),
+            usable("walls", self.edge),
+            usable("doors", self.edge),
+            usable("lanes", self.edge),
             usable("floors", self.floor),
             usable("models", self.model),
         )

@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 
 from semmap.geometry.mesh import Mesh, box_mesh, join, prism_mesh
 from semmap.geometry.pose import IDENTITY
-from semmap.ingest.meshes.mesh_file import MeshFileError, read_mesh
+from semmap.ingest.meshes.mesh_file import read_mesh
+from semmap.ingest.meshes.mesh_size import MeshFileError
 from semmap.ingest.sdf.elements import Unusable, flag, numbers
 from semmap.ingest.sdf.resources import Resources
 from semmap.limits import EXTENT, VERTICES

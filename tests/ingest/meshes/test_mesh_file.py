@@ -14,7 +14,8 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from semmap.geometry.mesh import Mesh
-from semmap.ingest.meshes.mesh_file import MeshFileError, read_mesh, read_mesh_world
+from semmap.ingest.meshes.mesh_file import read_mesh, read_mesh_world
+from semmap.ingest.meshes.mesh_size import MeshFileError
 from semmap.ingest.world import PlaceDetail, WorldError
 
 CORNERS = np.array([[0, 0, 0], [1, 0, 0], [0, 2, 0], [0, 0, 3]], float)

@@ -11,7 +11,8 @@ from typing import Any
 
 import pytest
 
-from semmap.ingest.meshes.mesh_file import MeshFileError, read_mesh
+from semmap.ingest.meshes.mesh_file import read_mesh
+from semmap.ingest.meshes.mesh_size import MeshFileError
 
 TRIANGLE = struct.pack("<9f", 0, 0, 0, 1, 0, 0, 0, 1, 0)
 ACCESSOR = {"componentType": 5126, "count": 3, "type": "VEC3", "bufferView": 0}

@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 
 from navgrid.grid import Grid
 from navgrid.slabs import occupancy
-from semmap.ingest.meshes.mesh_file import MeshFileError, read_mesh, read_mesh_world
+from semmap.ingest.meshes.mesh_file import read_mesh, read_mesh_world
+from semmap.ingest.meshes.mesh_size import MeshFileError
 
 RESOLUTION = 0.1
 
