@@ -318,12 +318,8 @@ def _round_length(length: float) -> float:
 
 
 def _summary(storey: StoreyView) -> str:
-    counts: dict[str, Sized] = {
-        "room": storey.rooms,
-        "door": storey.doors,
-        "object": _shown(storey),
-    }
-    parts = [f"{len(v)} {k}{'s' * (len(v) > 1)}" for k, v in counts.items() if v]
+    counts = {"room": len(storey.rooms), "door": len(storey.doors), "object": len(_shown(storey))}
+    parts = [f"{n} {what}{'s' * (n > 1)}" for what, n in counts.items() if n]
     if storey.occupancy is not None:
         rows, columns = storey.occupancy.cells.shape
         parts.append(f"grid {columns} x {rows} at {storey.occupancy.resolution:g} m")
