@@ -96,18 +96,12 @@ def enclose(
 ) -> FloorPlan:
     """Return the rooms of a storey; lengths are metres.
 
-    The lines of walls, doors and floor outlines are joined where they miss each other by at most
-    `GAP`, noded, and polygonised. A crack (for example between a wall and the floor outline drawn
-    beside it) joins the room to which it is open. Where there are floors, a face must lie on them.
-
-    Parameters
-    ----------
-    walls, doors : straight lines
-    floors : their outlines close what walls leave open; a border that is nothing but an outline
-        is an opening
-    cabins : elevator cabins, cut out of the rooms
-    cabin_doors : elevator doors, the cabin to their right; they stand in the opening of a shaft
-        and are joined to what is within `CABIN_GAP` of their ends
+    Lines of walls, doors and floor outlines are joined where they miss each other by at most `GAP`,
+    noded, and polygonised. A crack (for example between a wall and the floor outline drawn beside
+    it) joins the room to which it is open. Where there are floors, a face must lie on them; a
+    border that is nothing but their outline is an opening. Elevator cabins are cut out of the
+    rooms; their doors, with the cabin to their right, stand in the opening of a shaft and are
+    joined to what is within `CABIN_GAP` of their ends.
     """
     rings = [ring for floor in floors for ring in (floor.exterior, *floor.interiors)]
     outlines = [side for ring in rings for side in _segments(ring)]

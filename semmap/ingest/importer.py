@@ -150,19 +150,10 @@ def import_file(
     scale: float = 1.0,
     progress: Progress = lambda stage, done, total: None,
 ) -> ImportSummary:
-    """Import a world file in one transaction.
+    """Import a world file in one transaction, into the map of a name, by default the file's own.
 
-    Parameters
-    ----------
-    map_name : the map that takes it, made if it is not there; by default the file's own name
-    strict : take nothing if anything has to be left out
-    source : under which name a repeated import finds its entities again; by default the file's path
-
-    Raises
-    ------
-    WorldError
-        The file cannot be trusted as a whole, nothing of it can be used, or `strict` and an element
-        of it cannot be used; nothing is written.
+    `strict` takes nothing if anything has to be left out. A repeated import finds its entities
+    again by `source`, by default the file's path. After a WorldError, nothing is written.
     """
     start = time.perf_counter()
     progress(f"reading {path.name}", 0, 0)

@@ -37,33 +37,25 @@ change of the map."""
 class Look:
     """One state of a map, and what changed since the last one that was taken in.
 
-    Attributes
-    ----------
-    seen : its transaction is committed at the end of the look
-    changed : ids of the entities that changed, deleted ones included; None where the whole map is
-        to be read: at the first look, or where changes since the last one are not kept
-    cursor : where the state lies in the history
-    moment : when the transaction began
-    rows : of the statement that was sent along
+    `changed` has ids of entities, deleted ones included; None where the whole map is to be read: at
+    the first look, or where changes since the last one are not kept. `rows` are those of the
+    statement that was sent along; the transaction of `seen` is committed at the end of the look.
     """
 
     seen: Snapshot
     changed: frozenset[int] | None
-    cursor: str
-    moment: datetime
+    cursor: str  # where the state lies in the history
+    moment: datetime  # when the transaction began
     rows: tuple[tuple[Any, ...], ...] = ()
 
 
 class ChangeFeed:
-    """Follows a map, for one thread at a time.
+    """Follows a map, for one thread at a time: the current map, unless a name is given.
 
-    Parameters
-    ----------
-    map_name : by default the current map, and that one from the first look on
-    durable : make each cursor survive a crash of the server, at the price of a write to its disk;
-        else forget it when the server was away: a server that crashed assigns transaction
-        numbers again that the feed has seen
-    one_connection : looks use a private connection, which `close` closes
+    A `durable` feed makes each cursor survive a crash of the server, at the price of a write to its
+    disk; else it forgets the cursor when the server was away: a server that crashed assigns
+    transaction numbers again that the feed has seen. With `one_connection`, looks use a private
+    connection, which `close` closes.
     """
 
     def __init__(
@@ -104,11 +96,7 @@ class ChangeFeed:
         """Look at what changed, with `entities`, and send a statement with its values along.
 
         Pass the look to `take_in` when it is processed: until then the next sees the same changes.
-
-        Raises
-        ------
-        LookupError
-            There is no such map.
+        A LookupError names a map that is not there.
         """
         try:
             with self._connected() as (connection, driver):
@@ -202,8 +190,6 @@ def announce_fields(engine: Engine, map_name: str) -> None:
 def shows_fields(payload: str, map_name: str | None) -> bool:
     """Return whether a payload says that fields of a map have changed.
 
-    Examples
-    --------
     >>> shows_fields('{"fields": "house"}', "house"), shows_fields('{"moved": [7]}', "house")
     (True, False)
     """

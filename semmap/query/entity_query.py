@@ -107,32 +107,11 @@ def find(
     on: str | None = None,
     limit: int | None = None,
 ) -> list[Row]:
-    """The entities of the map that meet all the conditions that are given, by one statement.
+    """The entities of the map that meet all the conditions of `semmap.Map.find`, by one statement.
 
-    Parameters
-    ----------
-    type : a semantic type; its subtypes count
-    holder : name of an entity that holds them, or holds what holds them
-    label : the property label (``kitchen``) of the entity, or of its type
-    where : properties and their values
-    near : a point (x, y, z) in metres or the name of an entity (its origin): the nearest come first
-    within : metres from `near` to the entity's shape: its triangles, not its box; 0 inside of a
-        room, a region or a closed mesh; to its origin where it has no geometry
-    box : (x0, y0, z0, x1, y1, z1), metres: the entity's 3D box meets it
-    name : the name, or a pattern in which ``*`` is any text and ``?`` any character
-    on : name of an entity on which they stand
-
-    Returns
-    -------
     Rows with `id`, `name`, `kind`, `type`, `label`, `holder`, `storey`, `x`, `y`, `z` (metres, map
-    frame) and, with `near`, `distance`.
-
-    Raises
-    ------
-    LookupError
-        A type or name that the map does not have, with those that come near it.
-    ValueError
-        A point, box, distance or limit that is none.
+    frame) and, with `near`, `distance`. A LookupError says which type or name the map does not
+    have, a ValueError which point, box, distance or limit is none.
     """
     patterned = name is not None and any(character in name for character in "*?")
     given: dict[str, tuple[Any, str]] = {

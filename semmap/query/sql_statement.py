@@ -65,13 +65,7 @@ def run_sql(
     Without `write`, it is one statement that reads: the transaction is read-only and undone, and a
     superuser has the role ``semmap_reader`` in it. That role is left by a function such as
     ``set_config``: only a login that is not a superuser keeps a hostile statement from it
-    (`semmap.database.reader.reading_session`).
-
-    Raises
-    ------
-    ValueError
-        There is no statement, it is wrong or not allowed, it copies from standard input or to
-        standard output, or it does not read while `write` is not given.
+    (`semmap.database.reader.reading_session`). A ValueError says what is wrong, or not allowed.
     """
     session = driver_of(connection)
     if not statement.strip(" \t\r\n;"):

@@ -35,22 +35,11 @@ BLOCKED_TYPES = frozenset({"blocked_region", "keepout_zone", "staircase"})
 class SceneEntity:
     """An entity of the map, where it stands.
 
-    Attributes
-    ----------
-    types : the semantic type and its supertypes, the nearest first
-    triangles : (F, 3, 3) in the map's frame; of a shut door without a mesh the box of its opening.
-        Empty where the map has no mesh, as for a room that is drawn as an outline
-    footprint : the area that it covers on the ground
-    state : "open", "closed" or "locked", of a connector
-    valid : (begin, end) of a region; None on either side means without limit
-    label : of a room, its function, such as kitchen
-    storey : that holds it, directly or through its holders
-    floor, ceiling : z of a room's floor and ceiling, of a region's lower and upper end
-    form, width, sides : of a connector: "door", "stairs", ...; the clear width; the poses before
-        and behind it, facing it
-    carried : by an agent, with which it moves: it is not an obstacle
-    voxels : of an entity without triangles, such as a point cloud
-    assumed : the map has no geometry for it; `triangles` is a typical box for its type
+    Its types are the semantic type and its supertypes, the nearest first. `triangles` (F, 3, 3) are
+    in the map's frame; of a shut door without a mesh they are the box of its opening, of an entity
+    `assumed` a typical box for its type; empty where the map has no mesh, as for a room that is
+    drawn as an outline. `floor` and `ceiling` are the z of a room's floor and ceiling, or of a
+    region's lower and upper end; `sides` the poses before and behind a connector, facing it.
     """
 
     id: int
@@ -60,18 +49,18 @@ class SceneEntity:
     triangles: NDArray[np.float64] = field(default_factory=lambda: NO_TRIANGLES)
     footprint: Polygon | MultiPolygon | None = None
     properties: dict[str, Any] = field(default_factory=dict)
-    state: str | None = None
+    state: str | None = None  # open, closed or locked, of a connector
     valid: tuple[datetime | None, datetime | None] = (None, None)
     pose: Pose = IDENTITY
-    label: str | None = None
-    storey: str | None = None
+    label: str | None = None  # of a room, its function, such as kitchen
+    storey: str | None = None  # that holds it, directly or through its holders
     floor: float | None = None
     ceiling: float | None = None
-    form: str | None = None
-    width: float | None = None
+    form: str | None = None  # of a connector: door, stairs, ...
+    width: float | None = None  # of a connector's clear opening
     sides: tuple[Pose, Pose] | None = None
-    carried: bool = False
-    voxels: Voxels | None = None
+    carried: bool = False  # by an agent, with which it moves: it is not an obstacle
+    voxels: Voxels | None = None  # of an entity without triangles
     assumed: bool = False
 
     def holds_at(self, moment: datetime | None) -> bool:
@@ -137,21 +126,16 @@ class FloorArea:
 class StoreyScene:
     """What stands on a storey, or on a part of it.
 
-    Attributes
-    ----------
-    elevation : the z of the floor outside of `floors`
-    entities : what reaches into the storey's heights, wherever its holder is; of rooms and regions,
-        those of the storey
-    floors : rooms and doorways; without any, the whole scene is known ground
-    band : (low, high), the heights z that belong to the storey
-    inventory : what belongs to the storey by its holder, else by its height: the content of a floor
-        plan. Only `semmap.query.storey_reader.read_storeys` fills it
+    `entities` are what reaches into the heights `band` of the storey, wherever its holder is; of
+    rooms and regions, those of the storey. `inventory` is what belongs to it by its holder, else by
+    its height: the content of a floor plan. Only `semmap.query.storey_reader.read_storeys` fills
+    it.
     """
 
     storey: str
-    elevation: float
+    elevation: float  # the z of the floor outside of `floors`
     entities: tuple[SceneEntity, ...]
-    floors: tuple[FloorArea, ...] = ()
+    floors: tuple[FloorArea, ...] = ()  # rooms and doorways; if none, all is known ground
     band: tuple[float, float] = (-math.inf, math.inf)
     inventory: tuple[SceneEntity, ...] = ()
 

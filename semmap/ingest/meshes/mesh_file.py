@@ -45,20 +45,10 @@ def read_mesh(
 ) -> Mesh:
     """Return the surface in a mesh file, metres, z up, all parts joined, equal vertices merged.
 
-    The unit of COLLADA and 3MF is applied, glTF is turned from y up.
-
-    Parameters
-    ----------
-    path : a file of any format that trimesh reads, or an OctoMap (.bt, .ot)
-    part : take only the node or geometry of this name (SDF's `<submesh>`)
-    center : put the middle of the bounding box at the origin
-    dae_up_axis : follow a COLLADA file's `<up_axis>`; Gazebo does not
-    scale : metres per unit of the file, for formats without units (OBJ, STL, PLY, OFF)
-
-    Raises
-    ------
-    MeshFileError
-        The file is missing, is not what its ending says, is broken, or has no faces.
+    The unit of COLLADA and 3MF is applied, glTF is turned from y up. `part` takes only the node or
+    geometry of this name (SDF's `<submesh>`); `center` puts the middle of the bounding box at the
+    origin; `dae_up_axis` follows a COLLADA file's `<up_axis>`, which Gazebo does not; `scale` is
+    metres per unit of formats without units. A MeshFileError says why there is no surface.
     """
     if not os.path.isfile(path):  # noqa: PTH113 - False where a name is too long
         raise MeshFileError("does not exist", other_case(path) or "Restore it.")

@@ -83,13 +83,8 @@ def read_tbox(paths: Iterable[Path]) -> list[TypeRecord]:
     """Return the classes of ontology files, which may refer to each other, each after its parents.
 
     Classes are declared as ``rdfs:Class`` or ``owl:Class``. A superclass of another namespace that
-    no file declares is left out.
-
-    Raises
-    ------
-    WorldError
-        A file cannot be read, two classes have one name, a superclass is not declared, or classes
-        subsume each other.
+    no file declares is left out. A WorldError refuses two classes of one name, references to what
+    is not declared, and classes that subsume each other.
     """
     classes: dict[URIRef, _Class] = {}
     functions: set[URIRef] = set()

@@ -68,21 +68,13 @@ def draw_region(
 ) -> int:
     """Make or redraw a drawn region; return its id.
 
-    Parameters
-    ----------
-    outline : on the ground, in the map's frame, metres; the region reaches from the floor to the
-        ceiling of the room that is, or holds, its holder
-    box : instead of an outline: lowest and highest corner (x0, y0, z0, x1, y1, z1), map's frame
-    holder : the entity that it is in and moves with; the map itself where None
-    properties : added to those that it has
-    valid : from when until when it holds, None being open; as it was where not given
+    It has an outline on the ground, in the map's frame, metres, and reaches from the floor to the
+    ceiling of the room that is, or holds, its holder; or it is a box from the lowest to the highest
+    corner. With the holder it moves; without, the map holds it. The properties are added to those
+    that it has; `valid` is from when until when it holds, None being open, as it was where not
+    given.
 
-    Raises
-    ------
-    LookupError
-        The T-Box has no such type, or the map no such holder.
-    ValueError
-        Both or neither of outline and box; one without extent; a name that is taken.
+    A LookupError names an unknown type or holder, a ValueError what of the rest is wrong.
     """
     if (outline is None) == (box is None):
         raise ValueError(f"{name}: give either an outline or a box")

@@ -30,26 +30,11 @@ def find_regions(
     type: str | None = None,
     **options: Any,
 ) -> FoundRows:
-    """Find regions in the geometry of rooms or objects, and store them.
+    """Find regions in the geometry of rooms or objects of these names, and of a type; store them.
 
-    Parameters
-    ----------
-    sort : surfaces, where other objects can stand; floor, the walkable floor of a room as it is
-        now; observation, the ring around an object from which to observe it
-    names : of rooms or objects
-    type : also all rooms or objects of this type, subtypes included
-    options : of `semmap.ingest.regions.extraction.find_walkable_floor` and `find_observation_area`
-
-    Returns
-    -------
-    The regions, as of `list_regions`; `problems` has the reasons for those of the type without any.
-
-    Raises
-    ------
-    LookupError
-        The map has no such entity or type.
-    ValueError
-        A sort that is not known, or an entity of `names` without such a region.
+    `sort` is one of `SORTS`, `options` are of what finds them. The rows are those of
+    `list_regions`; `problems` has the reasons for those of the type without any. Errors name an
+    unknown entity, type or sort, and an entity of `names` without such a region.
     """
     seek: dict[str, Callable[[Connection, int], int | list[int]]] = {
         "surfaces": find_support_surfaces,
