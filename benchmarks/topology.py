@@ -23,11 +23,10 @@ from planner.route_planner import RoutePlanner
 from planner.topology import OUTSIDE, Topology
 from semmap.database import open_engine
 from semmap.ingest.importer import import_file
-from semmap.query.change_feed import cursor
 from semmap.query.map_handle import MapHandle
 from tests.office import OFFICE_FILES, delivery_robot
 from tests.planner.stored import store
-from tests.seen import seen_by
+from tests.seen import cursor, seen_by
 
 __all__ = ["main"]
 

@@ -42,6 +42,8 @@ REGIONS: tuple[tuple[str, str, str], ...] = (  # type, colour, hatch
 )
 _WALL = "#343a46"
 _MARGIN = 0.55
+_COVERED = 0.1
+"""The share of a name that others may cover; names of large rooms come first."""
 _DOUBLE, _OPENING = 1.3, 2.4  # widths beyond which a door has two leaves, or none, metres
 
 
@@ -337,15 +339,15 @@ def _write(axes: Axes, storey: StoreyView, objects: list[ObjectView], per_metre:
     for x, y in middles:
         labels.keep_clear(x, y, 0.16 * per_metre)
     labels.shun([o.footprint.bounds for o in objects if o.footprint is not None])
-    for room in storey.rooms:
+    for room in sorted(storey.rooms, key=lambda r: -r.outline.area):
         spots = _spots(room.outline)
-        name = room.name
         kind = room.label or (room.types[0].replace("_", " ") if room.types else "")
-        if kind and kind != "room" and kind.lower() not in name.lower():
-            name += f"\n{kind}"
+        told = kind in ("", "room") or kind.lower() in room.name.lower()
         x, y = spots[0]
         offsets = [((u - x) * per_metre, (v - y) * per_metre) for u, v in spots]
-        labels.put(x, y, name, offsets=offsets, force=True, **_ROOM_NAME)
+        for name in (room.name,) if told else (f"{room.name}\n{kind}", room.name):
+            if labels.put(x, y, name, offsets=offsets, most=_COVERED, **_ROOM_NAME):
+                break
     labels.shun([])
     near = max(9.0, 0.30 * per_metre)
     beside = _ring((near, near + 8, near + 16, near + 26))
@@ -353,7 +355,7 @@ def _write(axes: Axes, storey: StoreyView, objects: list[ObjectView], per_metre:
         colour = STATES.get(door.state, STATES["open"])
         box: Style = {"boxstyle": "round,pad=0.22,rounding_size=0.5", "fc": colour, "ec": "white"}
         plate: Style = {**_DOOR_NAME, "bbox": box | {"lw": 0.5}}
-        labels.put(x, y, door.name, offsets=beside, force=True, **plate)
+        labels.put(x, y, door.name, offsets=beside, most=_COVERED, **plate)
     for region in storey.regions:
         c = region.outline.representative_point()
         _, colour, _ = _region_style(region)
@@ -361,8 +363,8 @@ def _write(axes: Axes, storey: StoreyView, objects: list[ObjectView], per_metre:
         text = region.name
         if kind and kind not in region.name.lower():
             text += f" ({kind})"
-        around = ((0, 0), *AROUND)
-        labels.put(c.x, c.y, text, offsets=around, force=True, color=colour, **_REGION_NAME)
+        style = {**_REGION_NAME, "color": colour}
+        labels.put(c.x, c.y, text, offsets=((0, 0), *AROUND), most=_COVERED, **style)
     for entity in sorted(objects, key=lambda o: -o.footprint.area if o.footprint else 0.0):
         if entity.footprint is None or not entity.types:
             continue
@@ -371,7 +373,7 @@ def _write(axes: Axes, storey: StoreyView, objects: list[ObjectView], per_metre:
         text = entity.types[0].replace("_", " ")
         if {"food", "robot", "person"} & set(entity.types):
             leader: Style = {"color": _SOUGHT, "lw": 0.7}
-            labels.put(c.x, c.y, text, offsets=AROUND, force=True, leader=leader, **_SOUGHT_NAME)
+            labels.put(c.x, c.y, text, offsets=AROUND, most=math.inf, leader=leader, **_SOUGHT_NAME)
             axes.plot(c.x, c.y, "o", ms=9, mfc="none", mec=_SOUGHT, mew=1.3, zorder=7)
             continue
         turn = 90 if (y1 - y0) > 1.6 * (x1 - x0) else 0

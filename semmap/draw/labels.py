@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.text import Annotation, Text
+from numpy.typing import NDArray
 
 Offset = tuple[float, float]
 Style = dict[str, Any]
@@ -58,36 +59,29 @@ class Labels:
         text: str,
         *,
         offsets: Iterable[Offset] = ((0.0, 0.0),),
-        force: bool = False,
+        most: float = 0.0,
         leader: dict[str, Any] | None = None,
         within: tuple[float, float] | None = None,
         **style: Any,
     ) -> Annotation | None:
-        """Write a text at the first offset (right, up; points) without overlap; return it, or None.
+        """Write a text at the offset (right, up; points) where it overlaps least; return it.
 
-        `force` writes it where it overlaps least; `leader` is the style of a line from a moved text
-        to its point; it has to fit `within` a (width, height). All these are data units.
+        None where more than a share of it, `most`, overlaps there. `leader` is the style of a line
+        from a moved text to its point; it has to fit `within` a (width, height), in data units.
         """
         style = {"ha": "center", "va": "center"} | style
         artist = self.axes.annotate(
             text, (x, y), xytext=(0, 0), textcoords="offset points", annotation_clip=False, **style
         )
-        best: tuple[float, float, Offset, Box] | None = None
-        for offset in offsets:
-            artist.set_position(offset)
-            box = self._extent(artist)
-            overlap = sum(_common(box, other) for other in self.taken)
-            overlap += max(0.0, _area(box) - _common(box, self._inside))
-            if within is not None and not self._fits(box, within):
-                overlap += _area(box)
-            disliked = overlap + 0.3 * sum(_common(box, other) for other in self._shunned)
-            if best is None or disliked < best[0]:
-                best = (disliked, overlap, offset, box)
-            if disliked == 0:
-                break
-        assert best is not None
-        _, overlap, offset, box = best
-        if overlap > 0 and not force:
+        places = np.array([*offsets], np.float64)
+        boxes = self._extent(artist) + np.tile(places * self._points, 2)
+        covered = _common(boxes, self.taken)
+        covered += np.maximum(_area(boxes) - _common(boxes, [self._inside]), 0.0)
+        if within is not None and not self._fits(boxes[0], within):
+            covered += _area(boxes)
+        best = int(np.argmin(covered + 0.3 * _common(boxes, self._shunned)))
+        offset, box = places[best].tolist(), boxes[best].tolist()
+        if covered[best] > most * _area(boxes)[best]:
             artist.remove()
             return None
         artist.set_position(offset)
@@ -103,7 +97,7 @@ class Labels:
             )
         return artist
 
-    def _extent(self, artist: Annotation) -> Box:
+    def _extent(self, artist: Annotation) -> NDArray[np.float64]:
         artist.update_positions(self._renderer)
         patch = artist.get_bbox_patch()
         if patch is not None:
@@ -111,19 +105,20 @@ class Labels:
             box = patch.get_window_extent(self._renderer)
         else:
             box = Text.get_window_extent(artist, self._renderer)
-        x0, y0, x1, y1 = map(float, box.padded(PADDING * self._points).extents)
-        return x0, y0, x1, y1
+        return np.array(box.padded(PADDING * self._points).extents)
 
-    def _fits(self, box: Box, within: tuple[float, float]) -> bool:
+    def _fits(self, box: NDArray[np.float64], within: tuple[float, float]) -> bool:
         (x0, y0), (x1, y1) = self.axes.transData.transform([(0, 0), within])
         return bool(box[2] - box[0] <= abs(x1 - x0) and box[3] - box[1] <= abs(y1 - y0))
 
 
-def _area(box: Box) -> float:
-    return (box[2] - box[0]) * (box[3] - box[1])
+def _area(boxes: NDArray[np.float64]) -> NDArray[np.float64]:
+    sides = boxes[:, 2:] - boxes[:, :2]
+    return np.asarray(sides[:, 0] * sides[:, 1])
 
 
-def _common(a: Box, b: Box) -> float:
-    width = min(a[2], b[2]) - max(a[0], b[0])
-    height = min(a[3], b[3]) - max(a[1], b[1])
-    return width * height if width > 0 and height > 0 else 0.0
+def _common(boxes: NDArray[np.float64], others: Sequence[Box]) -> NDArray[np.float64]:
+    """(n,) the area of each of n boxes that each of the others covers, in sum."""
+    a, b = boxes[:, None], np.reshape(np.array(others, np.float64), (1, -1, 4))
+    sides = np.minimum(a[..., 2:], b[..., 2:]) - np.maximum(a[..., :2], b[..., :2])
+    return np.asarray(np.prod(sides.clip(min=0.0), axis=2).sum(axis=1))

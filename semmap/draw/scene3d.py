@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import cycle, pairwise, permutations
@@ -278,7 +279,7 @@ def _name_storey(labels: Labels, camera: Camera, storey: StoreyView, shift: Floa
     corners = np.array([[x, y, storey.elevation] for x in (x0, x1) for y in (y0, y1)]) + shift
     x, y, _ = camera.project(corners).min(axis=0)
     style: Style = {"ha": "left", "va": "top", "fontsize": 11, "weight": "bold", "color": INK}
-    labels.put(x, y, storey.name, force=True, **style)
+    labels.put(x, y, storey.name, most=math.inf, **style)
 
 
 def _name_rooms(labels: Labels, camera: Camera, rooms: Sequence[tuple[RoomView, Floats]]) -> None:
@@ -292,7 +293,7 @@ def _name_rooms(labels: Labels, camera: Camera, rooms: Sequence[tuple[RoomView, 
         plate: Style = {"boxstyle": "round,pad=0.28,rounding_size=0.6", "fc": colour, "ec": "white"}
         plate |= {"lw": 0.6, "alpha": 0.93}
         leader: Style = {"color": colour, "lw": 0.8}
-        labels.put(x, y, name, offsets=around, force=True, leader=leader, bbox=plate, **style)
+        labels.put(x, y, name, offsets=around, most=math.inf, leader=leader, bbox=plate, **style)
 
 
 def _name_objects(

@@ -1,4 +1,7 @@
+import math
+
 import numpy as np
+import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -41,7 +44,7 @@ def test_a_text_is_moved_left_out_or_forced():
     assert second is not None
     assert second.get_position() == (0, 40)
     assert labels.put(5, 5, "third") is None
-    assert labels.put(5, 5, "third", force=True) is not None
+    assert labels.put(5, 5, "third", most=math.inf) is not None
 
 
 def test_a_text_fits_into_its_limits():
@@ -58,3 +61,14 @@ def test_texts_avoid_points_and_boxes():
     assert text is not None
     assert text.get_position() == (0, -70)
     assert np.isclose(labels.axes.get_xlim(), (0, 10)).all()
+
+
+def test_of_many_texts_no_more_than_a_share_is_covered():
+    labels, spots = Labels(axes()), np.random.default_rng(4).uniform(0, 10, (200, 2))
+    for x, y in spots:
+        labels.put(x, y, "gate 17", offsets=AROUND, most=0.1)
+    boxes = [shapely.box(*box) for box in labels.taken]
+    assert 20 < len(boxes) < 200, "some have no place"
+    for k, box in enumerate(boxes):
+        covered = sum(box.intersection(other).area for other in boxes[:k])
+        assert covered <= 0.1 * box.area + 1e-6
