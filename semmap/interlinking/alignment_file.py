@@ -11,11 +11,7 @@ ABOUT = "{http://www.w3.org/1999/02/22-rdf-syntax-ns#}resource"
 
 
 def read_alignment(path: Path) -> dict[tuple[str, str], float]:
-    """Return the pairs of an alignment that are equal, with their measures in [0, 1].
-
-    Raises InterlinkingError: the file is not an alignment, or a cell has not two entities, the
-    relation ``=`` and a measure.
-    """
+    """Return the pairs that an alignment says are equal, with measures in [0, 1]."""
     from semmap.ingest.world import WorldError
     from semmap.ingest.xml_file import read_xml
 
@@ -46,13 +42,7 @@ def read_alignment(path: Path) -> dict[tuple[str, str], float]:
 
 
 def read_labels(path: Path) -> dict[tuple[str, str], bool]:
-    """Return the labels of a CSV file, or the pairs of an alignment, which are all the same.
-
-    Raises
-    ------
-    InterlinkingError
-        As `read_alignment` and `semmap.interlinking.csv_file.read_csv_labels`.
-    """
+    """Return the labels of a CSV file, or the pairs of an alignment, which are all the same."""
     if path.suffix.lower() in (".rdf", ".xml"):
         return dict.fromkeys(read_alignment(path), True)
     return read_csv_labels(path)

@@ -32,12 +32,8 @@ def candidate_pairs(
 
     A word, and each half of a longer word, is a key: a single wrong letter leaves one half. Keys do
     not depend on the property, so that exchanged fields do no harm. A pair is kept if it is among
-    the `PER_RECORD` best of its left or of its right record.
-
-    Returns
-    -------
-    pairs : (n, 2), numbers of a left and a right record, in ascending order
-    shared : (n,) cosine similarity of the records' keys, weighted by rarity, in [0, 1]
+    the `PER_RECORD` best of its left or of its right record. Pairs are (n, 2), in ascending order;
+    what they share is (n,): the cosine similarity of keys, weighted by rarity.
     """
     numbers: dict[str, int] = {}
     a = _keys(left, {c.left for c in correspondences}, numbers)

@@ -81,8 +81,8 @@ def _likelihood(
 ) -> NDArray[np.float64]:
     """The aggregate: weights of agreement by level (Fellegi and Sunter), scaled to [0, 1].
 
-    Those of the same resource are learnt from pairs that are best for both records, twice: first by
-    the plain mean of the similarities.
+    Those of the same resource are learnt from pairs that are best for both records, at first by the
+    plain mean of the similarities.
     """
     if not len(pairs):
         return np.empty(0)

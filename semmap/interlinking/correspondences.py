@@ -15,10 +15,7 @@ from semmap.interlinking.records import PropertyColumn, Records
 
 @dataclass(frozen=True)
 class Correspondence:
-    """A property of the left data set, one of the right, and how their values are compared.
-
-    `measure` is one of `semmap.interlinking.similarity.MEASURES`.
-    """
+    """A property of the left data set, one of the right, and one of `similarity.MEASURES`."""
 
     left: str
     right: str
@@ -28,11 +25,10 @@ class Correspondence:
 def find_correspondences(left: Records, right: Records) -> list[Correspondence]:
     """Return which properties correspond, each at most once.
 
-    K-medoids groups the properties of both data sets by their statistics and by the words that
-    they have in common; there are at most as many groups as the larger data set has properties.
-    Within a group, and among the properties that are left over then, the assignment of the smallest
-    dissimilarity is taken. A wrong correspondence does little harm, because the aggregate gives it
-    no weight; a missing one does.
+    K-medoids groups them by their statistics and common words, into at most as many groups as the
+    larger data set has properties. Within a group, then among the rest, the assignment of the
+    smallest dissimilarity is taken. A wrong correspondence does little harm, because the aggregate
+    gives it no weight; a missing one does.
     """
     columns = [*left.columns.items(), *right.columns.items()]
     split = len(left.columns)

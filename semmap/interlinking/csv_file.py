@@ -23,9 +23,6 @@ def read_csv_records(path: Path) -> Records:
     """Return the rows of a CSV file as records; the first row has the names of the properties.
 
     A column named id, key, rec_id or uri has the keys, else the first one.
-
-    Raises InterlinkingError: the file is not CSV text in UTF-8, or a row has another number of
-    cells than the header.
     """
     rows = _rows(path)
     header = [name.strip() for name in rows[0]] if rows else []
@@ -54,13 +51,7 @@ def read_csv_records(path: Path) -> Records:
 
 
 def read_csv_labels(path: Path) -> dict[tuple[str, str], bool]:
-    """Return labels: (left key, right key) to whether both describe the same resource.
-
-    The columns are left, right and same; same is yes or no.
-
-    Raises InterlinkingError: a row that is not a label, or two labels of a pair that contradict
-    each other.
-    """
+    """Return whether pairs of a left and a right key are the same: columns left, right, same."""
     found: dict[tuple[str, str], bool] = {}
     for number, row in enumerate(_rows(path), 1):
         if number == 1 and [cell.strip().lower() for cell in row] == HEADER:

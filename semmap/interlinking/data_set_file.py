@@ -13,17 +13,7 @@ SUFFIXES = (".csv", *FORMATS)
 
 
 def read_records(path: Path, type_name: str | None = None) -> Records:
-    """Return the records of a CSV or RDF file.
-
-    Parameters
-    ----------
-    type_name : of the resources in an RDF file
-
-    Raises
-    ------
-    InterlinkingError
-        The file has another suffix, or cannot be used.
-    """
+    """Return the records of a CSV or RDF file, by its suffix; of an RDF file, those of a type."""
     suffix = path.suffix.lower()
     if suffix not in SUFFIXES:
         raise InterlinkingError(

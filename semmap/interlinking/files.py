@@ -10,11 +10,7 @@ from semmap.limits import TEXT_BYTES
 
 
 def read_text(path: Path) -> str:
-    """Return the text of a file in UTF-8.
-
-    Raises InterlinkingError: it cannot be read, is too large (`semmap.limits.TEXT_BYTES`), or is
-    not UTF-8.
-    """
+    """Return the text of a file in UTF-8; an absent, too large or badly encoded one is an error."""
     try:
         TEXT_BYTES.check(path.stat().st_size, partial(_refusal, path), "Split the file.")
         return path.read_text(encoding="utf-8-sig")

@@ -21,17 +21,11 @@ Ask = Callable[[str, str], bool | None]
 
 @dataclass(frozen=True)
 class PairQuestion:
-    """A pair of records whose label tells much.
-
-    Attributes
-    ----------
-    left, right : their keys
-    values : of each correspondence of properties: its name in the left data set, and the values of
-        both records
-    """
+    """A pair of records whose label tells much."""
 
     left: str
     right: str
+    # of each correspondence: its name on the left, and the values of both records
     values: Sequence[tuple[str, Sequence[str], Sequence[str]]]
 
 
@@ -46,30 +40,19 @@ class Quality:
 
 @dataclass(frozen=True)
 class Interlinking:
-    """The links between two data sets.
-
-    Attributes
-    ----------
-    pairs : (n, 2) numbers of a left and a right record
-    confidence : (n,) in (0, 1]: the share of the patterns agreeing with the labels that link a
-        pair; 1 for a pair that is labelled the same
-    pattern : the link pattern in words
-    labels : all labels, those that were asked included
-    unexplained : pairs labelled the same that no pattern separates from pairs labelled different
-    candidates : how many pairs were compared
-    link_set : the number of the stored link set; None where the links are not stored
-    """
+    """The links between two data sets."""
 
     left: Records
     right: Records
     correspondences: Sequence[Correspondence]
-    pairs: NDArray[np.int64]
+    pairs: NDArray[np.int64]  # (n, 2) numbers of a left and a right record
+    # (n,) in (0, 1]: the share of the patterns that link a pair; 1 if labelled the same
     confidence: NDArray[np.float64]
-    pattern: str
-    labels: Mapping[Pair, bool]
-    unexplained: Sequence[Pair]
-    candidates: int
-    link_set: int | None = None
+    pattern: str  # in words
+    labels: Mapping[Pair, bool]  # those that were asked included
+    unexplained: Sequence[Pair]  # labelled the same, but as similar as pairs labelled different
+    candidates: int  # how many pairs were compared
+    link_set: int | None = None  # its number in the database, if it is stored
 
     def links(self) -> dict[Pair, float]:
         """Return (left key, right key) to confidence."""
@@ -93,18 +76,9 @@ class Workbench:
     """Two data sets whose candidate pairs are compared; labels are added one by one (Algorithm 1).
 
     Correspondences of properties (lines 3 to 7), similarities of candidate pairs and their
-    aggregate (8 to 11), a pattern with a threshold on the aggregate (12), links (13).
-
-    Parameters
-    ----------
-    labels : (left key, right key) to whether both describe the same resource
-    progress : is called with a stage, how much of it is done, and how much it has
-    every_pair : compare all pairs, not those of blocking; for small data sets
-
-    Raises
-    ------
-    InterlinkingError
-        A label of a record that is not there, or data sets without a common property.
+    aggregate (8 to 11), a pattern with a threshold on the aggregate (12), links (13). `progress`
+    gets a stage, how much of it is done, and how much it has. `every_pair` compares all pairs, not
+    those of blocking: for small data sets.
     """
 
     def __init__(

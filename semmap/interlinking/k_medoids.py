@@ -9,7 +9,7 @@ Labels = NDArray[np.int64]
 
 
 def k_medoids(dissimilarity: NDArray[np.float64], k: int) -> Labels:
-    """Return the group of each of n members: the number of its nearest medoid, in 0..k-1.
+    """Return the group of each of n members: the number of its nearest of k medoids.
 
     Dissimilarities are (n, n), symmetric, zero on the diagonal. Medoids are added one by one where
     they lower their sum most, and exchanged with other members until no exchange lowers it.

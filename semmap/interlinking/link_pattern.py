@@ -39,11 +39,7 @@ class LinkPattern:
         return np.asarray(matches(self.chosen, pairs).any(axis=1))
 
     def confidence(self, pairs: Levels) -> NDArray[np.float64]:
-        """Return the share of the most specific and most general patterns that link each pair.
-
-        It is 1 where all patterns that agree with the labels do, and 0 where none does; with
-        several spaces, the largest share counts.
-        """
+        """Return the share of the most specific and most general patterns that link each pair."""
         return _confidence(self.spaces, pairs)
 
     def text(self, features: Sequence[str]) -> str:
@@ -69,14 +65,10 @@ def _confidence(spaces: Sequence[VersionSpace], pairs: Levels) -> NDArray[np.flo
 
 
 def learn_pattern(comparison: Comparison, labels: Mapping[int, bool]) -> LinkPattern:
-    """Return the pattern that labels lead to.
+    """Return the pattern that labels of candidate pairs, by number, lead to.
 
     Many patterns agree with few labels. Of those, the one is chosen whose links are the most
     one-to-one and complete: the pseudo F-measure of Nikolov, d'Aquin and Motta, without labels.
-
-    Parameters
-    ----------
-    labels : number of a candidate pair to whether its records describe the same resource
     """
     same = [i for i, yes in labels.items() if yes]
     different = [i for i, yes in labels.items() if not yes]
@@ -124,8 +116,8 @@ def next_question(comparison: Comparison, labels: Mapping[int, bool]) -> int | N
     """Return the candidate pair whose label tells most; None where all are labelled.
 
     Undecided is a pair that some patterns of the version space link and others do not. Of those
-    that are best for one of their records, it is the one in the middle between pairs labelled
-    the same and pairs labelled different. Without an undecided pair, any other one.
+    that are best for one of their records, it is the one in the middle between pairs labelled the
+    same and pairs labelled different. Without an undecided pair, any other one.
     """
     v = comparison.likelihood
     best = np.asarray((comparison.similarities[:, -2:] >= 1).any(axis=1))

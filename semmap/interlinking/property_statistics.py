@@ -16,12 +16,7 @@ change statistics in the third digit."""
 
 
 def property_statistics(records: Records) -> NDArray[np.float64]:
-    """Return the statistics of each property, shape (properties, 10).
-
-    Columns: the shares of records with a value and of different values; mean and deviation of
-    lengths; words; the shares of digits and letters among characters, of numbers and whole numbers
-    among values; log10 of the median of numbers.
-    """
+    """Return the statistics of each property, shape (properties, 10)."""
     return np.array([_statistics(column, len(records)) for column in records.columns.values()])
 
 
@@ -71,19 +66,13 @@ def is_numeric(column: PropertyColumn) -> bool:
 
 
 def common_words(columns: Sequence[PropertyColumn]) -> NDArray[np.float64]:
-    """Return the share of words that properties have in common, (n, n), in [0, 1].
-
-    It is the overlap coefficient of their sets of words: that of the smaller set.
-    """
+    """Return the overlap coefficient of the words of properties, (n, n): by the smaller set."""
     words = [set(" ".join(_words_of(column)).split()) for column in columns]
     return np.array([[len(a & b) / min(len(a), len(b)) for b in words] for a in words])
 
 
 def _words_of(column: PropertyColumn) -> list[str]:
-    """Texts of a column; where there are too many, those whose hash is smallest.
-
-    Equal texts have equal hashes, so that samples of two properties have the same texts.
-    """
+    """Texts of a column; of many, those whose hash is smallest, which another column has, too."""
     texts = set(column.texts.tolist())
     if len(texts) <= SAMPLE:
         return list(texts)

@@ -32,20 +32,11 @@ SCHEMA = {str(namespace) for namespace in (OWL, RDF, RDFS)}
 
 
 def read_rdf_records(path: Path, type_name: str | None = None) -> Records:
-    """Return the resources that a file describes as records.
+    """Return the resources that an RDF file describes as records; only those of a type, if given.
 
     A resource is part of another one, and no record, if a resource of another type refers to it:
-    the address of a person. Its values are values of the person, ``has_address/street``.
-
-    Parameters
-    ----------
-    path : RDF/XML, Turtle, N-Triples, Notation 3 or JSON-LD, by its suffix
-    type_name : only resources of this type: its IRI or the last part of it
-
-    Raises
-    ------
-    InterlinkingError
-        The file is not RDF, or describes no such resource.
+    the address of a person. Its values are values of the person, ``has_address/street``. The type
+    is an IRI, or the last part of one.
     """
     graph = _parse(path)
     types: dict[Node, set[str]] = defaultdict(set)

@@ -40,10 +40,7 @@ MOST_VALUES = 20
 
 
 def read_map_objects(session: psycopg.Connection[Any], name: str) -> Records:
-    """Return the objects of the map that the connection sees, with sizes and free properties.
-
-    Width and length are the shorter and the longer side of the object's base, metres.
-    """
+    """Return the objects of the map that the session sees, with sizes (m) and free properties."""
     return _records(session, OBJECTS, f"map {name}")
 
 

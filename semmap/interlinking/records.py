@@ -43,13 +43,10 @@ def plain_text(value: str) -> str:
 
 @dataclass(frozen=True)
 class PropertyColumn:
-    """The values of a property in all records, as plain text.
+    """The values of a property in all n records, as plain text."""
 
-    `texts` has all values record after record, and `starts` (n + 1) where each record's begin.
-    """
-
-    texts: NDArray[np.object_]
-    starts: NDArray[np.int64]
+    texts: NDArray[np.object_]  # record after record
+    starts: NDArray[np.int64]  # (n + 1) where each record's texts begin
 
     @cached_property
     def owners(self) -> NDArray[np.int64]:
@@ -59,18 +56,11 @@ class PropertyColumn:
 
 @dataclass(frozen=True)
 class Records:
-    """A data set.
+    """A data set: n records."""
 
-    Attributes
-    ----------
-    name : where it comes from: the file's name, for example
-    keys : of the n records: a URI, or the key of a row. Each occurs once
-    properties : name of the property to n tuples of its values; a record without a value has ``()``
-    """
-
-    name: str
-    keys: Sequence[str]
-    properties: Mapping[str, Sequence[Values]]
+    name: str  # such as the file's
+    keys: Sequence[str]  # a URI or the key of a row; each occurs once
+    properties: Mapping[str, Sequence[Values]]  # n tuples of values for each; () without one
 
     def __post_init__(self) -> None:
         if not self.keys:

@@ -10,10 +10,7 @@ from semmap.interlinking.records import Records
 
 
 def same_as(left: Records, right: Records, links: Iterable[tuple[str, str]]) -> str:
-    """Return links as Turtle: ``<left> owl:sameAs <right> .``
-
-    A key that is not an absolute IRI becomes one: ``urn:semmap:SET:KEY``.
-    """
+    """Return links as Turtle; a key that is not an absolute IRI becomes ``urn:semmap:SET:KEY``."""
     lines = [f"<{iri(a, left)}> owl:sameAs <{iri(b, right)}> ." for a, b in links]
     return "\n".join(["@prefix owl: <http://www.w3.org/2002/07/owl#> .", "", *lines, ""])
 

@@ -67,15 +67,9 @@ def compare(
     correspondences: Sequence[Correspondence],
     pairs: NDArray[np.int64],
 ) -> Floats:
-    """Return the similarity of pairs of records for each correspondence.
+    """Return the similarity of the most similar values of pairs of records, (n, correspondences).
 
-    Parameters
-    ----------
-    pairs : (n, 2), numbers of a left and a right record
-
-    Returns
-    -------
-    (n, correspondences): that of the most similar values; NaN where a record has none
+    Pairs are (n, 2); NaN is where a record has no value.
     """
     found = np.empty((len(pairs), len(correspondences)))
     for i, one in enumerate(correspondences):

@@ -21,10 +21,7 @@ Row = dict[str, Any]
 
 
 def store_links(session: Session, found: Interlinking) -> int:
-    """Store the links between two data sets and both data sets; return the number of the link set.
-
-    A data set whose content is stored already is not stored again.
-    """
+    """Store links, and the data sets that are not stored yet; return the number of the link set."""
     with session.transaction():
         left, right = (_store_data_set(session, s) for s in (found.left, found.right))
         row = session.execute(
@@ -84,12 +81,7 @@ def _resources(found: Interlinking) -> np.ndarray[Any, np.dtype[np.int64]]:
 
 
 def link_sets(session: Session) -> list[Row]:
-    """Return the stored link sets, the newest first.
-
-    Returns
-    -------
-    `id`, names of both data sets (`left`, `right`), `links`, `labels`, `pattern`, `by`, `at`
-    """
+    """Return the stored link sets, the newest first, with the names of their data sets."""
     with session.cursor(row_factory=dict_row) as cursor:
         return cursor.execute(
             'SELECT s.id, a.name AS "left", b.name AS "right", s.labels, s.pattern, s.by, s.at, '
@@ -100,17 +92,10 @@ def link_sets(session: Session) -> list[Row]:
 
 
 def merged_records(session: Session, link_set: int) -> list[Row]:
-    """Return the resources of both data sets, as the SQL function of this name.
+    """Return the resources of both data sets, as the SQL function of this name; or LookupError.
 
-    Returns
-    -------
-    `resource` (None without links), `left_keys`, `right_keys`, `confidence` of the least sure link,
-        and `properties`: lists of the different values, by the names of the left data set
-
-    Raises
-    ------
-    LookupError
-        There is no such link set.
+    `resource` is None without links, `confidence` that of the least sure link, `properties` lists
+    of the different values, by the names of the left data set.
     """
     _check_known(session, link_set)
     with session.cursor(row_factory=dict_row) as cursor:
@@ -118,17 +103,7 @@ def merged_records(session: Session, link_set: int) -> list[Row]:
 
 
 def undo_links(session: Session, link_set: int) -> int:
-    """Take a link set back; return how many links it had.
-
-    Its data sets go, too, unless another link set uses them.
-
-    Raises
-    ------
-    LookupError
-        There is no such link set.
-    InterlinkingError
-        The role may not delete it.
-    """
+    """Take a link set back, and its data sets that no other uses; return how many links it had."""
     _check_known(session, link_set)
     try:
         with session.transaction():

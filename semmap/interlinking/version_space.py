@@ -1,12 +1,7 @@
-"""The version space of link patterns (Mitchell; Fan for interlinking).
+"""The version space of link patterns (Mitchell; Fan): conjunctions of lowest similarities.
 
-A pattern is a conjunction: it links a pair whose every similarity is at least a level,
-
-    surname >= 0.85 and date_of_birth >= 1.
-
-All patterns that agree with the labels lie between the most specific one and the most general
-ones. Where no conjunction agrees with all, there are several spaces, and a pair is linked that one
-of them links: a disjunction of conjunctions.
+All patterns that agree with the labels lie between the most specific and the most general ones.
+Where no conjunction agrees with all labels there are several spaces: any may link a pair.
 """
 
 from __future__ import annotations
@@ -55,17 +50,10 @@ class VersionSpace:
 
 
 def learn(positives: Levels, negatives: Levels) -> tuple[list[VersionSpace], list[int]]:
-    """Return version spaces that together link all positive pairs and no negative pair.
+    """Return version spaces that together link all positive pairs, (n, d), and no negative, (m, d).
 
-    Parameters
-    ----------
-    positives, negatives : (n, d) and (m, d) levels of labelled pairs
-
-    Returns
-    -------
-    spaces : as few as adding the positives one by one, the most similar first, leads to
-    unexplained : positives that no conjunction separates from the negatives: a negative is as
-        similar in all respects
+    They are as few as adding the positives one by one leads to, the most similar first. Also
+    returned are the positives than which a negative is as similar in all respects.
     """
     hopeless = [i for i, p in enumerate(positives) if (negatives >= p).all(axis=1).any()]
     specifics: list[Levels] = []

@@ -1,8 +1,4 @@
-"""The map as RDF: SPARQL and GeoSPARQL over the tables, without a copy of them.
-
-`semmap.knowledge.mapping` states which table and columns each property stands for; a query becomes
-one statement of SQL.
-"""
+"""The map as RDF: SPARQL and GeoSPARQL over the tables, without a copy of them."""
 
 from __future__ import annotations
 

@@ -15,22 +15,10 @@ from semmap.knowledge.vocabulary import decode, map_namespace, prefixes, short
 
 @dataclass(frozen=True)
 class Answer:
-    """The answer of a query.
+    """The answer of a query; true if an ASK is, or if there are rows.
 
     Its rows, in a loop, are tuples of plain values (`plain_value`): of the solutions of a SELECT,
-    or of the triples of a CONSTRUCT or DESCRIBE. It is true if an ASK is, or if it has rows.
-
-    Attributes
-    ----------
-    form : "SELECT", "ASK", "CONSTRUCT" or "DESCRIBE"
-    names : the variables of a SELECT
-    rows : the solutions of a SELECT as terms of rdflib; None where a variable is unbound
-    truth : the answer of an ASK
-    graph : the triples of a CONSTRUCT or DESCRIBE
-    explanation : how it was evaluated: what fields were asked, the SQL, or what rdflib evaluated
-    notes : what the answer says nothing of: entities without voxels, names that the map does not
-        have
-    map_name : the map that was asked
+    or of the triples of a CONSTRUCT or DESCRIBE.
 
     Examples
     --------
@@ -40,13 +28,15 @@ class Answer:
     ([('cup1', 0.2)], True)
     """
 
-    form: str
-    names: tuple[str, ...] = ()
+    form: str  # "SELECT", "ASK", "CONSTRUCT" or "DESCRIBE"
+    names: tuple[str, ...] = ()  # the variables of a SELECT
+    # the solutions of a SELECT as terms; None where a variable is unbound
     rows: tuple[Row, ...] = ()
-    truth: bool | None = None
-    graph: rdflib.Graph | None = None
+    truth: bool | None = None  # of an ASK
+    graph: rdflib.Graph | None = None  # the triples of a CONSTRUCT or DESCRIBE
+    # the fields that were asked, the SQL, or what rdflib evaluated
     explanation: tuple[str, ...] = ()
-    notes: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()  # entities without voxels, names that the map does not have
     map_name: str = ""
 
     def __bool__(self) -> bool:
@@ -74,19 +64,8 @@ class Answer:
 
 
 def plain_value(term: Any, map_name: str) -> Any:
-    """Return a term as a plain value.
+    """Return the name of an entity of the map, a short IRI, or the value of a literal in Python.
 
-    Parameters
-    ----------
-    term : of rdflib; None where a variable is unbound
-
-    Returns
-    -------
-    The name of an entity of the map; any other IRI with its prefix, or in angle brackets; the value
-    of a literal as Python has it (a number, text, bool, datetime), or its text; None for None
-
-    Examples
-    --------
     >>> plain_value(rdflib.URIRef("urn:semmap:map:lab#cup%201"), "lab")
     'cup 1'
     >>> plain_value(rdflib.URIRef("urn:semmap:ontology#Cup"), "lab"), plain_value(None, "lab")

@@ -1,7 +1,4 @@
-"""The map for programs that speak to KnowledgeCore: revise, find, subscribe.
-
-The interface is that of KnowledgeCore (github.com/severin-lemaignan/knowledge_core, doc/api.md).
-"""
+"""The map for programs that speak to KnowledgeCore: revise, find, subscribe (doc/api.md there)."""
 
 from __future__ import annotations
 
@@ -36,10 +33,6 @@ class KnowledgeClient:
 
     A model is a named graph: what the robot thinks that an agent knows. Without one, statements are
     about the map itself.
-
-    Parameters
-    ----------
-    source : a `semmap.Map`, or another handle of a map
 
     Examples
     --------
@@ -77,7 +70,7 @@ class KnowledgeClient:
         lifespan: float = 0,
         model: str | None = None,
     ) -> GraphChanges:
-        """Change statements, all of them or none.
+        """Change statements, all of them or none; or ValueError.
 
         Parameters
         ----------
@@ -86,12 +79,6 @@ class KnowledgeClient:
             (``PROPERTY rdf:type owl:FunctionalProperty``) and adds all others
         lifespan : seconds after which new statements end; 0 for never. A statement that is there
             without an end keeps none, and an earlier end is put off
-        model : the model that is changed
-
-        Raises
-        ------
-        ValueError
-            A statement is malformed, or the map does not allow it; nothing was changed.
         """
         if method not in METHODS:
             raise ValueError(f"method {method!r} is not one of {', '.join(METHODS)}")
@@ -145,14 +132,8 @@ class KnowledgeClient:
     ) -> set[Any] | list[dict[str, Any]]:
         """Return what the variables of some names stand for where all patterns match.
 
-        Returns
-        -------
-        the set of values of one variable; of several, a dictionary for each solution
-
-        Raises
-        ------
-        ValueError
-            A pattern is malformed, or does not have a variable.
+        Of one variable it is the set of values; of several, a dictionary for each solution. Raises
+        ValueError where a pattern is malformed, or none has a variable.
         """
         wanted = [name.removeprefix("?") for name in ([names] if isinstance(names, str) else names)]
         parsed = self.parsed(patterns)
@@ -247,20 +228,14 @@ class KnowledgeClient:
         one_shot: bool = False,
         model: str | None = None,
     ) -> int:
-        """Return the number of a subscription to what patterns match.
+        """Return the number of a subscription to what patterns, all of them together, match.
 
         What they match already is not an event. Bindings of events are written as in statements.
 
         Parameters
         ----------
-        patterns : with or without variables; all of them together
         callback : gets the events, in a thread of the client; else `events` yields them
         one_shot : end with the first match that appears; it alone is reported
-
-        Raises
-        ------
-        ValueError
-            A pattern is malformed.
         """
         parsed = self.parsed(patterns)
         text = query_text(parsed, variables(parsed), self.graph_of(model))

@@ -14,7 +14,7 @@ from semmap.knowledge.shapes import check_binding
 def with_consequences(view: MapView) -> Iterator[None]:
     """Run a change of facts; at its end, infer what follows, and refuse what shapes forbid.
 
-    Raises BrokenShapeError: the caller's transaction is to be undone.
+    BrokenShapeError: the caller's transaction is to be undone.
     """
     row = view.session.execute("SELECT coalesce(max(id), 0) FROM change").fetchone()
     assert row is not None

@@ -58,13 +58,7 @@ class Fact:
 
 
 class RefusedError(Error, ValueError):
-    """A fact that the map does not allow.
-
-    Attributes
-    ----------
-    reason : why, and what to do
-    fact : the fact
-    """
+    """A fact that the map does not allow: why, and what to do."""
 
     def __init__(self, reason: str, fact: Fact) -> None:
         super().__init__(reason)
@@ -72,12 +66,7 @@ class RefusedError(Error, ValueError):
 
 
 class FactWriter:
-    """Writes facts of one request.
-
-    Parameters
-    ----------
-    until : when new statements end; None for never
-    """
+    """Writes facts of one request; new statements end at `until`, or never."""
 
     def __init__(self, view: MapView, until: datetime | None = None) -> None:
         self._view = view
@@ -87,11 +76,9 @@ class FactWriter:
         self._type_iris: dict[str, str] = {}
 
     def insert(self, facts: Iterable[Fact]) -> int:
-        """Add facts; return how many were new, or end later than before.
+        """Add facts; return how many were new, or end later than before; or RefusedError.
 
         A statement that is there without an end keeps none.
-
-        Raises RefusedError: the map does not allow one of them.
         """
         facts = self._resolved(facts)
         for fact in facts:

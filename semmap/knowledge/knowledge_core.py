@@ -1,7 +1,4 @@
-"""The interface of KnowledgeCore, name by name, for programs that speak to one.
-
-Source: github.com/severin-lemaignan/knowledge_core, doc/api.md and its Python class `KB`.
-"""
+"""The interface of KnowledgeCore, name by name, for programs that speak to one."""
 
 from __future__ import annotations
 
@@ -40,12 +37,7 @@ _METHODS = ("add", "update", "safe_add", "safe_update", "revision", "retract", "
 
 
 class KbError(Error):
-    """A request that was refused.
-
-    Attributes
-    ----------
-    value : the reason
-    """
+    """A request that was refused; `value` is the reason."""
 
     def __init__(self, value: str) -> None:
         super().__init__(value)
@@ -53,16 +45,10 @@ class KbError(Error):
 
 
 class KB:
-    """A map as KnowledgeCore's class `KB` has it.
+    """A map as KnowledgeCore's class `KB` has it; by default the chosen or only map.
 
-    Where a method takes models, these are the names of one or several; none, or "default", is the
-    map itself, "all" is the map and each model. All names of statements are those of
-    `semmap.knowledge.client.KnowledgeClient`.
-
-    Parameters
-    ----------
-    source : a `semmap.Map`, or another handle of a map; by default the chosen or only map of the
-        user's database
+    Models are the names of one or several; none, or "default", is the map itself, "all" is the map
+    and each model. Names of statements are those of `KnowledgeClient`.
 
     Examples
     --------
@@ -136,13 +122,9 @@ class KB:
     # Statements
 
     def revise(self, stmts: Sequence[str], policy: dict[str, Any]) -> None:
-        """Change statements.
+        """Change statements; a policy has "method", and maybe "models" and "lifespan" (seconds).
 
-        Parameters
-        ----------
-        policy : "method" is add, update, retract, safe_add, safe_update or revision; all but
-            retract replace the objects of functional properties. "models" and "lifespan", in
-            seconds, may be there
+        All methods but retract and remove replace the objects of functional properties.
         """
         if not isinstance(policy, dict) or "method" not in policy:
             raise KbError("a policy is a dictionary with the key method, such as {'method': 'add'}")
@@ -190,12 +172,9 @@ class KB:
     ) -> list[dict[str, Any]] | bool:
         """Return the terms of variables where all patterns match, for each model; or a yes or no.
 
-        Parameters
-        ----------
-        patterns : triples with variables; without any, the answer is a yes or no
-        vars : such as "?agent"; by default all of the patterns. Given first, as in former
-            versions, they are known by having no spaces. Where all are ``*`` or begin with
-            ``?__``, they are var1, var2 ...
+        `vars`, such as "?agent", are by default all of the patterns. Given first, as in former
+        versions, they are known by having no spaces. Where all are ``*`` or begin with ``?__``,
+        they are var1, var2 ...
         """
         patterns, wanted = _listed(patterns), _listed(vars or [])
         if wanted and all(_is_name(each) for each in patterns):
@@ -254,10 +233,7 @@ class KB:
         return [[self._name(part) for part in triple] for triple in triples]
 
     def lookup(self, query: str, models: Models = None) -> list[list[str]]:
-        """Return terms by name or label with their types; partial matches of labels are last.
-
-        A type is instance, class, object_property, datatype_property, literal or undecided.
-        """
+        """Return terms by name or label with their types; partial matches of labels are last."""
         found: dict[str, None] = {}
         partly: dict[str, None] = {}
         with _errors(), self._client.view() as view:
@@ -352,14 +328,9 @@ class KB:
         models: Models = None,
         gone: Callable[[list[dict[str, Any]]], Any] | None = None,
     ) -> str:
-        """Return the id of a subscription to what patterns match.
+        """Return the number of a subscription to what all patterns match in the models.
 
-        Parameters
-        ----------
-        callback : gets a list with the terms of the variables of each new match; else `events` has
-            the id and the list
-        one_shot : end with the first match
-        gone : gets what matches no more; KnowledgeCore has no such event
+        A callback gets each match, `gone` those that are true no more, which KnowledgeCore lacks.
         """
         listed = _listed(patterns)
         with _errors():

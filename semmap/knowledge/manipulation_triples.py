@@ -1,8 +1,7 @@
 """What robots know of manipulation as triples: automata, object models, actions, tasks, links.
 
 The classes are those of `schema/ontology/knowledge/manipulation.ttl` (Tosello, Fan and Pagello,
-section III), the tables those of `schema/tables/110_manipulation.sql` and `130_interlinking.sql`.
-All but tasks and paths belong to no map, and are in the graph of each.
+section III). All but tasks and paths belong to no map, and are in the graph of each.
 """
 
 from __future__ import annotations
@@ -127,11 +126,7 @@ def _functions() -> Iterator[TripleMap]:
 
 
 def _links() -> Iterator[TripleMap]:
-    """Yield owl:sameAs between records that describe the same resource (section III-D).
-
-    A record of a map is its entity, one of the stored models its object model, and one of a file
-    has the IRI that `semmap.interlinking.same_as` writes.
-    """
+    """Yield owl:sameAs between entities, object models and records of files (section III-D)."""
     forms = {"entity": "entity", "object model": "object", "iri": "iri"}
     for left, right in product(forms, repeat=2):
         a, b = f"{{a}}.left_{forms[left]}", f"{{a}}.right_{forms[right]}"

@@ -32,39 +32,22 @@ _NAMED = f"{_MAP}%s"
 
 @dataclass
 class MapView:
-    """The map that a session sees, as namespace and number.
-
-    Attributes
-    ----------
-    session : psycopg's connection
-    name, number : of the map
-    inferred : what queries see of its inferences
-    deadline : when queries are stopped, of `time.monotonic`
-    chosen : the graphs that a text chooses to read
-    statements : what was asked, of SQL and of fields
-    notes : what the answers say nothing of
-    touched : subjects and objects of facts that were changed
-    """
+    """The map that a session sees, as namespace and number."""
 
     session: Session
     name: str
     number: int
-    inferred: Inferred = NOTHING_INFERRED
-    deadline: float = float("inf")
-    statements: list[str] = field(default_factory=list)
-    chosen: Chosen | None = None
-    notes: list[str] = field(default_factory=list)
+    inferred: Inferred = NOTHING_INFERRED  # what queries see of its inferences
+    deadline: float = float("inf")  # when queries are stopped, of `time.monotonic`
+    statements: list[str] = field(default_factory=list)  # what was asked, of SQL and of fields
+    chosen: Chosen | None = None  # the graphs that a text chooses to read
+    notes: list[str] = field(default_factory=list)  # what the answers say nothing of
+    # subjects and objects of facts that were changed
     touched: set[Any] = field(default_factory=set)
 
     @classmethod
     def of(cls, session: Session) -> MapView:
-        """Return the current map.
-
-        Raises
-        ------
-        LookupError
-            There is none, or there are several and none is chosen.
-        """
+        """Return the current map; LookupError where there are several and none is chosen."""
         row = session.execute(_CHOSEN).fetchone()
         if row is None:  # none is chosen: the only one, or an error that lists them
             name = pick_map(session)
@@ -89,12 +72,7 @@ class MapView:
         return resolve(self.session, iris_in(trees), self.namespace, self.number)
 
     def basis(self, algebra: Any, kept: dict[Any, Any]) -> Basis:
-        """Read what the translation of a pattern follows from, besides its text.
-
-        Parameters
-        ----------
-        kept : what was made of the same text
-        """
+        """Read what a translation follows from besides the text, of which `kept` was made."""
         if ("lookup", self.name) not in kept:
             kept["lookup", self.name] = Lookup(iris_in(algebra), self.namespace)
         return Basis.read(self.session, kept["lookup", self.name], self.number)
@@ -107,15 +85,7 @@ class MapView:
         kept: dict[Any, Any] | None = None,
         basis: Basis | None = None,
     ) -> SqlStatement:
-        """Translate a pattern.
-
-        Parameters
-        ----------
-        limit : the most rows
-        kept : translations of the same pattern, which are used again while all that its IRIs
-            stand for is the same
-        basis : what its IRIs stand for, where it is known
-        """
+        """Translate a pattern, for at most `limit` rows; `kept` has translations to use again."""
         kept = {} if kept is None else kept
         basis = basis or self.basis(algebra, kept)
         constants = basis.lookup.constants(basis.rows)
@@ -164,12 +134,7 @@ class MapView:
     def triples(
         self, pattern: tuple[Any, Any, Any], graph: Any = None
     ) -> Iterator[tuple[Any, Any, Any]]:
-        """Yield the triples that match a pattern of terms, None for any.
-
-        Parameters
-        ----------
-        graph : the IRI of a named graph; None for the default graph
-        """
+        """Yield the triples of a graph, or the default graph, that match terms, None for any."""
         names = ("s", "p", "o")
         terms = tuple(
             rdflib.Variable(n) if t is None else t for n, t in zip(names, pattern, strict=True)

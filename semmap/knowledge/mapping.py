@@ -1,8 +1,7 @@
 """The map as RDF: which table and columns each property stands for (R2RML's content, as data).
 
 `TRIPLES` are facts: they are part of the graph, and `semmap rdf` writes them. `COMPUTED` are
-relations that SQL functions decide when a query names them. To move a relation from one to the
-other is to move its line.
+relations that SQL functions decide when a query names them. To move one is to move its line.
 """
 
 from __future__ import annotations
@@ -504,13 +503,7 @@ _NAMED = frozenset(t.property for t in REWRITTEN) | {c.property for c in COMPUTE
 
 
 def is_mapped(iri: str) -> bool:
-    """Return whether a property has columns of its own, so that no statement may have it.
-
-    Examples
-    --------
-    >>> is_mapped("urn:semmap:ontology#heldBy"), is_mapped("http://example.org/likes")
-    (True, False)
-    """
+    """Return whether a property has columns of its own, so that no statement may have it."""
     shared = any(t.property == iri for t in TRIPLES if t.shared)
     spaces = iri.startswith((PROPERTY, RELATION))
     return not shared and (iri in _MAPPED or iri in _NAMED or spaces)

@@ -1,7 +1,4 @@
-"""Statements as users of KnowledgeCore write them: "human1 looksAt book", "?x rdf:type Book".
-
-Bare words get a prefix; all else is read by the front end of SPARQL.
-"""
+"""Statements as users of KnowledgeCore write them: "human1 looksAt book", "?x rdf:type Book"."""
 
 from __future__ import annotations
 
@@ -55,16 +52,12 @@ class ClientPattern:
 
 
 def parse_pattern(statement: str, map_name: str) -> ClientPattern:
-    """Return the terms of a statement.
+    """Return the terms of a statement; or ValueError.
 
     A bare word is an individual of the map (`:word`), as property or class a term of KnowledgeCore
     (`oro:word`), and so the property or type of the map with that name. ``*`` is a variable without
     a name.
 
-    Raises ValueError: it is not a statement.
-
-    Examples
-    --------
     >>> [str(term) for term in parse_pattern("human1 looksAt ?book", "lab").terms]
     ['urn:semmap:map:lab#human1', 'http://kb.openrobots.org#looksAt', 'book']
     """
@@ -128,13 +121,7 @@ def query_text(
 
 
 def name_of(term: Any, map_name: str) -> Any:
-    """Return a term as it is written in a statement; a literal as a value of Python.
-
-    Examples
-    --------
-    >>> name_of(rdflib.URIRef("urn:semmap:ontology#Cup"), "lab"), name_of(rdflib.Literal(5), "lab")
-    ('Cup', 5)
-    """
+    """Return a term as it is written in a statement; a literal as a value of Python."""
     if isinstance(term, rdflib.Literal):
         return term.toPython()
     if not isinstance(term, rdflib.URIRef):

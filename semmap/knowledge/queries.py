@@ -50,32 +50,11 @@ def query(
     inferred: bool = True,
     dataset: Chosen | None = None,
 ) -> Answer:
-    """Answer a query on the map that a session sees.
+    """Answer a query on the map that a session sees, in SPARQL 1.1 or the notation of reMap.
 
-    Parameters
-    ----------
-    session : psycopg's connection, as `Map.connection` gives it
-    text : SPARQL 1.1 or the notation of reMap; `semmap.knowledge.vocabulary.PREFIXES` need not be
-        declared, and the empty prefix is that of the map's entities
-    seconds, rows : limits; by default those of `semmap.limits`
-    inferred : see what was inferred (`semmap.knowledge.reasoning.runs`), too
-    dataset : the graphs to read, in place of those that FROM and FROM NAMED choose
-
-    Raises
-    ------
-    QueryError
-        The text is wrong; with line and column.
-    KnowledgeError
-        A limit is exceeded; the session can be used again.
-    LookupError
-        No map is chosen.
-
-    Examples
-    --------
-    >>> import semmap
-    >>> with semmap.connect() as database:  # doctest: +SKIP
-    ...     session = database.map("hotel").connection
-    ...     query(session, "SELECT ?room { ?room a semmap:Kitchen }").rows
+    Limits are by default those of `semmap.limits`. Without `inferred`, inferences are not seen.
+    `dataset` has the graphs to read in place of those of FROM and FROM NAMED. Raises QueryError,
+    with line and column; KnowledgeError beyond a limit; LookupError where no map is chosen.
     """
     most = int(QUERY_ROWS.value if rows is None else rows)
     if most < 1:

@@ -26,13 +26,7 @@ FORMATS = {".ttl": "turtle", ".jsonld": "json-ld", ".trig": "trig", ".nt": "nt",
 
 
 def format_of(path: Path) -> str:
-    """Return rdflib's name of the format of a file, by its ending.
-
-    Raises
-    ------
-    ValueError
-        The ending is not one of `FORMATS`.
-    """
+    """Return rdflib's name of the format of a file, by its ending; ValueError if it has none."""
     known = FORMATS.get(path.suffix.lower())
     if known is None:
         raise ValueError(f"{path}: the ending {path.suffix!r} is not one of {', '.join(FORMATS)}")
@@ -40,17 +34,7 @@ def format_of(path: Path) -> str:
 
 
 def read_facts(path: Path, format_: str) -> list[Fact]:
-    """Return the facts of a file.
-
-    Parameters
-    ----------
-    format_ : rdflib's name of the format
-
-    Raises
-    ------
-    WorldError
-        The file cannot be read, or is not of the format.
-    """
+    """Return the facts of a file, of a format by rdflib's name; or WorldError."""
     try:
         TEXT_BYTES.check(
             path.stat().st_size, partial(WorldError, path, "file"), "Split it into several files."
@@ -114,11 +98,6 @@ def store_facts(session: Session, facts: list[Fact], source: Path) -> int:
     """Add facts to the map that a session sees, all or none; return how many were new.
 
     Inferences (in the graph ``urn:semmap:inferred``) are left out: the map infers its own.
-
-    Raises
-    ------
-    WorldError
-        The map does not allow one of them.
     """
     with limited(session, None):
         try:

@@ -1,7 +1,7 @@
 """A SPARQL 1.1 protocol endpoint: query, update and graph store, over HTTP.
 
-https://www.w3.org/TR/sparql11-protocol/ and https://www.w3.org/TR/sparql11-http-rdf-update/. A
-request without a token is answered by a role that only reads; a token names the role of another.
+See www.w3.org/TR/sparql11-protocol and sparql11-http-rdf-update. A request without a token is
+answered by a role that only reads; a token names the role of another.
 """
 
 from __future__ import annotations
@@ -84,12 +84,8 @@ class _ProtocolError(Exception):
 class SparqlEndpoint:
     """The endpoint of one map.
 
-    Parameters
-    ----------
-    connect : opens a session that sees the map, with the rights of a reader
-    connect_writer : opens one whose login may take the roles of `tokens`
-    tokens : the database role of each token; without tokens nobody may write
-    seconds, rows : limits of a request
+    `connect` opens a session that sees the map with the rights of a reader, `connect_writer` one
+    whose login may take the roles of `tokens`; without tokens nobody may write.
     """
 
     def __init__(
@@ -268,13 +264,7 @@ class SparqlEndpoint:
 def serve(
     endpoint: SparqlEndpoint, host: str, port: int, stop: threading.Event | None = None
 ) -> None:
-    """Answer requests at an address, until `stop` is set, or the program is interrupted.
-
-    Raises
-    ------
-    ValueError
-        The address cannot be used.
-    """
+    """Answer requests at an address, until `stop` is set, or the program is interrupted."""
     if not 0 <= port <= 65535:
         raise ValueError(f"port is {port}: give a number from 0 to 65535")
     server = uvicorn.Server(uvicorn.Config(endpoint.app, host=host, port=port, log_level="warning"))
@@ -310,14 +300,7 @@ def session_opener(engine: Engine, map_name: str) -> Connect:
 
 
 def read_tokens(path: Path) -> dict[str, str]:
-    """Return the roles of tokens: a file with a token and a role in each line.
-
-    Raises
-    ------
-    ValueError
-        A line has not these two words, a token is shorter than 16 characters, or others than the
-        owner can read the file.
-    """
+    """Return the roles of tokens: a file with a token and a role in each line."""
     if path.stat().st_mode & 0o077:
         raise ValueError(f"{path}: others can read it: chmod 600 {path}")
     tokens = {}
@@ -394,10 +377,7 @@ def _dataset(asked: _Request) -> Chosen | None:
 
 
 def _chosen(accept: str, known: Mapping[str, Any]) -> str:
-    """Return the media type that a client prefers.
-
-    Raises _ProtocolError: none of those that it accepts is known.
-    """
+    """Return the media type that a client prefers."""
     wanted: list[tuple[float, int, str]] = []
     for position, part in enumerate(accept.split(",")):
         name, *options = (piece.strip() for piece in part.split(";"))

@@ -1,7 +1,6 @@
 """SHACL: what the facts of a map must conform to, on request and at each update.
 
-Shapes that bind a map are checked after an update where the update may have changed their outcome:
-at what it changed, and at what leads there by the paths of the shapes.
+An update is checked at what it changed, and at what leads there by the paths of the shapes.
 """
 
 from __future__ import annotations
@@ -36,22 +35,13 @@ _REPEATED = (SH.zeroOrMorePath, SH.oneOrMorePath)
 
 @dataclass(frozen=True)
 class Violation:
-    """What does not conform to a shape.
+    """What does not conform to a shape."""
 
-    Attributes
-    ----------
-    name : the node, with a prefix
-    message : what is wrong
-    path : the property; "" where the node itself is wrong
-    value : the value that is wrong, "" where one is missing
-    severity : "violation", "warning" or "info"
-    """
-
-    name: str
+    name: str  # the node, with a prefix
     message: str
-    path: str
-    value: str
-    severity: str
+    path: str  # the property; "" where the node itself is wrong
+    value: str  # that is wrong, "" where one is missing
+    severity: str  # "violation", "warning" or "info"
 
     def shown(self) -> str:
         """Return it as a line."""
@@ -116,13 +106,7 @@ def domain_shapes() -> Shapes:
 
 
 def read_shapes(path: Path) -> Shapes:
-    """Return the shapes of a Turtle file.
-
-    Raises
-    ------
-    WorldError
-        It cannot be read, is not Turtle, has no shape or a malformed one, or imports another file.
-    """
+    """Return the shapes of a Turtle file; or WorldError."""
     try:
         TEXT_BYTES.check(
             path.stat().st_size, partial(WorldError, path, "file"), "Split it into several files."
@@ -168,14 +152,7 @@ def _parsed(name: str, text: str, path: Path) -> Shapes:
 def validate(
     session: Session, shapes: Iterable[Shapes], *, seconds: float | None = None
 ) -> list[Violation]:
-    """Return what breaks shapes in the map that a session sees.
-
-    Inferences are facts, and relations that are computed, such as semmap:on, are queried.
-
-    Examples
-    --------
-    >>> validate(session, [domain_shapes()])  # doctest: +SKIP
-    """
+    """Return what breaks shapes in the map that a session sees; inferences are facts, too."""
     with limited(session, seconds) as deadline:
         view = MapView.of(session)
         view.deadline = deadline
@@ -183,13 +160,7 @@ def validate(
 
 
 def bind_shapes(session: Session, shapes: Shapes) -> None:
-    """Let shapes bind the map that a session sees: an update that breaks them is refused.
-
-    Raises
-    ------
-    ValueError
-        The map does not conform to them now.
-    """
+    """Let shapes bind the map that a session sees: an update that breaks them is refused."""
     with limited(session, None) as deadline:
         view = MapView.of(session)
         view.deadline = deadline
@@ -203,13 +174,7 @@ def bind_shapes(session: Session, shapes: Shapes) -> None:
 
 
 def unbind_shapes(session: Session, name: str) -> None:
-    """Let shapes bind the map no more.
-
-    Raises
-    ------
-    LookupError
-        None of that name do.
-    """
+    """Let shapes bind the map no more."""
     with session.transaction():
         view = MapView.of(session)
         gone = session.execute(
@@ -247,8 +212,8 @@ class BrokenShapeError(Error, ValueError):
 def check_binding(view: MapView, since: int) -> None:
     """Refuse a change after which what it changed does not conform to the binding shapes.
 
-    That is `MapView.touched`, and what the table `change` has after the row `since`.
-    Raises BrokenShapeError: the caller undoes the change.
+    That is `MapView.touched`, and what the table `change` has after the row `since`. After
+    BrokenShapeError, the caller undoes the change.
     """
     shapes = binding_shapes(view)
     if not shapes:

@@ -28,10 +28,7 @@ _CLASSES = "SELECT iri FROM semantic_type WHERE iri IS NOT NULL"
 
 
 def unknown_names(view: MapView, constants: Constants, *trees: Any) -> list[str]:
-    """Return a sentence for each name of a query that no entity, type or property has.
-
-    Names of other vocabularies are not judged: everybody may state facts with them.
-    """
+    """Return a sentence for each of our names in a query that no entity, type or property has."""
     own = (SEMMAP, TYPE, view.namespace)
     missing = {
         iri

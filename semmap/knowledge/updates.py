@@ -26,12 +26,7 @@ from semmap.language.parser import ParsedText, parse_sparql
 
 @dataclass(frozen=True)
 class GraphChanges:
-    """What an update changed.
-
-    Attributes
-    ----------
-    added, removed : numbers of facts
-    """
+    """How many facts an update added and removed."""
 
     added: int
     removed: int
@@ -47,27 +42,9 @@ def update(
     """Carry out an update on the map that a session sees, as a whole or not at all.
 
     Facts that tables have columns for change these tables: a type, a label, a property, a link, a
-    holder, the state of a door. All others are stored as statements. What follows from other facts,
-    such as a position, is refused.
-
-    Parameters
-    ----------
-    text : SPARQL 1.1 Update
-    seconds : after which the server stops it; by default the limit of `semmap.limits`
-    dataset : the graphs that patterns read, as USING and USING NAMED choose them
-
-    Raises
-    ------
-    QueryError
-        The text is wrong, the map does not allow a fact, or shapes that bind the map forbid what
-        follows; nothing was changed. Or both the text and `dataset` choose graphs.
-    KnowledgeError
-        It took too long; nothing was changed.
-
-    Examples
-    --------
-    >>> update(session, "INSERT DATA { :cup1 prop:colour 'red' }")  # doctest: +SKIP
-    Changes(added=1, removed=0)
+    holder, the state of a door. All others are stored as statements. What follows from other facts
+    is refused: QueryError, as for shapes that bind the map; KnowledgeError after `seconds`.
+    `dataset` has the graphs that patterns read, as USING and USING NAMED choose them.
     """
     with limited(session, seconds) as deadline:
         view = MapView.of(session)

@@ -49,13 +49,7 @@ PREFIXES: Mapping[str, str] = {
 
 
 def encode(name: str) -> str:
-    """Return a name as a part of an IRI, as the SQL function `iri_encode` does.
-
-    Examples
-    --------
-    >>> encode("cup 1"), decode("cup%201")
-    ('cup%201', 'cup 1')
-    """
+    """Return a name as a part of an IRI, as the SQL function `iri_encode` does."""
     return quote(name, safe="")
 
 
@@ -66,13 +60,7 @@ def decode(part: str) -> str | None:
 
 
 def map_namespace(map_name: str) -> str:
-    """Return the namespace of a map's entities.
-
-    Examples
-    --------
-    >>> map_namespace("hotel")
-    'urn:semmap:map:hotel#'
-    """
+    """Return the namespace of a map's entities: urn:semmap:map:NAME#."""
     return f"urn:semmap:map:{encode(map_name)}#"
 
 
@@ -82,13 +70,7 @@ def prefixes(map_name: str) -> dict[str, str]:
 
 
 def short(iri: str, known: Mapping[str, str]) -> str:
-    """Return an IRI with the longest prefix that fits, or in angle brackets.
-
-    Examples
-    --------
-    >>> short("urn:semmap:ontology#Table", PREFIXES), short("http://a/b", PREFIXES)
-    ('semmap:Table', '<http://a/b>')
-    """
+    """Return an IRI with the longest prefix that fits, or in angle brackets."""
     fitting = [(len(space), p, space) for p, space in known.items() if iri.startswith(space)]
     if not fitting:
         return f"<{iri}>"

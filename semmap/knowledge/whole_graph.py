@@ -21,10 +21,7 @@ from semmap.knowledge.vocabulary import prefixes
 
 
 def facts(session: Session, *, inferences: bool = False) -> Iterator[tuple[Any, Any, Any, Any]]:
-    """Yield subject, property, object and graph (None for the default graph) of each fact.
-
-    Inferences, if wanted, are in the graph `INFERRED_GRAPH`.
-    """
+    """Yield subject, property, object and graph of each fact; None is the default graph."""
     view = MapView.of(session)
     parameters = {"namespace": view.namespace, "map": view.number}
     for triple in (*TRIPLES, *STATEMENTS, *(INFERENCES if inferences else ())):
@@ -43,12 +40,7 @@ def facts(session: Session, *, inferences: bool = False) -> Iterator[tuple[Any, 
 
 
 def dump(session: Session, *, inferences: bool = False) -> rdflib.Dataset:
-    """Return the graph of the map that a session sees, with its named graphs.
-
-    Parameters
-    ----------
-    inferences : what was inferred, too; its graph is ``urn:semmap:inferred``
-    """
+    """Return the map that a session sees with its named graphs; one has the inferences."""
     dataset = rdflib.Dataset()
     for prefix, space in prefixes(MapView.of(session).name).items():
         dataset.bind(prefix, space, replace=True)
@@ -72,14 +64,10 @@ def has_graphs(format_: str) -> bool:
 
 
 def serialized(graph: rdflib.Graph, format_: str) -> str:
-    """Return a graph as text.
+    """Return a graph as text, in a format by rdflib's name.
 
     Of a dataset, Turtle and N-Triples have the default graph and the inferences, without other
     named graphs.
-
-    Parameters
-    ----------
-    format_ : rdflib's name of the format
     """
     if isinstance(graph, rdflib.Dataset) and not has_graphs(format_):
         for triple in graph.graph(INFERRED_GRAPH):

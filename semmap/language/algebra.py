@@ -1,9 +1,4 @@
-"""Checked queries: SPARQL's algebra with properties, kinds and constants resolved.
-
-A back end evaluates it. Patterns are those of SPARQL 1.1, section 18.2, expressions those of
-section 17. All nodes are immutable; `variables` are those that a pattern may bind, and those that
-an expression reads.
-"""
+"""Checked queries: SPARQL's algebra (1.1, sections 17, 18.2) with properties and kinds resolved."""
 
 from __future__ import annotations
 
@@ -78,13 +73,10 @@ class Arithmetic(Expression):
 
 @dataclass(frozen=True, eq=False)
 class Call(Expression):
-    """An operator or function of SPARQL.
+    """An operator or function of SPARQL, such as "<", "!", "STRLEN", "UnaryMinus"; or "boolean".
 
-    Attributes
-    ----------
-    function : such as "<", "&&", "!", "STRLEN", or "UnaryMinus"; "boolean" is the effective
-        boolean value
-    arguments : of fitting kinds; "&&", "||" and "COALESCE" take any number of them
+    "boolean" is the effective boolean value; "&&", "||" and "COALESCE" take any number of
+    arguments.
     """
 
     function: str

@@ -1,7 +1,4 @@
-"""Checks queries: from rdflib's algebra to one with properties, kinds and constants resolved.
-
-All that can be wrong with a query is found here, before it is evaluated.
-"""
+"""Checks queries: all that can be wrong with one is found here, before it is evaluated."""
 
 from __future__ import annotations
 
@@ -44,27 +41,12 @@ from semmap.limits import QUERY_ROWS
 
 
 class Checker(TextScope):
-    """Checks one text against a schema.
-
-    Parameters
-    ----------
-    schema : what the text may name
-
-    Attributes
-    ----------
-    kinds : for each variable its kind, the semantic type of its values if known, and the position
-        where it was declared
-    hidden : variables that projections keep without naming them; a subclass may add some
-    """
+    """Checks one text against a schema."""
 
     hidden: frozenset[str] = frozenset()
 
     def check(self, node: Any) -> Pattern:
-        """Return a part of rdflib's algebra as a checked pattern.
-
-        Raises QueryError: an unknown property, name or function, kinds that do not fit, a variable
-        that nothing binds, or a part of SPARQL that is not supported.
-        """
+        """Return a part of rdflib's algebra as a checked pattern; raises QueryError."""
         check: Callable[[Any], Pattern] | None = getattr(self, f"_check_{node.name}", None)
         if check is None:
             raise self.error(f"{node.name} is not supported", node)
@@ -76,10 +58,7 @@ class Checker(TextScope):
         return sorted(named, key=lambda name: self.kinds[name][2])
 
     def detached(self) -> AbstractContextManager[object]:
-        """Return the context in which a part is checked that binds no rows of the query.
-
-        Such parts are the right side of MINUS, subqueries, and EXISTS.
-        """
+        """Return the context of a part that binds no rows: in MINUS, a subquery, or EXISTS."""
         return nullcontext()
 
     def exists(self, tree: Any) -> Expression:

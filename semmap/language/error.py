@@ -12,24 +12,8 @@ WIDEST = 200
 
 
 class QueryError(Error, ValueError):
-    """A query or update is wrong; nothing was changed.
+    """A query or update is wrong; nothing was changed. Line and column count from 1.
 
-    The message gives line and column, the reason, the line of the text, and a caret below the
-    wrong character.
-
-    Parameters
-    ----------
-    reason : what is wrong, and how to fix it
-    text : the text as the user wrote it
-    offset : index of the wrong character in `text`
-
-    Attributes
-    ----------
-    reason : str
-    line, column : the place of the error, both counted from 1
-
-    Examples
-    --------
     >>> print(QueryError("use SELECT", "SELCT ?v { }", 0))
     line 1, column 1: use SELECT
         SELCT ?v { }

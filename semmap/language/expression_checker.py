@@ -36,10 +36,7 @@ class Scope(Protocol):
         ...
 
     def variable(self, term: Any) -> tuple[ValueKind, str | None]:
-        """Return kind and semantic type of a variable.
-
-        Raises QueryError: nothing binds the variable here.
-        """
+        """Return kind and semantic type of a variable; raises QueryError where it is not bound."""
         ...
 
     def entities(self, term: Any, range_: str | None) -> frozenset[str]:
@@ -67,10 +64,7 @@ Operand = Expression | _Name
 
 
 def check_expression(tree: Any, scope: Scope) -> Expression:
-    """Return an expression with its kind.
-
-    Raises QueryError: kinds do not fit, a variable is not bound, or a function is unknown.
-    """
+    """Return an expression with its kind; raises QueryError."""
     operand = _operand(tree, scope)
     if isinstance(operand, Expression):
         return operand
@@ -78,10 +72,7 @@ def check_expression(tree: Any, scope: Scope) -> Expression:
 
 
 def check_condition(tree: Any, scope: Scope) -> Expression:
-    """Return an expression as a truth value (SPARQL 1.1, section 17.2.2).
-
-    Raises QueryError: as `check_expression`, or the value is neither true nor false.
-    """
+    """Return an expression as a truth value (SPARQL 1.1, section 17.2.2); raises QueryError."""
     expression = check_expression(tree, scope)
     if expression.kind == "boolean":
         return expression

@@ -1,8 +1,4 @@
-"""The grammar: rdflib's grammar of SPARQL with the clauses STORE, AT and DURING.
-
-rdflib's module is loaded once more before its grammar is extended, so that rdflib itself is not
-changed. The terms and parts of the syntax tree know their positions in the text.
-"""
+"""rdflib's grammar of SPARQL, loaded once more, with STORE, AT and DURING, and with positions."""
 
 from __future__ import annotations
 
@@ -28,10 +24,9 @@ _LOCK = threading.Lock()
 
 
 def read_syntax(text: NormalisedText, form: Form, *, whole: bool = False) -> Any:
-    """Return rdflib's syntax tree of a query or an update.
+    """Return rdflib's syntax tree; raises QueryError, which names what the grammar expects there.
 
-    The whole of SPARQL has lists, and no clauses of our own. Raises QueryError: the text is not
-    SPARQL; the error names what the grammar expects there.
+    The whole of SPARQL has lists, and no clauses of our own.
     """
     with _LOCK:
         try:
@@ -63,10 +58,7 @@ def _grammar(form: Form, whole: bool) -> Any:
 
 @cache
 def _recording_grammar(form: Form, whole: bool) -> tuple[Any, list[tuple[int, str]]]:
-    """Return a grammar for a second, slow reading, and the list to which it writes failures.
-
-    A failure is a position and the word that was expected there.
-    """
+    """Return a slow grammar for a second reading, and its failures: position, expected word."""
     grammar = _own_grammar(form, whole)
     failures: list[tuple[int, str]] = []
 

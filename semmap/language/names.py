@@ -13,8 +13,6 @@ from semmap.suggestions import suggestion
 class NameIndex:
     """Entities with their semantic types, and types with the types that subsume them.
 
-    Examples
-    --------
     >>> index = NameIndex({"mug7": "mug"}, {"mug": frozenset({"mug", "object"})}, {"cup": "mug"})
     >>> sorted(index.find("Cup"))
     ['mug', 'mug7']
@@ -42,13 +40,10 @@ class NameIndex:
         range_: str | None = None,
         others: Mapping[str, str | None] | None = None,
     ) -> frozenset[str]:
-        """Return what a name stands for, of the type `range_` if given.
+        """Return what a name stands for, of a type if given; raises LookupError, TypeError.
 
         An entity stands for itself, also one of `others` with their types; a type for itself, its
         subtypes and their entities. Types may be written in any case, or by a synonym.
-
-        Raises LookupError: there is no such entity or type. Raises TypeError: it is not of the type
-        `range_`.
         """
         entities = {**(others or {}), **self.entities}
         found: set[str] = set()

@@ -1,7 +1,6 @@
 """Rewrites the notation of reMap (section 4) as SPARQL, and keeps track of positions.
 
-The paper writes IRIs without angle brackets, WHERE without braces and names without a colon. Text
-that is SPARQL already stays as it is.
+The paper writes IRIs without angle brackets, WHERE without braces and names without a colon.
 """
 
 from __future__ import annotations
@@ -72,12 +71,8 @@ class NormalisedText:
 
 
 def normalise(text: str) -> NormalisedText:
-    """Rewrite a text as SPARQL.
+    """Rewrite a text as SPARQL; raises QueryError if it is longer than `semmap.limits` allow.
 
-    Raises QueryError: the text is longer than `semmap.limits` allow.
-
-    Examples
-    --------
     >>> normalise("SELECT ?v WHERE ?v :inRoom kitchen").sparql
     'SELECT ?v WHERE { ?v :inRoom :kitchen }'
     """

@@ -61,10 +61,7 @@ FIELD_PREFIXES = {"": "urn:semmap:ontology#"}
 
 @lru_cache(maxsize=256)
 def parse_query(text: str) -> ParsedText:
-    """Parse a query.
-
-    Raises QueryError: the text is not SPARQL, or uses a part of SPARQL that is not supported.
-    """
+    """Parse a query of fields; raises QueryError."""
     normalised = normalise(text)
     with _errors_of(normalised):
         declarations, tree = read_syntax(normalised, "query")
@@ -90,10 +87,7 @@ def parse_query(text: str) -> ParsedText:
 
 
 def parse_update(text: str) -> ParsedText:
-    """Parse an update.
-
-    Raises QueryError: the text is not SPARQL, or uses a part of SPARQL that is not supported.
-    """
+    """Parse an update of fields; raises QueryError."""
     normalised = normalise(text)
     with _errors_of(normalised):
         (tree,) = read_syntax(normalised, "update")
@@ -105,11 +99,10 @@ def parse_update(text: str) -> ParsedText:
 
 @lru_cache(maxsize=256)
 def parse_sparql(text: str, form: Form, prefixes: Prefixes = ()) -> ParsedText:
-    """Parse a query or an update in the whole of SPARQL 1.1, without clauses of our own.
+    """Parse a query or an update in the whole of SPARQL 1.1; raises QueryError.
 
-    The text need not declare `prefixes`. The names of a query that selects `*` are those that are
-    visible in it. Raises QueryError: the text is not SPARQL, or has a clause that reads or writes
-    outside of the database.
+    It may not read or write outside of the database. The names of ``SELECT *`` are those that are
+    visible.
     """
     normalised = normalise(text)
     with _errors_of(normalised):
@@ -217,10 +210,9 @@ def _mark_everything(tree: Any) -> None:
 
 @contextmanager
 def _errors_of(text: NormalisedText) -> Iterator[None]:
-    """Report errors of the parser as those of a text: too deep nesting, and ill-typed literals.
+    """Report too deep nesting as an error of a text, and drop what rdflib logs in this thread.
 
-    rdflib logs a literal that does not fit its type; the checker reports it with its position, so
-    that this thread's log records are dropped.
+    It logs literals that do not fit their types, which the checker reports with their positions.
     """
     thread, logger = threading.get_ident(), logging.getLogger("rdflib.term")
 

@@ -40,20 +40,14 @@ _UNSAFE = {
 
 
 def refuse_unsafe(text: NormalisedText, tree: Any) -> None:
-    """Raise an error for the first part of a syntax tree that leads outside of the database.
-
-    Raises QueryError: with the position of that part, and what to write instead.
-    """
+    """Raise QueryError for the first part of a syntax tree that leads outside of the database."""
     unsafe = [part for part in _parts(tree) if part.name in _UNSAFE and not _is_silent(part)]
     _refuse(text, [(_UNSAFE[part.name], part) for part in unsafe])
     _refuse(text, [(reason, part) for part in _parts(tree) for reason in _uneven(part)])
 
 
 def refuse_unsupported(text: NormalisedText, tree: Any) -> None:
-    """Raise an error for the first part of a syntax tree that no back end supports.
-
-    Raises QueryError: with the position of that part, and what to write instead.
-    """
+    """Raise QueryError for the first part of a syntax tree that no back end supports."""
     _refuse(text, [(reason, part) for part in _parts(tree) for reason in _reasons(part)])
 
 

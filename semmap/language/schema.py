@@ -15,28 +15,16 @@ ValueKind = Literal["voxel", "entity", "number", "boolean", "text"]
 
 @dataclass(frozen=True)
 class Property:
-    """An RDF property: what may have it, and which values it takes (reMap, 3.1.2 and 4).
+    """An RDF property: what may have it, and which values it takes (reMap, 3.1.2 and 4)."""
 
-    Attributes
-    ----------
-    iri : its identifier
-    name : the local name of `iri`
-    domain : the semantic type of its subjects where these are entities; for voxels, the type of
-        what a map of this property represents. None is any type
-    range : the semantic type of its objects; None is any type
-    subject, object : the kind of either side
-    same_as : other identifiers of the same property
-    measure : the name of the property for the degree, where a map may have numbers in place of
-        true or false (`inFieldOfView human1` is true or not; `attention` is its degree)
-    """
-
-    iri: str
-    name: str
-    domain: str | None
-    range: str | None
+    iri: str  # its identifier
+    name: str  # the local name of `iri`
+    domain: str | None  # semantic type of subjects; for voxels, of what a map represents. None: any
+    range: str | None  # semantic type of objects; None is any type
     subject: SideKind
     object: SideKind
-    same_as: tuple[str, ...] = ()
+    same_as: tuple[str, ...] = ()  # other identifiers
+    # the property for the degree, as `attention` of `inFieldOfView human1`
     measure: str | None = None
 
 
@@ -80,10 +68,7 @@ class Schema(Protocol):
         ...
 
     def find_property(self, iri: str) -> Property:
-        """Return the property of an IRI.
-
-        Raises LookupError: there is no such property; the error suggests similar names.
-        """
+        """Return the property of an IRI; or LookupError, which suggests similar names."""
         ...
 
     def properties(self) -> Iterable[Property]:
@@ -91,23 +76,12 @@ class Schema(Protocol):
         ...
 
     def find_entities(self, name: str, range_: str | None) -> frozenset[str]:
-        """Return what a constant stands for, of the semantic type `range_` if given.
-
-        An entity stands for itself, a semantic type for itself, its subtypes and their entities.
-        Raises LookupError: there is no such entity or type. Raises TypeError: it is not of the type
-        `range_`.
-        """
+        """Return what a constant stands for, as `NameIndex.find`."""
         ...
 
 
 def with_article(kind: ValueKind) -> str:
-    """Return the name of a kind as errors write it.
-
-    Examples
-    --------
-    >>> with_article("entity"), with_article("boolean")
-    ('an entity', 'a truth value')
-    """
+    """Return the name of a kind as errors write it."""
     return {"boolean": "a truth value", "text": "text", "entity": "an entity"}.get(
         kind, f"a {kind}"
     )

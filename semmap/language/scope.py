@@ -18,17 +18,7 @@ Declaration = tuple[ValueKind, str | None, int]
 
 
 class TextScope(Scope):
-    """The variables of a text and the names of a schema.
-
-    Parameters
-    ----------
-    schema : what the text may name
-
-    Attributes
-    ----------
-    kinds : for each variable its kind, the semantic type of its values if known, and the position
-        where it was declared
-    """
+    """The variables of a text and the names of a schema."""
 
     def __init__(self, parsed: ParsedText, schema: Schema) -> None:
         self.parsed = parsed

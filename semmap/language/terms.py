@@ -49,19 +49,13 @@ _TERMS: tuple[tuple[type, type[Any]], ...] = (
 
 
 def position_of(term: object) -> int | None:
-    """Return the position of a term or of a part of the syntax tree.
-
-    None for what the translation to SPARQL's algebra added.
-    """
+    """Return the position of a term or part of the tree; None if the translation added it."""
     position = getattr(term, "position", None)
     return position if isinstance(position, int) else None
 
 
 def with_position(term: object, position: int) -> Any:
-    """Return a copy of an rdflib term that knows its position.
-
-    A part of the syntax tree is changed in place. None for anything else.
-    """
+    """Return a copy of a term that knows its position; a part of the tree is changed in place."""
     from rdflib.plugins.sparql.parserutils import CompValue  # with it comes the SPARQL grammar
 
     if isinstance(term, CompValue):
@@ -76,13 +70,7 @@ def with_position(term: object, position: int) -> Any:
 
 
 def local_name(iri: str) -> str:
-    """Return an IRI without its namespace.
-
-    Examples
-    --------
-    >>> local_name("http://kb.openrobots.org/inFieldOfView")
-    'inFieldOfView'
-    """
+    """Return an IRI without its namespace: what follows the last of # / and :."""
     return re.split(r"[#/:]", iri)[-1]
 
 
@@ -101,13 +89,7 @@ def name_of(term: object) -> str | None:
 
 
 def number_of(term: object) -> float | None:
-    """Return the value of a numeric literal; None for other terms.
-
-    Examples
-    --------
-    >>> [number_of(rdflib.Literal("5", datatype=rdflib.XSD[n])) for n in ("integer", "string")]
-    [5.0, None]
-    """
+    """Return the value of a numeric literal; None for other terms."""
     value = term.value if isinstance(term, rdflib.Literal) else None
     if isinstance(value, bool) or not isinstance(value, (int, float, Decimal)):
         return None

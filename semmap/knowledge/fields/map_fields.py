@@ -52,8 +52,8 @@ class MapFields:
     def ask(self, query: FieldQuery) -> FieldAnswer:
         """Return the answer of the service of the map if it is running, else of the kept state.
 
-        Raises FieldError: no source provides a property, an entity is unknown, or the transaction
-        of the session has changed the map: fields see what is committed.
+        FieldError: no source provides a property, an entity is unknown, or the session's
+        transaction has changed the map, of which fields see what is committed.
         """
         row = self._session.execute(_UNSEEN).fetchone()
         if row is not None and row[0]:

@@ -1,8 +1,7 @@
-"""Properties of fields in a query: which they are, and the part of a query that fields answer.
+"""Properties of fields in a query, and the part of a query that fields answer.
 
-A basic graph pattern is split by property: triples with a property of fields, which are joined by
-their variables, become one query of the language of fields. Its solutions are a table of the SQL
-that answers the rest.
+Triples of a basic graph pattern with such properties, which are joined by their variables, become
+one query of the language of fields. Its solutions are a table of the SQL of the rest.
 """
 
 from __future__ import annotations
@@ -27,13 +26,7 @@ from semmap.language.terms import number_of
 
 
 class FieldError(Error, ValueError):
-    """Fields cannot answer their part of a query, for instance because no source provides it.
-
-    Attributes
-    ----------
-    reason : why
-    place : the term of the query that it is about
-    """
+    """Fields cannot answer their part of a query: why, and the term of the query it is about."""
 
     def __init__(self, reason: str, place: Any) -> None:
         super().__init__(reason)
@@ -79,10 +72,7 @@ class FieldQuery:
         kept: Collection[str],
         conditions: Iterable[tuple[str, str, str]] = (),
     ) -> FieldQuery:
-        """Return the query of triples that are joined by variables.
-
-        The rest of the query needs those `kept`; all solutions meet the conditions.
-        """
+        """Return the query of triples for the variables `kept`; all solutions meet conditions."""
         place = next(iter(triples)).place
         kinds: dict[str, SideKind] = {}
         for triple in triples:
@@ -154,13 +144,7 @@ def property_iris() -> frozenset[str]:
 
 
 def is_of_fields(iri: str) -> bool:
-    """Return whether fields alone state a property.
-
-    Examples
-    --------
-    >>> [is_of_fields(f"urn:semmap:ontology#{n}") for n in ("sees", "on", "probability", "heldBy")]
-    [True, False, False, False]
-    """
+    """Return whether fields alone state a property: sees, but neither on nor probability."""
     return iri in _properties() and iri not in _by_sql()
 
 
@@ -197,8 +181,6 @@ def count_variables(tree: Any) -> Counter[str]:
 def comparisons(tree: Any) -> Iterator[tuple[str, str, str]]:
     """Yield variable, operator and number of the comparisons that a condition consists of.
 
-    Examples
-    --------
     >>> from semmap.language.parser import parse_query
     >>> text = 'ASK { ?v :distanceToPerson ?d FILTER(2 > ?d && ?d < "INF"^^xsd:double) }'
     >>> list(comparisons(parse_query(text).algebra.p.expr))

@@ -1,9 +1,7 @@
 """Relations of fields as facts, and what each agent knows of what it sees.
 
-The service of fields reports which relations begin and end. Relations that the user names are
-pushed: they are statements of the map, so that standing queries see them. All others are pulled:
-they are computed when a query names them. Source: "VDB-based Spatially Grounded Semantics for
-Interactive Robots", section VI (push and pull).
+Relations that the user names are pushed as statements, so that standing queries see them; others
+are pulled. Source: "VDB-based Spatially Grounded Semantics for Interactive Robots", section VI.
 """
 
 from __future__ import annotations
@@ -49,13 +47,7 @@ Relation = tuple[str, str, str]
 
 
 def read_pushed(lines: Iterable[str], map_name: str) -> dict[str, rdflib.URIRef]:
-    """Return the property by which each relation is pushed, from RELATION=PROPERTY.
-
-    Raises
-    ------
-    ValueError
-        A line is not of this form, or the property is computed when a query names it.
-    """
+    """Return the property of each relation, from RELATION=PROPERTY; or ValueError."""
     found = {}
     for line in lines:
         relation, _, written = line.partition("=")
@@ -78,14 +70,9 @@ def read_pushed(lines: Iterable[str], map_name: str) -> dict[str, rdflib.URIRef]
 
 
 class FieldPush:
-    """Writes relations that begin and end.
+    """Writes relations that begin and end, by the property of each relation.
 
-    Parameters
-    ----------
-    engine : of the database
-    map_name : the map
-    pushed : the property of each relation that is pushed
-    perspectives : what an agent sees is put into its model, and stays there as last seen
+    With perspectives, what an agent sees is put into its model, and stays there as last seen.
     """
 
     def __init__(

@@ -52,17 +52,11 @@ class FieldRows:
         is_needed: Callable[[str, int], bool],
         conditions: Collection[tuple[str, str, str]],
     ) -> tuple[list[Rows], dict[str, Value]]:
-        """Return rows for each group of triples that variables join.
+        """Return rows for each group of triples that variables join, and constants of some.
 
-        Parameters
-        ----------
-        triples : subject, predicate and object; the predicates are properties of fields
-        is_needed : whether a variable that occurs so often in a group is needed elsewhere
-        conditions : comparisons that all solutions will meet
-
-        Returns
-        -------
-        rows, and the constants that some of their variables must have
+        `is_needed` says whether a variable that occurs so often in a group is needed elsewhere; all
+        solutions will meet the conditions. The constants are those that variables of rows must
+        have.
         """
         equal: dict[str, Value] = {}
 
@@ -93,10 +87,7 @@ class FieldRows:
         return found, equal
 
     def _constant(self, value: Value) -> str | None:
-        """Return a constant as fields write it; None where they would take it for more than it is.
-
-        A name stands for the entity and for the type of that name.
-        """
+        """Return a constant as fields write it; None where it names an entity and a type."""
         text, tag = value.constant or ("", "I")
         if tag != "I":
             number = rdflib.Literal(text, datatype=rdflib.URIRef(tag)).value

@@ -41,10 +41,7 @@ class OntologyAxioms:
 
     @classmethod
     def read(cls, view: MapView, state: str = "") -> OntologyAxioms:
-        """Return the axioms of a map: of the T-Box and of its statements.
-
-        The state of the last run says whether it had the rules of equality.
-        """
+        """Return the axioms of a map; the state of the last run says if equality was among them."""
         hierarchy = Hierarchy.read(view)
         rows = view.session.execute(
             f"SELECT {COLUMNS} FROM statement WHERE map_id = %(map)s AND graph = '' AND (until IS "
@@ -105,10 +102,7 @@ _COMPILED: dict[tuple[str, bool], Compiled] = {}
 
 @cache
 def _shipped_axioms() -> frozenset[Triple]:
-    """Return the axioms of `schema/ontology/axioms.ttl`.
-
-    The domains and ranges in `fields.ttl` are of what a field represents, not of its subjects.
-    """
+    """Return the axioms of `axioms.ttl`; domains in `fields.ttl` are of what a field represents."""
     (path,) = (path for path in ontology_files() if path.name == "axioms.ttl")
     graph = rdflib.Graph().parse(path, format="turtle")
     return frozenset((_shipped(s), _shipped(p), _shipped(o)) for s, p, o in graph)

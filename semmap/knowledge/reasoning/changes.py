@@ -46,10 +46,7 @@ class Changed:
 
 
 def consider(view: MapView, ontology: OntologyAxioms, changed: Changed) -> Stored | None:
-    """Store what follows from changed facts, and remove what no longer does.
-
-    None where resources are the same for the first time: rules that were left out apply now.
-    """
+    """Store what follows from changed facts, and remove what does not; None: equality is new."""
     facts, compiled = StoredFacts(view, ontology), ontology.rules
     if not changed.ids and not changed.others:
         return Stored()

@@ -1,8 +1,7 @@
 """Materialised Datalog on triples: closure by semi-naive evaluation, retraction by DRed.
 
-Rules have triples with variables. `close` adds what follows from new facts; `retract` removes what
-lost its last reason (delete and rederive; Gupta, Mumick and Subrahmanian, "Maintaining Views
-Incrementally", SIGMOD 1993, section 7).
+DRed is delete and rederive (Gupta, Mumick and Subrahmanian, "Maintaining Views Incrementally",
+SIGMOD 1993, section 7).
 """
 
 from __future__ import annotations
@@ -54,10 +53,7 @@ Bindings = dict[str, Node]
 
 
 class Facts:
-    """Triples with an index for each bound side; told or inferred.
-
-    A subclass may read them when they are needed: `need_subject`, `need_object`, `need_verb`.
-    """
+    """Triples with an index for each bound side, which a subclass reads when they are needed."""
 
     def __init__(self) -> None:
         self._objects: defaultdict[tuple[Node, Node], set[Node]] = defaultdict(set)
@@ -200,9 +196,9 @@ def close(facts: Facts, rules: RuleSet, new: Iterable[Triple]) -> list[Triple]:
 def retract(
     facts: Facts, rules: RuleSet, gone: Collection[Triple]
 ) -> tuple[set[Triple], set[Triple]]:
-    """Remove what follows only from facts that are no longer told there, but in `facts` still.
+    """Remove what follows only from facts `gone`, told no longer; return what was removed.
 
-    Returns what was removed, and the facts among `gone` that are facts still, as inferences.
+    Facts among `gone` may be facts still, as inferences: these are returned, too.
     """
     over = dict.fromkeys(gone)
     queue = list(over)
@@ -332,12 +328,7 @@ def _allowed(rule: Rule, bindings: Bindings) -> bool:
 def are_different(a: Node, b: Node) -> bool:
     """Return whether two terms are known to stand for different things.
 
-    Entities of a map have different names on purpose, and literals have values.
-
-    Examples
-    --------
-    >>> are_different(("1", f"{XSD}integer"), ("1.0", f"{XSD}decimal")), are_different(3, 4)
-    (False, True)
+    Entities of a map have different names on purpose, and literals have values: "1" is 1.0.
     """
     if isinstance(a, tuple) and isinstance(b, tuple):
         return _value(a) != _value(b)

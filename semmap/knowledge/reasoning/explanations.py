@@ -21,18 +21,11 @@ from semmap.language.parser import parse_sparql
 
 @dataclass(frozen=True)
 class Why:
-    """Why a fact is one, in words.
+    """Why a fact is one, in words."""
 
-    Attributes
-    ----------
-    fact : as Turtle
-    axiom : from which it follows; "" where it is told
-    because : the facts that meet the axiom
-    """
-
-    fact: str
-    axiom: str = ""
-    because: tuple[Why, ...] = ()
+    fact: str  # as Turtle
+    axiom: str = ""  # from which it follows; "" where it is told
+    because: tuple[Why, ...] = ()  # the facts that meet the axiom
 
     def lines(self, indent: str = "") -> Iterator[str]:
         """Yield the lines of a text."""
@@ -47,13 +40,7 @@ class Why:
 
 
 def contradictions(session: Session) -> list[Why]:
-    """Return what is inconsistent: which axiom, and which facts contradict it.
-
-    Raises
-    ------
-    LookupError
-        The map is not reasoned about.
-    """
+    """Return which facts contradict which axiom; or LookupError: the map is not reasoned about."""
     with limited(session, None):
         view, facts = _facts(session)
         rules = facts.ontology.rules.rules
@@ -69,19 +56,7 @@ def contradictions(session: Session) -> list[Why]:
 
 
 def why(session: Session, text: str) -> Why:
-    """Return why a fact is one.
-
-    Parameters
-    ----------
-    text : a triple, such as ``:cup1 a semmap:Mug``
-
-    Raises
-    ------
-    QueryError
-        The text is not a triple.
-    LookupError
-        It is not a fact, or the map is not reasoned about.
-    """
+    """Return why a triple is a fact; QueryError, or LookupError where it is none."""
     with limited(session, None):
         view, facts = _facts(session)
         parsed = parse_sparql(f"ASK {{ {text} }}", "query", tuple(prefixes(view.name).items()))

@@ -1,7 +1,6 @@
 """The rules of OWL 2 RL for given axioms (OWL 2 Profiles, section 4.3, tables 4 to 9).
 
-Axioms are facts about classes and properties. `compile_rules` closes them under table 9, and fills
-each of the other rules with them, so that what is left are facts about individuals.
+Axioms, closed under table 9, fill the other rules: what is left are facts about individuals.
 """
 
 from __future__ import annotations
@@ -124,16 +123,11 @@ def compile_rules(
     single: Callable[[str], bool] = lambda iri: False,
     same: bool | None = None,
 ) -> Compiled:
-    """Return the rules of axioms.
+    """Return the rules of axioms; `show` names their terms in texts.
 
-    Parameters
-    ----------
-    axioms : facts with `AXIOM_PROPERTIES` or `AXIOM_CLASSES`
-    show : the name of a term in texts
-    built_in : pairs of a class and a class that subsumes it, with which types are told already
-    single : whether all values of a property are entities or literals, so that two of them are
-        never one resource
-    same : whether the rules of equality are among them; None: where a rule infers ``owl:sameAs``
+    Types are told with the `built_in` pairs of a class and a superclass already. All values of a
+    `single` property are entities or literals, so that two are never one resource. `same`: with the
+    rules of equality; None: if a rule infers ``owl:sameAs``.
     """
     facts = FactIndex()
     given = set(axioms)

@@ -17,37 +17,18 @@ from semmap.knowledge.sparql.kept_queries import Session
 
 @dataclass(frozen=True)
 class Reasoned:
-    """What a run of the reasoner changed.
-
-    Attributes
-    ----------
-    added, removed : numbers of inferences
-    inferences, contradictions : how many there are now
-    complete : all facts were read
-    seconds : how long it took
-    """
+    """What a run of the reasoner changed."""
 
     added: int
     removed: int
-    inferences: int
+    inferences: int  # how many there are now
     contradictions: int
-    complete: bool
+    complete: bool  # all facts were read
     seconds: float
 
 
 def reason(session: Session, *, complete: bool = False, seconds: float | None = None) -> Reasoned:
-    """Reason about the map that a session sees, from now on after each update, too.
-
-    Parameters
-    ----------
-    complete : read all facts, even if only few changed
-    seconds : after which it is stopped; by default the limit of `semmap.limits`
-
-    Examples
-    --------
-    >>> reason(db.map("house").connection).contradictions  # doctest: +SKIP
-    0
-    """
+    """Reason about the map that a session sees, from now on after each update, too."""
     with limited(session, seconds) as deadline:
         view = MapView.of(session)
         view.deadline = deadline

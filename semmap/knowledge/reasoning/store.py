@@ -32,12 +32,7 @@ class Stored:
 
 
 class StoredFacts(Facts):
-    """The facts of a map; of entities it is told the types, and those that subsume them.
-
-    Parameters
-    ----------
-    empty : there are none yet
-    """
+    """The facts of a map; of entities it is told the types, and those that subsume them."""
 
     def __init__(self, view: MapView, ontology: OntologyAxioms, *, empty: bool = False) -> None:
         super().__init__()

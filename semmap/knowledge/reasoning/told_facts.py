@@ -96,12 +96,8 @@ def told_facts(
 ) -> Iterator[Triple]:
     """Yield the told facts of a map; for types, `DIRECT_TYPE` and `KIND`.
 
-    Parameters
-    ----------
-    properties : that are wanted; None for all
-    classes : that are wanted of other vocabularies, such as bot:Space
-    ids : only facts with these entities, as subject or object
-    others : facts whose subject is not an entity, too
+    Wanted are some properties (None: all), and some classes of other vocabularies, such as
+    bot:Space; only of some entities, as subject or object; also of `others` than entities.
     """
     yield from _types(view, hierarchy, ids)
     parts: list[str] = []
@@ -161,10 +157,7 @@ def _select(
     ids: Collection[int] | None,
     parameter: str,
 ) -> tuple[str, list[str]]:
-    """Return the SELECT of a triple map, and the value of its parameter for names of properties.
-
-    "" where no property is wanted.
-    """
+    """Return the SELECT of a triple map and its names of properties; "" where none is wanted."""
     letters = {letter: letter for letter, _ in triple.source.tables}
     where = [condition.format(**letters) for condition in triple.source.where]
     values: list[str] = []

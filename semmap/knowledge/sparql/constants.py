@@ -25,14 +25,10 @@ _UUID = re.compile(r"[0-9a-f]{8}(-[0-9a-f]{4}){3}-[0-9a-f]{12}")
 
 
 class Constants:
-    """What the IRIs of a text stand for.
+    """What the IRIs of a text stand for: form and key of those that are nodes of the map.
 
-    Parameters
-    ----------
-    known : form and key of each IRI that is a node of the map
-    types : the types of IRIs that may stand for an entity, too
-    classes : the IRI of each type in its ontology, where it has one
-    stated : the properties of the text that statements have; None where any may have one
+    `types` are those of IRIs that may stand for an entity, too; `classes` the IRI of each type in
+    its ontology; `stated` the properties that statements have, None where any may have one.
     """
 
     def __init__(
@@ -54,10 +50,7 @@ class Constants:
         return (*(frozenset(each.items()) for each in parts), self._stated)
 
     def node(self, iri: str, *, as_type: bool = False) -> tuple[Form, Any]:
-        """Return the form and the key of an IRI; of an IRI that is not a node, itself.
-
-        A name that both an entity and a type have stands for the type if `as_type`.
-        """
+        """Return form and key of an IRI, of a type if `as_type`; of no node, the IRI itself."""
         if iri in self._types and (as_type or iri not in self._known):
             return "type", self._types[iri]
         return self._known.get(iri, ("iri", iri))
@@ -124,13 +117,7 @@ Found = tuple[str | None, ...]
 class Lookup:
     """What the IRIs of a text may stand for, and the statement that looks them up.
 
-    Parameters
-    ----------
-    iris : of the text
-
-    Attributes
-    ----------
-    sql, parameters : the statement; its parameter `map`, the number of the map, comes later
+    Its parameter `map`, the number of the map, comes later.
     """
 
     def __init__(self, iris: Iterable[str], namespace: str) -> None:

@@ -43,13 +43,7 @@ _SHA = "encode(sha{}(convert_to({{0}}, 'UTF8')), 'hex')"
 
 
 class UntranslatedError(Exception):
-    """A part of SPARQL that has no translation to SQL.
-
-    Attributes
-    ----------
-    reason : what it is
-    part : the part of the algebra
-    """
+    """A part of SPARQL's algebra that has no translation to SQL."""
 
     def __init__(self, reason: str, part: Any) -> None:
         super().__init__(reason)
@@ -151,10 +145,7 @@ class Expressions:
         return self._string(value)
 
     def _beside(self, a: Value, b: Value, sql: str) -> str:
-        """Return the SQL of a function of two strings; null where their languages do not fit.
-
-        The second has no language, or that of the first (SPARQL 1.1, section 17.4.3.1.2).
-        """
+        """Return a function of two strings; null where languages do not fit (17.4.3.1.2)."""
         if b.form != "term":
             return sql
         return f"(CASE WHEN {b.tag} IN ('{STRING}', {tag_of(a)}) THEN {sql} END)"

@@ -1,7 +1,4 @@
-"""The functions of GeoSPARQL 1.1 as functions of PostGIS: a table.
-
-A map has one metric frame: units are metres, square metres and cubic metres.
-"""
+"""The functions of GeoSPARQL 1.1 as functions of PostGIS; maps are metric, units are metres."""
 
 from __future__ import annotations
 

@@ -1,8 +1,7 @@
 """Queries that were asked before: one round trip, with a plan that the server keeps.
 
-A translation follows from the text and from its basis: which map the session sees, what the IRIs
-of the text stand for, and which inferences there are. One message to the server reads the basis and
-runs the statement; the answer is one only if the basis is that of the translation.
+A translation follows from the text and its basis: the map, what the IRIs stand for, the inferences.
+One message reads the basis and runs the statement; the answer counts if the basis is the same.
 """
 
 from __future__ import annotations
@@ -112,17 +111,7 @@ class Prepared:
     """A statement as the server's protocol has it: numbered parameters, and values as text.
 
     Values that the plan has to know are in the statement: limits, the number of the map, and types,
-    whose names are letters, digits and underscores.
-
-    Parameters
-    ----------
-    sql, parameters : with psycopg's named parameters
-    types : the names of types
-
-    Raises
-    ------
-    Unkept
-        A value has no text.
+    whose names are letters, digits and underscores. Raises Unkept where a value has no text.
     """
 
     def __init__(
@@ -216,9 +205,8 @@ class KeptQueries:
     ) -> None:
         """Keep a translation, with what makes the answer of its solutions.
 
-        The key is the text, and what else changes its meaning besides the basis. The statement has
-        two columns, text and tag, for each of `width` variables; it took `seconds`, planned for its
-        values.
+        The key is what its meaning follows from besides the basis. The statement has two columns,
+        text and tag, for each of `width` variables; it took `seconds`, planned for its values.
         """
         found = basis.map
         if found is None or seconds > SHORT:
@@ -376,13 +364,7 @@ def _iri(text: bytes) -> rdflib.URIRef:
 
 
 def term_of(text: str | None, tag: str | None) -> Term | None:
-    """Return the term of a text and a tag.
-
-    Examples
-    --------
-    >>> term_of("1.5", "http://www.w3.org/2001/XMLSchema#double").toPython()
-    1.5
-    """
+    """Return the term of a text and a tag."""
     if text is None or tag is None:
         return None
     if tag == "I":

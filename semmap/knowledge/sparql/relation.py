@@ -14,20 +14,12 @@ UNBOUND = Value("term", "NULL::text", "NULL::text")
 
 @dataclass
 class Rows:
-    """Solutions: one for each row of the tables that meets the conditions.
+    """Solutions: one for each row of the tables that meets the conditions."""
 
-    Attributes
-    ----------
-    froms : tables; later ones may refer to earlier ones
-    where : conditions
-    variables : the value of each variable
-    nullable : the variables that may be unbound
-    """
-
-    froms: list[str] = field(default_factory=list)
+    froms: list[str] = field(default_factory=list)  # later ones may refer to earlier ones
     where: list[str] = field(default_factory=list)
     variables: dict[str, Value] = field(default_factory=dict)
-    nullable: set[str] = field(default_factory=set)
+    nullable: set[str] = field(default_factory=set)  # the variables that may be unbound
 
     def select(self, values: Iterable[Value], *, distinct: bool = False) -> str:
         """Return a SELECT of values as the columns c0, c1 ..., a "term" taking two."""

@@ -1,8 +1,4 @@
-"""COUNT of a variable that each solution binds, as COUNT(*).
-
-A field tells how many voxels a room has without listing them; the values of a variable that is
-only counted are never asked for.
-"""
+"""COUNT of a variable that each solution binds, as COUNT(*): fields need not list its values."""
 
 from __future__ import annotations
 
@@ -17,10 +13,7 @@ _KEPT = {"Distinct", "Extend", "Filter", "OrderBy", "Reduced", "Slice", "ToMulti
 
 
 def count_solutions(algebra: Any) -> Any:
-    """Return a pattern in which COUNT(?v) is COUNT(*) where all solutions bind ?v.
-
-    Patterns within expressions stay as they are.
-    """
+    """Return a pattern, but for its expressions, with COUNT(*) where all solutions bind ?v."""
     if not isinstance(algebra, CompValue):
         return algebra
     found = algebra.clone()

@@ -48,10 +48,7 @@ class SqlStatement:
 def translate(
     algebra: Any, names: tuple[str, ...], source: MapGraph, limit: int | None = None
 ) -> SqlStatement:
-    """Translate a pattern with its solution modifiers, for at most `limit` rows.
-
-    Raises UntranslatedError: a part has no translation to SQL.
-    """
+    """Translate a pattern for at most `limit` rows; raises UntranslatedError."""
     algebra = count_solutions(algebra)
     uses = count_variables(algebra) + Counter(names)
     translator = _Translator(source, uses)
@@ -68,9 +65,7 @@ def translate_each(
 
     The columns of p are n, and for each given variable s0, s1 ..., with t0 ... for the tag of a
     "term". With given ones, the pattern is not a SELECT or ASK. The statement has `GIVEN` in place
-    of p, and n is its first column.
-
-    Raises UntranslatedError: a part has no translation to SQL.
+    of p, and n is its first column. Raises UntranslatedError.
     """
     algebra = count_solutions(algebra)
     uses = count_variables(algebra) + Counter(names)

@@ -84,10 +84,7 @@ class TripleMatch:
     def _match(
         self, pattern: MatchedPattern, triple: TripleMap, aliases: dict[tuple[str, Part | str], str]
     ) -> Rows:
-        """Return the rows of a triple map that match a pattern.
-
-        Patterns with the same subject share the table of which it is the key.
-        """
+        """Return rows of a triple map that match; patterns share tables keyed by their subject."""
         letters: dict[str, str] = {}
         rows, source = Rows(), triple.source
         for letter, table in source.tables:

@@ -43,10 +43,7 @@ class TriplePatterns(PropertyPaths):
     # Basic graph patterns
 
     def sources(self, triple: tuple[Any, Any, Any], graph: Any) -> list[TripleMap] | Computed:
-        """Return what can match a triple pattern: triple maps, or the relation that it computes.
-
-        The graph is the term after GRAPH. Raises UntranslatedError: fields state the property.
-        """
+        """Return the triple maps that can match a pattern in a graph, or its relation."""
         subject, predicate, object_ = triple
         scope = PatternScope(None if graph is None else self.part(graph))
         if isinstance(predicate, rdflib.URIRef):

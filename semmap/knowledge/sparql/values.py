@@ -1,7 +1,6 @@
 """Terms as columns of SQL: their IRIs, texts and tags, and when two of them are the same.
 
-SQL is put together from this package's own text, the aliases that it numbers, and parameters:
-whatever a query says reaches the server as the value of a parameter (`Parameters.bind`).
+Whatever a query says reaches the server as the value of a parameter (`Parameters.bind`).
 """
 
 from __future__ import annotations
@@ -40,12 +39,7 @@ class Value:
 
 @dataclass
 class Parameters:
-    """The parameters of a statement, and the numbers of its aliases.
-
-    Attributes
-    ----------
-    values : by name
-    """
+    """The parameters of a statement, and the numbers of its aliases."""
 
     values: dict[str, Any] = field(default_factory=dict)
     _aliases: int = 0
@@ -71,10 +65,7 @@ def is_literal(form: Form) -> bool:
 
 
 def are_disjoint(a: Form, b: Form) -> bool:
-    """Return whether no term of one form is a term of the other.
-
-    The IRI of an entity is never kept as an "iri": statements keep the entity.
-    """
+    """Return whether no term has both forms: an entity is never kept as an "iri"."""
     if a == b or "term" in (a, b):
         return False
     if is_literal(a) or is_literal(b):

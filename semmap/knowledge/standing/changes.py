@@ -40,20 +40,7 @@ class Changes(NamedTuple):
 
 
 class Touched:
-    """The entities and statements that changes are about.
-
-    Attributes
-    ----------
-    namespace : of the map's entities
-    ids : of the changed entities
-    names : of the entities that there are, by id: the changed ones, and those of statements
-    every_name : names that changed entities have or had
-    renamed : ids of changed entities that had another name
-    changed : the nodes of changed entities, with their forms; under former names, too
-    nodes : the nodes that there are, with form and id
-    quads : the statements and inferences, and whether they hold now; the default graph has all that
-        was inferred, too
-    """
+    """The entities and statements that changes are about."""
 
     def __init__(self, view: MapView, changes: Changes, answers: Answers) -> None:
         self.namespace = view.namespace

@@ -46,13 +46,7 @@ _Group = list[tuple[Job, SqlStatement]]
 
 
 class Regions:
-    """The solutions that changes concern: parts, with the terms of some variables.
-
-    Attributes
-    ----------
-    jobs : those to evaluate
-    known : those that are known
-    """
+    """The solutions that changes concern: parts, with the terms of some variables."""
 
     def __init__(self, parts: Iterable[QueryPart]) -> None:
         self.jobs: dict[Job, None] = {Job(part, ()): None for part in parts}
@@ -83,7 +77,7 @@ class Evaluation:
         nodes: Mapping[Term, tuple[Form, int]],
         errors: dict[Any, Exception],
     ) -> dict[Job, set[Row]]:
-        """Return the solutions of parts, and write the error of each query that fails to `errors`.
+        """Return the solutions of parts; write the error of each query that fails to `errors`.
 
         Terms of jobs may be nodes of entities, with form and id.
         """
@@ -144,7 +138,7 @@ def _with_values(
 ) -> tuple[bytes, dict[str, Any]]:
     """Return the statement of jobs of one shape, with their values as columns.
 
-    The varying parameters are columns; there only come more, so that the statement stays the same.
+    The varying parameters are columns; only more come, so that the statement stays the same.
     """
     statement = group[0][1]
     columns: dict[str, tuple[str, list[Any]]] = {"n": ("int", list(range(len(group))))}

@@ -1,7 +1,7 @@
 """Which parts of standing queries a triple can concern: Rete's network of alpha memories.
 
-A part is found by the pattern of its that fewest triples match: of the patterns about one variable
-that which has a constant. So a change is not compared with each of a thousand queries.
+A part is found by the pattern that fewest triples match: of those about one variable, that which
+has a constant. So a change is not compared with each of a thousand queries.
 """
 
 from __future__ import annotations
@@ -41,16 +41,7 @@ _Path = tuple[Any, ...]
 
 
 class PatternIndex:
-    """Finds parts by triples.
-
-    Attributes
-    ----------
-    listed : what to list of touched nodes: by key; by the other triples that a node must have for
-        the part to match, each with property, side, and other end, None for any; by the constants
-        that the other end may be, None for any
-    fixed : parts by the nodes that they name where changes of nodes matter
-    unlisted : parts with a pattern whose triples are not listed
-    """
+    """Finds parts by triples."""
 
     def __init__(self) -> None:
         self.listed: dict[Key, dict[frozenset[Needed], dict[Term | None, Any]]] = {}
@@ -107,10 +98,7 @@ class PatternIndex:
     def stated(
         self, quad: Quad, known: Triples, nodes: Mapping[Term, tuple[Form, int]]
     ) -> Iterator[tuple[QueryPart, int]]:
-        """Yield the parts that a new statement may concern, with their patterns.
-
-        The triples of all `nodes` are listed in `known`.
-        """
+        """Yield the parts that a new statement may concern; nodes are all listed in `known`."""
         for key in _keys_of(quad):
             for told_apart, members in self._stated.get(key, {}).items():
                 if told_apart is not None:
@@ -156,8 +144,8 @@ def _listed_for(
 def _told_apart(part: QueryPart, pattern: PartPattern) -> tuple[Any, Term | None]:
     """Return the listed triple of an end of a statement by which parts are told apart.
 
-    It is a side of the statement, with property, side and form of the triple; and the other end
-    of this, a constant.
+    It is a side of the statement, with property, side and form of the triple; and the other end of
+    this, a constant.
     """
     for side in SIDES:
         end = pattern.terms[side]

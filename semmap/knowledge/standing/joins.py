@@ -26,10 +26,9 @@ def joined(
     touched: Touched,
     index: PatternIndex,
 ) -> list[Solution] | None:
-    """Return the solutions of a plain part with some terms; None where the lists do not tell them.
+    """Return the solutions of a plain part with some terms; None where lists do not tell them.
 
-    The patterns `left` are not known to match. Where `known` lists a property, it has all triples
-    of touched nodes.
+    The patterns `left` are not known to match; `known` has all listed triples of touched nodes.
     """
     solutions, waiting = [region], [part.patterns[n] for n in left]
     while waiting and solutions:

@@ -1,8 +1,8 @@
 """The parts of a standing query, and which changes of the map can change their solutions.
 
-A part is triple patterns that must all match, with conditions on their values. A solution of a part
-begins or ends only if one of its triples does, and the change log names the entity or the statement
-that each such triple is about. What has no parts, such as a count, is evaluated as a whole.
+A part is triple patterns that must all match, with conditions. A solution begins or ends only if a
+triple does, and the change log names its entity or statement. What has no parts is evaluated as a
+whole.
 """
 
 from __future__ import annotations
@@ -144,45 +144,28 @@ class Condition(NamedTuple):
 
 @dataclass(eq=False)
 class QueryPart:
-    """A part of a query, and its solutions.
+    """A part of a query, and its solutions."""
 
-    Attributes
-    ----------
-    tree : of the algebra
-    names : all variables
-    patterns : none where the part is a whole query, of which nothing else is known
-    plain : patterns that compare terms, and conditions, and nothing else: triples that match are
-        solutions
-    conditions : variables that are, or are not, some IRIs
-    projected : the places of the variables of the query in the solutions; None for those unbound
-    properties : of a whole query: the properties of its statements; None for any
-    of_tables : of a whole query: it has more than statements
-    of_fields : of a whole query: fields answer some of it
-    iris : of the text
-    constants : what the IRIs of the tree stand for
-    values : of the query's own: what replaces some values of parameters
-    statements : by the forms of given terms, of all parts that differ in their values only
-    rows : the solutions
-    ends : the variables that are subject or object of a pattern
-    keyed : the patterns that a variable with a node of some form is a key of, and that are listed
-    unlisted : the variables that are keys of patterns that are not listed
-    """
-
-    tree: Any
-    names: tuple[str, ...]
+    tree: Any  # of the algebra
+    names: tuple[str, ...]  # all variables
+    # none where the part is a whole query, of which nothing else is known
     patterns: list[PartPattern]
+    # patterns compare terms, and nothing else: triples that match are solutions
     plain: bool = False
-    conditions: tuple[Condition, ...] = ()
+    conditions: tuple[Condition, ...] = ()  # variables that are, or are not, some IRIs
+    # the places of the query's variables in solutions; None: unbound
     projected: tuple[int | None, ...] = ()
-    properties: frozenset[str] | None = None
-    of_tables: bool = True
-    of_fields: bool = False
-    iris: frozenset[str] = frozenset()
+    properties: frozenset[str] | None = None  # of a whole query: of its statements; None for any
+    of_tables: bool = True  # a whole query has more than statements
+    of_fields: bool = False  # fields answer some of a whole query
+    iris: frozenset[str] = frozenset()  # of the text
     query: Any = None
-    constants: Any = None
+    constants: Any = None  # what the IRIs of the tree stand for
+    # what replaces some values of parameters
     values: Mapping[Any, Any] = field(default_factory=dict)
+    # by forms of given terms, of all parts alike
     statements: dict[Any, Any] = field(default_factory=dict)
-    rows: set[Row] = field(default_factory=set)
+    rows: set[Row] = field(default_factory=set)  # the solutions
 
     def __post_init__(self) -> None:
         """Find which variables the patterns have at their ends, and where changes are named."""
@@ -285,10 +268,7 @@ def _alternatives(node: Any) -> Iterator[Any]:
 
 
 def _without_choices(node: Any) -> Iterator[Any]:
-    """Yield a pattern for each choice of properties in its paths.
-
-    Raises WholeError: there are very many.
-    """
+    """Yield a pattern for each choice of properties in paths; WholeError: there are very many."""
     if node.name in ("Filter", "Extend", "Graph"):
         for inner in _without_choices(node.p):
             yield CompValue(node.name, **{**node, "p": inner})

@@ -1,9 +1,8 @@
 """Standing queries on a map: what begins and ceases to be an answer when the map changes.
 
 An index of triple patterns finds the parts of queries that a change concerns; only their solutions
-with the changed entity or statement are evaluated again. Parts of the same shape are evaluated by
-one statement of SQL. The method is that of Rete's alpha memories, with the database as the memory
-of all joins.
+with what changed are evaluated again, parts of one shape by one statement of SQL. These are Rete's
+alpha memories, with the database as the memory of all joins.
 """
 
 from __future__ import annotations
@@ -105,11 +104,7 @@ class StandingQueries:
     # Queries come and go
 
     def add(self, view: MapView, texts: Iterable[str]) -> list[StandingQuery]:
-        """Evaluate queries, and keep all or, if one is wrong, none.
-
-        Raises QueryError, KnowledgeError: as of `semmap.knowledge.query`. Raises ValueError: one is
-        neither SELECT nor ASK.
-        """
+        """Evaluate queries, and keep all or, if one is wrong, none; ValueError, KnowledgeError."""
         texts = list(texts)
         if not self.queries:
             self._inferred = view.inferred
@@ -350,10 +345,7 @@ class StandingQueries:
         touched: Touched,
         regions: Regions,
     ) -> None:
-        """Find the solutions with some terms, by the listed triples where these tell them.
-
-        The patterns `left` are not known to match.
-        """
+        """Find the solutions with some terms; the patterns `left` are not known to match."""
         found = None
         if part.plain:
             found = joined(part, region, left, known, touched, self._index)

@@ -1,7 +1,6 @@
 """Shapes of standing queries: those equal but for the entities and types that they name.
 
-A text has holes for these names. A shape is parsed, split and translated once; a query of the shape
-fills its holes.
+A text has holes for these names. A shape is parsed, split and translated once, then filled.
 """
 
 from __future__ import annotations
@@ -62,10 +61,7 @@ class Templates:
     _kept: dict[str, Template | None] = field(default_factory=dict)
 
     def of(self, view: MapView, text: str) -> tuple[Template, tuple[str, ...]]:
-        """Return the template of a text, and the IRIs that fill its holes.
-
-        Raises QueryError: the text is wrong; with line and column.
-        """
+        """Return the template of a text, and the IRIs that fill its holes; or QueryError."""
         holed, filling = _with_holes(text, {"": view.namespace, "type": TYPE})
         if filling:
             if holed not in self._kept:
@@ -135,14 +131,7 @@ def _properties(tree: Any) -> Iterator[str]:
 class TemplateShape:
     """The parts of queries of one template, whose names stand for nodes of the same forms.
 
-    Parameters
-    ----------
-    known : what the IRIs of the template stand for
-    filling : what those in the holes stand for
-
-    Attributes
-    ----------
-    is_open : the translation depends on more than the nodes: each text by itself needs a shape
+    It is open where the translation depends on more than these: each text needs a shape.
     """
 
     def __init__(
@@ -200,14 +189,7 @@ class TemplateShape:
 
 
 class Filled:
-    """The terms and values in the holes of a query.
-
-    Parameters
-    ----------
-    iris : in the holes
-    nodes : what these stand for
-    class_of : the IRI of a type
-    """
+    """The terms and values in the holes of a query, by the IRIs in them and their nodes."""
 
     def __init__(
         self,

@@ -1,8 +1,4 @@
-"""Standing queries: what begins and ceases to be an answer, as the map changes.
-
-One follower of the change feed evaluates what a change, or the end of a statement, concerns
-(`semmap.knowledge.standing.queries`), and compares the answers with the former ones.
-"""
+"""Standing queries: what begins and ceases to be an answer, as the map changes."""
 
 from __future__ import annotations
 
@@ -38,19 +34,11 @@ PATIENCE = 0.1
 
 @dataclass(frozen=True)
 class Event:
-    """An answer of a standing query that is new, or that is one no more.
+    """An answer of a standing query that is new, or that is one no more."""
 
-    Attributes
-    ----------
-    subscription : its number
-    what : "appeared" or "disappeared"
-    bindings : the terms of the variables that are bound; none where the query is ASK
-    map_name : the map
-    """
-
-    subscription: int
-    what: str
-    bindings: dict[str, Any]
+    subscription: int  # its number
+    what: str  # "appeared" or "disappeared"
+    bindings: dict[str, Any]  # the terms of the variables that are bound
     map_name: str = field(default="", compare=False)
 
     @property
@@ -82,12 +70,7 @@ def garbage_collected_later() -> Iterator[None]:
 
 
 class Subscriptions:
-    """Standing queries on a map, with one thread that follows it.
-
-    Parameters
-    ----------
-    engine : of the database
-    map_name : the current map if not given
+    """Standing queries on a map, by default the current one, with one thread that follows it.
 
     Examples
     --------
@@ -135,12 +118,7 @@ class Subscriptions:
         one_shot: bool = False,
         callback: Callable[[Event], Any] | None = None,
     ) -> tuple[int, int]:
-        """Subscribe to a query; answers that it has now are no events.
-
-        Parameters, Returns, Raises
-        ---------------------------
-        See `add_all`, which is faster for many queries.
-        """
+        """Subscribe to one query, as `add_all`, which is faster for many."""
         return self.add_all([text], one_shot=one_shot, callback=callback)[0]
 
     def add_all(
@@ -150,26 +128,13 @@ class Subscriptions:
         one_shot: bool = False,
         callback: Callable[[Event], Any] | None = None,
     ) -> list[tuple[int, int]]:
-        """Subscribe to queries, to all or, if one is wrong, to none.
+        """Subscribe to queries, each SELECT or ASK: to all or, if one is wrong, to none.
 
-        Parameters
-        ----------
-        texts : each SELECT or ASK
-        one_shot : end each with the first answer that appears; it alone is reported
-        callback : gets the events, in the thread that follows the map; else `events` yields them
-
-        Returns
-        -------
-        for each, the number of the subscription, and how many answers there are now
-
-        Raises
-        ------
-        QueryError, KnowledgeError
-            As of `semmap.knowledge.query`.
-        ValueError
-            A query is neither SELECT nor ASK, or the subscriptions are closed.
-        LookupError
-            There is no such map.
+        Returns the number of each subscription, and how many answers there are now, which are no
+        events. With `one_shot`, each ends with the first answer that appears, which alone is
+        reported. A callback gets the events in the thread that follows the map; else `events`
+        yields them. Raises QueryError, KnowledgeError, LookupError, and ValueError where these
+        subscriptions are closed.
         """
         if self._stop.is_set():
             raise ValueError("these subscriptions are closed: make new ones")
@@ -206,16 +171,9 @@ class Subscriptions:
                 self._queries.remove(subscriber.query)
 
     def events(self, timeout: float | None = None) -> Iterator[Event]:
-        """Yield the events of subscriptions without a callback.
+        """Yield the events of subscriptions without a callback, until none comes in `timeout` s.
 
-        Parameters
-        ----------
-        timeout : seconds without an event after which the loop ends; by default never
-
-        Raises
-        ------
-        ValueError, LookupError
-            A query failed, which ends its subscription; or the map is gone.
+        Raises ValueError, LookupError: a query failed, which ends it; or the map is gone.
         """
         while True:
             try:

@@ -52,10 +52,7 @@ class TripleLists:
         index: PatternIndex,
         constants: Constants,
     ) -> Triples:
-        """Return what is true of the touched entities, of all properties that patterns have.
-
-        `facts` are those of `ask`.
-        """
+        """Return what is true of touched entities, of all properties that patterns have."""
         known: Triples = defaultdict(list)
         _read(facts, touched, known)
         costly = {}
