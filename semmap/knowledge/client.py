@@ -60,8 +60,6 @@ class KnowledgeClient:
         """End all subscriptions."""
         self._subscriptions.close()
 
-    # Statements
-
     def revise(
         self,
         statements: Statements,
@@ -124,8 +122,6 @@ class KnowledgeClient:
     def __isub__(self, statements: Statements) -> KnowledgeClient:
         self.retract(statements)
         return self
-
-    # Questions
 
     def find(
         self, names: Statements, patterns: Statements, *, model: str | None = None
@@ -218,8 +214,6 @@ class KnowledgeClient:
         with self.view() as view:
             return query(view.session, text)
 
-    # Events
-
     def subscribe(
         self,
         patterns: Statements,
@@ -253,8 +247,6 @@ class KnowledgeClient:
     def _named(self, event: Event) -> Event:
         terms = event.bindings.items()
         return replace(event, bindings={n: name_of(term, self.map_name) for n, term in terms})
-
-    # Parts
 
     @contextmanager
     def view(self) -> Iterator[MapView]:

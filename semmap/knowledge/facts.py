@@ -185,8 +185,6 @@ class FactWriter:
     def _execute(self, sql: str, values: dict[str, Any]) -> int:
         return max(0, self._view.session.execute(sql, values).rowcount)
 
-    # Terms
-
     def _entity(self, term: Any) -> int | None:
         if not isinstance(term, rdflib.URIRef):
             return None
@@ -244,8 +242,6 @@ class FactWriter:
                 fact,
             )
         return entity
-
-    # The tables of the map
 
     def _set_type(self, fact: Fact) -> int:
         type_, entity = self._type(fact), self._entity(fact.subject)

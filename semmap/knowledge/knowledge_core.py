@@ -76,8 +76,6 @@ class KB:
         """End all subscriptions."""
         self._client.close()
 
-    # The knowledge base
-
     def hello(self) -> str:
         """Return the name and version of what answers."""
         return f"semmap {self.version()}"
@@ -118,8 +116,6 @@ class KB:
                     graph = self._client.graph_of(model)
                     placed = [type(f)(f.subject, f.property, f.object, graph) for f in facts]
                     store_facts(view.session, placed, path)
-
-    # Statements
 
     def revise(self, stmts: Sequence[str], policy: dict[str, Any]) -> None:
         """Change statements; a policy has "method", and maybe "models" and "lifespan" (seconds).
@@ -164,8 +160,6 @@ class KB:
     def __isub__(self, stmts: str | Sequence[str]) -> KB:
         self.remove([stmts] if isinstance(stmts, str) else stmts)
         return self
-
-    # Questions
 
     def find(
         self, patterns: Sequence[str], vars: Sequence[str] | None = None, models: Models = None
@@ -318,8 +312,6 @@ class KB:
             answer: dict[str, Any] = json.loads(sparql_json(self._client.sparql(query)))
         return {**answer, "query": query}
 
-    # Events
-
     def subscribe(
         self,
         patterns: str | Sequence[str],
@@ -355,8 +347,6 @@ class KB:
                 for name in names
             ]
         return number
-
-    # Parts
 
     def _models(self, models: Models) -> list[str | None]:
         """Return the names of models; None for the map itself."""

@@ -117,8 +117,6 @@ class SparqlEndpoint:
         yield
         self._idle.close()
 
-    # Query and update
-
     async def _sparql(self, request: Request) -> Response:
         try:
             asked = await _read(request)
@@ -145,8 +143,6 @@ class SparqlEndpoint:
             json.dumps({"added": changes.added, "removed": changes.removed}),
             media_type="application/json",
         )
-
-    # The graph store
 
     async def _graph(self, request: Request) -> Response:
         try:
@@ -209,8 +205,6 @@ class SparqlEndpoint:
         if method == "DELETE" and not gone:
             return _failure(404, f"there is no graph <{named}>")
         return Response(status_code=204 if method == "DELETE" or gone else 201)
-
-    # Who asks
 
     def _role(self, request: Request) -> str | None:
         """Return the role of a request's token; None without a token."""

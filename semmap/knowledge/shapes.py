@@ -320,9 +320,6 @@ def _report(view: MapView, report: rdflib.Graph) -> Iterable[Violation]:
         )
 
 
-# The facts that shapes look at
-
-
 def _whole(view: MapView, properties: frozenset[rdflib.URIRef] | None) -> rdflib.Graph:
     graph = rdflib.Graph()
     for verb in properties or [None]:

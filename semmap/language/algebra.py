@@ -32,9 +32,6 @@ class _Node:
         return found
 
 
-# Expressions
-
-
 @dataclass(frozen=True, eq=False)
 class Expression(_Node):
     """A value for each solution. A row whose evaluation fails has none."""
@@ -134,9 +131,6 @@ class Exists(Expression):
         """The variables of the row that pattern and conditions read."""
         parts = (self.pattern, *self.conditions)
         return frozenset().union(*(each.variables for each in parts)) & self.outer
-
-
-# Patterns
 
 
 @dataclass(frozen=True, eq=False)

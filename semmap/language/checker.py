@@ -79,8 +79,6 @@ class Checker(TextScope):
         negated = tree.name == "Builtin_NOTEXISTS"
         return Exists("boolean", position_of(tree) or 0, None, pattern, both, outer, negated)
 
-    # Triple patterns
-
     def _check_BGP(self, node: Any) -> Pattern:
         triples = sorted(node.triples, key=lambda t: min(position_of(x) or 0 for x in t))
         return BasicGraphPattern(tuple(self._triple(*triple) for triple in triples))
@@ -113,8 +111,6 @@ class Checker(TextScope):
         if number is not None or name_of(term) is None:
             raise self.error(f"{role} is an entity: write an IRI or a plain name", term)
         return self.entities(term, type_)
-
-    # Patterns that combine others
 
     def _check_Join(self, node: Any) -> Pattern:
         left, right = self.check(node.p1), self.check(node.p2)
@@ -155,8 +151,6 @@ class Checker(TextScope):
         (value,) = self.seeing(of.variables, check_expression, node.expr)
         self.declare(name, value.kind, value.range, position_of(node.var) or 0)
         return Extend(of, name, value)
-
-    # Subqueries and VALUES
 
     def _check_ToMultiSet(self, node: Any) -> Pattern:
         if isinstance(node.p, list):
@@ -207,8 +201,6 @@ class Checker(TextScope):
         self.declare(str(variable), kind, None, position_of(term) or 0)
         return values
 
-    # Solution modifiers
-
     def _check_Project(self, node: Any) -> Pattern:
         of = self.check(node.p)
         hidden = of.variables & self.hidden
@@ -233,8 +225,6 @@ class Checker(TextScope):
         keys = self.seeing(of.variables, check_expression, *(each.expr for each in node.expr))
         descending = (each.order == "DESC" for each in node.expr)
         return OrderBy(of, tuple(zip(keys, descending, strict=True)))
-
-    # Groups
 
     def _check_AggregateJoin(self, node: Any) -> Pattern:
         of = self.check(node.p.p)

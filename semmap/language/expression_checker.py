@@ -147,9 +147,6 @@ def _call(kind: ValueKind, function: str, *arguments: Expression) -> Call:
     return Call(kind, arguments[0].position, None, function, arguments)
 
 
-# Numbers
-
-
 def _number(tree: Any, scope: Scope) -> Expression:
     operand = _operand(tree, scope)
     if isinstance(operand, _Name):
@@ -167,9 +164,6 @@ def _arithmetic(tree: Any, scope: Scope) -> Expression:
 
 def _signed(tree: Any, scope: Scope) -> Expression:
     return _call("number", tree.name, _number(tree.expr, scope))
-
-
-# Comparisons
 
 
 def _relational(tree: Any, scope: Scope) -> Expression:
@@ -220,9 +214,6 @@ def _same_term(tree: Any, scope: Scope) -> Expression:
     return _compared(_operand(tree.arg1, scope), "=", _operand(tree.arg2, scope), tree, scope)
 
 
-# Truth values and choices
-
-
 def _logical(operator: str) -> Any:
     def check(tree: Any, scope: Scope) -> Expression:
         parts = [check_condition(each, scope) for each in (tree.expr, *tree.other)]
@@ -264,9 +255,6 @@ def _coalesce(tree: Any, scope: Scope) -> Expression:
     return _call(expressions[0].kind, "COALESCE", *expressions)
 
 
-# Texts
-
-
 def _str(tree: Any, scope: Scope) -> Expression:
     operand = _operand(tree.arg, scope)
     if isinstance(operand, _Name) or operand.kind == "text":
@@ -298,9 +286,6 @@ def _regex(tree: Any, scope: Scope) -> Expression:
         raise scope.error(f"this is not a regular expression: {error}", tree.pattern) from None
     text = _text(_operand(tree.text, scope), scope)
     return RegexMatch("boolean", text.position, None, text, pattern)
-
-
-# Functions
 
 
 def _of_sparql(tree: Any, scope: Scope) -> Expression:

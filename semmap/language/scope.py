@@ -31,8 +31,6 @@ class TextScope(Scope):
         """Return an error at a term, a part of the tree, or a position."""
         return self.parsed.error(reason, at)
 
-    # Variables
-
     def variable(self, term: Any) -> tuple[ValueKind, str | None]:
         """Return kind and semantic type of a variable that is visible here."""
         name = str(term)
@@ -73,8 +71,6 @@ class TextScope(Scope):
             yield self.kinds
         finally:
             self.kinds = outside
-
-    # Names of the schema
 
     def find_property(self, iri: Any) -> Property:
         """Return the property of an IRI in the text."""

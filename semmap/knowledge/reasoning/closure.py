@@ -120,9 +120,6 @@ def _note(new: dict[object, Rows], facts: FactIndex, rule: Rule, heads: Rows) ->
         new[key] = new[key] | heads if key in new else heads
 
 
-# Joins
-
-
 def _heads(
     facts: FactIndex, rule: Rule, first: Triple, given: Rows, rest: tuple[Triple, ...]
 ) -> Rows:

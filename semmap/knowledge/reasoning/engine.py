@@ -243,9 +243,6 @@ class Proof:
         return None
 
 
-# Triples with variables
-
-
 def key_of(atom: Triple) -> object:
     """Return under which key the facts are that can match: the property, of types the class."""
     _, verb, node = atom

@@ -42,8 +42,6 @@ class StoredFacts(Facts):
         self._seen: set[object] = set()
         self._classes_of: dict[frozenset[Node], frozenset[Node]] = {}
 
-    # Reading
-
     def need_subject(self, subject: Node) -> None:
         """Read the facts of a subject."""
         if subject not in self._seen:
@@ -117,8 +115,6 @@ class StoredFacts(Facts):
                     self._keep(fact, told=row[6])
         return found
 
-    # Types
-
     def types_of(self, entity: Node) -> frozenset[Node]:
         """Return the classes that an entity is told to be of."""
         self.need_subject(entity)
@@ -136,8 +132,6 @@ class StoredFacts(Facts):
 
     def __contains__(self, fact: Triple) -> bool:
         return super().__contains__(fact) or self.is_told(fact)
-
-    # Changing
 
     def add(self, fact: Triple, *, told: bool = False) -> None:
         """Add a fact, to be stored."""

@@ -85,8 +85,6 @@ class Expressions:
         """Return the effective boolean value of an expression (section 17.2.2)."""
         return self._boolean(self.value(tree, seen))
 
-    # Values
-
     def _literal(self, literal: rdflib.Literal) -> Value:
         text, tag = tag_and_text(literal)
         python = literal.value
@@ -170,8 +168,6 @@ class Expressions:
     def _arguments(self, tree: Any, seen: Environment, *names: str) -> list[Value]:
         return [self.value(tree[name], seen) for name in names if getattr(tree, name) is not None]
 
-    # Logic
-
     def _of_ConditionalAndExpression(self, tree: Any, seen: Environment) -> Value:
         parts = [self.condition(each, seen) for each in (tree.expr, *tree.other)]
         return Value("boolean", f"({' AND '.join(parts)})")
@@ -213,8 +209,6 @@ class Expressions:
             f"WHEN {text} IS NOT NULL THEN {tag}" for text, tag in zip(texts, tags, strict=True)
         )
         return Value("term", f"coalesce({', '.join(texts)})", f"(CASE {cases} END)")
-
-    # Comparisons
 
     def _of_RelationalExpression(self, tree: Any, seen: Environment) -> Value:
         if tree.op in ("IN", "NOT IN"):
@@ -261,8 +255,6 @@ class Expressions:
         a, b = self._arguments(tree, seen, "arg1", "arg2")
         return Value("boolean", f"({same(a, b, self.namespace)})")
 
-    # Numbers
-
     def _of_AdditiveExpression(self, tree: Any, seen: Environment) -> Value:
         found = self.value(tree.expr, seen)
         for operator, operand in zip(tree.op, tree.other, strict=True):
@@ -303,8 +295,6 @@ class Expressions:
             f"THEN rdf_decimal({number}::numeric) ELSE {number}::numeric::text END)"
         )
         return Value("term", text, f"(CASE WHEN {double} THEN '{XSD}double' ELSE {value.tag} END)")
-
-    # Terms
 
     def _of_STR(self, tree: Any, seen: Environment) -> Value:
         return Value("string", self._text(self.value(tree.arg, seen)))
@@ -372,8 +362,6 @@ class Expressions:
         if tree.arg is not None:
             raise UntranslatedError("BNODE with a label has no translation to SQL", tree)
         return Value("term", "gen_random_uuid()::text", "'B'::text")
-
-    # Strings
 
     def _length(self, tree: Any, seen: Environment, sql: str) -> Value:
         return Value("integer", f"{sql.format(self._string(self.value(tree.arg, seen)))}::numeric")
@@ -450,8 +438,6 @@ class Expressions:
     def _plain(self, tree: Any, seen: Environment, sql: str) -> Value:
         return Value("string", sql.format(self._string(self.value(tree.arg, seen))))
 
-    # Times
-
     def _field(self, tree: Any, seen: Environment, name: str) -> Value:
         value = self.value(tree.arg, seen)
         if value.form == "term":
@@ -459,8 +445,6 @@ class Expressions:
         moment = value.sql if value.form == "time" else "NULL::timestamptz"
         form = "decimal" if name == "second" else "integer"
         return Value(form, f"extract({name} FROM {moment} AT TIME ZONE 'UTC')")
-
-    # Casts and functions of GeoSPARQL
 
     def _of_Function(self, tree: Any, seen: Environment) -> Value:
         iri = str(tree.iri)

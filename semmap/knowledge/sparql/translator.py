@@ -116,8 +116,6 @@ class _Translator(TriplePatterns):
             columns.append(f"{text} AS v{i}, {tag} AS t{i}")
         return columns
 
-    # Patterns
-
     def rows(self, node: Any, scope: PatternScope) -> Rows:
         """Return the solutions of a pattern."""
         method: Callable[[Any, PatternScope], Rows] | None = getattr(
@@ -257,8 +255,6 @@ class _Translator(TriplePatterns):
         select = rows.select([rows.variables[name]], distinct=True)
         return Rows([f"LATERAL ({select}) {alias}"], [], {name: Value("iri", f"{alias}.c0")})
 
-    # VALUES and subqueries
-
     def _rows_ToMultiSet(self, node: Any, scope: PatternScope) -> Rows:
         if isinstance(node.p, list):
             return Rows(where=["false"] if not node.p else [])
@@ -307,8 +303,6 @@ class _Translator(TriplePatterns):
         labels = ", ".join(f"c{i}" for i in range(number))
         nullable = {n for n, values in zip(names, columns, strict=True) if None in values}
         return Rows([f"(VALUES {text}) {alias} ({labels})"], [], shown, nullable)
-
-    # Solution modifiers
 
     def _modified(self, node: Any, scope: PatternScope) -> tuple[Rows, str, str]:
         """Return the solutions of a SELECT, ORDER BY, and LIMIT with OFFSET."""
@@ -366,8 +360,6 @@ class _Translator(TriplePatterns):
         rank = f"CASE {value.tag} WHEN 'B' THEN 1 WHEN 'I' THEN 2 ELSE 3 END"
         number = f"rdf_number({value.sql}, {value.tag})"
         return [rank + end, number + end, f'{text} COLLATE "C"{end}']
-
-    # Groups
 
     def _rows_Group(self, node: Any, scope: PatternScope) -> Rows:
         raise UntranslatedError("a group without aggregates has no translation to SQL", node)

@@ -53,8 +53,6 @@ class TripleMatch:
         self.map_id = self.parameters.bind(source.map_id, "int")
         self._graph: Part | None = None
 
-    # Terms
-
     def part(self, term: Any) -> Part:
         """Return a variable's name, or a constant."""
         if isinstance(term, rdflib.Variable):
@@ -78,8 +76,6 @@ class TripleMatch:
     def fresh(self) -> str:
         """Return the name of a variable that no text has."""
         return self.parameters.alias("*")
-
-    # Rows
 
     def _match(
         self, pattern: MatchedPattern, triple: TripleMap, aliases: dict[tuple[str, Part | str], str]

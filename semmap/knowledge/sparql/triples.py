@@ -40,8 +40,6 @@ class TriplePatterns(PropertyPaths):
         super().__init__(source)
         self._uses = uses or {}
 
-    # Basic graph patterns
-
     def sources(self, triple: tuple[Any, Any, Any], graph: Any) -> list[TripleMap] | Computed:
         """Return the triple maps that can match a pattern in a graph, or its relation."""
         subject, predicate, object_ = triple
@@ -134,8 +132,6 @@ class TriplePatterns(PropertyPaths):
     def _verb(self, iri: Any) -> Value:
         text = self.constants.property(str(iri))
         return Value("iri", self._bind(text), None, (text, "I"))
-
-    # Properties of fields
 
     def _field(self, iri: Any) -> Any:
         return field_property(self.constants.property(str(iri)))
@@ -328,8 +324,6 @@ class TriplePatterns(PropertyPaths):
             alias = self.parameters.alias()
             rows.froms.append(f"entity {alias}")
             rows.where += [f"{alias}.id = {value.sql}", f"{alias}.map_id = {self.map_id}"]
-
-    # Relations that functions compute
 
     def _relate(
         self, rows: Rows, a: Part, relation: Computed, b: Part, scope: PatternScope

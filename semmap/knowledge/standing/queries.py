@@ -101,8 +101,6 @@ class StandingQueries:
         """Whether fields answer some of the queries."""
         return any(part.of_fields for part in list(self._whole))
 
-    # Queries come and go
-
     def add(self, view: MapView, texts: Iterable[str]) -> list[StandingQuery]:
         """Evaluate queries, and keep all or, if one is wrong, none; ValueError, KnowledgeError."""
         texts = list(texts)
@@ -176,8 +174,6 @@ class StandingQueries:
                 self._named[iri].discard(part)
         found.parts = []
 
-    # Terms
-
     def _resolve(self, view: MapView, iris: Iterable[str]) -> list[str]:
         """Look up IRIs; return those that stand for another node than before."""
         wanted = set(iris)
@@ -216,8 +212,6 @@ class StandingQueries:
         if form == "entity" and not term.startswith(view.namespace):  # of KnowledgeCore's namespace
             return rdflib.URIRef(f"{view.namespace}{encode(local_name(str(term)))}")
         return plain(term)  # type: ignore[no-any-return]
-
-    # Changes
 
     def update(self, view: MapView, changes: Changes) -> list[Difference]:
         """Return what begins and ceases to be an answer, by query."""
@@ -277,8 +271,6 @@ class StandingQueries:
         for found in queries:
             self._forget(found)
         self._compile(view, queries)
-
-    # Which solutions changes concern
 
     def _of_entities(self, touched: Touched, known: Triples, regions: Regions) -> None:
         """Find the solutions with nodes of changed entities."""
@@ -369,8 +361,6 @@ class StandingQueries:
                 regions.evaluate(part, solution)  # it may be true by other rows, too
             else:
                 regions.known_as(part, solution, [])
-
-    # Evaluation
 
     def _evaluated(
         self,
