@@ -15,11 +15,10 @@ from typing import Any
 import semmap
 from benchmarks.bench_map import use_bench_database
 from benchmarks.timing import Row, print_rows
-from semmap.interlinking.alignment_file import read_alignment
-from semmap.interlinking.error import InterlinkingError
+from semmap.interlinking.data_set_file import read_rdf_records
 from semmap.interlinking.interlink import Quality, Workbench
-from semmap.interlinking.rdf_file import read_rdf_records
-from semmap.interlinking.records import Records
+from semmap.interlinking.link_file import read_alignment
+from semmap.interlinking.records import InterlinkingError, Records
 from semmap.interlinking.store import merged_records
 from tests.interlinking.data_sets import person1, person2, restaurants
 

@@ -84,7 +84,7 @@ class DatabaseInterlinking:
             found = db.interlink(house, "inventory.csv", {("mug1", "4711"): True})
             found.links(), found.link_set
         """
-        from semmap.interlinking.alignment_file import read_labels
+        from semmap.interlinking.link_file import read_labels
         from semmap.interlinking.store import store_links
 
         known = read_labels(Path(labels)) if isinstance(labels, str | Path) else labels or {}

@@ -74,8 +74,7 @@ def link(
 
     semmap interlink people.rdf clients.csv --labels labels.csv --ask
     """
-    from semmap.interlinking.alignment_file import read_labels
-    from semmap.interlinking.same_as import write_same_as
+    from semmap.interlinking.link_file import read_labels, write_same_as
 
     if labels is None and not ask:
         raise typer.BadParameter("give --labels FILE, or --ask, or both")
@@ -194,7 +193,7 @@ def undo(link_set: Annotated[int, typer.Argument(metavar="ID")]) -> None:
 
 def _asker(labels: Path | None, bar: _Bar) -> Callable[[PairQuestion], bool | None]:
     """Asks a person about pairs, and keeps the answers in the file of labels."""
-    from semmap.interlinking.csv_file import append_label
+    from semmap.interlinking.link_file import append_label
     from semmap.terminal import visible
 
     def answer(pair: PairQuestion) -> bool | None:

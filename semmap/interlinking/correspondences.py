@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from zlib import crc32
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
 from semmap.interlinking.k_medoids import best_k_medoids
-from semmap.interlinking.property_statistics import common_words, is_numeric, property_statistics
 from semmap.interlinking.records import PropertyColumn, Records
+
+SAMPLE = 5_000
+"""At most so many values of a property are looked at: a change of the order of records may then
+change statistics in the third digit."""
 
 
 @dataclass(frozen=True)
@@ -32,11 +37,11 @@ def find_correspondences(left: Records, right: Records) -> list[Correspondence]:
     """
     columns = [*left.columns.items(), *right.columns.items()]
     split = len(left.columns)
-    statistics = np.vstack([property_statistics(left), property_statistics(right)])
+    statistics = np.vstack([_property_statistics(left), _property_statistics(right)])
     spread = statistics.std(axis=0)
     scaled = statistics / np.where(spread > 0, spread, 1)
     apart = np.sqrt(((scaled[:, None] - scaled) ** 2).mean(axis=2))
-    dissimilarity = apart + 2 * (1 - common_words([column for _, column in columns]))
+    dissimilarity = apart + 2 * (1 - _common_words([column for _, column in columns]))
     np.fill_diagonal(dissimilarity, 0)
     groups = best_k_medoids(dissimilarity, max(split, len(columns) - split))
     matched: list[tuple[int, int]] = []
@@ -60,7 +65,71 @@ def _assign(
 
 
 def _measure(left: PropertyColumn, right: PropertyColumn) -> str:
-    if is_numeric(left) and is_numeric(right):
+    if _is_numeric(left) and _is_numeric(right):
         return "number"
     words = np.mean([text.count(" ") + 1 for c in (left, right) for text in c.texts[:5000]])
     return "words" if words > 1.5 else "letters"
+
+
+def _property_statistics(records: Records) -> NDArray[np.float64]:
+    """Return the statistics of each property, shape (properties, 10)."""
+    return np.array([_statistics(column, len(records)) for column in records.columns.values()])
+
+
+def _statistics(column: PropertyColumn, records: int) -> list[float]:
+    sample = _sample(column)
+    lengths = np.array([len(t) for t in sample], dtype=float)
+    total = lengths.sum()
+    together = "".join(sample)
+    values = numbers(sample)
+    finite = values[np.isfinite(values)]
+    return [
+        np.count_nonzero(np.diff(column.starts)) / records,
+        len(set(sample)) / len(sample),
+        np.log2(lengths.mean()),
+        np.log2(1 + lengths.std()),
+        np.log2(np.mean([t.count(" ") + 1 for t in sample])),
+        sum(map(str.isdigit, together)) / total,
+        sum(map(str.isalpha, together)) / total,
+        len(finite) / len(sample),
+        np.count_nonzero(finite == np.round(finite)) / len(sample),
+        float(np.log10(1e-6 + np.median(np.abs(finite)))) if len(finite) else 0.0,
+    ]
+
+
+def _sample(column: PropertyColumn) -> list[str]:
+    step = max(len(column.texts) // SAMPLE, 1)
+    return column.texts[::step].tolist()  # type: ignore[no-any-return]
+
+
+def numbers(texts: Sequence[str] | NDArray[np.object_]) -> NDArray[np.float64]:
+    """Return texts as numbers; NaN where one is not a finite number."""
+    found = np.full(len(texts), np.nan)
+    for i, text in enumerate(texts):
+        try:
+            found[i] = float(text)
+        except ValueError:
+            continue
+    found[np.isinf(found)] = np.nan
+    return found
+
+
+def _is_numeric(column: PropertyColumn) -> bool:
+    """Return whether the values are measurements: numbers of which some have a fraction."""
+    values = numbers(_sample(column))
+    share = np.isfinite(values).mean()
+    return bool(share > 0.9 and np.any(values[np.isfinite(values)] % 1))
+
+
+def _common_words(columns: Sequence[PropertyColumn]) -> NDArray[np.float64]:
+    """Return the overlap coefficient of the words of properties, (n, n): by the smaller set."""
+    words = [set(" ".join(_words_of(column)).split()) for column in columns]
+    return np.array([[len(a & b) / min(len(a), len(b)) for b in words] for a in words])
+
+
+def _words_of(column: PropertyColumn) -> list[str]:
+    """Texts of a column; of many, those whose hash is smallest, which another column has, too."""
+    texts = set(column.texts.tolist())
+    if len(texts) <= SAMPLE:
+        return list(texts)
+    return sorted(texts, key=lambda text: crc32(text.encode()))[:SAMPLE]

@@ -10,9 +10,8 @@ from numpy.typing import NDArray
 
 from semmap.interlinking.comparison import Comparison, compare_records
 from semmap.interlinking.correspondences import Correspondence, find_correspondences
-from semmap.interlinking.error import InterlinkingError
 from semmap.interlinking.link_pattern import LinkPattern, learn_pattern, next_question
-from semmap.interlinking.records import Records
+from semmap.interlinking.records import InterlinkingError, Records
 
 Pair = tuple[str, str]
 Ask = Callable[[str, str], bool | None]

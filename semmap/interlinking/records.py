@@ -13,7 +13,7 @@ import numpy as np
 import regex
 from numpy.typing import NDArray
 
-from semmap.interlinking.error import InterlinkingError
+from semmap.error import Error
 
 Values = tuple[str, ...]
 
@@ -39,6 +39,10 @@ def plain_text(value: str) -> str:
         value = "".join(c for c in parts if not unicodedata.combining(c))
     words = NOT_WORDS.sub(" ", JOINED.sub(" ", value).casefold())
     return ZEROS.sub("", words).strip()
+
+
+class InterlinkingError(Error, ValueError):
+    """A data set or labels that cannot be used: what is wrong, where, and how to fix it."""
 
 
 @dataclass(frozen=True)

@@ -10,10 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from semmap.interlinking.correspondences import Correspondence
-from semmap.interlinking.error import InterlinkingError
-from semmap.interlinking.property_statistics import numbers
-from semmap.interlinking.records import PropertyColumn, Records
+from semmap.interlinking.correspondences import Correspondence, numbers
+from semmap.interlinking.records import InterlinkingError, PropertyColumn, Records
 
 Floats = NDArray[np.float64]
 Texts = NDArray[np.object_]

@@ -12,9 +12,8 @@ from psycopg.types.json import Jsonb
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
-from semmap.interlinking.error import InterlinkingError
 from semmap.interlinking.interlink import Interlinking
-from semmap.interlinking.records import Records
+from semmap.interlinking.records import InterlinkingError, Records
 
 Session = psycopg.Connection[Any]
 Row = dict[str, Any]

@@ -43,11 +43,6 @@ class VersionSpace:
     # one of them
     general: Levels
 
-    def __contains__(self, pattern: Levels) -> bool:
-        return bool(
-            (pattern <= self.specific).all() and (self.general <= pattern).all(axis=1).any()
-        )
-
 
 def learn(positives: Levels, negatives: Levels) -> tuple[list[VersionSpace], list[int]]:
     """Return version spaces that together link all positive pairs, (n, d), and no negative, (m, d).

@@ -13,10 +13,9 @@ import rdflib
 import trimesh
 
 from semmap.ingest.world import WorldError
-from semmap.interlinking.alignment_file import read_alignment, read_labels
-from semmap.interlinking.csv_file import read_csv_records
-from semmap.interlinking.error import InterlinkingError
-from semmap.interlinking.rdf_file import read_rdf_records
+from semmap.interlinking.data_set_file import read_csv_records, read_rdf_records
+from semmap.interlinking.link_file import read_alignment, read_labels
+from semmap.interlinking.records import InterlinkingError
 from semmap.knowledge.rdf_file import parse_facts
 from semmap.knowledge.whole_graph import without_warnings
 from semmap.perception.cloud_file import read_cloud

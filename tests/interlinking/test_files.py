@@ -6,12 +6,15 @@ import pytest
 import rdflib
 
 from benchmarks.interlinking import read_folder
-from semmap.interlinking.alignment_file import read_alignment, read_labels
-from semmap.interlinking.csv_file import append_label, read_csv_labels, read_csv_records
-from semmap.interlinking.error import InterlinkingError
-from semmap.interlinking.rdf_file import read_rdf_records
-from semmap.interlinking.records import Records
-from semmap.interlinking.same_as import same_as
+from semmap.interlinking.data_set_file import read_csv_records, read_rdf_records
+from semmap.interlinking.link_file import (
+    append_label,
+    read_alignment,
+    read_csv_labels,
+    read_labels,
+    same_as,
+)
+from semmap.interlinking.records import InterlinkingError, Records
 from tests.interlinking.data_sets import alignment_xml, person1, rdf_xml
 
 

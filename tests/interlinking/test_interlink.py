@@ -9,9 +9,8 @@ from hypothesis import strategies as st
 
 from semmap.interlinking.blocking import candidate_pairs
 from semmap.interlinking.correspondences import find_correspondences
-from semmap.interlinking.error import InterlinkingError
 from semmap.interlinking.interlink import Workbench
-from semmap.interlinking.records import Records, plain_text
+from semmap.interlinking.records import InterlinkingError, Records, plain_text
 from semmap.interlinking.similarity import compare
 from tests.interlinking.data_sets import NAMES_OF_SECOND, interlink, person1, person2, restaurants
 

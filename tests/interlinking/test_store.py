@@ -11,8 +11,8 @@ from typer.testing import CliRunner
 
 from semmap.api.database import connect
 from semmap.cli import app
-from semmap.interlinking.error import InterlinkingError
 from semmap.interlinking.reader import read_map_objects, read_object_models
+from semmap.interlinking.records import InterlinkingError
 from semmap.interlinking.store import link_sets, merged_records, store_links, undo_links
 from tests.interlinking.data_sets import Case, interlink, person1, person2
 
