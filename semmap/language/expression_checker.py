@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 import rdflib
 from rdflib.plugins.sparql.parserutils import CompValue
@@ -20,36 +20,14 @@ from semmap.language.algebra import (
     RegexMatch,
     VariableValue,
 )
-from semmap.language.error import QueryError
-from semmap.language.schema import SPARQL_FUNCTIONS, Function, ValueKind, with_article
+from semmap.language.schema import SPARQL_FUNCTIONS, ValueKind, with_article
 from semmap.language.terms import name_of, number_of, position_of
+
+if TYPE_CHECKING:
+    from semmap.language.checker import Checker
 
 MIRRORED = {"<": ">", ">": "<", "<=": ">=", ">=": "<=", "=": "=", "!=": "!="}
 """For each comparison the one with exchanged sides."""
-
-
-class Scope(Protocol):
-    """What is known where an expression stands."""
-
-    def error(self, reason: str, at: object) -> QueryError:
-        """Return an error at a term, a part of the tree, or a position."""
-        ...
-
-    def variable(self, term: Any) -> tuple[ValueKind, str | None]:
-        """Return kind and semantic type of a variable; raises QueryError where it is not bound."""
-        ...
-
-    def entities(self, term: Any, range_: str | None) -> frozenset[str]:
-        """Return the entities that a constant stands for."""
-        ...
-
-    def function(self, term: Any) -> Function:
-        """Return the extension function of an IRI. Raises QueryError: there is no such function."""
-        ...
-
-    def exists(self, tree: Any) -> Expression:
-        """Check EXISTS or NOT EXISTS."""
-        ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,7 +41,7 @@ class _Name:
 Operand = Expression | _Name
 
 
-def check_expression(tree: Any, scope: Scope) -> Expression:
+def check_expression(tree: Any, scope: Checker) -> Expression:
     """Return an expression with its kind; raises QueryError."""
     operand = _operand(tree, scope)
     if isinstance(operand, Expression):
@@ -71,7 +49,7 @@ def check_expression(tree: Any, scope: Scope) -> Expression:
     return (_entity if isinstance(operand.term, rdflib.URIRef) else _text)(operand, scope)
 
 
-def check_condition(tree: Any, scope: Scope) -> Expression:
+def check_condition(tree: Any, scope: Checker) -> Expression:
     """Return an expression as a truth value (SPARQL 1.1, section 17.2.2); raises QueryError."""
     expression = check_expression(tree, scope)
     if expression.kind == "boolean":
@@ -92,7 +70,7 @@ def conjuncts(tree: Any) -> Iterator[Any]:
         yield tree
 
 
-def _operand(tree: Any, scope: Scope) -> Operand:
+def _operand(tree: Any, scope: Checker) -> Operand:
     position = position_of(tree) or 0
     if isinstance(tree, rdflib.Variable):
         kind, range_ = scope.variable(tree)
@@ -121,7 +99,7 @@ def _operand(tree: Any, scope: Scope) -> Operand:
     raise scope.error("this is not supported here", position)
 
 
-def _entity(name: _Name, scope: Scope) -> Expression:
+def _entity(name: _Name, scope: Checker) -> Expression:
     """Return the one entity that an IRI stands for."""
     entities = scope.entities(name.term, None)
     own = name_of(name.term)
@@ -132,7 +110,7 @@ def _entity(name: _Name, scope: Scope) -> Expression:
     return Constant("entity", name.position, None, str(own))
 
 
-def _text(operand: Operand, scope: Scope) -> Expression:
+def _text(operand: Operand, scope: Checker) -> Expression:
     if isinstance(operand, Expression):
         if operand.kind == "text":
             return operand
@@ -147,7 +125,7 @@ def _call(kind: ValueKind, function: str, *arguments: Expression) -> Call:
     return Call(kind, arguments[0].position, None, function, arguments)
 
 
-def _number(tree: Any, scope: Scope) -> Expression:
+def _number(tree: Any, scope: Checker) -> Expression:
     operand = _operand(tree, scope)
     if isinstance(operand, _Name):
         raise scope.error("this is not a number", tree)
@@ -156,23 +134,23 @@ def _number(tree: Any, scope: Scope) -> Expression:
     return operand
 
 
-def _arithmetic(tree: Any, scope: Scope) -> Expression:
+def _arithmetic(tree: Any, scope: Checker) -> Expression:
     operands = tuple(_number(each, scope) for each in (tree.expr, *tree.other))
     operators = tuple(str(each) for each in tree.op)
     return Arithmetic("number", operands[0].position, None, operands, operators)
 
 
-def _signed(tree: Any, scope: Scope) -> Expression:
+def _signed(tree: Any, scope: Checker) -> Expression:
     return _call("number", tree.name, _number(tree.expr, scope))
 
 
-def _relational(tree: Any, scope: Scope) -> Expression:
+def _relational(tree: Any, scope: Checker) -> Expression:
     if tree.op in ("IN", "NOT IN"):
         return _in(tree, scope)
     return _compared(_operand(tree.expr, scope), tree.op, _operand(tree.other, scope), tree, scope)
 
 
-def _compared(a: Operand, operator: str, b: Operand, tree: Any, scope: Scope) -> Expression:
+def _compared(a: Operand, operator: str, b: Operand, tree: Any, scope: Checker) -> Expression:
     if isinstance(a, _Name):
         if isinstance(b, _Name):
             raise scope.error("both sides are constants: one has to be a variable", tree)
@@ -193,14 +171,14 @@ def _compared(a: Operand, operator: str, b: Operand, tree: Any, scope: Scope) ->
     return _call("boolean", operator, a, b)
 
 
-def _is_one_of(a: Expression, operator: str, b: _Name, tree: Any, scope: Scope) -> Expression:
+def _is_one_of(a: Expression, operator: str, b: _Name, tree: Any, scope: Checker) -> Expression:
     if operator not in ("=", "!="):
         raise scope.error("an entity has no order: compare STR(...)", tree)
     entities = scope.entities(b.term, a.range)
     return Membership("boolean", a.position, None, a, entities, operator == "!=")
 
 
-def _in(tree: Any, scope: Scope) -> Expression:
+def _in(tree: Any, scope: Checker) -> Expression:
     items = [] if tree.other == rdflib.RDF.nil else list(tree.other)
     a = _operand(tree.expr, scope)
     each = [_compared(a, "=", _operand(item, scope), item, scope) for item in items]
@@ -210,28 +188,28 @@ def _in(tree: Any, scope: Scope) -> Expression:
     return _call("boolean", "!", found) if tree.op == "NOT IN" else found
 
 
-def _same_term(tree: Any, scope: Scope) -> Expression:
+def _same_term(tree: Any, scope: Checker) -> Expression:
     return _compared(_operand(tree.arg1, scope), "=", _operand(tree.arg2, scope), tree, scope)
 
 
 def _logical(operator: str) -> Any:
-    def check(tree: Any, scope: Scope) -> Expression:
+    def check(tree: Any, scope: Checker) -> Expression:
         parts = [check_condition(each, scope) for each in (tree.expr, *tree.other)]
         return _call("boolean", operator, *parts)
 
     return check
 
 
-def _not(tree: Any, scope: Scope) -> Expression:
+def _not(tree: Any, scope: Checker) -> Expression:
     return _call("boolean", "!", check_condition(tree.expr, scope))
 
 
-def _bound(tree: Any, scope: Scope) -> Expression:
+def _bound(tree: Any, scope: Checker) -> Expression:
     scope.variable(tree.arg)
     return Bound("boolean", position_of(tree) or 0, None, str(tree.arg))
 
 
-def _of_one_kind(trees: Iterable[Any], scope: Scope) -> list[Expression]:
+def _of_one_kind(trees: Iterable[Any], scope: Checker) -> list[Expression]:
     expressions = [check_expression(each, scope) for each in trees]
     first = expressions[0].kind
     for each in expressions:
@@ -244,18 +222,18 @@ def _of_one_kind(trees: Iterable[Any], scope: Scope) -> list[Expression]:
     return expressions
 
 
-def _if(tree: Any, scope: Scope) -> Expression:
+def _if(tree: Any, scope: Checker) -> Expression:
     test = check_condition(tree.arg1, scope)
     yes, no = _of_one_kind((tree.arg2, tree.arg3), scope)
     return _call(yes.kind, "IF", test, yes, no)
 
 
-def _coalesce(tree: Any, scope: Scope) -> Expression:
+def _coalesce(tree: Any, scope: Checker) -> Expression:
     expressions = _of_one_kind(tree.arg, scope)
     return _call(expressions[0].kind, "COALESCE", *expressions)
 
 
-def _str(tree: Any, scope: Scope) -> Expression:
+def _str(tree: Any, scope: Checker) -> Expression:
     operand = _operand(tree.arg, scope)
     if isinstance(operand, _Name) or operand.kind == "text":
         return _text(operand, scope)
@@ -264,13 +242,13 @@ def _str(tree: Any, scope: Scope) -> Expression:
     return _call("text", "STR", operand)
 
 
-def _constant_text(tree: Any, scope: Scope) -> str:
+def _constant_text(tree: Any, scope: Checker) -> str:
     if not (isinstance(tree, rdflib.Literal) and name_of(tree) is not None):
         raise scope.error('this has to be a constant: write "..."', tree)
     return str(tree)
 
 
-def _regex(tree: Any, scope: Scope) -> Expression:
+def _regex(tree: Any, scope: Checker) -> Expression:
     import regex  # most queries have none
 
     letters = _constant_text(tree.flags, scope) if tree.flags is not None else ""
@@ -288,7 +266,7 @@ def _regex(tree: Any, scope: Scope) -> Expression:
     return RegexMatch("boolean", text.position, None, text, pattern)
 
 
-def _of_sparql(tree: Any, scope: Scope) -> Expression:
+def _of_sparql(tree: Any, scope: Checker) -> Expression:
     """Check a function of one number, of one text, or of a text and a constant."""
     function = SPARQL_FUNCTIONS[tree.name.removeprefix("Builtin_")]
     if function.arguments == ("number",):
@@ -299,7 +277,7 @@ def _of_sparql(tree: Any, scope: Scope) -> Expression:
     return _call(function.result, function.name, _text(_operand(tree.arg1, scope), scope), part)
 
 
-def _function(tree: Any, scope: Scope) -> Expression:
+def _function(tree: Any, scope: Checker) -> Expression:
     function = scope.function(tree.iri)
     name, takes, given = function.name, len(function.arguments), list(tree.expr or ())
     if len(given) != takes:
@@ -315,7 +293,7 @@ def _function(tree: Any, scope: Scope) -> Expression:
     return ExtensionCall(function.result, position_of(tree) or 0, None, function, arguments)
 
 
-_CHECKS: Mapping[str, Callable[[Any, Scope], Expression]] = {
+_CHECKS: Mapping[str, Callable[[Any, Checker], Expression]] = {
     "RelationalExpression": _relational,
     "ConditionalAndExpression": _logical("&&"),
     "ConditionalOrExpression": _logical("||"),
