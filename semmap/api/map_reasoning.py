@@ -12,7 +12,7 @@ from semmap.api.map_sql import MapSql
 if TYPE_CHECKING:
     from semmap.knowledge.reasoning.explanations import Why
     from semmap.knowledge.reasoning.runs import Reasoned
-    from semmap.knowledge.shapes import Violation
+    from semmap.knowledge.shacl import Violation
 
 
 class MapReasoning(MapSql):
@@ -133,7 +133,7 @@ class MapReasoning(MapSql):
         ValueError
             It took too long.
         """
-        from semmap.knowledge.shapes import domain_shapes, read_shapes, validate
+        from semmap.knowledge.shacl import domain_shapes, read_shapes, validate
 
         paths = [shapes] if isinstance(shapes, str | Path) else shapes or ()
         chosen = [read_shapes(Path(path)) for path in paths] or [domain_shapes()]
@@ -150,7 +150,7 @@ class MapReasoning(MapSql):
         ValueError
             The map does not conform to them now.
         """
-        from semmap.knowledge.shapes import bind_shapes, read_shapes
+        from semmap.knowledge.shacl import bind_shapes, read_shapes
 
         bind_shapes(self.connection, read_shapes(Path(path)))
 
@@ -162,7 +162,7 @@ class MapReasoning(MapSql):
         LookupError
             No shapes of that name bind the map.
         """
-        from semmap.knowledge.shapes import unbind_shapes
+        from semmap.knowledge.shacl import unbind_shapes
 
         unbind_shapes(self.connection, name)
 
@@ -170,7 +170,7 @@ class MapReasoning(MapSql):
     def binding_shapes(self) -> list[str]:
         """The names of the shapes that bind the map."""
         from semmap.knowledge.map_view import MapView
-        from semmap.knowledge.shapes import binding_shapes
+        from semmap.knowledge.shacl import binding_shapes
 
         with self.reading() as session:
             return [each.name for each in binding_shapes(MapView.of(session))]

@@ -13,8 +13,7 @@ import rdflib
 
 from semmap.database.maps import see_map
 from semmap.knowledge.answer import Answer
-from semmap.knowledge.consequences import with_consequences
-from semmap.knowledge.facts import Fact, FactWriter, RefusedError
+from semmap.knowledge.facts import Fact, FactWriter, RefusedError, with_consequences
 from semmap.knowledge.map_view import MapView
 from semmap.knowledge.patterns import ClientPattern, name_of, parse_pattern, query_text, variables
 from semmap.knowledge.queries import limited, query

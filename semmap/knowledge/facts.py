@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import datetime
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -12,7 +13,10 @@ import rdflib
 
 from semmap.error import Error
 from semmap.knowledge.fields.properties import is_of_fields
+from semmap.knowledge.map_view import MapView
 from semmap.knowledge.mapping import INFERRED_GRAPH, is_mapped
+from semmap.knowledge.reasoning.runs import refresh
+from semmap.knowledge.shacl import check_binding
 from semmap.knowledge.sparql.constants import Constants, resolve, tag_and_text
 from semmap.knowledge.vocabulary import (
     PROPERTY,
@@ -401,3 +405,18 @@ _TABLES: dict[str, _Table] = {
     ),
 }
 """By the property; "#" at the end: all of a namespace."""
+
+
+@contextmanager
+def with_consequences(view: MapView) -> Iterator[None]:
+    """Run a change of facts; at its end, infer what follows, and refuse what shapes forbid.
+
+    BrokenShapeError: the caller's transaction is to be undone.
+    """
+    row = view.session.execute("SELECT coalesce(max(id), 0) FROM change").fetchone()
+    assert row is not None
+    yield
+    view.chosen = None
+    if refresh(view) is not None:
+        view.inferred = MapView.of(view.session).inferred
+    check_binding(view, row[0])

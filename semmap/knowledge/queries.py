@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterable, Iterator
+from collections.abc import Generator, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
@@ -14,11 +14,11 @@ import psycopg
 import rdflib
 from rdflib.plugins.sparql import prepareQuery
 from rdflib.plugins.sparql.evaluate import evalQuery
+from rdflib.store import Store
 
 from semmap.error import Error
 from semmap.knowledge.answer import Answer
 from semmap.knowledge.fields.properties import FieldError
-from semmap.knowledge.map_store import MapStore
 from semmap.knowledge.map_view import MapView
 from semmap.knowledge.sparql.expressions import UntranslatedError
 from semmap.knowledge.sparql.kept_queries import PLANNER, KeptQueries, Row, Session, Term
@@ -305,3 +305,39 @@ def errors_of(parsed: ParsedText) -> Iterator[None]:
 
 def _first(error: psycopg.Error) -> str:
     return str(error).splitlines()[0] if str(error) else type(error).__name__
+
+
+class MapStore(Store):
+    """A store for `rdflib.Dataset`."""
+
+    context_aware = True
+    graph_aware = True
+
+    def __init__(self, view: MapView) -> None:
+        super().__init__()
+        self._view = view
+
+    def triples(self, triple_pattern: tuple[Any, Any, Any], context: Any = None) -> Iterator[Any]:
+        """Yield the triples that match a pattern, None for any."""
+        for triple in self._view.triples(triple_pattern, _graph_name(context)):
+            yield triple, iter([context])
+
+    def contexts(self, triple: Any = None) -> Generator[Any, None, None]:
+        """Yield the named graphs."""
+        rows = self._view.session.execute(
+            "SELECT DISTINCT graph FROM statement WHERE map_id = %s AND graph <> ''",
+            (self._view.number,),
+        ).fetchall()
+        chosen = self._view.chosen
+        yield from (rdflib.URIRef(g) for (g,) in rows if chosen is None or g in chosen.named)
+
+    def __len__(self, context: Any = None) -> int:
+        return sum(1 for _ in self.triples((None, None, None), context))
+
+
+def _graph_name(context: Any) -> rdflib.URIRef | None:
+    """Return the IRI of a named graph; None for the default graph."""
+    name = getattr(context, "identifier", context)
+    if not isinstance(name, rdflib.URIRef) or name == rdflib.graph.DATASET_DEFAULT_GRAPH_ID:
+        return None
+    return name

@@ -10,12 +10,11 @@ from typing import Any
 import rdflib
 
 from semmap.ingest.world import WorldError
-from semmap.knowledge.consequences import with_consequences
-from semmap.knowledge.facts import Fact, FactWriter, RefusedError
+from semmap.knowledge.facts import Fact, FactWriter, RefusedError, with_consequences
 from semmap.knowledge.map_view import MapView
 from semmap.knowledge.mapping import INFERRED_GRAPH
 from semmap.knowledge.queries import limited
-from semmap.knowledge.shapes import BrokenShapeError
+from semmap.knowledge.shacl import BrokenShapeError
 from semmap.knowledge.sparql.kept_queries import Session
 from semmap.knowledge.whole_graph import facts as stored_facts
 from semmap.knowledge.whole_graph import without_warnings

@@ -9,7 +9,9 @@ from __future__ import annotations
 import hmac
 import json
 import re
+import select
 import threading
+from collections import defaultdict
 from collections.abc import AsyncIterator, Callable, Iterator, Mapping
 from contextlib import asynccontextmanager, contextmanager, suppress
 from dataclasses import dataclass, field
@@ -21,6 +23,7 @@ import psycopg
 import rdflib
 import uvicorn
 from psycopg import sql
+from psycopg.pq import TransactionStatus
 from sqlalchemy import Engine
 from starlette.applications import Starlette
 from starlette.concurrency import run_in_threadpool
@@ -32,22 +35,21 @@ from semmap.database.maps import see_map
 from semmap.database.parameters import SETTINGS
 from semmap.ingest.world import WorldError
 from semmap.knowledge.answer import Answer
-from semmap.knowledge.consequences import with_consequences
-from semmap.knowledge.facts import Fact, FactWriter, RefusedError
-from semmap.knowledge.idle_sessions import IdleSessions
+from semmap.knowledge.facts import Fact, FactWriter, RefusedError, with_consequences
 from semmap.knowledge.map_view import MapView
 from semmap.knowledge.mapping import INFERRED_GRAPH
 from semmap.knowledge.queries import KnowledgeError, limited, query
 from semmap.knowledge.rdf_file import parse_facts
 from semmap.knowledge.results import RESULT_FORMATS
-from semmap.knowledge.shapes import BrokenShapeError
+from semmap.knowledge.shacl import BrokenShapeError
+from semmap.knowledge.sparql.kept_queries import Session
 from semmap.knowledge.sparql.scope import Chosen
 from semmap.knowledge.updates import update
 from semmap.knowledge.vocabulary import prefixes
 from semmap.knowledge.whole_graph import facts, serialized
 from semmap.language.error import QueryError
 
-Connect = Callable[[], psycopg.Connection[Any]]
+Connect = Callable[[], Session]
 
 GRAPH_FORMATS = {
     "text/turtle": "turtle",
@@ -60,6 +62,8 @@ GRAPH_FORMATS = {
 
 _IRI = re.compile(r"[A-Za-z][A-Za-z0-9+.-]*:[^\x00-\x20<>\"{}|^`\\]*")
 
+MOST_IDLE = 8
+"""Sessions that wait for each role; a session more is closed."""
 MOST_BYTES = 16 * 2**20
 """The most bytes of a request."""
 
@@ -219,7 +223,7 @@ class SparqlEndpoint:
         raise _ProtocolError(401, "the token is not known")
 
     @contextmanager
-    def _session(self, role: str | None, *, write: bool) -> Iterator[psycopg.Connection[Any]]:
+    def _session(self, role: str | None, *, write: bool) -> Iterator[Session]:
         """Lend a session with the rights of a role; those that only read are used again."""
         session = None if write else self._idle.take(role)
         if session is None:
@@ -230,7 +234,7 @@ class SparqlEndpoint:
             if write or not self._idle.put(role, session):
                 session.close()
 
-    def _opened(self, role: str | None, *, write: bool) -> psycopg.Connection[Any]:
+    def _opened(self, role: str | None, *, write: bool) -> Session:
         session = self._connect() if role is None else self._connect_writer()
         try:
             if role is not None:
@@ -245,7 +249,7 @@ class SparqlEndpoint:
         return session
 
     @contextmanager
-    def _limited(self, role: str | None, *, write: bool) -> Iterator[psycopg.Connection[Any]]:
+    def _limited(self, role: str | None, *, write: bool) -> Iterator[Session]:
         """Open a session for one transaction that ends in time."""
         with (
             self._session(role, write=write) as session,
@@ -280,7 +284,7 @@ def serve(
 def session_opener(engine: Engine, map_name: str) -> Connect:
     """Return a function that opens a session with an engine's login, which sees a map."""
 
-    def connect() -> psycopg.Connection[Any]:
+    def connect() -> Session:
         _, arguments = engine.dialect.create_connect_args(engine.url)
         arguments.pop("context", None)  # of psycopg, not of the protocol
         settings = " ".join(f"-c {key}={value}" for key, value in SETTINGS.items())
@@ -421,3 +425,49 @@ def _reported() -> Iterator[None]:
 def _failure(status: int, reason: str) -> Response:
     headers = {"WWW-Authenticate": "Bearer"} if status == 401 else {}
     return PlainTextResponse(reason + "\n", status_code=status, headers=headers)
+
+
+class IdleSessions:
+    """Sessions by role, the last used first."""
+
+    def __init__(self) -> None:
+        self._sessions: defaultdict[str | None, list[Session]] = defaultdict(list)
+        self._lock = threading.Lock()
+        self._closed = False
+
+    def take(self, role: str | None) -> Session | None:
+        """Return a session that can be used; None if none waits."""
+        while True:
+            with self._lock:
+                if not self._sessions[role]:
+                    return None
+                session = self._sessions[role].pop()
+            if _is_usable(session):
+                return session
+            session.close()
+
+    def put(self, role: str | None, session: Session) -> bool:
+        """Let a session wait; return whether it may."""
+        with self._lock:
+            waiting = self._sessions[role]
+            if self._closed or len(waiting) >= MOST_IDLE or not _is_usable(session):
+                return False
+            waiting.append(session)
+            return True
+
+    def close(self) -> None:
+        """Close all sessions that wait, and those that are put later."""
+        with self._lock:
+            self._closed = True
+            for session in (s for sessions in self._sessions.values() for s in sessions):
+                session.close()
+            self._sessions.clear()
+
+
+def _is_usable(session: Session) -> bool:
+    """Return whether a session is between transactions, and its server has not left it."""
+    if session.closed or session.info.transaction_status != TransactionStatus.IDLE:
+        return False
+    poll = select.poll()
+    poll.register(session.fileno(), select.POLLIN)
+    return not poll.poll(0)  # a server has nothing to say to an idle session but that it ends

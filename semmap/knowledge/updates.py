@@ -11,11 +11,10 @@ import psycopg
 import rdflib
 from rdflib.plugins.sparql.parserutils import CompValue
 
-from semmap.knowledge.consequences import with_consequences
-from semmap.knowledge.facts import Fact, FactWriter, RefusedError
+from semmap.knowledge.facts import Fact, FactWriter, RefusedError, with_consequences
 from semmap.knowledge.map_view import MapView
 from semmap.knowledge.queries import errors_of, filled, limited, plain
-from semmap.knowledge.shapes import BrokenShapeError
+from semmap.knowledge.shacl import BrokenShapeError
 from semmap.knowledge.sparql.expressions import UntranslatedError
 from semmap.knowledge.sparql.kept_queries import Session
 from semmap.knowledge.sparql.scope import Chosen

@@ -15,8 +15,15 @@ from rdflib.plugins.sparql.parserutils import CompValue
 from semmap.knowledge.fields.properties import comparisons, count_variables
 from semmap.knowledge.sparql.expressions import Environment, Expressions, UntranslatedError
 from semmap.knowledge.sparql.geosparql import AGGREGATES, geometry_of
-from semmap.knowledge.sparql.relation import UNBOUND, Rows, in_form, renamed, union, union_form
-from semmap.knowledge.sparql.row_sharing import entity_iri
+from semmap.knowledge.sparql.relation import (
+    UNBOUND,
+    Rows,
+    entity_iri,
+    in_form,
+    renamed,
+    union,
+    union_form,
+)
 from semmap.knowledge.sparql.scope import MapGraph, PatternScope
 from semmap.knowledge.sparql.solution_counts import count_solutions
 from semmap.knowledge.sparql.triples import TriplePatterns

@@ -21,8 +21,7 @@ from semmap.knowledge.mapping import (
 )
 from semmap.knowledge.sparql.expressions import UntranslatedError
 from semmap.knowledge.sparql.paths import PropertyPaths
-from semmap.knowledge.sparql.relation import UNBOUND, Rows, can_join, union
-from semmap.knowledge.sparql.row_sharing import share_rows
+from semmap.knowledge.sparql.relation import UNBOUND, Rows, can_join, share_rows, union
 from semmap.knowledge.sparql.scope import MapGraph, Part, PatternScope
 from semmap.knowledge.sparql.triple_match import MatchedPattern
 from semmap.knowledge.sparql.values import Value, key_of, same

@@ -17,7 +17,7 @@ from semmap.knowledge.sparql.constants import tag_and_text
 from semmap.knowledge.sparql.kept_queries import Row, Term, term_of
 from semmap.knowledge.sparql.translator import GIVEN, SqlStatement
 from semmap.knowledge.standing.parts import QueryPart, Solution
-from semmap.knowledge.standing.shapes import parsed_text, translated
+from semmap.knowledge.standing.templates import parsed_text, translated
 from semmap.knowledge.triple_map import Form
 from semmap.limits import QUERY_SECONDS
 

@@ -30,7 +30,7 @@ from semmap.knowledge.standing.parts import (
     QueryPart,
     Solution,
 )
-from semmap.knowledge.standing.shapes import (
+from semmap.knowledge.standing.templates import (
     Filled,
     Node,
     Nodes,

@@ -14,7 +14,7 @@ from semmap.ingest.world import WorldError
 from semmap.knowledge.map_view import MapView
 from semmap.knowledge.rdf_file import parse_facts, store_facts
 from semmap.knowledge.reasoning.runs import reason
-from semmap.knowledge.shapes import (
+from semmap.knowledge.shacl import (
     BrokenShapeError,
     bind_shapes,
     binding_shapes,
