@@ -8,12 +8,11 @@ from dataclasses import replace
 from datetime import datetime
 from typing import Any
 
-import psycopg
 import rdflib
 
-from semmap.database.maps import see_map
+from semmap.database.maps import driver_of, see_map
 from semmap.knowledge.answer import Answer
-from semmap.knowledge.facts import Fact, FactWriter, RefusedError, with_consequences
+from semmap.knowledge.facts import DENIED, Fact, FactWriter, refusal_text, with_consequences
 from semmap.knowledge.map_view import MapView
 from semmap.knowledge.patterns import ClientPattern, name_of, parse_pattern, query_text, variables
 from semmap.knowledge.queries import limited, query
@@ -46,7 +45,7 @@ class KnowledgeClient:
         self._engine = source.engine
         with source.engine.connect() as connection:
             self.map_name = see_map(connection, source.name)
-            MapView.of(_driver(connection))
+            MapView.of(driver_of(connection))
         self._subscriptions = Subscriptions(source.engine, self.map_name)
 
     def __enter__(self) -> KnowledgeClient:
@@ -252,7 +251,7 @@ class KnowledgeClient:
         """A transaction that sees the map."""
         with self._engine.begin() as connection:
             see_map(connection, self.map_name)
-            session = _driver(connection)
+            session = driver_of(connection)
             with limited(session, None) as deadline:
                 view = MapView.of(session)
                 view.deadline = deadline
@@ -293,12 +292,6 @@ class KnowledgeClient:
             if constants.node(str(type_))[0] == "type" or stated:
                 return type_
         return subject
-
-
-def _driver(connection: Any) -> psycopg.Connection[Any]:
-    driver = connection.connection.driver_connection
-    assert isinstance(driver, psycopg.Connection)
-    return driver
 
 
 def _refuse_variables(patterns: Sequence[ClientPattern]) -> None:
@@ -366,11 +359,8 @@ def _replaced(view: MapView, fact: Fact) -> Iterator[Fact]:
 
 @contextmanager
 def _refusals() -> Iterator[None]:
-    """Report what the map does not allow."""
+    """Report what the server does not allow."""
     try:
         yield
-    except RefusedError as error:
-        raise ValueError(f"{error.fact.shown()}: {error.reason}") from error
-    except (psycopg.IntegrityError, psycopg.errors.InsufficientPrivilege) as error:
-        lines = [error.diag.message_primary or str(error), error.diag.message_hint]
-        raise ValueError(". ".join(line for line in lines if line)) from error
+    except DENIED as error:
+        raise ValueError(refusal_text(error)) from error

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from datetime import datetime
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+import psycopg
 import rdflib
 
 from semmap.error import Error
@@ -65,8 +66,20 @@ class RefusedError(Error, ValueError):
     """A fact that the map does not allow: why, and what to do."""
 
     def __init__(self, reason: str, fact: Fact) -> None:
-        super().__init__(reason)
+        super().__init__(f"{fact.shown()}: {reason}")
         self.reason, self.fact = reason, fact
+
+
+DENIED = (psycopg.IntegrityError, psycopg.errors.InsufficientPrivilege)
+"""How the server refuses a change."""
+
+
+def refusal_text(error: Exception) -> str:
+    """Return why the map, or the server, does not allow a change."""
+    if not isinstance(error, psycopg.Error):
+        return str(error)
+    lines = [error.diag.message_primary or str(error), error.diag.message_hint]
+    return ". ".join(line for line in lines if line)
 
 
 class FactWriter:

@@ -27,6 +27,7 @@ from semmap.knowledge.unknown_names import unknown_names
 from semmap.knowledge.vocabulary import prefixes
 from semmap.knowledge.whole_graph import without_warnings
 from semmap.language.parser import ParsedText, parse_sparql
+from semmap.language.syntax_tree import nodes_in
 from semmap.limits import QUERY_ROWS, QUERY_SECONDS
 
 KEPT = KeptQueries()
@@ -158,15 +159,7 @@ def _template(parsed: ParsedText) -> list[Any]:
     tree = parsed.algebra
     if tree.template is not None:
         return list(tree.template)
-    found = []
-    parts = [tree.p]
-    while parts:
-        part = parts.pop()
-        if getattr(part, "name", "") == "BGP":
-            found += part.triples
-        elif isinstance(part, dict):
-            parts += [p for p in part.values() if isinstance(p, dict)]
-    return found
+    return [t for n in nodes_in(tree.p) if getattr(n, "name", "") == "BGP" for t in n.triples]
 
 
 def filled(template: Iterable[Any], solution: dict[str, Term | None]) -> Iterator[Any]:

@@ -408,14 +408,10 @@ def _reported() -> Iterator[None]:
     """Report what is wrong with a request as the protocol has it (sections 2.1.6 and 2.2.4)."""
     try:
         yield
-    except QueryError as error:
+    except (QueryError, BrokenShapeError, RefusedError) as error:
         raise _ProtocolError(400, str(error)) from error
     except KnowledgeError as error:
         raise _ProtocolError(503, str(error)) from error
-    except BrokenShapeError as error:
-        raise _ProtocolError(400, str(error)) from error
-    except RefusedError as error:
-        raise _ProtocolError(400, f"{error.fact.shown()}: {error.reason}") from error
     except (psycopg.errors.InsufficientPrivilege, psycopg.errors.ReadOnlySqlTransaction) as error:
         raise _ProtocolError(403, str(error).splitlines()[0]) from error
     except psycopg.IntegrityError as error:

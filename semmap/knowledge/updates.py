@@ -7,11 +7,17 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
-import psycopg
 import rdflib
 from rdflib.plugins.sparql.parserutils import CompValue
 
-from semmap.knowledge.facts import Fact, FactWriter, RefusedError, with_consequences
+from semmap.knowledge.facts import (
+    DENIED,
+    Fact,
+    FactWriter,
+    RefusedError,
+    refusal_text,
+    with_consequences,
+)
 from semmap.knowledge.map_view import MapView
 from semmap.knowledge.queries import errors_of, filled, limited, plain
 from semmap.knowledge.shacl import BrokenShapeError
@@ -19,7 +25,6 @@ from semmap.knowledge.sparql.expressions import UntranslatedError
 from semmap.knowledge.sparql.kept_queries import Session
 from semmap.knowledge.sparql.scope import Chosen
 from semmap.knowledge.vocabulary import prefixes
-from semmap.language.error import QueryError
 from semmap.language.parser import ParsedText, parse_sparql
 
 
@@ -53,7 +58,7 @@ def update(
             if request.using or request.withClause is not None:
                 raise parsed.error("graphs are chosen twice: leave USING and WITH out", 0)
         added = removed = 0
-        with _shapes_of(parsed), with_consequences(view):
+        with _refusals(parsed, 0), with_consequences(view):
             for request in parsed.requests:
                 with errors_of(parsed), _refusals(parsed, request):
                     more, less = _carried_out(view, request, dataset)
@@ -214,31 +219,12 @@ def _copy(
 
 
 @contextmanager
-def _shapes_of(parsed: ParsedText) -> Iterator[None]:
-    """Report what shapes forbid as an error of a text."""
+def _refusals(parsed: ParsedText, at: Any) -> Iterator[None]:
+    """Report what the map does not allow as an error of a text."""
     try:
         yield
-    except BrokenShapeError as error:
-        raise parsed.error(str(error), 0) from error
-
-
-class _refusals:
-    """Reports what the map does not allow as an error of a text."""
-
-    def __init__(self, parsed: ParsedText, request: Any) -> None:
-        self._parsed, self._request = parsed, request
-
-    def __enter__(self) -> None:
-        return None
-
-    def __exit__(self, kind: Any, error: Any, traceback: Any) -> None:
-        if isinstance(error, RefusedError):
-            raise self._error(f"{error.fact.shown()}: {error.reason}") from error
-        if isinstance(error, UntranslatedError):
-            raise self._error(f"{error.reason}, which updates need: write it otherwise") from error
-        if isinstance(error, (psycopg.IntegrityError, psycopg.errors.InsufficientPrivilege)):
-            lines = [error.diag.message_primary or str(error), error.diag.message_hint]
-            raise self._error(". ".join(line for line in lines if line)) from error
-
-    def _error(self, reason: str) -> QueryError:
-        return self._parsed.error(reason, self._request)
+    except UntranslatedError as error:
+        reason = f"{error.reason}, which updates need: write it otherwise"
+        raise parsed.error(reason, at) from error
+    except (RefusedError, BrokenShapeError, *DENIED) as error:
+        raise parsed.error(refusal_text(error), at) from error

@@ -10,7 +10,6 @@ from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import Any
 
-import pyparsing
 import rdflib
 from rdflib.plugins.sparql import algebra
 from rdflib.plugins.sparql.parserutils import CompValue
@@ -19,6 +18,7 @@ from semmap.language.error import TOO_DEEP, QueryError
 from semmap.language.grammar import Form, read_syntax
 from semmap.language.normalise import NormalisedText, normalise
 from semmap.language.refusals import refuse_unsafe, refuse_unsupported
+from semmap.language.syntax_tree import nodes_in
 from semmap.language.terms import (
     EVERYTHING,
     Iri,
@@ -197,15 +197,11 @@ def _take_clauses(text: NormalisedText, tree: CompValue) -> list[CompValue]:
 
 def _mark_everything(tree: Any) -> None:
     """Put EVERYTHING where a projection is empty: rdflib would project all variables of WHERE."""
-    if isinstance(tree, CompValue):
-        if tree.name in ("SelectQuery", "SubSelect", "AskQuery") and not tree.projection:
-            variable = with_position(Variable(EVERYTHING), position_of(tree) or 0)
-            tree["projection"] = [CompValue("vars", var=variable)]
-        for part in tree.values():
-            _mark_everything(part)
-    elif isinstance(tree, (list, tuple, pyparsing.ParseResults)):
-        for part in tree:
-            _mark_everything(part)
+    for part in nodes_in(tree):
+        of_select = getattr(part, "name", "") in ("SelectQuery", "SubSelect", "AskQuery")
+        if of_select and not part.projection:
+            variable = with_position(Variable(EVERYTHING), position_of(part) or 0)
+            part["projection"] = [CompValue("vars", var=variable)]
 
 
 @contextmanager

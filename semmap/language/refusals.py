@@ -9,6 +9,7 @@ import pyparsing
 from rdflib.plugins.sparql.parserutils import CompValue
 
 from semmap.language.normalise import NormalisedText
+from semmap.language.syntax_tree import nodes_in
 from semmap.language.terms import position_of
 
 _PATHS = "property paths are not supported"
@@ -57,14 +58,7 @@ def _refuse(text: NormalisedText, refused: list[tuple[str, Any]]) -> None:
 
 
 def _parts(tree: Any) -> Iterator[CompValue]:
-    """Yield each part of a syntax tree."""
-    if isinstance(tree, CompValue):
-        yield tree
-        for part in tree.values():
-            yield from _parts(part)
-    elif isinstance(tree, (list, tuple, pyparsing.ParseResults)):
-        for part in tree:
-            yield from _parts(part)
+    return (part for part in nodes_in(tree) if isinstance(part, CompValue))
 
 
 def _is_silent(part: CompValue) -> bool:

@@ -14,14 +14,13 @@ from functools import cache
 from typing import Any, Protocol
 
 import rdflib
-from rdflib.plugins.sparql.parserutils import CompValue
 
 from semmap.error import Error
 from semmap.fields.store.names import read_map_vocabulary
 from semmap.knowledge.mapping import COMPUTED, TRIPLES
-from semmap.knowledge.sparql.constants import parts_of
 from semmap.language.expression_checker import MIRRORED, conjuncts
 from semmap.language.schema import Property, SideKind, with_article
+from semmap.language.syntax_tree import nodes_in
 from semmap.language.terms import number_of
 
 
@@ -161,21 +160,8 @@ def components(triples: Iterable[FieldTriple]) -> list[list[FieldTriple]]:
 
 def count_variables(tree: Any) -> Counter[str]:
     """Return how often each variable and blank node occurs in a part of the algebra."""
-    found: Counter[str] = Counter()
-    if isinstance(tree, rdflib.Variable):
-        found[str(tree)] += 1
-    elif isinstance(tree, rdflib.BNode):
-        found[f"_:{tree}"] += 1
-    elif isinstance(tree, CompValue):
-        for _, part in parts_of(tree):
-            found += count_variables(part)
-    elif isinstance(tree, Mapping):
-        for key, part in tree.items():
-            found += count_variables(key) + count_variables(part)
-    elif isinstance(tree, Iterable) and not isinstance(tree, (str, bytes)):
-        for part in tree:
-            found += count_variables(part)
-    return found
+    ends = (each for each in nodes_in(tree) if isinstance(each, (rdflib.Variable, rdflib.BNode)))
+    return Counter(str(e) if isinstance(e, rdflib.Variable) else f"_:{e}" for e in ends)
 
 
 def comparisons(tree: Any) -> Iterator[tuple[str, str, str]]:

@@ -14,11 +14,10 @@ from contextlib import contextmanager
 from datetime import timedelta
 from typing import Any
 
-import psycopg
 import rdflib
 from sqlalchemy import Engine
 
-from semmap.database.maps import see_map
+from semmap.database.maps import driver_of, see_map
 from semmap.knowledge.facts import Fact, FactWriter
 from semmap.knowledge.fields.properties import is_of_fields
 from semmap.knowledge.map_view import MapView
@@ -189,9 +188,7 @@ class FieldPush:
     def _view(self) -> Iterator[MapView]:
         with self._engine.begin() as connection:
             see_map(connection, self._map_name)
-            session = connection.connection.driver_connection
-            assert isinstance(session, psycopg.Connection)
-            yield MapView.of(session)
+            yield MapView.of(driver_of(connection))
 
 
 def _entity(view: MapView, name: str) -> rdflib.URIRef:

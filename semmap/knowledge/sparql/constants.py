@@ -8,12 +8,11 @@ from typing import Any
 
 import psycopg
 import rdflib
-from rdflib.paths import Path
-from rdflib.plugins.sparql.parserutils import CompValue
 
 from semmap.knowledge.mapping import COMPUTED, NODES, TRIPLES, is_mapped
 from semmap.knowledge.triple_map import Form
 from semmap.knowledge.vocabulary import KNOWLEDGE_CORE, SEMMAP, TYPE, XSD, decode, encode
+from semmap.language.syntax_tree import nodes_in
 from semmap.language.terms import local_name, namespace_of
 from semmap.snake_case import snake_case
 
@@ -211,29 +210,7 @@ def _node_of_map(part: str) -> tuple[Form, str | None]:
 
 def iris_in(tree: Any) -> Iterator[str]:
     """Yield the IRIs of a part of the algebra."""
-    if isinstance(tree, rdflib.URIRef):
-        yield str(tree)
-    elif isinstance(tree, CompValue):
-        for _, part in parts_of(tree):
-            yield from iris_in(part)
-    elif isinstance(tree, Path):
-        yield from iris_in(list(vars(tree).values()))
-    elif isinstance(tree, Mapping):
-        for key, part in tree.items():
-            yield from iris_in([key, part])
-    elif isinstance(tree, Iterable) and not isinstance(tree, str | bytes):
-        for part in tree:
-            yield from iris_in(part)
-
-
-def parts_of(tree: CompValue) -> Iterator[tuple[str, Any]]:
-    """Yield name and value of each part of a node of the algebra.
-
-    rdflib keeps the algebra of EXISTS as an attribute, beside the syntax without its filters.
-    """
-    for name, part in tree.items():
-        if name != "_vars":
-            yield name, vars(tree).get(name, part)
+    return (str(each) for each in nodes_in(tree) if isinstance(each, rdflib.URIRef))
 
 
 def tag_and_text(term: Any) -> tuple[str, str]:

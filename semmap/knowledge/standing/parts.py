@@ -24,6 +24,7 @@ from semmap.knowledge.sparql.kept_queries import Row, Term
 from semmap.knowledge.sparql.relation import can_join
 from semmap.knowledge.triple_map import Computed, Form, TripleMap
 from semmap.knowledge.vocabulary import GEO, SEMMAP
+from semmap.language.syntax_tree import nodes_in
 
 SIDES = (0, 2)
 """Where subject and object are in a triple."""
@@ -439,13 +440,13 @@ def _ends(triple: TripleMap) -> tuple[Form, Form]:
 
 
 def _is_volatile(tree: Any) -> bool:
-    if isinstance(tree, CompValue):
-        if tree.name in _VOLATILE:
-            return True
-        if tree.name == "Function" and str(tree.iri).startswith(SEMMAP):
-            return True  # reads the geometry of entities
-        return any(_is_volatile(each) for each in tree.values())
-    return isinstance(tree, (list, tuple)) and any(map(_is_volatile, tree))
+    calls = (each for each in nodes_in(tree) if isinstance(each, CompValue))
+    return any(each.name in _VOLATILE or reads_geometry(each) for each in calls)
+
+
+def reads_geometry(node: CompValue) -> bool:
+    """Return whether a node calls a function of our own, which reads entities."""
+    return node.name == "Function" and str(node.iri).startswith(SEMMAP)
 
 
 def _pattern(

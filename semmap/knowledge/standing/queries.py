@@ -40,7 +40,6 @@ from semmap.knowledge.standing.templates import (
     parsed_text,
 )
 from semmap.knowledge.standing.triples import TripleLists
-from semmap.knowledge.standing.whole import concerns
 from semmap.knowledge.triple_map import Form
 from semmap.knowledge.vocabulary import KNOWLEDGE_CORE, encode
 from semmap.language.terms import local_name
@@ -230,7 +229,7 @@ class StandingQueries:
         again = self._renewed(view, touched)
         regions = Regions(part for found in again for part in found.parts)
         for part in self._whole:
-            if concerns(part, changes):
+            if _concerns(changes, part):
                 regions.evaluate(part, {})
         if again:
             facts = self._lists.ask(view, ids, self._index)
@@ -460,3 +459,14 @@ def _query_of(text: str, template: Template, filling: tuple[str, ...]) -> Standi
         raise ValueError(f"{form} has no answers to follow: use SELECT or ASK")
     names = parsed.names if parsed.form == "SelectQuery" else ()
     return StandingQuery(text, template, filling, tuple(map(str, names)))
+
+
+def _concerns(changes: Changes, part: QueryPart) -> bool:
+    """Return whether changes can concern a whole query."""
+    if changes.removed or ((changes.others or changes.entities) and part.of_tables):
+        return True
+    if changes.fields and part.of_fields:
+        return True
+    if part.properties is None:
+        return bool(changes.facts)
+    return any(fact[2] in part.properties for fact in changes.facts)

@@ -11,21 +11,24 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import rdflib
+from rdflib.paths import MulPath, NegatedPath, Path
 from rdflib.plugins.sparql.parserutils import CompValue
 
+from semmap.knowledge.fields.properties import field_property, is_of_fields
 from semmap.knowledge.map_view import MapView
-from semmap.knowledge.sparql.constants import Constants, iris_in, parts_of
+from semmap.knowledge.mapping import FACTS
+from semmap.knowledge.sparql.constants import Constants, iris_in
 from semmap.knowledge.sparql.expressions import UntranslatedError
 from semmap.knowledge.sparql.kept_queries import Term
 from semmap.knowledge.sparql.translator import SqlStatement, translate_each
 from semmap.knowledge.sparql.triples import TriplePatterns
-from semmap.knowledge.standing.parts import PartPattern, QueryPart, split
-from semmap.knowledge.standing.whole import whole_part
+from semmap.knowledge.standing.parts import PartPattern, QueryPart, reads_geometry, split
 from semmap.knowledge.triple_map import Form
 from semmap.knowledge.vocabulary import TYPE, prefixes
 from semmap.language.error import QueryError
 from semmap.language.normalise import normalise, tokens
 from semmap.language.parser import ParsedText, parse_sparql
+from semmap.language.syntax_tree import nodes_in
 
 _HOLE = "urn:semmap:hole:"
 _PLAIN = re.compile(r"[A-Za-z0-9_-]+")
@@ -115,17 +118,13 @@ def _is_hole(iri: str) -> bool:
 
 def _properties(tree: Any) -> Iterator[str]:
     """Yield the IRIs of a part of the algebra that are properties or functions."""
-    if isinstance(tree, CompValue):
-        if tree.name == "Function":
-            yield str(tree.iri)
-        for triple in tree.get("triples") or ():
-            # The syntax of EXISTS has triples in a row.
-            yield from iris_in(triple[1::3])
-        for _, part in parts_of(tree):
-            yield from _properties(part)
-    elif isinstance(tree, (list, tuple)):
-        for part in tree:
-            yield from _properties(part)
+    for node in nodes_in(tree):
+        if isinstance(node, CompValue):
+            if node.name == "Function":
+                yield str(node.iri)
+            for triple in node.get("triples") or ():
+                # The syntax of EXISTS has triples in a row.
+                yield from iris_in(triple[1::3])
 
 
 class TemplateShape:
@@ -156,7 +155,7 @@ class TemplateShape:
             except UntranslatedError:
                 parts = None
         if parts is None:
-            parts = [whole_part(algebra, names, self._constants, translator)]
+            parts = [_whole_part(algebra, names, self._constants, translator)]
         self._parts = parts
         self._statements: list[dict[Any, SqlStatement | None]] = [{} for _ in parts]
         self.is_open = False
@@ -282,3 +281,52 @@ def _filled(pattern: PartPattern, filling: Filled) -> PartPattern:
     if graph is not None and isinstance(graph, rdflib.URIRef) and _is_hole(graph):
         graph = rdflib.URIRef(filling.values[str(graph)])
     return replace(pattern, terms=(subject, verb, object_), graph=graph)
+
+
+def _whole_part(
+    tree: Any, names: tuple[str, ...], constants: Constants, translator: TriplePatterns
+) -> QueryPart:
+    """Return the part that is a whole query."""
+    calls = [each for each in nodes_in(tree) if isinstance(each, CompValue)]
+    triples = [triple for each in calls if each.name == "BGP" for triple in each.triples]
+    # EXISTS that is not translated has the syntax of its triples only.
+    is_unknown = any(each.name == "TriplesBlock" for each in calls)
+    is_open = is_unknown or any(_is_open(verb) for _, verb, _ in triples)
+    properties = frozenset(constants.property(iri) for iri in iris_in(tree))
+    return QueryPart(
+        tree,
+        names,
+        [],
+        projected=tuple(range(len(names))),
+        properties=None if is_open else properties,
+        of_tables=is_unknown
+        or any(map(reads_geometry, calls))
+        or any(_may_be_of_tables(triple, translator) for triple in triples),
+        of_fields=any(map(_may_be_of_fields, properties)),
+    )
+
+
+def _may_be_of_fields(iri: str) -> bool:
+    found = field_property(iri)
+    return found is not None and (found.subject == "voxel" or is_of_fields(iri))
+
+
+def _may_be_of_tables(triple: tuple[Any, Any, Any], translator: TriplePatterns) -> bool:
+    """Return whether anything but single facts may match a triple pattern."""
+    if isinstance(triple[1], Path):
+        return True
+    try:
+        found = translator.sources(triple, None)
+    except UntranslatedError:
+        return True
+    return not isinstance(found, list) or any(each not in FACTS for each in found)
+
+
+def _is_open(verb: Any) -> bool:
+    """Return whether a property or path can be any property, or none."""
+    if isinstance(verb, (rdflib.Variable, NegatedPath)):
+        return True
+    if isinstance(verb, MulPath) and verb.mod in ("*", "?"):
+        return True
+    inner = getattr(verb, "args", None) or [getattr(verb, "arg", None), getattr(verb, "path", None)]
+    return any(_is_open(each) for each in inner if isinstance(each, Path))
