@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from itertools import product
 
-from semmap.knowledge.triple_map import Column, Node, TripleMap, TripleTables, columns_of, constant
+from semmap.knowledge.triple_map import Node, TripleMap, TripleTables, Value, columns_of, constant
 from semmap.knowledge.vocabulary import OWL, RDF, RDFS, SEMMAP
 
 MANIPULATION_NODES: dict[str, Node] = {
@@ -21,34 +21,32 @@ MANIPULATION_NODES: dict[str, Node] = {
     "path": Node("urn:semmap:path:"),
 }
 
-DEVICE = TripleTables((("a", "device"),), key="{a}.id")
-GRIPPER = TripleTables((("a", "gripper"),), key="{a}.device_id")
-AUTOMATON = TripleTables((("a", "automaton"),), key="{a}.id")
-OBJECT = TripleTables((("a", "object_model"),), key="{a}.id")
-ACTION = TripleTables((("a", "action"),), key="{a}.id")
-TASK = TripleTables((("a", "task"),), map_id="{a}.map_id", key="{a}.id")
-PATH = TripleTables((("a", "path"),), map_id="{a}.map_id", key="{a}.id")
+DEVICE = TripleTables(("device",), key="{a}.id")
+GRIPPER = TripleTables(("gripper",), key="{a}.device_id")
+AUTOMATON = TripleTables(("automaton",), key="{a}.id")
+OBJECT = TripleTables(("object_model",), key="{a}.id")
+ACTION = TripleTables(("action",), key="{a}.id")
+TASK = TripleTables(("task",), map_id="{a}.map_id", key="{a}.id")
+PATH = TripleTables(("path",), map_id="{a}.map_id", key="{a}.id")
 
-_DEVICE = Column("device", "{a}.id")
-_AUTOMATON = Column("automaton", "{a}.id")
-_OBJECT = Column("object model", "{a}.id")
-_ACTION = Column("action", "{a}.id")
-_TASK = Column("task", "{a}.id")
-_PATH = Column("path", "{a}.id")
+_DEVICE = Value("device", "{a}.id")
+_AUTOMATON = Value("automaton", "{a}.id")
+_OBJECT = Value("object model", "{a}.id")
+_ACTION = Value("action", "{a}.id")
+_TASK = Value("task", "{a}.id")
+_PATH = Value("path", "{a}.id")
 
 _TYPE_FUNCTIONS = (
     "(SELECT DISTINCT c.sub, f.use FROM type_closure c JOIN semantic_type t ON t.name = c.super, "
     "unnest(t.functions) f (use)) AS {b}"
 )
-_MODELLED = TripleTables(
-    (("a", "entity_object"), ("b", "entity")), ("{b}.id = {a}.entity_id",), "{b}.map_id"
-)
+_MODELLED = TripleTables(("entity_object", "entity"), ("{b}.id = {a}.entity_id",), "{b}.map_id")
 
 
-def _class_of(name: str) -> Column:
+def _class_of(name: str) -> Value:
     """Return the IRI that a word of the tables has in the ontology: drinking, :Drinking."""
     camel = f"iri_encode(replace(initcap(replace({name}, '_', ' ')), ' ', ''))"
-    return Column("iri", f"(text '{SEMMAP}' || {camel})")
+    return Value("iri", f"(text '{SEMMAP}' || {camel})")
 
 
 def _text_of_pose(name: str) -> str:
@@ -56,7 +54,7 @@ def _text_of_pose(name: str) -> str:
 
 
 def _typed(
-    source: TripleTables, subject: Column, *types: str, where: str = ""
+    source: TripleTables, subject: Value, *types: str, where: str = ""
 ) -> Iterator[TripleMap]:
     """Yield triple maps that give the rows of a source classes of the ontology."""
     if where:
@@ -85,20 +83,20 @@ def _functions() -> Iterator[TripleMap]:
     name = f"{SEMMAP}hasFunction"
     yield TripleMap(
         f"{SEMMAP}usedFor",
-        TripleTables((("a", "semantic_type"), ("b", "unnest({a}.functions) AS {b}(use)"))),
-        Column("type", "{a}.name"),
+        TripleTables(("semantic_type", "unnest({a}.functions) AS {b}(use)")),
+        Value("type", "{a}.name"),
         _class_of("{b}.use"),
     )
     yield TripleMap(
         name,
-        TripleTables((("a", "object_model"), ("b", _TYPE_FUNCTIONS)), ("{b}.sub = {a}.type",)),
+        TripleTables(("object_model", _TYPE_FUNCTIONS), ("{b}.sub = {a}.type",)),
         _OBJECT,
         _class_of("{b}.use"),
     )
     yield TripleMap(
         name,
         TripleTables(
-            (("a", "object_model"), ("b", "unnest({a}.functions) AS {b}(use)")),
+            ("object_model", "unnest({a}.functions) AS {b}(use)"),
             ("{b}.use <> ALL (functions_of({a}.type))",),
         ),
         _OBJECT,
@@ -106,21 +104,19 @@ def _functions() -> Iterator[TripleMap]:
     )
     yield TripleMap(
         name,
-        TripleTables(
-            (("a", "entity"), ("b", _TYPE_FUNCTIONS)), ("{b}.sub = {a}.type",), "{a}.map_id"
-        ),
-        Column("entity", "{a}.id"),
+        TripleTables(("entity", _TYPE_FUNCTIONS), ("{b}.sub = {a}.type",), "{a}.map_id"),
+        Value("entity", "{a}.id"),
         _class_of("{b}.use"),
     )
     own = "(SELECT o.id, f.use FROM object_model o, unnest(o.functions) f (use)) AS {c}"
     yield TripleMap(
         name,
         TripleTables(
-            (*_MODELLED.tables, ("c", own)),
+            (*_MODELLED.tables, own),
             (*_MODELLED.where, "{c}.id = {a}.object_id", "{c}.use <> ALL (functions_of({b}.type))"),
             _MODELLED.map_id,
         ),
-        Column("entity", "{a}.entity_id"),
+        Value("entity", "{a}.entity_id"),
         _class_of("{c}.use"),
     )
 
@@ -134,12 +130,12 @@ def _links() -> Iterator[TripleMap]:
         yield TripleMap(
             f"{OWL}sameAs",
             TripleTables(
-                (("a", "same_as()"),),
+                ("same_as()",),
                 (f"{a} IS NOT NULL", f"{b} IS NOT NULL"),
                 "{a}.map_id" if in_map else None,
             ),
-            Column(left, a),
-            Column(right, b),
+            Value(left, a),
+            Value(right, b),
             shared=True,
         )
 
@@ -148,23 +144,23 @@ MANIPULATION_TRIPLES: tuple[TripleMap, ...] = (
     *_kinds(),
     # Components of robots
     *_typed(DEVICE, _DEVICE, "Device"),
-    TripleMap(f"{RDFS}label", DEVICE, _DEVICE, Column("string", "{a}.name"), shared=True),
+    TripleMap(f"{RDFS}label", DEVICE, _DEVICE, Value("string", "{a}.name"), shared=True),
     TripleMap(
         f"{SEMMAP}capability",
-        TripleTables((("a", "device"), ("b", "unnest({a}.capabilities) AS {b}(name)"))),
+        TripleTables(("device", "unnest({a}.capabilities) AS {b}(name)")),
         _DEVICE,
         _class_of("{b}.name"),
     ),
     *columns_of(
         GRIPPER,
-        Column("device", "{a}.device_id"),
+        Value("device", "{a}.device_id"),
         ("gripperForm", "string", "{a}.form"),
         ("opening", "double", "{a}.opening"),
         ("fingerDepth", "double", "{a}.depth"),
         ("preferred", "boolean", "{a}.preferred"),
     ),
     *_typed(AUTOMATON, _AUTOMATON, "Automaton"),
-    TripleMap(f"{RDFS}label", AUTOMATON, _AUTOMATON, Column("string", "{a}.name"), shared=True),
+    TripleMap(f"{RDFS}label", AUTOMATON, _AUTOMATON, Value("string", "{a}.name"), shared=True),
     *columns_of(
         AUTOMATON,
         _AUTOMATON,
@@ -178,7 +174,7 @@ MANIPULATION_TRIPLES: tuple[TripleMap, ...] = (
         f"{RDFS}label",
         OBJECT,
         _OBJECT,
-        Column("string", "{a}.name"),
+        Value("string", "{a}.name"),
         nullable=True,
         shared=True,
     ),
@@ -200,8 +196,8 @@ MANIPULATION_TRIPLES: tuple[TripleMap, ...] = (
     TripleMap(
         f"{SEMMAP}hasObjectModel",
         _MODELLED,
-        Column("entity", "{a}.entity_id"),
-        Column("object model", "{a}.object_id"),
+        Value("entity", "{a}.entity_id"),
+        Value("object model", "{a}.object_id"),
     ),
     *_functions(),
     # Actions, tasks and paths; a pose is x y z and the quaternion x y z w
@@ -225,15 +221,15 @@ MANIPULATION_TRIPLES: tuple[TripleMap, ...] = (
     ),
     TripleMap(
         f"{SEMMAP}contributor",
-        TripleTables((("a", "action"), ("b", "contributor")), ("{b}.id = {a}.contributor_id",)),
+        TripleTables(("action", "contributor"), ("{b}.id = {a}.contributor_id",)),
         _ACTION,
-        Column("string", "{b}.name"),
+        Value("string", "{b}.name"),
     ),
     TripleMap(
         f"{SEMMAP}hasStep",
-        TripleTables((("a", "action_step"),)),
-        Column("action", "{a}.whole_id"),
-        Column("action", "{a}.step_id"),
+        TripleTables(("action_step",)),
+        Value("action", "{a}.whole_id"),
+        Value("action", "{a}.step_id"),
     ),
     *_typed(TASK, _TASK, "Task"),
     *columns_of(

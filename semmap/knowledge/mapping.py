@@ -10,12 +10,12 @@ from collections.abc import Iterator
 
 from semmap.knowledge.manipulation_triples import MANIPULATION_NODES, MANIPULATION_TRIPLES
 from semmap.knowledge.triple_map import (
-    Column,
     Computed,
     Form,
     Node,
     TripleMap,
     TripleTables,
+    Value,
     columns_of,
     constant,
 )
@@ -62,37 +62,33 @@ DATATYPES: dict[Form, str] = {
 }
 
 
-ENTITY = TripleTables((("a", "entity"),), map_id="{a}.map_id", key="{a}.id")
-TYPED = TripleTables((("a", "object_type"),), map_id="{a}.map_id")
-WORLD = TripleTables((("a", "world"),), map_id="{a}.map_id", key="{a}.entity_id")
+ENTITY = TripleTables(("entity",), map_id="{a}.map_id", key="{a}.id")
+TYPED = TripleTables(("object_type",), map_id="{a}.map_id")
+WORLD = TripleTables(("world",), map_id="{a}.map_id", key="{a}.entity_id")
 SHAPED = TripleTables(
-    (("a", "world"),), ("{a}.footprint IS NOT NULL",), map_id="{a}.map_id", key="{a}.entity_id"
+    ("world",), ("{a}.footprint IS NOT NULL",), map_id="{a}.map_id", key="{a}.entity_id"
 )
-PLACEMENT = TripleTables((("a", "placement"),), key="{a}.entity_id", one_map=True)
-CONNECTOR = TripleTables((("a", "connector"),), key="{a}.entity_id")
-ROOM = TripleTables((("a", "room"),), key="{a}.entity_id")
-STOREY = TripleTables((("a", "storey"),), key="{a}.entity_id")
-REGION = TripleTables((("a", "region"),), key="{a}.entity_id")
-LINK = TripleTables((("a", "link"),))
-CLASS = TripleTables((("a", "semantic_type"),), key="{a}.name")
-BELIEF = TripleTables(
-    (("a", "belief"), ("b", "entity")), ("{b}.id = {a}.entity_id",), "{b}.map_id", "{a}.id"
-)
+PLACEMENT = TripleTables(("placement",), key="{a}.entity_id", one_map=True)
+CONNECTOR = TripleTables(("connector",), key="{a}.entity_id")
+ROOM = TripleTables(("room",), key="{a}.entity_id")
+STOREY = TripleTables(("storey",), key="{a}.entity_id")
+REGION = TripleTables(("region",), key="{a}.entity_id")
+LINK = TripleTables(("link",))
+CLASS = TripleTables(("semantic_type",), key="{a}.name")
+BELIEF = TripleTables(("belief", "entity"), ("{b}.id = {a}.entity_id",), "{b}.map_id", "{a}.id")
 OBSERVATION = TripleTables(
-    (("a", "observation"), ("b", "entity")), ("{b}.id = {a}.entity_id",), "{b}.map_id", "{a}.id"
+    ("observation", "entity"), ("{b}.id = {a}.entity_id",), "{b}.map_id", "{a}.id"
 )
-FORMER = TripleTables(
-    (("a", "placement_history"), ("b", "entity")), ("{b}.id = {a}.entity_id",), "{b}.map_id"
-)
+FORMER = TripleTables(("placement_history", "entity"), ("{b}.id = {a}.entity_id",), "{b}.map_id")
 MODEL = TripleTables(
-    (("a", "model"),),
+    ("model",),
     key="{a}.id",
 )
 
-_ID = Column("entity", "{a}.id")
-_OF = Column("entity", "{a}.entity_id")
-_TYPE = Column("type", "{a}.name")
-_FORMER = Column(
+_ID = Value("entity", "{a}.id")
+_OF = Value("entity", "{a}.entity_id")
+_TYPE = Value("type", "{a}.name")
+_FORMER = Value(
     "former",
     "({a}.entity_id || '.' || (extract(epoch FROM lower({a}.during)) * 1000000)::bigint)",
 )
@@ -106,7 +102,7 @@ _BOX = "prism_tin(ST_Envelope({a}.box), ST_ZMin({a}.box), ST_ZMax({a}.box))"
 def _typed_as(iri: str, *types: str) -> Iterator[TripleMap]:
     """Yield triple maps that give the entities of a type a class of another vocabulary."""
     for type_ in types:
-        source = TripleTables((("a", "object_type"),), (f"{{a}}.type = '{type_}'",), "{a}.map_id")
+        source = TripleTables(("object_type",), (f"{{a}}.type = '{type_}'",), "{a}.map_id")
         yield TripleMap(f"{RDF}type", source, _ID, constant(iri))
 
 
@@ -117,14 +113,14 @@ def _geometries() -> Iterator[TripleMap]:
         ("box", SHAPED, _BOX, ("hasBoundingBox",)),
         ("centroid", WORLD, _CENTROID, ("hasCentroid",)),
     ):
-        node = Column(form, "{a}.entity_id")
+        node = Value(form, "{a}.entity_id")
         for role in roles:
             yield TripleMap(f"{GEO}{role}", source, _OF, node)
         shape = f"('{SF}' || substr(ST_GeometryType({geometry}), 4))"
         for class_ in (
             constant(f"{GEO}SpatialObject"),
             constant(f"{GEO}Geometry"),
-            Column("iri", shape),
+            Value("iri", shape),
         ):
             yield TripleMap(f"{RDF}type", source, node, class_)
         for name, kind, sql in (
@@ -138,21 +134,21 @@ def _geometries() -> Iterator[TripleMap]:
             ("isEmpty", "boolean", f"ST_IsEmpty({geometry})"),
             ("isSimple", "boolean", f"ST_IsSimple(ST_Force2D({geometry}))"),
         ):
-            yield TripleMap(f"{GEO}{name}", source, node, Column(kind, sql))
+            yield TripleMap(f"{GEO}{name}", source, node, Value(kind, sql))
     for name, sql in (("Area", "ST_Area"), ("PerimeterLength", "ST_Perimeter")):
-        size = Column("double", f"{sql}({{a}}.footprint)")
+        size = Value("double", f"{sql}({{a}}.footprint)")
         yield TripleMap(f"{GEO}hasMetric{name}", SHAPED, _OF, size)
 
 
 def _facts_of(table: str, condition: str, of_entity: str = "") -> Iterator[TripleMap]:
     """Yield the facts of a table of triples, by the forms of subject and object."""
     for of, subject in (
-        ("{a}.subject_id", Column("entity", "{a}.subject_id")),
-        ("{a}.subject", Column("iri", "{a}.subject")),
+        ("{a}.subject_id", Value("entity", "{a}.subject_id")),
+        ("{a}.subject", Value("iri", "{a}.subject")),
     ):
         for to, object_ in (
-            ("{a}.object_id", Column("entity", "{a}.object_id")),
-            ("{a}.object", Column("term", "{a}.object", "{a}.tag")),
+            ("{a}.object_id", Value("entity", "{a}.object_id")),
+            ("{a}.object", Value("term", "{a}.object", "{a}.tag")),
         ):
             ids = [c.sql for c in (subject, object_) if c.form == "entity"]
             where = (
@@ -160,7 +156,7 @@ def _facts_of(table: str, condition: str, of_entity: str = "") -> Iterator[Tripl
                 *(of_entity.replace("{id}", each) for each in ids if of_entity),
                 condition,
             )
-            source = TripleTables((("a", table),), where, "{a}.map_id")
+            source = TripleTables((table,), where, "{a}.map_id")
             yield TripleMap("", source, subject, object_, name="{a}.predicate")
 
 
@@ -183,7 +179,7 @@ FACTS = STATEMENTS + INFERENCES
 
 TRIPLES: tuple[TripleMap, ...] = (
     # Entities: types with all that subsume them (section 3.5 of Deeken et al.), names, properties
-    TripleMap(f"{RDF}type", TYPED, _ID, Column("type", "{a}.type"), shared=True),
+    TripleMap(f"{RDF}type", TYPED, _ID, Value("type", "{a}.type"), shared=True),
     TripleMap(f"{RDF}type", ENTITY, _ID, constant(f"{GEO}Feature")),
     TripleMap(f"{RDF}type", ENTITY, _ID, constant(f"{GEO}SpatialObject")),
     *_typed_as(f"{BOT}Storey", "storey"),
@@ -194,7 +190,7 @@ TRIPLES: tuple[TripleMap, ...] = (
     *_typed_as(f"{CORA}Robot", "robot"),
     *_typed_as(f"{ORO}Agent", "agent"),
     *_typed_as(f"{ORO}Artifact", "object"),
-    TripleMap(f"{SEMMAP}directType", ENTITY, _ID, Column("type", "{a}.type"), nullable=True),
+    TripleMap(f"{SEMMAP}directType", ENTITY, _ID, Value("type", "{a}.type"), nullable=True),
     *columns_of(
         ENTITY,
         _ID,
@@ -205,21 +201,21 @@ TRIPLES: tuple[TripleMap, ...] = (
         ("source", "string", "{a}.source"),
     ),
     TripleMap(
-        f"{RDFS}label", ENTITY, _ID, Column("string", "{a}.label"), nullable=True, shared=True
+        f"{RDFS}label", ENTITY, _ID, Value("string", "{a}.label"), nullable=True, shared=True
     ),
     TripleMap(
         PROPERTY,
-        TripleTables((("a", "entity"), ("b", "jsonb_each({a}.properties)")), map_id="{a}.map_id"),
+        TripleTables(("entity", "jsonb_each({a}.properties)"), map_id="{a}.map_id"),
         _ID,
-        Column("term", "json_text({b}.value)", "json_tag({b}.value)"),
+        Value("term", "json_text({b}.value)", "json_tag({b}.value)"),
         name="{b}.key",
     ),
     # Links and inventories
     TripleMap(
         RELATION,
         LINK,
-        Column("entity", "{a}.from_id"),
-        Column("entity", "{a}.to_id"),
+        Value("entity", "{a}.from_id"),
+        Value("entity", "{a}.to_id"),
         name="{a}.relation",
     ),
     *columns_of(
@@ -231,16 +227,16 @@ TRIPLES: tuple[TripleMap, ...] = (
     ),
     TripleMap(
         f"{SEMMAP}holds",
-        TripleTables((("a", "placement"),), ("{a}.holder_id IS NOT NULL",), one_map=True),
-        Column("entity", "{a}.holder_id"),
+        TripleTables(("placement",), ("{a}.holder_id IS NOT NULL",), one_map=True),
+        Value("entity", "{a}.holder_id"),
         _OF,
     ),
     *(
         TripleMap(
             iri,
-            TripleTables((("a", "placement"),), (f"{{a}}.relation = '{relation}'",), one_map=True),
+            TripleTables(("placement",), (f"{{a}}.relation = '{relation}'",), one_map=True),
             _OF,
-            Column("entity", "{a}.holder_id"),
+            Value("entity", "{a}.holder_id"),
             nullable=True,
         )
         for relation, iri in (
@@ -252,18 +248,18 @@ TRIPLES: tuple[TripleMap, ...] = (
     ),
     TripleMap(
         f"{BOT}containsElement",
-        TripleTables((("a", "placement"), ("b", "room")), ("{b}.entity_id = {a}.holder_id",)),
-        Column("entity", "{a}.holder_id"),
+        TripleTables(("placement", "room"), ("{b}.entity_id = {a}.holder_id",)),
+        Value("entity", "{a}.holder_id"),
         _OF,
     ),
     TripleMap(
         f"{BOT}hasSpace",
         TripleTables(
-            (("a", "room"), ("b", "world")),
+            ("room", "world"),
             ("{b}.entity_id = {a}.entity_id", "{b}.storey_id IS NOT NULL"),
             "{b}.map_id",
         ),
-        Column("entity", "{b}.storey_id"),
+        Value("entity", "{b}.storey_id"),
         _OF,
     ),
     # Where they are: metres and radians in the map's frame
@@ -308,22 +304,22 @@ TRIPLES: tuple[TripleMap, ...] = (
     ),
     TripleMap(
         f"{SEMMAP}connects",
-        TripleTables((("a", "connector"),), ("{a}.place_b <> {a}.place_a",), key="{a}.entity_id"),
+        TripleTables(("connector",), ("{a}.place_b <> {a}.place_a",), key="{a}.entity_id"),
         _OF,
-        Column("entity", "{a}.place_b"),
+        Value("entity", "{a}.place_b"),
     ),
-    TripleMap(f"{BOT}interfaceOf", CONNECTOR, _OF, Column("entity", "{a}.place_a")),
+    TripleMap(f"{BOT}interfaceOf", CONNECTOR, _OF, Value("entity", "{a}.place_a")),
     TripleMap(
         f"{BOT}interfaceOf",
-        TripleTables((("a", "connector"),), ("{a}.place_b <> {a}.place_a",), key="{a}.entity_id"),
+        TripleTables(("connector",), ("{a}.place_b <> {a}.place_a",), key="{a}.entity_id"),
         _OF,
-        Column("entity", "{a}.place_b"),
+        Value("entity", "{a}.place_b"),
     ),
     *columns_of(REGION, _OF, ("partOf", "entity", "{a}.of_id"), ("origin", "string", "{a}.origin")),
     TripleMap(
         f"{SEMMAP}hasModel",
         TripleTables(
-            (("a", "entity_model"), ("b", "entity")),
+            ("entity_model", "entity"),
             (
                 "{b}.id = {a}.entity_id",
                 "({a}.role = 'visual' OR NOT EXISTS (SELECT FROM entity_model v WHERE v.role = "
@@ -332,29 +328,29 @@ TRIPLES: tuple[TripleMap, ...] = (
             "{b}.map_id",
         ),
         _OF,
-        Column("model", "{a}.model_id"),
+        Value("model", "{a}.model_id"),
     ),
     *columns_of(
         MODEL,
-        Column("model", "{a}.id"),
+        Value("model", "{a}.id"),
         ("modelKind", "string", "{a}.kind"),
         ("uri", "string", "{a}.uri"),
         ("triangles", "integer", "{a}.triangles"),
     ),
     # Beliefs, observations, and where entities were
-    TripleMap(f"{SEMMAP}hasBelief", BELIEF, _OF, Column("belief", "{a}.id")),
+    TripleMap(f"{SEMMAP}hasBelief", BELIEF, _OF, Value("belief", "{a}.id")),
     *columns_of(
         BELIEF,
-        Column("belief", "{a}.id"),
+        Value("belief", "{a}.id"),
         ("place", "entity", "{a}.place_id"),
         ("probability", "double", "{a}.probability"),
         ("prior", "double", "{a}.prior"),
         ("at", "time", "{a}.at"),
     ),
-    TripleMap(f"{SEMMAP}hasObservation", OBSERVATION, _OF, Column("observation", "{a}.id")),
+    TripleMap(f"{SEMMAP}hasObservation", OBSERVATION, _OF, Value("observation", "{a}.id")),
     *columns_of(
         OBSERVATION,
-        Column("observation", "{a}.id"),
+        Value("observation", "{a}.id"),
         ("place", "entity", "{a}.place_id"),
         ("seen", "boolean", "{a}.seen"),
         ("visibleShare", "double", "{a}.visible"),
@@ -365,12 +361,12 @@ TRIPLES: tuple[TripleMap, ...] = (
     TripleMap(
         f"{SEMMAP}formerHolder",
         TripleTables(
-            (("a", "placement_history"), ("b", "entity"), ("c", "entity")),
+            ("placement_history", "entity", "entity"),
             ("{b}.id = {a}.entity_id", "{c}.id = {a}.holder_id"),
             "{b}.map_id",
         ),
         _FORMER,
-        Column("entity", "{a}.holder_id"),
+        Value("entity", "{a}.holder_id"),
     ),
     *columns_of(
         FORMER,
@@ -384,20 +380,20 @@ TRIPLES: tuple[TripleMap, ...] = (
     TripleMap(f"{RDF}type", CLASS, _TYPE, constant(f"{OWL}Class")),
     TripleMap(
         f"{RDFS}subClassOf",
-        TripleTables((("a", "type_parent"),)),
-        Column("type", "{a}.type"),
-        Column("type", "{a}.parent"),
+        TripleTables(("type_parent",)),
+        Value("type", "{a}.type"),
+        Value("type", "{a}.parent"),
         shared=True,
     ),
-    TripleMap(f"{RDFS}label", CLASS, _TYPE, Column("string", "{a}.label"), nullable=True),
+    TripleMap(f"{RDFS}label", CLASS, _TYPE, Value("string", "{a}.label"), nullable=True),
     TripleMap(
-        f"{RDFS}comment", CLASS, _TYPE, Column("string", "{a}.comment"), nullable=True, shared=True
+        f"{RDFS}comment", CLASS, _TYPE, Value("string", "{a}.comment"), nullable=True, shared=True
     ),
     TripleMap(
         f"{SEMMAP}foundIn",
-        TripleTables((("a", "semantic_type"), ("b", "unnest({a}.found_in) AS {b}(place)"))),
+        TripleTables(("semantic_type", "unnest({a}.found_in) AS {b}(place)")),
         _TYPE,
-        Column("type", "{b}.place"),
+        Value("type", "{b}.place"),
     ),
     *MANIPULATION_TRIPLES,
 )
@@ -446,7 +442,7 @@ def _rewritten() -> Iterator[TripleMap]:
     """Yield the topological relations of features and geometries (GeoSPARQL 1.1, section 12)."""
     for name, condition in TOPOLOGICAL.items():
         source = TripleTables(
-            (("a", "world"), ("b", "world")),
+            ("world", "world"),
             (
                 "{a}.footprint IS NOT NULL",
                 "{b}.footprint IS NOT NULL",
@@ -460,8 +456,8 @@ def _rewritten() -> Iterator[TripleMap]:
                 yield TripleMap(
                     f"{GEO}{name}",
                     source,
-                    Column(form, "{a}.entity_id"),
-                    Column(to, "{b}.entity_id"),
+                    Value(form, "{a}.entity_id"),
+                    Value(to, "{b}.entity_id"),
                 )
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 
 from semmap.knowledge.vocabulary import SEMMAP
@@ -31,19 +31,34 @@ class Node:
 
 
 @dataclass(frozen=True)
-class Column:
-    """A term: its form, and the SQL of its value; a "term" also has the SQL of its tag."""
+class Value:
+    """A term in SQL; in a triple map, {a}, {b} and {c} stand for the tables of its source."""
 
     form: Form
-    sql: str
-    tag: str | None = None
+    sql: str  # its value, key, IRI or text; null where it is not bound
+    tag: str | None = None  # of a "term"
+    constant: tuple[str, str] | None = None  # text and tag of a term that a query has
+
+    @classmethod
+    def of_columns(cls, form: Form, columns: Iterable[str]) -> Value:
+        """Return a value of a form from the SQL of its columns."""
+        sql, *tag = columns
+        return cls(form, sql, tag[0] if tag else None)
+
+    def columns(self) -> tuple[str, ...]:
+        """Return the SQL of its columns."""
+        return (self.sql,) if self.tag is None else (self.sql, self.tag)
+
+    def placed(self, letters: Mapping[str, str]) -> Value:
+        """Return the value in the tables that letters stand for."""
+        return Value(self.form, *(sql.format(**letters) for sql in self.columns()))
 
 
 @dataclass(frozen=True)
 class TripleTables:
-    """Tables, or functions of tables before them, by the letters that columns use for them."""
+    """Tables, or functions of tables before them, which columns call {a}, {b} and {c}."""
 
-    tables: tuple[tuple[str, str], ...]  # letter and table
+    tables: tuple[str, ...]
     where: tuple[str, ...] = ()  # conditions
     map_id: str | None = None  # the column with the map; None where a table has none
     key: str | None = None  # the column of the first table that is unique, if there is one
@@ -56,12 +71,38 @@ class TripleMap:
 
     property: str  # the IRI; with `name`, its namespace
     source: TripleTables
-    subject: Column
-    object: Column
+    subject: Value
+    object: Value
     # the SQL of the property's local name, before it is encoded; "" for a whole IRI
     name: str | None = None
     nullable: bool = False  # the object may be null, which is no triple
     shared: bool = False  # statements may have this property, too
+
+    def verb(self, letters: Mapping[str, str]) -> tuple[str, str | None]:
+        """Return the SQL of the property and, where it has one, of its local name."""
+        if self.name is None:
+            return f"'{self.property}'", None
+        name = self.name.format(**letters)
+        return f"'{self.property}' || iri_encode({name})" if self.property else name, name
+
+    def tables(self) -> tuple[list[str], list[str]]:
+        """Return tables and conditions, with the letters as aliases and the map as parameter."""
+        source, subject = self.source, self.subject.placed(OWN_LETTERS)
+        tables = [
+            named if " AS " in (named := table.format(**OWN_LETTERS)) else f"{named} {letter}"
+            for letter, table in zip(OWN_LETTERS, source.tables, strict=False)
+        ]
+        where = [each.format(**OWN_LETTERS) for each in source.where]
+        if source.map_id is not None:
+            where.append(f"{source.map_id.format(**OWN_LETTERS)} = %(map)s")
+        elif subject.form == "entity":
+            tables.append("entity of_map")
+            where.append(f"of_map.id = {subject.sql} AND of_map.map_id = %(map)s")
+        where.append(f"{self.object.placed(OWN_LETTERS).sql} IS NOT NULL")
+        return tables, where
+
+
+OWN_LETTERS = {letter: letter for letter in "abc"}
 
 
 @dataclass(frozen=True)
@@ -76,14 +117,14 @@ class Computed:
     converse: str | None = None
 
 
-def constant(iri: str) -> Column:
+def constant(iri: str) -> Value:
     """Return a column that has the same IRI in each row."""
-    return Column("iri", f"'{iri}'::text")
+    return Value("iri", f"'{iri}'::text")
 
 
 def columns_of(
-    source: TripleTables, subject: Column, *columns: tuple[str, Form, str]
+    source: TripleTables, subject: Value, *columns: tuple[str, Form, str]
 ) -> Iterator[TripleMap]:
     """Yield a triple map for each property, form and column of a source."""
     for name, form, sql in columns:
-        yield TripleMap(f"{SEMMAP}{name}", source, subject, Column(form, sql), nullable=True)
+        yield TripleMap(f"{SEMMAP}{name}", source, subject, Value(form, sql), nullable=True)

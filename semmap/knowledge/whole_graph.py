@@ -15,8 +15,8 @@ from rdflib.plugins.serializers.turtle import TurtleSerializer
 from semmap.knowledge.map_view import MapView
 from semmap.knowledge.mapping import INFERENCES, INFERRED_GRAPH, STATEMENTS, TRIPLES
 from semmap.knowledge.sparql.kept_queries import Session, term_of
-from semmap.knowledge.sparql.values import Value, tag_of, text_of
-from semmap.knowledge.triple_map import Column, TripleMap
+from semmap.knowledge.sparql.values import tag_of, text_of
+from semmap.knowledge.triple_map import OWN_LETTERS, TripleMap
 from semmap.knowledge.vocabulary import prefixes
 
 
@@ -107,35 +107,15 @@ _EXACT: dict[str, Any] = {"turtle": _ExactTurtle, "trig": _ExactTrig}
 
 def triple_query(triple: TripleMap) -> str:
     """Return the SELECT of a triple map: texts and tags, and the graph."""
-    letters = {letter: letter for letter, _ in triple.source.tables}
-    subject, object_ = (_value(column, letters) for column in (triple.subject, triple.object))
-    verb = f"'{triple.property}'"
-    if triple.name is not None:
-        local = triple.name.format(**letters)
-        verb = f"{verb} || iri_encode({local})" if triple.property else local
+    subject, object_ = (each.placed(OWN_LETTERS) for each in (triple.subject, triple.object))
     inferred = f"'{INFERRED_GRAPH}'" if triple in INFERENCES else "''"
-    graph = "a.graph" if triple in STATEMENTS else inferred
     columns = (
         text_of(subject, "%(namespace)s::text"),
         tag_of(subject),
-        verb,
+        triple.verb(OWN_LETTERS)[0],
         text_of(object_, "%(namespace)s::text"),
         tag_of(object_),
-        graph,
+        "a.graph" if triple in STATEMENTS else inferred,
     )
-    tables, where = [], [condition.format(**letters) for condition in triple.source.where]
-    for letter, table in triple.source.tables:
-        named = table.format(**letters)
-        tables.append(named if " AS " in named else f"{named} {letter}")
-    if triple.source.map_id is not None:
-        where.append(f"{triple.source.map_id.format(**letters)} = %(map)s")
-    elif triple.subject.form == "entity":
-        tables.append("entity of_map")
-        where.append(f"of_map.id = {subject.sql} AND of_map.map_id = %(map)s")
-    where.append(f"{object_.sql} IS NOT NULL")
+    tables, where = triple.tables()
     return f"SELECT {', '.join(columns)} FROM {', '.join(tables)} WHERE {' AND '.join(where)}"
-
-
-def _value(column: Column, letters: dict[str, str]) -> Value:
-    tag = None if column.tag is None else column.tag.format(**letters)
-    return Value(column.form, column.sql.format(**letters), tag)

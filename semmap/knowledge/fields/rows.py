@@ -20,7 +20,8 @@ from semmap.knowledge.fields.properties import (
 )
 from semmap.knowledge.sparql.constants import Constants
 from semmap.knowledge.sparql.relation import Rows
-from semmap.knowledge.sparql.values import Parameters, Value
+from semmap.knowledge.sparql.values import Parameters
+from semmap.knowledge.triple_map import Value
 from semmap.knowledge.vocabulary import TYPE, decode, encode
 from semmap.language.terms import local_name
 from semmap.snake_case import snake_case

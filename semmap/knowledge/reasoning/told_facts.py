@@ -10,7 +10,7 @@ from semmap.knowledge.map_view import MapView
 from semmap.knowledge.mapping import STATEMENTS, TRIPLES, WORLD
 from semmap.knowledge.reasoning.engine import TYPE_OF, Node, Triple
 from semmap.knowledge.reasoning.rules import AXIOM_PROPERTIES
-from semmap.knowledge.triple_map import Column, TripleMap
+from semmap.knowledge.triple_map import OWN_LETTERS, TripleMap
 from semmap.knowledge.vocabulary import SEMMAP, XSD, decode
 
 COLUMNS = "subject_id, subject, predicate, object_id, object, tag"
@@ -158,50 +158,29 @@ def _select(
     parameter: str,
 ) -> tuple[str, list[str]]:
     """Return the SELECT of a triple map and its names of properties; "" where none is wanted."""
-    letters = {letter: letter for letter, _ in triple.source.tables}
-    where = [condition.format(**letters) for condition in triple.source.where]
+    verb, local = triple.verb(OWN_LETTERS)
+    tables, where = triple.tables()
     values: list[str] = []
-    verb = f"'{triple.property}'"
-    if triple.name is not None:
-        local = triple.name.format(**letters)
-        verb = f"'{triple.property}' || iri_encode({local})" if triple.property else local
-        if properties is not None:
-            space = triple.property
-            names = [str(p)[len(space) :] for p in properties if str(p).startswith(space)]
-            values = sorted(str(decode(n)) for n in names) if space else sorted(names)
-            where.append(f"{local} = ANY (%({parameter})s)")
-            if not names:
-                return "", []
-        elif not triple.property:
-            values = sorted(AXIOM_PROPERTIES)
-            where.append(f"{local} <> ALL (%({parameter})s)")
+    if local is not None and properties is not None:
+        space = triple.property
+        names = [str(p)[len(space) :] for p in properties if str(p).startswith(space)]
+        if not names:
+            return "", []
+        values = sorted(str(decode(n)) for n in names) if space else sorted(names)
+        where.append(f"{local} = ANY (%({parameter})s)")
+    elif local is not None and not triple.property:
+        values = sorted(AXIOM_PROPERTIES)
+        where.append(f"{local} <> ALL (%({parameter})s)")
     elif properties is not None and triple.property not in properties:
         return "", []
     if triple in STATEMENTS:
         where.append("a.graph = ''")
-    subject, object_ = (c.sql.format(**letters) for c in (triple.subject, triple.object))
-    where.append(f"{object_} IS NOT NULL")
-    tables = []
-    for letter, table in triple.source.tables:
-        named = table.format(**letters)
-        tables.append(named if " AS " in named else f"{named} {letter}")
-    if triple.source.map_id is not None:
-        where.append(f"{triple.source.map_id.format(**letters)} = %(map)s")
-    else:
-        tables.append("entity of_map")
-        where.append(f"of_map.id = {subject} AND of_map.map_id = %(map)s")
+    subject, object_ = (each.placed(OWN_LETTERS) for each in (triple.subject, triple.object))
     if ids is not None:
-        either = [subject, object_] if triple.object.form == "entity" else [subject]
+        either = [each.sql for each in (subject, object_) if each.form == "entity"]
         where.append(f"({' OR '.join(f'{sql} = ANY (%(ids)s)' for sql in either)})")
-    columns = ", ".join(
-        (_SUBJECTS[triple.subject.form].format(subject), verb, _object(triple.object, letters))
-    )
+    node = f"NULL::bigint, {object_.sql}, {object_.tag}"
+    if object_.form != "term":
+        node = _OBJECTS[object_.form].format(object_.sql)
+    columns = ", ".join((_SUBJECTS[subject.form].format(subject.sql), verb, node))
     return f"SELECT {columns} FROM {', '.join(tables)} WHERE {' AND '.join(where)}", values
-
-
-def _object(column: Column, letters: Mapping[str, str]) -> str:
-    sql = column.sql.format(**letters)
-    if column.form == "term":
-        assert column.tag is not None
-        return f"NULL::bigint, {sql}, {column.tag.format(**letters)}"
-    return _OBJECTS[column.form].format(sql)

@@ -17,7 +17,6 @@ from semmap.knowledge.sparql.geosparql import FUNCTIONS, geometry_of, within_dis
 from semmap.knowledge.sparql.relation import UNBOUND, in_form, union_form
 from semmap.knowledge.sparql.values import (
     NUMERIC,
-    Value,
     are_disjoint,
     as_term,
     is_literal,
@@ -25,6 +24,7 @@ from semmap.knowledge.sparql.values import (
     tag_of,
     text_of,
 )
+from semmap.knowledge.triple_map import Value
 from semmap.knowledge.vocabulary import XSD
 from semmap.language.schema import SPARQL_FUNCTIONS
 

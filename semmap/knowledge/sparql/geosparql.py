@@ -9,8 +9,7 @@ from typing import Any
 from rdflib.plugins.sparql.parserutils import CompValue
 
 from semmap.knowledge.mapping import DATATYPES, TOPOLOGICAL
-from semmap.knowledge.sparql.values import Value
-from semmap.knowledge.triple_map import Form
+from semmap.knowledge.triple_map import Form, Value
 from semmap.knowledge.vocabulary import GEOF, SEMMAP, SF
 
 

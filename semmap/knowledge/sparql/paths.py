@@ -13,8 +13,8 @@ from rdflib.paths import InvPath, MulPath, NegatedPath
 from semmap.knowledge.sparql.relation import Rows, in_form, union_form
 from semmap.knowledge.sparql.scope import Part, PatternScope
 from semmap.knowledge.sparql.triple_match import TripleMatch
-from semmap.knowledge.sparql.values import Value, as_term
-from semmap.knowledge.triple_map import Form
+from semmap.knowledge.sparql.values import as_term
+from semmap.knowledge.triple_map import Form, Value
 
 
 class PropertyPaths(TripleMatch, ABC):

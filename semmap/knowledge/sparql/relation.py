@@ -7,16 +7,8 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 
 from semmap.knowledge.mapping import TRIPLES
-from semmap.knowledge.sparql.values import (
-    Parameters,
-    Value,
-    are_disjoint,
-    as_term,
-    encoded,
-    is_null,
-    same,
-)
-from semmap.knowledge.triple_map import Form
+from semmap.knowledge.sparql.values import Parameters, are_disjoint, as_term, encoded, is_null, same
+from semmap.knowledge.triple_map import Form, Value
 
 UNBOUND = Value("term", "NULL::text", "NULL::text")
 """A variable that nothing binds, or an error."""
@@ -169,7 +161,7 @@ def can_join(form: Form, others: Iterable[Form]) -> bool:
     return any(not are_disjoint(form, other) for other in others)
 
 
-_KEYS = {t.source.tables[0][1]: t.source.key for t in TRIPLES if t.source.key is not None}
+_KEYS = {t.source.tables[0]: t.source.key for t in TRIPLES if t.source.key is not None}
 """The column of a table that is unique."""
 _PLAIN = re.compile(r"[a-z_]+ t\d+")
 _SAME_KEY = re.compile(r"(t\d+)\.([a-z_]+) = (t\d+)\.\2")

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
-from semmap.knowledge.sparql.values import Value
+from semmap.knowledge.triple_map import Value
 
 if TYPE_CHECKING:
     from semmap.knowledge.fields.rows import FieldRows

@@ -27,16 +27,8 @@ from semmap.knowledge.sparql.relation import (
 from semmap.knowledge.sparql.scope import MapGraph, PatternScope
 from semmap.knowledge.sparql.solution_counts import count_solutions
 from semmap.knowledge.sparql.triples import TriplePatterns
-from semmap.knowledge.sparql.values import (
-    NUMERIC,
-    Value,
-    as_term,
-    is_null,
-    same,
-    tag_of,
-    text_of,
-)
-from semmap.knowledge.triple_map import Form
+from semmap.knowledge.sparql.values import NUMERIC, as_term, is_null, same, tag_of, text_of
+from semmap.knowledge.triple_map import Form, Value
 from semmap.knowledge.vocabulary import XSD
 
 GIVEN = "given p"

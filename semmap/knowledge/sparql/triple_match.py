@@ -12,8 +12,8 @@ from semmap.knowledge.mapping import DATATYPES, INFERENCES, INFERRED_GRAPH, STAT
 from semmap.knowledge.sparql.constants import tag_and_text
 from semmap.knowledge.sparql.relation import Rows
 from semmap.knowledge.sparql.scope import MapGraph, Part
-from semmap.knowledge.sparql.values import Parameters, Value, is_literal, same, text_of
-from semmap.knowledge.triple_map import Column, Form, TripleMap
+from semmap.knowledge.sparql.values import Parameters, is_literal, same, text_of
+from semmap.knowledge.triple_map import Form, TripleMap, Value
 from semmap.knowledge.vocabulary import decode
 
 _IN_NO_EARLIER = (
@@ -83,7 +83,7 @@ class TripleMatch:
         """Return rows of a triple map that match; patterns share tables keyed by their subject."""
         letters: dict[str, str] = {}
         rows, source = Rows(), triple.source
-        for letter, table in source.tables:
+        for letter, table in zip("abc", source.tables, strict=False):
             key = None
             if not letters and source.key == triple.subject.sql:
                 side = pattern.subject
@@ -100,15 +100,12 @@ class TripleMatch:
         rows.where += [condition.format(**letters) for condition in source.where]
         if source.map_id is not None:
             rows.where.append(f"{source.map_id.format(**letters)} = {self.map_id}")
-        object_ = _placed(triple.object, letters)
-        for part, value in (
-            (pattern.subject, _placed(triple.subject, letters)),
-            (pattern.object, object_),
-        ):
+        subject, object_ = triple.subject.placed(letters), triple.object.placed(letters)
+        for part, value in ((pattern.subject, subject), (pattern.object, object_)):
             if isinstance(part, str):
                 rows.bind(part, value, self.namespace)
             else:
-                constant = self._as_column(part, Column(value.form, value.sql, value.tag))
+                constant = self._as_column(part, value)
                 assert constant is not None
                 rows.where.append(same(value, constant, self.namespace))
         if triple.nullable and isinstance(pattern.object, str):
@@ -148,11 +145,9 @@ class TripleMatch:
     def _match_verb(
         self, rows: Rows, pattern: MatchedPattern, triple: TripleMap, letters: Mapping[str, str]
     ) -> None:
-        name = triple.name and triple.name.format(**letters)
+        sql, name = triple.verb(letters)
         if isinstance(pattern.predicate, str):
-            sql = f"'{triple.property}'::text"
-            if name is not None:
-                sql = f"('{triple.property}' || iri_encode({name}))" if triple.property else name
+            sql = f"{sql}::text" if name is None else f"({sql})" if triple.property else sql
             rows.bind(pattern.predicate, Value("iri", sql), self.namespace)
         elif name is not None and pattern.predicate.constant:
             local = pattern.predicate.constant[0][len(triple.property) :]
@@ -176,7 +171,7 @@ class TripleMatch:
                 f"{letters['a']}.properties @> jsonb_build_object({self._bind(key)}, {value})"
             )
 
-    def _as_column(self, constant: Value, column: Column) -> Value | None:
+    def _as_column(self, constant: Value, column: Value) -> Value | None:
         """Return a constant in the form of a column; None where no row can have it."""
         form = column.form
         text, tag = constant.constant or ("", "I")
@@ -215,11 +210,5 @@ class TripleMatch:
             rows.bind(part, value, self.namespace)
 
     def _equals(self, value: Value, constant: Value) -> str:
-        known = self._as_column(constant, Column(value.form, value.sql, value.tag))
+        known = self._as_column(constant, value)
         return "false" if known is None else same(value, known, self.namespace)
-
-
-def _placed(column: Column, letters: Mapping[str, str]) -> Value:
-    """Return a column of the tables that letters stand for."""
-    tag = None if column.tag is None else column.tag.format(**letters)
-    return Value(column.form, column.sql.format(**letters), tag)

@@ -24,8 +24,8 @@ from semmap.knowledge.sparql.paths import PropertyPaths
 from semmap.knowledge.sparql.relation import UNBOUND, Rows, can_join, share_rows, union
 from semmap.knowledge.sparql.scope import MapGraph, Part, PatternScope
 from semmap.knowledge.sparql.triple_match import MatchedPattern
-from semmap.knowledge.sparql.values import Value, key_of, same
-from semmap.knowledge.triple_map import Computed, Form, TripleMap
+from semmap.knowledge.sparql.values import key_of, same
+from semmap.knowledge.triple_map import Computed, Form, TripleMap, Value
 from semmap.knowledge.vocabulary import RDF
 
 _RDF_TYPE = f"{RDF}type"

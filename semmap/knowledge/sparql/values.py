@@ -5,36 +5,15 @@ Whatever a query says reaches the server as the value of a parameter (`Parameter
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import Any
 
 from semmap.knowledge.mapping import DATATYPES, NODES
-from semmap.knowledge.triple_map import Form
+from semmap.knowledge.triple_map import Form, Value
 from semmap.knowledge.vocabulary import TYPE
 
 NUMERIC = ("integer", "decimal", "double")
 """The forms of numbers, each before those that it is promoted to."""
-
-
-@dataclass(frozen=True)
-class Value:
-    """A term in SQL."""
-
-    form: Form  # see `semmap.knowledge.mapping.Form`
-    sql: str  # its value, key, IRI or text; null where it is not bound
-    tag: str | None = None  # of a "term"
-    constant: tuple[str, str] | None = None  # text and tag of a term that the query has
-
-    @classmethod
-    def of_columns(cls, form: Form, columns: Iterable[str]) -> Value:
-        """Return a value of a form from the SQL of its columns."""
-        sql, *tag = columns
-        return cls(form, sql, tag[0] if tag else None)
-
-    def columns(self) -> tuple[str, ...]:
-        """Return the SQL of its columns."""
-        return (self.sql,) if self.tag is None else (self.sql, self.tag)
 
 
 @dataclass

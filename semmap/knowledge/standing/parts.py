@@ -488,12 +488,10 @@ def _pattern(
 
 def _keys(triple: TripleMap) -> Iterator[tuple[int, Form]]:
     """Yield the sides whose nodes the change log names."""
-    letters = dict(triple.source.tables)
-    first = next(iter(letters.values()))
-    if first in _STATIC:
+    if triple.source.tables[0] in _STATIC:
         return
     sides = []
-    for letter, table in triple.source.tables:
+    for letter, table in zip("abc", triple.source.tables, strict=False):
         key = _KEYS.get(table)
         if key is None and "(" not in table:
             raise WholeError
