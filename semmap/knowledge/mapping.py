@@ -80,14 +80,23 @@ OBSERVATION = TripleTables(
     ("observation", "entity"), ("{b}.id = {a}.entity_id",), "{b}.map_id", "{a}.id"
 )
 FORMER = TripleTables(("placement_history", "entity"), ("{b}.id = {a}.entity_id",), "{b}.map_id")
-MODEL = TripleTables(
-    ("model",),
-    key="{a}.id",
-)
+MODEL = TripleTables(("model",), key="{a}.id")
+PROPERTIES = TripleTables(("entity", "jsonb_each({a}.properties)"), map_id="{a}.map_id")
+HELD = TripleTables(("placement",), ("{a}.holder_id IS NOT NULL",), one_map=True)
+IN_ROOM = TripleTables(("placement", "room"), ("{b}.entity_id = {a}.holder_id",))
+OTHER_SIDE = TripleTables(("connector",), ("{a}.place_b <> {a}.place_a",), key="{a}.entity_id")
+FOUND_IN = TripleTables(("semantic_type", "unnest({a}.found_in) AS {b}(place)"))
 
 _ID = Value("entity", "{a}.id")
 _OF = Value("entity", "{a}.entity_id")
 _TYPE = Value("type", "{a}.name")
+_JSON = Value("term", "json_text({b}.value)", "json_tag({b}.value)")
+_FROM, _TO = Value("entity", "{a}.from_id"), Value("entity", "{a}.to_id")
+_HOLDER = Value("entity", "{a}.holder_id")
+_MODEL = Value("model", "{a}.id")
+_BELIEF = Value("belief", "{a}.id")
+_OBSERVATION = Value("observation", "{a}.id")
+_SIDE_A, _SIDE_B = Value("entity", "{a}.place_a"), Value("entity", "{a}.place_b")
 _FORMER = Value(
     "former",
     "({a}.entity_id || '.' || (extract(epoch FROM lower({a}.during)) * 1000000)::bigint)",
@@ -203,21 +212,9 @@ TRIPLES: tuple[TripleMap, ...] = (
     TripleMap(
         f"{RDFS}label", ENTITY, _ID, Value("string", "{a}.label"), nullable=True, shared=True
     ),
-    TripleMap(
-        PROPERTY,
-        TripleTables(("entity", "jsonb_each({a}.properties)"), map_id="{a}.map_id"),
-        _ID,
-        Value("term", "json_text({b}.value)", "json_tag({b}.value)"),
-        name="{b}.key",
-    ),
+    TripleMap(PROPERTY, PROPERTIES, _ID, _JSON, name="{b}.key"),
     # Links and inventories
-    TripleMap(
-        RELATION,
-        LINK,
-        Value("entity", "{a}.from_id"),
-        Value("entity", "{a}.to_id"),
-        name="{a}.relation",
-    ),
+    TripleMap(RELATION, LINK, _FROM, _TO, name="{a}.relation"),
     *columns_of(
         PLACEMENT,
         _OF,
@@ -225,18 +222,13 @@ TRIPLES: tuple[TripleMap, ...] = (
         ("confidence", "double", "{a}.confidence"),
         ("placedSince", "time", "{a}.since"),
     ),
-    TripleMap(
-        f"{SEMMAP}holds",
-        TripleTables(("placement",), ("{a}.holder_id IS NOT NULL",), one_map=True),
-        Value("entity", "{a}.holder_id"),
-        _OF,
-    ),
+    TripleMap(f"{SEMMAP}holds", HELD, _HOLDER, _OF),
     *(
         TripleMap(
             iri,
             TripleTables(("placement",), (f"{{a}}.relation = '{relation}'",), one_map=True),
             _OF,
-            Value("entity", "{a}.holder_id"),
+            _HOLDER,
             nullable=True,
         )
         for relation, iri in (
@@ -246,12 +238,7 @@ TRIPLES: tuple[TripleMap, ...] = (
             ("in", f"{ORO}isIn"),
         )
     ),
-    TripleMap(
-        f"{BOT}containsElement",
-        TripleTables(("placement", "room"), ("{b}.entity_id = {a}.holder_id",)),
-        Value("entity", "{a}.holder_id"),
-        _OF,
-    ),
+    TripleMap(f"{BOT}containsElement", IN_ROOM, _HOLDER, _OF),
     TripleMap(
         f"{BOT}hasSpace",
         TripleTables(
@@ -302,19 +289,9 @@ TRIPLES: tuple[TripleMap, ...] = (
         ("passageWidth", "double", "{a}.width"),
         ("passageHeight", "double", "{a}.height"),
     ),
-    TripleMap(
-        f"{SEMMAP}connects",
-        TripleTables(("connector",), ("{a}.place_b <> {a}.place_a",), key="{a}.entity_id"),
-        _OF,
-        Value("entity", "{a}.place_b"),
-    ),
-    TripleMap(f"{BOT}interfaceOf", CONNECTOR, _OF, Value("entity", "{a}.place_a")),
-    TripleMap(
-        f"{BOT}interfaceOf",
-        TripleTables(("connector",), ("{a}.place_b <> {a}.place_a",), key="{a}.entity_id"),
-        _OF,
-        Value("entity", "{a}.place_b"),
-    ),
+    TripleMap(f"{SEMMAP}connects", OTHER_SIDE, _OF, _SIDE_B),
+    TripleMap(f"{BOT}interfaceOf", CONNECTOR, _OF, _SIDE_A),
+    TripleMap(f"{BOT}interfaceOf", OTHER_SIDE, _OF, _SIDE_B),
     *columns_of(REGION, _OF, ("partOf", "entity", "{a}.of_id"), ("origin", "string", "{a}.origin")),
     TripleMap(
         f"{SEMMAP}hasModel",
@@ -332,25 +309,25 @@ TRIPLES: tuple[TripleMap, ...] = (
     ),
     *columns_of(
         MODEL,
-        Value("model", "{a}.id"),
+        _MODEL,
         ("modelKind", "string", "{a}.kind"),
         ("uri", "string", "{a}.uri"),
         ("triangles", "integer", "{a}.triangles"),
     ),
     # Beliefs, observations, and where entities were
-    TripleMap(f"{SEMMAP}hasBelief", BELIEF, _OF, Value("belief", "{a}.id")),
+    TripleMap(f"{SEMMAP}hasBelief", BELIEF, _OF, _BELIEF),
     *columns_of(
         BELIEF,
-        Value("belief", "{a}.id"),
+        _BELIEF,
         ("place", "entity", "{a}.place_id"),
         ("probability", "double", "{a}.probability"),
         ("prior", "double", "{a}.prior"),
         ("at", "time", "{a}.at"),
     ),
-    TripleMap(f"{SEMMAP}hasObservation", OBSERVATION, _OF, Value("observation", "{a}.id")),
+    TripleMap(f"{SEMMAP}hasObservation", OBSERVATION, _OF, _OBSERVATION),
     *columns_of(
         OBSERVATION,
-        Value("observation", "{a}.id"),
+        _OBSERVATION,
         ("place", "entity", "{a}.place_id"),
         ("seen", "boolean", "{a}.seen"),
         ("visibleShare", "double", "{a}.visible"),
@@ -366,7 +343,7 @@ TRIPLES: tuple[TripleMap, ...] = (
             "{b}.map_id",
         ),
         _FORMER,
-        Value("entity", "{a}.holder_id"),
+        _HOLDER,
     ),
     *columns_of(
         FORMER,
@@ -389,12 +366,7 @@ TRIPLES: tuple[TripleMap, ...] = (
     TripleMap(
         f"{RDFS}comment", CLASS, _TYPE, Value("string", "{a}.comment"), nullable=True, shared=True
     ),
-    TripleMap(
-        f"{SEMMAP}foundIn",
-        TripleTables(("semantic_type", "unnest({a}.found_in) AS {b}(place)")),
-        _TYPE,
-        Value("type", "{b}.place"),
-    ),
+    TripleMap(f"{SEMMAP}foundIn", FOUND_IN, _TYPE, Value("type", "{b}.place")),
     *MANIPULATION_TRIPLES,
 )
 """The facts of the graph, besides `STATEMENTS`."""
@@ -453,12 +425,8 @@ def _rewritten() -> Iterator[TripleMap]:
         )
         for form in ("entity", "footprint"):
             for to in ("entity", "footprint"):
-                yield TripleMap(
-                    f"{GEO}{name}",
-                    source,
-                    Value(form, "{a}.entity_id"),
-                    Value(to, "{b}.entity_id"),
-                )
+                ends = Value(form, "{a}.entity_id"), Value(to, "{b}.entity_id")
+                yield TripleMap(f"{GEO}{name}", source, *ends)
 
 
 REWRITTEN: tuple[TripleMap, ...] = tuple(_rewritten())
