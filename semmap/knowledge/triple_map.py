@@ -51,7 +51,8 @@ class Value:
 
     def placed(self, letters: Mapping[str, str]) -> Value:
         """Return the value in the tables that letters stand for."""
-        return Value(self.form, *(sql.format(**letters) for sql in self.columns()))
+        columns = (sql.format(**letters) for sql in self.columns())
+        return Value.of_columns(self.form, columns)
 
 
 @dataclass(frozen=True)

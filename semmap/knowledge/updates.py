@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from itertools import chain
 from typing import Any
 
 import rdflib
@@ -84,137 +85,114 @@ def _carry_out(view: MapView, request: Any, dataset: Chosen | None) -> tuple[int
         return FactWriter(view).insert(_data(request)), 0
     if name == "DeleteData":
         return 0, FactWriter(view).delete(_data(request))
-    if name == "DeleteWhere":
-        pattern = _pattern_of(request)
-        view.chosen = dataset
-        gone = list(_instances(view, [request], pattern, None))
-        view.chosen = None
-        return 0, FactWriter(view).delete(gone)
-    if name == "Modify":
-        graph = request.withClause
-        where = request.where
-        view.chosen = dataset or Chosen.by(
-            request.using
-        )  # more than WITH says (Update, section 3.1.3)
-        if graph is not None and view.chosen is None:
+    if name in ("DeleteWhere", "Modify"):
+        graph, delete, where = request.withClause, request.delete, request.where
+        if name == "DeleteWhere":
+            delete, where = request, _pattern_of(request)
+        view.chosen = dataset or Chosen.by(request.using)
+        if graph is not None and view.chosen is None:  # USING says more (Update, section 3.1.3)
             where = CompValue("Graph", term=graph, p=where)
         # Both templates are filled before anything is changed.
-        gone = list(_instances(view, [request.delete], where, graph))
-        new = list(_instances(view, [request.insert], where, graph))
+        gone = list(_instances(view, delete, where, graph))
+        new = list(_instances(view, request.insert, where, graph))
         view.chosen = None
         removed = FactWriter(view).delete(gone)
         return FactWriter(view).insert(new), removed
     if name in ("Clear", "Drop"):
-        return 0, _clear(view, request)
-    if name == "Create":
-        return 0, 0  # a graph exists where it has statements
-    if name == "Load":
-        return 0, 0  # only with SILENT
+        return 0, _clear(view, str(request.graphiri))
+    if name in ("Create", "Load"):
+        return 0, 0  # a graph exists where it has statements; LOAD is SILENT
     assert name in ("Add", "Move", "Copy"), name
-    source, target = map(_graph_of, request.graph)
+    source, target = map(str, request.graph)
     return _copy(view, source, target, name)
+
+
+def _quads(template: Any, graph: Any = None) -> list[tuple[Any, list[Any]]]:
+    """Return the triples of a template by graph; those without one are in the graph given."""
+    named = [(name, list(triples)) for name, triples in (template.quads or {}).items()]
+    return [(graph, list(template.triples or ())), *named]
 
 
 def _data(request: Any) -> Iterator[Fact]:
     """Yield the facts of INSERT DATA and DELETE DATA."""
-    yield from (Fact(*map(plain, triple)) for triple in request.triples or ())
-    for graph, triples in (request.quads or {}).items():
+    for graph, triples in _quads(request):
         for triple in triples:
             s, p, o = map(plain, triple)
-            yield Fact(s, p, o, plain(graph))
+            yield Fact(s, p, o, None if graph is None else plain(graph))
 
 
 def _pattern_of(request: Any) -> Any:
     """Return the pattern of DELETE WHERE: its own template."""
-    pattern: Any = CompValue("BGP", triples=list(request.triples or ()))
-    for graph, triples in (request.quads or {}).items():
-        named = CompValue("Graph", term=graph, p=CompValue("BGP", triples=list(triples)))
+    (_, triples), *quads = _quads(request)
+    pattern: Any = CompValue("BGP", triples=triples)
+    for graph, inner in quads:
+        named = CompValue("Graph", term=graph, p=CompValue("BGP", triples=inner))
         pattern = CompValue("Join", p1=pattern, p2=named)
     return pattern
 
 
-def _instances(view: MapView, templates: Iterable[Any], where: Any, graph: Any) -> Iterator[Fact]:
-    """Yield the facts of templates for each solution of a pattern."""
-    for template in templates:
-        if not template:
-            continue
-        quads: list[tuple[Any, list[Any]]] = [(graph, list(template.triples or ()))]
-        quads += [(name, list(triples)) for name, triples in (template.quads or {}).items()]
-        names = sorted(
-            {
-                str(term)
-                for name, triples in quads
-                for term in [name, *(t for triple in triples for t in triple)]
-                if isinstance(term, rdflib.Variable)
-            }
-        )
-        for row in view.run(view.statement(where, names)):
-            solution = dict(zip(names, row, strict=True))
-            for name, triples in quads:
-                target = solution.get(str(name)) if isinstance(name, rdflib.Variable) else name
-                for triple in filled(triples, solution):
-                    if name is None or target is not None:
-                        s, p, o = triple
-                        yield Fact(s, p, o, None if target is None else plain(target))
+def _instances(view: MapView, template: Any, where: Any, graph: Any) -> Iterator[Fact]:
+    """Yield the facts of a template for each solution of a pattern."""
+    quads = _quads(template, graph) if template else []
+    terms = (term for name, triples in quads for term in (name, *chain.from_iterable(triples)))
+    names = sorted({str(term) for term in terms if isinstance(term, rdflib.Variable)})
+    for row in view.run(view.statement(where, names)) if quads else ():
+        solution = dict(zip(names, row, strict=True))
+        for name, triples in quads:
+            target = solution.get(str(name)) if isinstance(name, rdflib.Variable) else name
+            for s, p, o in filled(triples, solution):
+                if name is None or target is not None:
+                    yield Fact(s, p, o, None if target is None else plain(target))
 
 
-def _clear(view: MapView, request: Any) -> int:
-    graph = request.graphiri
+def _clear(view: MapView, graph: str) -> int:
     conditions = {"NAMED": "graph <> ''", "ALL": "true", "DEFAULT": "graph = ''"}
-    condition = conditions.get(str(graph), "graph = %(graph)s")
     removed = view.session.execute(
-        f"DELETE FROM statement WHERE map_id = %(map)s AND {condition}",
-        {"map": view.number, "graph": str(graph)},
+        "DELETE FROM statement WHERE map_id = %(map)s AND "
+        + conditions.get(graph, "graph = %(graph)s"),
+        {"map": view.number, "graph": graph},
     ).rowcount
-    if str(graph) in ("DEFAULT", "ALL"):
+    if graph in ("DEFAULT", "ALL"):
         _refuse_to_clear_map(view)
     return removed
 
 
 def _refuse_to_clear_map(view: MapView) -> None:
     """Raise an error where the default graph has more than statements, after these are gone."""
-    pattern = CompValue("BGP", triples=[tuple(map(rdflib.Variable, "spo"))])
-    for triple in view.run(view.statement(pattern, "spo", limit=1)):
+    for triple in view.run(view.statement(_EVERYTHING, "spo", limit=1)):
         raise RefusedError(
             "the default graph is the map: delete facts of it, or drop the map with semmap drop",
             Fact(*triple),
         )
 
 
-def _refuse_ends(view: MapView, graph: Any, facts: list[Fact]) -> None:
+_EVERYTHING = CompValue("BGP", triples=[tuple(map(rdflib.Variable, "spo"))])
+
+
+def _refuse_ends(view: MapView, graph: str, facts: list[Fact]) -> None:
     """Raise an error where a statement of a graph has a lifespan: a copy of it would not end."""
     row = view.session.execute(
         "SELECT FROM statement WHERE map_id = %s AND graph = %s AND until > statement_timestamp()",
-        (view.number, str(graph or "")),
+        (view.number, graph),
     ).fetchone()
     if row is not None:
         raise RefusedError("statements with a lifespan are not copied: state them again", facts[0])
 
 
-def _graph_of(name: Any) -> rdflib.URIRef | None:
-    """Return the IRI of a graph; None for the default graph."""
-    return None if str(name) == "DEFAULT" else rdflib.URIRef(str(name))
-
-
-def _copy(
-    view: MapView, source: rdflib.URIRef | None, target: rdflib.URIRef | None, name: str
-) -> tuple[int, int]:
+def _copy(view: MapView, source: str, target: str, name: str) -> tuple[int, int]:
     """Copy the facts of a graph to another, which loses its own unless they are added."""
     if source == target:
         return 0, 0
-    pattern: Any = CompValue("BGP", triples=[tuple(map(rdflib.Variable, "spo"))])
-    if source is not None:
-        pattern = CompValue("Graph", term=source, p=pattern)
-    found = view.run(view.statement(pattern, "spo"))
-    copied = [Fact(s, p, o, target) for s, p, o in found]
-    _refuse_ends(view, source, copied)
-    removed = 0
-    if name != "Add":
-        removed = _clear(view, CompValue("Clear", graphiri="DEFAULT" if target is None else target))
+    pattern: Any = _EVERYTHING
+    if source != "DEFAULT":
+        pattern = CompValue("Graph", term=rdflib.URIRef(source), p=pattern)
+    graph = None if target == "DEFAULT" else rdflib.URIRef(target)
+    copied = [Fact(s, p, o, graph) for s, p, o in view.run(view.statement(pattern, "spo"))]
+    _refuse_ends(view, "" if source == "DEFAULT" else source, copied)
+    removed = 0 if name == "Add" else _clear(view, target)
     added = FactWriter(view).insert(copied)
     if name == "Move":
-        gone = CompValue("Clear", graphiri="DEFAULT" if source is None else source)
-        removed += _clear(view, gone)
+        removed += _clear(view, source)
     return added, removed
 
 
