@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -35,11 +35,12 @@ class MatchedPattern:
     object: Part
     maps: list[TripleMap]
 
-    def sides(self, triple: TripleMap) -> Iterable[tuple[Part, Form]]:
-        """Yield each side, and the form that it has in a triple map."""
-        yield self.subject, triple.subject.form
-        yield self.predicate, "iri"
-        yield self.object, triple.object.form
+    def variables(self, triple: TripleMap) -> Iterator[tuple[str, Form]]:
+        """Yield each variable, and the form that it has in a triple map."""
+        forms = (triple.subject.form, "iri", triple.object.form)
+        for part, form in zip((self.subject, self.predicate, self.object), forms, strict=True):
+            if isinstance(part, str):
+                yield part, form
 
 
 class TripleMatch:

@@ -39,8 +39,8 @@ class TriplePatterns(PropertyPaths):
         super().__init__(source)
         self._uses = uses or {}
 
-    def sources(self, triple: tuple[Any, Any, Any], graph: Any) -> list[TripleMap] | Computed:
-        """Return the triple maps that can match a pattern in a graph, or its relation."""
+    def sources(self, triple: tuple[Any, Any, Any], graph: Any) -> MatchedPattern | Computed:
+        """Return what can match a pattern in a graph: triple maps, or its relation."""
         subject, predicate, object_ = triple
         scope = PatternScope(None if graph is None else self.part(graph))
         if isinstance(predicate, rdflib.URIRef):
@@ -49,14 +49,23 @@ class TriplePatterns(PropertyPaths):
                 return computed  # type: ignore[no-any-return]
         if self._is_of_fields(predicate, scope) or self._may_be_of_fields(predicate, scope):
             raise UntranslatedError("fields state this", predicate)
-        end = self.part(object_)
-        if str(predicate) == _RDF_TYPE and isinstance(end, Value):
-            end = self.constant(object_, as_type=True)
+        return self._matched(self.part(subject), predicate, self._end(predicate, object_), scope)
+
+    def _matched(
+        self, subject: Part, predicate: Any, object_: Part, scope: PatternScope
+    ) -> MatchedPattern:
         verb = self.part(predicate)
         if isinstance(verb, Value):
-            verb = self._verb(predicate)
-        start = self.part(subject)
-        return [m for m in self._maps(verb, scope) if self._fits(start, verb, end, m, scope)]
+            text = self.constants.property(str(predicate))
+            verb = Value("iri", self._bind(text), None, (text, "I"))
+        fits = [m for m in self._maps(verb, scope) if self._fits(subject, verb, object_, m, scope)]
+        return MatchedPattern(subject, verb, object_, fits)
+
+    def _end(self, predicate: Any, object_: Any) -> Part:
+        end = self.part(object_)
+        if str(predicate) == _RDF_TYPE and isinstance(end, Value):
+            return self.constant(object_, as_type=True)
+        return end
 
     def triples(self, triples: Iterable[tuple[Any, Any, Any]], scope: PatternScope) -> Rows:
         """Return the solutions of triple patterns that must all match."""
@@ -94,29 +103,17 @@ class TriplePatterns(PropertyPaths):
             elif self._may_be_of_fields(predicate, scope):
                 either.append((subject, predicate, object_))
             else:
-                add_fact(subject, predicate, object_)
-
-        def add_fact(subject: Part, predicate: Any, object_: Part) -> None:
-            verb = self.part(predicate)
-            if isinstance(verb, Value):
-                verb = self._verb(predicate)
-            maps = [
-                m for m in self._maps(verb, scope) if self._fits(subject, verb, object_, m, scope)
-            ]
-            plain.append(MatchedPattern(subject, verb, object_, maps))
+                plain.append(self._matched(subject, predicate, object_, scope))
 
         for subject, predicate, object_ in triples:
-            end = self.part(object_)
-            if str(predicate) == _RDF_TYPE and isinstance(end, Value):
-                end = self.constant(object_, as_type=True)
-            add(self.part(subject), predicate, end)
+            add(self.part(subject), predicate, self._end(predicate, object_))
         voxels = {subject for subject, verb, _ in stated if self._field(verb).subject == "voxel"}
         for subject, predicate, object_ in either:
             if subject in voxels:
                 stated.append((subject, predicate, object_))
             else:
-                add_fact(subject, predicate, object_)
-        self._prune(plain, scope)
+                plain.append(self._matched(subject, predicate, object_, scope))
+        prune(plain, {name: [{value.form}] for name, value in scope.bindings.items()})
         rows = self._joined(plain, scope)
         if stated:
             self._join_fields(rows, stated, scope)
@@ -127,10 +124,6 @@ class TriplePatterns(PropertyPaths):
         for a, relation, b in computed:
             self._relate(rows, a, relation, b, scope)
         return rows
-
-    def _verb(self, iri: Any) -> Value:
-        text = self.constants.property(str(iri))
-        return Value("iri", self._bind(text), None, (text, "I"))
 
     def _field(self, iri: Any) -> Any:
         return field_property(self.constants.property(str(iri)))
@@ -222,37 +215,6 @@ class TriplePatterns(PropertyPaths):
             return (object_.constant or ("",))[0] in self._inferred.classes
         own = own and self._is_map(scope)
         return not (own and triple in STATEMENTS)
-
-    def _prune(self, patterns: list[MatchedPattern], scope: PatternScope) -> None:
-        """Remove the triple maps whose terms no other pattern can have, until all are needed."""
-        while True:
-            forms: dict[str, list[set[Form]]] = {
-                name: [{value.form}] for name, value in scope.bindings.items()
-            }
-            for pattern in patterns:
-                each: dict[str, set[Form]] = {}
-                for triple in pattern.maps:
-                    for part, form in pattern.sides(triple):
-                        if isinstance(part, str):
-                            each.setdefault(part, set()).add(form)
-                for name, found in each.items():
-                    forms.setdefault(name, []).append(found)
-            changed = False
-            for pattern in patterns:
-                kept = [
-                    triple
-                    for triple in pattern.maps
-                    if all(
-                        can_join(form, others)
-                        for part, form in pattern.sides(triple)
-                        if isinstance(part, str)
-                        for others in forms[part]
-                    )
-                ]
-                changed |= len(kept) < len(pattern.maps)
-                pattern.maps = kept
-            if not changed:
-                return
 
     def _joined(self, patterns: list[MatchedPattern], scope: PatternScope) -> Rows:
         rows = Rows()
@@ -365,6 +327,36 @@ class TriplePatterns(PropertyPaths):
         value = Value("entity", f"{alias}.id")
         self._be(rows, part, value)
         return value.sql
+
+
+def prune(patterns: Iterable[MatchedPattern], known: Mapping[str, list[set[Form]]]) -> None:
+    """Remove the triple maps whose terms no other pattern can have, until all are needed.
+
+    The forms of some variables are known.
+    """
+    changed = True
+    while changed:
+        forms = {name: list(sets) for name, sets in known.items()}
+        for pattern in patterns:
+            each: dict[str, set[Form]] = {}
+            for triple in pattern.maps:
+                for name, form in pattern.variables(triple):
+                    each.setdefault(name, set()).add(form)
+            for name, found in each.items():
+                forms.setdefault(name, []).append(found)
+        changed = False
+        for pattern in patterns:
+            kept = [
+                triple
+                for triple in pattern.maps
+                if all(
+                    can_join(form, others)
+                    for name, form in pattern.variables(triple)
+                    for others in forms[name]
+                )
+            ]
+            changed |= len(kept) < len(pattern.maps)
+            pattern.maps = kept
 
 
 def _is_anchored(pattern: MatchedPattern, triple: TripleMap, anchored: set[str]) -> bool:

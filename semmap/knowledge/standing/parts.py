@@ -21,7 +21,8 @@ from rdflib.plugins.sparql.parserutils import CompValue
 from semmap.knowledge.mapping import COMPUTED, FACTS, INFERENCES, NODES, STATEMENTS, TOPOLOGICAL
 from semmap.knowledge.queries import plain
 from semmap.knowledge.sparql.kept_queries import Row, Term
-from semmap.knowledge.sparql.relation import can_join
+from semmap.knowledge.sparql.triple_match import MatchedPattern
+from semmap.knowledge.sparql.triples import prune
 from semmap.knowledge.triple_map import Computed, Form, TripleMap
 from semmap.knowledge.vocabulary import GEO, SEMMAP
 from semmap.language.syntax_tree import nodes_in
@@ -239,7 +240,7 @@ def name_of_variable(term: Any) -> str:
     return str(term) if isinstance(term, rdflib.Variable) else f"_:{term}"
 
 
-Sources = Callable[[tuple[Any, Any, Any], Any], list[TripleMap] | Computed]
+Sources = Callable[[tuple[Any, Any, Any], Any], MatchedPattern | Computed]
 Canonical = Callable[[Any, str], Term]
 
 
@@ -308,7 +309,13 @@ def _part(node: Any, names: tuple[str, ...], sources: Sources, canonical: Canoni
     tree = found.rewritten(node, None)
     if not found.triples:
         raise WholeError
-    matching = _pruned(found.triples, [sources(*each) for each in found.triples])
+    matching = [sources(*each) for each in found.triples]
+    ends: dict[str, list[set[Form]]] = defaultdict(list)
+    for (triple, _), each in zip(found.triples, matching, strict=True):
+        if isinstance(each, Computed):
+            for end in filter(is_variable, (triple[side] for side in SIDES)):
+                ends[name_of_variable(end)].append({"entity"})
+    prune([each for each in matching if isinstance(each, MatchedPattern)], ends)
     patterns = [
         _pattern(triple, graph, each, canonical)
         for (triple, graph), each in zip(found.triples, matching, strict=True)
@@ -404,41 +411,6 @@ def _conditions(tree: Any) -> Iterator[Condition | None]:
     yield None
 
 
-def _pruned(
-    triples: list[tuple[tuple[Any, Any, Any], Any]], found: list[list[TripleMap] | Computed]
-) -> list[list[TripleMap] | Computed]:
-    """Return what can match triples, without what no other triple of the same terms can match."""
-    while True:
-        forms: dict[Any, list[set[Form]]] = defaultdict(list)
-        for (triple, _), each in zip(triples, found, strict=True):
-            for i, side in enumerate(SIDES):
-                if is_variable(triple[side]):
-                    maps = each if isinstance(each, list) else None
-                    these = {"entity"} if maps is None else {_ends(m)[i] for m in maps}
-                    forms[triple[side]].append(these)
-        kept: list[list[TripleMap] | Computed] = []
-        for (triple, _), each in zip(triples, found, strict=True):
-            if isinstance(each, list):
-                others = [forms.get(triple[side], ()) for side in SIDES]
-                each = [
-                    m
-                    for m in each
-                    if all(
-                        can_join(form, some)
-                        for form, sets in zip(_ends(m), others, strict=True)
-                        for some in sets
-                    )
-                ]
-            kept.append(each)
-        if kept == found:
-            return found
-        found = kept
-
-
-def _ends(triple: TripleMap) -> tuple[Form, Form]:
-    return triple.subject.form, triple.object.form
-
-
 def _is_volatile(tree: Any) -> bool:
     calls = (each for each in nodes_in(tree) if isinstance(each, CompValue))
     return any(each.name in _VOLATILE or reads_geometry(each) for each in calls)
@@ -452,7 +424,7 @@ def reads_geometry(node: CompValue) -> bool:
 def _pattern(
     triple: tuple[Any, Any, Any],
     graph: Any,
-    found: list[TripleMap] | Computed,
+    found: MatchedPattern | Computed,
     canonical: Canonical,
 ) -> PartPattern:
     subject, verb, object_ = triple
@@ -470,8 +442,8 @@ def _pattern(
         listed = found.members is not None and found.converse is not None
         terms = (terms[0], rdflib.URIRef(found.property), terms[2])
         return PartPattern(terms, None, both, listed, stated=False, exact=True)
-    tables = [each for each in found if each not in FACTS]
-    only_inferred = graph is None and not any(each in STATEMENTS for each in found)
+    tables = [each for each in found.maps if each not in FACTS]
+    only_inferred = graph is None and not any(each in STATEMENTS for each in found.maps)
     if is_variable(verb) and (graph is None or tables):
         raise WholeError  # all properties of the map
     keys = frozenset(key for each in tables for key in _keys(each))
@@ -480,9 +452,9 @@ def _pattern(
         named,
         keys,
         listed=not any(each.property in _UNLIMITED for each in tables),
-        stated=len(tables) < len(found),
+        stated=len(tables) < len(found.maps),
         exact=(is_variable(object_) or isinstance(object_, rdflib.URIRef))
-        and not (only_inferred and any(each in INFERENCES for each in found)),
+        and not (only_inferred and any(each in INFERENCES for each in found.maps)),
     )
 
 

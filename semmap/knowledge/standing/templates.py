@@ -23,7 +23,7 @@ from semmap.knowledge.sparql.kept_queries import Term
 from semmap.knowledge.sparql.translator import SqlStatement, translate_each
 from semmap.knowledge.sparql.triples import TriplePatterns
 from semmap.knowledge.standing.parts import PartPattern, QueryPart, reads_geometry, split
-from semmap.knowledge.triple_map import Form
+from semmap.knowledge.triple_map import Computed, Form
 from semmap.knowledge.vocabulary import TYPE, prefixes
 from semmap.language.error import QueryError
 from semmap.language.normalise import normalise, tokens
@@ -319,7 +319,7 @@ def _may_be_of_tables(triple: tuple[Any, Any, Any], translator: TriplePatterns) 
         found = translator.sources(triple, None)
     except UntranslatedError:
         return True
-    return not isinstance(found, list) or any(each not in FACTS for each in found)
+    return isinstance(found, Computed) or any(each not in FACTS for each in found.maps)
 
 
 def _is_open(verb: Any) -> bool:
