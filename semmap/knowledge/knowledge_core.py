@@ -6,11 +6,11 @@ import inspect
 import json
 import re
 import shlex
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from hashlib import md5
 from importlib.metadata import version
-from itertools import count
+from itertools import count, product
 from pathlib import Path
 from queue import SimpleQueue
 from typing import Any
@@ -27,7 +27,7 @@ from semmap.knowledge.rdf_file import read_facts, store_facts
 from semmap.knowledge.results import sparql_json
 from semmap.knowledge.sparql.kept_queries import Term
 from semmap.knowledge.standing.subscriptions import Event
-from semmap.knowledge.vocabulary import OWL, RDFS, SEMMAP
+from semmap.knowledge.vocabulary import SEMMAP
 from semmap.query.map_handle import MapHandle, MapSource
 
 Models = str | Sequence[str] | None
@@ -216,31 +216,24 @@ class KB:
     def about(self, term: str, models: Models = None) -> list[list[Any]]:
         """Return the statements with a term as subject, property or object, or in a label."""
         with _errors(), self._client.view() as view:
-            triples: dict[tuple[Any, ...], None] = {}
+            found: dict[tuple[Any, ...], None] = {}
             for model in self._models(models):
-                graph = self._client.graph_of(model)
-                for place, each in self._senses(view, term):
-                    pattern: list[Any] = [None, None, None]
-                    pattern[place] = each
-                    triples |= dict.fromkeys(view.triples(tuple(pattern), graph))
-                triples |= dict.fromkeys(self._labelled(view, term, graph))
-        return [[self._name(part) for part in triple] for triple in triples]
+                for place, each in self._senses(term):
+                    found |= dict.fromkeys(self._triples(view, model, _at(place, each)))
+                found |= dict.fromkeys(self._labelled(view, term, model))
+        return [[self._name(part) for part in triple] for triple in found]
 
     def lookup(self, query: str, models: Models = None) -> list[list[str]]:
         """Return terms by name or label with their types; partial matches of labels are last."""
         found: dict[str, None] = {}
         partly: dict[str, None] = {}
         with _errors(), self._client.view() as view:
-            for model in self._models(models):
-                graph = self._client.graph_of(model)
-                if any(
-                    _first(view, place, each, graph) for place, each in self._senses(view, query)
-                ):
-                    found[query] = None
-                for subject, _, label in self._labelled(view, query, graph):
-                    (found if str(label) == query else partly)[str(self._name(subject))] = None
-            names = {**found, **partly}
-            return [[name, self._type(view, name, models)] for name in names]
+            patterns = [_at(place, each) for place, each in self._senses(query)]
+            if any(True for each in patterns for _ in self._triples(view, models, each)):
+                found[query] = None
+            for subject, _, label in self._labelled(view, query, models):
+                (found if str(label) == query else partly)[str(self._name(subject))] = None
+            return [[name, self._type(view, name, models)] for name in {**found, **partly}]
 
     def label(self, term: str, lang: str | None = None, models: Models = None) -> str:
         """Return the label of a term in a language, else the default one, else the term."""
@@ -252,34 +245,30 @@ class KB:
         with _errors(), self._client.view() as view:
             kind = self._type(view, term, models)
             resource = self._client.resource(view, term)
+
+            def values(*verbs: Any, inverse: bool = False) -> list[str]:
+                found = (
+                    self._name(triple[0 if inverse else 2])
+                    for verb in verbs
+                    for triple in self._triples(
+                        view, models, (None, verb, resource) if inverse else (resource, verb, None)
+                    )
+                )
+                return sorted(set(map(str, found)))
+
+            is_a, sub = rdflib.RDF.type, rdflib.RDFS.subClassOf
             direct = rdflib.URIRef(f"{SEMMAP}directType")
-
-            def values(subject: Any, *verbs: Any, inverse: bool = False) -> list[dict[str, Any]]:
-                ends: dict[Any, None] = {}
-                for model in self._models(models):
-                    for verb in verbs:
-                        pattern = (None, verb, subject) if inverse else (subject, verb, None)
-                        triples = view.triples(pattern, self._client.graph_of(model))
-                        ends |= dict.fromkeys(t[0] if inverse else t[2] for t in triples)
-                return sorted({str(self._name(end)) for end in ends})  # type: ignore[return-value]
-
-            sub = rdflib.RDFS.subClassOf
             attributes: list[tuple[str, str, Any]] = []
             if kind == "class":
+                instances = values(direct, inverse=True) or values(is_a, inverse=True)
                 attributes = [
-                    ("Parents", "superClasses", values(resource, sub)),
-                    ("Children", "subClasses", values(resource, sub, inverse=True)),
-                    (
-                        "Instances",
-                        "instances",
-                        values(resource, direct, inverse=True)
-                        or values(resource, rdflib.RDF.type, inverse=True),
-                    ),
+                    ("Parents", "superClasses", values(sub)),
+                    ("Children", "subClasses", values(sub, inverse=True)),
+                    ("Instances", "instances", instances),
                 ]
             elif kind == "instance":
-                classes = values(resource, direct) or values(resource, rdflib.RDF.type)
-                attributes = [("Classes", "classes", classes)]
-            same = values(resource, rdflib.OWL.sameAs, rdflib.OWL.equivalentClass)
+                attributes = [("Classes", "classes", values(direct) or values(is_a))]
+            same = values(rdflib.OWL.sameAs, rdflib.OWL.equivalentClass)
         labels = self._labels(term, models)
         return {
             "name": labels["default"],
@@ -292,14 +281,13 @@ class KB:
 
     def classesof(self, term: str, direct: bool = False, models: Models = None) -> list[str]:
         """Return the classes of a term; only those that are stated if `direct`."""
-        verbs = ("semmap:directType",) if direct else ()
         found: dict[str, None] = {}
         with _errors():
-            for verb in (*verbs, "rdf:type"):
+            for verb in ("semmap:directType", "rdf:type") if direct else ("rdf:type",):
                 for model in self._models(models):
                     rows = self._client.rows([f"{term} {verb} ?class"], ["?class"], model=model)
                     found |= dict.fromkeys(str(name) for (name,) in rows)
-                if found and direct:
+                if found:
                     break
         return list(found)
 
@@ -359,7 +347,7 @@ class KB:
     def _name(self, term: Any) -> Any:
         return name_of(term, self._client.map_name)
 
-    def _senses(self, view: MapView, name: str) -> Iterator[tuple[int, Term]]:
+    def _senses(self, name: str) -> Iterator[tuple[int, Term]]:
         """Yield places in a triple with what a name stands for there."""
         try:
             (as_subject,) = self._client.parsed(f"{name} rdf:type *")
@@ -377,67 +365,65 @@ class KB:
             if isinstance(term, rdflib.URIRef):
                 yield place, term
 
-    def _labelled(
-        self, view: MapView, text: str, graph: rdflib.URIRef | None
-    ) -> Iterable[tuple[Any, Any, Any]]:
+    def _triples(
+        self, view: MapView, models: Models, pattern: tuple[Any, Any, Any]
+    ) -> Iterator[tuple[Any, Any, Any]]:
+        """Yield the triples of models that match a pattern."""
+        for model in self._models(models):
+            yield from view.triples(pattern, self._client.graph_of(model))
+
+    def _labelled(self, view: MapView, text: str, models: Models) -> Iterator[tuple[Any, Any, Any]]:
         """Yield the labels that have a text, as whole words."""
         words = re.compile(rf"(?<!\w){re.escape(text)}(?!\w)")
-        return (
-            triple
-            for triple in view.triples((None, rdflib.RDFS.label, None), graph)
-            if words.search(str(triple[2]))
-        )
+        triples = self._triples(view, models, (None, rdflib.RDFS.label, None))
+        return (triple for triple in triples if words.search(str(triple[2])))
 
     def _type(self, view: MapView, name: str, models: Models) -> str:
         """Return what kind of term a name is."""
-        graphs = [self._client.graph_of(model) for model in self._models(models)]
-        senses = list(dict.fromkeys(self._senses(view, name)))
         verbs = {"rdf:type": "object_property", "rdfs:label": "datatype_property"}
         if name in verbs:
             return verbs[name]
+        senses = list(dict.fromkeys(self._senses(name)))
+        is_a, sub = rdflib.RDF.type, rdflib.RDFS.subClassOf
         classes = {
-            str(triple[2])
-            for graph in graphs
+            triple[2]
             for place, term in senses
             if place == 0
-            for triple in view.triples((term, rdflib.RDF.type, None), graph)
+            for triple in self._triples(view, models, (term, is_a, None))
         }
-        for kind, iri in (
-            ("object_property", f"{OWL}ObjectProperty"),
-            ("datatype_property", f"{OWL}DatatypeProperty"),
-            ("class", f"{OWL}Class"),
+        for kind, class_ in (
+            ("object_property", rdflib.OWL.ObjectProperty),
+            ("datatype_property", rdflib.OWL.DatatypeProperty),
+            ("class", rdflib.OWL.Class),
         ):
-            if iri in classes:
+            if class_ in classes:
                 return kind
         if classes:
             return "instance"
-        for graph in graphs:
-            for place, term in senses:
-                sub = rdflib.URIRef(f"{RDFS}subClassOf")
-                patterns = ((None, rdflib.RDF.type, term), (None, sub, term), (term, sub, None))
-                if place == 2 and any(any(True for _ in view.triples(p, graph)) for p in patterns):
+        for model, (place, term) in product(self._models(models), senses):
+            if place == 1:
+                for triple in self._triples(view, model, (None, term, None)):
+                    literal = isinstance(triple[2], rdflib.Literal)
+                    return "datatype_property" if literal else "object_property"
+            if place == 2:
+                patterns = ((None, is_a, term), (None, sub, term), (term, sub, None))
+                if any(True for each in patterns for _ in self._triples(view, model, each)):
                     return "class"
-                if place == 1:
-                    for triple in view.triples((None, term, None), graph):
-                        literal = isinstance(triple[2], rdflib.Literal)
-                        return "datatype_property" if literal else "object_property"
         return "undecided"
 
     def _labels(self, term: str, models: Models) -> dict[str, str]:
         labels: dict[str, str] = {}
         with _errors(), self._client.view() as view:
             resource = self._client.resource(view, term)
-            for model in self._models(models):
-                graph = self._client.graph_of(model)
-                for _, _, label in view.triples((resource, rdflib.RDFS.label, None), graph):
-                    labels[getattr(label, "language", None) or "default"] = str(label)
+            for triple in self._triples(view, models, (resource, rdflib.RDFS.label, None)):
+                labels[getattr(triple[2], "language", None) or "default"] = str(triple[2])
         return {"default": labels.get("en", term)} | labels
 
 
-def _first(view: MapView, place: int, term: Term, graph: rdflib.URIRef | None) -> bool:
-    pattern: list[Any] = [None, None, None]
-    pattern[place] = term
-    return any(True for _ in view.triples(tuple(pattern), graph))
+def _at(place: int, term: Term) -> tuple[Any, Any, Any]:
+    """Return the pattern of triples that have a term at a place."""
+    subject, verb, node = (term if i == place else None for i in range(3))
+    return subject, verb, node
 
 
 def _listed(given: Any) -> list[str]:
