@@ -14,7 +14,6 @@ import threading
 from collections import defaultdict
 from collections.abc import AsyncIterator, Callable, Iterator, Mapping
 from contextlib import asynccontextmanager, contextmanager, suppress
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 from urllib.parse import parse_qsl
@@ -68,15 +67,6 @@ MOST_BYTES = 16 * 2**20
 """The most bytes of a request."""
 
 
-@dataclass
-class _Request:
-    """What a client asks for, whatever the way it was sent."""
-
-    kind: str = ""
-    text: str = ""
-    parameters: dict[str, list[str]] = field(default_factory=dict)
-
-
 class _ProtocolError(Exception):
     """A request that is wrong, with the status to answer."""
 
@@ -114,6 +104,7 @@ class SparqlEndpoint:
                 Route("/update", self._sparql, methods=["POST"]),
                 Route("/graph", self._graph, methods=["GET", "HEAD", "PUT", "POST", "DELETE"]),
             ],
+            exception_handlers={_ProtocolError: _failure},
         )
 
     @asynccontextmanager
@@ -122,18 +113,14 @@ class SparqlEndpoint:
         self._idle.close()
 
     async def _sparql(self, request: Request) -> Response:
-        try:
-            asked = await _read(request)
-            role = self._role(request)
-            dataset = _dataset(asked)
-            if asked.kind == "update":
-                if role is None:
-                    raise _ProtocolError(401, "an update needs a token: Authorization: Bearer ...")
-                return await run_in_threadpool(self._update, asked.text, role, dataset)
-            accept = request.headers.get("accept", "*/*")
-            return await run_in_threadpool(self._query, asked.text, role, accept, dataset)
-        except _ProtocolError as error:
-            return _failure(error.status, error.reason)
+        kind, text, dataset = await _read(request)
+        role = self._role(request)
+        if kind == "update":
+            if role is None:
+                raise _ProtocolError(401, "an update needs a token: Authorization: Bearer ...")
+            return await run_in_threadpool(self._update, text, role, dataset)
+        accept = request.headers.get("accept", "*/*")
+        return await run_in_threadpool(self._query, text, role, accept, dataset)
 
     def _query(self, text: str, role: str | None, accept: str, dataset: Chosen | None) -> Response:
         with self._session(role, write=False) as session, _reported():
@@ -149,25 +136,20 @@ class SparqlEndpoint:
         )
 
     async def _graph(self, request: Request) -> Response:
-        try:
-            named = request.query_params.get("graph")
-            if (named is None) == ("default" not in request.query_params):
-                raise _ProtocolError(400, "name a graph: ?graph=IRI or ?default")
-            role = self._role(request)
-            if request.method in ("GET", "HEAD"):
-                accept = request.headers.get("accept", "*/*")
-                return await run_in_threadpool(self._read_graph, named, role, accept)
-            if role is None:
-                raise _ProtocolError(401, "a change needs a token: Authorization: Bearer ...")
-            if named is None and request.method != "POST":
-                raise _ProtocolError(403, "the default graph is the map: it is not replaced")
-            body = await _body(request)
-            kind = request.headers.get("content-type", "text/turtle").split(";")[0].strip()
-            return await run_in_threadpool(
-                self._write_graph, request.method, named, role, body, kind
-            )
-        except _ProtocolError as error:
-            return _failure(error.status, error.reason)
+        named = request.query_params.get("graph")
+        if (named is None) == ("default" not in request.query_params):
+            raise _ProtocolError(400, "name a graph: ?graph=IRI or ?default")
+        role = self._role(request)
+        if request.method in ("GET", "HEAD"):
+            accept = request.headers.get("accept", "*/*")
+            return await run_in_threadpool(self._read_graph, named, role, accept)
+        if role is None:
+            raise _ProtocolError(401, "a change needs a token: Authorization: Bearer ...")
+        if named is None and request.method != "POST":
+            raise _ProtocolError(403, "the default graph is the map: it is not replaced")
+        body = await _body(request)
+        kind = request.headers.get("content-type", "text/turtle").split(";")[0].strip()
+        return await run_in_threadpool(self._write_graph, request.method, named, role, body, kind)
 
     def _read_graph(self, named: str | None, role: str | None, accept: str) -> Response:
         format_ = _chosen(accept, GRAPH_FORMATS)
@@ -180,7 +162,7 @@ class SparqlEndpoint:
                 if (None if graph is None else str(graph)) == named:
                     dataset.default_graph.add((s, p, o))
         if named is not None and not len(dataset.default_graph):
-            return _failure(404, f"there is no graph <{named}>")
+            raise _ProtocolError(404, f"there is no graph <{named}>")
         return Response(serialized(dataset, GRAPH_FORMATS[format_]), media_type=format_)
 
     def _write_graph(
@@ -207,7 +189,7 @@ class SparqlEndpoint:
                     ).rowcount
                 FactWriter(view).insert(new)
         if method == "DELETE" and not gone:
-            return _failure(404, f"there is no graph <{named}>")
+            raise _ProtocolError(404, f"there is no graph <{named}>")
         return Response(status_code=204 if method == "DELETE" or gone else 201)
 
     def _role(self, request: Request) -> str | None:
@@ -324,11 +306,10 @@ async def _body(request: Request) -> bytes:
     return b"".join(parts)
 
 
-async def _read(request: Request) -> _Request:
-    """Read a request in each of the ways that the protocol has (sections 2.1 and 2.2)."""
+async def _read(request: Request) -> tuple[str, str, Chosen | None]:
+    """Return kind, text and graphs of a request, however it was sent (sections 2.1 and 2.2)."""
     pairs = list(request.query_params.multi_items())
     kind = request.headers.get("content-type", "").split(";")[0].strip().lower()
-    asked = _Request()
     if request.method == "POST":
         try:
             body = (await _body(request)).decode()
@@ -344,15 +325,13 @@ async def _read(request: Request) -> _Request:
                 "send application/sparql-query, application/sparql-update or "
                 "application/x-www-form-urlencoded",
             )
-    for name, value in pairs:
-        asked.parameters.setdefault(name, []).append(value)
-    texts = [(n, v) for n in ("query", "update") for v in asked.parameters.get(n, ())]
+    texts = [(name, value) for name, value in pairs if name in _DATASETS]
     if len(texts) != 1:
         raise _ProtocolError(400, "give one query, or one update")
-    ((asked.kind, asked.text),) = texts
-    if asked.kind == "update" and request.method != "POST":
+    ((kind, text),) = texts
+    if kind == "update" and request.method != "POST":
         raise _ProtocolError(405, "send an update by POST")
-    return asked
+    return kind, text, _dataset(kind, pairs)
 
 
 _DATASETS = {
@@ -361,17 +340,17 @@ _DATASETS = {
 }
 
 
-def _dataset(asked: _Request) -> Chosen | None:
+def _dataset(of: str, pairs: list[tuple[str, str]]) -> Chosen | None:
     """Return the graphs that a request chooses (sections 2.1.4 and 2.2.3); None for the map."""
+    given = {name for name, _ in pairs}
     for kind, names in _DATASETS.items():
-        for name in names:
-            if kind != asked.kind and name in asked.parameters:
-                raise _ProtocolError(400, f"{name} is not a parameter of a {asked.kind}")
-    chosen = [tuple(asked.parameters.get(name, ())) for name in _DATASETS[asked.kind]]
-    for iri in (*chosen[0], *chosen[1]):
+        for name in given.intersection(names) if kind != of else ():
+            raise _ProtocolError(400, f"{name} is not a parameter of a {of}")
+    default, named = (tuple(v for n, v in pairs if n == name) for name in _DATASETS[of])
+    for iri in (*default, *named):
         if not _IRI.fullmatch(iri):
             raise _ProtocolError(400, f"{iri!r} is not the IRI of a graph")
-    return Chosen(*chosen) if any(chosen) else None
+    return Chosen(default, named) if default or named else None
 
 
 def _chosen(accept: str, known: Mapping[str, Any]) -> str:
@@ -418,9 +397,10 @@ def _reported() -> Iterator[None]:
         raise _ProtocolError(400, error.diag.message_primary or str(error)) from error
 
 
-def _failure(status: int, reason: str) -> Response:
-    headers = {"WWW-Authenticate": "Bearer"} if status == 401 else {}
-    return PlainTextResponse(reason + "\n", status_code=status, headers=headers)
+async def _failure(_: Request, error: Exception) -> Response:
+    assert isinstance(error, _ProtocolError)
+    headers = {"WWW-Authenticate": "Bearer"} if error.status == 401 else {}
+    return PlainTextResponse(error.reason + "\n", status_code=error.status, headers=headers)
 
 
 class IdleSessions:
