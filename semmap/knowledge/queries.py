@@ -142,8 +142,7 @@ def _made(
         return Answer("ASK", truth=bool(found), **about)
     graph = _empty_graph(map_name)
     for row in found:
-        for triple in filled(_template(parsed), dict(zip(names, row, strict=True))):
-            graph.add(triple)
+        graph += filled(_template(parsed), dict(zip(names, row, strict=True)))
     return Answer("CONSTRUCT", graph=graph, **about)
 
 
@@ -208,8 +207,7 @@ def _described(view: MapView, parsed: ParsedText, most: int) -> Answer:
             found |= dict.fromkeys(t for t in row if isinstance(t, rdflib.URIRef))
     graph = _empty_graph(view.name)
     for resource in found:
-        for triple in view.triples((resource, None, None)):
-            graph.add(triple)
+        graph += view.triples((resource, None, None))
     return Answer("DESCRIBE", graph=graph, explanation=tuple(view.statements))
 
 

@@ -305,8 +305,7 @@ def _report(view: MapView, report: rdflib.Graph) -> Iterable[Violation]:
     for result in report.subjects(RDF.type, SH.ValidationResult):
         path = report.value(result, SH.resultPath)
         if isinstance(path, rdflib.BNode):
-            inverse = report.value(path, SH.inversePath)
-            path = None if inverse is None else inverse
+            path = report.value(path, SH.inversePath)
         severity = str(report.value(result, SH.resultSeverity)).rsplit("#", 1)[-1].lower()
         messages = sorted(map(str, report.objects(result, SH.resultMessage)))
         value = report.value(result, SH.value)
@@ -323,8 +322,7 @@ def _report(view: MapView, report: rdflib.Graph) -> Iterable[Violation]:
 def _whole(view: MapView, properties: frozenset[rdflib.URIRef] | None) -> rdflib.Graph:
     graph = rdflib.Graph()
     for verb in properties or [None]:
-        for triple in view.triples((None, verb, None)):
-            graph.add(triple)
+        graph += view.triples((None, verb, None))
     return graph
 
 
@@ -345,15 +343,13 @@ def _around(
             *_facts(view, new, properties, "s"),
             *_facts(view, {n for n in new if inverse}, inverse, "o"),
         ]
-        for triple in found:
-            graph.add(triple)
+        graph += found
         new = {t for s, p, o in found if p not in (RDF.type, RDFS.subClassOf) for t in (s, o)}
         new = {t for t in new - done if isinstance(t, rdflib.URIRef)}
         if not new:
             break
     # The classes of the nodes, for targets.
-    for triple in view.triples((None, RDFS.subClassOf, None)):
-        graph.add(triple)
+    graph += view.triples((None, RDFS.subClassOf, None))
     return graph
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
@@ -23,13 +23,16 @@ class _Node:
 
     @cached_property
     def variables(self) -> Variables:
-        """The variables that a pattern may bind or an expression reads: those of its parts."""
-        found: Variables = frozenset()
+        """The variables that a pattern may bind or an expression reads: its own, and its parts'."""
+        found = frozenset(self._own())
         for value in vars(self).values():
             for part in value if isinstance(value, tuple) else (value,):
                 if isinstance(part, _Node):
                     found |= part.variables
         return found
+
+    def _own(self) -> Iterable[str]:
+        return ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,10 +50,8 @@ class VariableValue(Expression):
 
     name: str
 
-    @cached_property
-    def variables(self) -> Variables:
-        """The variable."""
-        return frozenset({self.name})
+    def _own(self) -> Iterable[str]:
+        return (self.name,)
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,10 +112,8 @@ class Bound(Expression):
 
     name: str
 
-    @cached_property
-    def variables(self) -> Variables:
-        """The variable."""
-        return frozenset({self.name})
+    def _own(self) -> Iterable[str]:
+        return (self.name,)
 
 
 @dataclass(frozen=True, eq=False)
@@ -144,11 +143,9 @@ class TriplePattern(_Node):
     # a variable that gets the object, too; for an object that is a constant
     object_variable: str | None = None
 
-    @cached_property
-    def variables(self) -> Variables:
-        """All variables that it binds."""
+    def _own(self) -> Iterable[str]:
         sides = (self.subject, self.object, self.object_variable)
-        return frozenset(side for side in sides if isinstance(side, str))
+        return (side for side in sides if isinstance(side, str))
 
 
 @dataclass(frozen=True, eq=False)
@@ -212,10 +209,8 @@ class Extend(_Node):
     name: str
     value: Expression
 
-    @cached_property
-    def variables(self) -> Variables:
-        """The variables of the pattern and the new one."""
-        return self.of.variables | {self.name}
+    def _own(self) -> Iterable[str]:
+        return (self.name,)
 
 
 @dataclass(frozen=True, eq=False)
@@ -227,10 +222,8 @@ class InlineData(_Node):
     values: Mapping[str, tuple[Any, ...]]
     kinds: Mapping[str, ValueKind]  # for each variable the kind of its values
 
-    @cached_property
-    def variables(self) -> Variables:
-        """The variables that are bound somewhere."""
-        return frozenset(self.values)
+    def _own(self) -> Iterable[str]:
+        return self.values
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,7 +14,7 @@ from rdflib.plugins.sparql.parserutils import CompValue
 from semmap.knowledge.mapping import DATATYPES
 from semmap.knowledge.sparql.constants import tag_and_text
 from semmap.knowledge.sparql.geosparql import FUNCTIONS, geometry_of, within_distance
-from semmap.knowledge.sparql.relation import UNBOUND, in_form, union_form
+from semmap.knowledge.sparql.relation import SQL_TYPES, UNBOUND, in_form, union_form
 from semmap.knowledge.sparql.values import (
     NUMERIC,
     are_disjoint,
@@ -97,7 +97,7 @@ class Expressions:
         }
         form, known = forms.get(tag, ("term", None))
         if form != "term" and known is not None:
-            return Value(form, self.bind(known, SQL_OF[form]))
+            return Value(form, self.bind(known, SQL_TYPES[form]))
         if tag == DATATYPES["time"] and python is not None:
             moment = python if python.tzinfo else python.replace(tzinfo=UTC)
             return Value("time", self.bind(moment, "timestamptz"))
@@ -168,28 +168,18 @@ class Expressions:
     def _arguments(self, tree: Any, seen: Environment, *names: str) -> list[Value]:
         return [self.value(tree[name], seen) for name in names if getattr(tree, name) is not None]
 
-    def _of_ConditionalAndExpression(self, tree: Any, seen: Environment) -> Value:
+    def _logical(self, tree: Any, seen: Environment, operator: str) -> Value:
         parts = [self.condition(each, seen) for each in (tree.expr, *tree.other)]
-        return Value("boolean", f"({' AND '.join(parts)})")
-
-    def _of_ConditionalOrExpression(self, tree: Any, seen: Environment) -> Value:
-        parts = [self.condition(each, seen) for each in (tree.expr, *tree.other)]
-        return Value("boolean", f"({' OR '.join(parts)})")
+        return Value("boolean", f"({operator.join(parts)})")
 
     def _of_UnaryNot(self, tree: Any, seen: Environment) -> Value:
         return Value("boolean", f"(NOT {self.condition(tree.expr, seen)})")
 
-    def _of_TrueFilter(self, tree: Any, seen: Environment) -> Value:
-        return Value("boolean", "true")
-
     def _of_BOUND(self, tree: Any, seen: Environment) -> Value:
         return Value("boolean", f"({self.value(tree.arg, seen).sql} IS NOT NULL)")
 
-    def _of_EXISTS(self, tree: Any, seen: Environment) -> Value:
-        return Value("boolean", self.exists(tree.graph, seen))
-
-    def _of_NOTEXISTS(self, tree: Any, seen: Environment) -> Value:
-        return Value("boolean", f"(NOT {self.exists(tree.graph, seen)})")
+    def _existing(self, tree: Any, seen: Environment, sql: str) -> Value:
+        return Value("boolean", sql.format(self.exists(tree.graph, seen)))
 
     def _of_IF(self, tree: Any, seen: Environment) -> Value:
         test = self.condition(tree.arg1, seen)
@@ -268,7 +258,7 @@ class Expressions:
             form = max(a.form, b.form, key=NUMERIC.index)
             if operator == "/" and form == "integer":
                 form = "decimal"
-            x, y = (f"({v.sql})::{SQL_OF[form]}" for v in (a, b))
+            x, y = (f"({v.sql})::{SQL_TYPES[form]}" for v in (a, b))
             if operator == "/":
                 y = f"nullif({y}, 0)"
             return Value(form, f"({x} {operator} {y})")
@@ -493,7 +483,7 @@ class Expressions:
                 converted = f"trunc(({converted})::numeric)"
             if form == "boolean":
                 return Value("boolean", self._boolean(value))
-            return Value(form, f"({converted})::{SQL_OF[form]}")
+            return Value(form, f"({converted})::{SQL_TYPES[form]}")
         if value.form == "term" and form != "time":
             return Value(form, self._cast_term(value, form, sql))
         if value.form in ("string", "term"):
@@ -508,10 +498,10 @@ class Expressions:
             return f"(CASE WHEN is_numeric_tag({value.tag}) THEN {ebv} ELSE {written} END)"
         if form == "integer":
             number = f"trunc({number})"
-        truth = f"text_boolean({value.sql})::int::{SQL_OF[form]}"
+        truth = f"text_boolean({value.sql})::int::{SQL_TYPES[form]}"
         return (
             f"(CASE WHEN {value.tag} = '{XSD}boolean' THEN {truth} "
-            f"ELSE coalesce({written}, {number}::{SQL_OF[form]}) END)"
+            f"ELSE coalesce({written}, {number}::{SQL_TYPES[form]}) END)"
         )
 
 
@@ -541,6 +531,10 @@ _ROWS: Mapping[str, tuple[Callable[[Expressions, Any, Environment, str], Value],
         name: (_BY_KINDS[*function.arguments, function.result], SHARED[name])
         for name, function in SPARQL_FUNCTIONS.items()
     },
+    "ConditionalAndExpression": (Expressions._logical, " AND "),
+    "ConditionalOrExpression": (Expressions._logical, " OR "),
+    "EXISTS": (Expressions._existing, "{}"),
+    "NOTEXISTS": (Expressions._existing, "(NOT {})"),
     "UnaryMinus": (Expressions._signed, "-"),
     "UnaryPlus": (Expressions._signed, "+"),
     "isIRI": (Expressions._tagged, "{0} = 'I'"),
@@ -564,19 +558,11 @@ _ROWS: Mapping[str, tuple[Callable[[Expressions, Any, Environment, str], Value],
 """By rdflib's names: what translates a function, and its SQL."""
 
 _WITHOUT_ARGUMENTS: Mapping[str, Value] = {
+    "TrueFilter": Value("boolean", "true"),
     "NOW": Value("time", "now()"),
     "RAND": Value("double", "random()"),
     "STRUUID": Value("string", "gen_random_uuid()::text"),
     "UUID": Value("term", "('urn:uuid:' || gen_random_uuid())", "'I'::text"),
-}
-
-SQL_OF = {
-    "string": "text",
-    "integer": "numeric",
-    "decimal": "numeric",
-    "double": "double precision",
-    "boolean": "boolean",
-    "time": "timestamptz",
 }
 
 CASTS: Mapping[str, tuple[str, str, tuple[str, ...]]] = {

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 
 from semmap.knowledge.mapping import TRIPLES
-from semmap.knowledge.sparql.values import Parameters, are_disjoint, as_term, encoded, is_null, same
+from semmap.knowledge.sparql.values import Parameters, are_disjoint, as_term, encoded, same
 from semmap.knowledge.triple_map import Form, Value
 
 UNBOUND = Value("term", "NULL::text", "NULL::text")
@@ -59,19 +59,14 @@ class Rows:
             if nullable:
                 self.nullable.add(name)
             return
-        condition = same(known, value, namespace)
-        if name in self.nullable or nullable:
-            nulls = [
-                is_null(v) for v, n in ((known, name in self.nullable), (value, nullable)) if n
-            ]
-            condition = f"({' OR '.join([*nulls, condition])})"
-            if name in self.nullable:
-                self.variables[name] = _first(known, value, namespace) if nullable else value
-                if not nullable:
-                    self.nullable.discard(name)
-        elif known.form in ("term", "iri") and value.form != "term":
+        maybe = [known] * (name in self.nullable) + [value] * nullable
+        self.where.append(unless_null(same(known, value, namespace), *maybe))
+        if name in self.nullable:
+            self.variables[name] = either(known, value, namespace) if nullable else value
+            if not nullable:
+                self.nullable.discard(name)
+        elif not nullable and known.form in ("term", "iri") and value.form != "term":
             self.variables[name] = value
-        self.where.append(condition)
 
     def join(self, other: Rows, namespace: str) -> None:
         """Join other solutions to these; their tables may refer to these tables."""
@@ -148,12 +143,17 @@ def _cast(value: Value) -> Value:
     return Value(value.form, f"({value.sql})::{type_}", value.tag)
 
 
-def _first(a: Value, b: Value, namespace: str) -> Value:
+def either(a: Value, b: Value, namespace: str) -> Value:
     """Return a where it is bound, else b."""
-    if a.form == b.form and a.form != "term":
-        return Value(a.form, f"coalesce({a.sql}, {b.sql})")
-    a, b = as_term(a, namespace), as_term(b, namespace)
-    return Value("term", f"coalesce({a.sql}, {b.sql})", f"coalesce({a.tag}, {b.tag})")
+    form = union_form([a, b])
+    columns = zip(*(in_form(value, form, namespace).columns() for value in (a, b)), strict=True)
+    return Value.of_columns(form, (f"coalesce({x}, {y})" for x, y in columns))
+
+
+def unless_null(condition: str, *values: Value) -> str:
+    """Return a condition that also holds where one of some values is not bound."""
+    nulls = [f"{value.sql} IS NULL" for value in values]
+    return f"({' OR '.join([*nulls, condition])})" if nulls else condition
 
 
 def can_join(form: Form, others: Iterable[Form]) -> bool:

@@ -18,11 +18,13 @@ from semmap.knowledge.sparql.geosparql import AGGREGATES, geometry_of
 from semmap.knowledge.sparql.relation import (
     UNBOUND,
     Rows,
+    either,
     entity_iri,
     in_form,
     renamed,
     union,
     union_form,
+    unless_null,
 )
 from semmap.knowledge.sparql.scope import MapGraph, PatternScope
 from semmap.knowledge.sparql.solution_counts import count_solutions
@@ -186,14 +188,8 @@ class _Translator(TriplePatterns):
         rows.nullable = (both.variables.keys() - left.variables.keys()) | left.nullable
         for name in left.nullable & right.variables.keys():
             a, b = left.variables[name], right.variables[name]
-            rows.variables[name] = self._either(a, b)
+            rows.variables[name] = either(a, b, self.namespace)
         return rows
-
-    def _either(self, a: Value, b: Value) -> Value:
-        form = union_form([a, b])
-        x, y = (in_form(v, form, self.namespace) for v in (a, b))
-        columns = zip(x.columns(), y.columns(), strict=True)
-        return Value.of_columns(form, (f"coalesce({p}, {q})" for p, q in columns))
 
     def _rows_Minus(self, node: Any, scope: PatternScope) -> Rows:
         left = self.rows(node.p1, scope)
@@ -205,9 +201,8 @@ class _Translator(TriplePatterns):
         conditions, both = [], []
         for name in shared:
             a, b = left.variables[name], right.variables[name]
-            condition = same(a, b, self.namespace)
-            nulls = [is_null(v) for v, rows in ((a, left), (b, right)) if name in rows.nullable]
-            conditions.append(f"({' OR '.join([*nulls, condition])})" if nulls else condition)
+            maybe = [v for v, rows in ((a, left), (b, right)) if name in rows.nullable]
+            conditions.append(unless_null(same(a, b, self.namespace), *maybe))
             both.append(f"({a.sql} IS NOT NULL AND {b.sql} IS NOT NULL)")
         if all(name in left.nullable or name in right.nullable for name in shared):
             conditions.append(f"({' OR '.join(both)})")
@@ -223,9 +218,8 @@ class _Translator(TriplePatterns):
         rows = self.rows(self._translated(graph), replace(inner, bindings={}))
         for name in [n for n in rows.variables if n in seen]:
             value, known = rows.variables[name], seen[name]
-            condition = same(value, known, self.namespace)
-            nulls = [is_null(known)] + ([is_null(value)] if name in rows.nullable else [])
-            rows.where.append(f"({' OR '.join([*nulls, condition])})")
+            maybe = [known, value] if name in rows.nullable else [known]
+            rows.where.append(unless_null(same(value, known, self.namespace), *maybe))
         return f"EXISTS ({rows.select(())})"
 
     def _translated(self, graph: Any) -> Any:
@@ -356,9 +350,7 @@ class _Translator(TriplePatterns):
         text = text_of(value, self.namespace)
         if value.form != "term":
             return [f'{text} COLLATE "C"{end}']
-        rank = f"CASE {value.tag} WHEN 'B' THEN 1 WHEN 'I' THEN 2 ELSE 3 END"
-        number = f"rdf_number({value.sql}, {value.tag})"
-        return [rank + end, number + end, f'{text} COLLATE "C"{end}']
+        return [key + end for key in _order_keys(value)]
 
     def _rows_Group(self, node: Any, scope: PatternScope) -> Rows:
         raise UntranslatedError("a group without aggregates has no translation to SQL", node)
@@ -461,9 +453,7 @@ class _Translator(TriplePatterns):
             return Value("boolean", f"{both}({value.sql})")
         term = as_term(value, self.namespace)
         end = "DESC NULLS LAST" if call == "max" else "NULLS LAST"
-        rank = f"CASE {term.tag} WHEN 'B' THEN 1 WHEN 'I' THEN 2 ELSE 3 END"
-        keys = (rank, f"rdf_number({term.sql}, {term.tag})", f'{term.sql} COLLATE "C"')
-        order = ", ".join(f"{key} {end}" for key in keys)
+        order = ", ".join(f"{key} {end}" for key in _order_keys(term))
         known = f"FILTER (WHERE {term.sql} IS NOT NULL)"
         text = f"(array_agg({term.sql} ORDER BY {order}) {known})[1]"
         return Value("term", text, f"(array_agg({term.tag} ORDER BY {order}) {known})[1]")
@@ -472,6 +462,12 @@ class _Translator(TriplePatterns):
         known = f"FILTER (WHERE {value.sql} IS NOT NULL)"
         columns = [f"(array_agg({sql}) {known})[1]" for sql in value.columns()]
         return Value.of_columns(value.form, columns)
+
+
+def _order_keys(term: Value) -> tuple[str, ...]:
+    """Return the keys by which terms are in order: blank nodes, IRIs, then literals."""
+    rank = f"CASE {term.tag} WHEN 'B' THEN 1 WHEN 'I' THEN 2 ELSE 3 END"
+    return rank, f"rdf_number({term.sql}, {term.tag})", f'{term.sql} COLLATE "C"'
 
 
 _ALIVE = "({0}.until IS NULL OR {0}.until > statement_timestamp())"
