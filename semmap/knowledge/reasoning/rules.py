@@ -10,8 +10,17 @@ from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from functools import partial
 
-from semmap.knowledge.reasoning.closure import FactIndex, close_all, one_step
-from semmap.knowledge.reasoning.engine import SAME_AS, TYPE_OF, Node, Rule, RuleSet, Triple, Var
+from semmap.knowledge.reasoning.engine import (
+    SAME_AS,
+    TYPE_OF,
+    Facts,
+    Node,
+    Rule,
+    RuleSet,
+    Triple,
+    Var,
+    close,
+)
 from semmap.knowledge.vocabulary import OWL, RDF, RDFS, SEMMAP
 
 CONTRADICTION = f"{SEMMAP}contradiction"
@@ -129,7 +138,7 @@ def compile_rules(
     `single` property are entities or literals, so that two are never one resource. `same`: with the
     rules of equality; None: if a rule infers ``owl:sameAs``.
     """
-    facts = FactIndex()
+    facts = Facts()
     given = set(axioms)
     for fact in given:
         facts.add(fact)
@@ -157,37 +166,31 @@ def compile_rules(
     properties = frozenset(atom[1] for atom in heads_and_bodies) - {CONTRADICTION}
     rules += (
         Rule("table 9", (), f, "axioms about classes and properties")
-        for f in facts.triples()
+        for f in facts.all()
         if f not in given and f[0] != f[2] and (f[0], f[2]) not in built_in
     )
     return Compiled(RuleSet(rules), classes, heads, None if everything else properties)
 
 
-def _lists(facts: FactIndex, name: str) -> Iterator[tuple[Node, list[Node]]]:
+def _lists(facts: Facts, name: str) -> Iterator[tuple[Node, list[Node]]]:
     """Yield the subjects of a property of lists, with the members."""
-    firsts, rests = (facts.by(f"{RDF}{part}", 0) for part in ("first", "rest"))
-    for subject, node in sorted(facts.rows.get(_owl(name), ()), key=str):
+    for subject, _, node in sorted(facts.match(None, _owl(name), None), key=str):
         items: list[Node] = []
         seen = set()
         while node != f"{RDF}nil" and node not in seen:
             seen.add(node)
-            items += firsts.get(node, ())
-            node = next(iter(rests.get(node, ())), f"{RDF}nil")
+            items += (first for _, _, first in facts.match(node, f"{RDF}first", None))
+            rests = [rest for _, _, rest in facts.match(node, f"{RDF}rest", None)]
+            node = rests[0] if rests else f"{RDF}nil"
         yield subject, items
 
 
-def _steps(facts: FactIndex, given: set[Triple]) -> set[Triple]:
+def _steps(facts: Facts, given: set[Triple]) -> set[Triple]:
     """Close axioms under table 9; return the subsumptions that are not mere chains of others."""
-    close_all(facts, RuleSet(SCHEMA_RULES))
+    close(facts, RuleSet(SCHEMA_RULES), list(facts.all()))
     others = RuleSet(r for r in SCHEMA_RULES if r.name not in _CHAINS)
-    steps: set[Triple] = {
-        (a, rule.head[1], b)
-        for rule, rows in one_step(facts, others)
-        if rule.head[1] in (SUB, SUB_PROPERTY)
-        for a, b in rows
-        if a != b
-    }
-    return steps - given
+    steps = {head for fact in facts.all() for _, head in others.consequences(facts, fact)}
+    return {f for f in steps - given if f[1] in (SUB, SUB_PROPERTY) and f[0] != f[2]}
 
 
 def _same_as() -> Iterator[Rule]:
@@ -204,7 +207,7 @@ class _Compiler:
 
     def __init__(
         self,
-        facts: FactIndex,
+        facts: Facts,
         show: Callable[[Node], str],
         direct: set[Triple],
         built_in: frozenset[tuple[Node, Node]],
@@ -213,7 +216,7 @@ class _Compiler:
         self._facts, self._show, self._direct = facts, show, direct
         self._built_in, self._single = built_in, single
         self._pairs: defaultdict[Node, list[tuple[Node, Node]]] = defaultdict(list)
-        for subject, verb, node in sorted(facts.triples(), key=str):
+        for subject, verb, node in sorted(facts.all(), key=str):
             self._pairs[verb].append((subject, node))
 
     def rules(self) -> Iterator[Rule]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import time
 from dataclasses import dataclass
 from typing import Any
@@ -9,10 +10,13 @@ from typing import Any
 from semmap.knowledge.map_view import MapView
 from semmap.knowledge.queries import limited
 from semmap.knowledge.reasoning.axioms import OntologyAxioms
-from semmap.knowledge.reasoning.changes import Changed, consider
-from semmap.knowledge.reasoning.first_run import first_run
-from semmap.knowledge.reasoning.store import Stored
+from semmap.knowledge.reasoning.engine import SAME_AS, TYPE_OF, close, retract
+from semmap.knowledge.reasoning.store import Stored, StoredFacts
+from semmap.knowledge.reasoning.told_facts import DIRECT_TYPE, KIND, told_facts
 from semmap.knowledge.sparql.kept_queries import Session
+
+MANY = 5_000
+"""From so many changed entities on, all facts are read again."""
 
 
 @dataclass(frozen=True)
@@ -70,9 +74,9 @@ def refresh(view: MapView, *, complete: bool = False) -> Reasoned | None:
     changed = None
     if ontology.is_of(state) and not complete:
         changed = Changed.since(view, cursor, at)
-    done = None if changed is None else consider(view, ontology, changed)
+    done = None if changed is None else _consider(view, ontology, changed)
     if done is None:
-        ontology, done = first_run(view, ontology)
+        ontology, done = _first_run(view, ontology)
     counts = _note(view, ontology, news, done)
     return Reasoned(
         done.added.total(),
@@ -112,3 +116,105 @@ def _note(
     ).fetchone()
     assert row is not None
     return row[0], row[1]
+
+
+@dataclass(frozen=True)
+class Changed:
+    """What changed: the ids of entities, and whether other facts did."""
+
+    ids: frozenset[int]
+    others: bool
+
+    @classmethod
+    def since(cls, view: MapView, cursor: str, at: Any) -> Changed | None:
+        """Return what changed since a run; None where it is not known, or too much."""
+        row = view.session.execute("SELECT reaches_back(%s)", (cursor,)).fetchone()
+        if row is None or not row[0]:
+            return None
+        ids: set[int] = set()
+        others = False
+        for what, entities in view.session.execute(
+            "SELECT what, entities FROM changes_since(%s) WHERE map_id = %s", (cursor, view.number)
+        ):
+            others |= what in ("statement", "removed")
+            ids.update(entities)
+        for pair in view.session.execute(
+            "SELECT subject_id, object_id FROM statement WHERE map_id = %s AND until > %s "
+            "AND until <= statement_timestamp()",
+            (view.number, at),
+        ):
+            others = True
+            ids.update(each for each in pair if each is not None)
+        return None if len(ids) > MANY else cls(frozenset(ids), others)
+
+
+def _consider(view: MapView, ontology: OntologyAxioms, changed: Changed) -> Stored | None:
+    """Store what follows from changed facts, and remove what does not; None: equality is new."""
+    facts, compiled = StoredFacts(view, ontology), ontology.rules
+    if not changed.ids and not changed.others:
+        return Stored()
+    wanted = compiled.classes | compiled.heads
+    old = facts.read_told(changed.ids, others=changed.others)
+    new = set(
+        told_facts(
+            view,
+            ontology.hierarchy,
+            compiled.properties,
+            wanted,
+            changed.ids,
+            others=changed.others,
+        )
+    )
+    facts.need_subjects({fact[0] for fact in old ^ new})
+    typed = {f[0] for f in old ^ new if f[1] in (DIRECT_TYPE, KIND)}
+    types = {entity: facts.types_of(entity) for entity in typed}
+    gone = old - new
+    come = [fact for fact in new - old if fact not in facts]
+    for fact in gone:
+        facts.untell(fact)
+        if fact[1] in (DIRECT_TYPE, KIND):
+            facts.remove(fact)
+    for fact in new - old:
+        facts.add(fact, told=True)
+    lost = {(e, TYPE_OF, c) for e in typed for c in types[e] - facts.types_of(e)}
+    won = [(e, TYPE_OF, c) for e in typed for c in facts.types_of(e) - types[e]]
+    for fact in won:
+        facts.touch(fact)
+    retract(facts, compiled.rules, gone | lost)
+    close(facts, compiled.rules, [*come, *won])
+    if not ontology.equality and facts.infers(SAME_AS):
+        return None
+    return facts.store()
+
+
+def _first_run(view: MapView, ontology: OntologyAxioms) -> tuple[OntologyAxioms, Stored]:
+    """Store all that follows from the facts of a map; return the rules that were needed, too.
+
+    The rules of equality are about all facts, and are left out as long as nothing is the same.
+    """
+    view.session.execute("DELETE FROM inference WHERE map_id = %s", (view.number,))
+    ontology = ontology.with_equality(view, False)
+    facts = _closed(view, ontology)
+    if not ontology.equality and facts.infers(SAME_AS):
+        ontology = ontology.with_equality(view, True)
+        facts = _closed(view, ontology)
+    done = facts.store()
+    if done.added.total() > 1_000:
+        view.session.execute("ANALYZE inference")  # skipped where another role owns the table
+    return ontology, done
+
+
+def _closed(view: MapView, ontology: OntologyAxioms) -> StoredFacts:
+    """Return the facts of a map, with all that follows from them."""
+    facts, rules = StoredFacts(view, ontology, empty=True), ontology.rules
+    wanted = rules.classes | rules.heads
+    for fact in told_facts(view, ontology.hierarchy, rules.properties, wanted):
+        facts.add(fact, told=True)
+    for fact in rules.stated():
+        facts.add(fact)
+    gc.disable()  # facts have no cycles, and looking for some takes long
+    try:
+        close(facts, rules.rules, list(facts.all()))
+    finally:
+        gc.enable()
+    return facts

@@ -49,6 +49,8 @@ class StoredFacts(Facts):
 
     def need_subjects(self, subjects: Iterable[Node]) -> None:
         """Read the facts of several subjects at once."""
+        if self._empty:
+            return
         new = {s for s in subjects if s not in self._seen}
         self._seen |= new
         ids = [s for s in new if isinstance(s, int)]

@@ -10,7 +10,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from rdflib import OWL, RDFS
 
-from semmap.knowledge.reasoning.closure import FactIndex, close_all
 from semmap.knowledge.reasoning.engine import (
     TYPE_OF,
     Facts,
@@ -151,19 +150,3 @@ def test_inferences_are_those_of_owlrl(axioms: list[str], stated: list[str]) -> 
     found = set(facts.all()) | parsed(text)
     assert plain(found) == plain(expected)
     assert any(fact[1] == CONTRADICTION for fact in found) == clash
-
-
-@settings(max_examples=60, deadline=None)
-@given(axioms=sentences(AXIOMS, 7), stated=sentences(STATED[:-2], 9))
-def test_relations_close_as_facts_do(axioms: list[str], stated: list[str]) -> None:
-    everything = parsed("\n".join(axioms + stated))
-    given_axioms = {fact for fact in everything if is_axiom(fact)}
-    told = everything - given_axioms
-    compiled = compile_rules(given_axioms, same=False)
-    relations = FactIndex()
-    for fact in told:
-        relations.add(fact)
-    added = set(close_all(relations, compiled.rules).triples())
-    expected = set(materialised(told, compiled).all())
-    assert set(relations.triples()) == expected
-    assert added == expected - told

@@ -23,9 +23,8 @@ import semmap
 from semmap import Map
 from semmap.knowledge.queries import query
 from semmap.knowledge.rdf_file import read_facts
-from semmap.knowledge.reasoning.changes import Changed
 from semmap.knowledge.reasoning.explanations import contradictions, why
-from semmap.knowledge.reasoning.runs import forget, reason
+from semmap.knowledge.reasoning.runs import Changed, forget, reason
 from semmap.knowledge.updates import update
 from semmap.language.error import QueryError
 from tests import command_line
