@@ -182,7 +182,6 @@ def _values(
 
 
 def _local(iri: str) -> str:
-    """The last part of an IRI."""
     return iri.rstrip("/#").replace("#", "/").rpartition("/")[2] or iri
 
 

@@ -328,7 +328,6 @@ def _fact(pattern: ClientPattern, graph: rdflib.URIRef | None) -> Fact:
 
 
 def _matching(view: MapView, pattern: ClientPattern, graph: rdflib.URIRef | None) -> Iterator[Fact]:
-    """Yield the facts that a pattern stands for."""
     names = [str(t) for t in pattern.terms if isinstance(t, (rdflib.Variable, rdflib.BNode))]
     if not isinstance(pattern.verb, (rdflib.URIRef, rdflib.Variable, rdflib.BNode)):
         raise ValueError(f"{pattern.verb.n3()}: a path is not stated: name a property")
@@ -359,7 +358,6 @@ def _replaced(view: MapView, fact: Fact) -> Iterator[Fact]:
 
 @contextmanager
 def _refusals() -> Iterator[None]:
-    """Report what the server does not allow."""
     try:
         yield
     except DENIED as error:

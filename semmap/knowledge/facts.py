@@ -231,7 +231,6 @@ class FactWriter:
         return self._type_iris[name]
 
     def _columns(self, fact: Fact, iri: str) -> dict[str, Any]:
-        """Return the columns of a statement."""
         subject, object_ = self._entity(fact.subject), self._entity(fact.object)
         text, tag = tag_and_text(fact.object)
         if isinstance(fact.object, (rdflib.BNode, rdflib.URIRef)):

@@ -368,7 +368,6 @@ class KB:
     def _triples(
         self, view: MapView, models: Models, pattern: tuple[Any, Any, Any]
     ) -> Iterator[tuple[Any, Any, Any]]:
-        """Yield the triples of models that match a pattern."""
         for model in self._models(models):
             yield from view.triples(pattern, self._client.graph_of(model))
 
@@ -379,7 +378,6 @@ class KB:
         return (triple for triple in triples if words.search(str(triple[2])))
 
     def _type(self, view: MapView, name: str, models: Models) -> str:
-        """Return what kind of term a name is."""
         verbs = {"rdf:type": "object_property", "rdfs:label": "datatype_property"}
         if name in verbs:
             return verbs[name]

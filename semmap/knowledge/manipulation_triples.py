@@ -64,7 +64,6 @@ def _typed(
 
 
 def _kinds() -> Iterator[TripleMap]:
-    """Yield the classes of devices, shapes and actions."""
     for kind in ("robot", "gripper", "sensor"):
         name = f"{kind.capitalize()}Model"
         yield from _typed(DEVICE, _DEVICE, name, where=f"{{a}}.kind = '{kind}'")
@@ -79,7 +78,6 @@ def _kinds() -> Iterator[TripleMap]:
 
 
 def _functions() -> Iterator[TripleMap]:
-    """Yield what classes, object models and entities are used for."""
     name = f"{SEMMAP}hasFunction"
     yield TripleMap(
         f"{SEMMAP}usedFor",

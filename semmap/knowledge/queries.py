@@ -133,7 +133,6 @@ def _made(
     notes: tuple[str, ...],
     found: list[Row],
 ) -> Answer:
-    """Return the answer that solutions make."""
     _refuse_too_many(len(found), most)
     about: dict[str, Any] = {"explanation": explanation, "notes": notes, "map_name": map_name}
     if parsed.form == "SelectQuery":
@@ -193,7 +192,6 @@ def plain(term: Any) -> Any:
 
 
 def _described(view: MapView, parsed: ParsedText, most: int) -> Answer:
-    """Answer DESCRIBE: the triples of each resource."""
     tree = parsed.algebra
     found: dict[Term, None] = {}
     for term in tree.PV:

@@ -68,8 +68,6 @@ MOST_BYTES = 16 * 2**20
 
 
 class _ProtocolError(Exception):
-    """A request that is wrong, with the status to answer."""
-
     def __init__(self, status: int, reason: str) -> None:
         super().__init__(reason)
         self.status, self.reason = status, reason
@@ -193,7 +191,6 @@ class SparqlEndpoint:
         return Response(status_code=204 if method == "DELETE" or gone else 201)
 
     def _role(self, request: Request) -> str | None:
-        """Return the role of a request's token; None without a token."""
         header = request.headers.get("authorization")
         if header is None:
             return None
@@ -354,7 +351,6 @@ def _dataset(of: str, pairs: list[tuple[str, str]]) -> Chosen | None:
 
 
 def _chosen(accept: str, known: Mapping[str, Any]) -> str:
-    """Return the media type that a client prefers."""
     wanted: list[tuple[float, int, str]] = []
     for position, part in enumerate(accept.split(",")):
         name, *options = (piece.strip() for piece in part.split(";"))

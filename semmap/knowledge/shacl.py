@@ -378,7 +378,6 @@ def _leading_to(
 def _facts(
     view: MapView, nodes: Iterable[Any], properties: Iterable[rdflib.URIRef], known: str
 ) -> list[tuple[Any, Any, Any]]:
-    """Return the facts with some nodes as subject (s) or object (o)."""
     side = rdflib.Variable(known)
     rows = [{side: node} for node in nodes]
     found: list[tuple[Any, Any, Any]] = []

@@ -79,7 +79,6 @@ def _carried_out(view: MapView, request: Any, dataset: Chosen | None) -> tuple[i
 
 
 def _carry_out(view: MapView, request: Any, dataset: Chosen | None) -> tuple[int, int]:
-    """Return how many facts a request added and removed."""
     name = request.name
     if name == "InsertData":
         return FactWriter(view).insert(_data(request)), 0
@@ -114,7 +113,6 @@ def _quads(template: Any, graph: Any = None) -> list[tuple[Any, list[Any]]]:
 
 
 def _data(request: Any) -> Iterator[Fact]:
-    """Yield the facts of INSERT DATA and DELETE DATA."""
     for graph, triples in _quads(request):
         for triple in triples:
             s, p, o = map(plain, triple)
@@ -132,7 +130,6 @@ def _pattern_of(request: Any) -> Any:
 
 
 def _instances(view: MapView, template: Any, where: Any, graph: Any) -> Iterator[Fact]:
-    """Yield the facts of a template for each solution of a pattern."""
     quads = _quads(template, graph) if template else []
     terms = (term for name, triples in quads for term in (name, *chain.from_iterable(triples)))
     names = sorted({str(term) for term in terms if isinstance(term, rdflib.Variable)})

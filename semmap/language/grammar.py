@@ -120,7 +120,6 @@ def _clauses(parser: ModuleType) -> Any:
 
 
 def _elements(root: Any) -> Iterator[Any]:
-    """Yield each element of a grammar once."""
     seen, stack = set(), [root]
     while stack:
         element = stack.pop()

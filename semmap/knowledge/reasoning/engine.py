@@ -311,7 +311,6 @@ def _filled(atom: Triple, bindings: Bindings) -> Triple:
 
 
 def _is_trivial(fact: Triple) -> bool:
-    """Return whether a fact says that a resource is itself."""
     return fact[1] == SAME_AS and fact[0] == fact[2]
 
 

@@ -50,7 +50,7 @@ _KINDS = (
 AXIOM_CLASSES = frozenset(f"{OWL}{name}" for names in _KINDS for name in names)
 """To be of these classes is an axiom."""
 
-X, Y, Z, A, B, C, P, V, W = map(Var, "xyzabcpvw")
+X, Y, Z, A, B, P, V = map(Var, "xyzabpv")
 
 
 def _schema(name: str, head: Triple, *body: Triple) -> Rule:

@@ -205,7 +205,6 @@ def _first_run(view: MapView, ontology: OntologyAxioms) -> tuple[OntologyAxioms,
 
 
 def _closed(view: MapView, ontology: OntologyAxioms) -> StoredFacts:
-    """Return the facts of a map, with all that follows from them."""
     facts, rules = StoredFacts(view, ontology, empty=True), ontology.rules
     wanted = rules.classes | rules.heads
     for fact in told_facts(view, ontology.hierarchy, rules.properties, wanted):

@@ -201,7 +201,6 @@ def resolve(
 
 
 def _node_of_map(part: str) -> tuple[Form, str | None]:
-    """Return the form of a node, and the name of its entity."""
     for form, node in NODES.items():
         if node.of_map and node.prefix and part.startswith(node.prefix):
             return form, decode(part[len(node.prefix) :])

@@ -321,7 +321,6 @@ def _run(
 
 
 def _received(pgconn: PGconn) -> Iterable[PGresult]:
-    """Yield the results of a pipeline."""
     ended = False
     while pgconn.status == ConnStatus.OK:
         result = pgconn.get_result()
@@ -337,7 +336,6 @@ def _received(pgconn: PGconn) -> Iterable[PGresult]:
 
 
 def _texts(result: PGresult) -> Iterable[Found]:
-    """Yield the rows of a basis."""
     for i in range(result.ntuples):
         values = (result.get_value(i, j) for j in range(4))
         yield tuple(None if v is None else v.decode() for v in values)

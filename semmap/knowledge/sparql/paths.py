@@ -95,7 +95,6 @@ class PropertyPaths(TripleMatch, ABC):
         return step.select((b, a) if reverse else (a, b))
 
     def _reached(self, one: str, seed: Value, form: Form, mod: str, zero: bool) -> Rows:
-        """Return the nodes that are reached from a node."""
         wide = form == "term"
         columns = "x, xt" if wide else "x"
         begin = ", ".join(seed.columns())
@@ -118,7 +117,6 @@ class PropertyPaths(TripleMatch, ABC):
         return Rows([found], variables={"*": value})
 
     def _all_paths(self, step: Rows, mod: str, scope: PatternScope) -> Rows:
-        """Return all pairs of nodes that a path joins."""
         zero = mod in ("*", "?")
         form = "term" if zero else union_form([step.variables["*a"], step.variables["*b"]])
         one = self._pairs(step, form, reverse=False)

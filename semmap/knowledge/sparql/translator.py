@@ -239,7 +239,6 @@ class _Translator(TriplePatterns):
         return rows
 
     def _graphs(self, name: str) -> Rows:
-        """Return the names of all named graphs."""
         alias, graph = self.parameters.alias("q"), self.parameters.alias()
         rows = Rows(
             [f"statement {graph}"], [f"{graph}.map_id = {self.map_id}", _ALIVE.format(graph)]
@@ -298,7 +297,6 @@ class _Translator(TriplePatterns):
         return Rows([f"(VALUES {text}) {alias} ({labels})"], [], shown, nullable)
 
     def _modified(self, node: Any, scope: PatternScope) -> tuple[Rows, str, str]:
-        """Return the solutions of a SELECT, ORDER BY, and LIMIT with OFFSET."""
         tail, distinct, projected, order = "", False, None, []
         while True:
             if node.name == "Slice":

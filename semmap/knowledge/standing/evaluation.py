@@ -112,7 +112,6 @@ class Evaluation:
         groups: Mapping[Any, _Group],
         nodes: Mapping[Term, tuple[Form, int]],
     ) -> dict[Job, set[Row]]:
-        """Run the statements of groups in one round trip."""
         found: dict[Job, set[Row]] = {}
         if not groups:
             return found
@@ -171,7 +170,6 @@ def _with_values(
 
 
 def _solutions(group: _Group, rows: Iterable[tuple[Any, ...]]) -> dict[Job, set[Row]]:
-    """Return the solutions in the rows of a statement."""
     found: dict[Job, set[Row]] = {job: set() for job, _ in group}
     width = range(len(group[0][1].names))
     # One object for each term: rdflib compares two that are equal slowly.
@@ -202,7 +200,6 @@ def _solutions(group: _Group, rows: Iterable[tuple[Any, ...]]) -> dict[Job, set[
 def _statement(
     view: MapView, part: QueryPart, given: tuple[tuple[str, Form], ...]
 ) -> SqlStatement | None:
-    """Return the statement of a part for given terms; None if it has no translation."""
     if given not in part.statements:
         part.statements[given] = translated(view, part, part.constants, dict(given))
     found: SqlStatement | None = part.statements[given]

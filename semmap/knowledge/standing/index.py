@@ -166,7 +166,6 @@ def _told_apart(part: QueryPart, pattern: PartPattern) -> tuple[Any, Term | None
 
 
 def _keys_of(quad: Quad) -> Iterator[tuple[Term | None, ...]]:
-    """Yield the keys of all patterns that may match."""
     return product((quad.property, None), (quad.subject, None), (quad.object, None))
 
 

@@ -272,7 +272,6 @@ class StandingQueries:
         self._compile(view, queries)
 
     def _of_entities(self, touched: Touched, known: Triples, regions: Regions) -> None:
-        """Find the solutions with nodes of changed entities."""
         met: set[tuple[QueryPart, str, Term]] = set()
         for (_, side, term), quads in known.items():
             form = touched.changed.get(term)
@@ -306,7 +305,6 @@ class StandingQueries:
                             regions.evaluate(part, {name: node})
 
     def _of_facts(self, touched: Touched, known: Triples, regions: Regions) -> None:
-        """Find the solutions with changed statements."""
         for quad, alive in touched.quads.items():
             if alive:
                 self._of_new_fact(quad, touched, known, regions)
@@ -462,7 +460,6 @@ def _query_of(text: str, template: Template, filling: tuple[str, ...]) -> Standi
 
 
 def _concerns(changes: Changes, part: QueryPart) -> bool:
-    """Return whether changes can concern a whole query."""
     if changes.removed or ((changes.others or changes.entities) and part.of_tables):
         return True
     if changes.fields and part.of_fields:

@@ -117,7 +117,6 @@ def _is_hole(iri: str) -> bool:
 
 
 def _properties(tree: Any) -> Iterator[str]:
-    """Yield the IRIs of a part of the algebra that are properties or functions."""
     for node in nodes_in(tree):
         if isinstance(node, CompValue):
             if node.name == "Function":
@@ -286,7 +285,6 @@ def _filled(pattern: PartPattern, filling: Filled) -> PartPattern:
 def _whole_part(
     tree: Any, names: tuple[str, ...], constants: Constants, translator: TriplePatterns
 ) -> QueryPart:
-    """Return the part that is a whole query."""
     calls = [each for each in nodes_in(tree) if isinstance(each, CompValue)]
     triples = [triple for each in calls if each.name == "BGP" for triple in each.triples]
     # EXISTS that is not translated has the syntax of its triples only.
