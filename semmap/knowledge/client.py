@@ -15,7 +15,7 @@ from semmap.knowledge.answer import Answer
 from semmap.knowledge.facts import DENIED, Fact, FactWriter, refusal_text, with_consequences
 from semmap.knowledge.map_view import MapView
 from semmap.knowledge.patterns import ClientPattern, name_of, parse_pattern, query_text, variables
-from semmap.knowledge.queries import limited, query
+from semmap.knowledge.queries import limited_view, query
 from semmap.knowledge.standing.subscriptions import Event, Subscriptions
 from semmap.knowledge.updates import GraphChanges
 from semmap.knowledge.vocabulary import OWL, RDF, RDFS, SEMMAP, encode, map_namespace
@@ -251,10 +251,7 @@ class KnowledgeClient:
         """A transaction that sees the map."""
         with self._engine.begin() as connection:
             see_map(connection, self.map_name)
-            session = driver_of(connection)
-            with limited(session, None) as deadline:
-                view = MapView.of(session)
-                view.deadline = deadline
+            with limited_view(driver_of(connection), None) as view:
                 yield view
 
     def parsed(self, statements: Statements) -> list[ClientPattern]:

@@ -12,13 +12,14 @@ import rdflib
 from rdflib.plugins.sparql.parserutils import CompValue
 
 from semmap.database.maps import pick_map
-from semmap.knowledge.fields.properties import Fields
 from semmap.knowledge.fields.rows import FieldRows
 from semmap.knowledge.sparql.constants import Constants, Lookup, iris_in, resolve
 from semmap.knowledge.sparql.kept_queries import Basis, Row, Session, term_of
 from semmap.knowledge.sparql.scope import NOTHING_INFERRED, Chosen, Inferred, MapGraph
 from semmap.knowledge.sparql.translator import SqlStatement, translate
-from semmap.knowledge.vocabulary import map_namespace
+from semmap.knowledge.vocabulary import map_namespace, prefixes
+from semmap.language.grammar import Form
+from semmap.language.parser import ParsedText, parse_sparql
 
 _KEPT = 16
 """How many translations of one text are kept."""
@@ -58,6 +59,10 @@ class MapView:
             inferred = Inferred(*(frozenset(each or ()) for each in row[2:]))
         return cls(session, str(row[0]), int(row[1]), inferred)
 
+    def parsed(self, text: str, form: Form = "query") -> ParsedText:
+        """Parse a query or an update, with the prefixes of the map."""
+        return parse_sparql(text, form, tuple(prefixes(self.name).items()))
+
     @property
     def namespace(self) -> str:
         """The namespace of the map's entities."""
@@ -95,30 +100,13 @@ class MapView:
             if len(kept) > _KEPT:
                 kept.clear()
             read = len(self.statements) + len(self.notes)
-            source = replace(self.graph(constants), chosen=self.chosen, fields=self._fields())
+            source = replace(self.graph(constants), chosen=self.chosen, fields=FieldRows(self))
             made = translate(algebra, columns, source, limit)
             if read < len(self.statements) + len(self.notes):
                 return made  # it has rows of fields, which change
             kept[key] = made
         found: SqlStatement = kept[key]
         return found
-
-    def _fields(self) -> FieldRows:
-        def execute(text: str, parameters: dict[str, Any]) -> list[tuple[Any, ...]]:
-            return self.session.execute(text.encode(), parameters).fetchall()
-
-        def open_fields() -> Fields:
-            from semmap.knowledge.fields.map_fields import MapFields  # slow to import
-
-            return MapFields(self.session, self.name)
-
-        return FieldRows(
-            open_fields,
-            execute,
-            self.namespace,
-            self.statements.append,
-            self.notes.append,
-        )
 
     def run(self, statement: SqlStatement) -> list[Row]:
         """Return the solutions of a statement."""

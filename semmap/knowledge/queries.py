@@ -26,7 +26,7 @@ from semmap.knowledge.sparql.scope import NOTHING_INFERRED, Chosen
 from semmap.knowledge.unknown_names import unknown_names
 from semmap.knowledge.vocabulary import prefixes
 from semmap.knowledge.whole_graph import without_warnings
-from semmap.language.parser import ParsedText, parse_sparql
+from semmap.language.parser import ParsedText
 from semmap.language.syntax_tree import nodes_in
 from semmap.limits import QUERY_ROWS, QUERY_SECONDS
 
@@ -65,12 +65,10 @@ def query(
     known: Answer | None = KEPT.ask(session, key, stop)
     if known is not None:
         return known
-    with limited(session, stop) as deadline:
-        view = MapView.of(session)
-        view.deadline = deadline
+    with limited_view(session, stop) as view:
         if not inferred:
             view.inferred = NOTHING_INFERRED
-        parsed = parse_sparql(text, "query", tuple(prefixes(view.name).items()))
+        parsed = view.parsed(text)
         view.chosen = dataset or Chosen.by(parsed.dataset)
         with errors_of(parsed):
             try:
@@ -265,6 +263,15 @@ def limited(session: Session, seconds: float | None) -> Iterator[float]:
             f"it took more than {most:g} s and was stopped: make it more selective, or raise "
             f"{QUERY_SECONDS.variable}"
         ) from error
+
+
+@contextmanager
+def limited_view(session: Session, seconds: float | None) -> Iterator[MapView]:
+    """Yield the map that a session sees, in a transaction that is stopped after some seconds."""
+    with limited(session, seconds) as deadline:
+        view = MapView.of(session)
+        view.deadline = deadline
+        yield view
 
 
 def _checked(seconds: float | None) -> float:

@@ -21,7 +21,7 @@ from semmap.database.files import schema_folder
 from semmap.error import Error
 from semmap.ingest.world import WorldError
 from semmap.knowledge.map_view import MapView
-from semmap.knowledge.queries import limited
+from semmap.knowledge.queries import limited_view
 from semmap.knowledge.sparql.kept_queries import Session
 from semmap.knowledge.vocabulary import prefixes, short
 from semmap.knowledge.whole_graph import without_warnings
@@ -153,17 +153,13 @@ def validate(
     session: Session, shapes: Iterable[Shapes], *, seconds: float | None = None
 ) -> list[Violation]:
     """Return what breaks shapes in the map that a session sees; inferences are facts, too."""
-    with limited(session, seconds) as deadline:
-        view = MapView.of(session)
-        view.deadline = deadline
+    with limited_view(session, seconds) as view:
         return [found for each in shapes for found in _violations(view, each)]
 
 
 def bind_shapes(session: Session, shapes: Shapes) -> None:
     """Let shapes bind the map that a session sees: an update that breaks them is refused."""
-    with limited(session, None) as deadline:
-        view = MapView.of(session)
-        view.deadline = deadline
+    with limited_view(session, None) as view:
         _refuse(view, _violations(view, shapes), "the map does not conform to the shapes", "")
         session.execute(
             "INSERT INTO binding_shapes (map_id, name, turtle) VALUES (%s, %s, %s) "

@@ -20,13 +20,12 @@ from semmap.knowledge.facts import (
     with_consequences,
 )
 from semmap.knowledge.map_view import MapView
-from semmap.knowledge.queries import errors_of, filled, limited, plain
+from semmap.knowledge.queries import errors_of, filled, limited_view, plain
 from semmap.knowledge.shacl import BrokenShapeError
 from semmap.knowledge.sparql.expressions import UntranslatedError
 from semmap.knowledge.sparql.kept_queries import Session
 from semmap.knowledge.sparql.scope import Chosen
-from semmap.knowledge.vocabulary import prefixes
-from semmap.language.parser import ParsedText, parse_sparql
+from semmap.language.parser import ParsedText
 
 
 @dataclass(frozen=True)
@@ -51,10 +50,8 @@ def update(
     is refused: QueryError, as for shapes that bind the map; KnowledgeError after `seconds`.
     `dataset` has the graphs that patterns read, as USING and USING NAMED choose them.
     """
-    with limited(session, seconds) as deadline:
-        view = MapView.of(session)
-        view.deadline = deadline
-        parsed = parse_sparql(text, "update", tuple(prefixes(view.name).items()))
+    with limited_view(session, seconds) as view:
+        parsed = view.parsed(text, "update")
         for request in parsed.requests if dataset is not None else ():
             if request.using or request.withClause is not None:
                 raise parsed.error("graphs are chosen twice: leave USING and WITH out", 0)

@@ -7,15 +7,13 @@ import threading
 from collections import OrderedDict
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from typing import Any
 
-import psycopg
 from sqlalchemy import URL
 from sqlalchemy.exc import DBAPIError
 
 from semmap.database.engine import make_engine
 from semmap.fields.maps.map_buffer import MapBuffer
-from semmap.fields.queries import query
+from semmap.fields.queries import query as query_fields
 from semmap.fields.queries.mirror_catalogue import mirror_catalogue
 from semmap.fields.queries.query_result import SelectResult
 from semmap.fields.service.client import find_service
@@ -24,6 +22,7 @@ from semmap.fields.service.kept_answer import show_kept
 from semmap.fields.store.names import read_map_vocabulary, read_names
 from semmap.fields.store.voxel_mirror import VoxelMirror
 from semmap.knowledge.fields.properties import FieldAnswer, FieldError, FieldQuery
+from semmap.knowledge.sparql.kept_queries import Session
 from semmap.language.error import QueryError
 from semmap.query.snapshot import open_snapshot
 
@@ -42,65 +41,60 @@ SELECT EXISTS (SELECT FROM change WHERE map_id = (SELECT current_map())
 _MESSAGE = re.compile(r"(?:line \d+, column \d+: )?([^\n]*)")
 
 
-class MapFields:
-    """Answers for fields of one map."""
+def ask_fields(session: Session, map_name: str, query: FieldQuery) -> FieldAnswer:
+    """Return the answer of the service of the map if it is running, else of the kept state.
 
-    def __init__(self, session: psycopg.Connection[Any], map_name: str) -> None:
-        self._session = session
-        self._map_name = map_name
-
-    def ask(self, query: FieldQuery) -> FieldAnswer:
-        """Return the answer of the service of the map if it is running, else of the kept state.
-
-        FieldError: no source provides a property, an entity is unknown, or the session's
-        transaction has changed the map, of which fields see what is committed.
-        """
-        row = self._session.execute(_UNSEEN).fetchone()
-        if row is not None and row[0]:
-            raise FieldError(
-                "this transaction has changed the map, which fields do not see before it is "
-                "committed: commit first",
-                query.place,
-            )
-        try:
-            with find_service(url_of(self._session), self._map_name, VOXEL_SIZE) as service:
-                if service is not None:
-                    reply = service.ask("query", text=query.text, limit=None)
-                    rows = [tuple(row) for row in reply["rows"]]
-                    by = f"the service of {self._map_name}"
-                    return FieldAnswer(rows, VOXEL_SIZE, by, tuple(reply["left_out"]))
-            return self._from_kept_state(query.text)
-        except QueryError as error:
-            raise FieldError(error.reason, query.place) from error
-        except (ValueError, LookupError) as error:  # the service sends errors as texts
-            found = _MESSAGE.match(str(error))
-            raise FieldError(found[1] if found else str(error), query.place) from error
-
-    def _from_kept_state(self, text: str) -> FieldAnswer:
-        vocabulary = read_map_vocabulary()
-        with _mirror_of(self._url(), self._map_name) as mirror:
-            with open_snapshot(self._session, self._map_name) as now:
-                newest, names = show_kept(mirror, now, vocabulary), read_names(now)
-            catalogue = mirror_catalogue(mirror, names, vocabulary)
-            result = query(catalogue, text)
-            assert isinstance(result, SelectResult)
-            seen = f", sources as kept at {newest:%Y-%m-%d %H:%M:%S %Z}" if newest else ""
-            left_out = tuple(sorted(catalogue.left_out()))
-        return FieldAnswer(list(result), VOXEL_SIZE, f"the kept state of the map{seen}", left_out)
-
-    def _url(self) -> URL:
-        info = self._session.info
-        given = info.get_parameters()
-        for name in ("user", "dbname", "password", "options"):
-            given.pop(name, None)
-        given |= {"host": info.host, "port": str(info.port)}
-        return URL.create(
-            "postgresql+psycopg",
-            info.user,
-            info.password or None,
-            database=info.dbname,
-            query=given,
+    FieldError: no source provides a property, an entity is unknown, or the session's transaction
+    has changed the map, of which fields see what is committed.
+    """
+    row = session.execute(_UNSEEN).fetchone()
+    if row is not None and row[0]:
+        raise FieldError(
+            "this transaction has changed the map, which fields do not see before it is "
+            "committed: commit first",
+            query.place,
         )
+    try:
+        with find_service(url_of(session), map_name, VOXEL_SIZE) as service:
+            if service is not None:
+                reply = service.ask("query", text=query.text, limit=None)
+                rows = [tuple(row) for row in reply["rows"]]
+                by = f"the service of {map_name}"
+                return FieldAnswer(rows, VOXEL_SIZE, by, tuple(reply["left_out"]))
+        return _from_kept_state(session, map_name, query.text)
+    except QueryError as error:
+        raise FieldError(error.reason, query.place) from error
+    except (ValueError, LookupError) as error:  # the service sends errors as texts
+        found = _MESSAGE.match(str(error))
+        raise FieldError(found[1] if found else str(error), query.place) from error
+
+
+def _from_kept_state(session: Session, map_name: str, text: str) -> FieldAnswer:
+    vocabulary = read_map_vocabulary()
+    with _mirror_of(_url(session), map_name) as mirror:
+        with open_snapshot(session, map_name) as now:
+            newest, names = show_kept(mirror, now, vocabulary), read_names(now)
+        catalogue = mirror_catalogue(mirror, names, vocabulary)
+        result = query_fields(catalogue, text)
+        assert isinstance(result, SelectResult)
+        seen = f", sources as kept at {newest:%Y-%m-%d %H:%M:%S %Z}" if newest else ""
+        left_out = tuple(sorted(catalogue.left_out()))
+    return FieldAnswer(list(result), VOXEL_SIZE, f"the kept state of the map{seen}", left_out)
+
+
+def _url(session: Session) -> URL:
+    info = session.info
+    given = info.get_parameters()
+    for name in ("user", "dbname", "password", "options"):
+        given.pop(name, None)
+    given |= {"host": info.host, "port": str(info.port)}
+    return URL.create(
+        "postgresql+psycopg",
+        info.user,
+        info.password or None,
+        database=info.dbname,
+        query=given,
+    )
 
 
 class _Kept:

@@ -11,7 +11,7 @@ from collections import Counter
 from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cache
-from typing import Any, Protocol
+from typing import Any
 
 import rdflib
 
@@ -110,14 +110,6 @@ class FieldAnswer:
     voxel_size: float  # metres
     by: str  # what answered
     left_out: tuple[str, ...] = ()  # entities without voxels, of which the answer says nothing
-
-
-class Fields(Protocol):
-    """Answers the part of a query that fields state."""
-
-    def ask(self, query: FieldQuery) -> FieldAnswer:
-        """Return the answer; raises FieldError where fields cannot know it."""
-        ...
 
 
 @cache

@@ -6,14 +6,13 @@ import math
 from collections.abc import Callable, Collection, Iterable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import rdflib
 
 from semmap.knowledge.fields.properties import (
     FieldAnswer,
     FieldQuery,
-    Fields,
     FieldTriple,
     components,
     field_property,
@@ -26,7 +25,8 @@ from semmap.knowledge.vocabulary import TYPE, decode, encode
 from semmap.language.terms import local_name
 from semmap.snake_case import snake_case
 
-Execute = Callable[[str, dict[str, Any]], list[tuple[Any, ...]]]
+if TYPE_CHECKING:
+    from semmap.knowledge.map_view import MapView
 
 _ENTITIES = (
     "SELECT name, id FROM entity WHERE map_id = (SELECT current_map()) AND name = ANY (%(n)s)"
@@ -39,11 +39,7 @@ _WORDS = "SELECT name, label FROM semantic_type"
 class FieldRows:
     """Asks fields, and states their answers as rows."""
 
-    open_fields: Callable[[], Fields]  # returns the fields of the map
-    execute: Execute  # runs SQL in the session that sees the map
-    namespace: str  # of the map's entities
-    report: Callable[[str], None]  # gets the text of each question and how it was answered
-    note: Callable[[str], None]  # gets what an answer says nothing of
+    view: MapView  # gets the text of each question, and what an answer says nothing of
 
     def rows(
         self,
@@ -96,8 +92,8 @@ class FieldRows:
             return str(rdflib.Literal(number if is_number else text).n3())
         if value.form == "voxel":
             return None
-        if text.startswith(self.namespace):
-            name = decode(text[len(self.namespace) :]) or text
+        if text.startswith(self.view.namespace):
+            name = decode(text[len(self.view.namespace) :]) or text
             if value.form == "entity" and snake_case(name) in self._words:
                 return None
         else:
@@ -106,15 +102,21 @@ class FieldRows:
 
     @cached_property
     def _words(self) -> frozenset[str]:
-        rows = self.execute(_WORDS, {})
+        rows = self.view.session.execute(_WORDS)
         return frozenset(snake_case(word) for row in rows for word in row if word)
 
     def _solutions(self, query: FieldQuery, parameters: Parameters) -> Rows:
-        answer = self.open_fields().ask(query)
-        self.report(f"fields: {query.text}\n-- {len(answer.rows)} rows, by {answer.by}")
+        from semmap.knowledge.fields.map_fields import ask_fields  # slow to import
+
+        answer = ask_fields(self.view.session, self.view.name, query)
+        self.view.statements.append(
+            f"fields: {query.text}\n-- {len(answer.rows)} rows, by {answer.by}"
+        )
         if answer.left_out:
             shown = ", ".join(answer.left_out[:5]) + (", ..." if len(answer.left_out) > 5 else "")
-            self.note(f"unknown, as they have no voxels: {len(answer.left_out)} entities: {shown}")
+            self.view.notes.append(
+                f"unknown, as they have no voxels: {len(answer.left_out)} entities: {shown}"
+            )
         alias = parameters.alias("f")
         arrays, rows = [], Rows()
         for number, (name, kind) in enumerate(zip(query.names, query.kinds, strict=True)):
@@ -141,15 +143,15 @@ class FieldRows:
             keys = [",".join(str(math.floor(x / size)) for x in centre) for centre in values]
             return keys, "voxel", "text"
         names = sorted(set(values))
-        entities: dict[str, int] = dict(self.execute(_ENTITIES, {"n": names}))
+        entities: dict[str, int] = dict(self.view.session.execute(_ENTITIES, {"n": names}))
         if len(entities) == len(names):
             return [entities[name] for name in values], "entity", "bigint"
         # What sources name, and the map does not have: types of detectors, agents.
-        types: dict[str, str | None] = dict(self.execute(_TYPES, {"n": names}))
+        types: dict[str, str | None] = dict(self.view.session.execute(_TYPES, {"n": names}))
         iris = {
             name: types[name] or f"{TYPE}{encode(name)}"
             if name in types and name not in entities
-            else f"{self.namespace}{encode(name)}"
+            else f"{self.view.namespace}{encode(name)}"
             for name in names
         }
         return [iris[name] for name in values], "term", "text"

@@ -218,31 +218,6 @@ def retract(
     return removed, set(gone) - removed
 
 
-@dataclass(frozen=True)
-class Proof:
-    """Why a fact is one."""
-
-    fact: Triple  # the fact
-    text: str = ""  # the axiom from which it follows; "" where it is told
-    reasons: tuple[Proof, ...] = ()  # the proofs of the facts that meet the axiom
-
-    @classmethod
-    def of(
-        cls, facts: Facts, rules: RuleSet, fact: Triple, above: tuple[Triple, ...] = ()
-    ) -> Proof | None:
-        """Return a proof of a fact from what is told; None where there is none."""
-        if facts.is_told(fact):
-            return cls(fact)
-        above = (*above, fact)
-        for rule, body in rules.reasons(facts, fact):
-            if any(atom in above for atom in body):
-                continue
-            found = [cls.of(facts, rules, atom, above) for atom in body]
-            if all(found):
-                return cls(fact, rule.text, tuple(each for each in found if each is not None))
-        return None
-
-
 def key_of(atom: Triple) -> object:
     """Return under which key the facts are that can match: the property, of types the class."""
     _, verb, node = atom

@@ -11,12 +11,10 @@ import rdflib
 from semmap.knowledge.map_view import MapView
 from semmap.knowledge.queries import limited
 from semmap.knowledge.reasoning.axioms import OntologyAxioms, Words, node_of
-from semmap.knowledge.reasoning.engine import TYPE_OF, Proof
+from semmap.knowledge.reasoning.engine import TYPE_OF, Triple
 from semmap.knowledge.reasoning.rules import CONTRADICTION
 from semmap.knowledge.reasoning.store import StoredFacts
 from semmap.knowledge.sparql.kept_queries import Session
-from semmap.knowledge.vocabulary import prefixes
-from semmap.language.parser import parse_sparql
 
 
 @dataclass(frozen=True)
@@ -49,8 +47,8 @@ def contradictions(session: Session) -> list[Why]:
         for fact in facts.match(None, CONTRADICTION, None):
             bodies = {frozenset(body): body for _, body in rules.reasons(facts, fact)}
             for body in bodies.values():
-                proofs = [Proof.of(facts, rules, each) for each in dict.fromkeys(body)]
-                because = tuple(_in_words(words, each) for each in proofs if each is not None)
+                proofs = (_proof(facts, words, each) for each in dict.fromkeys(body))
+                because = tuple(each for each in proofs if each is not None)
                 found.append(Why(words.node(fact[0]), words.node(fact[2]), because))
         return sorted(found, key=lambda each: (each.fact, each.axiom))
 
@@ -59,7 +57,7 @@ def why(session: Session, text: str) -> Why:
     """Return why a triple is a fact; QueryError, or LookupError where it is none."""
     with limited(session, None):
         view, facts = _facts(session)
-        parsed = parse_sparql(f"ASK {{ {text} }}", "query", tuple(prefixes(view.name).items()))
+        parsed = view.parsed(f"ASK {{ {text} }}")
         tree = parsed.algebra
         while tree.name in ("AskQuery", "Project"):
             tree = tree.p
@@ -73,17 +71,29 @@ def why(session: Session, text: str) -> Why:
         verb = constants.property(str(terms[1]))
         subject = node_of(view, terms[0], constants)
         node = node_of(view, terms[2], constants, as_type=verb == TYPE_OF)
-        proof = Proof.of(facts, facts.ontology.rules.rules, (subject, verb, node))
+        proof = _proof(facts, words, (subject, verb, node))
         if proof is not None:
-            return _in_words(words, proof)
+            return proof
         if not view.run(view.statement(tree, [], 1)):
             raise LookupError(f"{text.strip()} is not a fact of the map {view.name}")
         return Why(words.fact((subject, verb, node)))
 
 
-def _in_words(words: Words, proof: Proof) -> Why:
-    because = tuple(_in_words(words, each) for each in proof.reasons)
-    return Why(words.fact(proof.fact), proof.text, because)
+def _proof(
+    facts: StoredFacts, words: Words, fact: Triple, above: tuple[Triple, ...] = ()
+) -> Why | None:
+    """Return a proof of a fact from what is told; None where there is none."""
+    if facts.is_told(fact):
+        return Why(words.fact(fact))
+    above = (*above, fact)
+    for rule, body in facts.ontology.rules.rules.reasons(facts, fact):
+        if any(atom in above for atom in body):
+            continue
+        found = [_proof(facts, words, atom, above) for atom in body]
+        if all(found):
+            because = tuple(each for each in found if each is not None)
+            return Why(words.fact(fact), rule.text, because)
+    return None
 
 
 def _facts(session: Session) -> tuple[MapView, StoredFacts]:

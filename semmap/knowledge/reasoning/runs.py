@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from semmap.knowledge.map_view import MapView
-from semmap.knowledge.queries import limited
+from semmap.knowledge.queries import limited_view
 from semmap.knowledge.reasoning.axioms import OntologyAxioms
 from semmap.knowledge.reasoning.engine import SAME_AS, TYPE_OF, close, retract
 from semmap.knowledge.reasoning.store import Stored, StoredFacts
@@ -33,9 +33,7 @@ class Reasoned:
 
 def reason(session: Session, *, complete: bool = False, seconds: float | None = None) -> Reasoned:
     """Reason about the map that a session sees, from now on after each update, too."""
-    with limited(session, seconds) as deadline:
-        view = MapView.of(session)
-        view.deadline = deadline
+    with limited_view(session, seconds) as view:
         session.execute(
             "INSERT INTO reasoning (map_id, axioms, cursor) VALUES (%s, '', change_cursor()) "
             "ON CONFLICT DO NOTHING",

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import psycopg
@@ -23,44 +24,35 @@ _VOXEL = re.compile(r"-?[0-9]{1,7}(,-?[0-9]{1,7}){2}")
 _UUID = re.compile(r"[0-9a-f]{8}(-[0-9a-f]{4}){3}-[0-9a-f]{12}")
 
 
+@dataclass(frozen=True, eq=False)
 class Constants:
-    """What the IRIs of a text stand for: form and key of those that are nodes of the map.
+    """What the IRIs of a text stand for."""
 
-    `types` are those of IRIs that may stand for an entity, too; `classes` the IRI of each type in
-    its ontology; `stated` the properties that statements have, None where any may have one.
-    """
-
-    def __init__(
-        self,
-        known: Mapping[str, tuple[Form, Any]],
-        types: Mapping[str, str] | None = None,
-        classes: Mapping[str, str] | None = None,
-        stated: frozenset[str] | None = None,
-    ) -> None:
-        self._known = known
-        self._types = {} if types is None else types
-        self._classes = {} if classes is None else classes
-        self._stated = stated
+    known: Mapping[str, tuple[Form, Any]]  # form and key of those that are nodes of the map
+    # the types of those that may stand for an entity, too
+    types_of: Mapping[str, str] = field(default_factory=dict)
+    classes: Mapping[str, str] = field(default_factory=dict)  # the IRI of each type in its ontology
+    stated: frozenset[str] | None = None  # the properties of statements; None: any
 
     @property
     def key(self) -> tuple[Any, ...]:
         """What tells these constants from others."""
-        parts = (self._known, self._types, self._classes)
-        return (*(frozenset(each.items()) for each in parts), self._stated)
+        parts = (self.known, self.types_of, self.classes)
+        return (*(frozenset(each.items()) for each in parts), self.stated)
 
     def node(self, iri: str, *, as_type: bool = False) -> tuple[Form, Any]:
         """Return form and key of an IRI, of a type if `as_type`; of no node, the IRI itself."""
-        if iri in self._types and (as_type or iri not in self._known):
-            return "type", self._types[iri]
-        return self._known.get(iri, ("iri", iri))
+        if iri in self.types_of and (as_type or iri not in self.known):
+            return "type", self.types_of[iri]
+        return self.known.get(iri, ("iri", iri))
 
     def only(self, iris: Iterable[str]) -> Constants:
         """Return the constants of some IRIs."""
         wanted = set(iris)
         return Constants(
-            {iri: self._known[iri] for iri in wanted & self._known.keys()},
-            {iri: self._types[iri] for iri in wanted & self._types.keys()},
-            dict(self._classes),
+            {iri: self.known[iri] for iri in wanted & self.known.keys()},
+            {iri: self.types_of[iri] for iri in wanted & self.types_of.keys()},
+            dict(self.classes),
         )
 
     def and_also(
@@ -71,26 +63,25 @@ class Constants:
     ) -> Constants:
         """Return these constants, and others."""
         return Constants(
-            {**self._known, **known}, {**self._types, **types}, {**self._classes, **classes}
+            {**self.known, **known}, {**self.types_of, **types}, {**self.classes, **classes}
         )
 
     def class_of(self, type_: str) -> str:
         """Return the IRI of a type that an IRI of the text stands for."""
-        return self._classes.get(type_) or f"{TYPE}{encode(type_)}"
+        return self.classes.get(type_) or f"{TYPE}{encode(type_)}"
 
     def types(self) -> frozenset[str]:
         """Return the names of the types that IRIs of the text stand for."""
-        known = {key for form, key in self._known.values() if form == "type"}
-        return frozenset(known | set(self._types.values()))
+        known = {key for form, key in self.known.values() if form == "type"}
+        return frozenset(known | set(self.types_of.values()))
 
     def with_entity(self, iri: str, number: int) -> Constants:
         """Return these constants, and one more for a new entity."""
-        known = {**self._known, iri: ("entity", number)}
-        return Constants(known, self._types, self._classes, self._stated)
+        return replace(self, known={**self.known, iri: ("entity", number)})
 
     def is_stated(self, iri: str) -> bool:
         """Return whether statements may have a property of the text."""
-        return self._stated is None or iri in self._stated
+        return self.stated is None or iri in self.stated
 
     def property(self, iri: str) -> str:
         """Return the property that an IRI of KnowledgeCore's namespaces stands for, else itself."""

@@ -17,7 +17,7 @@ from semmap.knowledge.sparql.constants import tag_and_text
 from semmap.knowledge.sparql.kept_queries import Row, Term, term_of
 from semmap.knowledge.sparql.translator import GIVEN, SqlStatement
 from semmap.knowledge.standing.parts import QueryPart, Solution
-from semmap.knowledge.standing.templates import parsed_text, translated
+from semmap.knowledge.standing.templates import translated
 from semmap.knowledge.triple_map import Form
 from semmap.limits import QUERY_SECONDS
 
@@ -211,7 +211,7 @@ def _alone(view: MapView, job: Job, nodes: Mapping[Term, tuple[Form, int]]) -> s
     statement = _statement(view, job.part, tuple(_given(job, nodes)))
     if statement is None:
         return _rows(query(view.session, text))
-    with limited(view.session, None), errors_of(parsed_text(view, text)):
+    with limited(view.session, None), errors_of(view.parsed(text)):
         group = [(job, statement)]
         sql, values = _with_values(group, nodes, set())
         return _solutions(group, view.session.execute(sql, values).fetchall())[job]

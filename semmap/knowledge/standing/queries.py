@@ -37,7 +37,6 @@ from semmap.knowledge.standing.templates import (
     Template,
     Templates,
     TemplateShape,
-    parsed_text,
 )
 from semmap.knowledge.standing.triples import TripleLists
 from semmap.knowledge.triple_map import Form
@@ -152,7 +151,7 @@ class StandingQueries:
                 return self._shapes[key].filled(
                     found, iris, Filled(filling, nodes, canonical, constants.class_of)
                 )
-            template = Template(parsed_text(view, found.text), iris)
+            template = Template(view.parsed(found.text), iris)
         shape = TemplateShape(view, template, self._constants.only(iris), canonical)
         return shape.filled(found, iris, None)
 

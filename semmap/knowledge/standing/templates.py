@@ -24,10 +24,10 @@ from semmap.knowledge.sparql.translator import SqlStatement, translate_each
 from semmap.knowledge.sparql.triples import TriplePatterns
 from semmap.knowledge.standing.parts import PartPattern, QueryPart, reads_geometry, split
 from semmap.knowledge.triple_map import Computed, Form
-from semmap.knowledge.vocabulary import TYPE, prefixes
+from semmap.knowledge.vocabulary import TYPE
 from semmap.language.error import QueryError
 from semmap.language.normalise import normalise, tokens
-from semmap.language.parser import ParsedText, parse_sparql
+from semmap.language.parser import ParsedText
 from semmap.language.syntax_tree import nodes_in
 
 _HOLE = "urn:semmap:hole:"
@@ -52,11 +52,6 @@ class Template:
     iris: frozenset[str]  # that the text has besides those of the holes
 
 
-def parsed_text(view: MapView, text: str) -> ParsedText:
-    """Parse a query on a map."""
-    return parse_sparql(text, "query", tuple(prefixes(view.name).items()))
-
-
 @dataclass
 class Templates:
     """The templates of texts, each parsed once."""
@@ -72,14 +67,14 @@ class Templates:
             found = self._kept[holed]
             if found is not None:
                 return found, filling
-        parsed = parsed_text(view, text)
+        parsed = view.parsed(text)
         return Template(parsed, frozenset(iris_in(parsed.algebra))), ()
 
 
 def _template(view: MapView, holed: str) -> Template | None:
     """Return the template of a text with holes; None if they are not all nodes."""
     try:
-        parsed = parsed_text(view, holed)
+        parsed = view.parsed(holed)
     except QueryError:
         return None
     if parsed.dataset or any(map(_is_hole, _properties(parsed.algebra))):
