@@ -78,45 +78,24 @@ def _kinds() -> Iterator[TripleMap]:
 
 
 def _functions() -> Iterator[TripleMap]:
-    name = f"{SEMMAP}hasFunction"
-    yield TripleMap(
-        f"{SEMMAP}usedFor",
-        TripleTables(("semantic_type", "unnest({a}.functions) AS {b}(use)")),
-        Value("type", "{a}.name"),
-        _class_of("{b}.use"),
-    )
-    yield TripleMap(
-        name,
-        TripleTables(("object_model", _TYPE_FUNCTIONS), ("{b}.sub = {a}.type",)),
-        _OBJECT,
-        _class_of("{b}.use"),
-    )
-    yield TripleMap(
-        name,
-        TripleTables(
-            ("object_model", "unnest({a}.functions) AS {b}(use)"),
-            ("{b}.use <> ALL (functions_of({a}.type))",),
-        ),
-        _OBJECT,
-        _class_of("{b}.use"),
-    )
-    yield TripleMap(
-        name,
-        TripleTables(("entity", _TYPE_FUNCTIONS), ("{b}.sub = {a}.type",), "{a}.map_id"),
-        Value("entity", "{a}.id"),
-        _class_of("{b}.use"),
-    )
+    uses, of_type = "unnest({a}.functions) AS {b}(use)", ("{b}.sub = {a}.type",)
+    not_of_type = ("{b}.use <> ALL (functions_of({a}.type))",)
     own = "(SELECT o.id, f.use FROM object_model o, unnest(o.functions) f (use)) AS {c}"
-    yield TripleMap(
-        name,
-        TripleTables(
-            (*_MODELLED.tables, own),
-            (*_MODELLED.where, "{c}.id = {a}.object_id", "{c}.use <> ALL (functions_of({b}.type))"),
-            _MODELLED.map_id,
-        ),
-        Value("entity", "{a}.entity_id"),
-        _class_of("{c}.use"),
+    of_model = TripleTables(
+        (*_MODELLED.tables, own),
+        (*_MODELLED.where, "{c}.id = {a}.object_id", "{c}.use <> ALL (functions_of({b}.type))"),
+        _MODELLED.map_id,
     )
+    of_entity = TripleTables(("entity", _TYPE_FUNCTIONS), of_type, "{a}.map_id")
+    name = "hasFunction"
+    for property_, source, subject, use in (
+        ("usedFor", TripleTables(("semantic_type", uses)), Value("type", "{a}.name"), "{b}.use"),
+        (name, TripleTables(("object_model", _TYPE_FUNCTIONS), of_type), _OBJECT, "{b}.use"),
+        (name, TripleTables(("object_model", uses), not_of_type), _OBJECT, "{b}.use"),
+        (name, of_entity, Value("entity", "{a}.id"), "{b}.use"),
+        (name, of_model, Value("entity", "{a}.entity_id"), "{c}.use"),
+    ):
+        yield TripleMap(f"{SEMMAP}{property_}", source, subject, _class_of(use))
 
 
 def _links() -> Iterator[TripleMap]:

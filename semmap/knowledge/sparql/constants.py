@@ -55,17 +55,6 @@ class Constants:
             dict(self.classes),
         )
 
-    def and_also(
-        self,
-        known: Mapping[str, tuple[Form, Any]],
-        types: Mapping[str, str],
-        classes: Mapping[str, str],
-    ) -> Constants:
-        """Return these constants, and others."""
-        return Constants(
-            {**self.known, **known}, {**self.types_of, **types}, {**self.classes, **classes}
-        )
-
     def class_of(self, type_: str) -> str:
         """Return the IRI of a type that an IRI of the text stands for."""
         return self.classes.get(type_) or f"{TYPE}{encode(type_)}"

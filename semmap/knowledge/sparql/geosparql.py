@@ -76,43 +76,35 @@ _TABLE: tuple[tuple[str, str, tuple[str, ...], Form, int], ...] = (
     ("asGeoJSON", "ST_AsGeoJSON({0})", _ONE, "geojson", 0),
 )
 
-FUNCTIONS: Mapping[str, GeoFunction] = {
-    **{
-        f"{GEOF}{name}": GeoFunction(f"geof:{name}", sql, arguments, result, optional)
-        for name, sql, arguments, result, optional in _TABLE
-    },
-    **{
-        f"{GEOF}{name}": GeoFunction(
-            f"geof:{name}", sql.replace("{a}", "{0}").replace("{b}", "{1}"), _TWO, "boolean"
-        )
-        for name, sql in TOPOLOGICAL.items()
-    },
-    f"{SEMMAP}distance": GeoFunction(
-        "semmap:distance",
+_OWN: tuple[tuple[str, str, tuple[str, ...], Form], ...] = (
+    (
+        "distance",
         "SELECT box_gap(a.box, b.box) FROM world a, world b "
         "WHERE a.entity_id = {0} AND b.entity_id = {1}",
         ("entity", "entity"),
         "double",
     ),
-    f"{SEMMAP}positionAt": GeoFunction(
-        "semmap:positionAt",
+    (
+        "positionAt",
         "SELECT ST_MakePoint(p.pose[1], p.pose[2], p.pose[3]) FROM pose_at({0}, {1}) p (pose) "
         "WHERE p.pose IS NOT NULL",
         ("entity", "time"),
         "geometry",
     ),
-    **{
-        f"{SEMMAP}{axis}": GeoFunction(
-            f"semmap:{axis}",
-            f"(split_part({{0}}, ',', {number})::int + 0.5) * 0.05",
-            ("voxel",),
-            "double",
-        )
-        for number, axis in enumerate("xyz", start=1)
-    },
-    f"{SEMMAP}distance3D": GeoFunction(
-        "semmap:distance3D", "ST_3DDistance({0}, {1})", _TWO, "double"
-    ),
+    ("x", "(split_part({0}, ',', 1)::int + 0.5) * 0.05", ("voxel",), "double"),
+    ("y", "(split_part({0}, ',', 2)::int + 0.5) * 0.05", ("voxel",), "double"),
+    ("z", "(split_part({0}, ',', 3)::int + 0.5) * 0.05", ("voxel",), "double"),
+    ("distance3D", "ST_3DDistance({0}, {1})", _TWO, "double"),
+)
+
+_TOPOLOGICAL = (
+    (name, sql.format(a="{0}", b="{1}"), _TWO, "boolean") for name, sql in TOPOLOGICAL.items()
+)
+
+FUNCTIONS: Mapping[str, GeoFunction] = {
+    **{f"{GEOF}{row[0]}": GeoFunction(f"geof:{row[0]}", *row[1:]) for row in _TABLE},
+    **{f"{GEOF}{row[0]}": GeoFunction(f"geof:{row[0]}", *row[1:]) for row in _TOPOLOGICAL},
+    **{f"{SEMMAP}{row[0]}": GeoFunction(f"semmap:{row[0]}", *row[1:]) for row in _OWN},
 }
 """By IRI; `semmap:distance` is that of the 3D boxes of two entities, in metres, and
 `semmap:positionAt` where an entity was at a time; `semmap:x`, `y` and `z` are those of the centre

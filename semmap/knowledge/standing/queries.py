@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections import Counter, defaultdict
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
+from functools import cache, partial
 from typing import Any, NamedTuple
 
 import rdflib
@@ -35,8 +36,8 @@ from semmap.knowledge.standing.templates import (
     Node,
     Nodes,
     Template,
-    Templates,
     TemplateShape,
+    template_of,
 )
 from semmap.knowledge.standing.triples import TripleLists
 from semmap.knowledge.triple_map import Form
@@ -78,7 +79,7 @@ class StandingQueries:
 
     def __init__(self) -> None:
         self.queries: dict[str, StandingQuery] = {}
-        self._templates = Templates()
+        self._templates: dict[str, Template | None] = {}
         self._shapes: dict[Any, TemplateShape] = {}
         self._known: dict[str, Node] = {}
         self._types: dict[str, str] = {}
@@ -107,7 +108,7 @@ class StandingQueries:
         new: dict[str, StandingQuery] = {}
         for text in texts:
             if text not in self.queries and text not in new:
-                new[text] = _query_of(text, *self._templates.of(view, text))
+                new[text] = _query_of(text, *template_of(view, text, self._templates))
         try:
             self._compile(view, list(new.values()))
             jobs = [Job(part, ()) for found in new.values() for part in found.parts]
@@ -311,10 +312,10 @@ class StandingQueries:
                 self._of_ended_fact(quad, regions)
 
     def _of_new_fact(self, quad: Quad, touched: Touched, known: Triples, regions: Regions) -> None:
-        matches = _Matches(quad)
+        match = cache(partial(PartPattern.match, quad=quad))  # many parts have one pattern
         for part, number in self._index.stated(quad, known, touched.nodes):
             pattern = part.patterns[number]
-            solution = matches.of(pattern)
+            solution = match(pattern)
             if solution is None:
                 continue
             if len(part.patterns) > 1 and not may_match(part, number, solution, known, touched):
@@ -347,10 +348,10 @@ class StandingQueries:
         ends = (quad.subject, quad.object)
         parts = {part for term in ends for part, _ in self._having.get(term, ())}
         members = [(part, n) for part in parts for n in range(len(part.patterns))]
-        matches = _Matches(quad)
+        match = cache(partial(PartPattern.match, quad=quad))  # many parts have one pattern
         for part, number in {*members, *self._index.ground(quad)}:
             pattern = part.patterns[number]
-            solution = matches.of(pattern) if pattern.stated else None
+            solution = match(pattern) if pattern.stated else None
             if solution is None or not part.having(tuple(solution.items())):
                 continue
             if pattern.keys or not pattern.exact:
@@ -433,20 +434,6 @@ class StandingQueries:
                 del counts[part, name]
                 if not counts:
                     del self._having[term]
-
-
-class _Matches:
-    """The solutions of patterns with a quad: many parts have the same pattern."""
-
-    def __init__(self, quad: Quad) -> None:
-        self._quad = quad
-        self._found: dict[PartPattern, Solution | None] = {}
-
-    def of(self, pattern: PartPattern) -> Solution | None:
-        """Return the terms of the variables with which the quad matches; None if it does not."""
-        if pattern not in self._found:
-            self._found[pattern] = pattern.match(self._quad)
-        return self._found[pattern]
 
 
 def _query_of(text: str, template: Template, filling: tuple[str, ...]) -> StandingQuery:

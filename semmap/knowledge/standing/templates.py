@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import rdflib
@@ -52,23 +52,19 @@ class Template:
     iris: frozenset[str]  # that the text has besides those of the holes
 
 
-@dataclass
-class Templates:
-    """The templates of texts, each parsed once."""
-
-    _kept: dict[str, Template | None] = field(default_factory=dict)
-
-    def of(self, view: MapView, text: str) -> tuple[Template, tuple[str, ...]]:
-        """Return the template of a text, and the IRIs that fill its holes; or QueryError."""
-        holed, filling = _with_holes(text, {"": view.namespace, "type": TYPE})
-        if filling:
-            if holed not in self._kept:
-                self._kept[holed] = _template(view, holed)
-            found = self._kept[holed]
-            if found is not None:
-                return found, filling
-        parsed = view.parsed(text)
-        return Template(parsed, frozenset(iris_in(parsed.algebra))), ()
+def template_of(
+    view: MapView, text: str, kept: dict[str, Template | None]
+) -> tuple[Template, tuple[str, ...]]:
+    """Return the template of a text, which is parsed once, and the IRIs that fill its holes."""
+    holed, filling = _with_holes(text, {"": view.namespace, "type": TYPE})
+    if filling:
+        if holed not in kept:
+            kept[holed] = _template(view, holed)
+        found = kept[holed]
+        if found is not None:
+            return found, filling
+    parsed = view.parsed(text)
+    return Template(parsed, frozenset(iris_in(parsed.algebra))), ()
 
 
 def _template(view: MapView, holed: str) -> Template | None:
@@ -245,7 +241,9 @@ def _with_holes_filled(known: Constants, filling: tuple[Nodes, ...]) -> Constant
         if as_class[0] == "type":
             types[_hole(i)] = _name_in(i)
             classes[_name_in(i)] = _class_in(i)
-    return known.and_also(nodes, types, classes)
+    return Constants(
+        {**known.known, **nodes}, {**known.types_of, **types}, {**known.classes, **classes}
+    )
 
 
 def _is_closed(statement: SqlStatement | None, filling: tuple[Nodes, ...]) -> bool:
