@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
+from pyparsing import ParseResults
 from rdflib.paths import Path
 from rdflib.plugins.sparql.parserutils import CompValue
 
@@ -19,7 +20,7 @@ def nodes_in(tree: Any) -> Iterator[Any]:
             below = [each for _, each in parts_of(part)]
         elif isinstance(part, Path):
             below = vars(part).values()
-        elif isinstance(part, Mapping):
+        elif isinstance(part, Mapping) and not isinstance(part, ParseResults):
             stack += [each for pair in part.items() for each in pair]
             continue
         elif isinstance(part, Iterable) and not isinstance(part, str | bytes):
