@@ -162,9 +162,10 @@ class RuleSet:
                 if start is None:
                     continue
                 for bindings in _joined(facts, rest, start) if rest else (start,):
-                    if _allowed(rule, bindings):
+                    if rule.apart is None or _allowed(rule.apart, bindings, clash=rule.clash):
                         head = _filled(rule.head, bindings)
-                        if not isinstance(head[0], tuple) and not _is_trivial(head):
+                        is_trivial = head[1] == SAME_AS and head[0] == head[2]
+                        if not is_trivial and not isinstance(head[0], tuple):
                             yield rule, head
 
     def reasons(self, facts: Facts, fact: Triple) -> Iterator[tuple[Rule, tuple[Triple, ...]]]:
@@ -175,22 +176,19 @@ class RuleSet:
                 if start is None:
                     continue
                 for bindings in _joined(facts, body, start):
-                    if _allowed(rule, bindings):
+                    if rule.apart is None or _allowed(rule.apart, bindings, clash=rule.clash):
                         yield rule, tuple(_filled(atom, bindings) for atom in rule.body)
 
 
-def close(facts: Facts, rules: RuleSet, new: Iterable[Triple]) -> list[Triple]:
-    """Add all that follows from new facts, which `facts` has already; return what was added."""
+def close(facts: Facts, rules: RuleSet, new: Iterable[Triple]) -> None:
+    """Add all that follows from new facts, which `facts` has already."""
     queue = list(new)
-    added: list[Triple] = []
     while queue:
         fact = queue.pop()
         for _, head in rules.consequences(facts, fact):
             if head not in facts:
                 facts.add(head)
-                added.append(head)
                 queue.append(head)
-    return added
 
 
 def retract(
@@ -241,12 +239,12 @@ def variables(atom: Triple) -> frozenset[str]:
 def ordered(atoms: Sequence[Triple], known: frozenset[str]) -> tuple[Triple, ...]:
     """Return triples so that each has as many known terms as possible."""
     left, found = list(atoms), []
-    while left:
+    while len(left) > 1:
         best = min(left, key=lambda atom: len(variables(atom) - known))
         left.remove(best)
         found.append(best)
         known |= variables(best)
-    return tuple(found)
+    return (*found, *left)
 
 
 def _unified(atom: Triple, fact: Triple, bindings: Bindings) -> Bindings | None:
@@ -285,15 +283,9 @@ def _filled(atom: Triple, bindings: Bindings) -> Triple:
     return subject, verb, node
 
 
-def _is_trivial(fact: Triple) -> bool:
-    return fact[1] == SAME_AS and fact[0] == fact[2]
-
-
-def _allowed(rule: Rule, bindings: Bindings) -> bool:
-    if rule.apart is None:
-        return True
-    a, b = (bindings[name] for name in rule.apart)
-    return a != b and are_different(a, b) == rule.clash
+def _allowed(apart: tuple[Var, Var], bindings: Bindings, *, clash: bool) -> bool:
+    a, b = (bindings[name] for name in apart)
+    return a != b and are_different(a, b) == clash
 
 
 def are_different(a: Node, b: Node) -> bool:

@@ -19,7 +19,6 @@ from semmap.knowledge.reasoning.engine import (
     RuleSet,
     Triple,
     Var,
-    close,
 )
 from semmap.knowledge.vocabulary import OWL, RDF, RDFS, SEMMAP
 
@@ -187,9 +186,14 @@ def _lists(facts: Facts, name: str) -> Iterator[tuple[Node, list[Node]]]:
 
 def _steps(facts: Facts, given: set[Triple]) -> set[Triple]:
     """Close axioms under table 9; return the subsumptions that are not mere chains of others."""
-    close(facts, RuleSet(SCHEMA_RULES), list(facts.all()))
-    others = RuleSet(r for r in SCHEMA_RULES if r.name not in _CHAINS)
-    steps = {head for fact in facts.all() for _, head in others.consequences(facts, fact)}
+    rules, steps, queue = RuleSet(SCHEMA_RULES), set(), list(facts.all())
+    while queue:
+        for rule, head in rules.consequences(facts, queue.pop()):
+            if rule.name not in _CHAINS:
+                steps.add(head)
+            if head not in facts:
+                facts.add(head)
+                queue.append(head)
     return {f for f in steps - given if f[1] in (SUB, SUB_PROPERTY) and f[0] != f[2]}
 
 
