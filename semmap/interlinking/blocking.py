@@ -11,15 +11,12 @@ from scipy import sparse
 from semmap.interlinking.correspondences import Correspondence
 from semmap.interlinking.records import Records
 
-PER_RECORD = 10
-"""The most candidates of a record."""
-WORTH = 0.2
-"""A candidate has at least this share of the best candidate's words."""
+PER_RECORD = 10  # the most candidates of a record
+WORTH = 0.2  # a candidate has at least this share of the best candidate's words
 WORK = 100
 """The most pairs that share a word, on average over the records: the words of the fewest pairs
 are used first. The time is therefore linear in the number of records."""
-ROWS = 5_000
-"""Records at a time."""
+ROWS = 5_000  # records at a time
 
 
 def candidate_pairs(

@@ -27,8 +27,7 @@ Algorithm 1, line 11); and that aggregate as a share of the best one that either
 PRIOR = 2.0
 """So many pairs are assumed to be distributed over the levels like those of the other kind."""
 
-RANDOM = 50_000
-"""Pairs at random, which show how similar different records are."""
+RANDOM = 50_000  # pairs at random, which show how similar different records are
 
 
 @dataclass(frozen=True)

@@ -93,8 +93,7 @@ FORMATS = {
 }
 """Formats of rdflib by the suffix of a file."""
 
-DEPTH = 3
-"""A value is reached over at most so many properties: has_address/street has two."""
+DEPTH = 3  # a value is reached over at most so many properties: has_address/street has two
 
 SCHEMA = {str(namespace) for namespace in (OWL, RDF, RDFS)}
 

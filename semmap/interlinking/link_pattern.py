@@ -18,8 +18,7 @@ from semmap.interlinking.version_space import (
     simplest,
 )
 
-OPTIONS = 60
-"""Of so many patterns of a version space, the simplest ones, one is chosen."""
+OPTIONS = 60  # of so many patterns of a version space, the simplest ones, one is chosen
 
 AGGREGATE = -3
 """The column of the aggregated similarity, see `semmap.interlinking.comparison.WHOLE`."""

@@ -35,8 +35,7 @@ FROM semmap.object_model m LEFT JOIN (
 ORDER BY m.key
 """
 
-MOST_VALUES = 20
-"""Of a property of a model: it may have thousands of grasp points."""
+MOST_VALUES = 20  # of a property of a model: it may have thousands of grasp points
 
 
 def read_map_objects(session: psycopg.Connection[Any], name: str) -> Records:

@@ -24,8 +24,7 @@ NOT_WORDS = regex.compile(r"[^\p{L}\p{N}.]+|\.(?!\d)|(?<!\d)\.")
 JOINED = regex.compile(r"(?<=\p{Ll})(?=\p{Lu})|(?<=\p{Lu})(?=\p{Lu}\p{Ll})")
 """Where a word of CamelCase begins: ChairA is chair a."""
 
-ZEROS = regex.compile(r"(?<![\p{N}.])0+(?=\p{N})")
-"""Zeros before a number: 01 is 1."""
+ZEROS = regex.compile(r"(?<![\p{N}.])0+(?=\p{N})")  # zeros before a number: 01 is 1
 
 
 def plain_text(value: str) -> str:

@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 
 Levels = NDArray[np.int8]
 
-LEVELS = 50
-"""A similarity of 1 has this level; 0 is also the level of a missing value."""
+LEVELS = 50  # a similarity of 1 has this level; 0 is also the level of a missing value
 
 MOST_GENERAL = 200
 """At most so many most general patterns are kept, those with the fewest and lowest conditions."""

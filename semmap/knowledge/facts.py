@@ -34,8 +34,7 @@ from semmap.knowledge.vocabulary import (
 if TYPE_CHECKING:
     from semmap.knowledge.map_view import MapView
 
-SKOLEM = "urn:semmap:blank:"
-"""Blank nodes of updates and files get an IRI (RDF 1.1, section 3.5)."""
+SKOLEM = "urn:semmap:blank:"  # blank nodes of updates and files get an IRI (RDF 1.1, section 3.5)
 
 _ONCE = (
     "map_id, predicate, graph, coalesce(subject_id, 0), coalesce(subject, ''), "

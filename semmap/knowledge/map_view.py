@@ -21,8 +21,7 @@ from semmap.knowledge.vocabulary import map_namespace, prefixes
 from semmap.language.grammar import Form
 from semmap.language.parser import ParsedText, parse_sparql
 
-_KEPT = 16
-"""How many translations of one text are kept."""
+_KEPT = 16  # how many translations of one text are kept
 _MAP = (
     "SELECT m.name, m.id, r.properties, r.classes "
     "FROM map m LEFT JOIN reasoning r ON r.map_id = m.id WHERE m.name = "

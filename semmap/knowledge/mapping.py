@@ -174,8 +174,7 @@ STATEMENTS: tuple[TripleMap, ...] = tuple(
 )
 """The table `statement`, by the forms of subject and object."""
 
-INFERRED_GRAPH = "urn:semmap:inferred"
-"""The named graph of what rules infer; it cannot be written."""
+INFERRED_GRAPH = "urn:semmap:inferred"  # the named graph of what rules infer; it cannot be written
 
 INFERENCES: tuple[TripleMap, ...] = tuple(
     _facts_of("inference", "NOT {a}.told", "EXISTS (SELECT FROM entity WHERE id = {id})")

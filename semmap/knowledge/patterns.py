@@ -19,8 +19,7 @@ from semmap.language.parser import parse_sparql
 
 _BARE = re.compile(r"[^\W\d](?:[\w.%-]*[\w%-])?")
 _NAMELESS = "__"
-_COUNT = count()
-"""Variables that ``*`` stands for: each is another one."""
+_COUNT = count()  # variables that ``*`` stands for: each is another one
 _LITERALS = frozenset({"true", "false"})
 _ABOUT_VOCABULARY = frozenset(
     {

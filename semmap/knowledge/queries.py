@@ -30,8 +30,7 @@ from semmap.language.parser import ParsedText
 from semmap.language.syntax_tree import nodes_in
 from semmap.limits import QUERY_ROWS, QUERY_SECONDS
 
-KEPT = KeptQueries()
-"""The queries of this process that were translated."""
+KEPT = KeptQueries()  # the queries of this process that were translated
 
 _SETTINGS = "; ".join(
     f"SET LOCAL {name} = {value}" for name, value in (*PLANNER.items(), ("statement_timeout", "{}"))

@@ -61,10 +61,8 @@ GRAPH_FORMATS = {
 
 _IRI = re.compile(r"[A-Za-z][A-Za-z0-9+.-]*:[^\x00-\x20<>\"{}|^`\\]*")
 
-MOST_IDLE = 8
-"""Sessions that wait for each role; a session more is closed."""
-MOST_BYTES = 16 * 2**20
-"""The most bytes of a request."""
+MOST_IDLE = 8  # sessions that wait for each role; a session more is closed
+MOST_BYTES = 16 * 2**20  # the most bytes of a request
 
 
 class _ProtocolError(Exception):

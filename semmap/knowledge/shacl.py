@@ -27,8 +27,7 @@ from semmap.knowledge.vocabulary import prefixes, short
 from semmap.knowledge.whole_graph import without_warnings
 from semmap.limits import TEXT_BYTES
 
-MANY = 2_000
-"""From so many nodes on, the whole map is validated."""
+MANY = 2_000  # from so many nodes on, the whole map is validated
 _ENDS = (SH.targetSubjectsOf, SH.targetObjectsOf, SH.equals, SH.disjoint, SH.lessThan)
 _REPEATED = (SH.zeroOrMorePath, SH.oneOrMorePath)
 

@@ -8,20 +8,16 @@ from urllib.parse import quote, unquote
 from semmap.language.terms import PAPER_NAMESPACE
 
 SEMMAP = "urn:semmap:ontology#"
-PROPERTY = "urn:semmap:property#"
-"""The properties that entities have as JSON: a property each."""
-RELATION = "urn:semmap:relation#"
-"""The links between entities: a property for each relation."""
-TYPE = "urn:semmap:type#"
-"""The semantic types that no ontology declares."""
+PROPERTY = "urn:semmap:property#"  # the properties that entities have as JSON: a property each
+RELATION = "urn:semmap:relation#"  # the links between entities: a property for each relation
+TYPE = "urn:semmap:type#"  # the semantic types that no ontology declares
 
 RDF = "http://www.w3.org/1999/02/22-rdf-syntax-ns#"
 RDFS = "http://www.w3.org/2000/01/rdf-schema#"
 OWL = "http://www.w3.org/2002/07/owl#"
 XSD = "http://www.w3.org/2001/XMLSchema#"
 GEO = "http://www.opengis.net/ont/geosparql#"
-SF = "http://www.opengis.net/ont/sf#"
-"""The classes of geometries."""
+SF = "http://www.opengis.net/ont/sf#"  # the classes of geometries
 GEOF = "http://www.opengis.net/def/function/geosparql/"
 KNOWLEDGE_CORE = ("http://kb.openrobots.org#", PAPER_NAMESPACE)
 """Namespaces whose local names stand for entities, types and properties of the map, too."""

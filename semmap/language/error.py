@@ -7,8 +7,7 @@ from semmap.error import Error
 TOO_DEEP = "this is nested too deeply, or has too many parts: use fewer brackets and UNIONs"
 """The reason for refusing a text that exceeds Python's limit of recursion."""
 
-WIDEST = 200
-"""The most characters of a line that are shown on either side of an error."""
+WIDEST = 200  # the most characters of a line that are shown on either side of an error
 
 
 class QueryError(Error, ValueError):

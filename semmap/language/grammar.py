@@ -19,8 +19,7 @@ from semmap.language.terms import with_position
 
 Form = Literal["query", "update"]
 
-_LOCK = threading.Lock()
-"""pyparsing's elements are not thread-safe."""
+_LOCK = threading.Lock()  # pyparsing's elements are not thread-safe
 
 
 def read_syntax(text: NormalisedText, form: Form, *, whole: bool = False) -> Any:

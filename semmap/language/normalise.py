@@ -46,8 +46,7 @@ _RESERVED = _MODIFIERS | {
 }
 """The keywords that need no opening bracket after them."""
 
-Edit = tuple[int, int, str]
-"""Begin and end of the replaced characters, and the new ones."""
+Edit = tuple[int, int, str]  # begin and end of the replaced characters, and the new ones
 
 
 @dataclass(frozen=True)

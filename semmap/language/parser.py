@@ -55,8 +55,7 @@ class ParsedText:
         return self.text.error(reason, position or 0)
 
 
-FIELD_PREFIXES = {"": "urn:semmap:ontology#"}
-"""Prefixes that a text about fields need not declare."""
+FIELD_PREFIXES = {"": "urn:semmap:ontology#"}  # prefixes that a text about fields need not declare
 
 
 @lru_cache(maxsize=256)

@@ -9,11 +9,9 @@ from typing import Any
 
 import rdflib
 
-EVERYTHING = "*"
-"""The name that stands for all visible variables."""
+EVERYTHING = "*"  # the name that stands for all visible variables
 
-PAPER_NAMESPACE = "http://kb.openrobots.org/"
-"""The namespace of the examples in reMap."""
+PAPER_NAMESPACE = "http://kb.openrobots.org/"  # the namespace of the examples in reMap
 
 
 class Iri(rdflib.URIRef):

@@ -26,11 +26,9 @@ from semmap.knowledge.sparql.kept_queries import Session
 from semmap.language.error import QueryError
 from semmap.query.snapshot import open_snapshot
 
-VOXEL_SIZE = 0.05
-"""Metres; the same as by default of `semmap fields`."""
+VOXEL_SIZE = 0.05  # metres; the same as by default of `semmap fields`
 
-_MOST = 4
-"""How many maps a process keeps the voxels of."""
+_MOST = 4  # how many maps a process keeps the voxels of
 
 _UNSEEN = """
 SELECT EXISTS (SELECT FROM change WHERE map_id = (SELECT current_map())

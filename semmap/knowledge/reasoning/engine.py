@@ -13,8 +13,7 @@ from decimal import Decimal, InvalidOperation
 
 from semmap.knowledge.vocabulary import OWL, RDF, XSD
 
-Node = int | str | tuple[str, str]
-"""The id of an entity, an IRI, or a literal as text and tag."""
+Node = int | str | tuple[str, str]  # the id of an entity, an IRI, or a literal as text and tag
 
 Triple = tuple[Node, Node, Node]
 

@@ -15,8 +15,7 @@ from semmap.knowledge.reasoning.store import Stored, StoredFacts
 from semmap.knowledge.reasoning.told_facts import DIRECT_TYPE, KIND, told_facts
 from semmap.knowledge.sparql.kept_queries import Session
 
-MANY = 5_000
-"""From so many changed entities on, all facts are read again."""
+MANY = 5_000  # from so many changed entities on, all facts are read again
 
 
 @dataclass(frozen=True)

@@ -16,8 +16,7 @@ from semmap.knowledge.vocabulary import SEMMAP, XSD, decode
 COLUMNS = "subject_id, subject, predicate, object_id, object, tag"
 """A triple in the tables `statement` and `inference`."""
 DIRECT_TYPE = f"{SEMMAP}directType"
-KIND = "urn:semmap:reasoning#kind"
-"""Told of an entity whose type does not imply its kind."""
+KIND = "urn:semmap:reasoning#kind"  # told of an entity whose type does not imply its kind
 
 TOLD: tuple[TripleMap, ...] = tuple(
     triple

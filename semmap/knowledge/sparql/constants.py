@@ -89,8 +89,7 @@ _NODES = (
     "(SELECT FROM statement s WHERE s.map_id = %(map)s::int AND s.predicate = p)",
 )
 
-Found = tuple[str | None, ...]
-"""What a statement of `Lookup` finds: a kind, and three texts."""
+Found = tuple[str | None, ...]  # what a statement of `Lookup` finds: a kind, and three texts
 
 
 class Lookup:

@@ -28,8 +28,7 @@ from semmap.knowledge.triple_map import Value
 from semmap.knowledge.vocabulary import XSD
 from semmap.language.schema import SPARQL_FUNCTIONS
 
-Environment = Mapping[str, Value]
-"""The value of each variable that an expression sees."""
+Environment = Mapping[str, Value]  # the value of each variable that an expression sees
 
 STRING = DATATYPES["string"]
 

@@ -34,8 +34,7 @@ Row = tuple[Term | None, ...]
 PLANNER = {"join_collapse_limit": "11", "from_collapse_limit": "11"}
 """More tables than by default are joined in the best order, up to where that takes long."""
 
-SHORT = 0.02
-"""Seconds: a statement that takes longer is planned each time, for its values."""
+SHORT = 0.02  # seconds: a statement that takes longer is planned each time, for its values
 
 SLOWER = 3
 """So many times in a row slower than when it was planned for its values, and it is planned again.
@@ -43,8 +42,7 @@ SLOWER = 3
 The server plans a kept statement once, for any values of its parameters.
 """
 
-STOPPED = 0.25
-"""Seconds after which a kept statement is stopped, and planned for its values."""
+STOPPED = 0.25  # seconds after which a kept statement is stopped, and planned for its values
 
 _MOST_QUERIES = 1000
 _MOST_STATEMENTS = 100  # of a session; the server keeps the plan of each

@@ -10,8 +10,7 @@ from semmap.knowledge.mapping import TRIPLES
 from semmap.knowledge.sparql.values import Parameters, are_disjoint, as_term, encoded, same
 from semmap.knowledge.triple_map import Form, Value
 
-UNBOUND = Value("term", "NULL::text", "NULL::text")
-"""A variable that nothing binds, or an error."""
+UNBOUND = Value("term", "NULL::text", "NULL::text")  # a variable that nothing binds, or an error
 
 
 @dataclass

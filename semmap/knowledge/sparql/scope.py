@@ -12,8 +12,7 @@ if TYPE_CHECKING:
     from semmap.knowledge.fields.rows import FieldRows
     from semmap.knowledge.sparql.constants import Constants
 
-Part = str | Value
-"""A variable by its name, or a constant."""
+Part = str | Value  # a variable by its name, or a constant
 
 
 @dataclass(frozen=True)

@@ -41,8 +41,7 @@ class Job(NamedTuple):
         return [each for each in self.solution if each[0] in self.part.ends]
 
 
-_Group = list[tuple[Job, SqlStatement]]
-"""Jobs of one shape."""
+_Group = list[tuple[Job, SqlStatement]]  # jobs of one shape
 
 
 class Regions:

@@ -27,11 +27,9 @@ from semmap.knowledge.triple_map import Computed, Form, TripleMap
 from semmap.knowledge.vocabulary import GEO, SEMMAP
 from semmap.language.syntax_tree import nodes_in
 
-SIDES = (0, 2)
-"""Where subject and object are in a triple."""
+SIDES = (0, 2)  # where subject and object are in a triple
 
-Solution = dict[str, Term]
-"""Terms of variables."""
+Solution = dict[str, Term]  # terms of variables
 
 _KEYS = {
     "entity": "{a}.id",
@@ -61,8 +59,7 @@ _VOLATILE = frozenset(
 """Functions whose value depends on more than those of the variables."""
 
 
-MOST_CHOICES = 16
-"""A query whose paths have more choices of properties is evaluated as a whole."""
+MOST_CHOICES = 16  # a query whose paths have more choices of properties is evaluated as a whole
 
 
 class Quad(NamedTuple):

@@ -44,8 +44,7 @@ from semmap.knowledge.triple_map import Form
 from semmap.knowledge.vocabulary import KNOWLEDGE_CORE, encode
 from semmap.language.terms import local_name
 
-MANY = 200
-"""More changed entities or statements than this, and all queries are evaluated again."""
+MANY = 200  # more changed entities or statements than this, and all queries are evaluated again
 
 
 class Difference(NamedTuple):

@@ -28,8 +28,7 @@ from semmap.knowledge.standing.queries import (
 )
 from semmap.query.change_feed import ChangeFeed, Look, shows_fields
 
-PATIENCE = 0.1
-"""Seconds by which the end of a statement may be reported late."""
+PATIENCE = 0.1  # seconds by which the end of a statement may be reported late
 
 
 @dataclass(frozen=True)

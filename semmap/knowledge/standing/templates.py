@@ -34,11 +34,9 @@ _HOLE = "urn:semmap:hole:"
 _PLAIN = re.compile(r"[A-Za-z0-9_-]+")
 _ROLES = ("node", "class")
 
-Node = tuple[Form, Any]
-"""Form and key of what an IRI stands for."""
+Node = tuple[Form, Any]  # form and key of what an IRI stands for
 
-Nodes = tuple[Node, Node]
-"""What an IRI stands for, as a node and as a class."""
+Nodes = tuple[Node, Node]  # what an IRI stands for, as a node and as a class
 
 Canonical = Callable[[Any, str], Term]
 """The term that solutions have for a "node", "class" or "property" of the text."""
