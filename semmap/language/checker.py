@@ -11,27 +11,8 @@ from typing import Any
 
 import rdflib
 
-from semmap.language.algebra import (
-    Aggregate,
-    BasicGraphPattern,
-    Distinct,
-    Exists,
-    Expression,
-    Extend,
-    Filter,
-    GroupPattern,
-    InlineData,
-    Join,
-    LeftJoin,
-    Minus,
-    OrderBy,
-    Pattern,
-    Project,
-    Side,
-    SolutionSlice,
-    TriplePattern,
-    Union,
-)
+from semmap.language import algebra
+from semmap.language.algebra import Expression, Pattern, Side
 from semmap.language.error import QueryError
 from semmap.language.expression_checker import check_condition, check_expression, conjuncts
 from semmap.language.parser import ParsedText
@@ -166,20 +147,22 @@ class Checker:
         own = tuple(c for c in conditions if c.variables <= pattern.variables)
         both = tuple(c for c in conditions if not c.variables <= pattern.variables)
         if own:
-            pattern = Filter(pattern, own)
+            pattern = algebra.Filter(pattern, own)
         negated = tree.name == "Builtin_NOTEXISTS"
-        return Exists("boolean", position_of(tree) or 0, None, pattern, both, outer, negated)
+        return algebra.Exists(
+            "boolean", position_of(tree) or 0, None, pattern, both, outer, negated
+        )
 
     def _check_BGP(self, node: Any) -> Pattern:
         triples = sorted(node.triples, key=lambda t: min(position_of(x) or 0 for x in t))
-        return BasicGraphPattern(tuple(self._triple(*triple) for triple in triples))
+        return algebra.BasicGraphPattern(tuple(self._triple(*triple) for triple in triples))
 
-    def _triple(self, subject: Any, verb: Any, object_: Any) -> TriplePattern:
+    def _triple(self, subject: Any, verb: Any, object_: Any) -> algebra.TriplePattern:
         if not isinstance(verb, rdflib.URIRef):
             raise self.error("a property cannot be a variable: name it", verb)
         found = self.find_property(verb)
         name = found.name
-        return TriplePattern(
+        return algebra.TriplePattern(
             self._side(subject, found.subject, found.domain, f"the subject of :{name}"),
             found,
             self._side(object_, found.object, found.range, f"the object of :{name}"),
@@ -205,31 +188,31 @@ class Checker:
 
     def _check_Join(self, node: Any) -> Pattern:
         left, right = self.check(node.p1), self.check(node.p2)
-        if isinstance(left, BasicGraphPattern) and not left.patterns:
+        if isinstance(left, algebra.BasicGraphPattern) and not left.patterns:
             return right
-        if isinstance(right, BasicGraphPattern) and not right.patterns:
+        if isinstance(right, algebra.BasicGraphPattern) and not right.patterns:
             return left
-        return Join(left, right)
+        return algebra.Join(left, right)
 
     def _check_LeftJoin(self, node: Any) -> Pattern:
         left, right = self.check(node.p1), self.check(node.p2)
         plain = getattr(node.expr, "name", "") == "TrueFilter"
         trees = () if plain else tuple(conjuncts(node.expr))
         both = left.variables | right.variables
-        return LeftJoin(left, right, self.seeing(both, check_condition, *trees))
+        return algebra.LeftJoin(left, right, self.seeing(both, check_condition, *trees))
 
     def _check_Union(self, node: Any) -> Pattern:
-        return Union(self.check(node.p1), self.check(node.p2))
+        return algebra.Union(self.check(node.p1), self.check(node.p2))
 
     def _check_Minus(self, node: Any) -> Pattern:
         left = self.check(node.p1)
         with self.detached():
             right = self.check(node.p2)
-        return Minus(left, right)
+        return algebra.Minus(left, right)
 
     def _check_Filter(self, node: Any) -> Pattern:
         of = self.check(node.p)
-        return Filter(of, self.seeing(of.variables, check_condition, *conjuncts(node.expr)))
+        return algebra.Filter(of, self.seeing(of.variables, check_condition, *conjuncts(node.expr)))
 
     def _check_Extend(self, node: Any) -> Pattern:
         of = self.check(node.p)
@@ -241,11 +224,11 @@ class Checker:
             raise self.error(f"?{name} is bound already: take another name", node.var)
         (value,) = self.seeing(of.variables, check_expression, node.expr)
         self.declare(name, value.kind, value.range, position_of(node.var) or 0)
-        return Extend(of, name, value)
+        return algebra.Extend(of, name, value)
 
     def _check_ToMultiSet(self, node: Any) -> Pattern:
         if isinstance(node.p, list):
-            return InlineData(0, {}, {})
+            return algebra.InlineData(0, {}, {})
         if node.p.name == "values":
             return self._inline_data(node.p.res)
         with self.detached(), self.own_kinds() as inside:
@@ -270,7 +253,7 @@ class Checker:
             for name, values in columns.items()
             if any(value is not None for value in values)
         }
-        return InlineData(count, bound, {name: self.kinds[name][0] for name in bound})
+        return algebra.InlineData(count, bound, {name: self.kinds[name][0] for name in bound})
 
     def _too_many_values(self, at: Any, problem: str, fix: str) -> QueryError:
         return self.error(f"VALUES {problem}. {fix}", at)
@@ -296,26 +279,26 @@ class Checker:
         of = self.check(node.p)
         hidden = of.variables & self.hidden
         if [str(name) for name in node.PV] == [EVERYTHING]:
-            return Project(of, frozenset(self.visible_names(of)) | hidden)
+            return algebra.Project(of, frozenset(self.visible_names(of)) | hidden)
         for name in node.PV:
             if str(name) not in of.variables:
                 raise self.error(f"?{name} is not bound by any pattern", name)
-        return Project(of, frozenset(str(name) for name in node.PV) | hidden)
+        return algebra.Project(of, frozenset(str(name) for name in node.PV) | hidden)
 
     def _check_Distinct(self, node: Any) -> Pattern:
-        return Distinct(self.check(node.p))
+        return algebra.Distinct(self.check(node.p))
 
     def _check_Reduced(self, node: Any) -> Pattern:
         return self.check(node.p)
 
     def _check_Slice(self, node: Any) -> Pattern:
-        return SolutionSlice(self.check(node.p), int(node.start), node.length)
+        return algebra.SolutionSlice(self.check(node.p), int(node.start), node.length)
 
     def _check_OrderBy(self, node: Any) -> Pattern:
         of = self.check(node.p)
         keys = self.seeing(of.variables, check_expression, *(each.expr for each in node.expr))
         descending = (each.order == "DESC" for each in node.expr)
-        return OrderBy(of, tuple(zip(keys, descending, strict=True)))
+        return algebra.OrderBy(of, tuple(zip(keys, descending, strict=True)))
 
     def _check_AggregateJoin(self, node: Any) -> Pattern:
         of = self.check(node.p.p)
@@ -326,7 +309,7 @@ class Checker:
             if not isinstance(key, rdflib.Variable):
                 name = f"*key{i}"
                 self.declare(name, value.kind, value.range, value.position)
-                of = Extend(of, name, value)
+                of = algebra.Extend(of, name, value)
             keys.append(name)
         aggregates = []
         for each in node.A:
@@ -334,7 +317,7 @@ class Checker:
             aggregate = self._aggregate(each, of.variables)
             self.declare(aggregate.name, aggregate.kind, None, 0)
             aggregates.append(aggregate)
-        return GroupPattern(of, tuple(keys), tuple(aggregates), node.p.expr is None)
+        return algebra.GroupPattern(of, tuple(keys), tuple(aggregates), node.p.expr is None)
 
     def _expect_grouped(self, node: Any, keys: list[str]) -> None:
         """Refuse a variable that is projected, but neither grouped by nor aggregated."""
@@ -345,11 +328,11 @@ class Checker:
         if str(node.vars) not in keys:
             raise self.error(f"?{node.vars} is neither grouped by nor aggregated", node.vars)
 
-    def _aggregate(self, node: Any, variables: frozenset[str]) -> Aggregate:
+    def _aggregate(self, node: Any, variables: frozenset[str]) -> algebra.Aggregate:
         function = node.name.removeprefix("Aggregate_")
         name, distinct = str(node.res), bool(node.distinct)
         if node.vars == "*" and not isinstance(node.vars, rdflib.term.Identifier):
-            return Aggregate(name, function, None, distinct, "number")
+            return algebra.Aggregate(name, function, None, distinct, "number")
         (of,) = self.seeing(variables, check_expression, node.vars)
         kind = with_article(of.kind)
         if function in ("Sum", "Avg") and of.kind != "number":
@@ -358,7 +341,7 @@ class Checker:
             fix = ": write STR(...)" if of.kind == "entity" else ""
             raise self.error(f"{kind} has no order{fix}", of.position)
         result: ValueKind = "number" if function in ("Count", "Sum", "Avg") else of.kind
-        return Aggregate(name, function, of, distinct, result)
+        return algebra.Aggregate(name, function, of, distinct, result)
 
 
 def _message(error: Exception) -> str:

@@ -9,17 +9,8 @@ from typing import TYPE_CHECKING, Any
 import rdflib
 from rdflib.plugins.sparql.parserutils import CompValue
 
-from semmap.language.algebra import (
-    Arithmetic,
-    Bound,
-    Call,
-    Constant,
-    Expression,
-    ExtensionCall,
-    Membership,
-    RegexMatch,
-    VariableValue,
-)
+from semmap.language import algebra
+from semmap.language.algebra import Expression
 from semmap.language.schema import SPARQL_FUNCTIONS, ValueKind, with_article
 from semmap.language.terms import name_of, number_of, position_of
 
@@ -74,13 +65,13 @@ def _operand(tree: Any, scope: Checker) -> Operand:
     position = position_of(tree) or 0
     if isinstance(tree, rdflib.Variable):
         kind, range_ = scope.variable(tree)
-        return VariableValue(kind, position, range_, str(tree))
+        return algebra.VariableValue(kind, position, range_, str(tree))
     if isinstance(tree, rdflib.Literal):
         if tree.datatype == rdflib.XSD.boolean and tree.value is not None:
-            return Constant("boolean", position, None, bool(tree.value))
+            return algebra.Constant("boolean", position, None, bool(tree.value))
         number = number_of(tree)
         if number is not None:
-            return Constant("number", position, None, number)
+            return algebra.Constant("number", position, None, number)
         if name_of(tree) is None:
             raise scope.error("this is neither a number nor a name", tree)
     if isinstance(tree, rdflib.term.Identifier):
@@ -107,7 +98,7 @@ def _entity(name: _Name, scope: Checker) -> Expression:
         (own,) = entities
     elif own not in entities:
         raise scope.error(f"this stands for {len(entities)} entities: name one of them", name.term)
-    return Constant("entity", name.position, None, str(own))
+    return algebra.Constant("entity", name.position, None, str(own))
 
 
 def _text(operand: Operand, scope: Checker) -> Expression:
@@ -118,11 +109,11 @@ def _text(operand: Operand, scope: Checker) -> Expression:
         raise scope.error(f"{with_article(operand.kind)} is not a text{fix}", operand.position)
     if isinstance(operand.term, rdflib.URIRef):
         raise scope.error('an IRI is not a text: write "..."', operand.term)
-    return Constant("text", operand.position, None, str(operand.term))
+    return algebra.Constant("text", operand.position, None, str(operand.term))
 
 
-def _call(kind: ValueKind, function: str, *arguments: Expression) -> Call:
-    return Call(kind, arguments[0].position, None, function, arguments)
+def _call(kind: ValueKind, function: str, *arguments: Expression) -> algebra.Call:
+    return algebra.Call(kind, arguments[0].position, None, function, arguments)
 
 
 def _number(tree: Any, scope: Checker) -> Expression:
@@ -137,7 +128,7 @@ def _number(tree: Any, scope: Checker) -> Expression:
 def _arithmetic(tree: Any, scope: Checker) -> Expression:
     operands = tuple(_number(each, scope) for each in (tree.expr, *tree.other))
     operators = tuple(str(each) for each in tree.op)
-    return Arithmetic("number", operands[0].position, None, operands, operators)
+    return algebra.Arithmetic("number", operands[0].position, None, operands, operators)
 
 
 def _signed(tree: Any, scope: Checker) -> Expression:
@@ -175,14 +166,14 @@ def _is_one_of(a: Expression, operator: str, b: _Name, tree: Any, scope: Checker
     if operator not in ("=", "!="):
         raise scope.error("an entity has no order: compare STR(...)", tree)
     entities = scope.entities(b.term, a.range)
-    return Membership("boolean", a.position, None, a, entities, operator == "!=")
+    return algebra.Membership("boolean", a.position, None, a, entities, operator == "!=")
 
 
 def _in(tree: Any, scope: Checker) -> Expression:
     items = [] if tree.other == rdflib.RDF.nil else list(tree.other)
     a = _operand(tree.expr, scope)
     each = [_compared(a, "=", _operand(item, scope), item, scope) for item in items]
-    found: Expression = Constant("boolean", position_of(tree) or 0, None, False)
+    found: Expression = algebra.Constant("boolean", position_of(tree) or 0, None, False)
     if each:
         found = _call("boolean", "||", *each)
     return _call("boolean", "!", found) if tree.op == "NOT IN" else found
@@ -206,7 +197,7 @@ def _not(tree: Any, scope: Checker) -> Expression:
 
 def _bound(tree: Any, scope: Checker) -> Expression:
     scope.variable(tree.arg)
-    return Bound("boolean", position_of(tree) or 0, None, str(tree.arg))
+    return algebra.Bound("boolean", position_of(tree) or 0, None, str(tree.arg))
 
 
 def _of_one_kind(trees: Iterable[Any], scope: Checker) -> list[Expression]:
@@ -263,7 +254,7 @@ def _regex(tree: Any, scope: Checker) -> Expression:
     except (regex.error, ValueError, OverflowError, RecursionError) as error:
         raise scope.error(f"this is not a regular expression: {error}", tree.pattern) from None
     text = _text(_operand(tree.text, scope), scope)
-    return RegexMatch("boolean", text.position, None, text, pattern)
+    return algebra.RegexMatch("boolean", text.position, None, text, pattern)
 
 
 def _of_sparql(tree: Any, scope: Checker) -> Expression:
@@ -273,7 +264,9 @@ def _of_sparql(tree: Any, scope: Checker) -> Expression:
         return _call(function.result, function.name, _number(tree.arg, scope))
     if len(function.arguments) == 1:
         return _call(function.result, function.name, _text(_operand(tree.arg, scope), scope))
-    part = Constant("text", position_of(tree.arg2) or 0, None, _constant_text(tree.arg2, scope))
+    part = algebra.Constant(
+        "text", position_of(tree.arg2) or 0, None, _constant_text(tree.arg2, scope)
+    )
     return _call(function.result, function.name, _text(_operand(tree.arg1, scope), scope), part)
 
 
@@ -290,7 +283,7 @@ def _function(tree: Any, scope: Checker) -> Expression:
                 f"{name} takes {with_article(kind)}, and this is {with_article(argument.kind)}",
                 argument.position,
             )
-    return ExtensionCall(function.result, position_of(tree) or 0, None, function, arguments)
+    return algebra.ExtensionCall(function.result, position_of(tree) or 0, None, function, arguments)
 
 
 _CHECKS: Mapping[str, Callable[[Any, Checker], Expression]] = {
