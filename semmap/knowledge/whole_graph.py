@@ -82,24 +82,22 @@ def serialized(graph: rdflib.Graph, format_: str) -> str:
         return text.getvalue().decode()
 
 
-class _ExactTurtle(TurtleSerializer):
+class _Exact:
     """Writes doubles as they are: rdflib rounds them to seven digits."""
 
     def label(self, node: Any, position: int) -> str:
         """Return a term as Turtle."""
         if isinstance(node, rdflib.Literal) and node.datatype == rdflib.XSD.double:
-            return str(node.n3(self.store.namespace_manager))
-        return str(super().label(node, position))
+            return str(node.n3(self.store.namespace_manager))  # type: ignore[attr-defined]
+        return str(super().label(node, position))  # type: ignore[misc]
 
 
-class _ExactTrig(TrigSerializer):
-    """Likewise, with named graphs."""
+class _ExactTurtle(_Exact, TurtleSerializer):
+    pass
 
-    def label(self, node: Any, position: int) -> str:
-        """Return a term as Turtle."""
-        if isinstance(node, rdflib.Literal) and node.datatype == rdflib.XSD.double:
-            return str(node.n3(self.store.namespace_manager))
-        return str(super().label(node, position))
+
+class _ExactTrig(_Exact, TrigSerializer):
+    pass
 
 
 _EXACT: dict[str, Any] = {"turtle": _ExactTurtle, "trig": _ExactTrig}

@@ -14,28 +14,24 @@ EVERYTHING = "*"  # the name that stands for all visible variables
 PAPER_NAMESPACE = "http://kb.openrobots.org/"  # the namespace of the examples in reMap
 
 
-class Iri(rdflib.URIRef):
+class _Placed:
+    position: int  # in the text
+
+
+class Iri(_Placed, rdflib.URIRef):
     """An IRI and its position in the text."""
 
-    position: int
 
-
-class Literal(rdflib.Literal):
+class Literal(_Placed, rdflib.Literal):
     """A literal and its position in the text."""
 
-    position: int
 
-
-class Variable(rdflib.Variable):
+class Variable(_Placed, rdflib.Variable):
     """A variable and its position in the text."""
 
-    position: int
 
-
-class BlankNode(rdflib.BNode):
+class BlankNode(_Placed, rdflib.BNode):
     """A blank node and its position in the text."""
-
-    position: int
 
 
 _TERMS: tuple[tuple[type, type[Any]], ...] = (

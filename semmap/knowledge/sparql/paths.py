@@ -26,13 +26,9 @@ class PropertyPaths(TripleMatch, ABC):
 
     def _one(self, subject: Part, predicate: Any, object_: Part, scope: PatternScope) -> Rows:
         """Return the solutions of one pattern whose sides are parts already."""
-        rows = self.triples(
-            [(rdflib.Variable("*s"), predicate, rdflib.Variable("*o"))], self._inside(scope)
-        )
+        ends = rdflib.Variable("*s"), rdflib.Variable("*o")
+        rows = self.triples([(ends[0], predicate, ends[1])], replace(scope, bindings={}))
         return self._renamed(rows, {"*s": subject, "*o": object_})
-
-    def _inside(self, scope: PatternScope) -> PatternScope:
-        return replace(scope, bindings={})
 
     def _renamed(self, rows: Rows, names: Mapping[str, Part]) -> Rows:
         """Return rows with other names for some variables, or a constant for them."""
@@ -71,7 +67,7 @@ class PropertyPaths(TripleMatch, ABC):
                 given[side] = rows.variables[part]
             elif part in scope.bindings and part not in rows.variables:
                 given[side] = scope.bindings[part]
-        scope = self._inside(scope)
+        scope = replace(scope, bindings={})
         step = self._one("*a", path.path, "*b", scope)
         step_forms = [step.variables["*a"], step.variables["*b"]]
         zero = path.mod in ("*", "?")

@@ -242,8 +242,9 @@ class TriplePatterns(PropertyPaths):
                 _spread(anchored, together)
                 for triple in pattern.maps:
                     part = self._match(pattern, triple, {})
-                    if not _is_anchored(pattern, triple, anchored):
-                        self._anchor(part, pattern.subject, triple)
+                    named = isinstance(pattern.subject, str) and triple.source.map_id is None
+                    if named and not _is_anchored(pattern, triple, anchored):
+                        self._add_anchor(part, part.variables[str(pattern.subject)])
                     _use_keys(part, rows.variables)
                     self._correlate(part, rows)
                     part.where += [
@@ -274,10 +275,6 @@ class TriplePatterns(PropertyPaths):
             if known is not None and is_node and name not in rows.nullable:
                 part.where.append(same(value, known, self.namespace))
 
-    def _anchor(self, rows: Rows, subject: Part, triple: TripleMap) -> None:
-        if isinstance(subject, str) and triple.source.map_id is None:
-            self._add_anchor(rows, rows.variables[subject])
-
     def _add_anchor(self, rows: Rows, value: Value) -> None:
         """Limit an entity, or a node that belongs to one, to the map."""
         node = NODES.get(value.form)
@@ -301,24 +298,17 @@ class TriplePatterns(PropertyPaths):
                 rows.where.append("false")
             if value is not None and value.form == "entity":
                 known[side] = value.sql
-        missing = {"a": a, "b": b}
         if not known:
             known["a"] = self._any_entity(rows, a)
-        if len(known) == 2:
-            rows.where.append(f"{known['a']} <> {known['b']}")
-            rows.where.append(relation.decide.format(**known))
-            return
-        (side,) = {"a", "b"} - known.keys()
-        part = missing[side]
-        function = relation.converse if side == "b" else relation.members
-        if function is None:
-            known[side] = self._any_entity(rows, part)
-            rows.where.append(f"{known['a']} <> {known['b']}")
-            rows.where.append(relation.decide.format(**known))
-            return
-        alias = self.parameters.alias("f")
-        rows.froms.append(f"LATERAL {function.format(**known)} AS {alias} (member)")
-        self._be(rows, part, Value("entity", f"{alias}.member"))
+        for side, part, function in (("a", a, relation.members), ("b", b, relation.converse)):
+            if side not in known and function is not None:
+                alias = self.parameters.alias("f")
+                rows.froms.append(f"LATERAL {function.format(**known)} AS {alias} (member)")
+                self._be(rows, part, Value("entity", f"{alias}.member"))
+                return
+            if side not in known:
+                known[side] = self._any_entity(rows, part)
+        rows.where += [f"{known['a']} <> {known['b']}", relation.decide.format(**known)]
 
     def _any_entity(self, rows: Rows, part: Part) -> str:
         alias = self.parameters.alias()
