@@ -52,10 +52,7 @@ def compare_records(
     progress: Callable[[int, int], None] = lambda done, total: None,
     also: NDArray[np.int64] | None = None,
 ) -> Comparison:
-    """Return the candidate pairs of two data sets with their similarities; lines 8 to 11.
-
-    The pairs `also`, (m, 2), are compared, too, where blocking leaves them out.
-    """
+    """Return candidate pairs with their similarities (lines 8 to 11), and pairs `also`, (m, 2)."""
     found, shared = candidate_pairs(left, right, correspondences, progress)
     if also is not None and len(also):
         left_out = also[~np.isin(also @ [len(right), 1], found @ [len(right), 1])]

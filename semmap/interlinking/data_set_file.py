@@ -1,7 +1,4 @@
-"""Data sets in files: tables in CSV, and resources of RDF with their values.
-
-Values of a resource's parts are its own.
-"""
+"""Data sets in files: tables in CSV, and resources of RDF with their values and those of parts."""
 
 from __future__ import annotations
 
@@ -23,10 +20,7 @@ KEYS = ("id", "key", "rec_id", "uri")
 
 
 def read_csv_records(path: Path) -> Records:
-    """Return the rows of a CSV file as records; the first row has the names of the properties.
-
-    A column named id, key, rec_id or uri has the keys, else the first one.
-    """
+    """Return the rows of a CSV file; keys are in a column of `KEYS`, else in the first one."""
     rows = csv_rows(path)
     header = [name.strip() for name in rows[0]] if rows else []
     if len(header) < 2 or len(set(header)) < len(header) or not all(header):

@@ -65,10 +65,7 @@ def compare(
     correspondences: Sequence[Correspondence],
     pairs: NDArray[np.int64],
 ) -> Floats:
-    """Return the similarity of the most similar values of pairs of records, (n, correspondences).
-
-    Pairs are (n, 2); NaN is where a record has no value.
-    """
+    """Return the similarity of pairs, (n, 2), by correspondence; NaN where a value is missing."""
     found = np.empty((len(pairs), len(correspondences)))
     for i, one in enumerate(correspondences):
         columns = left.columns[one.left], right.columns[one.right]

@@ -92,10 +92,7 @@ class FactWriter:
         self._type_iris: dict[str, str] = {}
 
     def insert(self, facts: Iterable[Fact]) -> int:
-        """Add facts; return how many were new, or end later than before; or RefusedError.
-
-        A statement that is there without an end keeps none.
-        """
+        """Add facts; return how many are new or end later; without an end, one keeps none."""
         facts = self._resolved(facts)
         for fact in facts:
             if str(fact.graph) == INFERRED_GRAPH:
@@ -420,10 +417,7 @@ _TABLES: dict[str, _Table] = {
 
 @contextmanager
 def with_consequences(view: MapView) -> Iterator[None]:
-    """Run a change of facts; at its end, infer what follows, and refuse what shapes forbid.
-
-    BrokenShapeError: the caller's transaction is to be undone.
-    """
+    """Run a change of facts; infer what follows. BrokenShapeError: shapes forbid it, undo it."""
     row = view.session.execute("SELECT coalesce(max(id), 0) FROM change").fetchone()
     assert row is not None
     yield

@@ -118,10 +118,7 @@ class KB:
                     store_facts(view.session, placed, path)
 
     def revise(self, stmts: Sequence[str], policy: dict[str, Any]) -> None:
-        """Change statements; a policy has "method", and maybe "models" and "lifespan" (seconds).
-
-        All methods but retract and remove replace the objects of functional properties.
-        """
+        """Change statements by a policy: "method", and maybe "models" and "lifespan" (seconds)."""
         if not isinstance(policy, dict) or "method" not in policy:
             raise KbError("a policy is a dictionary with the key method, such as {'method': 'add'}")
         unknown = policy.keys() - {"method", "models", "lifespan"}

@@ -1,7 +1,4 @@
-"""SHACL: what the facts of a map must conform to, on request and at each update.
-
-An update is checked at what it changed, and at what leads there by the paths of the shapes.
-"""
+"""SHACL: what a map must conform to, on request and, at what was changed, at each update."""
 
 from __future__ import annotations
 

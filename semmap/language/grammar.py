@@ -23,10 +23,7 @@ _LOCK = threading.Lock()  # pyparsing's elements are not thread-safe
 
 
 def read_syntax(text: NormalisedText, form: Form, *, whole: bool = False) -> Any:
-    """Return rdflib's syntax tree; raises QueryError, which names what the grammar expects there.
-
-    The whole of SPARQL has lists, and no clauses of our own.
-    """
+    """Return rdflib's syntax tree; the `whole` of SPARQL has lists, and no clauses of our own."""
     with _LOCK:
         try:
             return _grammar(form, whole).parse_string(text.sparql, parse_all=True)

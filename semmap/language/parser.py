@@ -98,11 +98,7 @@ def parse_update(text: str) -> ParsedText:
 
 @lru_cache(maxsize=256)
 def parse_sparql(text: str, form: Form, prefixes: Prefixes = ()) -> ParsedText:
-    """Parse a query or an update in the whole of SPARQL 1.1; raises QueryError.
-
-    It may not read or write outside of the database. The names of ``SELECT *`` are those that are
-    visible.
-    """
+    """Parse a text in all of SPARQL 1.1, which may not leave the database; raises QueryError."""
     normalised = normalise(text)
     with _errors_of(normalised):
         tree = read_syntax(normalised, form, whole=True)
@@ -205,10 +201,7 @@ def _mark_everything(tree: Any) -> None:
 
 @contextmanager
 def _errors_of(text: NormalisedText) -> Iterator[None]:
-    """Report too deep nesting as an error of a text, and drop what rdflib logs in this thread.
-
-    It logs literals that do not fit their types, which the checker reports with their positions.
-    """
+    """Report too deep nesting as an error of a text; drop rdflib's log of ill-typed literals."""
     thread, logger = threading.get_ident(), logging.getLogger("rdflib.term")
 
     def of_another_thread(record: logging.LogRecord) -> bool:

@@ -31,10 +31,7 @@ def nodes_in(tree: Any) -> Iterator[Any]:
 
 
 def parts_of(tree: CompValue) -> Iterator[tuple[str, Any]]:
-    """Yield name and value of each part of a node.
-
-    rdflib keeps the algebra of EXISTS as an attribute, beside the syntax without its filters.
-    """
+    """Yield the parts of a node by name; rdflib keeps the algebra of EXISTS as an attribute."""
     for name, part in tree.items():
         if name != "_vars":
             yield name, vars(tree).get(name, part)

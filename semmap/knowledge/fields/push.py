@@ -69,10 +69,7 @@ def read_pushed(lines: Iterable[str], map_name: str) -> dict[str, rdflib.URIRef]
 
 
 class FieldPush:
-    """Writes relations that begin and end, by the property of each relation.
-
-    With perspectives, what an agent sees is put into its model, and stays there as last seen.
-    """
+    """Writes relations that begin and end; with perspectives, what an agent sees into its model."""
 
     def __init__(
         self,

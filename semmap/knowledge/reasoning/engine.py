@@ -288,10 +288,7 @@ def _allowed(apart: tuple[Var, Var], bindings: Bindings, *, clash: bool) -> bool
 
 
 def are_different(a: Node, b: Node) -> bool:
-    """Return whether two terms are known to stand for different things.
-
-    Entities of a map have different names on purpose, and literals have values: "1" is 1.0.
-    """
+    """Return whether two terms are known to differ: entities by name, literals by value."""
     if isinstance(a, tuple) and isinstance(b, tuple):
         return _value(a) != _value(b)
     if isinstance(a, tuple) or isinstance(b, tuple):

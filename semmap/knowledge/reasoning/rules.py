@@ -1,7 +1,4 @@
-"""The rules of OWL 2 RL for given axioms (OWL 2 Profiles, section 4.3, tables 4 to 9).
-
-Axioms, closed under table 9, fill the other rules: what is left are facts about individuals.
-"""
+"""The rules of OWL 2 RL (Profiles, section 4.3, tables 4 to 9), filled with the axioms of a map."""
 
 from __future__ import annotations
 

@@ -185,10 +185,7 @@ def _consider(view: MapView, ontology: OntologyAxioms, changed: Changed) -> Stor
 
 
 def _first_run(view: MapView, ontology: OntologyAxioms) -> tuple[OntologyAxioms, Stored]:
-    """Store all that follows from the facts of a map; return the rules that were needed, too.
-
-    The rules of equality are about all facts, and are left out as long as nothing is the same.
-    """
+    """Store all that follows; the rules of equality are left out as long as nothing is the same."""
     view.session.execute("DELETE FROM inference WHERE map_id = %s", (view.number,))
     ontology = ontology.with_equality(view, False)
     facts = _closed(view, ontology)

@@ -93,10 +93,7 @@ Found = tuple[str | None, ...]  # what a statement of `Lookup` finds: a kind, an
 
 
 class Lookup:
-    """What the IRIs of a text may stand for, and the statement that looks them up.
-
-    Its parameter `map`, the number of the map, comes later.
-    """
+    """What the IRIs of a text may stand for, and the statement that looks them up in a `map`."""
 
     def __init__(self, iris: Iterable[str], namespace: str) -> None:
         self._known: dict[str, tuple[Form, Any]] = {}

@@ -320,10 +320,7 @@ class TriplePatterns(PropertyPaths):
 
 
 def prune(patterns: Iterable[MatchedPattern], known: Mapping[str, list[set[Form]]]) -> None:
-    """Remove the triple maps whose terms no other pattern can have, until all are needed.
-
-    The forms of some variables are known.
-    """
+    """Remove triple maps whose terms no other pattern, nor what is known of variables, can have."""
     changed = True
     while changed:
         forms = {name: list(sets) for name, sets in known.items()}

@@ -76,10 +76,7 @@ class Evaluation:
         nodes: Mapping[Term, tuple[Form, int]],
         errors: dict[Any, Exception],
     ) -> dict[Job, set[Row]]:
-        """Return the solutions of parts; write the error of each query that fails to `errors`.
-
-        Terms of jobs may be nodes of entities, with form and id.
-        """
+        """Return the solutions of parts; `errors` gets those of queries, `nodes` are entities."""
         same: dict[Any, list[Job]] = defaultdict(list)
         for job in jobs:
             same[id(job.part.statements), job.solution].append(job)

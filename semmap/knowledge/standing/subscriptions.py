@@ -170,10 +170,7 @@ class Subscriptions:
                 self._queries.remove(subscriber.query)
 
     def events(self, timeout: float | None = None) -> Iterator[Event]:
-        """Yield the events of subscriptions without a callback, until none comes in `timeout` s.
-
-        Raises ValueError, LookupError: a query failed, which ends it; or the map is gone.
-        """
+        """Yield the events of subscriptions without a callback; raises what a query failed with."""
         while True:
             try:
                 event = self._events.get(timeout=timeout)

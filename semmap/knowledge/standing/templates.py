@@ -1,7 +1,4 @@
-"""Shapes of standing queries: those equal but for the entities and types that they name.
-
-A text has holes for these names. A shape is parsed, split and translated once, then filled.
-"""
+"""Shapes of standing queries: equal but for names, parsed and translated once, then filled."""
 
 from __future__ import annotations
 
@@ -116,10 +113,7 @@ def _properties(tree: Any) -> Iterator[str]:
 
 
 class TemplateShape:
-    """The parts of queries of one template, whose names stand for nodes of the same forms.
-
-    It is open where the translation depends on more than these: each text needs a shape.
-    """
+    """The parts of queries of one template and forms of nodes; open: each text needs its own."""
 
     def __init__(
         self,

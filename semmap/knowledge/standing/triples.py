@@ -1,7 +1,7 @@
-"""The triples of touched entities that standing queries have patterns of, in one or two statements.
+"""The triples of touched entities that standing queries have patterns of.
 
-Facts of tables are read first. Relations of surfaces are computed only for the entities that have
-what else the queries need, and only to the entities that the queries name.
+Facts of tables are read first. Relations of surfaces are computed only for entities that have what
+else the queries need, and only to those that queries name.
 """
 
 from __future__ import annotations
