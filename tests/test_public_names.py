@@ -55,7 +55,6 @@ SIGNALS = {
     "LostMissionError",
     "Refused",
     "ServerError",
-    "Unkept",
     "UntranslatedError",
     "Unusable",
     "WholeError",

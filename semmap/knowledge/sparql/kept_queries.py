@@ -10,16 +10,16 @@ import json
 import re
 import time
 from collections import OrderedDict
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from datetime import datetime
-from decimal import Decimal
 from functools import lru_cache
 from typing import Any
 from weakref import WeakKeyDictionary
 
 import psycopg
 import rdflib
+from psycopg.abc import Buffer
+from psycopg.adapt import PyFormat, Transformer
 from psycopg.pq import ConnStatus, ExecStatus, PipelineStatus, TransactionStatus
 from psycopg.pq.abc import PGconn, PGresult
 
@@ -65,10 +65,6 @@ _PARAMETER = re.compile(r"(LIMIT |OFFSET )?%\((\w+)\)s::([a-z]+(?:\[\])?)")
 _PLAIN_NAME = re.compile(r"[a-z][a-z0-9_]*")
 
 
-class Unkept(Exception):
-    """A query that is not kept, or whose basis changed."""
-
-
 @dataclass(frozen=True)
 class Basis:
     """What a translation follows from, besides the text."""
@@ -109,7 +105,7 @@ class Prepared:
     """A statement as the server's protocol has it: numbered parameters, and values as text.
 
     Values that the plan has to know are in the statement: limits, the number of the map, and types,
-    whose names are letters, digits and underscores. Raises Unkept where a value has no text.
+    whose names are letters, digits and underscores. Raises psycopg.Error where a value has no text.
     """
 
     def __init__(
@@ -129,27 +125,8 @@ class Prepared:
 
         self.sql = _PARAMETER.sub(placed, sql).replace("%%", "%").encode()
         self.names = tuple(numbers)
-        self.values: list[bytes | None] = [_as_text(parameters[name]) for name in numbers]
-
-
-def _as_text(value: Any) -> bytes:
-    """Return a value as PostgreSQL reads it."""
-    if isinstance(value, list):
-        quoted = (each.replace("\\", "\\\\").replace('"', '\\"') for each in value)
-        text = "{" + ",".join(f'"{each}"' for each in quoted) + "}"
-    elif isinstance(value, bool):
-        text = "true" if value else "false"
-    elif isinstance(value, str | int | Decimal):
-        text = str(value)
-    elif isinstance(value, float):
-        text = repr(value)
-    elif isinstance(value, datetime):
-        text = value.isoformat()
-    else:
-        raise Unkept
-    if "\0" in text:
-        raise Unkept
-    return text.encode()
+        values = [parameters[name] for name in numbers]
+        self.values = Transformer().dump_sequence(values, [PyFormat.TEXT] * len(values))
 
 
 @dataclass
@@ -219,7 +196,7 @@ class KeptQueries:
                 answer,
                 seconds,
             )
-        except (Unkept, UnicodeError):
+        except (psycopg.Error, UnicodeError):
             return
         if len(self._queries) >= _MOST_QUERIES:
             self._queries.clear()
@@ -279,7 +256,7 @@ def _is_idle(session: Session) -> bool:
 
 
 def _run(
-    pgconn: PGconn, state: _State, statements: Iterable[tuple[bytes, list[bytes | None]]]
+    pgconn: PGconn, state: _State, statements: Iterable[tuple[bytes, Sequence[Buffer | None]]]
 ) -> list[PGresult] | None:
     """Run statements in one round trip and transaction; None if one of them fails."""
     sent: list[tuple[bytes, bytes] | None] = []
