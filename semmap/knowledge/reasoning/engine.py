@@ -160,9 +160,9 @@ class RuleSet:
                 start = _unified(atom, fact, {})
                 if start is None:
                     continue
-                for bindings in _joined(facts, rest, start) if rest else (start,):
+                for bindings in solutions(facts, rest, start) if rest else (start,):
                     if rule.apart is None or _allowed(rule.apart, bindings, clash=rule.clash):
-                        head = _filled(rule.head, bindings)
+                        head = filled(rule.head, bindings)
                         is_trivial = head[1] == SAME_AS and head[0] == head[2]
                         if not is_trivial and not isinstance(head[0], tuple):
                             yield rule, head
@@ -174,9 +174,9 @@ class RuleSet:
                 start = _unified(rule.head, fact, {})
                 if start is None:
                     continue
-                for bindings in _joined(facts, body, start):
+                for bindings in solutions(facts, body, start):
                     if rule.apart is None or _allowed(rule.apart, bindings, clash=rule.clash):
-                        yield rule, tuple(_filled(atom, bindings) for atom in rule.body)
+                        yield rule, tuple(filled(atom, bindings) for atom in rule.body)
 
 
 def close(facts: Facts, rules: RuleSet, new: Iterable[Triple]) -> None:
@@ -258,7 +258,8 @@ def _unified(atom: Triple, fact: Triple, bindings: Bindings) -> Bindings | None:
     return found
 
 
-def _joined(facts: Facts, atoms: tuple[Triple, ...], bindings: Bindings) -> Iterator[Bindings]:
+def solutions(facts: Facts, atoms: tuple[Triple, ...], bindings: Bindings) -> Iterator[Bindings]:
+    """Yield the bindings, more than some, with which all triples are facts."""
     if not atoms:
         yield bindings
         return
@@ -266,7 +267,7 @@ def _joined(facts: Facts, atoms: tuple[Triple, ...], bindings: Bindings) -> Iter
     subject, verb, node = (bindings.get(part) if isinstance(part, Var) else part for part in first)
     if subject is not None and verb is not None and node is not None:
         if (subject, verb, node) in facts:
-            yield from _joined(facts, tuple(rest), bindings)
+            yield from solutions(facts, tuple(rest), bindings)
         return
     matches = list(facts.match(subject, verb, node))
     for i, fact in enumerate(matches):
@@ -274,11 +275,12 @@ def _joined(facts: Facts, atoms: tuple[Triple, ...], bindings: Bindings) -> Iter
             facts.need_subjects(f[2] for f in matches[i : i + AT_ONCE])
         found = _unified(first, fact, bindings)
         if found is not None:
-            yield from _joined(facts, tuple(rest), found)
+            yield from solutions(facts, tuple(rest), found)
 
 
-def _filled(atom: Triple, bindings: Bindings) -> Triple:
-    subject, verb, node = (bindings[p] if isinstance(p, Var) else p for p in atom)
+def filled(atom: Triple, bindings: Bindings) -> Triple:
+    """Return a triple with the terms of its variables."""
+    subject, verb, node = (bindings.get(p, p) if isinstance(p, Var) else p for p in atom)
     return subject, verb, node
 
 

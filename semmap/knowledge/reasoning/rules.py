@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
-from functools import partial
 
 from semmap.knowledge.reasoning.engine import (
     SAME_AS,
@@ -16,6 +14,8 @@ from semmap.knowledge.reasoning.engine import (
     RuleSet,
     Triple,
     Var,
+    filled,
+    solutions,
 )
 from semmap.knowledge.vocabulary import OWL, RDF, RDFS, SEMMAP
 
@@ -46,63 +46,96 @@ _KINDS = (
 AXIOM_CLASSES = frozenset(f"{OWL}{name}" for names in _KINDS for name in names)
 """To be of these classes is an axiom."""
 
-X, Y, Z, A, B, P, V = map(Var, "xyzabpv")
+_RDFS = ("subClassOf", "subPropertyOf", "domain", "range")
+X, Y, Z, V, W = map(Var, "xyzvw")
 
 
-def _schema(name: str, head: Triple, *body: Triple) -> Rule:
-    return Rule(name, body, head, name)
+def _term(word: str) -> Node:
+    if len(word) == 1:
+        return TYPE_OF if word == "a" else Var(word)
+    return f"{RDFS if word in _RDFS else OWL}{word}"
 
 
-def _owl(name: str) -> str:
-    return f"{OWL}{name}"
+def _atoms(text: str) -> tuple[Triple, ...]:
+    """Return triples of a text, as in Turtle: letters are variables, names those of RDFS or OWL."""
+    return tuple((s, v, o) for s, v, o in (map(_term, t.split()) for t in text.split(" . ")))
 
 
-def _restricted(name: str, part: str) -> Rule:
-    """Return the rule by which a restriction follows from one with a narrower class."""
-    body = tuple((c, _owl("onProperty"), P) for c in (X, Y))
-    parts = ((X, _owl(part), A), (Y, _owl(part), B), (A, SUB, B))
-    return Rule(name, body + parts, (X, SUB, Y), name)
-
-
-def _restricted_property(name: str, part: str, *, wider: bool) -> Rule:
-    body = ((X, _owl("onProperty"), P), (Y, _owl("onProperty"), V), (P, SUB_PROPERTY, V))
-    parts = ((X, _owl(part), A), (Y, _owl(part), A))
-    return Rule(name, body + parts, (X, SUB, Y) if wider else (Y, SUB, X), name)
-
-
-def _alike(part: str) -> Rule:
-    """Return the rule by which two equal restrictions are one class."""
-    body = ((X, _owl("onProperty"), P), (Y, _owl("onProperty"), P))
-    return Rule("scm-cls", (*body, (X, _owl(part), A), (Y, _owl(part), A)), (X, SUB, Y), "", (X, Y))
-
+_NARROWER = "x onProperty p . y onProperty p . x {0} c . y {0} d . c subClassOf d"
+_ALIKE = "x onProperty p . y onProperty p . x {0} c . y {0} c"
+_SUB_PROPERTY = "x onProperty p . y onProperty q . p subPropertyOf q . x {0} c . y {0} c"
+_TABLE_9 = (
+    ("scm-sco", "x subClassOf y . y subClassOf z", "x subClassOf z"),
+    ("scm-eqc1", "x equivalentClass y", "x subClassOf y"),
+    ("scm-eqc1", "x equivalentClass y", "y subClassOf x"),
+    ("scm-eqc2", "x subClassOf y . y subClassOf x", "x equivalentClass y"),
+    ("scm-spo", "x subPropertyOf y . y subPropertyOf z", "x subPropertyOf z"),
+    ("scm-eqp1", "x equivalentProperty y", "x subPropertyOf y"),
+    ("scm-eqp1", "x equivalentProperty y", "y subPropertyOf x"),
+    ("scm-eqp2", "x subPropertyOf y . y subPropertyOf x", "x equivalentProperty y"),
+    ("scm-dom1", "p domain x . x subClassOf y", "p domain y"),
+    ("scm-dom2", "q domain x . p subPropertyOf q", "p domain x"),
+    ("scm-rng1", "p range x . x subClassOf y", "p range y"),
+    ("scm-rng2", "q range x . p subPropertyOf q", "p range x"),
+    ("scm-svf1", _NARROWER.format("someValuesFrom"), "x subClassOf y"),
+    ("scm-avf1", _NARROWER.format("allValuesFrom"), "x subClassOf y"),
+    ("scm-cls", _ALIKE.format("someValuesFrom"), "x subClassOf y"),
+    ("scm-cls", _ALIKE.format("allValuesFrom"), "x subClassOf y"),
+    ("scm-cls", _ALIKE.format("hasValue"), "x subClassOf y"),
+    ("scm-svf2", _SUB_PROPERTY.format("someValuesFrom"), "x subClassOf y"),
+    ("scm-avf2", _SUB_PROPERTY.format("allValuesFrom"), "y subClassOf x"),
+    ("scm-hv", _SUB_PROPERTY.format("hasValue"), "x subClassOf y"),
+)
+"""Rules about axioms. What table 9 has of each class and property itself is left out."""
 
 _CHAINS = ("scm-sco", "scm-spo")
-SCHEMA_RULES: tuple[Rule, ...] = (
-    _schema("scm-sco", (X, SUB, Z), (X, SUB, Y), (Y, SUB, Z)),
-    _schema("scm-eqc1", (X, SUB, Y), (X, _owl("equivalentClass"), Y)),
-    _schema("scm-eqc1", (Y, SUB, X), (X, _owl("equivalentClass"), Y)),
-    _schema("scm-eqc2", (X, _owl("equivalentClass"), Y), (X, SUB, Y), (Y, SUB, X)),
-    _schema("scm-spo", (X, SUB_PROPERTY, Z), (X, SUB_PROPERTY, Y), (Y, SUB_PROPERTY, Z)),
-    _schema("scm-eqp1", (X, SUB_PROPERTY, Y), (X, _owl("equivalentProperty"), Y)),
-    _schema("scm-eqp1", (Y, SUB_PROPERTY, X), (X, _owl("equivalentProperty"), Y)),
-    _schema(
-        "scm-eqp2",
-        (X, _owl("equivalentProperty"), Y),
-        (X, SUB_PROPERTY, Y),
-        (Y, SUB_PROPERTY, X),
-    ),
-    _schema("scm-dom1", (P, DOMAIN, Y), (P, DOMAIN, X), (X, SUB, Y)),
-    _schema("scm-dom2", (P, DOMAIN, X), (V, DOMAIN, X), (P, SUB_PROPERTY, V)),
-    _schema("scm-rng1", (P, RANGE, Y), (P, RANGE, X), (X, SUB, Y)),
-    _schema("scm-rng2", (P, RANGE, X), (V, RANGE, X), (P, SUB_PROPERTY, V)),
-    _restricted("scm-svf1", "someValuesFrom"),
-    _restricted("scm-avf1", "allValuesFrom"),
-    *(_alike(part) for part in ("someValuesFrom", "allValuesFrom", "hasValue")),
-    _restricted_property("scm-svf2", "someValuesFrom", wider=True),
-    _restricted_property("scm-avf2", "allValuesFrom", wider=False),
-    _restricted_property("scm-hv", "hasValue", wider=True),
+SCHEMA_RULES = tuple(Rule(name, _atoms(body), _atoms(head)[0], "") for name, body, head in _TABLE_9)
+
+_EQUALITY = (
+    ("eq-sym", "x sameAs y", "y sameAs x", None),
+    ("eq-trans", "x sameAs y . y sameAs z", "x sameAs z", (X, Z)),
+    ("eq-rep-s", "x sameAs y . x p z", "y p z", (X, Y)),
+    ("eq-rep-o", "x sameAs y . z p x", "z p y", (X, Y)),
 )
-"""Table 9. What it has of each class and property itself is left out."""
+"""Table 4, and which resources must not be one already."""
+
+_CLASH, _ONE = "contradiction", "v and w are one"
+_TABLES_5_TO_8 = (
+    ("prp-dom", "what has {p} is a {c}", "p domain c", "x p y", "x a c"),
+    ("prp-rng", "a value of {p} is a {c}", "p range c", "x p y", "y a c"),
+    ("prp-fp", "{p} has at most one value", "p a FunctionalProperty", "x p v . x p w", _ONE),
+    (
+        "prp-ifp",
+        "at most one resource has a given value of {p}",
+        "p a InverseFunctionalProperty",
+        "v p x . w p x",
+        _ONE,
+    ),
+    ("prp-irp", "{p} never joins a resource to itself", "p a IrreflexiveProperty", "x p x", _CLASH),
+    ("prp-symp", "{p} goes both ways", "p a SymmetricProperty", "x p y", "y p x"),
+    ("prp-asyp", "{p} never goes both ways", "p a AsymmetricProperty", "x p y . y p x", _CLASH),
+    ("prp-trp", "{p} is transitive", "p a TransitiveProperty", "x p y . y p z", "x p z"),
+    ("prp-inv1", "{p} is the inverse of {q}", "p inverseOf q", "x p y", "y q x"),
+    ("prp-inv2", "{p} is the inverse of {q}", "p inverseOf q", "x q y", "y p x"),
+    ("cls-com", "{c} is what is not a {d}", "c complementOf d", "x a c . x a d", _CLASH),
+    (
+        "cls-svf1",
+        "{c} is what has a {p} that is a {d}",
+        "c someValuesFrom d . c onProperty p",
+        "x p y . y a d",
+        "x a c",
+    ),
+    (
+        "cls-avf",
+        "each {p} of a {c} is a {d}",
+        "c allValuesFrom d . c onProperty p",
+        "x a c . x p y",
+        "y a d",
+    ),
+    ("cls-hv1", "{c} is what has the {p} {o}", "c hasValue o . c onProperty p", "x a c", "x p o"),
+    ("cls-hv2", "{c} is what has the {p} {o}", "c hasValue o . c onProperty p", "x p o", "x a c"),
+)
+"""Rules about individuals: name, the axiom in words and as triples, body, head."""
 
 
 @dataclass(frozen=True)
@@ -148,7 +181,10 @@ def compile_rules(
     made = _Compiler(facts, show, direct, built_in, single)
     rules = list(made.rules())
     if any(rule.head[1] == SAME_AS for rule in rules) if same is None else same:
-        rules += _same_as()
+        rules += (
+            Rule(name, _atoms(body), _atoms(head)[0], "the same resource", apart)
+            for name, body, head, apart in _EQUALITY
+        )
     heads_and_bodies = [atom for rule in rules for atom in (*rule.body, rule.head)]
     classes = frozenset(
         atom[2]
@@ -170,7 +206,7 @@ def compile_rules(
 
 def _lists(facts: Facts, name: str) -> Iterator[tuple[Node, list[Node]]]:
     """Yield the subjects of a property of lists, with the members."""
-    for subject, _, node in sorted(facts.match(None, _owl(name), None), key=str):
+    for subject, _, node in sorted(facts.match(None, _term(name), None), key=str):
         items: list[Node] = []
         seen = set()
         while node != f"{RDF}nil" and node not in seen:
@@ -194,15 +230,6 @@ def _steps(facts: Facts, given: set[Triple]) -> set[Triple]:
     return {f for f in steps - given if f[1] in (SUB, SUB_PROPERTY) and f[0] != f[2]}
 
 
-def _same_as() -> Iterator[Rule]:
-    """Yield the rules of equality (table 4)."""
-    text = "the same resource"
-    yield Rule("eq-sym", ((X, SAME_AS, Y),), (Y, SAME_AS, X), text)
-    yield Rule("eq-trans", ((X, SAME_AS, Y), (Y, SAME_AS, Z)), (X, SAME_AS, Z), text, (X, Z))
-    yield Rule("eq-rep-s", ((X, SAME_AS, Y), (X, P, Z)), (Y, P, Z), text, (X, Y))
-    yield Rule("eq-rep-o", ((X, SAME_AS, Y), (Z, P, X)), (Z, P, Y), text, (X, Y))
-
-
 class _Compiler:
     """Fills the rules of tables 4 to 8 with axioms."""
 
@@ -216,15 +243,12 @@ class _Compiler:
     ) -> None:
         self._facts, self._show, self._direct = facts, show, direct
         self._built_in, self._single = built_in, single
-        self._pairs: defaultdict[Node, list[tuple[Node, Node]]] = defaultdict(list)
-        for subject, verb, node in sorted(facts.all(), key=str):
-            self._pairs[verb].append((subject, node))
 
     def rules(self) -> Iterator[Rule]:
         """Yield all rules."""
         for part in (
             self._subsumptions,
-            self._properties,
+            self._filled,
             self._disjoint,
             self._chains_and_keys,
             self._sets,
@@ -233,8 +257,8 @@ class _Compiler:
         ):
             yield from part()
 
-    def _of_class(self, name: str) -> list[Node]:
-        return [s for s, c in self._pairs[TYPE_OF] if c == _owl(name)]
+    def _pairs(self, name: str) -> list[tuple[Node, Node]]:
+        return sorted(((s, o) for s, _, o in self._facts.match(None, _term(name), None)), key=str)
 
     def _words(self, text: str, *terms: Node) -> str:
         return text.format(*map(self._show, terms))
@@ -247,10 +271,10 @@ class _Compiler:
         return Rule(name, body, head, text, apart, clash=True)
 
     def _one(self, name: str, text: str, *body: Triple, on: Node | None = None) -> Iterator[Rule]:
-        """Yield the rules by which a and b are the same, or contradict it."""
-        yield self._clash(name, text, *body, apart=(A, B))
+        """Yield the rules by which v and w are the same, or contradict it."""
+        yield self._clash(name, text, *body, apart=(V, W))
         if not (isinstance(on, str) and self._single(on)):
-            yield Rule(name, body, (A, SAME_AS, B), text, (A, B))
+            yield Rule(name, body, (V, SAME_AS, W), text, (V, W))
 
     def _subsumptions(self) -> Iterator[Rule]:
         for c, verb, d in sorted(self._direct, key=str):
@@ -263,58 +287,33 @@ class _Compiler:
                     "cax-sco", ((X, TYPE_OF, c),), (X, TYPE_OF, d), text, inferred_only=known
                 )
 
-    def _properties(self) -> Iterator[Rule]:
-        for p, c in self._pairs[DOMAIN]:
-            if not _is_thing(c):
-                text = self._words("what has {} is a {}", p, c)
-                yield Rule("prp-dom", ((X, p, Y),), (X, TYPE_OF, c), text)
-        for p, c in self._pairs[RANGE]:
-            if not _is_thing(c):
-                text = self._words("a value of {} is a {}", p, c)
-                yield Rule("prp-rng", ((X, p, Y),), (Y, TYPE_OF, c), text)
-        for p in self._of_class("FunctionalProperty"):
-            text = self._words("{} has at most one value", p)
-            yield from self._one("prp-fp", text, (X, p, A), (X, p, B), on=p)
-        for p in self._of_class("InverseFunctionalProperty"):
-            text = self._words("at most one resource has a given value of {}", p)
-            yield from self._one("prp-ifp", text, (A, p, X), (B, p, X))
-        for p in self._of_class("IrreflexiveProperty"):
-            text = self._words("{} never joins a resource to itself", p)
-            yield self._clash("prp-irp", text, (X, p, X))
-        for p in self._of_class("SymmetricProperty"):
-            text = self._words("{} goes both ways", p)
-            yield Rule("prp-symp", ((X, p, Y),), (Y, p, X), text)
-        for p in self._of_class("AsymmetricProperty"):
-            text = self._words("{} never goes both ways", p)
-            yield self._clash("prp-asyp", text, (X, p, Y), (Y, p, X))
-        for p in self._of_class("TransitiveProperty"):
-            text = self._words("{} is transitive", p)
-            yield Rule("prp-trp", ((X, p, Y), (Y, p, Z)), (X, p, Z), text)
-        for p, q in self._pairs[_owl("inverseOf")]:
-            text = self._words("{} is the inverse of {}", p, q)
-            yield Rule("prp-inv1", ((X, p, Y),), (Y, q, X), text)
-            yield Rule("prp-inv2", ((X, q, Y),), (Y, p, X), text)
+    def _filled(self) -> Iterator[Rule]:
+        for name, words, axioms, atoms, head in _TABLES_5_TO_8:
+            for found in sorted(solutions(self._facts, _atoms(axioms), {}), key=str):
+                text = words.format(**{each: self._show(node) for each, node in found.items()})
+                body = [filled(atom, found) for atom in _atoms(atoms)]
+                body = [each for each in body if each[0] != Y or not _is_typed_thing(each)]
+                if head == _CLASH:
+                    yield self._clash(name, text, *body)
+                elif head == _ONE:
+                    on = found["p"] if body[-1][2] == W else None
+                    yield from self._one(name, text, *body, on=on)
+                elif not _is_typed_thing(made := filled(_atoms(head)[0], found)):
+                    yield Rule(name, tuple(body), made, text)
 
     def _disjoint(self) -> Iterator[Rule]:
-        text = "{} and {} are disjoint"
-        named = partial(self._words, text)
-        apart = list(self._pairs[_owl("disjointWith")])
-        apart += list(self._members("AllDisjointClasses"))
-        for c, d in apart:
-            yield self._clash("cax-dw", named(c, d), (X, TYPE_OF, c), (X, TYPE_OF, d))
-        for c, d in self._pairs[_owl("complementOf")]:
-            words = self._words("{} is what is not a {}", c, d)
-            yield self._clash("cls-com", words, (X, TYPE_OF, c), (X, TYPE_OF, d))
-        pairs = list(self._pairs[_owl("propertyDisjointWith")])
-        pairs += list(self._members("AllDisjointProperties"))
+        apart = "{} and {} are disjoint"
+        for c, d in (*self._pairs("disjointWith"), *self._members("AllDisjointClasses")):
+            yield self._clash("cax-dw", self._words(apart, c, d), (X, TYPE_OF, c), (X, TYPE_OF, d))
+        pairs = (*self._pairs("propertyDisjointWith"), *self._members("AllDisjointProperties"))
         for p, q in pairs:
-            yield self._clash("prp-pdw", named(p, q), (X, p, Y), (X, q, Y))
+            yield self._clash("prp-pdw", self._words(apart, p, q), (X, p, Y), (X, q, Y))
         nothing = "nothing is of this class"
-        yield self._clash("cls-nothing2", nothing, (X, TYPE_OF, _owl("Nothing")))
+        yield self._clash("cls-nothing2", nothing, (X, TYPE_OF, _term("Nothing")))
 
     def _members(self, of_class: str, *names: str) -> Iterator[tuple[Node, Node]]:
         """Yield each pair of the members of axioms of a class."""
-        axioms = set(self._of_class(of_class))
+        axioms = {axiom for axiom, _, _ in self._facts.match(None, TYPE_OF, _term(of_class))}
         for name in names or ("members",):
             for axiom, items in _lists(self._facts, name):
                 if axiom in axioms:
@@ -335,10 +334,10 @@ class _Compiler:
             body = tuple(
                 atom
                 for i, key in enumerate(keys)
-                for atom in ((A, key, Var(f"k{i}")), (B, key, Var(f"k{i}")))
+                for atom in ((V, key, Var(f"k{i}")), (W, key, Var(f"k{i}")))
             )
             text = f"{', '.join(map(self._show, keys))} identify a {self._show(c)}"
-            typed = ((A, TYPE_OF, c), (B, TYPE_OF, c))
+            typed = ((V, TYPE_OF, c), (W, TYPE_OF, c))
             yield from self._one("prp-key", text, *typed, *body)
 
     def _sets(self) -> Iterator[Rule]:
@@ -360,32 +359,13 @@ class _Compiler:
                 yield Rule("cls-oo", (), (item, TYPE_OF, c), text)
 
     def _restrictions(self) -> Iterator[Rule]:
-        on: defaultdict[Node, list[Node]] = defaultdict(list)
-        for c, p in self._pairs[_owl("onProperty")]:
-            on[c].append(p)
-        of_class = dict(self._pairs[_owl("onClass")])
-        for c, d in self._pairs[_owl("someValuesFrom")]:
-            for p in on[c]:
-                text = self._words("{} is what has a {} that is a {}", c, p, d)
-                typed = () if _is_thing(d) else ((Y, TYPE_OF, d),)
-                name = "cls-svf1" if typed else "cls-svf2"
-                yield Rule(name, ((X, p, Y), *typed), (X, TYPE_OF, c), text)
-        for c, d in self._pairs[_owl("allValuesFrom")]:
-            for p in on[c]:
-                text = self._words("each {1} of a {0} is a {2}", c, p, d)
-                if not _is_thing(d):
-                    yield Rule("cls-avf", ((X, TYPE_OF, c), (X, p, Y)), (Y, TYPE_OF, d), text)
-        for c, value in self._pairs[_owl("hasValue")]:
-            for p in on[c]:
-                text = self._words("{} is what has the {} {}", c, p, value)
-                yield Rule("cls-hv1", ((X, TYPE_OF, c),), (X, p, value), text)
-                yield Rule("cls-hv2", ((X, p, value),), (X, TYPE_OF, c), text)
-        for c, number in self._pairs[_owl("maxCardinality")]:
-            for p in on[c]:
-                yield from self._at_most(c, number, p, None)
-        for c, number in self._pairs[_owl("maxQualifiedCardinality")]:
-            for p in on[c]:
-                yield from self._at_most(c, number, p, of_class.get(c))
+        of_class = dict(self._pairs("onClass"))
+        for name in ("maxCardinality", "maxQualifiedCardinality"):
+            axioms = _atoms(f"c {name} n . c onProperty p")
+            for found in sorted(solutions(self._facts, axioms, {}), key=str):
+                c = found["c"]
+                d = None if name == "maxCardinality" else of_class.get(c)
+                yield from self._at_most(c, found["n"], found["p"], d)
 
     def _at_most(self, c: Node, number: Node, p: Node, d: Node | None) -> Iterator[Rule]:
         """Yield the rules of classes with at most 0 or 1 values (cls-maxc, cls-maxqc)."""
@@ -399,11 +379,11 @@ class _Compiler:
             more: tuple[Triple, ...] = ((Y, TYPE_OF, d),) if d is not None and qualified else ()
             yield self._clash(name, text, typed, (X, p, Y), *more)
         elif most == "1":
-            more = tuple((v, TYPE_OF, d) for v in (A, B)) if d is not None and qualified else ()
-            yield from self._one(name, text, typed, (X, p, A), (X, p, B), *more, on=p)
+            more = tuple((v, TYPE_OF, d) for v in (V, W)) if d is not None and qualified else ()
+            yield from self._one(name, text, typed, (X, p, V), (X, p, W), *more, on=p)
 
     def _individuals(self) -> Iterator[Rule]:
-        different = _owl("differentFrom")
+        different = _term("differentFrom")
         text = "what is different is not the same"
         yield self._clash("eq-diff1", text, (X, SAME_AS, Y), (X, different, Y))
         yield self._clash("eq-diff1", text, (X, different, X))
@@ -413,14 +393,18 @@ class _Compiler:
             yield Rule("eq-diff2", ((a, SAME_AS, b),), head, words)
         same = "entities of a map and values are not the same as others"
         yield self._clash("eq-diff1", same, (X, SAME_AS, Y), apart=(X, Y))
-        sources = dict(self._pairs[_owl("sourceIndividual")])
-        verbs = dict(self._pairs[_owl("assertionProperty")])
+        sources = dict(self._pairs("sourceIndividual"))
+        verbs = dict(self._pairs("assertionProperty"))
         for name in ("targetIndividual", "targetValue"):
-            for axiom, target in self._pairs[_owl(name)]:
+            for axiom, target in self._pairs(name):
                 if axiom in sources and axiom in verbs:
                     fact = (sources[axiom], verbs[axiom], target)
                     words = self._words("it is not so that {} {} {}", *fact)
                     yield Rule("prp-npa", (fact,), (fact[0], CONTRADICTION, (words, STRING)), words)
+
+
+def _is_typed_thing(fact: Triple) -> bool:
+    return fact[1] == TYPE_OF and _is_thing(fact[2])
 
 
 def _is_thing(c: Node) -> bool:
