@@ -13,8 +13,6 @@ def is_finite_number(value: object) -> TypeGuard[float]:
 
     Their integers have no largest one: `float` raises an error for one of 400 digits.
 
-    Examples
-    --------
     >>> [is_finite_number(value) for value in (0.5, 7, True, "7", float("nan"), 10**400)]
     [True, True, False, False, False, False]
     """
@@ -27,10 +25,6 @@ def is_finite_number(value: object) -> TypeGuard[float]:
 
 def finite_numbers(given: Iterable[Any], count: int | None = None) -> tuple[float, ...] | None:
     """Return finite numbers as floats, also those of NumPy; None where one is not, or for texts.
-
-    Parameters
-    ----------
-    count : how many they have to be
 
     Examples
     --------

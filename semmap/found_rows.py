@@ -15,15 +15,8 @@ LONGEST = 7
 
 @dataclass(frozen=True)
 class FoundRows(Sequence[Row]):
-    """The answer to a question: a sequence of rows.
+    """The rows that answer a question, the best first, and why some are missing.
 
-    Attributes
-    ----------
-    rows : the rows, the best first
-    problems : why some are missing: what is wrong, where, and how to fix it
-
-    Examples
-    --------
     >>> found = FoundRows([{"name": "table1", "area": 1.28}], ["shelf1: has no triangles"])
     >>> len(found), found[0]["area"], found.problems
     (1, 1.28, ['shelf1: has no triangles'])
@@ -49,8 +42,6 @@ class FoundRows(Sequence[Row]):
 def html_table(rows: Sequence[Mapping[str, Any]]) -> str:
     """Return rows as a table in HTML; columns with long or nested values are left out.
 
-    Examples
-    --------
     >>> html_table([{"name": "<mug>", "size": (0.08, 0.08, 0.1)}])
     '<table><tr><th>name</th><th>size</th></tr><tr><td>&lt;mug&gt;</td><td>0.08, 0.08, 0.1</td></tr></table>'
     """  # noqa: E501

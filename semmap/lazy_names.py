@@ -9,15 +9,8 @@ from typing import Any
 
 
 def load_on_use(package: str, homes: Mapping[str, str]) -> Callable[[str], Any]:
-    """Return the ``__getattr__`` of a package whose names are in other modules.
+    """Return the ``__getattr__`` of a package whose names are in other modules: `homes` by name.
 
-    Parameters
-    ----------
-    package : the package's ``__name__``
-    homes : the module of each name
-
-    Examples
-    --------
     >>> load = load_on_use("semmap", {"Pose": "semmap.geometry.pose"})
     >>> load("Pose").__name__
     'Pose'

@@ -16,17 +16,8 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Limit:
-    """The most of something that input may have.
+    """The most of something that input may have; `covers` says what is counted, for the docs.
 
-    Attributes
-    ----------
-    name : lower case; `variable` is made from it
-    default : used where `variable` is not set
-    unit : as messages write it after a number
-    covers : what is counted, for the documentation
-
-    Examples
-    --------
     >>> limit = Limit("wheels", 4, "wheels", "wheels of a robot")
     >>> limit.variable, limit.value, limit.exceeded_by(5)
     ('SEMMAP_MAX_WHEELS', 4, True)
@@ -44,13 +35,7 @@ class Limit:
 
     @property
     def value(self) -> float:
-        """The limit as it is now.
-
-        Raises
-        ------
-        ValueError
-            The variable holds something else than a number above 0.
-        """
+        """The limit as it is now; ValueError if the variable holds no number above 0."""
         text = os.environ.get(self.variable, "").strip()
         if not text:
             return self.default
@@ -71,12 +56,8 @@ class Limit:
     ) -> None:
         """Raise an error where the limit is exceeded.
 
-        Parameters
-        ----------
-        found : how much there is
-        error : makes the exception from the problem and from how to fix it
-        fix : what the user can do, as a sentence
-        verb : stands before `found` in the problem
+        `error` makes it of the problem, in which `verb` stands before `found`, and of how to fix
+        it: the sentence `fix`, and the variable.
         """
         if self.exceeded_by(found):
             raise error(

@@ -6,21 +6,8 @@ import math
 
 
 def parse_numbers(text: str, count: int, option: str) -> tuple[float, ...]:
-    """Return the finite numbers of a text with commas between them.
+    """Return the finite numbers of a text with commas between them; `option` is for the error.
 
-    Parameters
-    ----------
-    text : such as "1,2.5,0"
-    count : how many numbers it has to have
-    option : the option that takes it, for the error
-
-    Raises
-    ------
-    ValueError
-        The text has another number of values, or one that is not a finite number.
-
-    Examples
-    --------
     >>> parse_numbers("1,2.5,0", 3, "--near X,Y,Z")
     (1.0, 2.5, 0.0)
     """

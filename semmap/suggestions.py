@@ -9,14 +9,6 @@ from collections.abc import Iterable
 def similar_names(name: str, known: Iterable[str], count: int = 3) -> list[str]:
     """Return known names that are spelt like a name, the most similar first, or that contain it.
 
-    Parameters
-    ----------
-    name : the unknown name
-    known : the names to choose from
-    count : the most names to return
-
-    Examples
-    --------
     >>> similar_names("shelf", ["shelve", "bookshelf2", "table1"])
     ['shelve', 'bookshelf2']
     """
@@ -27,15 +19,8 @@ def similar_names(name: str, known: Iterable[str], count: int = 3) -> list[str]:
 
 
 def suggestion(name: str, known: Iterable[str], otherwise: str = "") -> str:
-    """Return the end of an error about an unknown name.
+    """Return the end of an error about an unknown name; `otherwise` where no known one is similar.
 
-    Parameters
-    ----------
-    name, known : as in `similar_names`
-    otherwise : the end where no known name is similar
-
-    Examples
-    --------
     >>> "there is no room kichen" + suggestion("kichen", ["kitchen", "hall"])
     'there is no room kichen; did you mean kitchen?'
     """

@@ -15,12 +15,8 @@ _CONTROL = re.compile(
 
 
 def visible(text: str) -> str:
-    r"""A text whose control characters are written as Python writes them.
+    r"""A text whose control characters but line feeds and tabs are written as Python writes them.
 
-    Line feeds and tabs stay.
-
-    Examples
-    --------
     >>> print(visible("mug\x1b[2J\u202e"))
     mug\x1b[2J\u202e
     """
@@ -50,9 +46,7 @@ def print_waiting(text: str) -> None:
 class SafeStream:
     """A stream for `print`; a console of rich, whose control sequences are its own, passes by it.
 
-    Attributes
-    ----------
-    rich_proxied_file : the stream beneath, under the name by which rich finds it
+    rich finds the stream beneath by the name `rich_proxied_file`.
     """
 
     def __init__(self, stream: Any) -> None:

@@ -19,13 +19,7 @@ _DIGITS = re.compile(r"[-+.:_0-9a-fA-FxoO]{1000,}")
 
 
 def read_text(path: Path | str, what: str, error: type[Exception]) -> str:
-    """Return the text of a file; errors ask for `what` it should be.
-
-    Raises
-    ------
-    Exception
-        One of type `error`: the file does not exist, is too large or is not text.
-    """
+    """Return the text of a file; an `error` asks for `what` it should be."""
     try:
         CONFIG_BYTES.check(
             Path(path).stat().st_size,
@@ -38,13 +32,7 @@ def read_text(path: Path | str, what: str, error: type[Exception]) -> str:
 
 
 def parse_yaml(text: str, file: str, error: type[Exception]) -> Any:
-    """Return the content of YAML text; `file` names it in errors.
-
-    Raises
-    ------
-    Exception
-        One of type `error`: not valid YAML, an invalid date (2024-13-45), nested too deeply.
-    """
+    """Return the content of YAML text; `file` names it in an `error`."""
 
     def refused(line: int, problem: str, fix: str) -> Exception:
         return error(f"{file}: is not valid YAML: line {line} {problem}. {fix}")
@@ -67,18 +55,8 @@ def check_structure(
 ) -> None:
     """Refuse YAML text that is nested too deeply, or that aliases unfold to too many values.
 
-    Parameters
-    ----------
-    error : makes an exception of the line, the problem and how to fix it
-    loader : what reads the text later
-    aliases : whether there may be any
-
-    Raises
-    ------
-    yaml.YAMLError
-        The text is not YAML.
-    Exception
-        What `error` makes.
+    `error` makes an exception of the line, the problem and how to fix it. `loader` reads the text
+    later. yaml.YAMLError if it is not YAML.
     """
     sizes: dict[str, int] = {}  # values in what an anchor marks
     open_: list[tuple[str | None, int]] = []  # its anchor, and the values before it

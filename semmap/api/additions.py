@@ -1,4 +1,4 @@
-"""What is added to a map by hand: entries for the store, from arguments as a person gives them."""
+"""Entries for the store, from arguments as a person gives them."""
 
 from __future__ import annotations
 
@@ -206,18 +206,7 @@ def _nearer(distance: Callable[[float, float], float], middle: Any, normal: Any)
 def spot(
     map: Map, holder: MapEntity, relation: str, size: Sequence[float] = (0, 0, 0), moved: int = 0
 ) -> tuple[float, float, float]:
-    """A free point on the highest surface of a holder, or on its floor; metres, map frame.
-
-    Parameters
-    ----------
-    size : (x, y, z) of what is put there, metres in the map's frame
-    moved : the id of what is put there, which is not in its own way
-
-    Raises
-    ------
-    ValueError
-        The holder has no geometry, or others are wherever there would be space.
-    """
+    """A free point on the highest surface of a holder, or on its floor; as `Map.spot`."""
     rows = []
     if relation == "on":
         rows = map.execute(

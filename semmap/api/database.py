@@ -81,9 +81,7 @@ def _is_new_cluster(url: str | Cluster | None) -> bool:
 class Database(DatabaseManipulation, DatabaseInterlinking):
     """The maps of a database; for one thread at a time. `connect` opens it.
 
-    Attributes
-    ----------
-    session : a psycopg connection in autocommit mode, its search path on the schema
+    `session` is a psycopg connection in autocommit mode, its search path on the schema.
     """
 
     def __init__(self, url: str | Cluster | None = None, *, migrate: bool = False) -> None:
@@ -165,13 +163,7 @@ class Database(DatabaseManipulation, DatabaseInterlinking):
         return self._maps[name]
 
     def create_map(self, name: str) -> Map:
-        """Make an empty map.
-
-        Raises
-        ------
-        ValueError
-            There is one of this name, or the name is empty.
-        """
+        """Make an empty map; ValueError if there is one of this name, or the name is empty."""
         from semmap.ingest.ontology.type_store import load_tbox
 
         if not name:
@@ -185,13 +177,7 @@ class Database(DatabaseManipulation, DatabaseInterlinking):
         return self._map(name)
 
     def drop_map(self, name: str) -> int:
-        """Delete a map with all its entities; returns how many there were.
-
-        Raises
-        ------
-        LookupError
-            There is no such map.
-        """
+        """Delete a map with all its entities; returns how many there were."""
         self._maps.pop(self.map(name).name).close()
         row = self.session.execute("SELECT drop_map(%s)", (name,)).fetchone()
         assert row is not None
@@ -202,15 +188,7 @@ class Database(DatabaseManipulation, DatabaseInterlinking):
         return entity_query.list_maps(self.session)
 
     def sql(self, statement: str, *values: Any, write: bool = False) -> SqlRows:
-        """As `Map.sql` of the map that `map` takes; without one, views show no entity.
-
-        Raises
-        ------
-        ValueError
-            As of `Map.sql`.
-        LookupError
-            The setting ``semmap.map`` names a map that is not there.
-        """
+        """As `Map.sql` of the map that `map` takes; without one, views show no entity."""
         row = self.session.execute(
             "SELECT count(*) = 1 OR coalesce(current_setting('semmap.map', true), '') <> '' "
             "AND count(*) > 0 FROM map WHERE copy_of IS NULL"
@@ -226,13 +204,7 @@ class Database(DatabaseManipulation, DatabaseInterlinking):
         return reading_session(self.session) or self.session
 
     def use(self, name: str) -> None:
-        """Choose the map that later sessions of this user see where they name none.
-
-        Raises
-        ------
-        LookupError
-            There is no such map.
-        """
+        """Choose the map that later sessions of this user see where they name none."""
         chosen = self.map(name).name
         roles = self.session.execute(
             "SELECT rolname, current_database() FROM pg_roles WHERE rolname = current_user "
@@ -264,7 +236,7 @@ class Database(DatabaseManipulation, DatabaseInterlinking):
         Parameters
         ----------
         path : SDF, Open-RMF ``building.yaml``, GeoJSON, GeoPackage, a mesh or a point cloud
-        map : its name, made where it is not there; by default the file's own
+        map : made where it is not there; by default the file's own name
         geometry : of SDF models
         mesh_as : what a mesh file is
         strict : take nothing if anything is left out
@@ -336,13 +308,7 @@ class Database(DatabaseManipulation, DatabaseInterlinking):
         return added
 
     def delete_robot(self, name: str) -> None:
-        """Delete a class of robots, and its travel times.
-
-        Raises
-        ------
-        LookupError
-            There is no such class.
-        """
+        """Delete a class of robots, and its travel times."""
         from planner.readers.robot_class import delete_robot_class
 
         with self.session.transaction(), shared_engine(self.session).connect() as connection:

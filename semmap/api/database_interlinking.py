@@ -76,13 +76,6 @@ class DatabaseInterlinking:
         LookupError, ValueError
             A file or a label that cannot be used, no pair labelled the same, or data sets without
             a common property.
-
-        Examples
-        --------
-        ::
-
-            found = db.interlink(house, "inventory.csv", {("mug1", "4711"): True})
-            found.links(), found.link_set
         """
         from semmap.interlinking.link_file import read_labels
         from semmap.interlinking.store import store_links
@@ -101,31 +94,15 @@ class DatabaseInterlinking:
     def merged_records(self, link_set: int) -> list[dict[str, Any]]:
         """Both data sets of a link set as one: a row for each resource.
 
-        Returns
-        -------
-        list of dict
-            `resource` (None without links), `left_keys`, `right_keys`, `confidence` of the least
-            sure link, and `properties`.
-
-        Raises
-        ------
-        LookupError
-            There is no such link set.
+        A row has `resource` (None without links), `left_keys`, `right_keys`, `confidence` of the
+        least sure link, and `properties`.
         """
         from semmap.interlinking.store import merged_records
 
         return merged_records(self.session, link_set)
 
     def undo_links(self, link_set: int) -> int:
-        """Take a link set back, with data sets that no other one uses; return its number of links.
-
-        Raises
-        ------
-        LookupError
-            There is no such link set.
-        ValueError
-            The login may not delete it.
-        """
+        """Take a link set and data sets that no other one uses back; return its number of links."""
         from semmap.interlinking.store import undo_links
 
         return undo_links(self.session, link_set)

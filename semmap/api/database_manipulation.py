@@ -41,12 +41,6 @@ class DatabaseManipulation:
         ------
         LookupError, ValueError
             There is no such gripper, or it is not a shape.
-
-        Examples
-        --------
-        ::
-
-            db.grasps_of_shape("cylinder", (0.03, 0.1), tolerance=0.005)
         """
         from semmap.manipulation.retrieval import stored_for_shape
 
@@ -61,7 +55,7 @@ class DatabaseManipulation:
         palm: str | None = None,
         prefer: bool | None = None,
     ) -> str:
-        """Store the gripper of a URDF, for which grasps are stored and generated.
+        """Store the gripper of a URDF, for which grasps are stored and generated; return its name.
 
         Parameters
         ----------
@@ -69,11 +63,6 @@ class DatabaseManipulation:
         name : by default that of the robot
         palm : the link that holds the fingers; by default the first one
         prefer : it is meant where no gripper is named; by default the first one that is stored is
-
-        Returns
-        -------
-        str
-            Its name.
 
         Raises
         ------
@@ -110,8 +99,7 @@ class DatabaseManipulation:
 
         Returns
         -------
-        str
-            Its name.
+        Its name.
 
         Raises
         ------
@@ -128,14 +116,8 @@ class DatabaseManipulation:
     def list_manipulators(self, can: Sequence[str] = ()) -> list[dict[str, Any]]:
         """The stored robots with arms: `name`, `gripper`, `sensor`, `sensors`, `capabilities`.
 
-        Parameters
-        ----------
-        can : only those able to do all of these: grasp, push, ..., see, feel
-
-        Raises
-        ------
-        LookupError
-            Neither a kind of action nor a capability of any device.
+        `can` leaves those able to do all of these: grasp, push, ..., see, feel. LookupError if one
+        is neither a kind of action nor a capability of any device.
         """
         from semmap.manipulation.reader import list_automata
 
@@ -161,8 +143,7 @@ class DatabaseManipulation:
 
         Returns
         -------
-        dict
-            How many of each were stored.
+        How many of each were stored.
 
         Raises
         ------
@@ -186,8 +167,7 @@ class DatabaseManipulation:
 
         Returns
         -------
-        dict
-            How many `grippers`, `objects` and `actions` it has.
+        How many `grippers`, `objects` and `actions` it has.
 
         Raises
         ------
@@ -206,8 +186,7 @@ class DatabaseManipulation:
 
         Returns
         -------
-        dict
-            How many `grippers`, `objects` and `actions` were new, and its `outcomes`.
+        How many `grippers`, `objects` and `actions` were new, and its `outcomes`.
 
         Raises
         ------

@@ -27,13 +27,7 @@ WHERE d.source = %s ORDER BY a.name LIMIT 1
 
 
 class DrivingPosture(NamedTuple):
-    """Positions of joints, and where they come from.
-
-    Attributes
-    ----------
-    joints : radians or metres by name; others are at 0
-    source : in words
-    """
+    """Positions of joints, radians or metres (others are at 0), and where they come from."""
 
     joints: Mapping[str, float]
     source: str
@@ -51,18 +45,9 @@ def driving_posture(
 ) -> DrivingPosture:
     """Return the posture in which a robot drives.
 
-    Parameters
-    ----------
-    session : where postures of robots with arms are stored; None looks at none
-    urdf : of the robot
-    posture : as for `Map.costmaps`; None takes the stored one of this file, all joints at 0 where
-        no part reaches farther than `FAR` radii of the base, or else one that is found
-    parts : a YAML file that groups links into parts
-
-    Raises
-    ------
-    ValueError
-        The URDF or the posture cannot be used.
+    `posture` is as for `Map.costmaps`. None takes the one stored for this file (none without a
+    session), all joints at 0 where no part reaches farther than `FAR` radii of the base, or else
+    one that is found. `parts` is a YAML file that groups links into parts.
     """
     if posture is not None:
         return DrivingPosture(joints_of(urdf, posture), "as given")

@@ -16,25 +16,13 @@ Kind = TypeVar("Kind", bound="MapEntity")
 
 
 class EntityCollection(Generic[Kind]):
-    """The rooms (objects, doors, ...) of a map, read at each access.
-
-    Examples
-    --------
-    >>> house.rooms["kitchen"], len(house.doors), "mug1" in house.objects  # doctest: +SKIP
-    (<room kitchen>, 14, True)
-    """
+    """The rooms (objects, doors, ...) of a map, read at each access: ``house.rooms["kitchen"]``."""
 
     def __init__(self, map: Map, kind: str, word: str) -> None:
         self._map, self._kind, self._word = map, kind, word
 
     def __getitem__(self, name: str) -> Kind:
-        """The entity of a name.
-
-        Raises
-        ------
-        LookupError
-            The map has none of this kind and name; the message names those that come near it.
-        """
+        """The entity of a name; LookupError names those that come near it."""
         rows = self._rows("AND name = %s", name)
         if not rows:
             known = [row[2] for row in self._rows()]

@@ -24,10 +24,9 @@ class EntityShape:
     def geometry(self) -> shapely.Geometry | None:
         """The 2D shape that a GIS shows.
 
-        Rooms, objects, agents, storeys and regions have their outline, as `footprint`: a Polygon,
-        or a MultiPolygon of several parts. A door has the line of its opening from post to post,
-        stairs and ramps the line along the way. What has no outline has the point of its pose,
-        and None without a placement.
+        Rooms, objects, agents, storeys and regions have their outline, as `footprint`. A door has
+        the line of its opening from post to post, stairs and ramps the line along the way. What has
+        no outline has the point of its pose, and None without a placement.
         """
         return self._shown()["geometry"]
 

@@ -17,14 +17,7 @@ if TYPE_CHECKING:
 
 
 class FieldSources:
-    """The part of `SpatialFields` that needs the running service, or is it.
-
-    Parameters
-    ----------
-    address : where the service is
-    open_map : gives the map; called when the service cannot answer
-    voxel_size : metres
-    """
+    """The part of `SpatialFields` that needs the running service, or is it."""
 
     def __init__(
         self, address: ServiceAddress, open_map: Callable[[], MapQuestions], voxel_size: float
@@ -88,7 +81,6 @@ class FieldSources:
 
         Parameters
         ----------
-        name : of the source
         percepts : with the keys of docs/fields.md, such as ``{"poses": {"human1": {"from": [6.5,
             -1, 1.6], "to": [7.1, 1, 0.8]}}}``
 
@@ -104,13 +96,7 @@ class FieldSources:
                 service.ask("percept", name=name, percept=percept)
 
     def sources(self) -> list[dict[str, Any]]:
-        """List the running sources: their updates, what they provide, and their errors.
-
-        Raises
-        ------
-        LookupError
-            No service is running.
-        """
+        """List the running sources: their updates, what they provide, and their errors."""
         with self._service() as service:
             return list(service.ask("sources"))
 
@@ -132,7 +118,6 @@ class FieldSources:
         source : the installed source; by default that of `name`
         rate : the most updates per second
         timeout : seconds without a percept until what it provides is unknown; 0 for never
-        options : of the source
 
         Raises
         ------
@@ -156,15 +141,7 @@ class FieldSources:
             )
 
     def stop_source(self, name: str) -> None:
-        """Stop a source of the running service; what it provides is unknown from then on.
-
-        Raises
-        ------
-        LookupError
-            No service is running.
-        ValueError
-            No source of that name is running.
-        """
+        """Stop a source of the running service; what it provides is unknown from then on."""
         with self._service() as service:
             service.ask("stop", name=name)
 

@@ -19,10 +19,6 @@ class LiveEvents(Generic[Item]):
     close : called once
     seconds : close after this time; by default never
     callback : gets the events, in a thread of this; a loop then has nothing
-
-    Attributes
-    ----------
-    count
     """
 
     def __init__(

@@ -52,22 +52,10 @@ class Map(
     MapKnowledge,
     MapSpace,
 ):
-    """A map of one environment, by the names of its entities.
-
-    Attributes
-    ----------
-    database : Database
-    name : the name of the map
-    """
+    """A map of one environment, by the names of its entities; of a `database`, with a `name`."""
 
     def import_file(self, path: str | Path, **options: Any) -> ImportSummary:
-        """Read a world file into the map; options and errors are those of `Database.import_file`.
-
-        Examples
-        --------
-        >>> house.import_file("small_house.world").added  # doctest: +SKIP
-        87
-        """
+        """Read a world file into the map; options and errors as of `Database.import_file`."""
         return self.database.import_file(path, map=self.name, **options)
 
     def add_storey(
@@ -191,8 +179,7 @@ class Map(
 
         Returns
         -------
-        list of dict
-            For each detection its `type`, the `object`, its `probability`, `new` and `place`.
+        For each detection its `type`, the `object`, its `probability`, `new` and `place`.
 
         Raises
         ------
@@ -253,10 +240,8 @@ class Map(
 
         Raises
         ------
-        LookupError
-            There is no such room.
-        ValueError
-            The name is taken, or neither side of the line is in `place_a`.
+        LookupError, ValueError
+            There is no such room; the name is taken, or neither side of the line is in `place_a`.
         """
         from semmap.api.additions import DoorShape, door
 

@@ -33,17 +33,8 @@ class MapBeliefs(MapQuestions):
 
         Raises
         ------
-        LookupError
-            The map has no entity of this name, and none of such a type.
-        ValueError
-            It is not an object or agent.
-
-        Examples
-        --------
-        ::
-
-            found = house.where("mug1")
-            found.best, found["table1"], found.rows[0]["last_seen"]
+        LookupError, ValueError
+            The map has no such entity, and none of such a type; or it is not an object or agent.
         """
         return self.beliefs([name], at, moves=moves)[name]
 
@@ -124,16 +115,9 @@ class MapBeliefs(MapQuestions):
     ) -> dict[str, list[Any]]:
         """The initial belief as a message: `location`, and the probabilities for each name.
 
-        Returns
-        -------
-        dict
-            `location` has the names of all places, `elsewhere` last; each of `names` has its
-            probabilities in that order.
-
-        Raises
-        ------
-        LookupError, ValueError
-            As `where`; an object of the name ``location``.
+        `location` has the names of all places, `elsewhere` last; each of `names` has its
+        probabilities in that order. Errors are those of `where`; an object of the name ``location``
+        is one, too.
         """
         from semmap.belief.store.beliefs import initial_belief
 
@@ -153,16 +137,13 @@ class MapBeliefs(MapQuestions):
 
         Parameters
         ----------
-        detections : `semmap.belief.identify.Detection` (type, point, sides), metres
-        frame : the agent in whose frame the points are; by default that of the map
-        at : the time of the detections; local without a time zone, by default now
+        detections, frame, at : as for `Map.observe_objects`
         moves : seconds in which an object of mobility 1 moves once
         new : expected number of objects of a type at a place that the map lacks
 
         Returns
         -------
-        list of Identity
-            For each detection its `place`, the probability of each `known` object, and `new`.
+        For each detection its `place`, the probability of each `known` object, and `new`.
 
         Raises
         ------
@@ -193,8 +174,7 @@ class MapBeliefs(MapQuestions):
 
         Returns
         -------
-        dict
-            `field`, its name, with its `version` and how many `voxels` it has.
+        `field`, its name, with its `version` and how many `voxels` it has.
 
         Raises
         ------
@@ -229,14 +209,8 @@ class MapBeliefs(MapQuestions):
     ) -> str:
         """Priors and observations of objects as a ProbLog program, for other programs.
 
-        Parameters
-        ----------
-        occlusion : the larger ones of `names` may hide the smaller ones
-
-        Raises
-        ------
-        LookupError, ValueError
-            As `where`; a name that appears twice, or with occlusion an unknown volume.
+        `occlusion`: the larger ones of `names` may hide the smaller ones. Errors are those of
+        `where`; a name that appears twice, or with occlusion an unknown volume, is one, too.
         """
         from semmap.belief.estimates import known_volumes
         from semmap.belief.problog_program import problog_program

@@ -45,14 +45,8 @@ class MapDrawing(MapTasks):
     def draw(self, storey: str | None = None, *, walls: bool = True, title: str = "") -> Picture:
         """The floor plan of a storey, or those of all storeys one below another.
 
-        Parameters
-        ----------
-        walls : show what the occupancy grid has between the rooms; without it, outlines alone
-
-        Raises
-        ------
-        LookupError
-            There is no such storey, or nothing to draw.
+        `walls` shows what the occupancy grid has between the rooms; without it, outlines alone.
+        LookupError if there is no such storey, or nothing to draw.
         """
         from navgrid.grid_output import with_grid
         from semmap.draw.floor_plan import floor_plan
@@ -68,13 +62,7 @@ class MapDrawing(MapTasks):
         )
 
     def draw_3d(self, *, cut: float | None = None, width: int = 2200, title: str = "") -> Picture:
-        """All storeys in 3D, with their furniture.
-
-        Parameters
-        ----------
-        cut : height above each floor at which walls are cut, metres; by default nothing is cut
-        width : pixels
-        """
+        """All storeys in 3D, with their furniture; walls are cut `cut` metres above each floor."""
         from semmap.draw.picture import Picture
         from semmap.draw.scene3d import scene3d
 
@@ -107,7 +95,6 @@ class MapDrawing(MapTasks):
         Parameters
         ----------
         format : nav2, rmf, dot, png or json; by default that of the file's ending
-        storey : only this one
         robot : a stored class whose paths and times are used, in place of straight lines
         unlocks, speed : of the robot, metres a second, where none is named
 
@@ -154,13 +141,7 @@ class MapDrawing(MapTasks):
         unlocks: bool = False,
         speed: float = 0.5,
     ) -> RoutingGraph:
-        """The topology as a graph of travel times; options are those of `write_topology`.
-
-        Raises
-        ------
-        ValueError
-            The map has no connectors.
-        """
+        """The topology as a graph of travel times; options are those of `write_topology`."""
         from planner.exchange.route_graph import ExchangeError
         from planner.robot_class import RobotClass
 
@@ -190,13 +171,7 @@ class MapDrawing(MapTasks):
 
 
 def topology_format(file: Path, given: str | None) -> TopologyFormat:
-    """Return the format of a file: the one given, or that of its ending.
-
-    Raises
-    ------
-    ValueError
-        The ending stands for none.
-    """
+    """Return the format of a file: the one given, or that of its ending."""
     if given is not None:
         return TopologyFormat(given)
     found = _ENDINGS.get(file.suffix.lower())

@@ -57,7 +57,6 @@ class MapDriving(MapQuestions):
 
         Parameters
         ----------
-        storey : only this one
         interval : lowest and highest end of obstacles above the floor, metres
         resolution : side of a cell, metres
         increment : cut the meshes by planes so many metres apart, as in the paper; by default exact
@@ -71,10 +70,9 @@ class MapDriving(MapQuestions):
 
         Raises
         ------
-        LookupError
-            There is no such storey or field.
-        ValueError
-            The interval contains the floor, or there is nothing to make a grid of.
+        LookupError, ValueError
+            There is no such storey or field; the interval contains the floor, or there is nothing
+            to make a grid of.
         """
         from navgrid.occupancy_grid import storey_grid
         from semmap.query.storey_reader import read_storeys
@@ -107,10 +105,6 @@ class MapDriving(MapQuestions):
         """The occupancy grid of one storey; `storey` may be left out where there is only one.
 
         Options and errors are those of `grids`.
-
-        Examples
-        --------
-        >>> house.grid("ground").write("out/ground")  # doctest: +SKIP
         """
         found: StoreyGrid = _only(self.grids(storey=storey, **options), "storey=")
         return found
@@ -153,10 +147,9 @@ class MapDriving(MapQuestions):
 
         Raises
         ------
-        LookupError
-            There is no such robot, storey, room or field, or nothing stands there.
-        ValueError
-            A number is out of range.
+        LookupError, ValueError
+            There is no such robot, storey, room or field, or nothing stands there; or a number is
+            out of range.
         """
         from navgrid.costmap import Inflation
         from navgrid.readers.costmaps import read_costmaps
@@ -186,12 +179,8 @@ class MapDriving(MapQuestions):
     def costmap(self, robot: RobotLike, *, storey: str | None = None, **options: Any) -> Costmap:
         """The layered costmap of a robot on one storey, or in rooms of one storey.
 
-        Options and errors are those of `costmaps`.
-
-        Examples
-        --------
-        >>> kitchen = house.costmap("tiago", rooms=["kitchen"])  # doctest: +SKIP
-        >>> kitchen.explain(1.2, 0.4)  # doctest: +SKIP
+        Options and errors are those of `costmaps`. `Costmap.explain` has the causes of a place's
+        cost.
         """
         made = self.costmaps(robot, storey=storey, **options)
         found: Costmap = _only(made, "storey= or rooms=")
@@ -290,10 +279,6 @@ class MapDriving(MapQuestions):
             The map has no such entity or robot; the message suggests similar names.
         ValueError
             There is no route; the message says what is in the way.
-
-        Examples
-        --------
-        >>> house.route("bedroom", "mug1", robot="tiago").plot()  # doctest: +SKIP
         """
         from planner.readers.drawn_graph import read_drawn_graph
 
@@ -339,16 +324,8 @@ class MapDriving(MapQuestions):
     ) -> LiveTopology:
         """The routing graph of a robot, up to date; it is kept, and follows later changes.
 
-        Parameters
-        ----------
-        body : inside of rooms, a robot without shape is as that of `route` by default
-
-        Raises
-        ------
-        LookupError
-            There is no such class of robots.
-        ValueError
-            A transaction of this map is open, whose changes the graph would not see.
+        `body`: inside of rooms, a robot without shape is as that of `route` by default. ValueError
+        while a transaction of this map is open, whose changes the graph would not see.
         """
         from planner.live_topology import LiveTopology
 

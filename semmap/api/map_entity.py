@@ -26,7 +26,6 @@ class MapEntity(EntityShape, EntityCard):
 
     Attributes
     ----------
-    map : Map
     id : its number in the database, which never changes
     kind : ``room``, ``object``, ``region``, ``agent``, ``connector``, ``storey``, ``elevator``;
         never changes
@@ -149,13 +148,7 @@ class MapEntity(EntityShape, EntityCard):
     def history(self, since: datetime | None = None) -> list[EntityVersion]:
         """Where it was, the oldest version first: poses in the map's frame, holders and times.
 
-        Parameters
-        ----------
-        since : leave out versions that ended before this time
-
-        Examples
-        --------
-        >>> [(version.begin, version.holder) for version in mug.history()]  # doctest: +SKIP
+        Versions that ended before `since` are left out.
         """
         from semmap.query.placements import read_history
 
@@ -183,10 +176,7 @@ class MapEntity(EntityShape, EntityCard):
     def put_on(self, holder: str | MapEntity) -> None:
         """Put it on an object, where it is free near the middle; its orientation is kept.
 
-        Raises
-        ------
-        ValueError
-            Nothing on it is free.
+        ValueError if nothing on it is free.
         """
         self._put(holder, "on")
 

@@ -30,12 +30,6 @@ class MapEvents:
         ------
         ValueError
             `since` is not a cursor.
-
-        Examples
-        --------
-        >>> for event in house.changes(cursor):  # doctest: +SKIP
-        ...     print(event.what, event.name, event.from_holder, event.to_holder)
-        moved mug1 table1 kitchen
         """
         from semmap.api.map_subscription import current_cursor
 
@@ -51,23 +45,14 @@ class MapEvents:
         """Call a function with each change of the map, in a thread with a connection of its own.
 
         No change is skipped and none is repeated, also where the server restarts. An exception of
-        the function ends the subscription; `MapSubscription.stop` raises it.
+        the function ends the subscription; `MapSubscription.stop` raises it. The subscription is a
+        context manager, too.
 
         Parameters
         ----------
         callback : called in the thread with one event after the other. It must not use this map,
             which is for one thread at a time: let it open its own by `semmap.connect`
         since : the `cursor` of an event that was seen; by default from now on
-
-        Returns
-        -------
-        MapSubscription
-            A handle with ``stop()``, which is a context manager, too.
-
-        Examples
-        --------
-        >>> with house.subscribe(print):  # doctest: +SKIP
-        ...     house["mug1"].move_to(1, 2, 0)
         """
         from semmap.api.map_subscription import MapSubscription
         from semmap.database.session import conninfo_of

@@ -27,27 +27,14 @@ class MapExport:
     def to_geodataframe(self, type: str | None = None) -> geopandas.GeoDataFrame:
         """The entities as a GeoDataFrame: one row each, its index their ids.
 
-        Parameters
-        ----------
-        type : a semantic type, with its subtypes; by default all entities
-
-        Returns
-        -------
-        geopandas.GeoDataFrame
-            Columns `name`, `kind`, `type`, `label`, `holder`, `storey`, `low`, `high`,
-            `properties` and `geometry` (as `MapEntity.geometry`); it has no CRS, since a map is a
-            local frame in metres.
+        Columns are `name`, `kind`, `type`, `label`, `holder`, `storey`, `low`, `high`, `properties`
+        and `geometry` (as `MapEntity.geometry`); it has no CRS, since a map is a local frame in
+        metres. `type` leaves those of a semantic type and its subtypes.
 
         Raises
         ------
-        ImportError
-            GeoPandas is not installed.
-        LookupError
-            The map has no such type.
-
-        Examples
-        --------
-        >>> house.to_geodataframe("room").area.sum()  # doctest: +SKIP
+        ImportError, LookupError
+            GeoPandas is not installed; the map has no such type.
         """
         from semmap.query.entity_shapes import read_shapes
 
@@ -78,10 +65,6 @@ class MapExport:
         ----------
         path : ``.gpkg``: a layer for each kind; ``.geojson``: one collection. A file that is there
             is replaced
-
-        Returns
-        -------
-        The path.
 
         Raises
         ------

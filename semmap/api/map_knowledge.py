@@ -48,13 +48,6 @@ class MapKnowledge(MapReasoning):
         ------
         ValueError
             The text is wrong (with line and column), or a limit is exceeded.
-
-        Examples
-        --------
-        >>> for chair, room in house.sparql(  # doctest: +SKIP
-        ...     "SELECT ?x ?room { ?x a semmap:Chair ; semmap:heldBy ?room }"
-        ... ):
-        ...     house[chair].put_in("kitchen")
         """
         from semmap.knowledge.queries import query
 
@@ -73,11 +66,6 @@ class MapKnowledge(MapReasoning):
         ValueError
             The text is wrong, the map or shapes that bind it do not allow a fact, or it took too
             long; nothing was changed.
-
-        Examples
-        --------
-        >>> house.update("INSERT DATA { :mug1 prop:colour 'red' }").added  # doctest: +SKIP
-        1
         """
         from semmap.knowledge.updates import update
 
@@ -107,12 +95,6 @@ class MapKnowledge(MapReasoning):
         ------
         ValueError
             The text is wrong, or neither SELECT nor ASK.
-
-        Examples
-        --------
-        >>> with house.watch_sparql("SELECT ?x { ?x semmap:heldBy :kitchen }") as events:
-        ...     for event in events:  # doctest: +SKIP
-        ...         print(event.what, event.values["x"])
         """
         from semmap.api.live_events import LiveEvents
         from semmap.knowledge.standing.subscriptions import Subscriptions
@@ -136,14 +118,8 @@ class MapKnowledge(MapReasoning):
     def graph(self, *, inferences: bool = False) -> rdflib.Dataset:
         """Return all facts of the map, with its named graphs.
 
-        Parameters
-        ----------
-        inferences : what `reason` inferred, too, in the graph ``urn:semmap:inferred``
-
-        Raises
-        ------
-        ValueError
-            `inferences` are wanted, and the map is not reasoned about.
+        `inferences`: what `reason` inferred, too, in the graph ``urn:semmap:inferred``. ValueError
+        where the map is not reasoned about.
         """
         from semmap.knowledge.map_view import MapView
         from semmap.knowledge.reasoning.runs import is_reasoned
@@ -180,17 +156,11 @@ class MapKnowledge(MapReasoning):
     def import_rdf(self, path: str | Path) -> int:
         """Add the facts of a file, all or none, and return how many were new.
 
-        Parameters
-        ----------
-        path : its ending is one of `export_rdf`
-
         Raises
         ------
-        WorldError
+        WorldError, ValueError
             The file cannot be read, is not of its format, or has a fact that the map does not
-            allow.
-        ValueError
-            The ending is unknown.
+            allow; the ending is none of `export_rdf`.
         """
         from semmap.knowledge.rdf_file import format_of, read_facts, store_facts
 
@@ -258,7 +228,6 @@ class MapKnowledge(MapReasoning):
 
         Parameters
         ----------
-        host, port : the address to listen on
         tokens : a file with a token and its database role in each line; without it, nobody may
             write
         seconds, rows : limits of a request

@@ -69,14 +69,6 @@ class MapManipulation(MapQuestions):
             There is no such name, function, gripper or robot, or no object at the point.
         ValueError
             Not exactly one of `name`, `for_`, `at` and `shape`, or arguments that exclude others.
-
-        Examples
-        --------
-        ::
-
-            best = house.grasps("mug1", gripper="panda")[0]
-            best["pose"], best["width"]
-            house.grasps("mug1", robot="tiago", base=(1.2, 0.4, 1.57), plan=True).motion
         """
         from semmap.manipulation.retrieval import (
             find_grasps,
@@ -147,12 +139,6 @@ class MapManipulation(MapQuestions):
         ------
         LookupError, ValueError
             As `grasps`; the object has no mesh, or the other one no level surface.
-
-        Examples
-        --------
-        ::
-
-            house.places("mug1", on="table1", towards=(1.2, 0.5))[0]["spot"]
         """
         from semmap.manipulation.places import find_places
         from semmap.manipulation.retrieval import gripper_or_urdf
@@ -198,12 +184,6 @@ class MapManipulation(MapQuestions):
         ------
         LookupError, ValueError
             As `grasps`; the object has no mesh, or stands on nothing level.
-
-        Examples
-        --------
-        ::
-
-            house.pushes("book", distance=0.2)[0]["direction"]
         """
         from semmap.manipulation.pushes import find_pushes
         from semmap.manipulation.retrieval import gripper_or_urdf

@@ -45,24 +45,12 @@ class MapObservations(MapQuestions):
         observer : the agent that looked
         hit, false_alarm : P(seen | there) and P(seen | not there) of the detector
 
-        Returns
-        -------
-        dict
-            The stored observation.
-
         Raises
         ------
         LookupError
             The map has no such object, place or agent.
         ValueError
             A number out of its range, a time in the future, or a place without room for the object.
-
-        Examples
-        --------
-        ::
-
-            house.observe("mug1", "table1")
-            house.observe("mug1", "kitchen", seen=False, visible=0.8)
         """
         from semmap.belief.reader import is_wide
         from semmap.belief.store.beliefs import add_observations
@@ -86,7 +74,7 @@ class MapObservations(MapQuestions):
         hit: float | None = None,
         false_alarm: float | None = None,
     ) -> dict[str, Any]:
-        """Store that an object was detected at a point; the map tells at which place that is.
+        """Store that an object was detected at a point; the map tells at which `place` that is.
 
         Parameters
         ----------
@@ -94,21 +82,10 @@ class MapObservations(MapQuestions):
         frame : the agent in whose frame the point is; by default that of the map
         at, hit, false_alarm : as for `observe`
 
-        Returns
-        -------
-        dict
-            The stored observation, with its `place` and `position` there.
-
         Raises
         ------
         LookupError, ValueError
             As `observe`; the point is at no place.
-
-        Examples
-        --------
-        ::
-
-            house.observe_point("mug1", (0.8, 0.1, 0.9), frame="robot1")["place"]
         """
         from semmap.belief.looks import observe_point
 
@@ -133,7 +110,7 @@ class MapObservations(MapQuestions):
     ) -> list[dict[str, Any]]:
         """Store detections in the view of a camera, and looks in vain for the other objects.
 
-        The meshes of the map tell which share of each place was in view.
+        The meshes of the map tell which share of each place was in view. Returns the observations.
 
         Parameters
         ----------
@@ -148,21 +125,10 @@ class MapObservations(MapQuestions):
         furthest : range of the detector, metres
         at, hit, false_alarm : as for `observe`
 
-        Returns
-        -------
-        list of dict
-            The stored observations.
-
         Raises
         ------
         LookupError, ValueError
             As `observe`; no name, a camera out of range, or a cloud without a table.
-
-        Examples
-        --------
-        ::
-
-            house.observe_view((1, 2, 1.2, 0, 0.4), ["coke", "mug1"], {"mug1": (1.8, 2.1, 0.8)})
         """
         from semmap.belief.looks import agent_view, observe_view
 

@@ -25,8 +25,6 @@ class MapPlan(Plan):
     ----------
     reasons : why a search goes where it goes, a sentence for each object that is searched for
     assumed : the objects of the plan for which the typical box of their type was assumed
-    map : where it was planned
-    options : how `Map.run` carries it out
     """
 
     assumed: tuple[str, ...] = field(default=(), kw_only=True)
@@ -59,7 +57,6 @@ class ObjectSearch:
 
     Attributes
     ----------
-    name : of the object
     problem : places, viewpoints, travel times and rates
     decision : what to do next, and the tour while nothing is found
     """

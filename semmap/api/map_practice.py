@@ -35,11 +35,6 @@ class MapPractice(MapQuestions):
         FoundRows
             `entity`, `shape`, `size` (metres) and `inliers` of each model; `problems` has the
             reasons for meshes without a primitive.
-
-        Raises
-        ------
-        LookupError
-            The map has no entity of a name.
         """
         from semmap.manipulation.store.shapes import store_shapes
 
@@ -59,9 +54,10 @@ class MapPractice(MapQuestions):
     ) -> int:
         """Store how an attempt ended; later questions propose the actions that succeed most.
 
+        Returns the id of the attempt, as `list_manipulations` lists it.
+
         Parameters
         ----------
-        name : the object
         action : the `action_id` of a row of `grasps`, `places` or `pushes`
         outcome : completed or error
         instead_of : the action that failed before and is replaced by this one
@@ -69,24 +65,12 @@ class MapPractice(MapQuestions):
         message : why it failed
         simulated : the outcome counts less
 
-        Returns
-        -------
-        int
-            The id of the attempt, as `list_manipulations` lists it.
-
         Raises
         ------
         LookupError
             There is no such object, agent or action.
         ValueError
             A kind or an outcome that is not known, or two actions that cannot replace each other.
-
-        Examples
-        --------
-        ::
-
-            best = house.grasps("mug1")[0]
-            house.record_attempt("mug1", best["action_id"], "completed")
         """
         from semmap.manipulation.store.tasks import record_task
 
@@ -128,9 +112,8 @@ class MapPractice(MapQuestions):
 
         Returns
         -------
-        list of dict
-            `action_id`, `family` and `outcome` of each attempt; of grasps `moved` (metres) and
-            `stored`, the id of a corrected grasp; of others `off` (metres) and `tilted` (degrees).
+        `action_id`, `family` and `outcome` of each attempt; of grasps `moved` (metres) and
+        `stored`, the id of a corrected grasp; of others `off` (metres) and `tilted` (degrees).
 
         Raises
         ------

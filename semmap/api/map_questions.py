@@ -34,25 +34,13 @@ ATTEMPTS = 5
 
 
 class MapQuestions:
-    """The part of `Map` that reads.
-
-    Attributes
-    ----------
-    database : Database
-    name : the name of the map
-    """
+    """The part of `Map` that reads."""
 
     def __init__(self, database: Database, name: str) -> None:
         self.database, self.name = database, name
 
     def __getitem__(self, name: str) -> MapEntity:
-        """The entity of a name.
-
-        Raises
-        ------
-        LookupError
-            The map has none; the message names those that come near it.
-        """
+        """The entity of a name; LookupError names those that come near it."""
         rows = self.execute(
             "SELECT id, kind, name FROM entity WHERE map_id = current_map() AND name = %s", name
         )
@@ -154,17 +142,8 @@ class MapQuestions:
         """Where the map disagrees with itself and with physics, the gravest first.
 
         It judges by poses, meshes and outlines of rooms, not by the holders that were derived of
-        them. An error makes answers wrong; warnings and notes are for you to judge.
-
-        Returns
-        -------
-        list of Finding
-            Each with its kind, severity, the names of entities, a sentence, and what fixes it.
-
-        Examples
-        --------
-        >>> [str(each) for each in house.check() if each.severity == "error"]  # doctest: +SKIP
-        []
+        them. An error makes answers wrong; warnings and notes are for you to judge. A finding has
+        its kind, severity, the names of entities, a sentence, and what fixes it.
         """
         from semmap.query.map_check import check_map
 
@@ -174,10 +153,7 @@ class MapQuestions:
     def fix(self, findings: Iterable[Finding]) -> int:
         """Derive again what findings of `check` say is stale; no entity moves.
 
-        Returns
-        -------
-        int
-            How many fixes were run. The others are for you: each finding has its call.
+        Returns how many fixes were run. The others are for you: each finding has its call.
         """
         safe = [finding.fix for finding in findings if finding.safe]
         with self.transaction():
@@ -219,14 +195,7 @@ class MapQuestions:
     def check_type(self, type: str, remedy: str = "semmap types lists them") -> None:
         """Refuse a semantic type that the map does not have.
 
-        Parameters
-        ----------
-        remedy : what the message says to do
-
-        Raises
-        ------
-        LookupError
-            With the types that come near it.
+        LookupError names the types that come near it, and `remedy`: what to do.
         """
         if not self.execute("SELECT 1 FROM semantic_type WHERE name = %s", type):
             names = [row[0] for row in self.execute("SELECT name FROM semantic_type")]
@@ -255,10 +224,7 @@ class MapQuestions:
     def _change(self) -> Iterator[Snapshot]:
         """What a transaction of this map's connection sees, in which the map is changed.
 
-        Raises
-        ------
-        ValueError
-            A statement breaks a rule of the map; it changed nothing.
+        ValueError where a statement breaks a rule of the map; it changed nothing.
         """
         from sqlalchemy.exc import DBAPIError
 

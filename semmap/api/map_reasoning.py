@@ -49,10 +49,8 @@ class MapReasoning(MapSql):
     ) -> None:
         """Infer after each change of the map, while this runs.
 
-        Parameters
-        ----------
-        callback : gets each run that read all facts or changed inferences
-        seconds : end after this time; by default when `stop` is set, or it is interrupted
+        `callback` gets each run that read all facts or changed inferences. It ends after `seconds`,
+        when `stop` is set, or when it is interrupted.
         """
         from semmap.query.change_feed import ChangeFeed
 
@@ -128,10 +126,8 @@ class MapReasoning(MapSql):
 
         Raises
         ------
-        WorldError
-            A file cannot be used.
-        ValueError
-            It took too long.
+        WorldError, ValueError
+            A file cannot be used; it took too long.
         """
         from semmap.knowledge.shacl import domain_shapes, read_shapes, validate
 
@@ -145,23 +141,15 @@ class MapReasoning(MapSql):
 
         Raises
         ------
-        WorldError
-            The file cannot be used.
-        ValueError
-            The map does not conform to them now.
+        WorldError, ValueError
+            The file cannot be used; the map does not conform to them now.
         """
         from semmap.knowledge.shacl import bind_shapes, read_shapes
 
         bind_shapes(self.connection, read_shapes(Path(path)))
 
     def unbind_shapes(self, name: str) -> None:
-        """Let shapes bind the map no more; their name is that of their file, without its ending.
-
-        Raises
-        ------
-        LookupError
-            No shapes of that name bind the map.
-        """
+        """Let shapes bind the map no more; their name is that of their file, without its ending."""
         from semmap.knowledge.shacl import unbind_shapes
 
         unbind_shapes(self.connection, name)

@@ -57,13 +57,6 @@ class MapRegions(MapQuestions):
         ValueError
             Neither `names` nor `type`, a sort that is not known, or one of `names` without such a
             region.
-
-        Examples
-        --------
-        ::
-
-            house.find_regions("surfaces", "table1")
-            house.find_regions("floor", type="room", headroom=1.9).problems
         """
         from semmap.ingest.regions.region_search import find_regions
 
@@ -91,6 +84,8 @@ class MapRegions(MapQuestions):
     ) -> dict[str, Any]:
         """Draw or redraw a region: a polygon from floor to ceiling, or a box.
 
+        Returns the region, as of `list_regions`.
+
         Parameters
         ----------
         polygon : corners (x, y) in the map's frame, metres
@@ -100,24 +95,12 @@ class MapRegions(MapQuestions):
         properties : added to those that it has
         since, until : when it is valid; local without a time zone
 
-        Returns
-        -------
-        dict
-            The region, as of `list_regions`.
-
         Raises
         ------
         LookupError
             There is no such type or holder.
         ValueError
             Both or neither of polygon and box, one without extent, or a name that is taken.
-
-        Examples
-        --------
-        ::
-
-            house.draw_region("wet", [(0, 0), (1, 0), (1, 1)], type="blocked_region",
-                              holder="kitchen")
         """
         from semmap.ingest.regions.extraction import draw_region
         from semmap.query.entity_query import list_regions

@@ -17,13 +17,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class MapRoute(Route):
-    """A `planner.Route` that `Map.route` found.
-
-    Attributes
-    ----------
-    places : the names of the places on it, in order
-    map, topology : where it was planned
-    """
+    """A `planner.Route` that `Map.route` found, with the map and topology where it was planned."""
 
     map: MapDriving = field(repr=False, compare=False, kw_only=True)
     topology: Topology = field(repr=False, compare=False, kw_only=True)
@@ -42,9 +36,7 @@ class MapRoute(Route):
     def without_geometry(self, *, assume_sizes: bool = False) -> list[str]:
         """The objects on the way whose shape is not known, which are taken for free floor.
 
-        Parameters
-        ----------
-        assume_sizes : leave out those for whose type a typical size is known
+        `assume_sizes` leaves out those for whose type a typical size is known.
         """
         from semmap.query.geometry_notes import read_names_without_geometry
 
@@ -54,10 +46,7 @@ class MapRoute(Route):
     def plot(self) -> Picture:
         """Draw the way on the floor plan of each storey that it leads through, one below another.
 
-        Raises
-        ------
-        ValueError
-            The places of the route have no outlines.
+        ValueError if the places of the route have no outlines.
         """
         from navgrid.grid_output import with_grid
         from planner.route_lines import route_lines

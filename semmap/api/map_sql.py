@@ -42,11 +42,6 @@ class MapSql(MapQuestions):
         ValueError
             The statement is wrong or not allowed; it changed nothing. The driver's error is its
             cause.
-
-        Examples
-        --------
-        >>> house.sql("SELECT name FROM entity WHERE kind = %s", "room")[0]  # doctest: +SKIP
-        ('kitchen',)
         """
         if write:
             return sql_rows(self.connection, statement, values, write=True)

@@ -51,10 +51,6 @@ class MapTasks(MapDriving):
             The map has no entity or robot of a name.
         ValueError
             The goal cannot be read, or no plan reaches it; the message says why.
-
-        Examples
-        --------
-        >>> house.plan("on(mug1, table1)", start="bedroom").run(simulate=True)  # doctest: +SKIP
         """
         from planner.search.search_mission import SearchPlanner
         from planner.search.task_search import plan_with_search
@@ -125,8 +121,7 @@ class MapTasks(MapDriving):
 
         Parameters
         ----------
-        goal : as for `plan`; None to resume a mission
-        start : as for `plan`
+        goal, start : as for `plan`; no goal to resume a mission
         robot : a stored class; by default robots without shape
         agent : the name of the robot in the map
         speed : how many times faster than real time
@@ -195,17 +190,14 @@ class MapTasks(MapDriving):
 
         Parameters
         ----------
-        name : of the object
         start, robot : as for `plan`
         sight, detector : the robot's camera, and how well it recognises objects
         progress : called with a place that is measured, its number, and the number of places
 
         Raises
         ------
-        LookupError
-            The map has no such object, robot or start.
-        ValueError
-            It cannot be searched for; the message says why.
+        LookupError, ValueError
+            The map has no such object, robot or start, or it cannot be searched for.
         """
         from planner.search.receding_horizon import decide
         from planner.search.search_mission import SearchPlanner
@@ -228,13 +220,7 @@ class MapTasks(MapDriving):
             return store.missions()
 
     def mission_steps(self, mission: int) -> list[dict[str, Any]]:
-        """The steps of a mission in order: action, arguments, state, times, cause and message.
-
-        Raises
-        ------
-        ValueError
-            There is no such mission.
-        """
+        """The steps of a mission in order: action, arguments, state, times, cause and message."""
         from planner.mission.store.map_connection import MissionError
 
         with self._missions() as store:
@@ -245,10 +231,7 @@ class MapTasks(MapDriving):
     def cancel_mission(self, mission: int) -> None:
         """Cancel a mission; its robot stops.
 
-        Raises
-        ------
-        ValueError
-            It does not exist, has ended, or belongs to another robot.
+        ValueError if it does not exist, has ended, or belongs to another robot.
         """
         from planner.mission.store.map_connection import MissionError
 

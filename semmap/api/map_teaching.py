@@ -18,32 +18,17 @@ class MapTeaching(MapQuestions):
     def teach(self, teaching: str | Path | Mapping[str, Any]) -> dict[str, int]:
         """Teach knowledge, relations, actions, objects and where they were seen; all or nothing.
 
+        Returns how many `types`, `relations`, `actions`, `objects` and `observations` were stored.
+
         Parameters
         ----------
         teaching : a JSON file, a Map.xml of the thesis, or the same as a mapping
             (`semmap.belief.teaching.parse_teaching` describes it)
 
-        Returns
-        -------
-        dict
-            How many `types`, `relations`, `actions`, `objects` and `observations` were stored.
-
         Raises
         ------
         LookupError, ValueError
-            As `semmap.belief.store.teaching.teach`: contradictions to the map are refused.
-
-        Examples
-        --------
-        ::
-
-            house.teach(
-                {
-                    "knowledge": [{"name": "cup_held"}, {"name": "cup_full"}],
-                    "actions": [{"action": "fill", "cause": "cup_held", "effect": "cup_full"}],
-                }
-            )
-            house.how_to("cup_full")
+            A name or number cannot be used, or contradicts the map.
         """
         from semmap.belief.store.teaching import teach
         from semmap.belief.teaching import parse_teaching, read_teaching
@@ -76,14 +61,8 @@ class MapTeaching(MapQuestions):
     def grammar(self, format: str = "gbnf") -> str:
         """A grammar of the names that the map knows, for speech recognisers and language models.
 
-        Parameters
-        ----------
-        format : ``gbnf``, of llama.cpp and others, or ``jsgf``, of speech recognisers
-
-        Raises
-        ------
-        ValueError
-            The format is another one, or the map has no names.
+        `format` is ``gbnf``, of llama.cpp and others, or ``jsgf``, of speech recognisers.
+        ValueError for another one, or if the map has no names.
         """
         from semmap.belief.grammar import write_grammar
         from semmap.belief.store.teaching import vocabulary

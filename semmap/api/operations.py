@@ -23,7 +23,6 @@ class Operation:
     method : the class and method that does it: ``Map.route``
     command : the words of the command line: ``route``, ``fields query``; None: Python alone
     right : the least role that may do it; ``none``: it needs no database
-    result : the type of the result, as the method's annotation names it
     """
 
     method: str

@@ -22,14 +22,9 @@ VOXEL_SIZE = 0.05
 class SpatialFields(FieldSources):
     """The fields of a map: occupied and free space, rooms, views, stored fields; docs/fields.md.
 
-    The running service of the map answers, if there is one, else what the map and sources kept.
-
-    Parameters
-    ----------
-    address : where the service is
-    open_map : gives the map; called when the service cannot answer
-    voxel_size : metres; a service with voxels of another size is not asked
-    note : gets what a user should know: who answered, and what has no voxels
+    The running service of the map answers, if there is one with voxels of this size (metres), else
+    what the map and sources kept. `note` gets what a user should know: who answered, and what has
+    no voxels. `open_map` is called when the service cannot answer.
     """
 
     def __init__(
@@ -47,12 +42,7 @@ class SpatialFields(FieldSources):
         return SpatialFields(self._address, self._open_map, voxel_size, self._note)
 
     def at(self, x: float, y: float, z: float) -> list[tuple[str, str]]:
-        """Return name and kind of the entities that have the voxel at a point.
-
-        Parameters
-        ----------
-        x, y, z : metres in the map's frame
-        """
+        """Return name and kind of the entities that have the voxel at a point, metres."""
         import math
 
         point = [float(x), float(y), float(z)]
@@ -102,13 +92,6 @@ class SpatialFields(FieldSources):
         ValueError
             The text is wrong, or nothing states a property, such as where people look without a
             source of gazes.
-
-        Examples
-        --------
-        >>> for name, voxels in house.fields.query(  # doctest: +SKIP
-        ...     "SELECT ?o (COUNT(?v) AS ?n) { ?v :occupiedBy ?o ; :inRoom :kitchen } GROUP BY ?o"
-        ... ):
-        ...     print(name, voxels)
         """
         from semmap.api.kept_fields import query_kept
 
@@ -192,13 +175,7 @@ class SpatialFields(FieldSources):
         return iter(self.kept())
 
     def forget(self, name: str) -> None:
-        """Delete a stored field with all its versions.
-
-        Raises
-        ------
-        LookupError
-            There is no such field.
-        """
+        """Delete a stored field with all its versions; LookupError if there is none."""
         from semmap.fields.store import field_store
 
         opened = self._open_map()
@@ -263,12 +240,6 @@ class SpatialFields(FieldSources):
         -------
         Events as mappings: `event` ("begin" or "end"), `subject`, `relation`, `object` and `time`.
         Its `count` is the number of relations that are true already.
-
-        Examples
-        --------
-        >>> with house.fields.watch(seconds=60) as events:  # doctest: +SKIP
-        ...     for event in events:
-        ...         print(event["subject"], event["relation"], event["object"], event["event"])
         """
         from semmap.api.field_events import watch_map, watch_service
 

@@ -1,7 +1,6 @@
-"""Beliefs: where objects probably are, from sightings and from looks in vain.
+"""Where objects probably are, from sightings and from looks in vain.
 
-The model is that of O'Neill ("Semantic Maps for Domestic Robots", 2015). Modules take and return
-arrays, except those that read and write the map.
+The model is that of O'Neill ("Semantic Maps for Domestic Robots", 2015).
 """
 
 from __future__ import annotations

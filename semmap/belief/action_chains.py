@@ -1,4 +1,4 @@
-"""Chains of actions: how to bring something about, by actions with one cause and one effect."""
+"""Chains of actions that have one cause and one effect each."""
 
 from __future__ import annotations
 
@@ -18,19 +18,9 @@ def action_chain(
 ) -> list[KnownAction]:
     """Return the shortest chain of actions that brings about a goal, the first action first.
 
-    An action brings about a goal if its effect is a kind of the goal, or the goal a kind of its
-    effect: a state of movable objects is one of a coke. A cause that no action brings about, or
-    that is `given`, ends the chain.
-
-    Parameters
-    ----------
-    is_a
-        Whether the first name is the second one, or a kind of it.
-
-    Raises
-    ------
-    BeliefError
-        No action brings about the goal, or each chain of actions needs itself.
+    An action does so if its effect is a kind of the goal, or the goal a kind of its effect. `is_a`
+    says whether the first name is the second one or a kind of it. A cause that no action brings
+    about, or that is `given`, ends the chain. `BeliefError` if there is no chain.
 
     Examples
     --------

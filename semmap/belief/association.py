@@ -1,8 +1,7 @@
 """Moved or new: which known instance each detection is of, if any.
 
 A hypothesis assigns each detection to a known instance or to a new one, and no instance to two
-detections; instances without a detection were missed. Its weight is the product of the likelihoods.
-The best hypotheses are found by Murty's method, with one linear assignment for each candidate.
+detections. Its weight is the product of the likelihoods; Murty's method finds the best ones.
 """
 
 from __future__ import annotations
@@ -29,12 +28,8 @@ LOG_SIZE_RANGE = math.log(1000.0)
 class Association:
     """The best hypotheses, best first.
 
-    Attributes
-    ----------
-    instance
-        (hypotheses, detections) index of the instance of each detection, or `NEW`.
-    probability
-        (hypotheses,) relative to the hypotheses kept: they sum to 1.
+    `instance` (hypotheses, detections) has the index of each detection's instance, or `NEW`;
+    `probability` (hypotheses,) sums to 1 over the hypotheses kept.
     """
 
     instance: NDArray[np.intp]
@@ -66,27 +61,15 @@ def moved_or_new(
 
     Parameters
     ----------
-    belief
-        (n, m) where the n known instances are now; time enters here, see
-        `semmap.belief.motion.infer_with_motion`.
-    view
-        (m,) the share of each place that the view showed, in [0, 1].
-    place
-        (k,) the place of each detection, as a column of the belief.
-    same_class
-        (k, n) P(detected as this class | class of the instance), such as a row of a confusion
-        matrix.
-    size, known_size
-        (k,) and (n,) a length of detections and instances, above 0; NaN where it is unknown, None
-        to ignore sizes.
-    hit
-        P(detected | in view), strictly between 0 and 1.
-    new
-        (k,) the expected number of instances that the map lacks, at this place and of this class.
-    spread
-        Standard deviation of the measured size, relative to the size.
-    keep
-        The number of hypotheses to return, at most.
+    belief : (n, m) where the n known instances are now, by `semmap.belief.motion.infer_with_motion`
+    view : (m,) the share of each place that the view showed, in [0, 1]
+    place : (k,) the place of each detection, as a column of the belief
+    same_class : (k, n) P(detected as this class | class of the instance)
+    size, known_size : (k,) and (n,) a length of detections and instances, above 0; NaN: unknown
+    hit : P(detected | in view), strictly between 0 and 1
+    new : (k,) the expected number of instances that the map lacks, at this place and of this class
+    spread : standard deviation of the measured size, relative to the size
+    keep : the most hypotheses
 
     Raises
     ------
@@ -129,23 +112,11 @@ def moved_or_new(
 
 
 def associate(same: ArrayLike, new: ArrayLike, missed: ArrayLike, keep: int = 10) -> Association:
-    """Return the hypotheses of largest weight.
+    """Return the `keep` hypotheses of largest weight.
 
-    Parameters
-    ----------
-    same
-        (k, n) likelihood of each detection if it is of each instance, at least 0.
-    new
-        (k,) likelihood of each detection if it is of a new instance, above 0.
-    missed
-        (n,) probability that the instance has no detection, in (0, 1].
-    keep
-        The number of hypotheses, at least 1.
-
-    Raises
-    ------
-    BeliefError
-        Arrays that do not fit, or numbers out of range.
+    `same` (k, n) is the likelihood of each detection if it is of each instance, at least 0; `new`
+    (k,) if it is of a new one, above 0. `missed` (n,) is P(an instance has no detection), in (0,
+    1]. `BeliefError` if arrays do not fit or numbers are out of range.
     """
     likelihood, fresh = np.asarray(same, np.float64), np.asarray(new, np.float64)
     undetected = np.asarray(missed, np.float64)
@@ -173,8 +144,8 @@ def associate(same: ArrayLike, new: ArrayLike, missed: ArrayLike, keep: int = 10
 def _best_assignments(cost: NDArray[np.float64], keep: int) -> list[tuple[float, NDArray[np.intp]]]:
     """The assignments of rows to columns of least cost, by Murty's method: total and columns.
 
-    A candidate is the best of a set of assignments, which agree on the first rows. Without it, the
-    set is split by the first row that differs from it.
+    A candidate is the best of those that agree on the first rows; they are then split by the first
+    row that differs from it.
     """
     count = itertools.count()
     best = _best_assignment(cost)

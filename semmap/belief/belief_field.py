@@ -28,21 +28,11 @@ def belief_map(
     voxel_size: float = 0.05,
     time: datetime | None = None,
 ) -> RepresentationMap:
-    """Return a float32 map of the property ``probability``.
+    """Return a float32 map of the property ``probability``; `voxel_size` in metres.
 
     Each voxel up to `HEADROOM` above a surface of a place has the probability of that place, and
-    each voxel of the box of a place that stores objects. Where places overlap, as furniture
-    in a room, the more special one counts. *Elsewhere* has no voxels.
-
-    Parameters
-    ----------
-    places, belief
-        As `semmap.belief.reader.read_places` and `semmap.belief.store.beliefs.read_belief` return
-        them.
-    about
-        The object that is looked for.
-    voxel_size
-        Metres.
+    each voxel of the box of a place that stores objects. Where places overlap, as furniture in a
+    room, the more special one counts. *Elsewhere* has no voxels.
     """
     grid = empty_grid("float32", Lattice(voxel_size))
     for place in sorted(places, key=lambda place: place.kind != "room"):

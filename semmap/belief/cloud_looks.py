@@ -46,34 +46,10 @@ def observe_cloud(
 ) -> list[Row]:
     """Recognise objects of the map on the table that a camera saw, and store the observations.
 
-    Parameters
-    ----------
-    camera
-        Its pose is the optical frame (x right, y down, z ahead) in the map's frame.
-    cloud
-        (n, 3) or (height, width, 3) in the optical frame, metres; NaN where nothing was seen.
-    looked_for
-        Names of objects of the map that have a mesh: the recogniser knows these alone. Of those
-        that it does not find, the map stores that they were looked for in vain.
-    without
-        Names of furniture whose points are removed first, such as a shelf. Where none is named, the
-        objects stand on the table that most points are on.
-    furthest, at, observer
-        As for `semmap.belief.looks.observe_view`.
-    hit, false_alarm
-        The detector's rates; by default those that were measured on the YCB objects.
-
-    Returns
-    -------
-    list of dict
-        The stored observations.
-
-    Raises
-    ------
-    LookupError, BeliefError
-        As `observe_view`; an object without a mesh.
-    PerceptionError
-        A cloud in which there is no table. Nothing is stored.
+    The camera's pose is the optical frame (x right, y down, z ahead) in the map's frame. The cloud,
+    (n, 3) or (height, width, 3), is in the optical frame, metres; NaN where nothing was seen.
+    Points of furniture `without` are removed first. The default rates were measured on the YCB
+    objects. `PerceptionError` if there is no table; `BeliefError` for an object without a mesh.
     """
     models = read_models(seen, looked_for)
     placeholders = [
@@ -106,14 +82,7 @@ def observe_cloud(
 def read_models(seen: Snapshot, names: Collection[str]) -> list[KnownObject]:
     """Return models of objects, trained from their meshes as they stand in the map.
 
-    The origin is the lowest corner of the box around the mesh.
-
-    Raises
-    ------
-    LookupError
-        The map has no entity of a name.
-    BeliefError
-        No name, or an object without a mesh.
+    The origin is the lowest corner of the box around the mesh. `BeliefError` without a mesh.
     """
     if not names:
         raise BeliefError("name the objects that the recogniser looks for")

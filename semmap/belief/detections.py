@@ -34,17 +34,8 @@ def observe_detections(
     """Associate the detections of one view with objects of the map, and store them.
 
     What is surely a known object is a sighting of it. What is surely none is added. In doubt, it is
-    a sighting of the likeliest one, with such rates that the belief says how sure it is.
-
-    Returns
-    -------
-    list of dict
-        For each detection its `type`, the `object`, its `probability`, `new` and `place`.
-
-    Raises
-    ------
-    LookupError, BeliefError
-        As `semmap.belief.identify.identify`; nothing is stored.
+    a sighting of the likeliest one, with such rates that the belief says how sure it is. Each row
+    has `type`, `object`, `probability`, `new` and `place`. Errors as `identify`; nothing is stored.
     """
     rows: list[Row] = []
     found = identify(seen, detections, frame=frame, at=at)

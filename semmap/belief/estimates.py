@@ -23,13 +23,7 @@ def belief_with_occlusion(
     """Return where objects are, if the larger ones among them may hide the smaller ones.
 
     They have not moved since the first observation after the map was told where they are.
-
-    Raises
-    ------
-    LookupError
-        The map has no entity of a name.
-    BeliefError
-        The volume of an object is unknown, or too many objects and places depend on each other.
+    `BeliefError` if a volume is unknown, or too many objects and places depend on each other.
     """
     columns, model = read_columns(seen, names, at), read_model(seen)
     probability = infer_with_occlusion(

@@ -29,18 +29,8 @@ LISTS = {"thing": "things", "place": "places", "type": "types", "action": "actio
 def write_grammar(names: Mapping[str, Sequence[str]], format: str = "gbnf") -> str:
     """Return a grammar of commands and teachings about the names of a map.
 
-    Parameters
-    ----------
-    names
-        `things`, `places`, `types` and `actions`, as `semmap.belief.store.teaching.vocabulary`
-        returns them. Sentences about an empty list are left out.
-    format
-        ``gbnf``, of llama.cpp and others, or ``jsgf``, of speech recognisers.
-
-    Raises
-    ------
-    BeliefError
-        The format is another one, or the map has no names at all.
+    `names` has `things`, `places`, `types` and `actions`; sentences about an empty list are left
+    out. `BeliefError` if the format is none of `FORMATS`, or there are no names at all.
 
     Examples
     --------

@@ -40,16 +40,7 @@ def heat_map(
 ) -> Path:
     """Draw where an object probably is, and save the picture as PNG; return its path.
 
-    Parameters
-    ----------
-    storey
-        The plan below.
-    places
-        Those of the storey are coloured.
-    belief
-        Probabilities by names of places, as `semmap.belief.store.beliefs.read_belief` returns them.
-    name
-        Of the object, for the title.
+    Places of the storey are coloured by their probabilities; `name` is for the title.
     """
     colours = colormaps["YlOrRd"]
     most = max([p for place, p in belief.items() if place != ELSEWHERE and p > 0] or [1.0])

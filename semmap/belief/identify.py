@@ -28,14 +28,8 @@ if TYPE_CHECKING:
 class Detection:
     """An object of a type that a detector found.
 
-    Attributes
-    ----------
-    type
-        A semantic type of the map.
-    point
-        (x, y, z) of its middle or foot, metres.
-    sides
-        (width, depth, height) in metres; None if unknown.
+    `point` is (x, y, z) of its middle or foot, `sides` are (width, depth, height), metres; None if
+    unknown.
     """
 
     type: str
@@ -45,16 +39,10 @@ class Detection:
 
 @dataclass(frozen=True)
 class Identity:
-    """The objects that a detection may be.
+    """The objects that a detection may be, each `known` one with its probability.
 
-    Attributes
-    ----------
-    place
-        Where it is; None if no known object of the type was found, so that it is new.
-    known
-        The probability of each known object that it may be, the most probable first.
-    new
-        The probability that the map lacks it.
+    The likeliest is the first. `new` is the probability of none of them; `place` is None where no
+    known object of the type was found.
     """
 
     place: str | None
@@ -75,23 +63,9 @@ def identify(
 
     The likelihood has the type, the size, and where each object is believed to be, as it may have
     moved since it was observed. Two detections are different objects. The places of the detections
-    count as seen in full, so that other objects that are believed there were missed.
-
-    Parameters
-    ----------
-    frame
-        The agent in whose frame the points are; the map's frame where None.
-    at
-        The time of the detections; now where None.
-    new
-        The expected number of objects of a type at a place that the map lacks.
-
-    Raises
-    ------
-    LookupError
-        The map has no such type or agent.
-    BeliefError
-        A point or size that is not finite, or a point at no place.
+    count as seen in full, so that other objects that are believed there were missed. `new` is the
+    expected number of objects of a type at a place that the map lacks. Points are in the `frame` of
+    an agent; None: of the map. `BeliefError` if a point or size is not finite, or at no place.
     """
     candidates = [
         [row["name"] for row in find(seen.session, type=detection.type) if row["kind"] == "object"]

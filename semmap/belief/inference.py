@@ -1,12 +1,10 @@
 """The exact belief over places, of all objects at once.
 
-An object is at one place p with prior probability π(p), and each observation is independent given
-the object's place. With a = P(seen | there) and b = P(seen | not there), the posterior weight is
+With prior π(p), a = P(seen | there) and b = P(seen | not there), the posterior weight of a place is
 
-    log w(p) = log π(p) + Σ log b + Σ at p log(a / b)
+    log w(p) = log π(p) + Σ at p log(a / b)
 
-where 1 - a and 1 - b replace a and b for an observation in vain. The first sum is the same for all
-places of an object, so it cancels.
+up to a constant; 1 - a and 1 - b replace a and b for an observation in vain.
 """
 
 from __future__ import annotations
@@ -31,13 +29,10 @@ def infer(
 
     Parameters
     ----------
-    prior
-        (objects, places); rows sum to 1. A place that no observation reaches, such as *elsewhere*,
-        is a column like the others.
-    observations
-        Ages are relative to the time of the belief.
-    mobility
-        (objects,) at least 0; sightings of an object of mobility 0 do not lose value.
+    prior : (objects, places); rows sum to 1. A place that no observation reaches, such as
+        *elsewhere*, is a column like the others
+    observations : ages are relative to the time of the belief
+    mobility : (objects,) at least 0; sightings of an object of mobility 0 do not lose value
 
     Returns
     -------
@@ -48,11 +43,6 @@ def infer(
     ------
     BeliefError
         The prior is not a distribution, or an observation names a row or column that it lacks.
-
-    See Also
-    --------
-    semmap.belief.occlusion.infer_with_occlusion : larger objects may hide smaller ones.
-    semmap.belief.motion.infer_with_motion : objects may move between observations.
 
     Examples
     --------

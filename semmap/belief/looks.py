@@ -34,30 +34,10 @@ def spot(
     frame: str | None = None,
     at: datetime | None = None,
 ) -> Row:
-    """Return the place of a detection, and its position there.
+    """Return the `place` of a detection and its `position` there, as `add_observations` takes them.
 
-    Parameters
-    ----------
-    name
-        Of the detected object or agent: only places that have room for it count.
-    point
-        (x, y, z) metres.
-    frame
-        The agent in whose frame the point is; the map's where None.
-    at
-        When the agent was where it was; now where None.
-
-    Returns
-    -------
-    dict
-        `place` and `position`, as `semmap.belief.store.beliefs.add_observations` takes them.
-
-    Raises
-    ------
-    LookupError
-        The map has no such object or agent.
-    BeliefError
-        A point that is not three finite numbers, or is at no place.
+    Only places with room for the object of the name count. The point is in metres in the `frame` of
+    an agent at a moment; None: in that of the map. `BeliefError` if it is at no place.
     """
     numbers = finite_numbers(point, 3)
     if numbers is None:
@@ -84,20 +64,9 @@ def observe_point(
     at: datetime | None = None,
     **values: Any,
 ) -> Row:
-    """Store that an object was detected at a point; return the stored observation.
+    """Store that an object was detected at a point, and return the stored observation.
 
-    Parameters
-    ----------
-    seen, name, point, frame, at
-        As for `spot`.
-    **values
-        Other values of `semmap.belief.store.beliefs.add_observations`, such as `hit` and
-        `false_alarm`.
-
-    Raises
-    ------
-    LookupError, BeliefError
-        As `spot` and `add_observations`; nothing is stored.
+    Arguments are those of `spot`; `values` are others of `add_observations`, such as `hit`.
     """
     row = {"object": name, "seen": True, "at": at, "observer": frame} | values
     row |= spot(seen, name, point, frame=frame, at=at)
@@ -118,32 +87,9 @@ def observe_view(
 ) -> list[Row]:
     """Store detections in a view, and for the other objects that they were looked for and not seen.
 
-    The map's meshes decide which share of each place was in view.
-
-    Parameters
-    ----------
-    camera
-        Its pose is in the map's frame.
-    looked_for
-        Names of the objects that the detector knows.
-    detected
-        Where it detected some of them: points (x, y, z) in the map's frame, metres.
-    furthest
-        Range of the detector, metres.
-    observer
-        Name of the agent that has the camera.
-    **values
-        `hit` and `false_alarm` of the detector.
-
-    Returns
-    -------
-    list of dict
-        The stored observations.
-
-    Raises
-    ------
-    LookupError, BeliefError
-        As `spot` and `add_observations`; nothing is stored.
+    The map's meshes decide which share of each place was in view. The camera's pose and the points
+    `detected` are in the map's frame, `furthest` is the range of the detector, metres. `values` are
+    the detector's `hit` and `false_alarm`. Returns the stored observations.
     """
     points = dict(detected or {})
     if not furthest > 0:
@@ -180,21 +126,9 @@ def agent_view(
 ) -> tuple[DepthCamera, dict[str, Sequence[float]]]:
     """Return the camera of a view, and its detections, in the map's frame.
 
-    Parameters
-    ----------
-    view
-        x, y, z (metres), yaw and pitch (radians) in the frame of an agent, or in that of the map.
-    opening
-        Horizontal opening angle, radians.
-    detected
-        (x, y, z) of detections in the same frame, by names of objects.
-    frame, at
-        The agent, and when it was where it was; the map's frame where None.
-
-    Raises
-    ------
-    LookupError, BeliefError
-        As `read_agent_pose` and `camera_at`; numbers that are not five, or not three of a point.
+    `view` is x, y, z (metres), yaw and pitch (radians) in the frame of an agent at a moment; None:
+    in that of the map. `detected` has points (x, y, z) in the same frame; `opening` is horizontal,
+    radians. `BeliefError` for other numbers of numbers.
     """
     numbers = finite_numbers(view, 5)
     if numbers is None:

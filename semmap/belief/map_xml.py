@@ -1,7 +1,6 @@
 """The Map.xml of the thesis (appendix A.1): its knowledge as the plain data of a teaching.
 
-The elements are the parts and fields of the teaching topic (appendix B.1); a field is an attribute
-or an element below. Capitals, underscores and hyphens do not matter.
+A field is an attribute or an element below. Capitals, underscores and hyphens do not matter.
 """
 
 from __future__ import annotations
@@ -37,14 +36,8 @@ OCCURRENCE = ("place", "x", "y", "time")
 def read_map_xml(path: Path) -> dict[str, Any]:
     """Return the data of a Map.xml, for `semmap.belief.teaching.parse_teaching`.
 
-    Areas and volumes are converted from `LENGTH_UNIT`; x and y are metres.
-
-    Raises
-    ------
-    WorldError
-        The file is absent or is not XML.
-    BeliefError
-        An element or a field that a teaching does not have.
+    Areas and volumes are converted from `LENGTH_UNIT`; x and y are metres. `BeliefError` for an
+    element or a field that a teaching does not have.
     """
     found: dict[str, Any] = {}
     for element in _leaves(read_xml(path), path):

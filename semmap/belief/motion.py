@@ -1,9 +1,7 @@
 """The belief where objects may have moved between observations: a Markov chain over places.
 
-An object of mobility M moves after times that are exponentially distributed, with mean seconds / M,
-to a place of its destinations. In t seconds, a belief p becomes k p + (1 - k) d with
-k = exp(-t M / seconds). Two such steps are one step of the summed time, so that any number of steps
-costs as much as one.
+An object of mobility M moves after exponentially distributed times, with mean seconds / M. In t
+seconds, a belief p becomes k p + (1 - k) d with k = exp(-t M / seconds) and its destinations d.
 """
 
 from __future__ import annotations
@@ -27,12 +25,7 @@ from semmap.belief.sighting_model import THESIS, SightingRates
 
 @dataclass(frozen=True)
 class MotionModel:
-    """How often objects move.
-
-    Attributes
-    ----------
-    seconds
-        Mean time between two moves of an object of mobility 1; a day by default.
+    """How often objects move: `seconds` is the mean time between two moves at mobility 1.
 
     Examples
     --------
@@ -53,15 +46,7 @@ class MotionModel:
         mobility: ArrayLike,
         seconds: ArrayLike,
     ) -> NDArray[np.float64]:
-        """Return the belief some seconds later.
-
-        Parameters
-        ----------
-        belief, destinations
-            (objects, places); where each object is, and where it is put when it is moved.
-        mobility, seconds
-            (objects,) at least 0.
-        """
+        """Return the belief some seconds later; (objects, places), and (objects,) of at least 0."""
         with np.errstate(over="ignore"):
             moves = np.asarray(mobility, np.float64) * np.asarray(seconds, np.float64)
         keep = np.exp(-moves / self.seconds)[:, None]
@@ -87,10 +72,9 @@ def infer_with_motion(
 
     Parameters
     ----------
-    prior, observations, mobility, model
-        As of `semmap.belief.inference.infer`; the prior is that before the first observation.
-    destinations
-        (objects, places) where an object is put when it is moved; the prior by default.
+    prior, observations, mobility, model : as of `semmap.belief.inference.infer`; the prior is that
+        before the first observation
+    destinations : (objects, places) where an object is put when it is moved; the prior by default
 
     Returns
     -------

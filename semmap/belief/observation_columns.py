@@ -18,23 +18,17 @@ COLUMNS = ("object", "place", "age", "seen", "share", "hit", "false_alarm")
 class Observations:
     """Columns of equal length k, one entry for each look at one place for one object.
 
-    Sequences of any kind are converted. Each entry is evidence of its own: two looks at the same
-    time are two entries.
+    Sequences of any kind are converted. Two looks at the same time are two entries.
 
     Attributes
     ----------
-    object, place
-        (k,) rows and columns of the belief.
-    age
-        (k,) seconds since the observation, at least 0.
-    seen
-        (k,) bool; False: looked for at this place and not found.
-    share
-        (k,) the share of the place that the view showed, in (0, 1]; None for all of it. Both rates
-        are multiplied by it. It cancels where the object was seen.
-    hit, false_alarm
-        (k,) P(seen | there) and P(seen | not there) of the detector, which replace those of the
-        model at any age; NaN where the model's apply, None where they always apply.
+    object, place : (k,) rows and columns of the belief
+    age : (k,) seconds since the observation, at least 0
+    seen : (k,) bool; False: looked for at this place and not found
+    share : (k,) the share of the place in view, in (0, 1]; None for all of it. Both rates are
+        multiplied by it. It cancels where the object was seen
+    hit, false_alarm : (k,) P(seen | there) and P(seen | not there) of the detector at any age; NaN
+        where the model's apply, None where they always apply
 
     Raises
     ------
@@ -105,16 +99,9 @@ def observation_rates(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """P(seen | there) and P(seen | not there) of each observation, before its share is applied.
 
-    Parameters
-    ----------
-    mobility
-        (objects,) of the objects, not of the observations.
-
-    Raises
-    ------
-    BeliefError
-        The model returns a rate that is not strictly between 0 and 1, or a detector sees what is
-        there less often than what is not.
+    `mobility` (objects,) is of the objects, not of the observations. `BeliefError` if the model
+    returns a rate that is not strictly between 0 and 1, or a detector sees what is there less often
+    than what is not.
     """
     there, elsewhere = model.rates(observations.age, mobility[observations.object])
     for name, rate in (("there", there), ("not there", elsewhere)):

@@ -50,14 +50,10 @@ def infer_with_occlusion(
 
     Parameters
     ----------
-    prior, observations, mobility, model
-        As of `semmap.belief.inference.infer`.
-    volume
-        (objects,) above 0, in any unit.
-    hides
-        P(behind | larger objects at the same place), in [0, 1].
-    hidden
-        P(seen | behind), strictly between 0 and 1.
+    prior, observations, mobility, model : as of `semmap.belief.inference.infer`
+    volume : (objects,) above 0, in any unit
+    hides : P(behind | larger objects at the same place), in [0, 1]
+    hidden : P(seen | behind), strictly between 0 and 1
 
     Returns
     -------
@@ -128,18 +124,12 @@ def _groups(
 
 
 class _Step(NamedTuple):
-    """Return the sets of occupied places that follow from the place of one object.
+    """The sets of occupied places that follow from the place of one object.
 
-    Attributes
-    ----------
-    forward
-        (states,) log weight of each set of places that larger objects occupy.
-    places, rest
-        The c places that concern others, and a mask of those that are one choice together.
-    weight
-        (states, choices) log weight of each choice; the last is the rest, if there is any.
-    target
-        (states, choices) the set afterwards, as an index of the next states.
+    `forward` (states,) is the log weight of each set that larger objects occupy. `places` (c,)
+    concern others; `rest` masks those that are one choice together. `weight` (states, choices) is
+    the log weight of each choice, the last of the rest; `target` is the set afterwards, as an
+    index.
     """
 
     forward: NDArray[np.float64]

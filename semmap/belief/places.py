@@ -1,4 +1,4 @@
-"""Places at which objects can be, as plain data, and the place that a point in the map belongs to.
+"""Places at which objects can be, and the place that a point in the map belongs to.
 
 Which places have room for an object, the database decides (``places_for``).
 """
@@ -23,13 +23,7 @@ BORDER = 0.03
 
 @dataclass(frozen=True, eq=False)
 class Surface:
-    """A level area on which objects stand.
-
-    Attributes
-    ----------
-    outline : Polygon or MultiPolygon in the map's frame, metres
-    height : its z in the map's frame
-    """
+    """A level area on which objects stand: an outline in the map's frame, metres, at a height z."""
 
     outline: shapely.Geometry
     height: float
@@ -37,18 +31,10 @@ class Surface:
 
 @dataclass(frozen=True, eq=False)
 class BeliefPlace:
-    """An object or room at which other objects can be.
+    """An object or room at which other objects can be; metres in the map's frame.
 
-    Attributes
-    ----------
-    name : of the entity
-    kind : "object" or "room"
-    surfaces : where objects stand; the floor of a room
-    low, high : (3,) corners of its box in the map's frame, metres; None without geometry
-    footprint : the area that it covers
-    pose : its frame in the map's frame
-    storey : the storey that holds it, if any
-    stores : whether objects are in it, too, as in a container
+    `surfaces` are where objects stand: of a room, its floor. `low` and `high` (3,) are corners of
+    its box; None without geometry. `stores`: objects are in it, too, as in a container.
     """
 
     name: str
@@ -63,17 +49,9 @@ class BeliefPlace:
 
 
 def place_at(places: Iterable[BeliefPlace], point: ArrayLike) -> BeliefPlace | None:
-    """Return the place of a point: the surface below it, else a container, else the room.
+    """Return the place of a point: the surface below it, else a container, else the room; or None.
 
-    Parameters
-    ----------
-    point
-        (3,) the middle or the foot of an object, metres in the map's frame.
-
-    Returns
-    -------
-    Place or None
-        None where the point is at no place.
+    The point (3,) is the middle or the foot of an object, metres in the map's frame.
     """
     x, y, z = (float(v) for v in np.asarray(point, float))
     here = shapely.Point(x, y)
@@ -108,21 +86,10 @@ def _volume(place: BeliefPlace) -> float:
 
 
 def sample_points(place: BeliefPlace, step: float, lift: float) -> NDArray[np.float64]:
-    """Return points evenly over the surfaces of a place, and in the middle of one that can store.
+    """Return (n, 3) points evenly over surfaces of a place, and in the middle of one that stores.
 
-    A view of the top of a closed cabinet shows a part of the place, not all of it.
-
-    Parameters
-    ----------
-    step
-        Metres between points; a smaller surface has one point.
-    lift
-        Metres above the surface: half the height of the object that is looked for.
-
-    Returns
-    -------
-    numpy.ndarray
-        (n, 3) metres in the map's frame.
+    A view of the top of a closed cabinet shows a part of the place, not all of it. `step` metres
+    are between the points, `lift` metres above the surface: half the height of the object.
     """
     areas = [(surface.outline, surface.height + lift) for surface in place.surfaces]
     within = place.stores or not areas

@@ -1,7 +1,6 @@
 """The belief as a program for ProbLog (O'Neill, appendix A.2), with the sign corrected.
 
-ProbLog evaluates the same model by knowledge compilation, so it checks the closed form. Its time
-grows exponentially with objects and observations.
+It checks the closed form; its time grows exponentially with objects and observations.
 """
 
 from __future__ import annotations
@@ -47,17 +46,10 @@ def problog_program(
 
     Parameters
     ----------
-    prior, observations, mobility, model
-        As of `semmap.belief.inference.infer`.
-    objects, places
-        Names of the rows and columns of the prior, each once.
-    volume, hides, hidden
-        As of `semmap.belief.occlusion.infer_with_occlusion`; without volumes, no object is hidden.
-
-    Returns
-    -------
-    str
-        The program; `problog FILE` prints P(is_in(object, place)).
+    prior, observations, mobility, model : as of `semmap.belief.inference.infer`
+    objects, places : names of the rows and columns of the prior, each once
+    volume, hides, hidden : as of `semmap.belief.occlusion.infer_with_occlusion`; without volumes,
+        no object is hidden
 
     Raises
     ------

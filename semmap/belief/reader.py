@@ -47,13 +47,7 @@ ROOM_HEIGHT = 2.5
 
 
 def read_places(seen: Snapshot, name: str) -> list[BeliefPlace]:
-    """Return the places at which an object or agent of the map has room.
-
-    Raises
-    ------
-    LookupError
-        The map has no entity of this name.
-    """
+    """Return the places at which an object or agent of the map has room."""
     number = entity_id(seen.session, name)
     return [_place(row) for row in seen.connection.execute(text(_PLACES), {"id": number})]
 
@@ -87,17 +81,9 @@ def _place(row: Any) -> BeliefPlace:
 
 
 def read_occluders(seen: Snapshot, without: Collection[str]) -> NDArray[np.float64]:
-    """Return the triangles of rooms and objects, and of shut doors, that hide objects behind them.
+    """Return the triangles (F, 3, 3) of rooms, objects and shut doors, which hide what is behind.
 
-    Parameters
-    ----------
-    without
-        Names of the objects that are looked for: the map may have them where they are not.
-
-    Returns
-    -------
-    numpy.ndarray
-        (F, 3, 3) metres in the map's frame.
+    Without the objects that are looked for: the map may have them where they are not.
     """
     parts = [
         entity.triangles
@@ -110,12 +96,7 @@ def read_occluders(seen: Snapshot, without: Collection[str]) -> NDArray[np.float
 def read_agent_pose(seen: Snapshot, name: str, at: datetime | None = None) -> Pose:
     """Return the pose of an agent in the map's frame, now or at a moment.
 
-    Raises
-    ------
-    LookupError
-        The map has no entity of this name.
-    BeliefError
-        It had no place in the map then.
+    `BeliefError` if it had no place in the map then.
     """
     number = entity_id(seen.session, name)
     pose = seen.connection.execute(
@@ -148,13 +129,9 @@ def is_wide(seen: Snapshot, place: str) -> bool:
 class BeliefColumns:
     """Priors and observations of some objects, as arrays for inference.
 
-    Attributes
-    ----------
-    objects, places : names of rows and columns; the last place is *elsewhere*
-    prior : (objects, places), by what the map was told; rows sum to 1; 0 where there is no room
-    observations : those since then; ages relative to the moment that was asked for
-    mobility : (objects,)
-    volume : (objects,) cubic metres; NaN where unknown
+    The last of `places` is *elsewhere*. `prior` (objects, places) is by what the map was told: 0
+    where there is no room. `observations` are those since then, their ages relative to the moment
+    that was asked for. `mobility` (objects,); `volume` (objects,) cubic metres, NaN where unknown.
     """
 
     objects: tuple[str, ...]
@@ -192,14 +169,7 @@ def read_columns(seen: Snapshot, names: Sequence[str], at: datetime | None = Non
     """Return priors and observations of objects as arrays.
 
     An observation anywhere in a room is an entry for each place in it, which has the same
-    likelihood up to a constant.
-
-    Raises
-    ------
-    LookupError
-        The map has no entity of a name.
-    BeliefError
-        One that is not an object or agent, or is named twice.
+    likelihood up to a constant. `BeliefError` for what is not an object or agent, or named twice.
     """
     session = seen.session
     ids = [entity_id(session, name) for name in names]

@@ -20,12 +20,7 @@ class SightingRates(Protocol):
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """P(seen | there) and P(seen | not there), both strictly between 0 and 1.
 
-        Parameters
-        ----------
-        age
-            Seconds since the observation, at least 0.
-        mobility
-            Of the observed object, at least 0; broadcast with `age`.
+        `age` is in seconds, at least 0; `mobility`, at least 0, is broadcast with it.
         """
         ...
 
@@ -37,15 +32,6 @@ class SightingModel:
     P(seen | there) = there + change · d and P(seen | not there) = elsewhere - change · d, where
     d = exp(-age · mobility / seconds). The thesis prints the exponent with age below 0; then
     probabilities leave [0, 1] after 11 s. Here, age is at least 0.
-
-    Attributes
-    ----------
-    there, elsewhere
-        The probabilities of old sightings.
-    change
-        Added to `there` and subtracted from `elsewhere` for a sighting of age 0.
-    seconds
-        In this time, d falls to 1/e for an object of mobility 1.
 
     Raises
     ------

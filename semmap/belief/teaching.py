@@ -81,14 +81,10 @@ class KnownAction:
 
 @dataclass(frozen=True)
 class TaughtObject:
-    """An object of the environment.
+    """An object of the environment, with its class, if taught.
 
-    Attributes
-    ----------
-    name : of the entity
-    type : its class, if taught
-    properties : `base_area` (square metres), `volume` (cubic metres), `mobility` and others
-    occurrences : rows as for `semmap.belief.store.beliefs.add_observations`, without `object`
+    `properties` are `base_area` (square metres), `volume` (cubic metres), `mobility` and others;
+    `occurrences` are rows of `add_observations` without `object`.
     """
 
     name: str
@@ -99,13 +95,7 @@ class TaughtObject:
 
 @dataclass(frozen=True)
 class Teaching:
-    """All that one message or file teaches.
-
-    Attributes
-    ----------
-    observations : rows as for `semmap.belief.store.beliefs.add_observations`
-    model : numbers of the table ``belief_model``
-    """
+    """All that one message or file teaches; `model` has numbers of the table ``belief_model``."""
 
     knowledge: tuple[Knowledge, ...] = ()
     relations: tuple[KnownRelation, ...] = ()
@@ -123,12 +113,7 @@ def is_a(relation: str) -> bool:
 def read_teaching(path: Path) -> Teaching:
     """Return the teaching of a JSON file, or of a Map.xml of the thesis.
 
-    Raises
-    ------
-    BeliefError
-        The file cannot be read, or `parse_teaching` refuses its content.
-    WorldError
-        The file ends in ``.xml`` and is not XML.
+    `BeliefError` if it cannot be read or used; WorldError if an ``.xml`` is not XML.
     """
     if path.suffix.lower() == ".xml":
         from semmap.belief.map_xml import read_map_xml
@@ -149,18 +134,13 @@ def read_teaching(path: Path) -> Teaching:
 
 
 def parse_teaching(data: Any, where: str = "teaching") -> Teaching:
-    """Return a teaching from plain data, as JSON has it.
+    """Return a teaching from plain data, as JSON has it; `where` begins messages, such as the file.
 
-    Parameters
-    ----------
-    data
-        A mapping with any of `knowledge` (name, properties), `relations` (subject, relation,
-        object), `actions` (action, cause, effect), `objects` (name, class, base_area, volume,
-        mobility, properties, occurrences), `observations` and `model`. The names of the thesis are
-        accepted, too: directedRelations (master, action, slave), actions (action, instance1,
-        instance2), objs (name, clas, base_area, volume, occurrences).
-    where
-        The beginning of messages, such as the file.
+    `data` is a mapping with any of `knowledge` (name, properties), `relations` (subject, relation,
+    object), `actions` (action, cause, effect), `objects` (name, class, base_area, volume, mobility,
+    properties, occurrences), `observations` and `model`. The names of the thesis are accepted, too:
+    directedRelations (master, action, slave), actions (action, instance1, instance2), objs (name,
+    clas, base_area, volume, occurrences).
 
     Raises
     ------

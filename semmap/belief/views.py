@@ -25,23 +25,10 @@ def camera_at(
     size: tuple[int, int] = (320, 240),
     nearest: float = 0.1,
 ) -> DepthCamera:
-    """Return an upright camera.
+    """Return an upright camera at (3,) metres in the map's frame.
 
-    Parameters
-    ----------
-    eye
-        (3,) metres in the map's frame.
-    yaw, pitch
-        Where it looks: heading from +x, and downwards from the horizon, radians.
-    field_of_view
-        Horizontal opening angle, radians.
-    size
-        (width, height), pixels.
-
-    Raises
-    ------
-    BeliefError
-        A number that is not finite, or an angle out of its range.
+    `yaw` is its heading from +x, `pitch` downwards from the horizon, `field_of_view` the horizontal
+    opening angle, radians; `size` is (width, height), pixels. `BeliefError` out of range.
     """
     place = np.asarray(eye, float)
     if place.shape != (3,) or not np.isfinite([*place, yaw, pitch]).all():
@@ -68,21 +55,10 @@ def visible_points(
     depths: NDArray[np.float32],
     furthest: float = math.inf,
 ) -> NDArray[np.bool_]:
-    """Return which points no surface hides.
+    """Return (n,) which points (n, 3), metres in the map's frame, no surface hides.
 
-    Parameters
-    ----------
-    points
-        (n, 3) metres in the map's frame.
-    depths
-        (height, width) the camera's image of all surfaces, NaN where there is none.
-    furthest
-        Range of the sensor, metres.
-
-    Returns
-    -------
-    numpy.ndarray
-        (n,) bool
+    `depths` (height, width) is the camera's image of all surfaces, NaN where there is none;
+    `furthest` is the range of the sensor, metres.
     """
     width, height = camera.size
     offset = points - camera.pose[:3, 3]
@@ -106,27 +82,11 @@ def visible_shares(
     step: float = 0.05,
     height: float = 0.1,
 ) -> dict[str, float]:
-    """Return the share of each place that a camera sees, where it sees any of it.
+    """Return the share of each place that a camera sees, in (0, 1], where it sees any of it.
 
     Points over the surfaces of a place, at half the height of an object, are visible if a ray from
-    the camera reaches them; the rays are those of a depth image.
-
-    Parameters
-    ----------
-    depths
-        (height, width) the camera's image of all that hides, without the object that is looked for:
-        ``camera.image(triangles)[0]``.
-    furthest
-        Range of the sensor, metres.
-    step
-        Metres between the points of a surface.
-    height
-        Of the object that is looked for, metres.
-
-    Returns
-    -------
-    dict
-        Shares in (0, 1] by names of places.
+    the camera reaches them. `depths` (height, width) is its image of all that hides, without the
+    object that is looked for; `furthest`, `step` (between points) and `height` (of it) are metres.
     """
     shares = {}
     for place in places:

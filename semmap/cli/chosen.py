@@ -42,10 +42,8 @@ def open_database(*, migrate: bool = False) -> Iterator[Database]:
 def engine(*, migrate: bool = False) -> Engine:
     """An engine on the database that the user chose; closed when the command ends.
 
-    Parameters
-    ----------
-    migrate : make the schema or bring it to the newest revision; without it, a database that lacks
-        it is refused with the command that helps
+    `migrate` makes the schema or brings it to the newest revision; without it, a database that
+    lacks it is refused with the command that helps.
     """
     from semmap.database.engine import open_engine
 
@@ -59,10 +57,7 @@ def engine(*, migrate: bool = False) -> Engine:
 def chosen_map(name: str | None, *, migrate: bool = False) -> Iterator[Map]:
     """The map of a name, else the chosen one, else the only one, while it lasts.
 
-    Raises
-    ------
-    typer.BadParameter
-        There is no such map, none at all, or several and none is chosen.
+    typer.BadParameter if there is no such map, none at all, or several and none is chosen.
     """
     with open_database(migrate=migrate) as chosen:
         try:

@@ -1,7 +1,4 @@
-"""`semmap costmap`: the layered costmaps of a robot as files for Nav2, with pictures.
-
-The command loads its modules when it runs, so that its help is quick.
-"""
+"""`semmap costmap`: the layered costmaps of a robot as files for Nav2, with pictures."""
 
 from __future__ import annotations
 

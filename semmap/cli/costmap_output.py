@@ -18,13 +18,7 @@ from semmap.draw.palette import PART_COLOURS
 
 
 def show_explanation(costmaps: Iterable[Costmap], x: float, y: float, json_: bool) -> None:
-    """Print the causes of the cost at a point, per storey.
-
-    Raises
-    ------
-    ValueError
-        The point is on none of the grids.
-    """
+    """Print the causes of the cost at a point, per storey; ValueError if it is on no grid."""
     rows: list[dict[str, Any]] = []
     for costmap in costmaps:
         try:

@@ -1,7 +1,4 @@
-"""`semmap grid`: one occupancy grid per storey as files for Nav2, with a floor plan.
-
-The command loads its modules when it runs, so that its help is quick.
-"""
+"""`semmap grid`: one occupancy grid per storey as files for Nav2, with a floor plan."""
 
 from __future__ import annotations
 

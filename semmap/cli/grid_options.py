@@ -50,13 +50,7 @@ VoxelSize = Annotated[
 
 
 def fields_of(house: Map, names: list[str] | None, no_fields: bool) -> list[str] | None:
-    """Return the fields that options choose, None for all; note those whose sources ended.
-
-    Raises
-    ------
-    ValueError
-        Both options are given.
-    """
+    """Return the fields that options choose, None for all; note those whose sources ended."""
     from navgrid.readers.fields import LIVE
     from semmap import cli
 

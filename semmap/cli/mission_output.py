@@ -38,13 +38,7 @@ def show_event(event: MissionEvent) -> None:
 
 
 def show_mission(ended: SimulatedMission, json_: bool) -> None:
-    """Print how a mission ended.
-
-    Raises
-    ------
-    typer.Exit
-        The mission did not reach its goal.
-    """
+    """Print how a mission ended; exit with 1 where it did not reach its goal."""
     if json_:
         value = {
             "mission": ended.mission,

@@ -57,12 +57,7 @@ def print_json(value: Any) -> None:
 def show_table(
     rows: Sequence[Mapping[str, Any]], as_json: bool, columns: Sequence[str] | None = None
 ) -> None:
-    """Print rows of named values as a table, or as JSON objects.
-
-    Parameters
-    ----------
-    columns : the names in their order; by default those of the first row
-    """
+    """Print rows of named values as a table, or as JSON; `columns` of the first row by default."""
     names = list(columns or (rows[0] if rows else ()))
     show_rows(names, [tuple(row[name] for name in names) for row in rows], as_json)
 

@@ -27,11 +27,8 @@ GROUP = "semmap.commands"
 class PluginGroup(TyperGroup):
     """A group of commands to which other packages add; a list of them imports no other package.
 
-    Typer makes a command by inspecting a function. That takes time, so it waits for a call.
-
-    Attributes
-    ----------
-    own : the functions and the groups (`typer.Typer`) of the program itself, in the order of help
+    Typer makes a command by inspecting a function. That takes time, so it waits for a call. `own`
+    are the functions and the groups (`typer.Typer`) of the program itself, in the order of help.
     """
 
     own: ClassVar[Mapping[str, object]] = {}

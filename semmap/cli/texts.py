@@ -9,13 +9,7 @@ import typer
 
 
 def numbers(text: str, option: str, count: int | None = None) -> list[float]:
-    """Return the numbers of a text; `count` of them, where it is given.
-
-    Raises
-    ------
-    typer.BadParameter
-        A part is not a number, or there are more or fewer.
-    """
+    """Return the numbers of a text; `count` of them, where it is given, else BadParameter."""
     try:
         found = [float(v) for v in text.split(",")]
     except ValueError:
@@ -27,13 +21,7 @@ def numbers(text: str, option: str, count: int | None = None) -> list[float]:
 
 
 def json_value(text: str, where: str) -> Any:
-    """Return the value of a text in JSON.
-
-    Raises
-    ------
-    ValueError
-        It is not JSON; the text begins with `where`.
-    """
+    """Return the value of a text in JSON; the message of a ValueError begins with `where`."""
     try:
         return json.loads(text)
     except (json.JSONDecodeError, RecursionError) as error:

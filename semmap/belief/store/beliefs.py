@@ -1,7 +1,7 @@
-"""Observations and beliefs in the database; the connection sees a map (`see_map`).
+"""Observations and beliefs in the database, of the map that the connection sees.
 
-The database computes beliefs by itself (`schema/functions/480_belief.sql`): after a new
-observation, it updates the rows of the object in the table ``belief`` and announces the change.
+The database computes beliefs (`schema/functions/480_belief.sql`): after a new observation, it
+updates the rows of the object in the table ``belief`` and announces the change.
 """
 
 from __future__ import annotations
@@ -34,29 +34,9 @@ COLUMNS = ("object", "place", "seen", "at", "inside", "position", "visible", *RA
 def read_belief(
     seen: Snapshot, name: str, at: datetime | None = None, moves: float | None = None
 ) -> dict[str, float]:
-    """Return how probable each place is for an object or agent.
+    """Return the probabilities by names of places, the most probable first, and of `ELSEWHERE`.
 
-    Parameters
-    ----------
-    name
-        Of the object or agent.
-    at
-        By the evidence until then, at its age then; now where None.
-    moves
-        Seconds in which an object of mobility 1 moves once; that of the map where None.
-
-    Returns
-    -------
-    dict
-        Probabilities by names of places, the most probable first, and of `ELSEWHERE`. They sum to 1
-        within 1e-12.
-
-    Raises
-    ------
-    LookupError
-        The map has no entity of this name.
-    BeliefError
-        It is not an object or agent, or `at` has no time zone.
+    They sum to 1 within 1e-12. Arguments and errors are those of `where`.
     """
     return {row["place"]: row["probability"] for row in where(seen, name, at, moves)}
 
@@ -66,18 +46,10 @@ def where(
 ) -> list[Row]:
     """Return the rows of the SQL function ``where_is``: the belief with its reasons.
 
-    Of a type, they are about any thing of the type: the mean of the beliefs about each.
-
-    Returns
-    -------
-    list of dict
-        `place`, `probability`, `prior`, `holder` of the place, and when the object was last seen
-        there and last looked for in vain (`last_seen`, `last_missed`); the most probable first.
-
-    Raises
-    ------
-    LookupError, BeliefError
-        As `read_belief`.
+    Of a type, they are about any thing of the type: the mean of the beliefs about each. It is by
+    the evidence until `at` (now where None), at its age then; `moves` are the seconds in which an
+    object of mobility 1 moves once. `BeliefError` if it is not an object or agent, or `at` has no
+    time zone.
     """
     session = seen.session
     if at is not None and at.tzinfo is None:
@@ -87,13 +59,7 @@ def where(
 
 
 def things_named(session: psycopg.Connection[Any], name: str) -> list[str]:
-    """Return the entity of a name, else the objects and agents of the type of that name.
-
-    Raises
-    ------
-    LookupError
-        The map has neither.
-    """
+    """Return the entity of a name, else the objects and agents of the type of that name."""
     try:
         entity_id(session, name)
     except LookupError:
@@ -145,16 +111,8 @@ def initial_belief(
 ) -> dict[str, list[Any]]:
     """Return the message of the thesis's appendix B.2: locations, and a distribution for each name.
 
-    Returns
-    -------
-    dict
-        `location` has the names of all places, `ELSEWHERE` last; each of `names` has its
-        probabilities in that order.
-
-    Raises
-    ------
-    LookupError, BeliefError
-        As `read_belief`; a name that is ``location``.
+    `location` has the names of all places, `ELSEWHERE` last; each name its probabilities in that
+    order. `BeliefError` as `where`, and for a name that is ``location``.
     """
     if "location" in names:
         raise BeliefError("an object of the name location has no place in this message: rename it")
@@ -167,29 +125,13 @@ def initial_belief(
 
 
 def add_observations(session: Session, rows: Iterable[Mapping[str, Any]]) -> list[int]:
-    """Store observations; the beliefs follow in the same transaction, and are announced with it.
+    """Store observations, and return their ids; the beliefs follow in the same transaction.
 
-    Parameters
-    ----------
-    rows
-        Mappings. `object` and `place` are names, `seen` is a bool. Optional: `at` (aware datetime,
-        or text in ISO 8601 with a time zone; by default now), `visible` (the share of the place in
-        view, in (0, 1]), `hit` and `false_alarm` (rates of the detector), `position` (x, y, z in
-        the frame of the place, metres), `inside` (anywhere in the place, also on or in the
-        furniture there), `observer` (name of an agent).
-
-    Returns
-    -------
-    list of int
-        Ids of the rows of the table ``observation``.
-
-    Raises
-    ------
-    LookupError
-        A name that the map does not have.
-    BeliefError
-        A value out of its range, an observation from the future, or a place at which the object has
-        no room. No row is stored.
+    `object` and `place` of a row are names, `seen` is a bool. Optional: `at` (aware datetime, or
+    text in ISO 8601 with a time zone; by default now), `visible` (the share of the place in view,
+    in (0, 1]), `hit` and `false_alarm`, `position` (x, y, z in the frame of the place, metres),
+    `inside` (anywhere in the place), `observer` (name of an agent). `BeliefError` for a value out
+    of its range, the future, or a place without room for the object; no row is stored.
     """
     checked = [_checked(row, number) for number, row in enumerate(rows, 1)]
     if not checked:
@@ -227,10 +169,7 @@ RETURNING id
 
 
 def refusal(error: errors.CheckViolation) -> BeliefError:
-    """Return the database's refusal as an error of this package, with the fix.
-
-    The names of constraints are sentences.
-    """
+    """The database's refusal as an error of this package; names of constraints are sentences."""
     if error.diag.constraint_name:
         return BeliefError(f"refused: {error.diag.constraint_name.replace('_', ' ')}")
     parts = (error.diag.message_primary, error.diag.message_hint)

@@ -30,24 +30,13 @@ FIT = 1.05
 
 
 def teach(session: psycopg.Connection[Any], teaching: Teaching) -> dict[str, int]:
-    """Store a teaching, in one transaction; the beliefs follow.
+    """Store a teaching, in one transaction; return how many of each part were stored.
 
-    Classes become types of the T-Box, ``isA`` their subsumption or the type of an entity; an
-    object that the map does not have becomes an entity without a placement; occurrences become
+    Classes become types of the T-Box, ``isA`` their subsumption or the type of an entity; an object
+    that the map does not have becomes an entity without a placement; occurrences become
     observations. A relation ``in`` or ``on`` of two entities is an occurrence at this moment.
-    Relations of two entities are links.
-
-    Returns
-    -------
-    dict
-        How many `types`, `relations`, `actions`, `objects` and `observations` were stored.
-
-    Raises
-    ------
-    LookupError, BeliefError
-        A name that neither the map nor the teaching has, or a statement that contradicts the map:
-        an object of two classes, one that is larger than its geometry, a place without room for it.
-        Nothing is stored.
+    Relations of two entities are links. `BeliefError` or LookupError for a name that neither the
+    map nor the teaching has, or a statement that contradicts the map.
     """
     try:
         with session.transaction():
@@ -65,13 +54,7 @@ def teach(session: psycopg.Connection[Any], teaching: Teaching) -> dict[str, int
 
 
 def how_to(seen: Snapshot, goal: str, given: Sequence[str] = ()) -> list[KnownAction]:
-    """Return the shortest chain of taught actions that brings about a goal.
-
-    Raises
-    ------
-    BeliefError
-        As `semmap.belief.action_chains.action_chain`.
-    """
+    """Return the shortest chain of taught actions that brings about a goal; as `action_chain`."""
     session = seen.session
     actions = session.execute(
         "SELECT action, cause, effect FROM taught_action WHERE map_id = current_map() ORDER BY 1, 2"
@@ -102,13 +85,7 @@ def vocabulary(seen: Snapshot) -> dict[str, list[str]]:
 
 @dataclass
 class _Lesson:
-    """The names of a map while a teaching is stored.
-
-    Attributes
-    ----------
-    kinds, types : of the entities, by name
-    known : names of semantic types
-    """
+    """The names of a map while a teaching is stored: kinds and types of entities, types `known`."""
 
     session: psycopg.Connection[Any]
     kinds: dict[str, str] = field(default_factory=dict)
@@ -131,13 +108,7 @@ class _Lesson:
     # -- names ----------------------------------------------------------------------------------
 
     def resolved(self, name: str) -> str:
-        """The name of an entity or of a type, as the map writes it.
-
-        Raises
-        ------
-        LookupError
-            There is none.
-        """
+        """The name of an entity or of a type, as the map writes it."""
         if name in self.kinds:
             return name
         if snake_case(name) in self.known:

@@ -16,19 +16,7 @@ from semmap.robot.urdf import Robot
 
 @dataclass(frozen=True)
 class DemoRobot:
-    """A robot in a joint state.
-
-    Parameters
-    ----------
-    urdf
-        Its file.
-    state
-        Joint positions: JSON, or the name of a file or of an SRDF state.
-    groups
-        YAML that groups its links into parts.
-    speed
-        Metres a second.
-    """
+    """A robot in a joint state: JSON, a file or an SRDF state; `groups` of its links, YAML; m/s."""
 
     urdf: Path
     state: str | None = None

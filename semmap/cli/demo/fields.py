@@ -61,20 +61,9 @@ def field_demo(
     voxel_size: float = 0.02,
     pixels: int = 1400,
 ) -> list[Path]:
-    """Put two people into the map, query what one of them sees, and draw it.
+    """Put two people into the map, query what one of them sees, and draw it; the picture made.
 
-    Parameters
-    ----------
-    seen : a state of the map
-    folder : for the picture
-    say : prints a line
-    voxel_size : metres
-    pixels : width of the picture
-
-    Returns
-    -------
-    list of Path
-        The picture; none if there is no small object with a free place beside it.
+    There is none without a small object that has a free place beside it. `voxel_size` in metres.
     """
     names = read_names(seen)
     zones = read_zones(seen)
@@ -134,16 +123,7 @@ def perceived_maps(
     zones: Sequence[Zone],
     voxel_size: float,
 ) -> MapBuffer:
-    """Return the maps of all sources.
-
-    Parameters
-    ----------
-    scene : objects and people
-    eye : (3,) position of the camera, metres
-    target : the object on its axis
-    zones : rooms and regions
-    voxel_size : metres
-    """
+    """Return the maps of all sources; the camera at `eye`, (3,) metres, looks at the target."""
     vocabulary = read_map_vocabulary()
     looks_at = target.triangles.reshape(-1, 3).mean(axis=0)
     seen = scene.image(eye, looks_at)

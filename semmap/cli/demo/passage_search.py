@@ -30,12 +30,8 @@ def find_passage(
     """The largest area that only the layered costmap reaches, with a start outside of it.
 
     The goal is in another part of the floor that is free for the whole robot, or else deep in the
-    area below or above furniture.
-
-    Parameters
-    ----------
-    layered, single : (rows, columns) uint8
-        The costs for the robot as parts, and as one part of its whole height.
+    area below or above furniture. `layered` and `single` are (rows, columns) costs for the robot as
+    parts, and as one part of its whole height.
     """
     joined, _ = label(layered < INSCRIBED)
     apart, _ = label(single < INSCRIBED)

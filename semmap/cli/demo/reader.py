@@ -18,18 +18,8 @@ SMALL = 0.4
 class DemoChoices:
     """The object that the demo asks for, and the task with it.
 
-    Attributes
-    ----------
-    type
-        Semantic type of the object; None if no small object stands on a table.
-    table_type
-        The type of what it stands on.
-    place
-        The room of such an object.
-    onto
-        Names of the tables to which the robot may bring it, the preferred first.
-    start
-        The room in which the robot starts.
+    `type` is None if no small object stands on a table; `place` is the room of such an object. The
+    robot begins in the room `start`, and may bring the object `onto` these, the preferred first.
     """
 
     type: str | None = None

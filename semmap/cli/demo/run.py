@@ -56,18 +56,7 @@ def run_demo(
 ) -> list[Path]:
     """Import worlds into one map, ask it, write its grids, find a route, draw; the pictures made.
 
-    Parameters
-    ----------
-    worlds
-        Files or folders, at least one.
-    robot
-        Its costmaps are made, and it drives the task.
-    start, goal
-        Rooms of the route; by default the robot's home, and the room of the chosen object.
-    model_path
-        Folders of SDF models, searched first.
-    pixels
-        Width of the pictures.
+    The route is between rooms; by default from the robot's home to the room of the chosen object.
     """
     with ExitStack() as opened:
         return _run_demo(opened, worlds, folder, robot, start, goal, model_path, pixels, say)

@@ -40,13 +40,7 @@ def figure_3_in_sparql(house: Map, choices: DemoChoices) -> str:
 
 
 def ask_in_sparql(house: Map, choices: DemoChoices, say: Callable[..., Any]) -> None:
-    """Ask the map in SPARQL, and print question and answer.
-
-    Parameters
-    ----------
-    choices : the object and its type of table
-    say : prints a line
-    """
+    """Ask the map in SPARQL, and print question and answer."""
     text = figure_3_in_sparql(house, choices)
     say("   The same in SPARQL:" if choices.type else "   How many doors has each room? In SPARQL:")
     for line in text.splitlines():

@@ -37,15 +37,10 @@ def task_demo(
     say: Callable[..., Any],
     then: Callable[[Map], None],
 ) -> MissionResult | None:
-    """Let a robot bring the chosen object to a table, in a copy of the map.
+    """Let a robot bring the chosen object to a table, in a copy of the map; `then` gets the copy.
 
     Without an object, or a plan for it, the robot drives to another room. None if that is
     impossible as well.
-
-    Parameters
-    ----------
-    then
-        Called with the copy after the run.
     """
     engine = house.engine
     with simulation_map(engine, house.name) as copy:
