@@ -18,9 +18,8 @@ from semmap.lazy_names import load_on_use
 
 if TYPE_CHECKING:
     from semmap.api.database import Database, connect
-    from semmap.api.door import Door
     from semmap.api.map import Map
-    from semmap.api.map_entity import MapEntity
+    from semmap.api.map_entity import Door, MapEntity
     from semmap.database.embedded import Cluster
     from semmap.database.error import DatabaseError
     from semmap.error import Error
@@ -51,7 +50,7 @@ _HOMES = {
     "Cluster": "semmap.database.embedded",
     "Database": "semmap.api.database",
     "DatabaseError": "semmap.database.error",
-    "Door": "semmap.api.door",
+    "Door": "semmap.api.map_entity",
     "EntityVersion": "semmap.query.placements",
     "MapEvent": "semmap.query.map_events",
     "Error": "semmap.error",

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -22,7 +21,6 @@ from semmap.ingest.world import (
     Kind,
     PlaceDetail,
     Shape,
-    StoreyDetail,
     World,
 )
 
@@ -30,68 +28,38 @@ if TYPE_CHECKING:
     from semmap.api.map import Map
     from semmap.api.map_entity import MapEntity
 
-ROOM_HEIGHT = 2.5
-"""Metres, where a room has no ceiling."""
-
-REGION_HEIGHT = 0.01
+HEIGHT = {"room": 2.5, "region": 0.01}
+"""Metres, of what is drawn without a ceiling."""
 
 SIDE = 0.05
 """Metres before and behind a door's line where its places are looked for."""
 
 
-def storey(name: str, elevation: float, height: float | None) -> Entry:
-    """A storey; its frame lies at its floor."""
-    return Entry(name, "storey", pose=Pose(z=elevation), detail=StoreyDetail(elevation, height))
-
-
-def room(
-    name: str,
-    outline: Any,
-    floor: float,
-    ceiling: float | None,
-    type: str | None,
-    label: str | None,
-) -> Entry:
-    """A room, its frame at a point in it on the floor."""
-    place = PlaceDetail(0.0, None if ceiling is None else ceiling - floor)
-    return _drawn(name, "room", outline, floor, ceiling, ROOM_HEIGHT, type, label, place)
-
-
-def region(
-    name: str,
-    outline: Any,
-    floor: float,
-    ceiling: float | None,
-    type: str | None,
-    label: str | None,
-) -> Entry:
-    """A region, its frame at a point in it."""
-    return _drawn(name, "region", outline, floor, ceiling, REGION_HEIGHT, type, label, None)
-
-
-def _drawn(
+def drawn(
     name: str,
     kind: Kind,
     outline: Any,
     floor: float,
     ceiling: float | None,
-    height: float,
     type: str | None,
     label: str | None,
-    detail: PlaceDetail | None,
 ) -> Entry:
+    """A room or region; its frame lies at a point in it on the floor."""
     polygon = outline if isinstance(outline, shapely.Geometry) else shapely.Polygon(outline)
     if polygon.geom_type not in ("Polygon", "MultiPolygon") or polygon.is_empty:
         raise ValueError(f"the outline of {name} is a {polygon.geom_type}, not a polygon")
     if not polygon.is_valid or polygon.area == 0:
         raise ValueError(f"the outline of {name} is not valid: {shapely.is_valid_reason(polygon)}")
-    top = floor + height if ceiling is None else ceiling
+    top = floor + HEIGHT[kind] if ceiling is None else ceiling
     if not (math.isfinite(floor) and math.isfinite(top) and top > floor):
         raise ValueError(f"the ceiling of {name} ({ceiling} m) is not above its floor ({floor} m)")
     point = polygon.representative_point()
     local = shapely.transform(shapely.force_2d(polygon), lambda xy: xy - [point.x, point.y])
     shape = Shape("polygon", prism_mesh(local, 0.0, top - floor), outline=local)
     pose = Pose(float(point.x), float(point.y), floor)
+    detail = None
+    if kind == "room":
+        detail = PlaceDetail(0.0, None if ceiling is None else ceiling - floor)
     return Entry(name, kind, type=type, label=label, pose=pose, shapes=[shape], detail=detail)
 
 
@@ -146,61 +114,57 @@ def _shapes(mesh: Any) -> list[Shape]:
     return [Shape("mesh", Mesh(vertices, np.asarray(mesh.faces, dtype=np.int32)))]
 
 
-@dataclass(frozen=True)
-class DoorShape:
-    """The geometry of a connector, in the map's frame: metres, and two points (x, y).
-
-    `width` None: the length of the line.
-    """
-
-    line: Sequence[Sequence[float]]
-    width: float | None
-    height: float
-    clearance: float
-
-
 def door(
+    map: Map,
     name: str,
-    place_a: str,
-    place_b: str | None,
-    shape: DoorShape,
-    distances: Sequence[Callable[[float, float], float]],
-    form: Any,
-    direction: Any,
-    state: Any,
+    places: tuple[str, str | None],
+    line: Sequence[Sequence[float]],
+    height: float,
+    clearance: float,
+    **detail: Any,
 ) -> Entry:
-    """A connector; `distances` are those of a point to its places, in their order."""
-    ends = np.asarray(shape.line, dtype=float)
+    """A connector, x of whose frame points from the first place to the other; as `Map.add_door`."""
+    rooms = [map[place] for place in places if place is not None]
+    ends = np.asarray(line, dtype=float)
     if ends.shape != (2, 2) or not np.isfinite(ends).all() or np.allclose(ends[0], ends[1]):
-        raise ValueError(f"the line of {name} is two points (x, y), not {shape.line}")
+        raise ValueError(f"the line of {name} is two points (x, y), not {line}")
     along = ends[1] - ends[0]
     length = float(np.hypot(*along))
     normal = np.array([along[1], -along[0]]) / length
     middle = ends.mean(axis=0)
-    sides = [_nearer(distance, middle, normal) for distance in distances]
+    sides = [_nearer(map, room, middle, normal) for room in rooms]
     if sides[0] > 0 or (sides[0] == 0 and sides[1:] == [-1]):
-        normal = -normal  # x of the connector's frame points from place_a to place_b
+        normal = -normal
     yaw = math.atan2(normal[1], normal[0])
-    reach = shape.clearance + SIDE
+    reach = clearance + SIDE
+    place_a, place_b = places
+    if detail["width"] is None:
+        detail["width"] = length
     return Entry(
         name,
         "connector",
-        pose=Pose.planar(float(middle[0]), float(middle[1]), yaw, shape.height),
+        pose=Pose.planar(float(middle[0]), float(middle[1]), yaw, height),
         detail=ConnectorDetail(
             (place_a, OUTSIDE if place_b is None else place_b),
             (Pose(-reach), Pose.planar(reach, 0, math.pi)),
-            type=form,
-            direction=direction,
-            state=state,
-            width=length if shape.width is None else shape.width,
+            **detail,
         ),
     )
 
 
-def _nearer(distance: Callable[[float, float], float], middle: Any, normal: Any) -> int:
-    """1 if the place is on the side to which `normal` points, -1 if on the other, 0 if on both."""
+def _nearer(map: Map, room: MapEntity, middle: Any, normal: Any) -> int:
+    """1 if the room is on the side to which `normal` points, -1 if on the other, 0 if on both."""
     ahead, behind = middle + SIDE * normal, middle - SIDE * normal
-    return int(np.sign(distance(*map(float, behind)) - distance(*map(float, ahead))))
+    row = map.execute(
+        "SELECT ST_Distance(footprint, ST_MakePoint(%s, %s)), "
+        "ST_Distance(footprint, ST_MakePoint(%s, %s)) FROM world WHERE entity_id = %s",
+        *behind.tolist(),
+        *ahead.tolist(),
+        room.id,
+    )
+    if not row or row[0][0] is None:
+        raise ValueError(f"{room.name} has no outline")
+    return int(np.sign(row[0][0] - row[0][1]))
 
 
 def spot(

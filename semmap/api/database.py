@@ -14,7 +14,7 @@ from psycopg import sql
 from semmap.api.database_interlinking import DatabaseInterlinking
 from semmap.api.database_manipulation import DatabaseManipulation
 from semmap.api.map import Map
-from semmap.api.map_sql import sql_rows
+from semmap.api.map_questions import sql_rows
 from semmap.database.configuration import READER
 from semmap.database.maps import pick_map
 from semmap.database.parameters import connection_parameters

@@ -5,12 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any, Generic, TypeVar, cast
 
+from semmap.api.map_questions import MapQuestions
 from semmap.suggestions import suggestion
 
 if TYPE_CHECKING:
-    from semmap.api.door import Door
-    from semmap.api.map import Map
-    from semmap.api.map_entity import MapEntity
+    from semmap.api.map_entity import Door, MapEntity
 
 Kind = TypeVar("Kind", bound="MapEntity")
 
@@ -18,7 +17,7 @@ Kind = TypeVar("Kind", bound="MapEntity")
 class EntityCollection(Generic[Kind]):
     """The rooms (objects, doors, ...) of a map, read at each access: ``house.rooms["kitchen"]``."""
 
-    def __init__(self, map: Map, kind: str, word: str) -> None:
+    def __init__(self, map: MapQuestions, kind: str, word: str) -> None:
         self._map, self._kind, self._word = map, kind, word
 
     def __getitem__(self, name: str) -> Kind:
@@ -65,7 +64,7 @@ class EntityCollection(Generic[Kind]):
         return cast("Kind", self._map.entity(id, kind, name))
 
 
-class MapCollections:
+class MapCollections(MapQuestions):
     """The part of `Map` that has its entities by kinds."""
 
     @property
@@ -99,4 +98,4 @@ class MapCollections:
         return self._of("agent", "agents")
 
     def _of(self, kind: str, word: str) -> EntityCollection[Any]:
-        return EntityCollection(cast("Map", self), kind, word)
+        return EntityCollection(self, kind, word)

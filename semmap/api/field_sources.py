@@ -8,6 +8,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from semmap.api.live_events import timer
 from semmap.fields.service.client import ServiceAddress, ServiceConnection
 
 if TYPE_CHECKING:
@@ -65,16 +66,13 @@ class FieldSources:
         path = self._address.socket(map.name)
         stop = stop or threading.Event()
         service = FieldService(map.engine, map.name, self.voxel_size, settings)
-        timer = threading.Timer(seconds or 0, stop.set)
-        timer.daemon = True
-        if seconds is not None:
-            timer.start()
+        ending = timer(seconds, stop.set)
         try:
             with service.running(), serving(path, service.answer):
                 started(map.name, path, [each.name for each in settings.sources])
                 stop.wait()
         finally:
-            timer.cancel()
+            ending.cancel()
 
     def send(self, name: str, percepts: Mapping[str, Any] | Iterable[Any]) -> None:
         """Give a source of the running service a percept, or several, one after the other.

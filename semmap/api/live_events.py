@@ -34,10 +34,7 @@ class LiveEvents(Generic[Item]):
         self._events: Iterable[Item] = events if callback is None else ()
         self._close = close
         self._closed = threading.Event()
-        self._timer = threading.Timer(seconds or 0, self.close)
-        self._timer.daemon = True
-        if seconds is not None:
-            self._timer.start()
+        self._timer = timer(seconds, self.close)
         if callback is not None:
 
             def call() -> None:
@@ -64,3 +61,12 @@ class LiveEvents(Generic[Item]):
     def __exit__(self, *_: object) -> None:
         """Close this."""
         self.close()
+
+
+def timer(seconds: float | None, then: Callable[[], Any]) -> threading.Timer:
+    """A timer that calls a function after some seconds, unless it is cancelled; never for None."""
+    found = threading.Timer(seconds or 0, then)
+    found.daemon = True
+    if seconds is not None:
+        found.start()
+    return found

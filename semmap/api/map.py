@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from datetime import datetime
-from functools import partial
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -14,21 +14,20 @@ from semmap.api.map_drawing import MapDrawing
 from semmap.api.map_entity import MapEntity
 from semmap.api.map_events import MapEvents
 from semmap.api.map_export import MapExport
-from semmap.api.map_fields import MapSpace
 from semmap.api.map_knowledge import MapKnowledge
 from semmap.api.map_manipulation import MapManipulation
 from semmap.api.map_observations import MapObservations
 from semmap.api.map_pictures import MapPictures
-from semmap.api.map_practice import MapPractice
+from semmap.api.map_questions import aware
 from semmap.api.map_regions import MapRegions
-from semmap.api.map_teaching import MapTeaching
-from semmap.api.moments import aware
+from semmap.api.spatial_fields import SpatialFields
+from semmap.fields.service.client import ServiceAddress
 
 if TYPE_CHECKING:
     import shapely
     import trimesh
 
-    from semmap.api.door import Door
+    from semmap.api.map_entity import Door
     from semmap.belief.identify import Detection
     from semmap.geometry.mesh import Mesh
     from semmap.ingest.importer import ImportSummary
@@ -46,13 +45,15 @@ class Map(
     MapBeliefs,
     MapManipulation,
     MapObservations,
-    MapPractice,
     MapRegions,
-    MapTeaching,
     MapKnowledge,
-    MapSpace,
 ):
     """A map of one environment, by the names of its entities; of a `database`, with a `name`."""
+
+    @cached_property
+    def fields(self) -> SpatialFields:
+        """The fields of the map, what space contains, with voxels of 5 cm."""
+        return SpatialFields(ServiceAddress(self.database.address, self.name), lambda: self)
 
     def import_file(self, path: str | Path, **options: Any) -> ImportSummary:
         """Read a world file into the map; options and errors as of `Database.import_file`."""
@@ -62,9 +63,12 @@ class Map(
         self, name: str, *, elevation: float = 0.0, height: float | None = None
     ) -> MapEntity:
         """Add a storey: its floor's height above the map's origin and its clear height, metres."""
-        from semmap.api.additions import storey
+        from semmap.api.additions import add_entry
+        from semmap.geometry.pose import Pose
+        from semmap.ingest.world import Entry, StoreyDetail
 
-        return self._add(storey(name, elevation, height))
+        detail = StoreyDetail(elevation, height)
+        return add_entry(self, Entry(name, "storey", pose=Pose(z=elevation), detail=detail))
 
     def add_room(
         self,
@@ -92,11 +96,10 @@ class Map(
         ValueError
             The name is taken, the outline is none, or the ceiling is not above the floor.
         """
-        from semmap.api.additions import room
+        from semmap.api.additions import add_entry, drawn
 
-        return self._add(
-            room(name, polygon, floor, ceiling, type, label), storey=storey, define=define
-        )
+        made = drawn(name, "room", polygon, floor, ceiling, type, label)
+        return add_entry(self, made, storey=storey, define=define)
 
     def add_region(
         self,
@@ -111,11 +114,10 @@ class Map(
         define: bool = False,
     ) -> MapEntity:
         """Add a region (a zone): an outline with a meaning; as `add_room`."""
-        from semmap.api.additions import region
+        from semmap.api.additions import add_entry, drawn
 
-        return self._add(
-            region(name, polygon, floor, ceiling, type, label), storey=storey, define=define
-        )
+        made = drawn(name, "region", polygon, floor, ceiling, type, label)
+        return add_entry(self, made, storey=storey, define=define)
 
     def add_object(
         self,
@@ -150,14 +152,10 @@ class Map(
         LookupError
             There is no such holder, or no such type: the message names similar ones.
         """
-        from semmap.api.additions import thing
+        from semmap.api.additions import add_entry, thing
 
-        return self._add(
-            thing(name, "object", type, mesh, size, pose, label, properties),
-            on=on,
-            in_=in_,
-            define=define,
-        )
+        made = thing(name, "object", type, mesh, size, pose, label, properties)
+        return add_entry(self, made, on=on, in_=in_, define=define)
 
     def observe_objects(
         self,
@@ -208,11 +206,10 @@ class Map(
         define: bool = False,
     ) -> MapEntity:
         """Add a robot or a person; as `add_object`."""
-        from semmap.api.additions import thing
+        from semmap.api.additions import add_entry, thing
 
-        return self._add(
-            thing(name, "agent", type, mesh, size, pose, None, None), in_=in_, define=define
-        )
+        made = thing(name, "agent", type, mesh, size, pose, None, None)
+        return add_entry(self, made, in_=in_, define=define)
 
     def add_door(
         self,
@@ -243,12 +240,11 @@ class Map(
         LookupError, ValueError
             There is no such room; the name is taken, or neither side of the line is in `place_a`.
         """
-        from semmap.api.additions import DoorShape, door
+        from semmap.api.additions import add_entry, door
 
-        rooms = [self[place] for place in (place_a, place_b) if place is not None]
-        distances = [partial(self._distance, room) for room in rooms]
-        shape = DoorShape(line, width, height, clearance)
-        self._add(door(name, place_a, place_b, shape, distances, form, direction, state))
+        places, detail = (place_a, place_b), {"type": form, "direction": direction, "state": state}
+        made = door(self, name, places, line, height, clearance, width=width, **detail)
+        add_entry(self, made)
         return self.doors[name]
 
     def spot(
@@ -270,27 +266,3 @@ class Map(
         from semmap.api.additions import spot
 
         return spot(self, holder, relation, size, moved)
-
-    def _distance(self, room: MapEntity, x: float, y: float) -> float:
-        row = self.execute(
-            "SELECT ST_Distance(footprint, ST_MakePoint(%s, %s)) FROM world WHERE entity_id = %s",
-            x,
-            y,
-            room.id,
-        )
-        if not row or row[0][0] is None:
-            raise ValueError(f"{room.name} has no outline")
-        return float(row[0][0])
-
-    def _add(
-        self,
-        entry: Any,
-        *,
-        on: str | None = None,
-        in_: str | None = None,
-        storey: str | None = None,
-        define: bool = False,
-    ) -> MapEntity:
-        from semmap.api.additions import add_entry
-
-        return add_entry(self, entry, on=on, in_=in_, storey=storey, define=define)

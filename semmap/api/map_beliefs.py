@@ -7,8 +7,7 @@ from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from semmap.api.map_questions import MapQuestions
-from semmap.api.moments import aware
+from semmap.api.map_questions import MapQuestions, aware
 
 if TYPE_CHECKING:
     from semmap.belief.believed_places import BelievedPlaces

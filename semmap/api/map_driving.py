@@ -8,7 +8,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from semmap.api.map_questions import MapQuestions
+from semmap.api.map_questions import MapQuestions, aware
 
 if TYPE_CHECKING:
     from navgrid.costmap import Costmap
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from planner.location import LocationLike
     from planner.robot_class import RobotClass
     from planner.topology import Topology
-    from semmap.api.map_route import MapRoute
+    from semmap.api.map_results import MapRoute
     from semmap.geometry.voxels import Voxels
     from semmap.query.snapshot import Snapshot
     from semmap.query.storey_scene import Bounds
@@ -81,7 +81,7 @@ class MapDriving(MapQuestions):
             scenes = read_storeys(
                 seen,
                 storey,
-                moment=_moment(at),
+                moment=aware(at) or datetime.now(UTC),
                 voxels=_voxels(self, voxel_size),
                 assume_sizes=assume_sizes,
             )
@@ -167,7 +167,7 @@ class MapDriving(MapQuestions):
                 inflation=Inflation(inflation_radius, cost_scaling_factor),
                 limits=_limits(max_step, max_slope),
                 static_map=None if static_map is None else Path(static_map),
-                moment=_moment(at),
+                moment=aware(at) or datetime.now(UTC),
                 fields=_fields(seen, fields, policy),
                 voxels=_voxels(self, voxel_size),
                 assume_sizes=assume_sizes,
@@ -370,7 +370,7 @@ class MapDriving(MapQuestions):
         return live, planner
 
     def _route(self, live: LiveTopology, route: Any) -> MapRoute:
-        from semmap.api.map_route import MapRoute
+        from semmap.api.map_results import MapRoute
 
         return MapRoute.of(self, live.topology, route)
 
@@ -402,13 +402,6 @@ def _limits(max_step: float, max_slope: float) -> Any:
     from navgrid.terrain import DriveLimits
 
     return DriveLimits(max_step, math.radians(max_slope))
-
-
-def _moment(at: datetime | None) -> datetime:
-    """The moment, in the local time zone by default; now for None."""
-    if at is None:
-        return datetime.now(UTC)
-    return at if at.tzinfo else at.astimezone()
 
 
 def _only(found: list[Any], choice: str) -> Any:

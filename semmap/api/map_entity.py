@@ -1,25 +1,26 @@
-"""One entity of a map: what it is, where it is, what it holds."""
+"""One entity of a map: what it is, where it is, what it holds; and doors, which join places."""
 
 from __future__ import annotations
 
+import html
 import math
 from typing import TYPE_CHECKING, Any
 
 from psycopg.errors import UniqueViolation
 from psycopg.types.json import Jsonb
 
-from semmap.api.entity_card import EntityCard
-from semmap.api.entity_shape import EntityShape
-
 if TYPE_CHECKING:
     from datetime import datetime
+
+    import shapely
+    import trimesh
 
     from semmap.api.map import Map
     from semmap.geometry.pose import Pose
     from semmap.query.placements import EntityVersion
 
 
-class MapEntity(EntityShape, EntityCard):
+class MapEntity:
     """A room, object, region, agent, connector or storey of a map, read at each access.
 
     Two of them are equal if they are the same entity of the same database.
@@ -132,6 +133,72 @@ class MapEntity(EntityShape, EntityCard):
         row = self.map.execute("SELECT pose FROM world WHERE entity_id = %s", self.id)
         return Pose(*row[0][0]) if row else None
 
+    # --- its shape, in the map's frame, metres
+
+    @property
+    def geometry(self) -> shapely.Geometry | None:
+        """The 2D shape that a GIS shows.
+
+        Rooms, objects, agents, storeys and regions have their outline, as `footprint`. A door has
+        the line of its opening from post to post, stairs and ramps the line along the way. What has
+        no outline has the point of its pose, and None without a placement.
+        """
+        return self._shown()["geometry"]
+
+    @property
+    def footprint(self) -> shapely.Polygon | shapely.MultiPolygon | None:
+        """The ground that it covers: of a tilted object, of its convex hull; None without geometry.
+
+        Of a door, the ground of its closed leaf, where it has one.
+        """
+        from semmap.query.entity_shapes import read_footprint
+
+        return read_footprint(self.map.connection, self.id)
+
+    @property
+    def mesh(self) -> trimesh.Trimesh | None:
+        """Its triangles in the map's frame; None where it has none or no placement."""
+        from semmap.query.entity_shapes import read_mesh
+
+        return read_mesh(self.map.connection, self.id)
+
+    @property
+    def size(self) -> tuple[float, float, float] | None:
+        """The extents (x, y, z) of its geometry in its own frame, metres; None without geometry.
+
+        A turned desk keeps its size; `box` is the box in the map's frame.
+        """
+        from semmap.query.entity_shapes import read_size
+
+        return read_size(self.map.connection, self.id)
+
+    @property
+    def box(self) -> tuple[float, ...] | None:
+        """(x0, y0, z0, x1, y1, z1): its 3D box in the map's frame; None without a placement.
+
+        Without geometry, both corners are its origin.
+        """
+        from semmap.query.entity_shapes import read_box
+
+        return read_box(self.map.connection, self.id)
+
+    @property
+    def __geo_interface__(self) -> dict[str, Any]:
+        """A GeoJSON Feature, its coordinates metres in the map's frame."""
+        from semmap.query.entity_shapes import feature
+
+        return feature(self._shown())
+
+    def _shown(self) -> dict[str, Any]:
+        from semmap.query.entity_shapes import read_shapes
+
+        rows = read_shapes(self.map.connection, [self.id])
+        if not rows:
+            raise self._gone()
+        return rows[0]
+
+    # --- questions and changes
+
     def is_a(self, type: str) -> bool:
         """Whether it is of a semantic type or of one of its subtypes."""
         row = self.map.execute(
@@ -237,3 +304,79 @@ class MapEntity(EntityShape, EntityCard):
 
     def __repr__(self) -> str:
         return f"<{self.kind} {self._name}>"
+
+    def _repr_html_(self) -> str:
+        """A card: what it is, where it is, and a plan of its room with it."""
+        from semmap.api.map_pictures import room_svg
+
+        known = self.describe()
+        rows = {
+            "type": known["type"],
+            "label": known["label"],
+            "holder": known["holder"] and f"{known['relation']} {known['holder']}",
+            "storey": known["storey"],
+            "pose": known["pose"] and ", ".join(f"{v:.3f}" for v in known["pose"][:3]) + " m",
+            "joins": "joins" in known and "{place_a} - {place_b}, {state}".format(**known["joins"]),
+            "holds": ", ".join(known["holds"][:8]) + (", ..." if len(known["holds"]) > 8 else ""),
+            **known["properties"],
+        }
+        table = "".join(
+            f'<tr><th style="text-align:left">{html.escape(str(key))}</th>'
+            f'<td style="text-align:left">{html.escape(str(value))}</td></tr>'
+            for key, value in rows.items()
+            if value not in (None, "", False)
+        )
+        return (
+            '<div style="display:flex;gap:1em;align-items:flex-start"><div>'
+            f"<b>{html.escape(known['name'])}</b> ({html.escape(known['kind'])})"
+            f"<table>{table}</table></div>{room_svg(self.map, self.id)}</div>"
+        )
+
+
+STATES = ("open", "closed", "locked")
+
+
+class Door(MapEntity):
+    """An entity of the kind ``connector``: it leads from a place to another."""
+
+    @property
+    def state(self) -> str:
+        """``open``, ``closed`` or ``locked``."""
+        return str(self._joins("state"))
+
+    @state.setter
+    def state(self, value: str) -> None:
+        if value not in STATES:
+            raise ValueError(f'{self.name}: state "{value}" is not one of {", ".join(STATES)}')
+        self.map.execute("UPDATE connector SET state = %s WHERE entity_id = %s", value, self.id)
+
+    @property
+    def form(self) -> str:
+        """``door``, ``elevator_door``, ``stairs`` or ``ramp``."""
+        return str(self._joins("form"))
+
+    @property
+    def width(self) -> float | None:
+        """Of the clear opening, metres; None where it is unknown."""
+        return self._joins("width")  # type: ignore[no-any-return]
+
+    @property
+    def places(self) -> tuple[MapEntity, MapEntity | None]:
+        """The two places that it joins; None is the outside."""
+        rows = self.map.execute(
+            "SELECT e.id, e.kind, e.name FROM connector c "
+            "CROSS JOIN LATERAL (VALUES (1, c.place_a), (2, c.place_b)) s (side, place) "
+            "LEFT JOIN entity e ON e.id = s.place WHERE c.entity_id = %s ORDER BY s.side",
+            self.id,
+        )
+        if not rows:
+            raise self._gone()
+        first, second = (None if row[0] is None else self.map.entity(*row) for row in rows)
+        assert first is not None
+        return first, second
+
+    def _joins(self, column: str) -> Any:
+        rows = self.map.execute(f"SELECT {column} FROM connector WHERE entity_id = %s", self.id)
+        if not rows:
+            raise self._gone()
+        return rows[0][0]

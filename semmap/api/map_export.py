@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, Any
+
+from semmap.api.map_questions import MapQuestions
 
 if TYPE_CHECKING:
     import geopandas
 
-    from semmap.api.map import Map
 
-
-class MapExport:
+class MapExport(MapQuestions):
     """The part of `Map` that gives it to a GIS."""
 
     @property
@@ -22,7 +22,7 @@ class MapExport:
         """
         from semmap.query.entity_shapes import feature_collection, read_shapes
 
-        return feature_collection(read_shapes(cast("Map", self).connection))
+        return feature_collection(read_shapes(self.connection))
 
     def to_geodataframe(self, type: str | None = None) -> geopandas.GeoDataFrame:
         """The entities as a GeoDataFrame: one row each, its index their ids.
@@ -42,9 +42,8 @@ class MapExport:
             import geopandas
         except ImportError as error:
             raise ImportError("to_geodataframe needs GeoPandas: pip install geopandas") from error
-        map = cast("Map", self)
-        ids = None if type is None else [one.id for one in map.find(type)]
-        rows = read_shapes(map.connection, ids)
+        ids = None if type is None else [one.id for one in self.find(type)]
+        rows = read_shapes(self.connection, ids)
         columns = ["id", "name", "kind", "type", "label", "holder", "storey", "low", "high"]
         frame = geopandas.GeoDataFrame(
             {key: [row[key] for row in rows] for key in (*columns, "properties")},
@@ -73,5 +72,4 @@ class MapExport:
         """
         from semmap.query.feature_export import write_features
 
-        map = cast("Map", self)
-        return write_features(map.connection, map.name, Path(path))
+        return write_features(self.connection, self.name, Path(path))

@@ -1,4 +1,4 @@
-"""Observations of a map: what was seen where, or was looked for and not seen."""
+"""What a map is told: what was seen where, or looked for in vain, and what is taught in words."""
 
 from __future__ import annotations
 
@@ -7,15 +7,16 @@ from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from semmap.api.map_questions import MapQuestions
-from semmap.api.moments import aware
+from semmap.api.map_questions import MapQuestions, aware
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
+    from semmap.belief.teaching import KnownAction
+
 
 class MapObservations(MapQuestions):
-    """The part of `Map` that stores observations; `Map.where` follows them."""
+    """The part of `Map` that stores observations and teachings; `Map.where` follows them."""
 
     def observe(
         self,
@@ -150,3 +151,60 @@ class MapObservations(MapQuestions):
 
             points = read_cloud(Path(cloud)) if isinstance(cloud, str | Path) else cloud
             return observe_cloud(now, camera, points, looked_for, without=without, **options)
+
+    # --- in words
+
+    def teach(self, teaching: str | Path | Mapping[str, Any]) -> dict[str, int]:
+        """Teach knowledge, relations, actions, objects and where they were seen; all or nothing.
+
+        Returns how many `types`, `relations`, `actions`, `objects` and `observations` were stored.
+
+        Parameters
+        ----------
+        teaching : a JSON file, a Map.xml of the thesis, or the same as a mapping
+            (`semmap.belief.teaching.parse_teaching` describes it)
+
+        Raises
+        ------
+        LookupError, ValueError
+            A name or number cannot be used, or contradicts the map.
+        """
+        from semmap.belief.store.teaching import teach
+        from semmap.belief.teaching import parse_teaching, read_teaching
+
+        parsed = (
+            read_teaching(Path(teaching))
+            if isinstance(teaching, str | Path)
+            else parse_teaching(teaching)
+        )
+        return teach(self.connection, parsed)
+
+    def how_to(self, goal: str, given: Sequence[str] = ()) -> list[KnownAction]:
+        """The shortest chain of taught actions that brings about a goal, the first one first.
+
+        Parameters
+        ----------
+        goal : a taught state, or an entity or type
+        given : states that hold already
+
+        Raises
+        ------
+        LookupError, ValueError
+            There is no such goal, or no action brings it about.
+        """
+        from semmap.belief.store.teaching import how_to
+
+        with self.snapshot() as seen:
+            return how_to(seen, goal, given)
+
+    def grammar(self, format: str = "gbnf") -> str:
+        """A grammar of the names that the map knows, for speech recognisers and language models.
+
+        `format` is ``gbnf``, of llama.cpp and others, or ``jsgf``, of speech recognisers.
+        ValueError for another one, or if the map has no names.
+        """
+        from semmap.belief.grammar import write_grammar
+        from semmap.belief.store.teaching import vocabulary
+
+        with self.snapshot() as seen:
+            return write_grammar(vocabulary(seen), format)

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import html
-from typing import TYPE_CHECKING, Any, cast
+from typing import Any
 
-if TYPE_CHECKING:
-    from semmap.api.map import Map
+from semmap.api.map_questions import MapQuestions
 
 _TYPES = (
     "SELECT c.sub, array_agg(c.super ORDER BY c.sub <> c.super, "
@@ -30,34 +29,32 @@ _IN_ROOM = (
 """An entity, and all that is in its room, with the doors of that."""
 
 
-class MapPictures:
+class MapPictures(MapQuestions):
     """The part of `Map` that shows it in a notebook."""
 
     def _repr_svg_(self) -> str:
         """The floor plan of the lowest storey: rooms, regions, doors and furniture."""
         from semmap.query.entity_shapes import read_shapes
 
-        map = cast("Map", self)
-        rows = read_shapes(map.connection)
-        lowest = map.execute(_LOWEST)
+        rows = read_shapes(self.connection)
+        lowest = self.execute(_LOWEST)
         storey = lowest[0][0] if lowest else None
         shown = [row for row in rows if row["storey"] in (storey, None)]
-        title = map.name if storey is None else f"{map.name}, {storey}"
-        return _svg(map, shown, title=title)
+        title = self.name if storey is None else f"{self.name}, {storey}"
+        return _svg(self, shown, title=title)
 
     def _repr_html_(self) -> str:
         """The name of the map, how many entities it has, and its floor plan."""
-        map = cast("Map", self)
-        rows = map.execute(
+        rows = self.execute(
             "SELECT kind, count(*) FROM entity WHERE map_id = current_map() "
             "GROUP BY kind ORDER BY count(*) DESC, kind"
         )
         counts = ", ".join(f"{count} {kind}{'s' if count > 1 else ''}" for kind, count in rows)
-        title = f"<div><b>{html.escape(map.name)}</b>: {counts or 'empty'}</div>"
+        title = f"<div><b>{html.escape(self.name)}</b>: {counts or 'empty'}</div>"
         return title + self._repr_svg_()
 
 
-def room_svg(map: Map, entity: int) -> str:
+def room_svg(map: MapQuestions, entity: int) -> str:
     """The plan of the room of an entity, with the entity marked; empty without outlines."""
     from semmap.query.entity_shapes import read_shapes
 
@@ -68,7 +65,7 @@ def room_svg(map: Map, entity: int) -> str:
     return _svg(map, shapes, width=280, marked=entity)
 
 
-def _svg(map: Map, rows: list[dict[str, Any]], **options: Any) -> str:
+def _svg(map: MapQuestions, rows: list[dict[str, Any]], **options: Any) -> str:
     from semmap.draw.plan_svg import plan_svg
 
     types = map.execute(_TYPES, [row["type"] for row in rows if row["type"]])

@@ -11,8 +11,7 @@ from typing import TYPE_CHECKING, Any, cast
 from psycopg import errors
 from psycopg.pq import TransactionStatus
 
-from semmap.api.door import Door
-from semmap.api.map_entity import MapEntity
+from semmap.api.map_entity import Door, MapEntity
 from semmap.database.maps import see_map
 from semmap.database.session import twin_session
 from semmap.query import entity_query
@@ -28,6 +27,7 @@ if TYPE_CHECKING:
     from semmap.api.database import Database
     from semmap.api.map import Map
     from semmap.query.map_check import Finding
+    from semmap.query.sql_statement import SqlRows
 
 ATTEMPTS = 5
 """How often a single statement is tried that PostgreSQL ends to resolve a deadlock."""
@@ -192,6 +192,55 @@ class MapQuestions:
                 parts = (error.diag.message_primary, error.diag.message_hint)
                 raise ValueError(". ".join(filter(None, parts))) from error
 
+    def sql(self, statement: str, *values: Any, write: bool = False) -> SqlRows:
+        """Run a SQL statement that sees this map; one that reads, unless `write` is True.
+
+        On the embedded database it reads with a login that can only read. In a transaction of this
+        map it reads what the transaction has changed.
+
+        Parameters
+        ----------
+        statement : a statement of PostgreSQL, with psycopg's ``%s`` for each of `values`; where
+            there are no values, it is run as it stands
+        write : let the statement change the map; all of it or nothing
+
+        Returns
+        -------
+        The rows, a sequence of tuples; `columns` has their names. Where a statement returns none,
+        the column `rows` says how many rows it changed.
+
+        Raises
+        ------
+        ValueError
+            The statement is wrong or not allowed; it changed nothing. The driver's error is its
+            cause.
+        """
+        if write:
+            return sql_rows(self.connection, statement, values, write=True)
+        with self.reading() as session:
+            return sql_rows(session, statement, values, write=False)
+
+    @contextmanager
+    def reading(self) -> Iterator[psycopg.Connection[Any]]:
+        """A psycopg connection that sees this map, for questions.
+
+        On the embedded database, its login can only read. Within a transaction of `connection`, it
+        is that connection.
+        """
+        opened = vars(self).get("connection")
+        begun = opened and opened.info.transaction_status != TransactionStatus.IDLE
+        yield self.connection if begun else self._reader
+
+    @cached_property
+    def _reader(self) -> psycopg.Connection[Any]:
+        from semmap.database.reader import reading_session
+
+        session = reading_session(self.database.session)
+        if session is None:
+            return self.connection
+        see_map(session, self.name, lasting=True)
+        return session
+
     def check_type(self, type: str, remedy: str = "semmap types lists them") -> None:
         """Refuse a semantic type that the map does not have.
 
@@ -253,7 +302,24 @@ class MapQuestions:
         return self.connection.info.transaction_status != TransactionStatus.IDLE
 
     def close(self) -> None:
-        """Close the map's connection; it is opened again when it is used."""
-        if "connection" in vars(self):
-            self.connection.close()
-            del self.connection
+        """Close the map's connections; they are opened again when they are used."""
+        for name in ("_reader", "connection"):
+            if name in vars(self):
+                getattr(self, name).close()
+                del vars(self)[name]
+
+
+def sql_rows(
+    session: psycopg.Connection[Any], statement: str, values: tuple[Any, ...], *, write: bool
+) -> SqlRows:
+    """Run a statement on a session as `MapSql.sql` does."""
+    from semmap.query.sql_statement import SUPERUSER_NOTE, SqlRows, is_superuser, run_sql
+
+    notes = (SUPERUSER_NOTE,) if not write and is_superuser(session) else ()
+    columns, rows = run_sql(session, statement, values, write=write)
+    return SqlRows(tuple(columns), tuple(rows), notes)
+
+
+def aware(at: datetime | None) -> datetime | None:
+    """A moment with a time zone, by default that of the machine; None stays."""
+    return at if at is None or at.tzinfo else at.astimezone()

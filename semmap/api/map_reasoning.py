@@ -7,7 +7,8 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from semmap.api.map_sql import MapSql
+from semmap.api.live_events import timer
+from semmap.api.map_questions import MapQuestions
 
 if TYPE_CHECKING:
     from semmap.knowledge.reasoning.explanations import Why
@@ -15,7 +16,7 @@ if TYPE_CHECKING:
     from semmap.knowledge.shacl import Violation
 
 
-class MapReasoning(MapSql):
+class MapReasoning(MapQuestions):
     """The part of `Map` that infers facts, and validates them."""
 
     def reason(self, *, complete: bool = False, seconds: float | None = None) -> Reasoned:
@@ -65,14 +66,11 @@ class MapReasoning(MapSql):
             if done.complete or done.added or done.removed:
                 callback(done)
 
-        timer = threading.Timer(seconds or 0, stop.set)
-        timer.daemon = True
-        if seconds is not None:
-            timer.start()
+        ending = timer(seconds, stop.set)
         try:
             ChangeFeed(self.database.engine, self.name).follow(stop, infer)
         finally:
-            timer.cancel()
+            ending.cancel()
 
     def forget_inferences(self) -> None:
         """Remove all inferences; the map is reasoned about no more."""

@@ -7,8 +7,7 @@ from collections.abc import Mapping, Sequence
 from datetime import datetime
 from typing import TYPE_CHECKING, Any
 
-from semmap.api.map_questions import MapQuestions
-from semmap.api.moments import aware
+from semmap.api.map_questions import MapQuestions, aware
 from semmap.finite_number import finite_numbers
 
 if TYPE_CHECKING:

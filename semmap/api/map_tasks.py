@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from planner.search.problem_builder import Detector
     from planner.search.viewpoints import Sight
     from planner.simulated_run import SimulatedMission
-    from semmap.api.map_plan import MapPlan, ObjectSearch
+    from semmap.api.map_results import MapPlan, ObjectSearch
 
 
 class MapTasks(MapDriving):
@@ -57,7 +57,7 @@ class MapTasks(MapDriving):
         from planner.task_planner import TaskPlanner
         from planner.tasks.domain_file import read_domain
         from planner.tasks.pddl import write_pddl
-        from semmap.api.map_plan import MapPlan
+        from semmap.api.map_results import MapPlan
         from semmap.query.geometry_notes import read_names_without_geometry
 
         added = None if domain is None else read_domain(Path(domain))
@@ -202,7 +202,7 @@ class MapTasks(MapDriving):
         from planner.search.receding_horizon import decide
         from planner.search.search_mission import SearchPlanner
         from planner.tasks.reader import read_state
-        from semmap.api.map_plan import ObjectSearch
+        from semmap.api.map_results import ObjectSearch
 
         live = self.live_topology(robot)
         with live.snapshot() as seen:

@@ -58,7 +58,7 @@ _HOMES = {
     "Database": "semmap.api.database",
     "Map": "semmap.api.map",
     "MapEntity": "semmap.api.map_entity",
-    "Door": "semmap.api.door",
+    "Door": "semmap.api.map_entity",
     "SpatialFields": "semmap.api.spatial_fields",
 }
 

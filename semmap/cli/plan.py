@@ -13,7 +13,7 @@ from semmap.cli.grid_options import AssumeSizes
 
 if TYPE_CHECKING:
     from planner.plan import Action, Plan
-    from semmap.api.map_plan import MapPlan
+    from semmap.api.map_results import MapPlan
 
 
 def plan_command(

@@ -13,7 +13,7 @@ from semmap.cli import mission_options as options
 from semmap.cli.place_progress import place_progress
 
 if TYPE_CHECKING:
-    from semmap.api.map_plan import ObjectSearch
+    from semmap.api.map_results import ObjectSearch
 
 
 def search_command(
