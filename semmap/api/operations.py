@@ -64,11 +64,11 @@ _HOMES = {
 
 COMMANDS = {
     "belief": "semmap.cli.belief:belief",
-    "costmap": "semmap.cli.costmap:costmap_command",
+    "costmap": "semmap.cli.grids:costmap_command",
     "demo": "semmap.cli.demo.command:demo_command",
     "fields": "semmap.cli.fields:fields",
     "grasp": "semmap.cli.manipulation:grasp_command",
-    "grid": "semmap.cli.grid:grid_command",
+    "grid": "semmap.cli.grids:grid_command",
     "interlink": "semmap.cli.interlinking:interlink",
     "knowledge": "semmap.cli.knowledge:knowledge",
     "manipulation": "semmap.cli.manipulation_group:manipulation",
@@ -82,7 +82,7 @@ COMMANDS = {
     "robot": "semmap.cli.robot:robot",
     "route": "semmap.cli.route:route_command",
     "run": "semmap.cli.missions:run_command",
-    "search": "semmap.cli.search:search_command",
+    "search": "semmap.cli.missions:search_command",
     "sparql": "semmap.cli.knowledge:sparql_command",
     "teach": "semmap.cli.belief:teach_command",
     "topology": "semmap.cli.topology:topology_command",

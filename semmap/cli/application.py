@@ -17,6 +17,7 @@ from semmap.cli.chosen import CliOptions, open_database
 from semmap.cli.database_commands import app as database_commands
 from semmap.cli.options import Json, MapName
 from semmap.cli.plugin_group import PluginGroup
+from semmap.cli.texts import key_values, numbers
 from semmap.error import Error
 from semmap.terminal import guard_streams
 
@@ -196,15 +197,15 @@ def ls(
             return
         if within is not None and near is None:
             raise ValueError("--within needs --near: a point X,Y,Z or a name")
-        point = _numbers(near, 3, "--near") if near is not None and "," in near else near
+        point = numbers(near, "--near", 3) if near is not None and "," in near else near
         rows = chosen.table(
             type_,
             in_=in_,
             label=label,
-            where=_properties(where or []),
+            where=key_values(where, "--where"),
             near=point,
             within=within,
-            box=None if box is None else _numbers(box, 6, "--box"),
+            box=None if box is None else numbers(box, "--box", 6),
         )
     show_table(rows, json_, ENTITY_COLUMNS if near is None else (*ENTITY_COLUMNS, "distance"))
 
@@ -319,32 +320,6 @@ def drop(
         if not yes:
             typer.confirm(f"Delete the map {name} with all its entities?", abort=True)
         out.print(f"{name}: {db.drop_map(name)} entities deleted")
-
-
-def _numbers(text: str, count: int, option: str) -> list[float]:
-    try:
-        numbers = [float(v) for v in text.split(",")]
-    except ValueError:
-        numbers = []
-    if len(numbers) != count or not all(map(math.isfinite, numbers)):
-        raise ValueError(f"{option} takes {count} numbers with commas between, not {text}")
-    return numbers
-
-
-def _properties(conditions: list[str]) -> dict[str, Any]:
-    """The properties of ``KEY=VALUE``; a value is JSON where it is valid JSON, else text."""
-    import json
-
-    found = {}
-    for condition in conditions:
-        key, equals, value = condition.partition("=")
-        if not equals:
-            raise ValueError(f"--where takes KEY=VALUE, not {condition}")
-        try:
-            found[key] = json.loads(value)
-        except ValueError:
-            found[key] = value
-    return found
 
 
 def _time(text: str) -> datetime:

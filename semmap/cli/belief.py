@@ -123,64 +123,55 @@ def _show_places(rows: Sequence[dict[str, Any]], limit: int) -> None:
     cli.show_table(shown, False, COLUMNS)
 
 
-Place = Annotated[str | None, typer.Argument(help="Where it was looked for.")]
-Missed = Annotated[bool, typer.Option("--missed", help="It was not seen there.")]
-Point = Annotated[
-    str | None, typer.Option(help="X,Y,Z of a detection, instead of a place; metres.")
-]
-Frame = Annotated[str | None, typer.Option(help="The agent in whose frame --point or --view is.")]
-View = Annotated[
-    str | None, typer.Option(help="X,Y,Z,YAW,PITCH of a camera (radians): what it shows.")
-]
-Seen = Annotated[
-    list[str] | None, typer.Option(help="--view: NAME=X,Y,Z that it detected; repeatable.")
-]
-LookedFor = Annotated[
-    list[str] | None,
-    typer.Option("--looked-for", help="--view: NAME that it would detect; repeatable."),
-]
-Cloud = Annotated[
-    Path | None,
-    typer.Option(
-        help="--view: points in the optical frame (PLY, NPY), in which --looked-for are found."
-    ),
-]
-Without = Annotated[
-    list[str] | None,
-    typer.Option(help="--cloud: NAME of furniture to remove from the points, such as a shelf."),
-]
-Opening = Annotated[float, typer.Option(help="--view: horizontal opening angle, radians.")]
-Range = Annotated[float, typer.Option("--range", help="--view: how far the detector sees, metres.")]
-Visible = Annotated[float, typer.Option(help="The share of the place in view.")]
-Detected = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--detected",
-        metavar="TYPE=X,Y,Z[,W,D,H]",
-        help="A detection of one view, known or new; metres; repeatable.",
-    ),
-]
-Hit = Annotated[float | None, typer.Option(help="P(seen | there) of the detector.")]
-FalseAlarm = Annotated[float | None, typer.Option(help="P(seen | not there) of the detector.")]
-
-
 def observe_command(
     name: Annotated[str | None, typer.Argument(help="The object or agent.")] = None,
-    place: Place = None,
-    missed: Missed = False,
-    point: Point = None,
-    frame: Frame = None,
-    view: View = None,
-    seen: Seen = None,
-    looked_for: LookedFor = None,
-    cloud: Cloud = None,
-    without: Without = None,
-    opening: Opening = 1.05,
-    range_: Range = 5.0,
-    visible: Visible = 1.0,
-    detected: Detected = None,
-    hit: Hit = None,
-    false_alarm: FalseAlarm = None,
+    place: Annotated[str | None, typer.Argument(help="Where it was looked for.")] = None,
+    missed: Annotated[bool, typer.Option("--missed", help="It was not seen there.")] = False,
+    point: Annotated[
+        str | None, typer.Option(help="X,Y,Z of a detection, instead of a place; metres.")
+    ] = None,
+    frame: Annotated[
+        str | None, typer.Option(help="The agent in whose frame --point or --view is.")
+    ] = None,
+    view: Annotated[
+        str | None, typer.Option(help="X,Y,Z,YAW,PITCH of a camera (radians): what it shows.")
+    ] = None,
+    seen: Annotated[
+        list[str] | None, typer.Option(help="--view: NAME=X,Y,Z that it detected; repeatable.")
+    ] = None,
+    looked_for: Annotated[
+        list[str] | None,
+        typer.Option("--looked-for", help="--view: NAME that it would detect; repeatable."),
+    ] = None,
+    cloud: Annotated[
+        Path | None,
+        typer.Option(
+            help="--view: points in the optical frame (PLY, NPY), in which --looked-for are found."
+        ),
+    ] = None,
+    without: Annotated[
+        list[str] | None,
+        typer.Option(help="--cloud: NAME of furniture to remove from the points, such as a shelf."),
+    ] = None,
+    opening: Annotated[
+        float, typer.Option(help="--view: horizontal opening angle, radians.")
+    ] = 1.05,
+    range_: Annotated[
+        float, typer.Option("--range", help="--view: how far the detector sees, metres.")
+    ] = 5.0,
+    visible: Annotated[float, typer.Option(help="The share of the place in view.")] = 1.0,
+    detected: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--detected",
+            metavar="TYPE=X,Y,Z[,W,D,H]",
+            help="A detection of one view, known or new; metres; repeatable.",
+        ),
+    ] = None,
+    hit: Annotated[float | None, typer.Option(help="P(seen | there) of the detector.")] = None,
+    false_alarm: Annotated[
+        float | None, typer.Option(help="P(seen | not there) of the detector.")
+    ] = None,
     at: At = None,
     map_name: cli.MapName = None,
     json_: cli.Json = False,

@@ -1,26 +1,51 @@
-"""The commands `semmap fields`: query, watch, store and export what space contains."""
+"""The commands `semmap fields`: what space contains, and the service and sources of it."""
 
 from __future__ import annotations
 
 import json
-from contextlib import suppress
+import sys
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager, suppress
+from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from semmap import cli
-from semmap.cli.chosen_fields import chosen_fields
-from semmap.cli.field_service import add_service_commands
+from semmap.api.spatial_fields import SpatialFields
+from semmap.cli.texts import json_value, key_values, numbers
+from semmap.fields.service.client import ServiceAddress
 
 if TYPE_CHECKING:
+    import threading
+
     from semmap.api.space_answer import SpaceAnswer
 
 fields = typer.Typer(no_args_is_help=True, help="What space contains, voxel by voxel.")
-
-add_service_commands(fields)
+source = typer.Typer(no_args_is_help=True, help="Sources of the running service.")
+fields.add_typer(source, name="source")
 
 VoxelSize = Annotated[float, typer.Option(help="Edge of a voxel in metres.")]
+
+
+@contextmanager
+def chosen_fields(map_name: str | None, voxel_size: float = 0.05) -> Iterator[SpatialFields]:
+    """The fields of the chosen map; its database is opened where no service answers."""
+    with ExitStack() as stack:
+        yield SpatialFields(
+            ServiceAddress(cli.chosen_url(), map_name),
+            cache(lambda: stack.enter_context(cli.chosen_map(map_name))),
+            voxel_size,
+            _note,
+        )
+
+
+def _note(text: str) -> None:
+    if text.startswith("left out: "):
+        cli.err.print(text, style="yellow")
+    else:
+        print(text, file=sys.stderr)
 
 
 @fields.command(context_settings={"ignore_unknown_options": True})  # a point may begin with -
@@ -31,7 +56,7 @@ def at(
     json_: cli.Json = False,
 ) -> None:
     """Show which entities have the voxel at a point: objects, rooms, regions and agents."""
-    place = _point(point)
+    place = numbers(point, "the point X,Y,Z", 3)
     with chosen_fields(map_name, voxel_size) as found:
         rows = found.at(*place)
     cli.show_rows(["name", "kind"], rows, json_)
@@ -186,18 +211,6 @@ def _entities(done: dict[str, Any]) -> str:
     )
 
 
-def _point(text: str) -> list[float]:
-    import math
-
-    try:
-        place = [float(v) for v in text.split(",")]
-    except ValueError:
-        place = []
-    if len(place) != 3 or not all(map(math.isfinite, place)):
-        raise ValueError(f"{text} is not a point: give X,Y,Z, three numbers with commas between")
-    return place
-
-
 def _show_rows(answer: SpaceAnswer) -> None:
     rows = [tuple(_readable(value) for value in row) for row in answer]
     cli.show_rows(list(answer.names), rows, False)
@@ -216,3 +229,114 @@ def _show_stored(stored: dict[str, Any]) -> None:
     if "kept" in stored:
         where += f", stored as {stored['kept']}, version {stored['version']}"
     cli.out.print(f"{stored['property']}: {stored['voxels']} voxels{where}")
+
+
+# --- the service and its sources
+
+
+@fields.command()
+def serve(
+    config: Annotated[
+        Path | None, typer.Option("--config", "-c", help="YAML; see docs/fields.md.")
+    ] = None,
+    sources: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--source",
+            help="NAME=PERCEPTS or NAME:SOURCE=PERCEPTS; PERCEPTS are socket, recording:FOLDER, "
+            "mcap:FILE or plugin:NAME. Repeatable.",
+        ),
+    ] = None,
+    rates: Annotated[
+        list[str] | None, typer.Option("--rate", help="NAME=UPDATES PER SECOND. Repeatable.")
+    ] = None,
+    seconds: Annotated[
+        float | None, typer.Option(help="Stop after this time; by default never.")
+    ] = None,
+    voxel_size: VoxelSize = 0.05,
+    map_name: cli.MapName = None,
+) -> None:
+    """Follow the map, run sources, and answer queries on a local socket; Ctrl-C stops.
+
+    `semmap fields query`, `at`, `ls`, `watch` and `source` then ask this service.
+    """
+    import threading
+
+    stop = threading.Event()
+
+    def started(name: str, path: Path, names: list[str]) -> None:
+        _stop_on_signals(stop)
+        running = ", ".join(names) or "none yet"
+        print(f"serving {name} on {path}; sources: {running}; Ctrl-C stops", flush=True)
+
+    given: dict[str, Any] = {"sources": sources or (), "rates": rates or (), "seconds": seconds}
+    with chosen_fields(map_name, voxel_size) as found:
+        found.serve(config, **given, stop=stop, started=started)
+
+
+def _stop_on_signals(stop: threading.Event) -> None:
+    import signal
+    import threading
+
+    if threading.current_thread() is threading.main_thread():
+        for each in (signal.SIGTERM, signal.SIGINT):
+            signal.signal(each, lambda *_: stop.set())
+
+
+@fields.command()
+def send(
+    name: Annotated[str, typer.Argument(help="Of the source.")],
+    percept: Annotated[str, typer.Argument(help="JSON, or - for one a line of the input.")] = "-",
+    map_name: cli.MapName = None,
+) -> None:
+    """Send percepts to a source of the running service."""
+    lines = sys.stdin if percept == "-" else [percept]
+    with chosen_fields(map_name) as found:
+        found.send(name, (json_value(line, "the percept") for line in lines if line.strip()))
+
+
+@source.command("ls")
+def list_sources(map_name: cli.MapName = None, json_: cli.Json = False) -> None:
+    """List the running sources: their updates, what they provide, and their errors."""
+    with chosen_fields(map_name) as found:
+        rows = found.sources()
+    if json_:
+        print(json.dumps(rows))
+        return
+    columns = ["name", "source", "percepts", "rate", "updates", "seconds", "provides", "error"]
+    shown = [
+        tuple(", ".join(row[c]) if isinstance(row[c], list) else row[c] for c in columns)
+        for row in rows
+    ]
+    cli.show_rows(columns, shown, False)
+
+
+@source.command("start")
+def start_source(
+    name: str,
+    percepts: Annotated[
+        str, typer.Option("--from", help="socket, recording:FOLDER, mcap:FILE or plugin:NAME.")
+    ] = "socket",
+    kind: Annotated[
+        str | None, typer.Option("--source", help="The installed source; by default NAME.")
+    ] = None,
+    rate: Annotated[float, typer.Option(help="The most updates per second.")] = 20.0,
+    timeout: Annotated[
+        float, typer.Option(help="Seconds without a percept until it is unknown; 0 for never.")
+    ] = 30.0,
+    options: Annotated[
+        list[str] | None, typer.Option("--option", help="KEY=VALUE of the source. Repeatable.")
+    ] = None,
+    map_name: cli.MapName = None,
+) -> None:
+    """Start a source in the running service."""
+    given = key_values(options, "--option")
+    with chosen_fields(map_name) as found:
+        found.start_source(name, percepts, source=kind, rate=rate, timeout=timeout, options=given)
+
+
+@source.command("stop")
+def stop_source(name: str, map_name: cli.MapName = None) -> None:
+    """Stop a source of the running service; what it provides is unknown from then on."""
+    with chosen_fields(map_name) as found:
+        found.stop_source(name)

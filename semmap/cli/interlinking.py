@@ -38,21 +38,6 @@ interlink = typer.Typer(
     help="Find which records of two data sets are the same, and store the links.",
 )
 
-Labels = Annotated[
-    Path | None,
-    typer.Option(help="CSV of LEFT,RIGHT,yes|no, or an alignment; --ask adds to a CSV file."),
-]
-AskPerson = Annotated[
-    bool, typer.Option("--ask", help="Ask for the labels that tell most; y, n, or q to end.")
-]
-Turtle = Annotated[
-    Path | None, typer.Option("--turtle", help="Write the links as owl:sameAs to this file.")
-]
-Reference = Annotated[
-    Path | None, typer.Option(help="All true links (CSV or alignment): show precision, recall.")
-]
-TypeName = Annotated[str | None, typer.Option("--type", help="Of the resources in RDF files.")]
-
 
 @interlink.command()
 def link(
@@ -60,12 +45,23 @@ def link(
         str, typer.Argument(metavar="A", help="RDF or CSV file, map[:NAME], or models.")
     ],
     right: Annotated[str, typer.Argument(metavar="B", help="The same.")],
-    labels: Labels = None,
-    ask: AskPerson = False,
+    labels: Annotated[
+        Path | None,
+        typer.Option(help="CSV of LEFT,RIGHT,yes|no, or an alignment; --ask adds to a CSV file."),
+    ] = None,
+    ask: Annotated[
+        bool, typer.Option("--ask", help="Ask for the labels that tell most; y, n, or q to end.")
+    ] = False,
     questions: Annotated[int, typer.Option(min=1, help="The most questions.")] = QUESTIONS,
-    turtle: Turtle = None,
-    reference: Reference = None,
-    type_name: TypeName = None,
+    turtle: Annotated[
+        Path | None, typer.Option("--turtle", help="Write the links as owl:sameAs to this file.")
+    ] = None,
+    reference: Annotated[
+        Path | None, typer.Option(help="All true links (CSV or alignment): show precision, recall.")
+    ] = None,
+    type_name: Annotated[
+        str | None, typer.Option("--type", help="Of the resources in RDF files.")
+    ] = None,
     dry_run: Annotated[bool, typer.Option("--dry-run", help="Store nothing.")] = False,
     map_name: cli.MapName = None,
     json_: cli.Json = False,

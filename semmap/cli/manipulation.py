@@ -36,29 +36,6 @@ State = Annotated[
 ]
 Limit = Annotated[int, typer.Option(min=1, help="The most rows.")]
 
-Name = Annotated[str | None, typer.Argument(help="An object, or a type: any such object.")]
-For = Annotated[
-    str | None, typer.Option("--for", metavar="FUNCTION", help="Any object for: drinking.")
-]
-At = Annotated[str | None, typer.Option(metavar="X,Y,Z", help="The object at a point; metres.")]
-Shape = Annotated[
-    str | None,
-    typer.Option(metavar="SHAPE=SIZES", help="A shape alone: cylinder=0.03,0.1; metres."),
-]
-Tolerance = Annotated[
-    float | None,
-    typer.Option(help="Of --at (0.05) and of each size of --shape (0.01); metres."),
-]
-Kind = Annotated[str, typer.Option(help="grasp, or stored: place, push, turn, open, put.")]
-Stored = Annotated[
-    bool, typer.Option("--stored", help="Only what is stored: generate and store nothing.")
-]
-Unchecked = Annotated[
-    bool, typer.Option("--unchecked", help="Also grasps that touch what is around.")
-]
-PlanGrasp = Annotated[
-    bool, typer.Option("--plan", help="Plan the arm's motion to the first grasp.")
-]
 
 COLUMNS = ("entity", "approach", "expected", "attempts", "width", "x", "y", "z", "contributor")
 PLACE_COLUMNS = ("entity", "on", "approach", "expected", "attempts", "clearance", "x", "y", "z")
@@ -66,18 +43,38 @@ PUSH_COLUMNS = ("entity", "direction", "expected", "attempts", "x", "y", "z", "c
 
 
 def grasp_command(
-    name: Name = None,
-    for_: For = None,
-    at: At = None,
-    shape: Shape = None,
-    tolerance: Tolerance = None,
+    name: Annotated[
+        str | None, typer.Argument(help="An object, or a type: any such object.")
+    ] = None,
+    for_: Annotated[
+        str | None, typer.Option("--for", metavar="FUNCTION", help="Any object for: drinking.")
+    ] = None,
+    at: Annotated[
+        str | None, typer.Option(metavar="X,Y,Z", help="The object at a point; metres.")
+    ] = None,
+    shape: Annotated[
+        str | None,
+        typer.Option(metavar="SHAPE=SIZES", help="A shape alone: cylinder=0.03,0.1; metres."),
+    ] = None,
+    tolerance: Annotated[
+        float | None,
+        typer.Option(help="Of --at (0.05) and of each size of --shape (0.01); metres."),
+    ] = None,
     gripper: Gripper = None,
-    kind: Kind = "grasp",
-    stored: Stored = False,
-    unchecked: Unchecked = False,
+    kind: Annotated[
+        str, typer.Option(help="grasp, or stored: place, push, turn, open, put.")
+    ] = "grasp",
+    stored: Annotated[
+        bool, typer.Option("--stored", help="Only what is stored: generate and store nothing.")
+    ] = False,
+    unchecked: Annotated[
+        bool, typer.Option("--unchecked", help="Also grasps that touch what is around.")
+    ] = False,
     robot: Robot = None,
     base: Base = None,
-    plan: PlanGrasp = False,
+    plan: Annotated[
+        bool, typer.Option("--plan", help="Plan the arm's motion to the first grasp.")
+    ] = False,
     state: State = None,
     limit: Limit = 10,
     map_name: cli.MapName = None,

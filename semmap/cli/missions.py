@@ -1,16 +1,22 @@
-"""`semmap run` and `semmap missions`: goals that robots pursue."""
+"""`semmap run`, `missions` and `search`: goals that robots pursue, and objects to look for."""
 
 from __future__ import annotations
 
 import json
+from dataclasses import asdict
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from semmap import cli
-from semmap.cli import mission_options as options
-from semmap.cli.grid_options import AssumeSizes
+from semmap.cli import options
+from semmap.cli.output import place_progress, print_folded
+
+if TYPE_CHECKING:
+    from planner.mission.runner import MissionEvent
+    from planner.simulated_run import SimulatedMission
+    from semmap.api.map_results import ObjectSearch
 
 
 def run_command(
@@ -39,16 +45,14 @@ def run_command(
             "that it succeeds and learn nothing.",
         ),
     ] = None,
-    assume_sizes: AssumeSizes = False,
+    assume_sizes: options.AssumeSizes = False,
     resume: Annotated[
         bool, typer.Option("--resume", help="Continue a mission whose process has ended.")
     ] = False,
     mission: Annotated[
         int | None, typer.Option(help="Mission to resume; by default the oldest.")
     ] = None,
-    domain_file: Annotated[
-        Path | None, typer.Option("--domain", help="YAML file of additional actions.")
-    ] = None,
+    domain_file: options.DomainFile = None,
     map_name: cli.MapName = None,
     json_: cli.Json = False,
 ) -> None:
@@ -60,8 +64,6 @@ def run_command(
         )
     if resume == (goal is not None):
         raise typer.BadParameter("give either a goal, or --resume")
-
-    from semmap.cli.mission_output import say, show_event, show_mission
 
     with cli.chosen_map(map_name) as house:
         ended = house.run(
@@ -81,10 +83,10 @@ def run_command(
             assume_sizes=assume_sizes,
             resume=resume,
             mission=mission,
-            on_event=None if json_ else show_event,
-            say=None if json_ else say,
+            on_event=None if json_ else _show_event,
+            say=None if json_ else _say,
         )
-    show_mission(ended, json_)
+    _show_mission(ended, json_)
 
 
 def missions_command(
@@ -103,14 +105,10 @@ def missions_command(
     if json_:
         print(json.dumps(rows, default=str))
         return
-    from rich.table import Table
-
-    table = Table(box=None, pad_edge=False, header_style="bold")
-    for name in rows[0] if rows else ():
-        table.add_column(name, overflow="fold")
-    for row in rows:
-        table.add_row(*(_readable(v) for v in row.values()))
-    cli.out.print(table if rows else "none")
+    if rows:
+        print_folded([*rows[0]], [[_readable(v) for v in row.values()] for row in rows])
+    else:
+        cli.out.print("none")
 
 
 def _readable(value: Any) -> str:
@@ -119,3 +117,188 @@ def _readable(value: Any) -> str:
     if isinstance(value, list):
         return ", ".join(map(str, value))
     return f"{value:%Y-%m-%d %H:%M:%S}" if hasattr(value, "strftime") else str(value)
+
+
+def search_command(
+    name: Annotated[str, typer.Argument(help="Name of the object.")],
+    start: options.Start = None,
+    robot: options.Agent = "robot",
+    robot_class: options.RobotName = None,
+    simulate: Annotated[
+        bool, typer.Option("--simulate", help="Let a simulated robot search.")
+    ] = False,
+    put: options.Put = None,
+    wrong: Annotated[
+        float, typer.Option(help="Seconds that a wrong answer costs; with more, it looks longer.")
+    ] = 3600.0,
+    hit: Annotated[float, typer.Option(help="P(seen | the object is in view).")] = 0.9,
+    false_alarm: Annotated[float, typer.Option(help="P(seen | it is not there).")] = 0.02,
+    look: Annotated[float, typer.Option(help="Seconds of a look.")] = 3.0,
+    camera_height: Annotated[float, typer.Option(help="Of the camera, metres.")] = 1.2,
+    range_: Annotated[
+        float, typer.Option("--range", help="Metres within which the robot recognises objects.")
+    ] = 3.5,
+    trials: Annotated[
+        int, typer.Option(help="Compare so many random searches with other strategies.")
+    ] = 0,
+    pomdp: Annotated[
+        Path | None, typer.Option(help="Write the search as a .pomdp file for other solvers.")
+    ] = None,
+    speed: options.Speed = 20.0,
+    fail: options.Fail = None,
+    seed: options.Seed = 0,
+    world: options.WorldFile = None,
+    apply: options.Apply = False,
+    map_name: cli.MapName = None,
+    json_: cli.Json = False,
+) -> None:
+    """Search for an object: say where to look first and why, or let a simulated robot do it."""
+    from planner.search.problem_builder import Detector
+    from planner.search.viewpoints import Sight
+
+    try:
+        sight = Sight(height=camera_height, furthest=range_)
+        detector = Detector(hit, false_alarm, look, wrong)
+    except ValueError as error:
+        raise typer.BadParameter(str(error)) from None
+    seeing: Any = {"start": start, "robot": robot_class, "sight": sight, "detector": detector}
+    with cli.chosen_map(map_name) as house:
+        if simulate:
+            ended = house.run(
+                f'found("{name}")',
+                agent=robot,
+                speed=speed,
+                fail=fail or (),
+                seed=seed,
+                world=world,
+                apply=apply,
+                put=put or (),
+                on_event=None if json_ else _show_event,
+                say=None if json_ else _say,
+                **seeing,
+            )
+            _show_mission(ended, json_)
+            return
+        with place_progress(quiet=json_) as progress:
+            search = house.search(name, progress=progress, **seeing)
+    if pomdp is not None:
+        search.write_pomdp(pomdp)
+    if trials:
+        found = search.compare(trials, seed)
+        print(json.dumps(found)) if json_ else _show_trials(found)
+    elif json_:
+        print(json.dumps(_search_as_json(search)))
+    else:
+        cli.out.print(search.reason)
+        _show_tour(search)
+
+
+def _show_tour(search: ObjectSearch) -> None:
+    lines = []
+    for view in search.tour:
+        shows = ", ".join(f"{place} {share:.0%}" for place, share in view.shows[:6])
+        opens = f"open {view.opens}: " if view.opens else ""
+        lines.append((view.name, f"{view.pose.x:.2f}", f"{view.pose.y:.2f}", opens + shows))
+    if lines:
+        print_folded(("look from", "x", "y", "shows"), lines)
+
+
+def _search_as_json(search: ObjectSearch) -> dict[str, Any]:
+    return {
+        "object": search.name,
+        "belief": search.belief,
+        "action": search.decision.action,
+        "seconds": search.seconds,
+        "tour": [
+            {
+                "viewpoint": view.name,
+                "room": view.room,
+                "pose": view.pose._asdict(),
+                "shows": dict(view.shows),
+                "opens": view.opens,
+            }
+            for view in search.tour
+        ],
+    }
+
+
+def _show_trials(found: dict[str, Any]) -> None:
+    """Print the durations as a table."""
+    shorter = found["later searches are shorter than"]
+    lines = [
+        (
+            name,
+            _seconds(row["seconds"]),
+            f"{row['right']:.0%}",
+            _seconds(shorter[name]) if shorter.get(name) else "",
+        )
+        for name, row in found["strategies"].items()
+    ]
+    print_folded(("strategy", "seconds", "right", "later searches are shorter by"), lines)
+    runs = found["runs"]
+    cli.out.print(
+        f"{found['trials']} objects, {runs} searches each; means with 95 % confidence intervals",
+        style="dim",
+    )
+
+
+def _seconds(interval: dict[str, float]) -> str:
+    return f"{interval['mean']:.1f} ± {interval['half_width']:.1f} s"
+
+
+def _say(text: str) -> None:
+    """Print a note."""
+    cli.out.print(text, style="cyan")
+
+
+def _show_event(event: MissionEvent) -> None:
+    """Print an event of a runner as a line."""
+    number = "" if event.number is None else f"{event.number:>4}"
+    if event.kind == "planned":
+        cli.out.print(f"plan: {event.message}", style="dim")
+    elif event.kind == "ended":
+        message = f": {event.message}" if event.message else ""
+        cli.out.print(f"{number} {event.command}{message}")
+    elif event.kind == "failed" and event.command is not None:
+        cli.out.print(f"{number} {event.command}: {event.message}", style="yellow")
+    elif event.kind == "waits":
+        cli.out.print(f"{number} waits: {event.message}", style="dim")
+    elif event.command is None:
+        message = f": {event.message}" if event.message else ""
+        cli.out.print(f"{event.kind}{message}", style="bold")
+
+
+def _show_mission(ended: SimulatedMission, json_: bool) -> None:
+    """Print how a mission ended; exit with 1 where it did not reach its goal."""
+    if json_:
+        value = {
+            "mission": ended.mission,
+            "state": ended.state,
+            "reason": ended.reason,
+            "world": str(ended.world),
+            "steps": ended.steps,
+            "map": ended.map,
+        }
+        if ended.assumed:
+            value["assumed_sizes"] = ended.assumed
+        if ended.found:
+            value["found"] = {name: asdict(answer) for name, answer in ended.found.items()}
+        print(json.dumps(value, default=str))
+    else:
+        _show_found(ended)
+        if ended.map != ended.original:
+            where = f"in {ended.map}; {ended.original} is unchanged (--apply changes it)"
+            cli.out.print(where, style="dim")
+    if not ended.done:
+        raise typer.Exit(1)
+
+
+def _show_found(ended: SimulatedMission) -> None:
+    from planner.search.problem_builder import ELSEWHERE
+
+    for name, answer in ended.found.items():
+        if answer.place == ELSEWHERE:
+            continue
+        looks = "1 look" if answer.looks == 1 else f"{answer.looks} looks"
+        how = f"seen there, after {looks}" if answer.seen else "not seen there"
+        cli.out.print(f"{name} is at {answer.place} ({answer.probability:.0%}; {how})")

@@ -7,6 +7,7 @@ import math
 import shutil
 import sys
 import unicodedata
+from contextlib import contextmanager
 from decimal import Decimal
 from functools import cache
 from itertools import chain, count
@@ -15,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 from semmap.terminal import print_bold, visible
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping, Sequence
+    from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 
     from psycopg.types.range import Range
 
@@ -71,7 +72,7 @@ def show_rows(columns: list[str], rows: Iterable[tuple[Any, ...]], as_json: bool
         return
     cells = [["" if v is None else visible(readable(v)) for v in row] for row in rows]
     if any("\n" in cell for row in cells for cell in row) or not _print_columns([names, *cells]):
-        _print_folded(names, cells)
+        print_folded(names, cells)
     print(f"{len(rows)} row{'' if len(rows) == 1 else 's'}", file=sys.stderr)
 
 
@@ -101,16 +102,35 @@ def cell_width(text: str) -> int:
     return len(text) + wide - sum(unicodedata.combining(c) > 0 for c in text)
 
 
-def _print_folded(names: Sequence[str], lines: Sequence[Sequence[str]]) -> None:
-    """Print cells as a table that folds its columns to the width of the terminal."""
+def print_folded(
+    names: Sequence[str], lines: Iterable[Sequence[str]], right: Sequence[str] = ()
+) -> None:
+    """Print cells as a table that folds its columns to the width of the terminal.
+
+    Columns named in `right` are aligned to the right.
+    """
     from rich.table import Table
 
     table = Table(box=None, pad_edge=False, header_style="bold")
     for name in names:
-        table.add_column(name, overflow="fold")
+        table.add_column(name, overflow="fold", justify="right" if name in right else "left")
     for line in lines:
         table.add_row(*line)
     _console("out").print(table)
+
+
+@contextmanager
+def place_progress(*, quiet: bool) -> Iterator[Callable[[str, int, int], None]]:
+    """A bar, moved by a function of a place, its number and how many there are."""
+    from rich.progress import Progress
+
+    with Progress(console=_console("out"), transient=True, disable=quiet) as bar:
+        task = bar.add_task("", total=None, visible=False)
+
+        def progress(place: str, number: int, total: int) -> None:
+            bar.update(task, description=place, completed=number, total=total, visible=True)
+
+        yield progress
 
 
 def unique_names(columns: list[str]) -> list[str]:

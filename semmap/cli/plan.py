@@ -9,7 +9,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from semmap import cli
-from semmap.cli.grid_options import AssumeSizes
+from semmap.cli.options import AssumeSizes, DomainFile
+from semmap.cli.output import print_folded
+from semmap.cli.route import step_as_json
 
 if TYPE_CHECKING:
     from planner.plan import Action, Plan
@@ -24,9 +26,7 @@ def plan_command(
     ] = None,
     map_name: cli.MapName = None,
     robot: Annotated[str | None, typer.Option(help="Class of robots (semmap robot).")] = None,
-    domain_file: Annotated[
-        Path | None, typer.Option("--domain", help="YAML file of additional actions.")
-    ] = None,
+    domain_file: DomainFile = None,
     assume_sizes: AssumeSizes = False,
     pddl: Annotated[
         Path | None, typer.Option(help="Write domain.pddl and problem.pddl into this folder.")
@@ -81,34 +81,16 @@ def _action_as_json(action: Action) -> dict[str, Any]:
         "seconds": action.seconds,
         "at": None if action.at is None else action.at._asdict(),
         "steps": [
-            {
-                "behaviour": step.behaviour,
-                "connector": step.connector.name if step.connector else None,
-                "elevator": step.elevator,
-                "from": step.from_place,
-                "to": step.to_place,
-                "approach": None if step.approach is None else step.approach._asdict(),
-                "leave": step.leave._asdict(),
-                "seconds": step.seconds,
-                "map": step.map,
-            }
-            for step in action.steps
+            step_as_json(step) | {"seconds": step.seconds, "map": step.map} for step in action.steps
         ],
     }
 
 
 def _show_plan(plan: Plan) -> None:
     """Print a plan as Figure 4 does, with durations."""
-    from rich.table import Table
-
-    table = Table(box=None, pad_edge=False, header_style="bold")
-    table.add_column("", justify="right")
-    table.add_column("action", overflow="fold")
-    table.add_column("seconds", justify="right")
-    for number, action in enumerate(plan.actions, 1):
-        table.add_row(str(number), str(action), f"{action.seconds:.1f}")
     if plan.actions:
-        cli.out.print(table)
+        lines = [(str(n), str(a), f"{a.seconds:.1f}") for n, a in enumerate(plan.actions, 1)]
+        print_folded(("", "action", "seconds"), lines, right=("", "seconds"))
     proof = f"at most {plan.gap:.0%} longer than the lower bound of {plan.bound:.1f} s"
     if plan.optimal:
         proof = "no plan is shorter"

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import json
-from collections.abc import Iterable
 from datetime import datetime
 from enum import StrEnum
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
 from semmap import cli
+from semmap.cli.texts import key_values, numbers
 
 regions = typer.Typer(
     no_args_is_help=True, help="Parts of rooms and objects: drawn, or found in the geometry."
@@ -86,10 +85,10 @@ def draw(
         region = house.draw_region(
             name,
             None if polygon is None else _corners(polygon),
-            box=None if box is None else _box(box),
+            box=None if box is None else numbers(box, "--box", 6),
             type=type_,
             holder=holder,
-            properties=_properties(where or ()),
+            properties=key_values(where, "--property"),
             since=since,
             until=until,
         )
@@ -112,30 +111,3 @@ def _corners(given: str) -> list[tuple[float, ...]]:
     if len(corners) < 3 or any(len(corner) != 2 for corner in corners):
         raise ValueError(f'--polygon takes three corners or more, "x,y x,y x,y", not {given}')
     return corners
-
-
-def _box(given: str) -> list[float]:
-    """The box of ``x0,y0,z0,x1,y1,z1``."""
-    try:
-        numbers = [float(v) for v in given.split(",")]
-    except ValueError:
-        numbers = []
-    if len(numbers) != 6:
-        raise ValueError(
-            f"--box takes six numbers with commas between, x0,y0,z0,x1,y1,z1, not {given}"
-        )
-    return numbers
-
-
-def _properties(given: Iterable[str]) -> dict[str, Any]:
-    """The values, JSON or else text, of ``KEY=VALUE`` by their keys."""
-    found: dict[str, Any] = {}
-    for each in given:
-        key, equals, value = each.partition("=")
-        if not equals or not key:
-            raise ValueError(f"--property takes KEY=VALUE, not {each}")
-        try:
-            found[key] = json.loads(value)
-        except json.JSONDecodeError:
-            found[key] = value
-    return found

@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from semmap import cli
-from semmap.cli.grid_options import MaxSlope, MaxStep, Parts, State, Urdf
-from semmap.number_list import parse_numbers
+from semmap.cli.options import MaxSlope, MaxStep, Parts, State, Urdf
+from semmap.cli.output import print_folded
+from semmap.cli.texts import numbers
 
 if TYPE_CHECKING:
     from planner.robot_class import RobotClass
@@ -45,8 +46,8 @@ def add(
     json_: cli.Json = False,
 ) -> None:
     """Add a class of robots from a URDF, or replace the class of this name."""
-    near = parse_numbers(reach, 2, "--reach MIN,MAX")
-    high = parse_numbers(heights, 2, "--heights MIN,MAX")
+    near = numbers(reach, "--reach MIN,MAX", 2)
+    high = numbers(heights, "--heights MIN,MAX", 2)
     from semmap.api.driving_posture import driving_posture
 
     with cli.open_database() as db:
@@ -104,13 +105,9 @@ def _show(robots: list[RobotClass], json_: bool) -> None:
     if json_:
         print(json.dumps(rows))
         return
-    from rich.table import Table
-
-    table = Table(box=None, pad_edge=False, header_style="bold")
-    for column in ("robot", "parts", "m/s", "reaches", "carries"):
-        table.add_column(column)
+    lines = []
     for r in robots:
         shape = ", ".join(f"{p.name} {p.interval[0]:.2f} to {p.interval[1]:.2f} m" for p in r.parts)
         reach = f"{r.reach[0]:g} to {r.reach[1]:g} m"
-        table.add_row(r.name, shape or "no shape", f"{r.speed:g}", reach, str(r.capacity))
-    cli.out.print(table)
+        lines.append((r.name, shape or "no shape", f"{r.speed:g}", reach, str(r.capacity)))
+    print_folded(("robot", "parts", "m/s", "reaches", "carries"), lines)

@@ -12,8 +12,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from semmap import cli
-from semmap.cli.grid_options import AssumeSizes
-from semmap.cli.place_progress import place_progress
+from semmap.cli.options import AssumeSizes
+from semmap.cli.output import place_progress, print_folded
+from semmap.cli.texts import numbers
 
 if TYPE_CHECKING:
     from planner.route import Route, RouteStep
@@ -107,12 +108,10 @@ def _location(word: str) -> str | Pose:
     from semmap.geometry.pose import Pose
 
     try:
-        numbers = [float(v) for v in word.split(",")]
+        x, y, *z = numbers(word, "a point")
     except ValueError:
         return word
-    if len(numbers) in (2, 3) and all(map(math.isfinite, numbers)):
-        return Pose(numbers[0], numbers[1], numbers[2] if len(numbers) == 3 else 0.0)
-    return word
+    return word if len(z) > 1 else Pose(x, y, *z)
 
 
 def _route_as_json(route: Route) -> dict[str, Any]:
@@ -134,9 +133,9 @@ def _route_as_json(route: Route) -> dict[str, Any]:
             for step in route.doors
             if step.connector is not None
         ],
-        "transitions": [_step_as_json(step) for step in route.transitions],
+        "transitions": [step_as_json(step) for step in route.transitions],
         "steps": [
-            _step_as_json(step)
+            step_as_json(step)
             | {"seconds": step.seconds, "metres": step.metres}
             | {"frame": step.frame, "map": step.map}
             for step in route.steps
@@ -144,7 +143,8 @@ def _route_as_json(route: Route) -> dict[str, Any]:
     }
 
 
-def _step_as_json(step: RouteStep) -> dict[str, Any]:
+def step_as_json(step: RouteStep) -> dict[str, Any]:
+    """A step as plain values; poses are x, y, z and quaternion."""
     return {
         "behaviour": step.behaviour,
         "connector": step.connector.name if step.connector else None,
@@ -162,23 +162,18 @@ def _plain(pose: Pose | None) -> dict[str, float] | None:
 
 def _show_route(route: Route, *, timed: bool = False) -> None:
     """Print a route as a table; with all steps and their durations if `timed`."""
-    from rich.table import Table
-
-    steps = route.steps if timed else route.transitions
-    table = Table(box=None, pad_edge=False, header_style="bold")
-    for name in ("step", "by", "from", "to", "approach (x, y, z; heading)", "leave"):
-        table.add_column(name)
-    if timed:
-        table.add_column("seconds", justify="right")
-    for step in steps:
+    lines = []
+    for step in route.steps if timed else route.transitions:
         by = step.elevator if step.connector is None else step.connector.name
         if step.behaviour == "switch_map":
             by = step.map
         row = [step.behaviour, by or "", step.from_place, step.to_place]
         row += [readable_pose(step.approach), readable_pose(step.leave)]
-        table.add_row(*row, *([f"{step.seconds:.1f}"] if timed else []))
-    if steps:
-        cli.out.print(table)
+        lines.append([*row, f"{step.seconds:.1f}"])
+    names = ("step", "by", "from", "to", "approach (x, y, z; heading)", "leave", "seconds")
+    if lines:
+        shown = len(names) if timed else -1
+        print_folded(names[:shown], [line[:shown] for line in lines], right=("seconds",))
     doors = ", ".join(s.connector.name for s in route.doors if s.connector is not None)
     took = f"{route.metres:.1f} m" + (f", {route.seconds:.0f} s" if timed else "")
     cli.out.print(f"{route.start} -> {route.goal}: {doors or 'no door'} ({took})")

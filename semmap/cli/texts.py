@@ -1,22 +1,44 @@
-"""Texts of options as values: numbers with commas between them, and JSON."""
+"""Texts of options as values: numbers with commas between them, KEY=VALUE, and JSON."""
 
 from __future__ import annotations
 
 import json
+import math
+from collections.abc import Iterable
 from typing import Any
 
-import typer
 
+def numbers(text: str, option: str, count: int | None = None) -> tuple[float, ...]:
+    """Return the finite numbers of a text; `count` of them, where it is given.
 
-def numbers(text: str, option: str, count: int | None = None) -> list[float]:
-    """Return the numbers of a text; `count` of them, where it is given, else BadParameter."""
+    >>> numbers("1,2.5,0", "--near X,Y,Z", 3)
+    (1.0, 2.5, 0.0)
+    """
     try:
-        found = [float(v) for v in text.split(",")]
+        found = tuple(float(value) for value in text.split(","))
     except ValueError:
-        found = []
-    if not found or count not in (None, len(found)):
+        found = ()
+    if not found or count not in (None, len(found)) or not all(map(math.isfinite, found)):
         many = "" if count is None else f"{count} "
-        raise typer.BadParameter(f"{option} takes {many}numbers with commas between, not {text}")
+        raise ValueError(f"{option} takes {many}numbers with commas between them, not {text}")
+    return found
+
+
+def key_values(given: Iterable[str] | None, option: str) -> dict[str, Any]:
+    """Return the values of ``KEY=VALUE`` by key; a value is JSON where it is valid, else text.
+
+    >>> key_values(["colour=red", "legs=4"], "--where")
+    {'colour': 'red', 'legs': 4}
+    """
+    found: dict[str, Any] = {}
+    for each in given or ():
+        key, equals, value = each.partition("=")
+        if not equals or not key:
+            raise ValueError(f"{option} takes KEY=VALUE, not {each}")
+        try:
+            found[key] = json.loads(value)
+        except ValueError:
+            found[key] = value
     return found
 
 
@@ -24,5 +46,5 @@ def json_value(text: str, where: str) -> Any:
     """Return the value of a text in JSON; the message of a ValueError begins with `where`."""
     try:
         return json.loads(text)
-    except (json.JSONDecodeError, RecursionError) as error:
+    except (ValueError, RecursionError) as error:
         raise ValueError(f"{where}: is not valid JSON: {error}") from error

@@ -10,6 +10,7 @@ import typer
 
 from semmap import cli
 from semmap.api.map_drawing import TopologyFormat, topology_as_json, topology_format
+from semmap.cli.options import Storey
 
 
 def topology_command(
@@ -22,7 +23,7 @@ def topology_command(
         typer.Option("--format", help="By default the format of the file's ending, or dot."),
     ] = None,
     map_name: cli.MapName = None,
-    storey: Annotated[str | None, typer.Option(help="Only this storey.")] = None,
+    storey: Storey = None,
     robot: Annotated[
         str | None,
         typer.Option(help="Class of robots whose paths and times are used, not straight lines."),

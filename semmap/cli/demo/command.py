@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from semmap.cli.grid_options import Parts, State, Urdf
+from semmap.cli.options import Parts, State, Urdf
 
 
 def demo_command(

@@ -510,7 +510,7 @@ def test_regions_by_command(flat: str) -> None:
         (("find", "observation", "table_1", "--near", "3", "--far", "2"), "give 0 <= near < far"),
         (("draw", "wet", "--polygon", "0,0 1,1"), "three corners"),
         (("draw", "wet", "--polygon", "0,0 1,1 1,0 0,1"), "crosses its own border"),
-        (("draw", "wet", "--box", "0,0,1"), "six numbers"),
+        (("draw", "wet", "--box", "0,0,1"), "6 numbers"),
         (("draw", "wet", "--box", "0,0,0,1,1,1", "--property", "blue"), "KEY=VALUE"),
         (("draw", "wet", "--box", "0,0,0,1,1,1", "--type", "sofa"), "no type of region sofa"),
         (("draw", "wet"), "either an outline or a box"),
