@@ -211,7 +211,6 @@ class MapBeliefs(MapQuestions):
         `occlusion`: the larger ones of `names` may hide the smaller ones. Errors are those of
         `where`; a name that appears twice, or with occlusion an unknown volume, is one, too.
         """
-        from semmap.belief.estimates import known_volumes
         from semmap.belief.problog_program import problog_program
         from semmap.belief.reader import read_columns, read_model
 
@@ -223,6 +222,6 @@ class MapBeliefs(MapQuestions):
             columns.mobility,
             columns.objects,
             columns.places,
-            known_volumes(columns) if occlusion else None,
+            columns.known_volume() if occlusion else None,
             model=model,
         )

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Collection
 from datetime import datetime
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -23,9 +22,6 @@ from semmap.query.entity_query import entity_id
 from semmap.query.snapshot import Snapshot
 from semmap.query.storey_reader import read_entities
 from semmap.query.storey_scene import EntityKind
-
-if TYPE_CHECKING:
-    pass
 
 SPACING = 0.004
 """Metres between the points of furniture, on average."""

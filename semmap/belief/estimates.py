@@ -5,12 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from datetime import datetime
 
-import numpy as np
-from numpy.typing import NDArray
-
-from semmap.belief.error import BeliefError
 from semmap.belief.occlusion import infer_with_occlusion
-from semmap.belief.reader import BeliefColumns, read_columns, read_model
+from semmap.belief.reader import read_columns, read_model
 from semmap.query.snapshot import Snapshot
 
 Belief = dict[str, dict[str, float]]
@@ -27,26 +23,8 @@ def belief_with_occlusion(
     """
     columns, model = read_columns(seen, names, at), read_model(seen)
     probability = infer_with_occlusion(
-        columns.prior,
-        columns.observations,
-        columns.mobility,
-        known_volumes(columns),
-        model=model,
+        columns.prior, columns.observations, columns.mobility, columns.known_volume(), model=model
     )
-    return _by_name(columns, probability)
-
-
-def known_volumes(columns: BeliefColumns) -> NDArray[np.float64]:
-    """Return the volumes of the objects; raise `BeliefError` where one is unknown."""
-    for name, volume in zip(columns.objects, columns.volume, strict=True):
-        if not volume > 0:
-            raise BeliefError(
-                f"{name}: its volume is unknown: teach it, or give the object a shape in the map"
-            )
-    return columns.volume
-
-
-def _by_name(columns: BeliefColumns, probability: NDArray[np.float64]) -> Belief:
     return {
         name: dict(zip(columns.places, row, strict=True))
         for name, row in zip(columns.objects, probability.tolist(), strict=True)

@@ -6,22 +6,18 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import datetime
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from semmap.belief.association import moved_or_new
 from semmap.belief.error import BeliefError
+from semmap.belief.looks import spot
 from semmap.belief.motion import DAILY, MotionModel
-from semmap.belief.places import place_at
-from semmap.belief.reader import read_agent_pose, read_columns, read_places
+from semmap.belief.reader import read_columns
 from semmap.belief.store.beliefs import read_belief
 from semmap.finite_number import finite_numbers
 from semmap.query.entity_query import find
 from semmap.query.snapshot import Snapshot
-
-if TYPE_CHECKING:
-    pass
 
 
 @dataclass(frozen=True)
@@ -79,7 +75,11 @@ def identify(
     columns = read_columns(seen, names, at)
     beliefs = [read_belief(seen, name, at, motion.seconds) for name in names]
     belief = [[one.get(place, 0.0) for place in columns.places] for one in beliefs]
-    place = [_place(seen, detections[j], candidates[j][0], frame, at) for j in rows]
+    place = []
+    for j in rows:
+        like, given = candidates[j][0], detections[j]
+        found_at = spot(seen, like, given.point, frame=frame, at=at, called=given.type)
+        place.append(found_at["place"])
     at_place = np.array([columns.places.index(name) for name in place])
     view = np.zeros(len(columns.places))
     view[at_place] = 1.0
@@ -98,31 +98,6 @@ def identify(
         known = {names[i]: float(share[i]) for i in order if share[i] > 0}
         found[j] = Identity(where, known, float(share[-1]))
     return found
-
-
-def _place(
-    seen: Snapshot,
-    detection: Detection,
-    like: str,
-    frame: str | None,
-    at: datetime | None,
-) -> str:
-    """The place of a detection among those with room for an object like it."""
-    point = finite_numbers(detection.point, 3)
-    if point is None:
-        raise BeliefError(
-            f"{detection.type} was detected at {detection.point}: give x, y, z in metres"
-        )
-    if frame is not None:
-        point = tuple(read_agent_pose(seen, frame, at).apply([point])[0])
-    place = place_at(read_places(seen, like), point)
-    if place is None:
-        x, y, z = point
-        raise BeliefError(
-            f"{detection.type} was detected at ({x:.2f}, {y:.2f}, {z:.2f}) in the map, where no "
-            "place has room for it: check the frame, or add the furniture or room to the map"
-        )
-    return place.name
 
 
 def _size(seen: Detection) -> float:

@@ -51,7 +51,7 @@ def infer(
     array([[0.065, 0.87 , 0.065]])
     """
     prior = checked_prior(prior, observations)
-    mobility = checked_mobility(mobility, len(prior))
+    mobility = checked_column("mobility", mobility, len(prior))
     there, elsewhere = observation_rates(observations, mobility, model)
     return normalised(log_weights(prior, observations, log_ratios(observations, there, elsewhere)))
 
@@ -107,13 +107,16 @@ def checked_prior(prior: ArrayLike, observations: Observations) -> NDArray[np.fl
     return found
 
 
-def checked_mobility(mobility: ArrayLike, objects: int) -> NDArray[np.float64]:
-    """Return mobilities as an array; raise `BeliefError` unless each object has one, at least 0."""
-    found = np.asarray(mobility, np.float64)
+def checked_column(
+    name: str, values: ArrayLike, objects: int, *, above_zero: bool = False
+) -> NDArray[np.float64]:
+    """Return a number of at least 0 for each object, or above 0; else raise `BeliefError`."""
+    found = np.asarray(values, np.float64)
     if found.shape != (objects,):
-        raise BeliefError(f"mobility has shape {found.shape}: give one of {objects} objects each")
-    fits = np.isfinite(found) & (found >= 0)
+        raise BeliefError(f"{name} has shape {found.shape}: give one of {objects} objects each")
+    fits = np.isfinite(found) & (found > 0 if above_zero else found >= 0)
     if not fits.all():
         row = int(np.argmin(fits))
-        raise BeliefError(f"mobility of object {row} is {found[row]:g}: give at least 0")
+        least = "a number above 0" if above_zero else "at least 0"
+        raise BeliefError(f"{name} of object {row} is {found[row]:g}: give {least}")
     return found

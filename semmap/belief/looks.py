@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
 from datetime import datetime
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from semmap.belief.error import BeliefError
 from semmap.belief.places import place_at
@@ -15,9 +15,6 @@ from semmap.draw.depth_camera import DepthCamera
 from semmap.finite_number import finite_numbers
 from semmap.geometry.pose import Pose
 from semmap.query.snapshot import Snapshot
-
-if TYPE_CHECKING:
-    pass
 
 LEAST_SHARE = 0.02
 """A place of which a view shows less was not looked at."""
@@ -33,15 +30,18 @@ def spot(
     *,
     frame: str | None = None,
     at: datetime | None = None,
+    called: str | None = None,
 ) -> Row:
     """Return the `place` of a detection and its `position` there, as `add_observations` takes them.
 
     Only places with room for the object of the name count. The point is in metres in the `frame` of
-    an agent at a moment; None: in that of the map. `BeliefError` if it is at no place.
+    an agent at a moment; None: in that of the map. `BeliefError` if it is at no place: its message
+    says what was detected, by default the name.
     """
+    what = called or name
     numbers = finite_numbers(point, 3)
     if numbers is None:
-        raise BeliefError(f"{name} was detected at {tuple(point)}: give x, y, z in metres")
+        raise BeliefError(f"{what} was detected at {tuple(point)}: give x, y, z in metres")
     there = list(numbers)
     if frame is not None:
         there = [float(v) for v in read_agent_pose(seen, frame, at).apply([there])[0]]
@@ -49,7 +49,7 @@ def spot(
     if place is None:
         x, y, z = there
         raise BeliefError(
-            f"{name} was detected at ({x:.2f}, {y:.2f}, {z:.2f}) in the map, where no place has "
+            f"{what} was detected at ({x:.2f}, {y:.2f}, {z:.2f}) in the map, where no place has "
             "room for it: check the frame, or add the furniture or room to the map"
         )
     return {"place": place.name, "position": _within(place.pose, there)}

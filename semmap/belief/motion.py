@@ -13,12 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from semmap.belief.error import BeliefError
-from semmap.belief.inference import (
-    checked_mobility,
-    checked_prior,
-    log_ratios,
-    normalised,
-)
+from semmap.belief.inference import checked_column, checked_prior, log_ratios, normalised
 from semmap.belief.observation_columns import Observations, observation_rates
 from semmap.belief.sighting_model import THESIS, SightingRates
 
@@ -95,7 +90,7 @@ def infer_with_motion(
     array([[0.25, 0.75]])
     """
     prior = checked_prior(prior, observations)
-    mobility = checked_mobility(mobility, len(prior))
+    mobility = checked_column("mobility", mobility, len(prior))
     if destinations is None:
         goals = prior
     else:

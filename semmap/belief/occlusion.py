@@ -16,7 +16,7 @@ from scipy.sparse.csgraph import connected_components
 
 from semmap.belief.error import BeliefError
 from semmap.belief.inference import (
-    checked_mobility,
+    checked_column,
     checked_prior,
     log_ratios,
     log_weights,
@@ -75,8 +75,8 @@ def infer_with_occlusion(
            [0.805, 0.195]])
     """
     prior = checked_prior(prior, observations)
-    mobility = checked_mobility(mobility, len(prior))
-    volume = checked_volume(volume, len(prior))
+    mobility = checked_column("mobility", mobility, len(prior))
+    volume = checked_column("volume", volume, len(prior), above_zero=True)
     check_hiding(hides, hidden)
     there, elsewhere = observation_rates(observations, mobility, model)
     alone = log_weights(prior, observations, log_ratios(observations, there, elsewhere))
@@ -230,15 +230,3 @@ def check_hiding(hides: float, hidden: float) -> None:
         raise BeliefError(f"hides is {hides}: give a probability")
     if not 0 < hidden < 1:
         raise BeliefError(f"hidden is {hidden}: give a probability strictly between 0 and 1")
-
-
-def checked_volume(volume: ArrayLike, objects: int) -> NDArray[np.float64]:
-    """Return volumes as an array; raise `BeliefError` unless each object has one, above 0."""
-    found = np.asarray(volume, np.float64)
-    if found.shape != (objects,):
-        raise BeliefError(f"volume has shape {found.shape}: give one of {objects} objects each")
-    fits = np.isfinite(found) & (found > 0)
-    if not fits.all():
-        row = int(np.argmin(fits))
-        raise BeliefError(f"volume of object {row} is {found[row]:g}: give a number above 0")
-    return found

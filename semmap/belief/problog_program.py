@@ -5,15 +5,16 @@ It checks the closed form; its time grows exponentially with objects and observa
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from semmap.belief.error import BeliefError
-from semmap.belief.inference import checked_mobility, checked_prior
+from semmap.belief.inference import checked_column, checked_prior
 from semmap.belief.observation_columns import Observations, observation_rates
-from semmap.belief.occlusion import check_hiding, checked_volume
+from semmap.belief.occlusion import check_hiding
 from semmap.belief.sighting_model import THESIS, SightingModel, SightingRates
 
 RULES = """\
@@ -64,7 +65,7 @@ def problog_program(
     0.5::is_in('coke', 'counter'); 0.5::is_in('coke', 'table').
     """
     prior = checked_prior(prior, observations)
-    mobility = checked_mobility(mobility, len(prior))
+    mobility = checked_column("mobility", mobility, len(prior))
     _check_names("object", objects, prior.shape[0])
     _check_names("place", places, prior.shape[1])
     thing = [_atom(name) for name in objects]
@@ -80,7 +81,7 @@ def problog_program(
     ]
     if volume is not None:
         check_hiding(hides, hidden)
-        sizes = checked_volume(volume, len(prior)).tolist()
+        sizes = checked_column("volume", volume, len(prior), above_zero=True).tolist()
         lines += [f"volume({x}, {v!r})." for x, v in zip(thing, sizes, strict=True)]
     else:
         lines.append("volume(_, 1.0).")
@@ -100,17 +101,11 @@ def problog_program(
 
 def _looks(observations: Observations, thing: list[str], place: list[str]) -> list[str]:
     share = np.ones(len(observations)) if observations.share is None else observations.share
+    ages, shares = observations.age.tolist(), share.tolist()
+    looks = zip(observations.object, observations.place, ages, shares, strict=True)
     return [
         f"look({i}, {thing[o]}, {place[p]}, {age!r}, {part!r})."
-        for i, (o, p, age, part) in enumerate(
-            zip(
-                observations.object,
-                observations.place,
-                observations.age.tolist(),
-                share.tolist(),
-                strict=True,
-            )
-        )
+        for i, (o, p, age, part) in enumerate(looks)
     ]
 
 
@@ -146,8 +141,6 @@ def _atom(name: str) -> str:
 def _check_names(what: str, names: Sequence[str], count: int) -> None:
     if len(names) != count:
         raise BeliefError(f"{len(names)} names of {count} {what}s: give one each")
-    seen: set[str] = set()
-    for name in names:
-        if name in seen:
+    for name, times in Counter(names).items():
+        if times > 1:
             raise BeliefError(f"two {what}s are named {name!r}: give each another name")
-        seen.add(name)

@@ -141,6 +141,14 @@ class BeliefColumns:
     mobility: NDArray[np.float64]
     volume: NDArray[np.float64]
 
+    def known_volume(self) -> NDArray[np.float64]:
+        """The volumes; `BeliefError` where one is unknown."""
+        for name, volume in zip(self.objects, self.volume, strict=True):
+            if not volume > 0:
+                fix = "teach it, or give the object a shape in the map"
+                raise BeliefError(f"{name}: its volume is unknown: {fix}")
+        return self.volume
+
 
 _PRIORS = """
 SELECT t.name, coalesce(e.name, 'elsewhere') AS place, p.probability

@@ -11,7 +11,7 @@ import pytest
 import semmap as library
 from semmap import Map
 from semmap.belief.error import BeliefError
-from semmap.belief.estimates import belief_with_occlusion, known_volumes
+from semmap.belief.estimates import belief_with_occlusion
 from semmap.belief.problog_program import problog_program
 from semmap.belief.reader import read_columns, read_model
 from semmap.belief.store.beliefs import add_observations, read_belief
@@ -42,7 +42,7 @@ def test_a_mug_that_the_cereal_box_may_hide_is_not_ruled_out(flat: Map) -> None:
     )
     program = problog_program(
         *(columns.prior, columns.observations, columns.mobility),
-        *(columns.objects, columns.places, known_volumes(columns)),
+        *(columns.objects, columns.places, columns.known_volume()),
         model=model,
     )
     for (name, place), probability in places_by_problog(program).items():
