@@ -81,58 +81,32 @@ CONFIG_BYTES = Limit(
     "config_bytes", 2**20, "bytes", "a file of parts, policy, rules, domain or map"
 )
 MESH_BYTES = Limit("mesh_bytes", 512 * 2**20, "bytes", "a mesh file, unpacked")
+ELEMENTS = Limit("elements", 2_000_000, "values", "a YAML file, aliases followed")
 TRIANGLES = Limit("triangles", 20_000_000, "triangles", "a mesh file or model with all it nests")
 PARTS = Limit("parts", 20_000, "parts", "meshes placed in a file or model, nested ones included")
 NESTING = Limit("nesting", 64, "levels", "elements, models, nodes or lists within each other")
-ELEMENTS = Limit("elements", 2_000_000, "values", "a YAML file, aliases followed")
 VERTICES = Limit("vertices", 50_000, "vertices", "the outline of a room, region or object")
 ENTRIES = Limit("entries", 1_000_000, "entries", "a world file")
 NAME_CHARACTERS = Limit("name_characters", 500, "characters", "a name, type or label")
 EXTENT = Limit("extent", 10_000, "m", "coordinates, sizes and offsets in a file")
-
+SURFACE_TRIANGLES = Limit(
+    "surface_triangles", 300_000, "triangles", "a model in which support surfaces are looked for"
+)
+PIXELS = Limit("pixels", 2**26, "pixels", "the image of an occupancy grid")
+GRID_CELLS = Limit("grid_cells", 2**30, "cells", "an occupancy grid or costmap")
+LINKS = Limit("links", 500, "links", "a robot")
 ACTIONS = Limit("actions", 200, "actions", "a domain file")
 REGION_VOXELS = Limit("region_voxels", 2**30, "voxels", "a region, or a shape of an entity")
 REGION_BLOCKS = Limit(
     "region_blocks", 2**18, "blocks", "blocks of 8 x 8 x 8 voxels on the border of a region"
 )
-PIXELS = Limit("pixels", 2**26, "pixels", "the image of an occupancy grid")
-GRID_CELLS = Limit("grid_cells", 2**30, "cells", "an occupancy grid or costmap")
-SURFACE_TRIANGLES = Limit(
-    "surface_triangles", 300_000, "triangles", "a model in which support surfaces are looked for"
-)
-LINKS = Limit("links", 500, "links", "a robot")
-
 QUERY_CHARACTERS = Limit("query_characters", 1_000_000, "characters", "a query")
 QUERY_WORDS = Limit("query_words", 2_500, "words", "a query, marks and numbers counted")
 QUERY_ROWS = Limit("query_rows", 2**24, "rows", "solutions of a query, or a part of one")
 QUERY_SECONDS = Limit("query_seconds", 60, "s", "evaluating a query")
 REGEX_SECONDS = Limit("regex_seconds", 1, "s", "matching one name in REGEX of a query on fields")
 
-LIMITS: tuple[Limit, ...] = (
-    TEXT_BYTES,
-    CONFIG_BYTES,
-    MESH_BYTES,
-    ELEMENTS,
-    TRIANGLES,
-    PARTS,
-    NESTING,
-    VERTICES,
-    ENTRIES,
-    NAME_CHARACTERS,
-    EXTENT,
-    SURFACE_TRIANGLES,
-    PIXELS,
-    GRID_CELLS,
-    LINKS,
-    ACTIONS,
-    REGION_VOXELS,
-    REGION_BLOCKS,
-    QUERY_CHARACTERS,
-    QUERY_WORDS,
-    QUERY_ROWS,
-    QUERY_SECONDS,
-    REGEX_SECONDS,
-)
+LIMITS = tuple(each for each in list(vars().values()) if isinstance(each, Limit))
 """All limits, in the order of the documentation."""
 
 

@@ -22,8 +22,6 @@ from semmap.error import Error
 from semmap.terminal import guard_streams
 
 if TYPE_CHECKING:
-    from rich.progress import Progress, TaskID
-
     from semmap.ingest.importer import ImportSummary
 
 
@@ -67,10 +65,7 @@ def import_(
     json_: Json = False,
 ) -> None:
     """Read world files into the map: each in one transaction, repeatable."""
-    from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeElapsedColumn
-    from rich.progress import Progress as Bars
-
-    from semmap.cli.output import err, print_json
+    from semmap.cli.output import StageBars, print_json
 
     if geometry not in ("visual", "collision") or as_ not in ("object", "room"):
         raise typer.BadParameter("--geometry is visual or collision, --as is object or room")
@@ -82,11 +77,10 @@ def import_(
     summaries: list[ImportSummary] = []
     options: Any = {"geometry": geometry, "mesh_as": as_, "strict": strict, "source": source}
     options |= {"model_path": model_path or (), "scale": scale}
-    columns = TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn()
     with open_database(migrate=True) as db:
         for path in files:
-            with Bars(*columns, TimeElapsedColumn(), console=err, transient=True) as bars:
-                summary = db.import_file(path, map=map_name, progress=_report(bars), **options)
+            with StageBars() as bars:
+                summary = db.import_file(path, map=map_name, progress=bars.report, **options)
             summaries.append(summary)
             map_name = map_name or summary.map
     if json_:
@@ -94,18 +88,6 @@ def import_(
         return
     for summary in summaries:
         print_summary(summary)
-
-
-def _report(bars: Progress) -> Any:
-    """A function that shows each stage of an import as a bar."""
-    tasks: dict[str, TaskID] = {}
-
-    def report(stage: str, done: int, total: int) -> None:
-        if stage not in tasks:
-            tasks[stage] = bars.add_task(stage)
-        bars.update(tasks[stage], completed=done, total=total or None)
-
-    return report
 
 
 def print_summary(s: ImportSummary) -> None:

@@ -10,6 +10,7 @@ import typer
 from typer.core import TyperGroup
 
 from semmap import cli
+from semmap.cli.output import StageBars
 
 # NumPy, SciPy and rdflib are slow to import: the functions below import what they use.
 if TYPE_CHECKING:
@@ -18,7 +19,6 @@ if TYPE_CHECKING:
     from semmap.api.database import Database
     from semmap.api.map import Map
     from semmap.interlinking.interlink import Interlinking, PairQuestion
-    from semmap.interlinking.records import Records
 
 QUESTIONS = 25
 
@@ -78,7 +78,7 @@ def link(
         raise typer.BadParameter("--ask adds to a CSV file; give --labels FILE.csv")
     known = read_labels(labels) if labels and (labels.exists() or not ask) else {}
     truth = {pair for pair, same in read_labels(reference).items() if same} if reference else None
-    bar = _Bar()
+    bar = StageBars()
     asked = {"ask": _asker(labels, bar) if ask else None, "questions": questions}
     found = _linked(left, right, type_name, map_name, dry_run, known, bar, asked)
     if turtle is not None:
@@ -93,35 +93,38 @@ def _linked(
     map_name: str | None,
     dry_run: bool,
     known: dict[tuple[str, str], bool],
-    bar: _Bar,
+    bar: StageBars,
     asked: dict[str, Any],
 ) -> Interlinking:
     """The links; no database is opened for files without a link set to store."""
     from semmap.api.database_interlinking import link_records
+    from semmap.interlinking.data_set_file import read_records
 
-    first, second = (_file_records(given, type_name) for given in (left, right))
-    files_only = first is not None and second is not None
+    files = [_is_file(given) for given in (left, right)]
     asked |= {"progress": bar.report}
     with bar:
-        if first is not None and second is not None and dry_run:
-            return link_records(first, second, known, **asked)
-        with cli.open_database(migrate=files_only) as db:
-            one = _stored_set(db, left, map_name) if first is None else first
-            other = _stored_set(db, right, map_name) if second is None else second
-            return db.interlink(one, other, known, store=not dry_run, **asked)
+        if all(files) and dry_run:
+            sets = [read_records(Path(given), type_name) for given in (left, right)]
+            return link_records(sets[0], sets[1], known, **asked)
+        with cli.open_database(migrate=all(files)) as db:
+            one, other = (
+                Path(given) if is_file else _stored_set(db, given, map_name)
+                for given, is_file in zip((left, right), files, strict=True)
+            )
+            return db.interlink(one, other, known, type=type_name, store=not dry_run, **asked)
 
 
-def _file_records(given: str, type_name: str | None) -> Records | None:
-    """The records of a file; None for a data set of the database."""
-    from semmap.interlinking.data_set_file import SUFFIXES, read_records
+def _is_file(given: str) -> bool:
+    """Whether a data set is a file, not one of the database."""
+    from semmap.interlinking.data_set_file import SUFFIXES
 
     kind, colon, _ = given.partition(":")
     if given in ("map", "models") or (kind == "map" and colon):
-        return None
+        return False
     if Path(given).suffix.lower() not in SUFFIXES:
         names = ", ".join(f"FILE{suffix}" for suffix in SUFFIXES)
         raise typer.BadParameter(f"{given}: is not one of map, map:NAME, models, {names}")
-    return read_records(Path(given), type_name)
+    return True
 
 
 def _stored_set(db: Database, given: str, map_name: str | None) -> Map | str:
@@ -187,7 +190,7 @@ def undo(link_set: Annotated[int, typer.Argument(metavar="ID")]) -> None:
         print(f"{db.undo_links(link_set)} links taken back")
 
 
-def _asker(labels: Path | None, bar: _Bar) -> Callable[[PairQuestion], bool | None]:
+def _asker(labels: Path | None, bar: StageBars) -> Callable[[PairQuestion], bool | None]:
     """Asks a person about pairs, and keeps the answers in the file of labels."""
     from semmap.interlinking.link_file import append_label
     from semmap.terminal import visible
@@ -214,27 +217,3 @@ def _asker(labels: Path | None, bar: _Bar) -> Callable[[PairQuestion], bool | No
                 return None
 
     return answer
-
-
-class _Bar:
-    """A bar on standard error while records are compared."""
-
-    def __enter__(self) -> None:
-        from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
-        from rich.progress import TimeElapsedColumn as Elapsed
-
-        columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), Elapsed())
-        self._bars = Progress(*columns, console=cli.err, transient=True)
-        self._task = self._bars.add_task("compare", total=None)
-        self._bars.start()
-
-    def report(self, stage: str, done: int, total: int) -> None:
-        """Show how much of a stage is done."""
-        self._bars.update(self._task, description=stage, completed=done, total=total)
-
-    def stop(self) -> None:
-        """Remove the bar."""
-        self._bars.stop()
-
-    def __exit__(self, *_: object) -> None:
-        self.stop()

@@ -11,7 +11,7 @@ from contextlib import contextmanager
 from decimal import Decimal
 from functools import cache
 from itertools import chain, count
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Self
 
 from semmap.terminal import print_bold, visible
 
@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 
     from psycopg.types.range import Range
+    from rich.progress import TaskID
 
     from semmap.cli.console import SafeConsole
 
@@ -117,6 +118,33 @@ def print_folded(
     for line in lines:
         table.add_row(*line)
     _console("out").print(table)
+
+
+class StageBars:
+    """A bar on standard error for each stage of long work, while a ``with`` block lasts."""
+
+    def __enter__(self) -> Self:
+        from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
+        from rich.progress import TimeElapsedColumn as Elapsed
+
+        columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), Elapsed())
+        self._bars = Progress(*columns, console=_console("err"), transient=True)
+        self._tasks: dict[str, TaskID] = {}
+        self._bars.start()
+        return self
+
+    def report(self, stage: str, done: int, total: int) -> None:
+        """Show how much of a stage is done."""
+        if stage not in self._tasks:
+            self._tasks[stage] = self._bars.add_task(stage)
+        self._bars.update(self._tasks[stage], completed=done, total=total or None)
+
+    def stop(self) -> None:
+        """Remove the bars."""
+        self._bars.stop()
+
+    def __exit__(self, *_: object) -> None:
+        self.stop()
 
 
 @contextmanager
