@@ -12,7 +12,7 @@ from navgrid.costmap import Costmap
 from navgrid.costmap_output import draw_costmap
 from navgrid.grid import scene_grid
 from navgrid.inflation import INSCRIBED, UNKNOWN
-from navgrid.map_file import file_name
+from navgrid.map_file import folder_of
 from navgrid.nav2 import write_nav2
 from semmap.api.map import Map
 from semmap.cli.demo.demo_robot import DemoRobot
@@ -45,7 +45,7 @@ def robot_demo(
             if not scene.entities and not scene.floors:
                 continue
             costmap = Costmap(scene, robot.parts, scene_grid(scene, 0.05))
-            place = folder if len(storeys) == 1 else folder / file_name(storey.name)
+            place = folder_of(storey.name, folder, len(storeys))
             files = write_nav2(costmap, place / "costmap")
             say(f"   {place / 'costmap'}: {len(files['maps'])} maps and nav2_params.yaml")
             pictures += draw_costmap(costmap, place / "costmap")

@@ -5,14 +5,13 @@ from __future__ import annotations
 import itertools
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from navgrid.grid_output import with_grid, write_grid
-from navgrid.map_file import file_name
-from navgrid.occupancy_grid import StoreyGrid, storey_grid
+from navgrid.grid_output import with_grid
+from navgrid.map_file import folder_of
+from navgrid.occupancy_grid import StoreyGrid
 from planner.exchange.picture import topology_plan
 from planner.readers.topology import read_topology
 from planner.route import NoRouteError, Route
@@ -33,10 +32,8 @@ from semmap.cli.demo.task import task_demo
 from semmap.draw.floor_plan import floor_plan
 from semmap.draw.scene3d import scene3d
 from semmap.draw.view import StoreyView, storey_view
-from semmap.query.storey_reader import read_storeys
 
 WORLD_FILES = ("*.world", "*.sdf", "*.building.yaml", "*.gpkg", "*.geojson")
-INTERVAL = (0.05, 1.8)
 MOST_ROOMS = 40
 """Number of rooms among which the longest route is searched."""
 
@@ -58,83 +55,65 @@ def run_demo(
 
     The route is between rooms; by default from the robot's home to the room of the chosen object.
     """
-    with ExitStack() as opened:
-        return _run_demo(opened, worlds, folder, robot, start, goal, model_path, pixels, say)
-
-
-def _run_demo(
-    opened: ExitStack,
-    worlds: Sequence[Path],
-    folder: Path,
-    robot: DemoRobot,
-    start: str | None,
-    goal: str | None,
-    model_path: Sequence[Path],
-    pixels: int,
-    say: Say,
-) -> list[Path]:
     began = time.perf_counter()
     files = _files(worlds)
-    db = opened.enter_context(cli.open_database(migrate=True))
-    map_name = _map_name(db, files)
-    say(f"\n1. {', '.join(f.name for f in files)} into the map {map_name}")
-    say(f"   the database is ready: {time.perf_counter() - began:.1f} s")
-    for file in files:
-        cli.print_summary(db.import_file(file, map=map_name, model_path=model_path))
-    house = db.map(map_name)
-    with house.snapshot() as seen:
-        choices = choose(seen, read_choices(files[0].with_name("demo.yaml")))
-        scenes = read_storeys(seen)
-        topology = read_topology(seen)
-    _ask(house, choices, say)
-    ask_in_sparql(house, choices, say)
-    storeys = [storey_view(scene) for scene in scenes]
+    with cli.open_database(migrate=True) as db:
+        map_name = _map_name(db, files)
+        say(f"\n1. {', '.join(f.name for f in files)} into the map {map_name}")
+        say(f"   the database is ready: {time.perf_counter() - began:.1f} s")
+        for file in files:
+            cli.print_summary(db.import_file(file, map=map_name, model_path=model_path))
+        house = db.map(map_name)
+        with house.snapshot() as seen:
+            choices = choose(seen, read_choices(files[0].with_name("demo.yaml")))
+            topology = read_topology(seen)
+        _ask(house, choices, say)
+        ask_in_sparql(house, choices, say)
+        say("\n3. A Nav2 map of each storey")
+        grids = {made.scene.storey: made for made in house.grids()}
+        storeys = [storey_view(made.scene) for made in grids.values()]
+        for made in grids.values():
+            place = folder_of(made.scene.storey, folder, len(grids))
+            written = made.write(place, picture=False)
+            say(f"   {written['map']}: {written['width']} x {written['height']} cells")
 
-    say("\n3. A Nav2 map of each storey")
-    grids: dict[str, StoreyGrid] = {}
-    for storey, scene in zip(storeys, scenes, strict=True):
-        made = storey_grid(scene, INTERVAL)
-        grids[storey.name] = made
-        written = write_grid(made, _place(folder, storeys, storey), picture=False)
-        say(f"   {written['map']}: {written['width']} x {written['height']} cells")
+        say("\n4. A route")
+        found = _find_route(topology, start or choices.start, goal or choices.place)
+        paths: dict[str, list[Line]] = {}
+        if isinstance(found, str):
+            say(f"   {found}")
+        else:
+            doors = ", ".join(s.connector.name for s in found.doors if s.connector is not None)
+            say(f"   {found.start} -> {found.goal}: {doors or 'no door'} ({found.metres:.1f} m)")
+            paths = route_lines(found, topology, grids, choices.type)
 
-    say("\n4. A route")
-    found = _find_route(topology, start or choices.start, goal or choices.place)
-    paths: dict[str, list[Line]] = {}
-    if isinstance(found, str):
-        say(f"   {found}")
-    else:
-        doors = ", ".join(s.connector.name for s in found.doors if s.connector is not None)
-        say(f"   {found.start} -> {found.goal}: {doors or 'no door'} ({found.metres:.1f} m)")
-        paths = route_lines(found, topology, grids, choices.type)
+        say("\n5. A robot's costmaps (Figures 5, 6, 7 and 9)")
+        pictures = robot_demo(house, folder, storeys, robot, say, min(pixels, 1800))
 
-    say("\n5. A robot's costmaps (Figures 5, 6, 7 and 9)")
-    pictures = robot_demo(house, folder, storeys, robot, say, min(pixels, 1800))
+        say("\n6. What somebody sees (the query of reMap, section 4)")
+        with house.snapshot() as seen:
+            pictures += field_demo(seen, folder, say, pixels=min(pixels, 1400))
 
-    say("\n6. What somebody sees (the query of reMap, section 4)")
-    with house.snapshot() as seen:
-        pictures += field_demo(seen, folder, say, pixels=min(pixels, 1400))
+        say("\n7. A task (Figure 4), in a copy of the map")
+        if choices.type is None:
+            say("   there is no small object on a table to fetch, so the robot drives to a room")
+        task_demo(
+            house,
+            replace(choices, start=start or choices.start),
+            robot.robot_class("delivery"),
+            folder,
+            say,
+            lambda copy: _ask(copy, choices, say, again=True),
+        )
+        say("\n8. A search, as if nobody had seen the object lately")
+        begin = replace(choices, start=start or choices.start)
+        pictures += search_demo(house, begin, storeys, folder, say)
 
-    say("\n7. A task (Figure 4), in a copy of the map")
-    if choices.type is None:
-        say("   there is no small object on a table to fetch, so the robot drives to a room")
-    task_demo(
-        house,
-        replace(choices, start=start or choices.start),
-        robot.robot_class("delivery"),
-        folder,
-        say,
-        lambda copy: _ask(copy, choices, say, again=True),
-    )
-    say("\n8. A search, as if nobody had seen the object lately")
-    begin = replace(choices, start=start or choices.start)
-    pictures += search_demo(house, begin, storeys, folder, say)
-
-    say("\n9. Pictures")
-    for picture in _draw(map_name, folder, storeys, topology, grids, paths, pixels):
-        pictures.append(picture)
-        say(f"   {picture}")
-    say(f"\n{time.perf_counter() - began:.1f} s")
+        say("\n9. Pictures")
+        for picture in _draw(map_name, folder, storeys, topology, grids, paths, pixels):
+            pictures.append(picture)
+            say(f"   {picture}")
+        say(f"\n{time.perf_counter() - began:.1f} s")
     return pictures
 
 
@@ -184,14 +163,14 @@ def _draw(
     """Draw the topology and the plan of each storey, and all storeys in 3D, one after the other."""
     for storey in storeys:
         if topology.connectors:
-            picture = _place(folder, storeys, storey) / "topology.png"
+            picture = folder_of(storey.name, folder, len(storeys)) / "topology.png"
             title = f"{map_name}, {storey.name}: which doors lead where"
             yield topology_plan(topology, storey, picture, title=title)
     shown = []
     for storey in storeys:
         view = replace(with_grid(grids[storey.name]), path=paths.get(storey.name, []))
         shown.append(view)
-        place = _place(folder, storeys, storey)
+        place = folder_of(storey.name, folder, len(storeys))
         title = map_name if len(storeys) == 1 else f"{map_name}, {storey.name}"
         yield floor_plan(view, place / "plan.png", title=title, dpi=pixels // 12)
     if any(s.rooms for s in storeys):
@@ -220,10 +199,6 @@ def _files(worlds: Sequence[Path]) -> list[Path]:
         else:
             files.append(world)
     return files
-
-
-def _place(folder: Path, storeys: Sequence[StoreyView], storey: StoreyView) -> Path:
-    return folder if len(storeys) == 1 else folder / file_name(storey.name)
 
 
 def _find_route(topology: Topology, start: str | None, goal: str | None) -> Route | str:

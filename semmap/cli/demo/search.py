@@ -8,8 +8,6 @@ from typing import Any
 
 from planner.readers.entity_lookup import find_entities
 from planner.search.picture import search_picture
-from planner.search.receding_horizon import decide
-from planner.search.search_mission import SearchPlanner, explain
 from planner.topology import OUTSIDE
 from semmap.api.map import Map
 from semmap.cli.demo.reader import DemoChoices
@@ -27,33 +25,26 @@ def search_demo(
     say: Callable[..., Any],
 ) -> list[Path]:
     """Say where to look for the chosen object first and why; draw all looks until it is found."""
-    live = house.live_topology()
-    rooms = [
-        name
-        for name, place in live.topology.places.items()
-        if name != OUTSIDE and place.elevator is None
-    ]
+    places = house.topology().places.items()
+    rooms = [name for name, place in places if name != OUTSIDE and place.elevator is None]
     if choices.type is None or not rooms:
         say("   none: the map has no small object on a table, or no room")
         return []
     start = choices.start if choices.start in rooms else rooms[0]
-    with live.snapshot() as seen:
+    with house.snapshot() as seen:
         name = find_entities(seen, choices.type)[0].name
-        planner = SearchPlanner(live)
-        try:
-            found = planner.begin(seen, name, live.graph.endpoint(start))
-        except ValueError as error:
-            say(f"   none: {error}")
-            return []
-    decision = decide(found.problem, found.belief)
-    say(f"   {explain(found, found.belief, decision)}")
-    tour = [found.viewpoints[k] for k in dict.fromkeys(decision.tour)]
+    try:
+        found = house.search(name, start=start)
+    except ValueError as error:
+        say(f"   none: {error}")
+        return []
+    say(f"   {found.reason}")
+    tour = list({view.name: view for view in found.tour}.values())
     names = ", ".join(v.name for v in tour[:NAMED])
     more = f" and {len(tour) - NAMED} more" if len(tour) > NAMED else ""
     say(f"   until it is seen: {names or 'no look'}{more}")
-    rooms_of_tour = {v.room for v in tour[:1]}
+    picture, title = folder / "search.png", f"{house.name}: where to look for {name}, from {start}"
     for storey in storeys:
-        if rooms_of_tour & {room.name for room in storey.rooms}:
-            title = f"{house.name}: where to look for {name}, from {start}"
-            return [search_picture(storey, found, decision, folder / "search.png", title=title)]
+        if {v.room for v in tour[:1]} & {room.name for room in storey.rooms}:
+            return [search_picture(storey, found.problem, found.decision, picture, title=title)]
     return []
