@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 import typer
+from typer import Argument, Option
 
 from semmap.cli.chosen import CliOptions, open_database
 from semmap.cli.database_commands import app as database_commands
@@ -35,33 +36,28 @@ def _print_version(wanted: bool) -> None:
 
 def _main(
     context: typer.Context,
-    db: Annotated[
-        str | None,
-        typer.Option("--db", envvar="SEMMAP_DB", help="Database URL; by default the embedded one."),
-    ] = None,
-    version: Annotated[
-        bool,
-        typer.Option("--version", callback=_print_version, is_eager=True, help="Print it and end."),
-    ] = False,
+    db: str | None = Option(
+        None, envvar="SEMMAP_DB", help="Database URL; by default the embedded one."
+    ),
+    version: bool = Option(
+        False, "--version", callback=_print_version, is_eager=True, help="Print it and end."
+    ),
 ) -> None:
     CliOptions.url, CliOptions.context = db, context
     guard_streams()
 
 
 def import_(
-    files: Annotated[list[Path], typer.Argument(help="SDF, building.yaml, GeoJSON, meshes, ...")],
+    files: Annotated[list[Path], Argument(help="SDF, building.yaml, GeoJSON, meshes, ...")],
     map_name: MapName = None,
-    geometry: Annotated[str, typer.Option(help="Of SDF models: visual or collision.")] = "visual",
-    as_: Annotated[str, typer.Option("--as", help="A mesh file is an: object or room.")] = "object",
-    strict: Annotated[bool, typer.Option(help="Take nothing if anything is left out.")] = False,
-    source: Annotated[str | None, typer.Option(help="Name under which a repeat finds it.")] = None,
-    model_path: Annotated[
-        list[Path] | None,
-        typer.Option("--model-path", help="Folder of SDF models, searched first; repeatable."),
-    ] = None,
-    scale: Annotated[
-        float, typer.Option(help="Metres per unit of a mesh file: 0.001 for millimetres.")
-    ] = 1.0,
+    geometry: str = Option("visual", help="Of SDF models: visual or collision."),
+    as_: str = Option("object", "--as", help="A mesh file is an: object or room."),
+    strict: bool = Option(False, help="Take nothing if anything is left out."),
+    source: str | None = Option(None, help="Name under which a repeat finds it."),
+    model_path: list[Path] | None = Option(
+        None, help="Folder of SDF models, searched first; repeatable."
+    ),
+    scale: float = Option(1.0, help="Metres per unit of a mesh file: 0.001 for millimetres."),
     json_: Json = False,
 ) -> None:
     """Read world files into the map: each in one transaction, repeatable."""
@@ -129,7 +125,7 @@ def maps(json_: Json = False) -> None:
         show_table(db.list_maps(), json_, ("name", "entities", "rooms", "crs", "created_at"))
 
 
-def use(name: Annotated[str, typer.Argument(metavar="MAP")]) -> None:
+def use(name: Annotated[str, Argument(metavar="MAP")]) -> None:
     """Choose the map that commands take when none is named."""
     with open_database() as db:
         db.use(name)
@@ -148,22 +144,18 @@ ENTITY_COLUMNS = ("name", "kind", "type", "label", "holder", "storey", "x", "y",
 
 
 def ls(
-    type_: Annotated[str | None, typer.Argument(metavar="TYPE", help="With its subtypes.")] = None,
+    type_: str | None = Argument(None, metavar="TYPE", help="With its subtypes."),
     map_name: MapName = None,
-    in_: Annotated[
-        str | None, typer.Option("--in", help="Held by this room or object, also indirectly.")
-    ] = None,
-    label: Annotated[str | None, typer.Option(help="Property label, such as kitchen.")] = None,
-    where: Annotated[
-        list[str] | None, typer.Option(help="KEY=VALUE of the properties; repeatable.")
-    ] = None,
-    near: Annotated[str | None, typer.Option(help="X,Y,Z or a name: nearest first.")] = None,
-    within: Annotated[float | None, typer.Option(help="Metres from --near.")] = None,
-    box: Annotated[str | None, typer.Option(help="X0,Y0,Z0,X1,Y1,Z1 in the map's frame.")] = None,
-    incomplete: Annotated[bool, typer.Option(help="Only what lacks a part.")] = False,
-    guessed: Annotated[
-        bool, typer.Option(help="Only those whose type is guessed from a name, to correct it.")
-    ] = False,
+    in_: str | None = Option(None, "--in", help="Held by this room or object, also indirectly."),
+    label: str | None = Option(None, help="Property label, such as kitchen."),
+    where: list[str] | None = Option(None, help="KEY=VALUE of the properties; repeatable."),
+    near: str | None = Option(None, help="X,Y,Z or a name: nearest first."),
+    within: float | None = Option(None, help="Metres from --near."),
+    box: str | None = Option(None, help="X0,Y0,Z0,X1,Y1,Z1 in the map's frame."),
+    incomplete: bool = Option(False, help="Only what lacks a part."),
+    guessed: bool = Option(
+        False, help="Only those whose type is guessed from a name, to correct it."
+    ),
     json_: Json = False,
 ) -> None:
     """List entities: of a type, with properties, in a room or box, near a point."""
@@ -195,7 +187,7 @@ def ls(
 def show(
     name: str,
     map_name: MapName = None,
-    at: Annotated[str | None, typer.Option(help="Where it was at this time (ISO 8601).")] = None,
+    at: str | None = Option(None, help="Where it was at this time (ISO 8601)."),
     json_: Json = False,
 ) -> None:
     """Show all that the map has of one entity."""
@@ -219,10 +211,10 @@ def show(
 
 def check(
     map_name: MapName = None,
-    fix: Annotated[bool, typer.Option("--fix", help="Show what repairs each finding.")] = False,
-    yes: Annotated[
-        bool, typer.Option("--yes", help="With --fix: derive again what is stale; nothing moves.")
-    ] = False,
+    fix: bool = Option(False, "--fix", help="Show what repairs each finding."),
+    yes: bool = Option(
+        False, "--yes", help="With --fix: derive again what is stale; nothing moves."
+    ),
     json_: Json = False,
 ) -> None:
     """Judge a map: physics, rooms, doors, inventory; exit code 1 if there are errors."""
@@ -255,9 +247,9 @@ SEVERITIES = ("error", "warning", "note")
 
 
 def sql(
-    statement: Annotated[str, typer.Argument(help="SQL, or - for standard input.")],
+    statement: Annotated[str, Argument(help="SQL, or - for standard input.")],
     map_name: MapName = None,
-    write: Annotated[bool, typer.Option(help="Let the statement change the map.")] = False,
+    write: bool = Option(False, help="Let the statement change the map."),
     json_: Json = False,
 ) -> None:
     """Run a SQL statement; one that reads, unless --write is given."""
@@ -274,7 +266,7 @@ def sql(
 
 
 def changes(
-    since: Annotated[str | None, typer.Argument(help="A cursor from an earlier call.")] = None,
+    since: str | None = Argument(None, help="A cursor from an earlier call."),
     json_: Json = False,
 ) -> None:
     """Show what changed since a cursor, and the cursor for the next call."""
@@ -291,8 +283,8 @@ def changes(
 
 
 def drop(
-    name: Annotated[str, typer.Argument(metavar="MAP")],
-    yes: Annotated[bool, typer.Option("--yes", help="Do not ask.")] = False,
+    name: Annotated[str, Argument(metavar="MAP")],
+    yes: bool = Option(False, "--yes", help="Do not ask."),
 ) -> None:
     """Delete a map and all that is in it."""
     from semmap.cli.output import out

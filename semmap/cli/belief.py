@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+from typer import Argument, Option
 
 from semmap import cli
 from semmap.cli.texts import json_value, numbers
@@ -20,19 +21,19 @@ if TYPE_CHECKING:
     from semmap.belief.identify import Detection
 
 At = Annotated[
-    datetime | None, typer.Option(help="At this time (ISO 8601, local without a zone); else now.")
+    datetime | None, Option(help="At this time (ISO 8601, local without a zone); else now.")
 ]
-Names = Annotated[list[str], typer.Argument(metavar="NAME...")]
+Names = Annotated[list[str], Argument(metavar="NAME...")]
 Occlusion = Annotated[
     bool,
-    typer.Option("--occlusion", help="The larger ones of NAMES may hide the smaller ones."),
+    Option("--occlusion", help="The larger ones of NAMES may hide the smaller ones."),
 ]
 OBSERVED = ("object", "place", "seen", "visible")
 COLUMNS = ("place", "probability", "holder", "last_seen", "last_missed")
 
 
 def teach_command(
-    files: Annotated[list[Path], typer.Argument(help="JSON or Map.xml; - for standard input.")],
+    files: Annotated[list[Path], Argument(help="JSON or Map.xml; - for standard input.")],
     map_name: cli.MapName = None,
     json_: cli.Json = False,
 ) -> None:
@@ -58,21 +59,15 @@ def teach_command(
 def where_command(
     names: Names,
     at: At = None,
-    limit: Annotated[int, typer.Option(help="The most rows in a table; JSON has all.")] = 10,
-    draw: Annotated[
-        Path | None, typer.Option(help="Draw a heat map on the floor plan to this PNG.")
-    ] = None,
-    storey: Annotated[
-        str | None, typer.Option(help="For --draw; by default the most probable one.")
-    ] = None,
+    limit: int = Option(10, help="The most rows in a table; JSON has all."),
+    draw: Path | None = Option(None, help="Draw a heat map on the floor plan to this PNG."),
+    storey: str | None = Option(None, help="For --draw; by default the most probable one."),
     occlusion: Occlusion = False,
-    moves: Annotated[
-        float | None,
-        typer.Option(
-            metavar="SECONDS",
-            help="Objects of mobility 1 move once in this time; by default a day.",
-        ),
-    ] = None,
+    moves: float | None = Option(
+        None,
+        metavar="SECONDS",
+        help="Objects of mobility 1 move once in this time; by default a day.",
+    ),
     map_name: cli.MapName = None,
     json_: cli.Json = False,
 ) -> None:
@@ -124,54 +119,33 @@ def _show_places(rows: Sequence[dict[str, Any]], limit: int) -> None:
 
 
 def observe_command(
-    name: Annotated[str | None, typer.Argument(help="The object or agent.")] = None,
-    place: Annotated[str | None, typer.Argument(help="Where it was looked for.")] = None,
-    missed: Annotated[bool, typer.Option("--missed", help="It was not seen there.")] = False,
-    point: Annotated[
-        str | None, typer.Option(help="X,Y,Z of a detection, instead of a place; metres.")
-    ] = None,
-    frame: Annotated[
-        str | None, typer.Option(help="The agent in whose frame --point or --view is.")
-    ] = None,
-    view: Annotated[
-        str | None, typer.Option(help="X,Y,Z,YAW,PITCH of a camera (radians): what it shows.")
-    ] = None,
-    seen: Annotated[
-        list[str] | None, typer.Option(help="--view: NAME=X,Y,Z that it detected; repeatable.")
-    ] = None,
-    looked_for: Annotated[
-        list[str] | None,
-        typer.Option("--looked-for", help="--view: NAME that it would detect; repeatable."),
-    ] = None,
-    cloud: Annotated[
-        Path | None,
-        typer.Option(
-            help="--view: points in the optical frame (PLY, NPY), in which --looked-for are found."
-        ),
-    ] = None,
-    without: Annotated[
-        list[str] | None,
-        typer.Option(help="--cloud: NAME of furniture to remove from the points, such as a shelf."),
-    ] = None,
-    opening: Annotated[
-        float, typer.Option(help="--view: horizontal opening angle, radians.")
-    ] = 1.05,
-    range_: Annotated[
-        float, typer.Option("--range", help="--view: how far the detector sees, metres.")
-    ] = 5.0,
-    visible: Annotated[float, typer.Option(help="The share of the place in view.")] = 1.0,
-    detected: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--detected",
-            metavar="TYPE=X,Y,Z[,W,D,H]",
-            help="A detection of one view, known or new; metres; repeatable.",
-        ),
-    ] = None,
-    hit: Annotated[float | None, typer.Option(help="P(seen | there) of the detector.")] = None,
-    false_alarm: Annotated[
-        float | None, typer.Option(help="P(seen | not there) of the detector.")
-    ] = None,
+    name: str | None = Argument(None, help="The object or agent."),
+    place: str | None = Argument(None, help="Where it was looked for."),
+    missed: bool = Option(False, "--missed", help="It was not seen there."),
+    point: str | None = Option(None, help="X,Y,Z of a detection, instead of a place; metres."),
+    frame: str | None = Option(None, help="The agent in whose frame --point or --view is."),
+    view: str | None = Option(None, help="X,Y,Z,YAW,PITCH of a camera (radians): what it shows."),
+    seen: list[str] | None = Option(None, help="--view: NAME=X,Y,Z that it detected; repeatable."),
+    looked_for: list[str] | None = Option(
+        None, help="--view: NAME that it would detect; repeatable."
+    ),
+    cloud: Path | None = Option(
+        None,
+        help="--view: points in the optical frame (PLY, NPY), in which --looked-for are found.",
+    ),
+    without: list[str] | None = Option(
+        None, help="--cloud: NAME of furniture to remove from the points, such as a shelf."
+    ),
+    opening: float = Option(1.05, help="--view: horizontal opening angle, radians."),
+    range_: float = Option(5.0, "--range", help="--view: how far the detector sees, metres."),
+    visible: float = Option(1.0, help="The share of the place in view."),
+    detected: list[str] | None = Option(
+        None,
+        metavar="TYPE=X,Y,Z[,W,D,H]",
+        help="A detection of one view, known or new; metres; repeatable.",
+    ),
+    hit: float | None = Option(None, help="P(seen | there) of the detector."),
+    false_alarm: float | None = Option(None, help="P(seen | not there) of the detector."),
     at: At = None,
     map_name: cli.MapName = None,
     json_: cli.Json = False,
@@ -267,7 +241,7 @@ def initial(names: Names, at: At = None, map_name: cli.MapName = None) -> None:
 @belief.command()
 def how(
     goal: str,
-    given: Annotated[list[str] | None, typer.Option(help="What holds already; repeatable.")] = None,
+    given: list[str] | None = Option(None, help="What holds already; repeatable."),
     map_name: cli.MapName = None,
     json_: cli.Json = False,
 ) -> None:
@@ -282,16 +256,13 @@ def how(
 def identify(
     seen: Annotated[
         list[str],
-        typer.Argument(metavar="TYPE=X,Y,Z[,W,D,H]...", help="Detections of one view; metres."),
+        Argument(metavar="TYPE=X,Y,Z[,W,D,H]...", help="Detections of one view; metres."),
     ],
-    frame: Annotated[str | None, typer.Option(help="The agent in whose frame they are.")] = None,
-    moves: Annotated[
-        float,
-        typer.Option(metavar="SECONDS", help="Objects of mobility 1 move once in this time."),
-    ] = 86_400.0,
-    new: Annotated[
-        float, typer.Option(help="Expected number of objects at a place that the map lacks.")
-    ] = 0.05,
+    frame: str | None = Option(None, help="The agent in whose frame they are."),
+    moves: float = Option(
+        86_400.0, metavar="SECONDS", help="Objects of mobility 1 move once in this time."
+    ),
+    new: float = Option(0.05, help="Expected number of objects at a place that the map lacks."),
     at: At = None,
     map_name: cli.MapName = None,
     json_: cli.Json = False,
@@ -322,7 +293,7 @@ def _detection(text: str) -> Detection:
 
 @belief.command()
 def grammar(
-    format_: Annotated[GrammarFormat, typer.Option("--format")] = GrammarFormat.gbnf,
+    format_: GrammarFormat = Option(GrammarFormat.gbnf, "--format"),
     map_name: cli.MapName = None,
 ) -> None:
     """Print a grammar of the names that the map knows, for a speech recogniser."""
@@ -333,10 +304,8 @@ def grammar(
 @belief.command()
 def field(
     name: str,
-    keep_as: Annotated[
-        str | None, typer.Option("--keep", help="Name of the field; by default belief-NAME.")
-    ] = None,
-    voxel_size: Annotated[float, typer.Option(help="Edge of a voxel in metres.")] = 0.05,
+    keep_as: str | None = Option(None, "--keep", help="Name of the field; by default belief-NAME."),
+    voxel_size: float = Option(0.05, help="Edge of a voxel in metres."),
     at: At = None,
     map_name: cli.MapName = None,
 ) -> None:
@@ -350,7 +319,7 @@ def field(
 @belief.command()
 def export(
     names: Names,
-    problog: Annotated[bool, typer.Option("--problog", help="As a ProbLog program.")] = False,
+    problog: bool = Option(False, "--problog", help="As a ProbLog program."),
     occlusion: Occlusion = False,
     at: At = None,
     map_name: cli.MapName = None,

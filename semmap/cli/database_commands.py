@@ -10,6 +10,7 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING, Annotated
 
 import typer
+from typer import Argument, Option
 
 if TYPE_CHECKING:
     from sqlalchemy import URL, Engine
@@ -18,7 +19,7 @@ app = typer.Typer(no_args_is_help=True, help="The database: start, stop, revisio
 
 # `semmap --db` and SEMMAP_DB come before the command; `semmap db COMMAND --db` works, too.
 Db = Annotated[
-    str | None, typer.Option("--db", help="Database URL; by default SEMMAP_DB or the embedded one.")
+    str | None, Option("--db", help="Database URL; by default SEMMAP_DB or the embedded one.")
 ]
 
 
@@ -111,7 +112,7 @@ def url(context: typer.Context, db: Db = None) -> None:
 @app.command()
 def upgrade(
     context: typer.Context,
-    revision: Annotated[str, typer.Argument(help="A revision, or head.")] = "head",
+    revision: str = Argument("head", help="A revision, or head."),
     db: Db = None,
 ) -> None:
     """Bring the schema up to a revision."""
@@ -125,7 +126,7 @@ def upgrade(
 @app.command()
 def downgrade(
     context: typer.Context,
-    revision: Annotated[str, typer.Argument(help="A revision, -1, or base.")],
+    revision: Annotated[str, Argument(help="A revision, -1, or base.")],
     db: Db = None,
 ) -> None:
     """Take the schema down to a revision; no row is lost."""
@@ -139,7 +140,7 @@ def downgrade(
 @app.command()
 def drop(
     context: typer.Context,
-    yes: Annotated[bool, typer.Option("--yes", help="Don't ask.")] = False,
+    yes: bool = Option(False, "--yes", help="Don't ask."),
     db: Db = None,
 ) -> None:
     """Delete the schema with all maps in it."""

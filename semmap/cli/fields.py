@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+from typer import Argument, Option
 
 from semmap import cli
 from semmap.api.spatial_fields import SpatialFields
@@ -26,7 +27,7 @@ fields = typer.Typer(no_args_is_help=True, help="What space contains, voxel by v
 source = typer.Typer(no_args_is_help=True, help="Sources of the running service.")
 fields.add_typer(source, name="source")
 
-VoxelSize = Annotated[float, typer.Option(help="Edge of a voxel in metres.")]
+VoxelSize = Annotated[float, Option(help="Edge of a voxel in metres.")]
 
 
 @contextmanager
@@ -50,7 +51,7 @@ def _note(text: str) -> None:
 
 @fields.command(context_settings={"ignore_unknown_options": True})  # a point may begin with -
 def at(
-    point: Annotated[str, typer.Argument(help="X,Y,Z in the frame of the map, metres.")],
+    point: Annotated[str, Argument(help="X,Y,Z in the frame of the map, metres.")],
     voxel_size: VoxelSize = 0.05,
     map_name: cli.MapName = None,
     json_: cli.Json = False,
@@ -72,15 +73,11 @@ def ls(voxel_size: VoxelSize = 0.05, map_name: cli.MapName = None, json_: cli.Js
 
 @fields.command("query")
 def query_command(
-    text: Annotated[str | None, typer.Argument(help="SPARQL; see docs/fields_language.md.")] = None,
-    file: Annotated[Path | None, typer.Option("--file", "-f", help="Read it from a file.")] = None,
-    output: Annotated[
-        Path | None, typer.Option("--output", "-o", help="File for the map of STORE (.vdb).")
-    ] = None,
-    keep_as: Annotated[
-        str | None, typer.Option("--keep", help="Store the map of STORE under this name.")
-    ] = None,
-    limit: Annotated[int, typer.Option(help="The most rows in a table; JSON has all.")] = 50,
+    text: str | None = Argument(None, help="SPARQL; see docs/fields_language.md."),
+    file: Path | None = Option(None, "--file", "-f", help="Read it from a file."),
+    output: Path | None = Option(None, "--output", "-o", help="File for the map of STORE (.vdb)."),
+    keep_as: str | None = Option(None, "--keep", help="Store the map of STORE under this name."),
+    limit: int = Option(50, help="The most rows in a table; JSON has all."),
     voxel_size: VoxelSize = 0.05,
     map_name: cli.MapName = None,
     json_: cli.Json = False,
@@ -111,8 +108,8 @@ def _text(text: str | None, file: Path | None, kind: str) -> str:
 
 @fields.command("update")
 def update_command(
-    text: Annotated[str | None, typer.Argument(help="INSERT or DELETE in SPARQL.")] = None,
-    file: Annotated[Path | None, typer.Option("--file", "-f", help="Read it from a file.")] = None,
+    text: str | None = Argument(None, help="INSERT or DELETE in SPARQL."),
+    file: Path | None = Option(None, "--file", "-f", help="Read it from a file."),
     voxel_size: VoxelSize = 0.05,
     map_name: cli.MapName = None,
     json_: cli.Json = False,
@@ -150,13 +147,10 @@ def forget(name: str, map_name: cli.MapName = None) -> None:
 @fields.command()
 def watch(
     voxel_size: VoxelSize = 0.05,
-    seconds: Annotated[
-        float | None, typer.Option(help="Stop after this time; by default never.")
-    ] = None,
-    save_every: Annotated[
-        float | None,
-        typer.Option(help="Seconds between saves of the voxels, from which later commands start."),
-    ] = None,
+    seconds: float | None = Option(None, help="Stop after this time; by default never."),
+    save_every: float | None = Option(
+        None, help="Seconds between saves of the voxels, from which later commands start."
+    ),
     map_name: cli.MapName = None,
     json_: cli.Json = False,
 ) -> None:
@@ -182,13 +176,9 @@ def _sentence(event: dict[str, Any]) -> str:
 
 @fields.command()
 def export(
-    folder: Annotated[Path, typer.Option("--output", "-o", help="Folder for the files.")],
-    kept_name: Annotated[
-        str | None, typer.Option("--kept", help="Export this stored field instead.")
-    ] = None,
-    version: Annotated[
-        int | None, typer.Option(help="Version of the stored field; by default the newest.")
-    ] = None,
+    folder: Annotated[Path, Option("--output", "-o", help="Folder for the files.")],
+    kept_name: str | None = Option(None, "--kept", help="Export this stored field instead."),
+    version: int | None = Option(None, help="Version of the stored field; by default the newest."),
     voxel_size: VoxelSize = 0.05,
     map_name: cli.MapName = None,
     json_: cli.Json = False,
@@ -236,23 +226,15 @@ def _show_stored(stored: dict[str, Any]) -> None:
 
 @fields.command()
 def serve(
-    config: Annotated[
-        Path | None, typer.Option("--config", "-c", help="YAML; see docs/fields.md.")
-    ] = None,
-    sources: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--source",
-            help="NAME=PERCEPTS or NAME:SOURCE=PERCEPTS; PERCEPTS are socket, recording:FOLDER, "
-            "mcap:FILE or plugin:NAME. Repeatable.",
-        ),
-    ] = None,
-    rates: Annotated[
-        list[str] | None, typer.Option("--rate", help="NAME=UPDATES PER SECOND. Repeatable.")
-    ] = None,
-    seconds: Annotated[
-        float | None, typer.Option(help="Stop after this time; by default never.")
-    ] = None,
+    config: Path | None = Option(None, "--config", "-c", help="YAML; see docs/fields.md."),
+    sources: list[str] | None = Option(
+        None,
+        "--source",
+        help="NAME=PERCEPTS or NAME:SOURCE=PERCEPTS; PERCEPTS are socket, recording:FOLDER, "
+        "mcap:FILE or plugin:NAME. Repeatable.",
+    ),
+    rates: list[str] | None = Option(None, "--rate", help="NAME=UPDATES PER SECOND. Repeatable."),
+    seconds: float | None = Option(None, help="Stop after this time; by default never."),
     voxel_size: VoxelSize = 0.05,
     map_name: cli.MapName = None,
 ) -> None:
@@ -285,8 +267,8 @@ def _stop_on_signals(stop: threading.Event) -> None:
 
 @fields.command()
 def send(
-    name: Annotated[str, typer.Argument(help="Of the source.")],
-    percept: Annotated[str, typer.Argument(help="JSON, or - for one a line of the input.")] = "-",
+    name: Annotated[str, Argument(help="Of the source.")],
+    percept: str = Argument("-", help="JSON, or - for one a line of the input."),
     map_name: cli.MapName = None,
 ) -> None:
     """Send percepts to a source of the running service."""
@@ -314,19 +296,17 @@ def list_sources(map_name: cli.MapName = None, json_: cli.Json = False) -> None:
 @source.command("start")
 def start_source(
     name: str,
-    percepts: Annotated[
-        str, typer.Option("--from", help="socket, recording:FOLDER, mcap:FILE or plugin:NAME.")
-    ] = "socket",
-    kind: Annotated[
-        str | None, typer.Option("--source", help="The installed source; by default NAME.")
-    ] = None,
-    rate: Annotated[float, typer.Option(help="The most updates per second.")] = 20.0,
-    timeout: Annotated[
-        float, typer.Option(help="Seconds without a percept until it is unknown; 0 for never.")
-    ] = 30.0,
-    options: Annotated[
-        list[str] | None, typer.Option("--option", help="KEY=VALUE of the source. Repeatable.")
-    ] = None,
+    percepts: str = Option(
+        "socket", "--from", help="socket, recording:FOLDER, mcap:FILE or plugin:NAME."
+    ),
+    kind: str | None = Option(None, "--source", help="The installed source; by default NAME."),
+    rate: float = Option(20.0, help="The most updates per second."),
+    timeout: float = Option(
+        30.0, help="Seconds without a percept until it is unknown; 0 for never."
+    ),
+    options: list[str] | None = Option(
+        None, "--option", help="KEY=VALUE of the source. Repeatable."
+    ),
     map_name: cli.MapName = None,
 ) -> None:
     """Start a source in the running service."""

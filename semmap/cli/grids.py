@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+from typer import Option
 
 from semmap import cli
 from semmap.cli.options import (
@@ -40,20 +41,19 @@ if TYPE_CHECKING:
 
 
 def grid_command(
-    folder: Annotated[Path, typer.Option("--output", "-o", help="Folder for the maps.")],
+    folder: Annotated[Path, Option("--output", "-o", help="Folder for the maps.")],
     map_name: cli.MapName = None,
     storey: Storey = None,
-    interval: Annotated[
-        str,
-        typer.Option(metavar="LOW,HIGH", help="Lowest and highest end above the floor, metres."),
-    ] = "0.05,1.8",
-    increment: Annotated[
-        float | None, typer.Option(help="Cut by planes so many metres apart; by default exact.")
-    ] = None,
-    resolution: Annotated[float, typer.Option(help="Side of a cell, metres.")] = 0.05,
-    free_outside: Annotated[
-        bool, typer.Option("--free-outside", help="Free, not unknown, outside of rooms.")
-    ] = False,
+    interval: str = Option(
+        "0.05,1.8", metavar="LOW,HIGH", help="Lowest and highest end above the floor, metres."
+    ),
+    increment: float | None = Option(
+        None, help="Cut by planes so many metres apart; by default exact."
+    ),
+    resolution: float = Option(0.05, help="Side of a cell, metres."),
+    free_outside: bool = Option(
+        False, "--free-outside", help="Free, not unknown, outside of rooms."
+    ),
     policy: PolicyFile = None,
     max_step: MaxStep = 0.02,
     max_slope: MaxSlope = 6.0,
@@ -63,7 +63,7 @@ def grid_command(
     from_voxels: FromVoxels = False,
     voxel_size: VoxelSize = 0.05,
     assume_sizes: AssumeSizes = False,
-    picture: Annotated[bool, typer.Option(help="Draw each grid as plan.png, too.")] = True,
+    picture: bool = Option(True, help="Draw each grid as plan.png, too."),
     json_: cli.Json = False,
 ) -> None:
     """Write the obstacles of each storey as a Nav2 map (map.yaml, map.pgm)."""
@@ -108,45 +108,38 @@ def _show_grids(grids: Sequence[StoreyGrid], written: Sequence[dict[str, Any]]) 
 
 def costmap_command(
     robot: Urdf,
-    folder: Annotated[
-        Path | None, typer.Option("--output", "-o", help="Folder for maps, parameters, pictures.")
-    ] = None,
+    folder: Path | None = Option(
+        None, "--output", "-o", help="Folder for maps, parameters, pictures."
+    ),
     state: State = None,
     parts: Parts = None,
     policy: PolicyFile = None,
-    static_map: Annotated[
-        Path | None, typer.Option(help="A map.yaml, such as one from SLAM, as a further layer.")
-    ] = None,
+    static_map: Path | None = Option(
+        None, help="A map.yaml, such as one from SLAM, as a further layer."
+    ),
     map_name: cli.MapName = None,
     storey: Storey = None,
-    rooms: Annotated[
-        str | None, typer.Option(help="Only these rooms: bath,hall (semmap route --rooms).")
-    ] = None,
-    box: Annotated[str | None, typer.Option(help="Only X0,Y0,X1,Y1, metres.")] = None,
-    resolution: Annotated[float, typer.Option(help="Side of a cell, metres.")] = 0.05,
-    inflation_radius: Annotated[float, typer.Option(help="Metres, as in costmap_2d.")] = 0.55,
-    cost_scaling_factor: Annotated[float, typer.Option(help="1/metre, as in costmap_2d.")] = 3.0,
+    rooms: str | None = Option(None, help="Only these rooms: bath,hall (semmap route --rooms)."),
+    box: str | None = Option(None, help="Only X0,Y0,X1,Y1, metres."),
+    resolution: float = Option(0.05, help="Side of a cell, metres."),
+    inflation_radius: float = Option(0.55, help="Metres, as in costmap_2d."),
+    cost_scaling_factor: float = Option(3.0, help="1/metre, as in costmap_2d."),
     max_step: MaxStep = 0.02,
     max_slope: MaxSlope = 6.0,
-    laser_height: Annotated[
-        float, typer.Option(help="Height of the localisation map above the floor, metres.")
-    ] = 0.25,
+    laser_height: float = Option(
+        0.25, help="Height of the localisation map above the floor, metres."
+    ),
     at: Moment = None,
     field: FieldNames = None,
     no_fields: NoFields = False,
     from_voxels: FromVoxels = False,
     voxel_size: VoxelSize = 0.05,
     assume_sizes: AssumeSizes = False,
-    headings: Annotated[
-        int, typer.Option(help="Also write collisions by heading, for so many headings.")
-    ] = 0,
-    explain: Annotated[
-        str | None,
-        typer.Option(
-            "--explain", "--why", metavar="X,Y", help="Show the causes of a place's cost."
-        ),
-    ] = None,
-    picture: Annotated[bool, typer.Option(help="Draw each costmap as a PNG, too.")] = True,
+    headings: int = Option(0, help="Also write collisions by heading, for so many headings."),
+    explain: str | None = Option(
+        None, "--explain", "--why", metavar="X,Y", help="Show the causes of a place's cost."
+    ),
+    picture: bool = Option(True, help="Draw each costmap as a PNG, too."),
     json_: cli.Json = False,
 ) -> None:
     """Compute a robot's layered costmaps and write them for Nav2."""

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+from typer import Argument, Option
 from typer.core import TyperGroup
 
 from semmap import cli
@@ -41,28 +42,21 @@ interlink = typer.Typer(
 
 @interlink.command()
 def link(
-    left: Annotated[
-        str, typer.Argument(metavar="A", help="RDF or CSV file, map[:NAME], or models.")
-    ],
-    right: Annotated[str, typer.Argument(metavar="B", help="The same.")],
-    labels: Annotated[
-        Path | None,
-        typer.Option(help="CSV of LEFT,RIGHT,yes|no, or an alignment; --ask adds to a CSV file."),
-    ] = None,
-    ask: Annotated[
-        bool, typer.Option("--ask", help="Ask for the labels that tell most; y, n, or q to end.")
-    ] = False,
-    questions: Annotated[int, typer.Option(min=1, help="The most questions.")] = QUESTIONS,
-    turtle: Annotated[
-        Path | None, typer.Option("--turtle", help="Write the links as owl:sameAs to this file.")
-    ] = None,
-    reference: Annotated[
-        Path | None, typer.Option(help="All true links (CSV or alignment): show precision, recall.")
-    ] = None,
-    type_name: Annotated[
-        str | None, typer.Option("--type", help="Of the resources in RDF files.")
-    ] = None,
-    dry_run: Annotated[bool, typer.Option("--dry-run", help="Store nothing.")] = False,
+    left: Annotated[str, Argument(metavar="A", help="RDF or CSV file, map[:NAME], or models.")],
+    right: Annotated[str, Argument(metavar="B", help="The same.")],
+    labels: Path | None = Option(
+        None, help="CSV of LEFT,RIGHT,yes|no, or an alignment; --ask adds to a CSV file."
+    ),
+    ask: bool = Option(
+        False, "--ask", help="Ask for the labels that tell most; y, n, or q to end."
+    ),
+    questions: int = Option(QUESTIONS, min=1, help="The most questions."),
+    turtle: Path | None = Option(None, help="Write the links as owl:sameAs to this file."),
+    reference: Path | None = Option(
+        None, help="All true links (CSV or alignment): show precision, recall."
+    ),
+    type_name: str | None = Option(None, "--type", help="Of the resources in RDF files."),
+    dry_run: bool = Option(False, "--dry-run", help="Store nothing."),
     map_name: cli.MapName = None,
     json_: cli.Json = False,
 ) -> None:
@@ -172,8 +166,8 @@ def ls(json_: cli.Json = False) -> None:
 
 @interlink.command()
 def show(
-    link_set: Annotated[int, typer.Argument(metavar="ID", help="As ls lists them.")],
-    all_: Annotated[bool, typer.Option("--all", help="Also records without a link.")] = False,
+    link_set: Annotated[int, Argument(metavar="ID", help="As ls lists them.")],
+    all_: bool = Option(False, "--all", help="Also records without a link."),
     json_: cli.Json = False,
 ) -> None:
     """Show both data sets of a link set as one."""
@@ -184,7 +178,7 @@ def show(
 
 
 @interlink.command()
-def undo(link_set: Annotated[int, typer.Argument(metavar="ID")]) -> None:
+def undo(link_set: Annotated[int, Argument(metavar="ID")]) -> None:
     """Take a link set back."""
     with cli.open_database() as db:
         print(f"{db.undo_links(link_set)} links taken back")

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
+from typer import Argument, Option
 
 from semmap import cli
 
@@ -27,26 +28,17 @@ ENDINGS = ".ttl, .jsonld, .trig, .nt, .nq"
 
 
 def sparql_command(
-    text: Annotated[
-        str, typer.Argument(help="SPARQL 1.1, a file with it, or - for standard input.")
-    ],
-    update: Annotated[
-        bool, typer.Option("--update", help="TEXT is an update: it may change the map.")
-    ] = False,
-    explain: Annotated[
-        bool, typer.Option("--explain", help="Print what is asked of fields, and the SQL.")
-    ] = False,
-    watch: Annotated[
-        bool, typer.Option("--watch", help="Follow the map: print which rows appear and disappear.")
-    ] = False,
-    seconds: Annotated[
-        float | None,
-        typer.Option(min=0.001, help="Stop after this time; by default 60, --watch never."),
-    ] = None,
-    rows: Annotated[int | None, typer.Option(min=1, help="The most rows of an answer.")] = None,
-    told: Annotated[
-        bool, typer.Option("--told", help="Leave out what semmap knowledge reason inferred.")
-    ] = False,
+    text: Annotated[str, Argument(help="SPARQL 1.1, a file with it, or - for standard input.")],
+    update: bool = Option(False, "--update", help="TEXT is an update: it may change the map."),
+    explain: bool = Option(False, "--explain", help="Print what is asked of fields, and the SQL."),
+    watch: bool = Option(
+        False, "--watch", help="Follow the map: print which rows appear and disappear."
+    ),
+    seconds: float | None = Option(
+        None, min=0.001, help="Stop after this time; by default 60, --watch never."
+    ),
+    rows: int | None = Option(None, min=1, help="The most rows of an answer."),
+    told: bool = Option(False, "--told", help="Leave out what semmap knowledge reason inferred."),
     map_name: cli.MapName = None,
     json_: cli.Json = False,
 ) -> None:
@@ -136,11 +128,10 @@ def _text(text: str) -> str:
 
 @rdf.command()
 def export(
-    file: Annotated[Path | None, typer.Argument(help=f"Its ending is one of {ENDINGS}.")] = None,
-    inferences: Annotated[
-        bool,
-        typer.Option("--inferences", help="Write what semmap knowledge reason inferred, too."),
-    ] = False,
+    file: Path | None = Argument(None, help=f"Its ending is one of {ENDINGS}."),
+    inferences: bool = Option(
+        False, "--inferences", help="Write what semmap knowledge reason inferred, too."
+    ),
     map_name: cli.MapName = None,
 ) -> None:
     """Write all facts of the map to a file, or as Turtle to standard output.
@@ -159,7 +150,7 @@ def export(
 
 @rdf.command("import")
 def import_(
-    files: Annotated[list[Path], typer.Argument(help=f"Endings: {ENDINGS}.")],
+    files: Annotated[list[Path], Argument(help=f"Endings: {ENDINGS}.")],
     map_name: cli.MapName = None,
     json_: cli.Json = False,
 ) -> None:
@@ -175,16 +166,13 @@ def import_(
 
 @rdf.command()
 def push(
-    relations: Annotated[
-        list[str] | None,
-        typer.Argument(help="RELATION=PROPERTY, such as sees=looksAt; all others are pulled."),
-    ] = None,
-    perspectives: Annotated[
-        bool, typer.Option("--perspectives", help="Put what an agent sees into its model.")
-    ] = False,
-    seconds: Annotated[
-        float | None, typer.Option(min=0.001, help="Stop after this time; by default never.")
-    ] = None,
+    relations: list[str] | None = Argument(
+        None, help="RELATION=PROPERTY, such as sees=looksAt; all others are pulled."
+    ),
+    perspectives: bool = Option(
+        False, "--perspectives", help="Put what an agent sees into its model."
+    ),
+    seconds: float | None = Option(None, min=0.001, help="Stop after this time; by default never."),
     map_name: cli.MapName = None,
 ) -> None:
     """Keep relations of the service of fields as facts of the map; Ctrl-C stops and removes them.
@@ -205,14 +193,13 @@ def push(
 
 @rdf.command()
 def serve(
-    host: Annotated[str, typer.Option(help="The address to listen on.")] = "127.0.0.1",
-    port: Annotated[int, typer.Option(min=0, max=65535)] = 8890,
-    tokens: Annotated[
-        Path | None,
-        typer.Option(help="A file with a token and its database role in each line."),
-    ] = None,
-    seconds: Annotated[float, typer.Option(min=0.001, help="Stop a query after this time.")] = 60,
-    rows: Annotated[int, typer.Option(min=1, help="The most rows of an answer.")] = 1_000_000,
+    host: str = Option("127.0.0.1", help="The address to listen on."),
+    port: int = Option(8890, min=0, max=65535),
+    tokens: Path | None = Option(
+        None, help="A file with a token and its database role in each line."
+    ),
+    seconds: float = Option(60, min=0.001, help="Stop a query after this time."),
+    rows: int = Option(1_000_000, min=1, help="The most rows of an answer."),
     map_name: cli.MapName = None,
 ) -> None:
     """Serve the map by the SPARQL 1.1 protocol: /sparql, /update and /graph.
@@ -229,16 +216,14 @@ def serve(
 
 @knowledge.command("reason")
 def reason_(
-    complete: Annotated[
-        bool, typer.Option("--complete", help="Read all facts again, whatever changed.")
-    ] = False,
-    watch: Annotated[
-        bool, typer.Option("--watch", help="Follow the map, and infer after each change of it.")
-    ] = False,
-    off: Annotated[bool, typer.Option("--off", help="Remove all inferences.")] = False,
-    seconds: Annotated[
-        float | None, typer.Option(min=0.001, help="Stop after this time; --watch never stops.")
-    ] = None,
+    complete: bool = Option(False, "--complete", help="Read all facts again, whatever changed."),
+    watch: bool = Option(
+        False, "--watch", help="Follow the map, and infer after each change of it."
+    ),
+    off: bool = Option(False, "--off", help="Remove all inferences."),
+    seconds: float | None = Option(
+        None, min=0.001, help="Stop after this time; --watch never stops."
+    ),
     map_name: cli.MapName = None,
     json_: cli.Json = False,
 ) -> None:
@@ -295,7 +280,7 @@ def contradictions(map_name: cli.MapName = None, json_: cli.Json = False) -> Non
 
 @knowledge.command("why")
 def why_(
-    fact: Annotated[str, typer.Argument(help="A triple, such as ':cup1 a semmap:Drinkware'.")],
+    fact: Annotated[str, Argument(help="A triple, such as ':cup1 a semmap:Drinkware'.")],
     map_name: cli.MapName = None,
     json_: cli.Json = False,
 ) -> None:
@@ -312,11 +297,10 @@ def why_(
 
 @knowledge.command("validate")
 def validate_(
-    shapes: Annotated[
-        list[Path] | None,
-        typer.Option(help="SHACL in Turtle; by default what a robot's map must have."),
-    ] = None,
-    seconds: Annotated[float | None, typer.Option(min=0.001, help="Stop after this time.")] = None,
+    shapes: list[Path] | None = Option(
+        None, help="SHACL in Turtle; by default what a robot's map must have."
+    ),
+    seconds: float | None = Option(None, min=0.001, help="Stop after this time."),
     map_name: cli.MapName = None,
     json_: cli.Json = False,
 ) -> None:
@@ -335,12 +319,8 @@ def validate_(
 
 @knowledge.command()
 def bind(
-    shapes: Annotated[
-        Path | None, typer.Argument(help="SHACL in Turtle; without a file, list what binds.")
-    ] = None,
-    remove: Annotated[
-        str | None, typer.Option(metavar="NAME", help="Let these shapes bind no more.")
-    ] = None,
+    shapes: Path | None = Argument(None, help="SHACL in Turtle; without a file, list what binds."),
+    remove: str | None = Option(None, metavar="NAME", help="Let these shapes bind no more."),
     map_name: cli.MapName = None,
     json_: cli.Json = False,
 ) -> None:

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+from typer import Argument, Option
 
 from semmap import cli
 from semmap.cli.texts import numbers
@@ -19,22 +20,20 @@ if TYPE_CHECKING:
 
 Gripper = Annotated[
     str | None,
-    typer.Option(help="Name of a stored gripper, or a URDF; by default the preferred one."),
+    Option(help="Name of a stored gripper, or a URDF; by default the preferred one."),
 ]
 Robot = Annotated[
-    str | None, typer.Option(help="Only what its arm reaches: a stored robot, or the URDF of one.")
+    str | None, Option(help="Only what its arm reaches: a stored robot, or the URDF of one.")
 ]
 Base = Annotated[
     str | None,
-    typer.Option(
-        metavar="X,Y,YAW[,Z]", help="Where the robot stands; by default its pose in the map."
-    ),
+    Option(metavar="X,Y,YAW[,Z]", help="Where the robot stands; by default its pose in the map."),
 ]
 State = Annotated[
     str | None,
-    typer.Option(help="Its joints before the motion, as JSON; by default at rest."),
+    Option(help="Its joints before the motion, as JSON; by default at rest."),
 ]
-Limit = Annotated[int, typer.Option(min=1, help="The most rows.")]
+Limit = Annotated[int, Option(min=1, help="The most rows.")]
 
 
 COLUMNS = ("entity", "approach", "expected", "attempts", "width", "x", "y", "z", "contributor")
@@ -43,38 +42,24 @@ PUSH_COLUMNS = ("entity", "direction", "expected", "attempts", "x", "y", "z", "c
 
 
 def grasp_command(
-    name: Annotated[
-        str | None, typer.Argument(help="An object, or a type: any such object.")
-    ] = None,
-    for_: Annotated[
-        str | None, typer.Option("--for", metavar="FUNCTION", help="Any object for: drinking.")
-    ] = None,
-    at: Annotated[
-        str | None, typer.Option(metavar="X,Y,Z", help="The object at a point; metres.")
-    ] = None,
-    shape: Annotated[
-        str | None,
-        typer.Option(metavar="SHAPE=SIZES", help="A shape alone: cylinder=0.03,0.1; metres."),
-    ] = None,
-    tolerance: Annotated[
-        float | None,
-        typer.Option(help="Of --at (0.05) and of each size of --shape (0.01); metres."),
-    ] = None,
+    name: str | None = Argument(None, help="An object, or a type: any such object."),
+    for_: str | None = Option(None, "--for", metavar="FUNCTION", help="Any object for: drinking."),
+    at: str | None = Option(None, metavar="X,Y,Z", help="The object at a point; metres."),
+    shape: str | None = Option(
+        None, metavar="SHAPE=SIZES", help="A shape alone: cylinder=0.03,0.1; metres."
+    ),
+    tolerance: float | None = Option(
+        None, help="Of --at (0.05) and of each size of --shape (0.01); metres."
+    ),
     gripper: Gripper = None,
-    kind: Annotated[
-        str, typer.Option(help="grasp, or stored: place, push, turn, open, put.")
-    ] = "grasp",
-    stored: Annotated[
-        bool, typer.Option("--stored", help="Only what is stored: generate and store nothing.")
-    ] = False,
-    unchecked: Annotated[
-        bool, typer.Option("--unchecked", help="Also grasps that touch what is around.")
-    ] = False,
+    kind: str = Option("grasp", help="grasp, or stored: place, push, turn, open, put."),
+    stored: bool = Option(
+        False, "--stored", help="Only what is stored: generate and store nothing."
+    ),
+    unchecked: bool = Option(False, "--unchecked", help="Also grasps that touch what is around."),
     robot: Robot = None,
     base: Base = None,
-    plan: Annotated[
-        bool, typer.Option("--plan", help="Plan the arm's motion to the first grasp.")
-    ] = False,
+    plan: bool = Option(False, "--plan", help="Plan the arm's motion to the first grasp."),
     state: State = None,
     limit: Limit = 10,
     map_name: cli.MapName = None,
@@ -105,17 +90,15 @@ def grasp_command(
 
 
 def place_command(
-    name: Annotated[str, typer.Argument(help="The object.")],
-    on: Annotated[str, typer.Option("--on", help="What it is put on, such as a table.")],
+    name: Annotated[str, Argument(help="The object.")],
+    on: Annotated[str, Option("--on", help="What it is put on, such as a table.")],
     gripper: Gripper = None,
-    towards: Annotated[
-        str | None, typer.Option(metavar="X,Y", help="Spots near this point first; metres.")
-    ] = None,
+    towards: str | None = Option(None, metavar="X,Y", help="Spots near this point first; metres."),
     robot: Robot = None,
     base: Base = None,
-    plan: Annotated[
-        bool, typer.Option("--plan", help="Plan the arm's motion, with the object in the gripper.")
-    ] = False,
+    plan: bool = Option(
+        False, "--plan", help="Plan the arm's motion, with the object in the gripper."
+    ),
     state: State = None,
     limit: Limit = 10,
     map_name: cli.MapName = None,
@@ -140,14 +123,14 @@ def place_command(
 
 
 def push_command(
-    name: Annotated[str, typer.Argument(help="The object.")],
+    name: Annotated[str, Argument(help="The object.")],
     gripper: Gripper = None,
-    distance: Annotated[float, typer.Option(help="How far it is pushed; metres.")] = 0.1,
+    distance: float = Option(0.1, help="How far it is pushed; metres."),
     robot: Robot = None,
     base: Base = None,
-    plan: Annotated[
-        bool, typer.Option("--plan", help="Plan the arm's motion to the first push, and along it.")
-    ] = False,
+    plan: bool = Option(
+        False, "--plan", help="Plan the arm's motion to the first push, and along it."
+    ),
     state: State = None,
     limit: Limit = 10,
     map_name: cli.MapName = None,

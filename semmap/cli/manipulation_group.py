@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
+from typer import Argument, Option
 
 from semmap import cli
 from semmap.cli.manipulation import Gripper, Limit
@@ -20,15 +21,10 @@ manipulation = typer.Typer(
 
 @manipulation.command("add-gripper")
 def add_gripper(
-    urdf: Annotated[Path, typer.Argument(help="URDF of a gripper, or of a robot that has one.")],
-    name: Annotated[str | None, typer.Option(help="By default that of the robot.")] = None,
-    palm: Annotated[
-        str | None, typer.Option(help="The link that holds the fingers; by default the first.")
-    ] = None,
-    prefer: Annotated[
-        bool | None,
-        typer.Option("--prefer/--no-prefer", help="Meant where none is named; the first one is."),
-    ] = None,
+    urdf: Annotated[Path, Argument(help="URDF of a gripper, or of a robot that has one.")],
+    name: str | None = Option(None, help="By default that of the robot."),
+    palm: str | None = Option(None, help="The link that holds the fingers; by default the first."),
+    prefer: bool | None = Option(None, help="Meant where none is named; the first one is."),
 ) -> None:
     """Store the gripper of a URDF, for which grasps are stored and generated."""
     with cli.open_database() as db:
@@ -37,18 +33,14 @@ def add_gripper(
 
 @manipulation.command("add-robot")
 def add_robot(
-    urdf: Annotated[Path, typer.Argument(help="URDF of a robot with an arm and a gripper.")],
-    name: Annotated[str | None, typer.Option(help="By default that in the URDF.")] = None,
-    palm: Annotated[
-        str | None, typer.Option(help="The link that holds the fingers; by default the first.")
-    ] = None,
-    state: Annotated[
-        str | None,
-        typer.Option(
-            help="Joint positions with which it drives and carries: JSON, a file, or a state of "
-            "its SRDF; by default, some that keep the arm near the robot."
-        ),
-    ] = None,
+    urdf: Annotated[Path, Argument(help="URDF of a robot with an arm and a gripper.")],
+    name: str | None = Option(None, help="By default that in the URDF."),
+    palm: str | None = Option(None, help="The link that holds the fingers; by default the first."),
+    state: str | None = Option(
+        None,
+        help="Joint positions with which it drives and carries: JSON, a file, or a state of "
+        "its SRDF; by default, some that keep the arm near the robot.",
+    ),
 ) -> None:
     """Store a robot with its arm, gripper and sensors, for --robot and missions of its class."""
     with cli.open_database() as db:
@@ -57,10 +49,9 @@ def add_robot(
 
 @manipulation.command()
 def robots(
-    can: Annotated[
-        list[str] | None,
-        typer.Option(help="Only those able to: grasp, push, ..., see, feel; repeatable."),
-    ] = None,
+    can: list[str] | None = Option(
+        None, help="Only those able to: grasp, push, ..., see, feel; repeatable."
+    ),
     json_: cli.Json = False,
 ) -> None:
     """List the stored robots with their grippers and sensors, and what they are able to do.
@@ -87,9 +78,7 @@ def grippers(json_: cli.Json = False) -> None:
 
 @manipulation.command()
 def shapes(
-    names: Annotated[
-        list[str] | None, typer.Argument(metavar="[NAME]...", help="By default all objects.")
-    ] = None,
+    names: list[str] | None = Argument(None, metavar="[NAME]...", help="By default all objects."),
     map_name: cli.MapName = None,
     json_: cli.Json = False,
 ) -> None:
@@ -109,16 +98,14 @@ def shapes(
 
 @manipulation.command()
 def record(
-    name: Annotated[str, typer.Argument(help="The object.")],
-    action: Annotated[int, typer.Argument(help="The action_id that `semmap grasp --json` prints.")],
-    outcome: Annotated[str, typer.Argument(help="completed or error.")],
-    kind: Annotated[str, typer.Option(help="grasp, place, push, turn, open or put.")] = "grasp",
-    instead_of: Annotated[
-        int | None, typer.Option("--instead-of", help="The action that failed and is replaced.")
-    ] = None,
-    robot: Annotated[str | None, typer.Option(help="The agent that acted.")] = None,
-    message: Annotated[str | None, typer.Option(help="Why it failed.")] = None,
-    simulated: Annotated[bool, typer.Option("--simulated", help="It counts less.")] = False,
+    name: Annotated[str, Argument(help="The object.")],
+    action: Annotated[int, Argument(help="The action_id that `semmap grasp --json` prints.")],
+    outcome: Annotated[str, Argument(help="completed or error.")],
+    kind: str = Option("grasp", help="grasp, place, push, turn, open or put."),
+    instead_of: int | None = Option(None, help="The action that failed and is replaced."),
+    robot: str | None = Option(None, help="The agent that acted."),
+    message: str | None = Option(None, help="Why it failed."),
+    simulated: bool = Option(False, "--simulated", help="It counts less."),
     map_name: cli.MapName = None,
 ) -> None:
     """Store how an attempt ended; later queries propose what succeeds most."""
@@ -138,17 +125,13 @@ def record(
 
 @manipulation.command("try")
 def try_command(
-    name: Annotated[str, typer.Argument(help="The object.")],
+    name: Annotated[str, Argument(help="The object.")],
     gripper: Gripper = None,
-    tries: Annotated[int, typer.Option(min=1, help="The most attempts.")] = 12,
-    mass: Annotated[
-        float | None, typer.Option(help="kg; by default the object's property, else by volume.")
-    ] = None,
-    friction: Annotated[float, typer.Option(help="Between the pads and the object.")] = 0.5,
-    on: Annotated[
-        str | None, typer.Option(metavar="NAME", help="Try places of the object on this one.")
-    ] = None,
-    push: Annotated[bool, typer.Option("--push", help="Try pushes of the object.")] = False,
+    tries: int = Option(12, min=1, help="The most attempts."),
+    mass: float | None = Option(None, help="kg; by default the object's property, else by volume."),
+    friction: float = Option(0.5, help="Between the pads and the object."),
+    on: str | None = Option(None, metavar="NAME", help="Try places of the object on this one."),
+    push: bool = Option(False, "--push", help="Try pushes of the object."),
     map_name: cli.MapName = None,
     json_: cli.Json = False,
 ) -> None:
@@ -179,20 +162,17 @@ def tasks(limit: Limit = 20, map_name: cli.MapName = None, json_: cli.Json = Fal
 @manipulation.command("import-grasps")
 def import_grasps(
     files: Annotated[
-        list[Path], typer.Argument(help="CSV, JSON or pg_dump of grasps and of their models.")
+        list[Path], Argument(help="CSV, JSON or pg_dump of grasps and of their models.")
     ],
-    gripper: Annotated[
-        list[str] | None,
-        typer.Option("--gripper", metavar="HAND=GRIPPER", help="A stored gripper; repeatable."),
-    ] = None,
-    tool: Annotated[
-        str | None,
-        typer.Option(
-            metavar="X,Y,Z,QX,QY,QZ,QW",
-            help="The grasp frame in the frame of the file's hand; by default the same.",
-        ),
-    ] = None,
-    scale: Annotated[float, typer.Option(help="Metres per unit: 0.001 for millimetres.")] = 1.0,
+    gripper: list[str] | None = Option(
+        None, metavar="HAND=GRIPPER", help="A stored gripper; repeatable."
+    ),
+    tool: str | None = Option(
+        None,
+        metavar="X,Y,Z,QX,QY,QZ,QW",
+        help="The grasp frame in the frame of the file's hand; by default the same.",
+    ),
+    scale: float = Option(1.0, help="Metres per unit: 0.001 for millimetres."),
 ) -> None:
     """Store grasps of the Household Objects Database, or of a file with its columns."""
     hands = dict(pair.split("=", 1) for pair in gripper or () if "=" in pair)
@@ -207,12 +187,8 @@ def import_grasps(
 @manipulation.command("export")
 def export_command(
     file: Path,
-    name: Annotated[
-        str | None, typer.Option(help="Of the contributor; by default that of this machine.")
-    ] = None,
-    simulated: Annotated[
-        bool, typer.Option("--simulated", help="With outcomes of simulated robots.")
-    ] = False,
+    name: str | None = Option(None, help="Of the contributor; by default that of this machine."),
+    simulated: bool = Option(False, "--simulated", help="With outcomes of simulated robots."),
 ) -> None:
     """Write what this database learned to a signed file, for other robots."""
     with cli.open_database() as db:
@@ -243,8 +219,8 @@ def key() -> None:
 @manipulation.command("trust")
 def trust_command(
     name: str,
-    key: Annotated[str, typer.Argument(help="64 digits that `semmap manipulation key` prints.")],
-    level: Annotated[float, typer.Option(help="How much outcomes count; 0: refuse bundles.")] = 1.0,
+    key: Annotated[str, Argument(help="64 digits that `semmap manipulation key` prints.")],
+    level: float = Option(1.0, help="How much outcomes count; 0: refuse bundles."),
 ) -> None:
     """Trust a contributor, so that its files can be imported."""
     with cli.open_database() as db:

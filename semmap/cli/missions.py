@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+from typer import Argument, Option
 
 from semmap import cli
 from semmap.cli import options
@@ -20,38 +21,29 @@ if TYPE_CHECKING:
 
 
 def run_command(
-    goal: Annotated[
-        str | None, typer.Argument(help="on(muffin, desk1) and in(robot, kitchen), ...")
-    ] = None,
+    goal: str | None = Argument(None, help="on(muffin, desk1) and in(robot, kitchen), ..."),
     start: options.Start = None,
     robot: options.Agent = "robot",
     robot_class: options.RobotName = None,
-    simulate: Annotated[bool, typer.Option("--simulate", help="Simulate the robot.")] = False,
+    simulate: bool = Option(False, "--simulate", help="Simulate the robot."),
     speed: options.Speed = 20.0,
     fail: options.Fail = None,
     seed: options.Seed = 0,
     put: options.Put = None,
-    gripper: Annotated[
-        str | None,
-        typer.Option(help="Gripper of the robot; by default its own or the preferred one."),
-    ] = None,
+    gripper: str | None = Option(
+        None, help="Gripper of the robot; by default its own or the preferred one."
+    ),
     world: options.WorldFile = None,
     apply: options.Apply = False,
-    try_grasps: Annotated[
-        bool | None,
-        typer.Option(
-            "--try-grasps/--assume-grasps",
-            help="Try each grasp in simulation, by default where MuJoCo is installed; or assume "
-            "that it succeeds and learn nothing.",
-        ),
-    ] = None,
+    try_grasps: bool | None = Option(
+        None,
+        "--try-grasps/--assume-grasps",
+        help="Try each grasp in simulation, by default where MuJoCo is installed; or assume "
+        "that it succeeds and learn nothing.",
+    ),
     assume_sizes: options.AssumeSizes = False,
-    resume: Annotated[
-        bool, typer.Option("--resume", help="Continue a mission whose process has ended.")
-    ] = False,
-    mission: Annotated[
-        int | None, typer.Option(help="Mission to resume; by default the oldest.")
-    ] = None,
+    resume: bool = Option(False, "--resume", help="Continue a mission whose process has ended."),
+    mission: int | None = Option(None, help="Mission to resume; by default the oldest."),
     domain_file: options.DomainFile = None,
     map_name: cli.MapName = None,
     json_: cli.Json = False,
@@ -90,10 +82,8 @@ def run_command(
 
 
 def missions_command(
-    mission: Annotated[int | None, typer.Argument(help="Show the steps of this mission.")] = None,
-    cancel: Annotated[
-        int | None, typer.Option(help="Cancel this mission; its robot stops.")
-    ] = None,
+    mission: int | None = Argument(None, help="Show the steps of this mission."),
+    cancel: int | None = Option(None, help="Cancel this mission; its robot stops."),
     map_name: cli.MapName = None,
     json_: cli.Json = False,
 ) -> None:
@@ -120,30 +110,24 @@ def _readable(value: Any) -> str:
 
 
 def search_command(
-    name: Annotated[str, typer.Argument(help="Name of the object.")],
+    name: Annotated[str, Argument(help="Name of the object.")],
     start: options.Start = None,
     robot: options.Agent = "robot",
     robot_class: options.RobotName = None,
-    simulate: Annotated[
-        bool, typer.Option("--simulate", help="Let a simulated robot search.")
-    ] = False,
+    simulate: bool = Option(False, "--simulate", help="Let a simulated robot search."),
     put: options.Put = None,
-    wrong: Annotated[
-        float, typer.Option(help="Seconds that a wrong answer costs; with more, it looks longer.")
-    ] = 3600.0,
-    hit: Annotated[float, typer.Option(help="P(seen | the object is in view).")] = 0.9,
-    false_alarm: Annotated[float, typer.Option(help="P(seen | it is not there).")] = 0.02,
-    look: Annotated[float, typer.Option(help="Seconds of a look.")] = 3.0,
-    camera_height: Annotated[float, typer.Option(help="Of the camera, metres.")] = 1.2,
-    range_: Annotated[
-        float, typer.Option("--range", help="Metres within which the robot recognises objects.")
-    ] = 3.5,
-    trials: Annotated[
-        int, typer.Option(help="Compare so many random searches with other strategies.")
-    ] = 0,
-    pomdp: Annotated[
-        Path | None, typer.Option(help="Write the search as a .pomdp file for other solvers.")
-    ] = None,
+    wrong: float = Option(
+        3600.0, help="Seconds that a wrong answer costs; with more, it looks longer."
+    ),
+    hit: float = Option(0.9, help="P(seen | the object is in view)."),
+    false_alarm: float = Option(0.02, help="P(seen | it is not there)."),
+    look: float = Option(3.0, help="Seconds of a look."),
+    camera_height: float = Option(1.2, help="Of the camera, metres."),
+    range_: float = Option(
+        3.5, "--range", help="Metres within which the robot recognises objects."
+    ),
+    trials: int = Option(0, help="Compare so many random searches with other strategies."),
+    pomdp: Path | None = Option(None, help="Write the search as a .pomdp file for other solvers."),
     speed: options.Speed = 20.0,
     fail: options.Fail = None,
     seed: options.Seed = 0,

@@ -6,7 +6,7 @@ import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-import typer
+from typer import Argument, Option
 
 from semmap import cli
 from semmap.cli.options import AssumeSizes, DomainFile
@@ -19,21 +19,16 @@ if TYPE_CHECKING:
 
 
 def plan_command(
-    goal: Annotated[str, typer.Argument(help="on(muffin, desk1) and in(robot, kitchen), ...")],
-    start: Annotated[
-        str | None,
-        typer.Option("--from", help="Room in which the robot starts; by default its room."),
-    ] = None,
+    goal: Annotated[str, Argument(help="on(muffin, desk1) and in(robot, kitchen), ...")],
+    start: str | None = Option(
+        None, "--from", help="Room in which the robot starts; by default its room."
+    ),
     map_name: cli.MapName = None,
-    robot: Annotated[str | None, typer.Option(help="Class of robots (semmap robot).")] = None,
+    robot: str | None = Option(None, help="Class of robots (semmap robot)."),
     domain_file: DomainFile = None,
     assume_sizes: AssumeSizes = False,
-    pddl: Annotated[
-        Path | None, typer.Option(help="Write domain.pddl and problem.pddl into this folder.")
-    ] = None,
-    patience: Annotated[
-        float, typer.Option(help="Seconds after which the best plan found so far is taken.")
-    ] = 10.0,
+    pddl: Path | None = Option(None, help="Write domain.pddl and problem.pddl into this folder."),
+    patience: float = Option(10.0, help="Seconds after which the best plan found so far is taken."),
     json_: cli.Json = False,
 ) -> None:
     """Plan a task: the actions that reach a goal in the least time."""

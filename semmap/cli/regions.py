@@ -7,6 +7,7 @@ from enum import StrEnum
 from typing import Annotated
 
 import typer
+from typer import Argument, Option
 
 from semmap import cli
 from semmap.cli.texts import key_values, numbers
@@ -28,21 +29,13 @@ class Sort(StrEnum):
 
 @regions.command()
 def find(
-    sort: Annotated[
-        Sort, typer.Argument(help="Of objects: surfaces, observation; of rooms: floor.")
-    ],
-    names: Annotated[list[str] | None, typer.Argument(metavar="NAME...")] = None,
-    type_: Annotated[
-        str | None, typer.Option("--type", help="All of this type: table, kitchen, room.")
-    ] = None,
-    near: Annotated[
-        float, typer.Option(help="observation: least distance from the object, metres.")
-    ] = 0.5,
-    far: Annotated[
-        float, typer.Option(help="observation: largest distance from the object, metres.")
-    ] = 1.2,
-    headroom: Annotated[float, typer.Option(help="floor: free height above it, metres.")] = 2.0,
-    max_step: Annotated[float, typer.Option(help="floor: highest step up or down, metres.")] = 0.03,
+    sort: Annotated[Sort, Argument(help="Of objects: surfaces, observation; of rooms: floor.")],
+    names: list[str] | None = Argument(None, metavar="NAME..."),
+    type_: str | None = Option(None, "--type", help="All of this type: table, kitchen, room."),
+    near: float = Option(0.5, help="observation: least distance from the object, metres."),
+    far: float = Option(1.2, help="observation: largest distance from the object, metres."),
+    headroom: float = Option(2.0, help="floor: free height above it, metres."),
+    max_step: float = Option(0.03, help="floor: highest step up or down, metres."),
     map_name: cli.MapName = None,
     json_: cli.Json = False,
 ) -> None:
@@ -64,19 +57,17 @@ def find(
 @regions.command()
 def draw(
     name: str,
-    polygon: Annotated[
-        str | None, typer.Option(help='Corners "x,y x,y x,y ..." in the map\'s frame, metres.')
-    ] = None,
-    box: Annotated[str | None, typer.Option(help="X0,Y0,Z0,X1,Y1,Z1 in the map's frame.")] = None,
-    type_: Annotated[str, typer.Option("--type", help="Such as blocked_region.")] = "region",
-    holder: Annotated[
-        str | None, typer.Option(help="Room or object that holds it, and with which it moves.")
-    ] = None,
-    where: Annotated[
-        list[str] | None, typer.Option("--property", help="KEY=VALUE; repeatable.")
-    ] = None,
-    since: Annotated[datetime | None, typer.Option(help="It is valid from then on.")] = None,
-    until: Annotated[datetime | None, typer.Option(help="It is valid until then.")] = None,
+    polygon: str | None = Option(
+        None, help='Corners "x,y x,y x,y ..." in the map\'s frame, metres.'
+    ),
+    box: str | None = Option(None, help="X0,Y0,Z0,X1,Y1,Z1 in the map's frame."),
+    type_: str = Option("region", "--type", help="Such as blocked_region."),
+    holder: str | None = Option(
+        None, help="Room or object that holds it, and with which it moves."
+    ),
+    where: list[str] | None = Option(None, "--property", help="KEY=VALUE; repeatable."),
+    since: datetime | None = Option(None, help="It is valid from then on."),
+    until: datetime | None = Option(None, help="It is valid until then."),
     map_name: cli.MapName = None,
     json_: cli.Json = False,
 ) -> None:

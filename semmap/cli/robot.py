@@ -6,6 +6,7 @@ import json
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+from typer import Argument, Option
 
 from semmap import cli
 from semmap.cli.options import MaxSlope, MaxStep, Parts, State, Urdf
@@ -20,29 +21,23 @@ robot = typer.Typer(no_args_is_help=True, help="Classes of robots: their shape a
 
 @robot.command()
 def add(
-    name: Annotated[str, typer.Argument(help="Name of the class.")],
+    name: Annotated[str, Argument(help="Name of the class.")],
     urdf: Urdf,
     state: State = None,
     parts: Parts = None,
-    speed: Annotated[float, typer.Option(help="Metres a second on clear ground.")] = 0.5,
+    speed: float = Option(0.5, help="Metres a second on clear ground."),
     max_step: MaxStep = 0.02,
     max_slope: MaxSlope = 6.0,
-    reach: Annotated[
-        str, typer.Option(help="Distance of objects that it takes: MIN,MAX metres.")
-    ] = "0.2,0.8",
-    heights: Annotated[
-        str, typer.Option(help="Height of objects that it takes: MIN,MAX metres.")
-    ] = "0.0,1.6",
-    capacity: Annotated[int, typer.Option(help="Number of objects that it carries at once.")] = 1,
-    behaviour: Annotated[
-        list[str] | None, typer.Option(help="A behaviour that it has; repeatable. By default all.")
-    ] = None,
-    permission: Annotated[
-        list[str] | None, typer.Option(help="A permission that it has; repeatable.")
-    ] = None,
-    opens: Annotated[bool, typer.Option(help="It opens closed doors.")] = True,
-    unlocks: Annotated[bool, typer.Option(help="It unlocks locked doors.")] = False,
-    outside: Annotated[bool, typer.Option(help="It may leave the building.")] = False,
+    reach: str = Option("0.2,0.8", help="Distance of objects that it takes: MIN,MAX metres."),
+    heights: str = Option("0.0,1.6", help="Height of objects that it takes: MIN,MAX metres."),
+    capacity: int = Option(1, help="Number of objects that it carries at once."),
+    behaviour: list[str] | None = Option(
+        None, help="A behaviour that it has; repeatable. By default all."
+    ),
+    permission: list[str] | None = Option(None, help="A permission that it has; repeatable."),
+    opens: bool = Option(True, help="It opens closed doors."),
+    unlocks: bool = Option(False, help="It unlocks locked doors."),
+    outside: bool = Option(False, help="It may leave the building."),
     json_: cli.Json = False,
 ) -> None:
     """Add a class of robots from a URDF, or replace the class of this name."""
@@ -82,7 +77,7 @@ def ls(map_name: cli.MapName = None, json_: cli.Json = False) -> None:
 
 
 @robot.command()
-def rm(name: Annotated[str, typer.Argument(help="Name of the class to delete.")]) -> None:
+def rm(name: Annotated[str, Argument(help="Name of the class to delete.")]) -> None:
     """Delete a class of robots and its travel times."""
     with cli.open_database() as db:
         db.delete_robot(name)

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+from typer import Argument, Option
 
 from semmap import cli
 from semmap.cli.options import AssumeSizes
@@ -23,43 +24,30 @@ if TYPE_CHECKING:
 
 def route_command(
     start: Annotated[
-        str, typer.Argument(metavar="FROM", help="A room, an object in one, or X,Y or X,Y,Z.")
+        str, Argument(metavar="FROM", help="A room, an object in one, or X,Y or X,Y,Z.")
     ],
     goal: Annotated[
         str,
-        typer.Argument(metavar="TO", help="As FROM, or a type or label: kitchen; a region: home."),
+        Argument(metavar="TO", help="As FROM, or a type or label: kitchen; a region: home."),
     ],
     map_name: cli.MapName = None,
-    robot: Annotated[
-        str | None,
-        typer.Option("--robot", help="Class of robots (semmap robot) with costmaps and times."),
-    ] = None,
-    avoid: Annotated[
-        list[str] | None,
-        typer.Option("--avoid", help="Avoid this place, door, region or type; repeatable."),
-    ] = None,
-    at: Annotated[
-        datetime | None, typer.Option(help="Moment for rules that have hours; by default now.")
-    ] = None,
-    rules: Annotated[
-        Path | None, typer.Option(help="YAML file: what places, doors and regions cost.")
-    ] = None,
-    count: Annotated[int, typer.Option("-k", help="Number of routes, the quickest first.")] = 1,
-    locked: Annotated[bool, typer.Option("--locked", help="The robot unlocks doors.")] = False,
-    closed: Annotated[
-        bool, typer.Option("--closed/--no-closed", help="The robot opens closed doors.")
-    ] = True,
-    outside: Annotated[
-        bool, typer.Option("--outside", help="The robot may leave the building.")
-    ] = False,
-    drawn: Annotated[
-        bool,
-        typer.Option("--graph", help="On the drawn graph: imported Nav2 edges or Open-RMF lanes."),
-    ] = False,
+    robot: str | None = Option(
+        None, help="Class of robots (semmap robot) with costmaps and times."
+    ),
+    avoid: list[str] | None = Option(
+        None, help="Avoid this place, door, region or type; repeatable."
+    ),
+    at: datetime | None = Option(None, help="Moment for rules that have hours; by default now."),
+    rules: Path | None = Option(None, help="YAML file: what places, doors and regions cost."),
+    count: int = Option(1, "-k", help="Number of routes, the quickest first."),
+    locked: bool = Option(False, "--locked", help="The robot unlocks doors."),
+    closed: bool = Option(True, help="The robot opens closed doors."),
+    outside: bool = Option(False, "--outside", help="The robot may leave the building."),
+    drawn: bool = Option(
+        False, "--graph", help="On the drawn graph: imported Nav2 edges or Open-RMF lanes."
+    ),
     assume_sizes: AssumeSizes = False,
-    rooms: Annotated[
-        bool, typer.Option("--rooms", help="Print only the rooms on the route, with commas.")
-    ] = False,
+    rooms: bool = Option(False, "--rooms", help="Print only the rooms on the route, with commas."),
     json_: cli.Json = False,
 ) -> None:
     """Find the quickest route: its doors in order, each with an approach and a leave pose."""

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
 import typer
+from typer import Option
 
 from semmap import cli
 from semmap.api.map_drawing import TopologyFormat, topology_as_json, topology_format
@@ -14,22 +15,19 @@ from semmap.cli.options import Storey
 
 
 def topology_command(
-    file: Annotated[
-        Path | None,
-        typer.Option("--output", "-o", help="File; by default DOT and JSON are printed."),
-    ] = None,
-    format_: Annotated[
-        TopologyFormat | None,
-        typer.Option("--format", help="By default the format of the file's ending, or dot."),
-    ] = None,
+    file: Path | None = Option(
+        None, "--output", "-o", help="File; by default DOT and JSON are printed."
+    ),
+    format_: TopologyFormat | None = Option(
+        None, "--format", help="By default the format of the file's ending, or dot."
+    ),
     map_name: cli.MapName = None,
     storey: Storey = None,
-    robot: Annotated[
-        str | None,
-        typer.Option(help="Class of robots whose paths and times are used, not straight lines."),
-    ] = None,
-    locked: Annotated[bool, typer.Option("--locked", help="The robot unlocks doors.")] = False,
-    speed: Annotated[float, typer.Option(help="Metres a second, without --robot.")] = 0.5,
+    robot: str | None = Option(
+        None, help="Class of robots whose paths and times are used, not straight lines."
+    ),
+    locked: bool = Option(False, "--locked", help="The robot unlocks doors."),
+    speed: float = Option(0.5, help="Metres a second, without --robot."),
     json_: cli.Json = False,
 ) -> None:
     """Write the topology: a route graph for Nav2 or Open-RMF, DOT, a picture or JSON."""

@@ -5,25 +5,22 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated
 
-import typer
+from typer import Argument, Option
 
 from semmap.cli.options import Parts, State, Urdf
 
 
 def demo_command(
-    world: Annotated[list[Path], typer.Argument(help="World files, or folders of them.")],
+    world: Annotated[list[Path], Argument(help="World files, or folders of them.")],
     urdf: Urdf,
-    start: Annotated[str | None, typer.Option("--from", help="Room to start in.")] = None,
-    goal: Annotated[str | None, typer.Option("--to", help="Room to go to.")] = None,
+    start: str | None = Option(None, "--from", help="Room to start in."),
+    goal: str | None = Option(None, "--to", help="Room to go to."),
     state: State = None,
     parts: Parts = None,
-    model_path: Annotated[
-        list[Path] | None,
-        typer.Option("--model-path", help="Folder of SDF models, searched first; repeatable."),
-    ] = None,
-    folder: Annotated[
-        Path, typer.Option("--output", "-o", help="Folder for maps and pictures.")
-    ] = Path("out/demo"),
+    model_path: list[Path] | None = Option(
+        None, help="Folder of SDF models, searched first; repeatable."
+    ),
+    folder: Path = Option(Path("out/demo"), "--output", "-o", help="Folder for maps and pictures."),
 ) -> None:
     """Import a world, query it, write its grids, find a route, drive a task, and draw it all."""
     from semmap import cli
