@@ -9,7 +9,7 @@ import sys
 from datetime import datetime
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import typer
 from typer import Argument, Option
@@ -48,7 +48,7 @@ def _main(
 
 
 def import_(
-    files: Annotated[list[Path], Argument(help="SDF, building.yaml, GeoJSON, meshes, ...")],
+    files: list[Path] = Argument(help="SDF, building.yaml, GeoJSON, meshes, ..."),
     map_name: MapName = None,
     geometry: str = Option("visual", help="Of SDF models: visual or collision."),
     as_: str = Option("object", "--as", help="A mesh file is an: object or room."),
@@ -125,7 +125,7 @@ def maps(json_: Json = False) -> None:
         show_table(db.list_maps(), json_, ("name", "entities", "rooms", "crs", "created_at"))
 
 
-def use(name: Annotated[str, Argument(metavar="MAP")]) -> None:
+def use(name: str = Argument(metavar="MAP")) -> None:
     """Choose the map that commands take when none is named."""
     with open_database() as db:
         db.use(name)
@@ -247,7 +247,7 @@ SEVERITIES = ("error", "warning", "note")
 
 
 def sql(
-    statement: Annotated[str, Argument(help="SQL, or - for standard input.")],
+    statement: str = Argument(help="SQL, or - for standard input."),
     map_name: MapName = None,
     write: bool = Option(False, help="Let the statement change the map."),
     json_: Json = False,
@@ -283,7 +283,7 @@ def changes(
 
 
 def drop(
-    name: Annotated[str, Argument(metavar="MAP")],
+    name: str = Argument(metavar="MAP"),
     yes: bool = Option(False, "--yes", help="Do not ask."),
 ) -> None:
     """Delete a map and all that is in it."""

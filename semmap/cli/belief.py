@@ -33,7 +33,7 @@ COLUMNS = ("place", "probability", "holder", "last_seen", "last_missed")
 
 
 def teach_command(
-    files: Annotated[list[Path], Argument(help="JSON or Map.xml; - for standard input.")],
+    files: list[Path] = Argument(help="JSON or Map.xml; - for standard input."),
     map_name: cli.MapName = None,
     json_: cli.Json = False,
 ) -> None:
@@ -254,10 +254,9 @@ def how(
 
 @belief.command()
 def identify(
-    seen: Annotated[
-        list[str],
-        Argument(metavar="TYPE=X,Y,Z[,W,D,H]...", help="Detections of one view; metres."),
-    ],
+    seen: list[str] = Argument(
+        metavar="TYPE=X,Y,Z[,W,D,H]...", help="Detections of one view; metres."
+    ),
     frame: str | None = Option(None, help="The agent in whose frame they are."),
     moves: float = Option(
         86_400.0, metavar="SECONDS", help="Objects of mobility 1 move once in this time."

@@ -126,7 +126,7 @@ def upgrade(
 @app.command()
 def downgrade(
     context: typer.Context,
-    revision: Annotated[str, Argument(help="A revision, -1, or base.")],
+    revision: str = Argument(help="A revision, -1, or base."),
     db: Db = None,
 ) -> None:
     """Take the schema down to a revision; no row is lost."""

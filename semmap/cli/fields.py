@@ -51,7 +51,7 @@ def _note(text: str) -> None:
 
 @fields.command(context_settings={"ignore_unknown_options": True})  # a point may begin with -
 def at(
-    point: Annotated[str, Argument(help="X,Y,Z in the frame of the map, metres.")],
+    point: str = Argument(help="X,Y,Z in the frame of the map, metres."),
     voxel_size: VoxelSize = 0.05,
     map_name: cli.MapName = None,
     json_: cli.Json = False,
@@ -176,7 +176,7 @@ def _sentence(event: dict[str, Any]) -> str:
 
 @fields.command()
 def export(
-    folder: Annotated[Path, Option("--output", "-o", help="Folder for the files.")],
+    folder: Path = Option(..., "--output", "-o", help="Folder for the files."),
     kept_name: str | None = Option(None, "--kept", help="Export this stored field instead."),
     version: int | None = Option(None, help="Version of the stored field; by default the newest."),
     voxel_size: VoxelSize = 0.05,
@@ -267,7 +267,7 @@ def _stop_on_signals(stop: threading.Event) -> None:
 
 @fields.command()
 def send(
-    name: Annotated[str, Argument(help="Of the source.")],
+    name: str = Argument(help="Of the source."),
     percept: str = Argument("-", help="JSON, or - for one a line of the input."),
     map_name: cli.MapName = None,
 ) -> None:

@@ -9,7 +9,7 @@ import json
 from collections.abc import Iterable, Sequence
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
 import typer
 from typer import Option
@@ -41,7 +41,7 @@ if TYPE_CHECKING:
 
 
 def grid_command(
-    folder: Annotated[Path, Option("--output", "-o", help="Folder for the maps.")],
+    folder: Path = Option(..., "--output", "-o", help="Folder for the maps."),
     map_name: cli.MapName = None,
     storey: Storey = None,
     interval: str = Option(

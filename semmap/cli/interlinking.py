@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
 import typer
 from typer import Argument, Option
@@ -42,8 +42,8 @@ interlink = typer.Typer(
 
 @interlink.command()
 def link(
-    left: Annotated[str, Argument(metavar="A", help="RDF or CSV file, map[:NAME], or models.")],
-    right: Annotated[str, Argument(metavar="B", help="The same.")],
+    left: str = Argument(metavar="A", help="RDF or CSV file, map[:NAME], or models."),
+    right: str = Argument(metavar="B", help="The same."),
     labels: Path | None = Option(
         None, help="CSV of LEFT,RIGHT,yes|no, or an alignment; --ask adds to a CSV file."
     ),
@@ -166,7 +166,7 @@ def ls(json_: cli.Json = False) -> None:
 
 @interlink.command()
 def show(
-    link_set: Annotated[int, Argument(metavar="ID", help="As ls lists them.")],
+    link_set: int = Argument(metavar="ID", help="As ls lists them."),
     all_: bool = Option(False, "--all", help="Also records without a link."),
     json_: cli.Json = False,
 ) -> None:
@@ -178,7 +178,7 @@ def show(
 
 
 @interlink.command()
-def undo(link_set: Annotated[int, Argument(metavar="ID")]) -> None:
+def undo(link_set: int = Argument(metavar="ID")) -> None:
     """Take a link set back."""
     with cli.open_database() as db:
         print(f"{db.undo_links(link_set)} links taken back")

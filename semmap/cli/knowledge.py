@@ -6,7 +6,7 @@ import sys
 from contextlib import suppress
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
 import typer
 from typer import Argument, Option
@@ -28,7 +28,7 @@ ENDINGS = ".ttl, .jsonld, .trig, .nt, .nq"
 
 
 def sparql_command(
-    text: Annotated[str, Argument(help="SPARQL 1.1, a file with it, or - for standard input.")],
+    text: str = Argument(help="SPARQL 1.1, a file with it, or - for standard input."),
     update: bool = Option(False, "--update", help="TEXT is an update: it may change the map."),
     explain: bool = Option(False, "--explain", help="Print what is asked of fields, and the SQL."),
     watch: bool = Option(
@@ -150,7 +150,7 @@ def export(
 
 @rdf.command("import")
 def import_(
-    files: Annotated[list[Path], Argument(help=f"Endings: {ENDINGS}.")],
+    files: list[Path] = Argument(help=f"Endings: {ENDINGS}."),
     map_name: cli.MapName = None,
     json_: cli.Json = False,
 ) -> None:
@@ -280,7 +280,7 @@ def contradictions(map_name: cli.MapName = None, json_: cli.Json = False) -> Non
 
 @knowledge.command("why")
 def why_(
-    fact: Annotated[str, Argument(help="A triple, such as ':cup1 a semmap:Drinkware'.")],
+    fact: str = Argument(help="A triple, such as ':cup1 a semmap:Drinkware'."),
     map_name: cli.MapName = None,
     json_: cli.Json = False,
 ) -> None:

@@ -90,8 +90,8 @@ def grasp_command(
 
 
 def place_command(
-    name: Annotated[str, Argument(help="The object.")],
-    on: Annotated[str, Option("--on", help="What it is put on, such as a table.")],
+    name: str = Argument(help="The object."),
+    on: str = Option(..., "--on", help="What it is put on, such as a table."),
     gripper: Gripper = None,
     towards: str | None = Option(None, metavar="X,Y", help="Spots near this point first; metres."),
     robot: Robot = None,
@@ -123,7 +123,7 @@ def place_command(
 
 
 def push_command(
-    name: Annotated[str, Argument(help="The object.")],
+    name: str = Argument(help="The object."),
     gripper: Gripper = None,
     distance: float = Option(0.1, help="How far it is pushed; metres."),
     robot: Robot = None,

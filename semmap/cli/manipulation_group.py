@@ -5,7 +5,6 @@ from __future__ import annotations
 import sys
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated
 
 import typer
 from typer import Argument, Option
@@ -21,7 +20,7 @@ manipulation = typer.Typer(
 
 @manipulation.command("add-gripper")
 def add_gripper(
-    urdf: Annotated[Path, Argument(help="URDF of a gripper, or of a robot that has one.")],
+    urdf: Path = Argument(help="URDF of a gripper, or of a robot that has one."),
     name: str | None = Option(None, help="By default that of the robot."),
     palm: str | None = Option(None, help="The link that holds the fingers; by default the first."),
     prefer: bool | None = Option(None, help="Meant where none is named; the first one is."),
@@ -33,7 +32,7 @@ def add_gripper(
 
 @manipulation.command("add-robot")
 def add_robot(
-    urdf: Annotated[Path, Argument(help="URDF of a robot with an arm and a gripper.")],
+    urdf: Path = Argument(help="URDF of a robot with an arm and a gripper."),
     name: str | None = Option(None, help="By default that in the URDF."),
     palm: str | None = Option(None, help="The link that holds the fingers; by default the first."),
     state: str | None = Option(
@@ -98,9 +97,9 @@ def shapes(
 
 @manipulation.command()
 def record(
-    name: Annotated[str, Argument(help="The object.")],
-    action: Annotated[int, Argument(help="The action_id that `semmap grasp --json` prints.")],
-    outcome: Annotated[str, Argument(help="completed or error.")],
+    name: str = Argument(help="The object."),
+    action: int = Argument(help="The action_id that `semmap grasp --json` prints."),
+    outcome: str = Argument(help="completed or error."),
     kind: str = Option("grasp", help="grasp, place, push, turn, open or put."),
     instead_of: int | None = Option(None, help="The action that failed and is replaced."),
     robot: str | None = Option(None, help="The agent that acted."),
@@ -125,7 +124,7 @@ def record(
 
 @manipulation.command("try")
 def try_command(
-    name: Annotated[str, Argument(help="The object.")],
+    name: str = Argument(help="The object."),
     gripper: Gripper = None,
     tries: int = Option(12, min=1, help="The most attempts."),
     mass: float | None = Option(None, help="kg; by default the object's property, else by volume."),
@@ -161,9 +160,7 @@ def tasks(limit: Limit = 20, map_name: cli.MapName = None, json_: cli.Json = Fal
 
 @manipulation.command("import-grasps")
 def import_grasps(
-    files: Annotated[
-        list[Path], Argument(help="CSV, JSON or pg_dump of grasps and of their models.")
-    ],
+    files: list[Path] = Argument(help="CSV, JSON or pg_dump of grasps and of their models."),
     gripper: list[str] | None = Option(
         None, metavar="HAND=GRIPPER", help="A stored gripper; repeatable."
     ),
@@ -219,7 +216,7 @@ def key() -> None:
 @manipulation.command("trust")
 def trust_command(
     name: str,
-    key: Annotated[str, Argument(help="64 digits that `semmap manipulation key` prints.")],
+    key: str = Argument(help="64 digits that `semmap manipulation key` prints."),
     level: float = Option(1.0, help="How much outcomes count; 0: refuse bundles."),
 ) -> None:
     """Trust a contributor, so that its files can be imported."""

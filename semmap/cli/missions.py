@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
 import typer
 from typer import Argument, Option
@@ -110,7 +110,7 @@ def _readable(value: Any) -> str:
 
 
 def search_command(
-    name: Annotated[str, Argument(help="Name of the object.")],
+    name: str = Argument(help="Name of the object."),
     start: options.Start = None,
     robot: options.Agent = "robot",
     robot_class: options.RobotName = None,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
 from typer import Argument, Option
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 
 def plan_command(
-    goal: Annotated[str, Argument(help="on(muffin, desk1) and in(robot, kitchen), ...")],
+    goal: str = Argument(help="on(muffin, desk1) and in(robot, kitchen), ..."),
     start: str | None = Option(
         None, "--from", help="Room in which the robot starts; by default its room."
     ),

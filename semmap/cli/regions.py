@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from datetime import datetime
 from enum import StrEnum
-from typing import Annotated
 
 import typer
 from typer import Argument, Option
@@ -29,7 +28,7 @@ class Sort(StrEnum):
 
 @regions.command()
 def find(
-    sort: Annotated[Sort, Argument(help="Of objects: surfaces, observation; of rooms: floor.")],
+    sort: Sort = Argument(help="Of objects: surfaces, observation; of rooms: floor."),
     names: list[str] | None = Argument(None, metavar="NAME..."),
     type_: str | None = Option(None, "--type", help="All of this type: table, kitchen, room."),
     near: float = Option(0.5, help="observation: least distance from the object, metres."),

@@ -77,7 +77,7 @@ def ls(map_name: cli.MapName = None, json_: cli.Json = False) -> None:
 
 
 @robot.command()
-def rm(name: Annotated[str, Argument(help="Name of the class to delete.")]) -> None:
+def rm(name: str = Argument(help="Name of the class to delete.")) -> None:
     """Delete a class of robots and its travel times."""
     with cli.open_database() as db:
         db.delete_robot(name)

@@ -7,7 +7,7 @@ import math
 from collections.abc import Mapping, Sequence
 from datetime import datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
 import typer
 from typer import Argument, Option
@@ -23,13 +23,10 @@ if TYPE_CHECKING:
 
 
 def route_command(
-    start: Annotated[
-        str, Argument(metavar="FROM", help="A room, an object in one, or X,Y or X,Y,Z.")
-    ],
-    goal: Annotated[
-        str,
-        Argument(metavar="TO", help="As FROM, or a type or label: kitchen; a region: home."),
-    ],
+    start: str = Argument(metavar="FROM", help="A room, an object in one, or X,Y or X,Y,Z."),
+    goal: str = Argument(
+        metavar="TO", help="As FROM, or a type or label: kitchen; a region: home."
+    ),
     map_name: cli.MapName = None,
     robot: str | None = Option(
         None, help="Class of robots (semmap robot) with costmaps and times."
