@@ -5,13 +5,15 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable, Iterator
 from types import TracebackType
-from typing import Any, Self
+from typing import TYPE_CHECKING, Any, Self
 
 import psycopg
 
 from semmap.api.map_questions import MapQuestions
 from semmap.database.session import conninfo_of, reopen_session
-from semmap.query.map_events import MapEvent, events_since
+
+if TYPE_CHECKING:
+    from semmap.query.map_events import MapEvent
 
 LOOK = 0.5
 """Seconds after which a follower looks although nothing was announced, or tries to connect."""
@@ -91,6 +93,8 @@ class MapSubscription:
 
     def _deliver(self, session: psycopg.Connection[Any]) -> None:
         """Call the function with what is new, then wait for more."""
+        from semmap.query.map_events import events_since
+
         cursor, events = events_since(session, self._map_name, self.cursor)
         for event in events:
             if self._stop.is_set():
@@ -159,6 +163,8 @@ class MapEvents(MapQuestions):
 def _follow(
     map: MapQuestions, since: str | None, follow: bool, stop: threading.Event | None
 ) -> Iterator[MapEvent]:
+    from semmap.query.map_events import events_since
+
     while True:
         since, events = events_since(map.connection, map.name, since)
         yield from events
