@@ -55,6 +55,8 @@ class DatabaseInterlinking:
     ) -> Interlinking:
         """Find which records of two data sets are the same, and store the links.
 
+        Returns `links()`, `pattern`, `quality(reference)`, `correspondences`, ...
+
         Parameters
         ----------
         left, right : a map, whose objects are the records; ``models``, the object models of
@@ -65,11 +67,6 @@ class DatabaseInterlinking:
         questions : the most calls of `ask`
         type : of the resources in RDF files
         store : store a link set; its number is `link_set` of the result
-
-        Returns
-        -------
-        Interlinking
-            `links()`, `pattern`, `quality(reference)`, `correspondences`, ...
 
         Raises
         ------

@@ -89,6 +89,8 @@ class DatabaseManipulation:
     ) -> str:
         """Store a robot with its arm, gripper and sensors, for `robot` of `Map.grasps`.
 
+        Returns its name.
+
         Parameters
         ----------
         urdf : of the whole robot
@@ -96,10 +98,6 @@ class DatabaseManipulation:
         palm : the link that holds the fingers; by default the first one
         posture : positions of joints with which it drives and carries, radians or metres; or
             JSON, a file of it, or a state of its SRDF; by default one near the robot is found
-
-        Returns
-        -------
-        Its name.
 
         Raises
         ------
@@ -133,6 +131,8 @@ class DatabaseManipulation:
     ) -> dict[str, int]:
         """Store grasps of the Household Objects Database, or of files with its columns.
 
+        Returns how many of each were stored.
+
         Parameters
         ----------
         paths : CSV, JSON or pg_dump, of grasps and of their models
@@ -140,10 +140,6 @@ class DatabaseManipulation:
         tool : x, y, z, qx, qy, qz, qw of the grasp frame in the frame of the file's hand; by
             default the same
         scale : metres per unit of the files
-
-        Returns
-        -------
-        How many of each were stored.
 
         Raises
         ------
@@ -160,14 +156,12 @@ class DatabaseManipulation:
     ) -> dict[str, int]:
         """Write the knowledge of this database to a signed file, for other robots.
 
+        Returns how many `grippers`, `objects` and `actions` it has.
+
         Parameters
         ----------
         name : of the contributor; by default that of this machine
         simulated : with outcomes of simulated robots
-
-        Returns
-        -------
-        How many `grippers`, `objects` and `actions` it has.
 
         Raises
         ------
@@ -184,9 +178,7 @@ class DatabaseManipulation:
     def import_manipulation(self, path: str | Path) -> dict[str, int]:
         """Store the knowledge of a signed file, as a whole, of a contributor that is trusted.
 
-        Returns
-        -------
-        How many `grippers`, `objects` and `actions` were new, and its `outcomes`.
+        Returns how many `grippers`, `objects` and `actions` were new, and its `outcomes`.
 
         Raises
         ------

@@ -169,15 +169,13 @@ class Map(
         Each is associated by its type, size, place and time. What is surely a known object is seen,
         and moves there; what is surely none is added; in doubt, the belief says how sure it is.
 
+        Returns for each detection its `type`, the `object`, its `probability`, `new` and `place`.
+
         Parameters
         ----------
         detections : `semmap.belief.identify.Detection` (type, point, sides), metres
         frame : the agent in whose frame the points are; by default that of the map
         at : the time of the detections; local without a time zone, by default now
-
-        Returns
-        -------
-        For each detection its `type`, the `object`, its `probability`, `new` and `place`.
 
         Raises
         ------

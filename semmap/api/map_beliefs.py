@@ -134,15 +134,13 @@ class MapBeliefs(MapQuestions):
     ) -> list[Identity]:
         """Which objects the detections of one view are: known ones, perhaps moved, or new ones.
 
+        Returns for each detection its `place`, the probability of each `known` object, and `new`.
+
         Parameters
         ----------
         detections, frame, at : as for `Map.observe_objects`
         moves : seconds in which an object of mobility 1 moves once
         new : expected number of objects of a type at a place that the map lacks
-
-        Returns
-        -------
-        For each detection its `place`, the probability of each `known` object, and `new`.
 
         Raises
         ------
@@ -166,14 +164,12 @@ class MapBeliefs(MapQuestions):
     ) -> dict[str, Any]:
         """Store a belief as a field of probabilities, for queries and costmaps.
 
+        Returns `field`, its name, with its `version` and how many `voxels` it has.
+
         Parameters
         ----------
         keep_as : the name of the field; by default ``belief-NAME``
         voxel_size : edge of a voxel in metres
-
-        Returns
-        -------
-        `field`, its name, with its `version` and how many `voxels` it has.
 
         Raises
         ------

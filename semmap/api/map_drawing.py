@@ -92,15 +92,13 @@ class MapDrawing(MapTasks):
     ) -> list[Path]:
         """Write the topology: a route graph for Nav2 or Open-RMF, DOT, a picture or JSON.
 
+        Returns the files that were written.
+
         Parameters
         ----------
         format : nav2, rmf, dot, png or json; by default that of the file's ending
         robot : a stored class whose paths and times are used, in place of straight lines
         unlocks, speed : of the robot, metres a second, where none is named
-
-        Returns
-        -------
-        The files that were written.
 
         Raises
         ------

@@ -32,17 +32,16 @@ class MapKnowledge(MapReasoning):
     ) -> Answer:
         """Answer a query of SPARQL 1.1 on the facts, geometry and T-Box of the map.
 
+        Returns an answer that yields its rows as plain values, is true or false where it is ASK,
+        and has the `names` of its columns, the terms (`rows`), the `graph` of CONSTRUCT, and
+        `notes`.
+
         Parameters
         ----------
         text : the usual prefixes are declared, and the empty one is that of the map's entities, so
             that ``:table1`` is the entity table1
         seconds, rows : limits; by default those of `semmap.limits`
         inferred : see what `reason` inferred, too
-
-        Returns
-        -------
-        An answer that yields its rows as plain values, is true or false where it is ASK, and has
-        the `names` of its columns, the terms (`rows`), the `graph` of CONSTRUCT, and `notes`.
 
         Raises
         ------
@@ -57,9 +56,7 @@ class MapKnowledge(MapReasoning):
     def update(self, text: str, *, seconds: float | None = None) -> GraphChanges:
         """Carry out an update of SPARQL 1.1, as a whole or not at all.
 
-        Returns
-        -------
-        The numbers of facts that were `added` and `removed`.
+        Returns the numbers of facts that were `added` and `removed`.
 
         Raises
         ------
@@ -80,16 +77,14 @@ class MapKnowledge(MapReasoning):
     ) -> LiveEvents[Event]:
         """Follow the map: which answers of a query appear and disappear.
 
+        Returns events with `what` ("appeared" or "disappeared") and `values`, plain values by
+        variable. Its `count` is the number of answers that there are already, which are no events.
+
         Parameters
         ----------
         text : SELECT or ASK
         callback : gets each event, in a thread of its own; without it, loop over the result
         seconds : stop after this time; by default when the result is closed
-
-        Returns
-        -------
-        Events with `what` ("appeared" or "disappeared") and `values`, plain values by variable. Its
-        `count` is the number of answers that there are already, which are no events.
 
         Raises
         ------

@@ -43,6 +43,9 @@ class MapManipulation(MapQuestions):
 
         Generated grasps are stored for the model of the object and the gripper.
 
+        Returns a sequence of rows (`semmap.manipulation.reader.actions_on` describes them) with
+        `problems`, `generated` and `motion`.
+
         Parameters
         ----------
         name : an object, or a type: any object of it
@@ -61,12 +64,6 @@ class MapManipulation(MapQuestions):
         plan : plan the motion of the arm to the first grasp that it can do, and back
         state : positions of its joints before the motion, radians or metres; others are at rest
         limit : the most rows
-
-        Returns
-        -------
-        FoundActions
-            A sequence of rows (`semmap.manipulation.reader.actions_on` describes them) with
-            `problems`, `generated` and `motion`.
 
         Raises
         ------
@@ -128,17 +125,14 @@ class MapManipulation(MapQuestions):
     ) -> FoundActions:
         """Where and how to put an object down: stored places, the best first, else generated ones.
 
+        Returns rows as of `grasps`; also `spot`, the pose of the object where it stands, and
+        `clearance` in metres.
+
         Parameters
         ----------
         name, on : the object, and the one on which it is put, such as a table
         towards : (x, y), metres: spots near it come first; by default those with most room
         gripper, robot, base, plan, state, limit : as for `grasps`; the object is in the gripper
-
-        Returns
-        -------
-        FoundActions
-            Rows as of `grasps`; also `spot`, the pose of the object where it stands, and
-            `clearance` in metres.
 
         Raises
         ------
@@ -174,16 +168,13 @@ class MapManipulation(MapQuestions):
     ) -> FoundActions:
         """How to push an object along its support: stored pushes, else generated ones.
 
+        Returns rows as of `grasps`; also `end`, the pose of the gripper at the end, and
+        `direction`, degrees in the map's frame.
+
         Parameters
         ----------
         distance : metres that the object is pushed
         gripper, robot, base, plan, state, limit : as for `grasps`; the gripper is closed
-
-        Returns
-        -------
-        FoundActions
-            Rows as of `grasps`; also `end`, the pose of the gripper at the end, and `direction`,
-            degrees in the map's frame.
 
         Raises
         ------
@@ -213,15 +204,12 @@ class MapManipulation(MapQuestions):
     ) -> FoundRows:
         """Find and store the primitive of each model: sphere, cylinder, cone or cuboid.
 
+        Returns `entity`, `shape`, `size` (metres) and `inliers` of each model; `problems` has the
+        reasons for meshes without a primitive.
+
         Parameters
         ----------
         names : of objects; by default all with a mesh, one of each model
-
-        Returns
-        -------
-        FoundRows
-            `entity`, `shape`, `size` (metres) and `inliers` of each model; `problems` has the
-            reasons for meshes without a primitive.
         """
         from semmap.manipulation.store.shapes import store_shapes
 
@@ -287,6 +275,9 @@ class MapManipulation(MapQuestions):
     ) -> list[dict[str, Any]]:
         """Try actions on an object until one succeeds, in simulation, and store the outcomes.
 
+        Returns `action_id`, `family` and `outcome` of each attempt; of grasps `moved` (metres) and
+        `stored`, the id of a corrected grasp; of others `off` (metres) and `tilted` (degrees).
+
         Parameters
         ----------
         on : try places of the object on this one; by default its grasps are tried
@@ -296,11 +287,6 @@ class MapManipulation(MapQuestions):
         mass : kilograms; by default the object's property, else by its volume
         friction : between the pads and the object
         attempt : does a grasp on a robot and returns its outcome, in place of the simulation
-
-        Returns
-        -------
-        `action_id`, `family` and `outcome` of each attempt; of grasps `moved` (metres) and
-        `stored`, the id of a corrected grasp; of others `off` (metres) and `tilted` (degrees).
 
         Raises
         ------

@@ -196,18 +196,15 @@ class MapQuestions:
         """Run a SQL statement that sees this map; one that reads, unless `write` is True.
 
         On the embedded database it reads with a login that can only read. In a transaction of this
-        map it reads what the transaction has changed.
+        map it reads what the transaction has changed. Returns the rows, a sequence of tuples;
+        `columns` has their names. Where a statement returns none, the column `rows` says how many
+        rows it changed.
 
         Parameters
         ----------
         statement : a statement of PostgreSQL, with psycopg's ``%s`` for each of `values`; where
             there are no values, it is run as it stands
         write : let the statement change the map; all of it or nothing
-
-        Returns
-        -------
-        The rows, a sequence of tuples; `columns` has their names. Where a statement returns none,
-        the column `rows` says how many rows it changed.
 
         Raises
         ------

@@ -22,15 +22,13 @@ class MapReasoning(MapQuestions):
     def reason(self, *, complete: bool = False, seconds: float | None = None) -> Reasoned:
         """Infer what follows by RDFS and OWL 2 RL; from then on, each `update` does so, too.
 
+        Returns how many inferences were `added` and `removed`, and how many `inferences` and
+        `contradictions` there are now.
+
         Parameters
         ----------
         complete : read all facts again, even if only few changed
         seconds : after which it is stopped; by default the limit of `semmap.limits`
-
-        Returns
-        -------
-        How many inferences were `added` and `removed`, and how many `inferences` and
-        `contradictions` there are now.
 
         Raises
         ------
@@ -88,14 +86,12 @@ class MapReasoning(MapQuestions):
     def why(self, fact: str) -> Why:
         """Explain why a fact is one: the axioms, down to facts that were told.
 
+        Returns the proof: its `fact`, the `axiom` ("" where the fact was told), and `because`, the
+        proofs of what it follows from.
+
         Parameters
         ----------
         fact : a triple, such as ``:cup1 a semmap:Drinkware``
-
-        Returns
-        -------
-        The proof: its `fact`, the `axiom` ("" where the fact was told), and `because`, the proofs
-        of what it follows from.
 
         Raises
         ------

@@ -34,6 +34,9 @@ class MapRegions(MapQuestions):
 
         A region of the same name is updated; its room or object holds it.
 
+        Returns rows as of `list_regions`; `problems` has the reasons for those of the type that
+        have no such region.
+
         Parameters
         ----------
         sort : ``surfaces`` where other objects can stand; ``floor``, the walkable floor of a room
@@ -42,12 +45,6 @@ class MapRegions(MapQuestions):
         type : all of this type: table, kitchen, room
         near, far : of ``observation``: distances from the object, metres
         headroom, max_step : of ``floor``: free height above it, and the highest step, metres
-
-        Returns
-        -------
-        FoundRows
-            Rows as of `list_regions`; `problems` has the reasons for those of the type that have
-            no such region.
 
         Raises
         ------

@@ -194,15 +194,13 @@ class SpatialFields:
     ) -> dict[str, Any]:
         """Write the voxels of all entities, or a stored field: OpenVDB, JSON and points.
 
+        Returns what was written: `folder`, `voxel_size`, `voxels` and further counts.
+
         Parameters
         ----------
         folder : gets sets.vdb, sets.json and points.ply, or field.vdb, points.ply and legend.json
         kept : the stored field
         version : of the stored field; by default the newest
-
-        Returns
-        -------
-        What was written: `folder`, `voxel_size`, `voxels` and further counts.
 
         Raises
         ------
@@ -231,17 +229,15 @@ class SpatialFields:
 
         Without a service, they are published on the channel `semmap_events` of the database, too.
 
+        Returns events as mappings: `event` ("begin" or "end"), `subject`, `relation`, `object` and
+        `time`. Its `count` is the number of relations that are true already.
+
         Parameters
         ----------
         callback : gets each event, in a thread of its own; without it, loop over the result
         seconds : stop after this time; by default when the result is closed
         save_every : seconds between saves of the voxels, from which later calls start; the service
             has its own
-
-        Returns
-        -------
-        Events as mappings: `event` ("begin" or "end"), `subject`, `relation`, `object` and `time`.
-        Its `count` is the number of relations that are true already.
         """
         from semmap.api.field_events import watch_map, watch_service
 
