@@ -17,7 +17,6 @@ from semmap.api.map import Map
 from semmap.api.map_questions import sql_rows
 from semmap.database.configuration import READER
 from semmap.database.maps import pick_map
-from semmap.database.parameters import connection_parameters
 from semmap.database.session import open_session
 from semmap.database.shared_engine import shared_engine
 from semmap.query import entity_query
@@ -124,11 +123,6 @@ class Database(DatabaseManipulation, DatabaseInterlinking):
         from semmap.database.reader import as_reader
 
         return as_reader(self.engine) or self.engine
-
-    @property
-    def parameters(self) -> dict[str, Any]:
-        """libpq's connection parameters."""
-        return connection_parameters(self._url)
 
     @property
     def address(self) -> str | None:

@@ -9,7 +9,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from datetime import datetime
+
     from semmap.api.map_questions import MapQuestions
+    from semmap.fields.queries.catalogue import FieldCatalogue
     from semmap.fields.store.mirror_state import MirrorState
     from semmap.fields.store.voxel_mirror import VoxelMirror
     from semmap.query.map_handle import MapSource
@@ -66,15 +69,9 @@ def query_kept(
     map: MapQuestions, voxel_size: float, note: Note, text: str, **given: Any
 ) -> dict[str, Any]:
     """Answer a query; `given` and the reply are those of `query_reply`."""
-    from semmap.fields.queries.mirror_catalogue import mirror_catalogue
-    from semmap.fields.service.kept_answer import show_kept
     from semmap.fields.service.query_reply import query_reply
-    from semmap.fields.store.names import read_map_vocabulary, read_names
 
-    vocabulary = read_map_vocabulary()
-    mirror = current_mirror(map, voxel_size, note)
-    with map.snapshot() as seen:
-        newest, names = show_kept(mirror, seen, vocabulary), read_names(seen)
+    catalogue, _, newest = _catalogue(map, voxel_size, note, open_snapshot=map.snapshot)
     sources = f", sources as kept at {newest:%Y-%m-%d %H:%M:%S %Z}" if newest else ""
     note(f"no service is running: answered from the kept state of the map{sources}")
 
@@ -83,23 +80,31 @@ def query_kept(
         with map.transaction():
             yield map.connection
 
-    catalogue = mirror_catalogue(mirror, names, vocabulary, open_snapshot=map.snapshot)
     return query_reply(catalogue, text, transaction, **given)
 
 
 def update_kept(map: MapQuestions, voxel_size: float, note: Note, text: str) -> dict[str, Any]:
     """Carry out an update; the reply is that of `update_map`."""
+    from semmap.fields.service.map_update import update_map
+
+    catalogue, mirror, _ = _catalogue(map, voxel_size, note)
+    return update_map(mirror, catalogue, text, map.connection)
+
+
+def _catalogue(
+    map: MapQuestions, voxel_size: float, note: Note, **past: Any
+) -> tuple[FieldCatalogue, Mirror, datetime | None]:
+    """The fields of a map and of its sources, its voxels, and when a source saw last."""
     from semmap.fields.queries.mirror_catalogue import mirror_catalogue
     from semmap.fields.service.kept_answer import show_kept
-    from semmap.fields.service.map_update import update_map
     from semmap.fields.store.names import read_map_vocabulary, read_names
 
     vocabulary = read_map_vocabulary()
     mirror = current_mirror(map, voxel_size, note)
     with map.snapshot() as seen:
-        show_kept(mirror, seen, vocabulary)
-        catalogue = mirror_catalogue(mirror, read_names(seen), vocabulary)
-    return update_map(mirror, catalogue, text, map.connection)
+        newest, names = show_kept(mirror, seen, vocabulary), read_names(seen)
+    found = mirror_catalogue(mirror, names, vocabulary, **past)
+    return found, mirror, newest
 
 
 def export_entities(mirror: Mirror, folder: Path) -> dict[str, Any]:

@@ -165,7 +165,12 @@ def observe_command(
             told = house.observe_objects(found, frame=frame, at=at)
         cli.show_table(told, json_, ("object", "new", "probability", "place"))
         return
-    _check_observation(name, place, point, view, missed, seen, looked_for, cloud, without)
+    if [place, point, view].count(None) != 2 or (view is None) == (name is None):
+        raise typer.BadParameter("give NAME and PLACE, or NAME and --point, or --view alone")
+    if view is None and (cloud is not None or without):
+        raise typer.BadParameter("--cloud and --without are for --view")
+    if point is not None and missed:
+        raise typer.BadParameter("--missed is for a place")
     rates: dict[str, Any] = {"hit": hit, "false_alarm": false_alarm, "at": at}
     with cli.chosen_map(map_name) as house:
         if view is not None:
@@ -181,32 +186,7 @@ def observe_command(
     cli.show_table([{"visible": 1.0} | row for row in rows], json_, OBSERVED)
 
 
-def _check_observation(
-    name: str | None,
-    place: str | None,
-    point: str | None,
-    view: str | None,
-    missed: bool,
-    seen: Sequence[str] | None,
-    looked_for: Sequence[str] | None,
-    cloud: Path | None,
-    without: Sequence[str] | None,
-) -> None:
-    if sum(given is not None for given in (place, point, view)) != 1 or (view is None) != (
-        name is not None
-    ):
-        raise typer.BadParameter("give NAME and PLACE, or NAME and --point, or --view alone")
-    if cloud is not None and (view is None or seen):
-        raise typer.BadParameter("--cloud needs --view, and finds what --seen would state")
-    if without and cloud is None:
-        raise typer.BadParameter("--without needs --cloud")
-    if view is not None and not seen and not looked_for:
-        raise typer.BadParameter("--view needs --looked-for NAME, or --seen NAME=X,Y,Z")
-    if point is not None and missed:
-        raise typer.BadParameter("--missed is for a place")
-
-
-def _detected(seen: Sequence[str]) -> dict[str, list[float]]:
+def _detected(seen: Sequence[str]) -> dict[str, tuple[float, ...]]:
     """The points of ``NAME=X,Y,Z`` by name."""
     detected = {}
     for given in seen:

@@ -181,20 +181,11 @@ def _show(found: FoundActions, json_: bool, columns: Sequence[str], where: str =
     if of_grasps and any(row.get("link") is not None for row in found):
         columns = (*columns, "link")
     if json_:
-        cli.print_json([_plain(row) for row in found])
+        cli.print_json([*found])
     elif found.rows:
         cli.show_table([_short(row, where) for row in found], False, columns)
     if not found.rows:
         raise typer.Exit(1)
-
-
-def _plain(row: dict[str, Any]) -> dict[str, Any]:
-    """A row for JSON: poses as seven numbers (x, y, z, qx, qy, qz, qw)."""
-    poses = ("pose", "pre_pose", "post_pose", "model_pose", "spot", "end")
-    return {
-        key: list(value) if key in poses and value is not None else value
-        for key, value in row.items()
-    }
 
 
 def _short(row: dict[str, Any], where: str) -> dict[str, Any]:
@@ -208,7 +199,7 @@ def _short(row: dict[str, Any], where: str) -> dict[str, Any]:
     return {"attempts": 0, "contributor": None} | row | places | rounded
 
 
-def _shape(given: str) -> tuple[str, list[float]]:
+def _shape(given: str) -> tuple[str, tuple[float, ...]]:
     kind, equals, sizes = given.partition("=")
     if not equals:
         raise typer.BadParameter(f"--shape takes SHAPE=SIZES, such as sphere=0.04, not {given}")

@@ -26,7 +26,6 @@ HANDLES = {
     "entity",
     "fields",
     "in_transaction",
-    "parameters",
     "reading",
     "reading_engine",
     "session",
