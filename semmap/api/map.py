@@ -17,7 +17,6 @@ from semmap.api.map_export import MapExport
 from semmap.api.map_knowledge import MapKnowledge
 from semmap.api.map_manipulation import MapManipulation
 from semmap.api.map_observations import MapObservations
-from semmap.api.map_pictures import MapPictures
 from semmap.api.map_questions import aware
 from semmap.api.map_regions import MapRegions
 from semmap.api.spatial_fields import SpatialFields
@@ -40,7 +39,6 @@ class Map(
     MapDrawing,
     MapCollections,
     MapEvents,
-    MapPictures,
     MapExport,
     MapBeliefs,
     MapManipulation,
@@ -182,7 +180,7 @@ class Map(
         LookupError, ValueError
             As `identify`; nothing is stored.
         """
-        from semmap.belief.detections import observe_detections
+        from semmap.belief.identify import observe_detections
 
         def add(name: str, detected: Detection, point: tuple[float, float, float]) -> None:
             x, y, z = point

@@ -70,7 +70,7 @@ class MapBeliefs(MapQuestions):
             found = {n: BelievedPlaces(n, where(seen, n, moment, moves), moment) for n in names}
             if not occlusion:
                 return found
-            from semmap.belief.estimates import belief_with_occlusion
+            from semmap.belief.believed_places import belief_with_occlusion
 
             estimates = belief_with_occlusion(seen, names, moment)
         return found | {name: found[name].revised(of) for name, of in estimates.items()}

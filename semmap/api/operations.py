@@ -37,18 +37,6 @@ class Operation:
         return found.fget if isinstance(found, property) else found
 
     @property
-    def arguments(self) -> dict[str, inspect.Parameter]:
-        """The arguments of the method, without `self`."""
-        parameters = inspect.signature(self.function).parameters
-        return {name: one for name, one in parameters.items() if name != "self"}
-
-    @property
-    def result(self) -> str:
-        """The annotation of what the method returns."""
-        returned = inspect.signature(self.function).return_annotation
-        return returned if isinstance(returned, str) else getattr(returned, "__name__", "None")
-
-    @property
     def summary(self) -> str:
         """The first line of the method's docstring."""
         return (inspect.getdoc(self.function) or "").partition("\n")[0]

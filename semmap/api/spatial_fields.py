@@ -239,7 +239,7 @@ class SpatialFields:
         save_every : seconds between saves of the voxels, from which later calls start; the service
             has its own
         """
-        from semmap.api.field_events import watch_map, watch_service
+        from semmap.api.live_events import watch_map, watch_service
 
         found = watch_service(self._address.find(self.voxel_size), seconds, callback, self._note)
         if found is not None:

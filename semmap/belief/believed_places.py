@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
 from typing import Any
 
+from semmap.belief.occlusion import infer_with_occlusion
+from semmap.belief.reader import read_columns, read_model
 from semmap.found_rows import html_table
+from semmap.query.snapshot import Snapshot
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,3 +63,21 @@ class BelievedPlaces(Mapping[str, float]):
 
     def _repr_html_(self) -> str:
         return html_table(self.rows)
+
+
+def belief_with_occlusion(
+    seen: Snapshot, names: Sequence[str], at: datetime | None = None
+) -> dict[str, dict[str, float]]:
+    """Return the belief of each object, if the larger ones among them may hide the smaller ones.
+
+    They have not moved since the first observation after the map was told where they are.
+    `BeliefError` if a volume is unknown, or too many objects and places depend on each other.
+    """
+    columns, model = read_columns(seen, names, at), read_model(seen)
+    probability = infer_with_occlusion(
+        columns.prior, columns.observations, columns.mobility, columns.known_volume(), model=model
+    )
+    return {
+        name: dict(zip(columns.places, row, strict=True))
+        for name, row in zip(columns.objects, probability.tolist(), strict=True)
+    }

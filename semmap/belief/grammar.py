@@ -9,18 +9,16 @@ from semmap.belief.error import BeliefError
 
 FORMATS = ("gbnf", "jsgf")
 
-RULES: dict[str, tuple[str, ...]] = {
-    "command": (
-        "where is {the} <thing>",
-        "find {the} <thing>",
-        "bring {the} <thing> to {the} <place>",
-        "go to {the} <place>",
-        "{the} <thing> is {relation} {the} <place>",
-        "{the} <thing> is a <type>",
-        "a <type> is a <type>",
-        "<action>",
-    ),
-}
+SENTENCES = (
+    "where is {the} <thing>",
+    "find {the} <thing>",
+    "bring {the} <thing> to {the} <place>",
+    "go to {the} <place>",
+    "{the} <thing> is {relation} {the} <place>",
+    "{the} <thing> is a <type>",
+    "a <type> is a <type>",
+    "<action>",
+)
 """The sentences; ``<x>`` is a name, ``{the}`` an optional article, ``{relation}`` in or on."""
 
 LISTS = {"thing": "things", "place": "places", "type": "types", "action": "actions"}
@@ -48,7 +46,7 @@ def write_grammar(names: Mapping[str, Sequence[str]], format: str = "gbnf") -> s
     }
     sentences = [
         sentence
-        for sentence in RULES["command"]
+        for sentence in SENTENCES
         if all(words[rule] for rule in re.findall(r"<(\w+)>", sentence))
     ]
     if not sentences:

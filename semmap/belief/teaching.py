@@ -6,7 +6,8 @@ The parts are those of the thesis's teaching topic (appendix B.1), by its names 
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Mapping, Sequence
+from collections import deque
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
@@ -16,6 +17,7 @@ from semmap.belief.error import BeliefError
 from semmap.finite_number import is_finite_number
 from semmap.limits import TEXT_BYTES
 from semmap.snake_case import snake_case
+from semmap.suggestions import suggestion
 
 Row = dict[str, Any]
 
@@ -325,3 +327,46 @@ def _check_repeats(teaching: Teaching, where: str) -> None:
             raise BeliefError(
                 f"{where}: {taught.name} is a {types[taught.name]} and a {taught.type}: teach one"
             )
+
+
+def action_chain(
+    actions: Sequence[KnownAction],
+    goal: str,
+    is_a: Callable[[str, str], bool],
+    given: Collection[str] = (),
+) -> list[KnownAction]:
+    """Return the shortest chain of actions that brings about a goal, the first action first.
+
+    An action does so if its effect is a kind of the goal, or the goal a kind of its effect. `is_a`
+    says whether the first name is the second one or a kind of it. A cause that no action brings
+    about, or that is `given`, ends the chain. `BeliefError` if there is no chain.
+
+    Examples
+    --------
+    >>> fetch = KnownAction("grasp", "object_found", "object_held")
+    >>> bring = KnownAction("bring", "object_held", "object_delivered")
+    >>> chain = action_chain([bring, fetch], "object_delivered", str.__eq__)
+    >>> [action.name for action in chain]
+    ['grasp', 'bring']
+    """
+
+    def achieving(name: str) -> list[KnownAction]:
+        return [a for a in actions if is_a(a.effect, name) or is_a(name, a.effect)]
+
+    if any(is_a(fact, goal) for fact in given):
+        return []
+    if not achieving(goal):
+        effects = [action.effect for action in actions]
+        raise BeliefError(f"no action brings about {goal}{suggestion(goal, effects, 'teach one')}")
+    found: deque[tuple[str, list[KnownAction]]] = deque([(goal, [])])
+    visited = {goal}
+    while found:
+        name, chain = found.popleft()
+        before = achieving(name)
+        if chain and (not before or any(is_a(fact, name) for fact in given)):
+            return chain
+        for action in before:
+            if action.cause not in visited:
+                visited.add(action.cause)
+                found.append((action.cause, [action, *chain]))
+    raise BeliefError(f"each chain of actions that brings about {goal} needs itself")

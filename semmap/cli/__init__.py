@@ -11,7 +11,7 @@ from semmap.lazy_names import load_on_use
 
 if TYPE_CHECKING:
     from semmap.cli.application import app, main, print_summary
-    from semmap.cli.chosen import chosen_map, chosen_url, engine, open_database
+    from semmap.cli.chosen import chosen_map, chosen_url, open_database
     from semmap.cli.options import Json, MapName
     from semmap.cli.output import err, out, print_json, show_rows, show_table
 
@@ -21,7 +21,6 @@ __all__ = [
     "app",
     "chosen_map",
     "chosen_url",
-    "engine",
     "err",
     "main",
     "open_database",
@@ -34,7 +33,7 @@ __all__ = [
 
 _HOMES = {
     "application": ("app", "main", "print_summary"),
-    "chosen": ("chosen_map", "chosen_url", "engine", "open_database"),
+    "chosen": ("chosen_map", "chosen_url", "open_database"),
     "options": ("Json", "MapName"),
     "output": ("err", "out", "print_json", "show_rows", "show_table"),
 }

@@ -35,7 +35,6 @@ def _print_version(wanted: bool) -> None:
 
 
 def _main(
-    context: typer.Context,
     db: str | None = Option(
         None, envvar="SEMMAP_DB", help="Database URL; by default the embedded one."
     ),
@@ -43,7 +42,7 @@ def _main(
         False, "--version", callback=_print_version, is_eager=True, help="Print it and end."
     ),
 ) -> None:
-    CliOptions.url, CliOptions.context = db, context
+    CliOptions.url = db
     guard_streams()
 
 

@@ -4,25 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import typer
 
 if TYPE_CHECKING:
-    import psycopg
-    from sqlalchemy import Engine
-
     from semmap.api.database import Database
     from semmap.api.map import Map
-
-    Session = psycopg.Connection[Any]
 
 
 class CliOptions:
     """What the options before the command say."""
 
     url: str | None = None
-    context: typer.Context | None = None
 
 
 def chosen_url() -> str | None:
@@ -37,20 +31,6 @@ def open_database(*, migrate: bool = False) -> Iterator[Database]:
 
     with connect(CliOptions.url, migrate=migrate) as chosen:
         yield chosen
-
-
-def engine(*, migrate: bool = False) -> Engine:
-    """An engine on the database that the user chose; closed when the command ends.
-
-    `migrate` makes the schema or brings it to the newest revision; without it, a database that
-    lacks it is refused with the command that helps.
-    """
-    from semmap.database.engine import open_engine
-
-    chosen = open_engine(CliOptions.url, migrate=migrate, check=not migrate)
-    if CliOptions.context is not None:
-        CliOptions.context.call_on_close(chosen.dispose)
-    return chosen
 
 
 @contextmanager

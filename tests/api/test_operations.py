@@ -65,9 +65,10 @@ def test_an_operation_is_described(operation: Operation) -> None:
     function = operation.function
     assert operation.summary.endswith((".", ":"))
     if not isinstance(function, property):
-        for name, one in operation.arguments.items():
-            assert one.annotation is not inspect.Parameter.empty, name
-        assert operation.result
+        signature = inspect.signature(function)
+        for name, one in signature.parameters.items():
+            assert name == "self" or one.annotation is not inspect.Parameter.empty, name
+        assert signature.return_annotation is not inspect.Signature.empty
 
 
 @pytest.mark.parametrize("owner", [semmap.Map, semmap.Database], ids=lambda each: each.__name__)

@@ -10,8 +10,8 @@ import pytest
 
 import semmap as library
 from semmap import Map
+from semmap.belief.believed_places import belief_with_occlusion
 from semmap.belief.error import BeliefError
-from semmap.belief.estimates import belief_with_occlusion
 from semmap.belief.problog_program import problog_program
 from semmap.belief.reader import read_columns, read_model
 from semmap.belief.store.beliefs import add_observations, read_belief

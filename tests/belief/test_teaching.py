@@ -10,11 +10,10 @@ from typing import Any
 import pytest
 
 from semmap import Map
-from semmap.belief.action_chains import action_chain
 from semmap.belief.error import BeliefError
 from semmap.belief.grammar import spoken, write_grammar
 from semmap.belief.store.teaching import vocabulary
-from semmap.belief.teaching import KnownAction, parse_teaching, read_teaching
+from semmap.belief.teaching import KnownAction, action_chain, parse_teaching, read_teaching
 from semmap.ingest.world import WorldError
 from tests.seen import seen_by
 

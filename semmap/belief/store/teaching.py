@@ -10,10 +10,16 @@ import psycopg
 from psycopg import errors, sql
 from psycopg.types.json import Jsonb
 
-from semmap.belief.action_chains import action_chain
 from semmap.belief.error import BeliefError
 from semmap.belief.store.beliefs import add_observations, refusal
-from semmap.belief.teaching import KnownAction, KnownRelation, TaughtObject, Teaching, is_a
+from semmap.belief.teaching import (
+    KnownAction,
+    KnownRelation,
+    TaughtObject,
+    Teaching,
+    action_chain,
+    is_a,
+)
 from semmap.ingest.ontology.tbox import KINDS
 from semmap.query.snapshot import Snapshot
 from semmap.snake_case import snake_case
