@@ -152,9 +152,7 @@ def ls(
     within: float | None = Option(None, help="Metres from --near."),
     box: str | None = Option(None, help="X0,Y0,Z0,X1,Y1,Z1 in the map's frame."),
     incomplete: bool = Option(False, help="Only what lacks a part."),
-    guessed: bool = Option(
-        False, help="Only those whose type is guessed from a name, to correct it."
-    ),
+    guessed: bool = Option(False, help="Only those whose type is guessed from a name."),
     json_: Json = False,
 ) -> None:
     """List entities: of a type, with properties, in a room or box, near a point."""
@@ -211,9 +209,7 @@ def show(
 def check(
     map_name: MapName = None,
     fix: bool = Option(False, "--fix", help="Show what repairs each finding."),
-    yes: bool = Option(
-        False, "--yes", help="With --fix: derive again what is stale; nothing moves."
-    ),
+    yes: bool = Option(False, "--yes", help="With --fix: derive what is stale; nothing moves."),
     json_: Json = False,
 ) -> None:
     """Judge a map: physics, rooms, doors, inventory; exit code 1 if there are errors."""

@@ -301,12 +301,8 @@ def start_source(
     ),
     kind: str | None = Option(None, "--source", help="The installed source; by default NAME."),
     rate: float = Option(20.0, help="The most updates per second."),
-    timeout: float = Option(
-        30.0, help="Seconds without a percept until it is unknown; 0 for never."
-    ),
-    options: list[str] | None = Option(
-        None, "--option", help="KEY=VALUE of the source. Repeatable."
-    ),
+    timeout: float = Option(30.0, help="Seconds without a percept until it is unknown; 0: never."),
+    options: list[str] | None = Option(None, "--option", help="KEY=VALUE of it. Repeatable."),
     map_name: cli.MapName = None,
 ) -> None:
     """Start a source in the running service."""

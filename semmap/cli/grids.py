@@ -47,13 +47,9 @@ def grid_command(
     interval: str = Option(
         "0.05,1.8", metavar="LOW,HIGH", help="Lowest and highest end above the floor, metres."
     ),
-    increment: float | None = Option(
-        None, help="Cut by planes so many metres apart; by default exact."
-    ),
+    increment: float | None = Option(None, help="Cut by planes so many metres apart; else exact."),
     resolution: float = Option(0.05, help="Side of a cell, metres."),
-    free_outside: bool = Option(
-        False, "--free-outside", help="Free, not unknown, outside of rooms."
-    ),
+    free_outside: bool = Option(False, "--free-outside", help="Free, not unknown, outside rooms."),
     policy: PolicyFile = None,
     max_step: MaxStep = 0.02,
     max_slope: MaxSlope = 6.0,
@@ -108,14 +104,12 @@ def _show_grids(grids: Sequence[StoreyGrid], written: Sequence[dict[str, Any]]) 
 
 def costmap_command(
     robot: Urdf,
-    folder: Path | None = Option(
-        None, "--output", "-o", help="Folder for maps, parameters, pictures."
-    ),
+    folder: Path | None = Option(None, "--output", "-o", help="Folder for maps and pictures."),
     state: State = None,
     parts: Parts = None,
     policy: PolicyFile = None,
     static_map: Path | None = Option(
-        None, help="A map.yaml, such as one from SLAM, as a further layer."
+        None, help="A map.yaml, as one from SLAM, as a further layer."
     ),
     map_name: cli.MapName = None,
     storey: Storey = None,
@@ -126,9 +120,7 @@ def costmap_command(
     cost_scaling_factor: float = Option(3.0, help="1/metre, as in costmap_2d."),
     max_step: MaxStep = 0.02,
     max_slope: MaxSlope = 6.0,
-    laser_height: float = Option(
-        0.25, help="Height of the localisation map above the floor, metres."
-    ),
+    laser_height: float = Option(0.25, help="Of the localisation map above the floor, metres."),
     at: Moment = None,
     field: FieldNames = None,
     no_fields: NoFields = False,

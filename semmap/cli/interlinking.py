@@ -47,11 +47,9 @@ def link(
     labels: Path | None = Option(
         None, help="CSV of LEFT,RIGHT,yes|no, or an alignment; --ask adds to a CSV file."
     ),
-    ask: bool = Option(
-        False, "--ask", help="Ask for the labels that tell most; y, n, or q to end."
-    ),
+    ask: bool = Option(False, "--ask", help="Ask for the labels that tell most: y, n; q ends."),
     questions: int = Option(QUESTIONS, min=1, help="The most questions."),
-    turtle: Path | None = Option(None, help="Write the links as owl:sameAs to this file."),
+    turtle: Path | None = Option(None, help="Write the links as owl:sameAs to it."),
     reference: Path | None = Option(
         None, help="All true links (CSV or alignment): show precision, recall."
     ),

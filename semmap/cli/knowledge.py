@@ -170,7 +170,7 @@ def push(
         None, help="RELATION=PROPERTY, such as sees=looksAt; all others are pulled."
     ),
     perspectives: bool = Option(
-        False, "--perspectives", help="Put what an agent sees into its model."
+        False, "--perspectives", help="Put what agents see into their models."
     ),
     seconds: float | None = Option(None, min=0.001, help="Stop after this time; by default never."),
     map_name: cli.MapName = None,
@@ -195,9 +195,7 @@ def push(
 def serve(
     host: str = Option("127.0.0.1", help="The address to listen on."),
     port: int = Option(8890, min=0, max=65535),
-    tokens: Path | None = Option(
-        None, help="A file with a token and its database role in each line."
-    ),
+    tokens: Path | None = Option(None, help="A file: a token and its database role a line."),
     seconds: float = Option(60, min=0.001, help="Stop a query after this time."),
     rows: int = Option(1_000_000, min=1, help="The most rows of an answer."),
     map_name: cli.MapName = None,
@@ -217,9 +215,7 @@ def serve(
 @knowledge.command("reason")
 def reason_(
     complete: bool = Option(False, "--complete", help="Read all facts again, whatever changed."),
-    watch: bool = Option(
-        False, "--watch", help="Follow the map, and infer after each change of it."
-    ),
+    watch: bool = Option(False, "--watch", help="Infer after each change of the map."),
     off: bool = Option(False, "--off", help="Remove all inferences."),
     seconds: float | None = Option(
         None, min=0.001, help="Stop after this time; --watch never stops."

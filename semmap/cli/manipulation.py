@@ -53,9 +53,7 @@ def grasp_command(
     ),
     gripper: Gripper = None,
     kind: str = Option("grasp", help="grasp, or stored: place, push, turn, open, put."),
-    stored: bool = Option(
-        False, "--stored", help="Only what is stored: generate and store nothing."
-    ),
+    stored: bool = Option(False, "--stored", help="Only what is stored: generate nothing."),
     unchecked: bool = Option(False, "--unchecked", help="Also grasps that touch what is around."),
     robot: Robot = None,
     base: Base = None,
@@ -96,9 +94,7 @@ def place_command(
     towards: str | None = Option(None, metavar="X,Y", help="Spots near this point first; metres."),
     robot: Robot = None,
     base: Base = None,
-    plan: bool = Option(
-        False, "--plan", help="Plan the arm's motion, with the object in the gripper."
-    ),
+    plan: bool = Option(False, "--plan", help="Plan the arm's motion with the object."),
     state: State = None,
     limit: Limit = 10,
     map_name: cli.MapName = None,
@@ -128,9 +124,7 @@ def push_command(
     distance: float = Option(0.1, help="How far it is pushed; metres."),
     robot: Robot = None,
     base: Base = None,
-    plan: bool = Option(
-        False, "--plan", help="Plan the arm's motion to the first push, and along it."
-    ),
+    plan: bool = Option(False, "--plan", help="Plan the arm's motion to and along the first push."),
     state: State = None,
     limit: Limit = 10,
     map_name: cli.MapName = None,

@@ -116,16 +116,12 @@ def search_command(
     robot_class: options.RobotName = None,
     simulate: bool = Option(False, "--simulate", help="Let a simulated robot search."),
     put: options.Put = None,
-    wrong: float = Option(
-        3600.0, help="Seconds that a wrong answer costs; with more, it looks longer."
-    ),
+    wrong: float = Option(3600.0, help="What a wrong answer costs, seconds; more: longer looks."),
     hit: float = Option(0.9, help="P(seen | the object is in view)."),
     false_alarm: float = Option(0.02, help="P(seen | it is not there)."),
     look: float = Option(3.0, help="Seconds of a look."),
     camera_height: float = Option(1.2, help="Of the camera, metres."),
-    range_: float = Option(
-        3.5, "--range", help="Metres within which the robot recognises objects."
-    ),
+    range_: float = Option(3.5, "--range", help="Metres within which it recognises objects."),
     trials: int = Option(0, help="Compare so many random searches with other strategies."),
     pomdp: Path | None = Option(None, help="Write the search as a .pomdp file for other solvers."),
     speed: options.Speed = 20.0,

@@ -20,9 +20,7 @@ if TYPE_CHECKING:
 
 def plan_command(
     goal: str = Argument(help="on(muffin, desk1) and in(robot, kitchen), ..."),
-    start: str | None = Option(
-        None, "--from", help="Room in which the robot starts; by default its room."
-    ),
+    start: str | None = Option(None, "--from", help="Room where it starts; by default its own."),
     map_name: cli.MapName = None,
     robot: str | None = Option(None, help="Class of robots (semmap robot)."),
     domain_file: DomainFile = None,

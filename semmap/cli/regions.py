@@ -56,14 +56,10 @@ def find(
 @regions.command()
 def draw(
     name: str,
-    polygon: str | None = Option(
-        None, help='Corners "x,y x,y x,y ..." in the map\'s frame, metres.'
-    ),
+    polygon: str | None = Option(None, help='Corners "x,y x,y x,y ..." in the map, metres.'),
     box: str | None = Option(None, help="X0,Y0,Z0,X1,Y1,Z1 in the map's frame."),
     type_: str = Option("region", "--type", help="Such as blocked_region."),
-    holder: str | None = Option(
-        None, help="Room or object that holds it, and with which it moves."
-    ),
+    holder: str | None = Option(None, help="Room or object that holds it and moves it."),
     where: list[str] | None = Option(None, "--property", help="KEY=VALUE; repeatable."),
     since: datetime | None = Option(None, help="It is valid from then on."),
     until: datetime | None = Option(None, help="It is valid until then."),

@@ -32,7 +32,7 @@ def add(
     heights: str = Option("0.0,1.6", help="Height of objects that it takes: MIN,MAX metres."),
     capacity: int = Option(1, help="Number of objects that it carries at once."),
     behaviour: list[str] | None = Option(
-        None, help="A behaviour that it has; repeatable. By default all."
+        None, help="A behaviour that it has; repeatable; else all."
     ),
     permission: list[str] | None = Option(None, help="A permission that it has; repeatable."),
     opens: bool = Option(True, help="It opens closed doors."),

@@ -28,11 +28,9 @@ def route_command(
         metavar="TO", help="As FROM, or a type or label: kitchen; a region: home."
     ),
     map_name: cli.MapName = None,
-    robot: str | None = Option(
-        None, help="Class of robots (semmap robot) with costmaps and times."
-    ),
+    robot: str | None = Option(None, help="Class of robots (semmap robot), with costmaps."),
     avoid: list[str] | None = Option(
-        None, help="Avoid this place, door, region or type; repeatable."
+        None, help="Avoid this place, door, region, type; repeatable."
     ),
     at: datetime | None = Option(None, help="Moment for rules that have hours; by default now."),
     rules: Path | None = Option(None, help="YAML file: what places, doors and regions cost."),
@@ -40,9 +38,7 @@ def route_command(
     locked: bool = Option(False, "--locked", help="The robot unlocks doors."),
     closed: bool = Option(True, help="The robot opens closed doors."),
     outside: bool = Option(False, "--outside", help="The robot may leave the building."),
-    drawn: bool = Option(
-        False, "--graph", help="On the drawn graph: imported Nav2 edges or Open-RMF lanes."
-    ),
+    drawn: bool = Option(False, "--graph", help="On imported Nav2 edges or Open-RMF lanes."),
     assume_sizes: AssumeSizes = False,
     rooms: bool = Option(False, "--rooms", help="Print only the rooms on the route, with commas."),
     json_: cli.Json = False,

@@ -15,9 +15,7 @@ from semmap.cli.options import Storey
 
 
 def topology_command(
-    file: Path | None = Option(
-        None, "--output", "-o", help="File; by default DOT and JSON are printed."
-    ),
+    file: Path | None = Option(None, "--output", "-o", help="File; else DOT and JSON are printed."),
     format_: TopologyFormat | None = Option(
         None, "--format", help="By default the format of the file's ending, or dot."
     ),
