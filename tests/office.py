@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from planner.robot_class import RobotClass
-from semmap.cli.demo.demo_robot import DemoRobot
+from semmap.cli.demo.costmaps import DemoRobot
 
 OFFICE = Path(__file__).parents[1] / "examples" / "office"
 

@@ -21,7 +21,7 @@ from semmap.fields.service.client import ServiceAddress
 if TYPE_CHECKING:
     import threading
 
-    from semmap.api.space_answer import SpaceAnswer
+    from semmap.api.spatial_fields import SpaceAnswer
 
 fields = typer.Typer(no_args_is_help=True, help="What space contains, voxel by voxel.")
 source = typer.Typer(no_args_is_help=True, help="Sources of the running service.")

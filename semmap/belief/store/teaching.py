@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
 from typing import Any
 
 import psycopg
@@ -89,29 +88,22 @@ def vocabulary(seen: Snapshot) -> dict[str, list[str]]:
     }
 
 
-@dataclass
 class _Lesson:
     """The names of a map while a teaching is stored: kinds and types of entities, types `known`."""
 
-    session: psycopg.Connection[Any]
-    kinds: dict[str, str] = field(default_factory=dict)
-    types: dict[str, str | None] = field(default_factory=dict)
-    known: set[str] = field(default_factory=set)
-    closure: set[tuple[str, str]] = field(default_factory=set)
-
-    def __post_init__(self) -> None:
-        rows = self.session.execute(
+    def __init__(self, session: psycopg.Connection[Any]) -> None:
+        self.session = session
+        rows = session.execute(
             "SELECT name, kind, type FROM entity WHERE map_id = current_map()"
         ).fetchall()
-        self.kinds = {name: kind for name, kind, _ in rows}
-        self.types = {name: type_ for name, _, type_ in rows}
+        self.kinds: dict[str, str] = {name: kind for name, kind, _ in rows}
+        self.types: dict[str, str | None] = {name: type_ for name, _, type_ in rows}
         self._read_types()
 
     def _read_types(self) -> None:
-        self.closure = set(self.session.execute("SELECT sub, super FROM type_closure").fetchall())
+        rows = self.session.execute("SELECT sub, super FROM type_closure").fetchall()
+        self.closure: set[tuple[str, str]] = set(rows)
         self.known = {sub for sub, _ in self.closure}
-
-    # -- names ----------------------------------------------------------------------------------
 
     def resolved(self, name: str) -> str:
         """The name of an entity or of a type, as the map writes it."""
@@ -127,23 +119,24 @@ class _Lesson:
         own = self.types.get(name) if name in self.kinds else name
         return name == other or (own, other) in self.closure
 
-    # -- parts of a teaching --------------------------------------------------------------------
-
     def store(self, teaching: Teaching) -> dict[str, int]:
         """Store the parts, those first on which others stand."""
         counts = {"types": self._add_types(teaching)}
         self._describe(teaching)
-        created = [self._add_object(taught) for taught in teaching.objects]
+        for taught in teaching.objects:
+            self._add_object(taught)
         sightings: list[dict[str, Any]] = []
         self._subsume([r for r in teaching.relations if is_a(r.relation)])
         for taught in teaching.objects:
-            self._classify(taught)
+            if taught.type is not None:
+                self._set_type(taught.name, self._type(taught.type, taught.name))
         for relation in teaching.relations:
             if not is_a(relation.relation):
                 sightings += self._relate(relation)
         counts["relations"] = len(teaching.relations)
-        counts["actions"] = self._add_actions(teaching.actions)
-        counts["objects"] = len(created)
+        counts["actions"] = len(teaching.actions)
+        self._add_actions(teaching.actions)
+        counts["objects"] = len(teaching.objects)
         if teaching.model:
             self._judge(teaching.model)
         for taught in teaching.objects:
@@ -161,16 +154,12 @@ class _Lesson:
     def _add_types(self, teaching: Teaching) -> int:
         """Concepts that are taught, and classes that relations or objects name."""
         names = [concept.name for concept in teaching.knowledge]
-        objects = {taught.name for taught in teaching.objects}
         for relation in teaching.relations:
             if is_a(relation.relation):
                 names += [relation.subject, relation.object]
         names += [taught.type for taught in teaching.objects if taught.type]
-        new = {
-            snake_case(name): name
-            for name in names
-            if name not in self.kinds and name not in objects
-        }
+        others = self.kinds.keys() | {taught.name for taught in teaching.objects}
+        new = {snake_case(name): name for name in names if name not in others}
         new = {name: label for name, label in new.items() if name not in self.known}
         if "" in new:
             raise BeliefError(f"{new['']} is not a name: give letters or digits")
@@ -196,7 +185,7 @@ class _Lesson:
                 (Jsonb(concept.properties), self.resolved(concept.name)),
             )
 
-    def _add_object(self, taught: TaughtObject) -> str:
+    def _add_object(self, taught: TaughtObject) -> None:
         kind = self.kinds.get(taught.name)
         if kind is None:
             self.session.execute(
@@ -213,7 +202,6 @@ class _Lesson:
                 "WHERE map_id = current_map() AND name = %s",
                 (Jsonb(taught.properties), taught.name),
             )
-        return taught.name
 
     def _check_size(self, taught: TaughtObject) -> None:
         row = self.session.execute(
@@ -229,8 +217,6 @@ class _Lesson:
                     f"{taught.name}: {key} is {given:g} {unit}, but its geometry in the map has at "
                     f"most {most:.3g} {unit}: correct one of them"
                 )
-
-    # -- classes --------------------------------------------------------------------------------
 
     def _subsume(self, relations: Sequence[KnownRelation]) -> None:
         """Subsumption of types, then the types of entities."""
@@ -284,10 +270,6 @@ class _Lesson:
             raise LookupError(f"{where}: there is no class {name}{hint}")
         return snake_case(name)
 
-    def _classify(self, taught: TaughtObject) -> None:
-        if taught.type is not None:
-            self._set_type(taught.name, self._type(taught.type, taught.name))
-
     def _set_type(self, name: str, wanted: str) -> None:
         """Refine the type of an entity; a type that was guessed from its name gives way."""
         now, kind = self.types[name], self.kinds[name]
@@ -314,8 +296,6 @@ class _Lesson:
         )
         self.types[name] = wanted
 
-    # -- other relations, actions, occurrences --------------------------------------------------
-
     def _relate(self, relation: KnownRelation) -> list[dict[str, Any]]:
         """Store a relation; return the sighting that it is, if it says where something is."""
         subject, other = self.resolved(relation.subject), self.resolved(relation.object)
@@ -337,7 +317,7 @@ class _Lesson:
             )
         return []
 
-    def _add_actions(self, actions: Sequence[KnownAction]) -> int:
+    def _add_actions(self, actions: Sequence[KnownAction]) -> None:
         for action in actions:
             states = {"cause": action.cause, "effect": action.effect}
             for role, state in states.items():
@@ -354,7 +334,6 @@ class _Lesson:
                 "VALUES (current_map(), %s, %s, %s) ON CONFLICT DO NOTHING",
                 (action.name, states["cause"], states["effect"]),
             )
-        return len(actions)
 
     def _judge(self, model: dict[str, float]) -> None:
         columns = [sql.Identifier(key) for key in model]

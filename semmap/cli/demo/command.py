@@ -24,7 +24,7 @@ def demo_command(
 ) -> None:
     """Import a world, query it, write its grids, find a route, drive a task, and draw it all."""
     from semmap import cli
-    from semmap.cli.demo.demo_robot import DemoRobot
+    from semmap.cli.demo.costmaps import DemoRobot
     from semmap.cli.demo.run import run_demo
 
     run_demo(

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -14,17 +15,57 @@ from navgrid.grid import scene_grid
 from navgrid.inflation import INSCRIBED, UNKNOWN
 from navgrid.map_file import folder_of
 from navgrid.nav2 import write_nav2
+from planner.robot_class import RobotClass
+from semmap.api.driving_posture import driving_posture
 from semmap.api.map import Map
-from semmap.cli.demo.demo_robot import DemoRobot
 from semmap.cli.demo.figures import blocked_region, passage, robot_figures
 from semmap.cli.demo.passage_search import find_passage
 from semmap.draw.view import RoomView, StoreyView
 from semmap.geometry.mesh import Mesh
 from semmap.query.snapshot import Snapshot
 from semmap.query.storey_reader import read_scene
+from semmap.robot import LinkGroup, Part, load_robot, robot_parts
+from semmap.robot.urdf import Robot
 
 MOST = 4
 """Number of rooms in which a passage for Figure 9 is searched."""
+
+
+@dataclass(frozen=True)
+class DemoRobot:
+    """A robot in a joint state: JSON, a file or an SRDF state; `groups` of its links, YAML; m/s."""
+
+    urdf: Path
+    state: str | None = None
+    groups: Path | None = None
+    speed: float = 0.8
+
+    @cached_property
+    def _loaded(self) -> tuple[Robot, Mapping[str, float]]:
+        chosen = driving_posture(None, self.urdf, self.state, self.groups)
+        return load_robot(self.urdf), chosen.joints
+
+    @cached_property
+    def parts(self) -> list[Part]:
+        """Its parts (Deeken et al., section 4.3)."""
+        robot, state = self._loaded
+        return robot_parts(robot, state, self.groups)
+
+    @cached_property
+    def whole(self) -> Part:
+        """All of it as one part."""
+        robot, state = self._loaded
+        return robot_parts(robot, state, [LinkGroup("robot", robot.links)])[0]
+
+    @cached_property
+    def meshes(self) -> Mapping[str, Mesh]:
+        """The meshes of its links in this state."""
+        robot, state = self._loaded
+        return robot.link_meshes(state)
+
+    def robot_class(self, name: str) -> RobotClass:
+        """Robots of its shape."""
+        return RobotClass(name, tuple(self.parts), speed=self.speed)
 
 
 def robot_demo(

@@ -22,13 +22,11 @@ from planner.topology import OUTSIDE, Topology
 from semmap import cli
 from semmap.api.database import Database
 from semmap.api.map import Map
-from semmap.cli.demo.costmaps import robot_demo
-from semmap.cli.demo.demo_robot import DemoRobot
+from semmap.cli.demo.costmaps import DemoRobot, robot_demo
 from semmap.cli.demo.fields import field_demo
 from semmap.cli.demo.reader import DemoChoices, choose, figure_3, read_choices
-from semmap.cli.demo.search import search_demo
 from semmap.cli.demo.sparql import ask_in_sparql
-from semmap.cli.demo.task import task_demo
+from semmap.cli.demo.task import search_demo, task_demo
 from semmap.draw.floor_plan import floor_plan
 from semmap.draw.scene3d import scene3d
 from semmap.draw.view import StoreyView, storey_view

@@ -1,8 +1,8 @@
-"""The task of Figure 4 (Deeken et al.), planned, and carried out by a simulated robot."""
+"""The task of Figure 4 (Deeken et al.), carried out by a simulated robot, and a search."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing
 from pathlib import Path
 from typing import Any
@@ -14,13 +14,19 @@ from planner.mission.store.map_connection import MissionError
 from planner.mission.store.missions import MissionStore
 from planner.mission.store.simulation_map import simulation_map
 from planner.plan import Plan
+from planner.readers.entity_lookup import find_entities
 from planner.readers.robot_class import store_robot_class
 from planner.robot_class import RobotClass
+from planner.search.picture import search_picture
 from planner.task_planner import TaskPlanner
 from planner.topology import OUTSIDE, Topology
 from semmap.api.map import Map
 from semmap.cli.demo.reader import DemoChoices
+from semmap.draw.view import StoreyView
 from semmap.query.map_handle import MapHandle
+
+NAMED = 8
+"""Number of viewpoints of a search that the demo names."""
 
 TIMES = 60.0
 """How much faster than real the robot's clock runs."""
@@ -123,3 +129,36 @@ def _drive(
     reason = f": {result.reason}" if result.reason else ""
     say(f"   {result.state}: {len(steps)} steps by a simulated robot{reason}")
     return result
+
+
+def search_demo(
+    house: Map,
+    choices: DemoChoices,
+    storeys: Sequence[StoreyView],
+    folder: Path,
+    say: Callable[..., Any],
+) -> list[Path]:
+    """Say where to look for the chosen object first and why (O'Neill, section 4.4.2); draw it."""
+    places = house.topology().places.items()
+    rooms = [name for name, place in places if name != OUTSIDE and place.elevator is None]
+    if choices.type is None or not rooms:
+        say("   none: the map has no small object on a table, or no room")
+        return []
+    start = choices.start if choices.start in rooms else rooms[0]
+    with house.snapshot() as seen:
+        name = find_entities(seen, choices.type)[0].name
+    try:
+        found = house.search(name, start=start)
+    except ValueError as error:
+        say(f"   none: {error}")
+        return []
+    say(f"   {found.reason}")
+    tour = list({view.name: view for view in found.tour}.values())
+    names = ", ".join(v.name for v in tour[:NAMED])
+    more = f" and {len(tour) - NAMED} more" if len(tour) > NAMED else ""
+    say(f"   until it is seen: {names or 'no look'}{more}")
+    picture, title = folder / "search.png", f"{house.name}: where to look for {name}, from {start}"
+    for storey in storeys:
+        if {v.room for v in tour[:1]} & {room.name for room in storey.rooms}:
+            return [search_picture(storey, found.problem, found.decision, picture, title=title)]
+    return []
