@@ -232,7 +232,6 @@ class Database(DatabaseManipulation, DatabaseInterlinking):
         path : SDF, Open-RMF ``building.yaml``, GeoJSON, GeoPackage, a mesh or a point cloud
         map : made where it is not there; by default the file's own name
         geometry : of SDF models
-        mesh_as : what a mesh file is
         strict : take nothing if anything is left out
         source : the name under which a repeated import finds its entities; by default the file's
         model_path : folders of SDF models, searched first

@@ -26,7 +26,6 @@ class LiveEvents(Generic[Item]):
     ----------
     count : how much is true already, which is no event
     events : ends when `close` was called
-    close : called once
     seconds : close after this time; by default never
     callback : gets the events, in a thread of this; a loop then has nothing
     """

@@ -63,7 +63,6 @@ class MapManipulation(MapQuestions):
             the pose of the agent of its name
         plan : plan the motion of the arm to the first grasp that it can do, and back
         state : positions of its joints before the motion, radians or metres; others are at rest
-        limit : the most rows
 
         Raises
         ------
@@ -236,8 +235,6 @@ class MapManipulation(MapQuestions):
         action : the `action_id` of a row of `grasps`, `places` or `pushes`
         outcome : completed or error
         instead_of : the action that failed before and is replaced by this one
-        robot : the agent that acted
-        message : why it failed
         simulated : the outcome counts less
 
         Raises
@@ -281,9 +278,7 @@ class MapManipulation(MapQuestions):
         Parameters
         ----------
         on : try places of the object on this one; by default its grasps are tried
-        push : try pushes
         gripper : a stored one; by default the preferred one
-        tries : the most attempts
         mass : kilograms; by default the object's property, else by its volume
         friction : between the pads and the object
         attempt : does a grasp on a robot and returns its outcome, in place of the simulation

@@ -37,13 +37,11 @@ class MapObservations(MapQuestions):
         Parameters
         ----------
         name, place : of the object or agent, and of furniture, a room, ...
-        seen : whether it was seen there
         at : local without a time zone, by default now
         visible : the share of the place in view, in (0, 1]
         position : (x, y, z) in the frame of the place, metres
         inside : anywhere in the place, also on or in the furniture there; by default so for rooms,
             storeys and regions without a position
-        observer : the agent that looked
         hit, false_alarm : P(seen | there) and P(seen | not there) of the detector
 
         Raises
@@ -185,7 +183,6 @@ class MapObservations(MapQuestions):
         Parameters
         ----------
         goal : a taught state, or an entity or type
-        given : states that hold already
 
         Raises
         ------

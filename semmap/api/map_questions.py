@@ -86,14 +86,11 @@ class MapQuestions:
         type : a semantic type; its subtypes count
         in_ : name of an entity that holds them, or holds what holds them
         label : the property label of the entity or of its type, such as ``kitchen``
-        where : properties and their values
         near : a point (x, y, z) in the map's frame, metres, or the name of an entity: its origin
         within : metres from `near` to the entity's shape: to its triangles, not to its box. It is 0
             inside of a room, a region or a closed mesh. Without geometry: to its origin
         box : (x0, y0, z0, x1, y1, z1), metres: the entity's 3D box meets it
         name : the name, or a pattern in which ``*`` is any text and ``?`` any character
-        on : name of an entity on which they stand
-        limit : the most entities to return
 
         Raises
         ------

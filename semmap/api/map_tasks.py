@@ -123,7 +123,6 @@ class MapTasks(MapDriving):
         ----------
         goal, start : as for `plan`; no goal to resume a mission
         robot : a stored class; by default robots without shape
-        agent : the name of the robot in the map
         speed : how many times faster than real time
         fail, seed : what fails (``door3 locked``, ``Lift 1 broken``, ``pickup fails twice``), and
             the seed of chance

@@ -155,7 +155,6 @@ class SpatialFields:
 
         Parameters
         ----------
-        limit : the most rows
         output : file for the map of STORE (.vdb)
         keep : name under which the map of STORE is stored in the database
 
@@ -269,7 +268,6 @@ class SpatialFields:
         Parameters
         ----------
         folder : gets sets.vdb, sets.json and points.ply, or field.vdb, points.ply and legend.json
-        kept : the stored field
         version : of the stored field; by default the newest
 
         Raises

@@ -12,30 +12,33 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 from typer import Argument, Option
 
+from semmap.cli.chosen import CliOptions
+
 if TYPE_CHECKING:
     from sqlalchemy import URL, Engine
 
 app = typer.Typer(no_args_is_help=True, help="The database: start, stop, revisions, psql.")
 
+
+def _choose(url: str | None) -> str | None:
+    if url is not None:
+        CliOptions.url = url
+    return url
+
+
 # `semmap --db` and SEMMAP_DB come before the command; `semmap db COMMAND --db` works, too.
 Db = Annotated[
-    str | None, Option("--db", help="Database URL; by default SEMMAP_DB or the embedded one.")
+    str | None,
+    Option(callback=_choose, help="Database URL; by default SEMMAP_DB or the embedded one."),
 ]
 
 
-def _chosen(context: typer.Context, db: str | None) -> str | None:
-    if db is not None:
-        return db
-    root = context.find_root()
-    return root.params.get("db") if root is not context else None
-
-
 @contextmanager
-def _as_it_is(context: typer.Context, db: str | None) -> Iterator[Engine]:
+def _as_it_is() -> Iterator[Engine]:
     """The chosen database, its schema not brought up to date."""
     from semmap.database.engine import open_engine
 
-    engine = open_engine(_chosen(context, db), migrate=False)
+    engine = open_engine(CliOptions.url, migrate=False)
     try:
         yield engine
     finally:
@@ -67,13 +70,13 @@ def stop() -> None:
 
 
 @app.command()
-def status(context: typer.Context, db: Db = None) -> None:
+def status(db: Db = None) -> None:
     """Show which database is used, and the revision of its schema; starts nothing."""
     from semmap.database import revisions
     from semmap.database.embedded import Cluster
     from semmap.database.engine import database_url, open_engine
 
-    url = _chosen(context, db) or os.environ.get("SEMMAP_DB")
+    url = CliOptions.url or os.environ.get("SEMMAP_DB")
     if url is None:
         cluster = Cluster()
         folder = cluster.running() if cluster.exists else None
@@ -102,51 +105,48 @@ def status(context: typer.Context, db: Db = None) -> None:
 
 
 @app.command()
-def url(context: typer.Context, db: Db = None) -> None:
+def url(db: Db = None) -> None:
     """Print the database's URL, for psql, QGIS and other clients; the embedded one is started."""
     from semmap.database.engine import database_url
 
-    print(_libpq(database_url(_chosen(context, db))))
+    print(_libpq(database_url(CliOptions.url)))
 
 
 @app.command()
 def upgrade(
-    context: typer.Context,
     revision: str = Argument("head", help="A revision, or head."),
     db: Db = None,
 ) -> None:
     """Bring the schema up to a revision."""
     from semmap.database import migrate
 
-    with _as_it_is(context, db) as engine:
+    with _as_it_is() as engine:
         migrate.upgrade(engine, revision)
         print(f"schema at revision {migrate.current(engine)}")
 
 
 @app.command()
 def downgrade(
-    context: typer.Context,
     revision: str = Argument(help="A revision, -1, or base."),
     db: Db = None,
 ) -> None:
     """Take the schema down to a revision; no row is lost."""
     from semmap.database import migrate
 
-    with _as_it_is(context, db) as engine:
+    with _as_it_is() as engine:
         migrate.downgrade(engine, revision)
         print(f"schema at revision {migrate.current(engine) or 'none'}")
 
 
 @app.command()
 def drop(
-    context: typer.Context,
     yes: bool = Option(False, "--yes", help="Don't ask."),
     db: Db = None,
 ) -> None:
     """Delete the schema with all maps in it."""
     from semmap.database import migrate
 
-    with _as_it_is(context, db) as engine:
+    with _as_it_is() as engine:
         if not yes:
             where = engine.url.render_as_string(hide_password=True)
             typer.confirm(f"Delete all maps in {where}?", abort=True)
@@ -165,7 +165,7 @@ def psql(context: typer.Context) -> None:
         raise DatabaseError(
             "psql is not installed. Debian, Ubuntu: apt-get install postgresql-client"
         )
-    engine = open_engine(_chosen(context, None), migrate=False)
+    engine = open_engine(CliOptions.url, migrate=False)
     chosen = engine.url
     engine.dispose()
     if chosen.password is not None:

@@ -148,5 +148,4 @@ def _passage_in(
         and "building_element" not in o.types
     ]
     view = replace(storey, rooms=[room], objects=objects)
-    drawn = passage(layered, single, found.start, found.goal, view, meshes, folder, pixels)
-    return [] if drawn is None else drawn.pictures
+    return passage(layered, single, found.start, found.goal, view, meshes, folder, pixels)

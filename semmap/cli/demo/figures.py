@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 
@@ -67,14 +67,6 @@ def blocked_region(costmap: Costmap, folder: Path) -> Path | None:
     )
 
 
-@dataclass(frozen=True, eq=False)
-class Passage:
-    """A way that only the layered costmap knows: its points (N, 2), metres, and the pictures."""
-
-    way: NDArray[np.float64]
-    pictures: list[Path]
-
-
 def passage(
     layered: Costmap,
     single: Costmap,
@@ -84,16 +76,16 @@ def passage(
     meshes: Mapping[str, Mesh],
     folder: Path,
     pixels: int = 1800,
-) -> Passage | None:
+) -> list[Path]:
     """Figure 9: the robot where its parts pass below and above what is in the way of the whole.
 
-    `single` is of the robot as one part of all its height. None where the layered costmap knows no
-    way from start to goal, or that one knows it as well. The robot is drawn in the middle of the
-    part of the way that the other costmap blocks.
+    `single` is of the robot as one part of all its height. No picture where the layered costmap
+    knows no way from start to goal, or that one knows it as well. The robot is drawn in the middle
+    of the part of the way that the other costmap blocks.
     """
     way = _way(layered, start, goal)
     if way is None or _way(single, start, goal) is not None:
-        return None
+        return []
     points = _dense(way)
     costs = np.array([single.master[single.grid.cell(*point)] for point in points])
     blocked = np.flatnonzero(costs >= INSCRIBED)
@@ -140,7 +132,7 @@ def passage(
             width=pixels,
         )
     )
-    return Passage(way, pictures)
+    return pictures
 
 
 def _way(costmap: Costmap, start: Point, goal: Point) -> NDArray[np.float64] | None:
