@@ -71,18 +71,14 @@ def _found(urdf: Path, _changed: int, parts: Path | None) -> DrivingPosture:
         return DrivingPosture({}, "all joints at 0")
     far = f"{name} reaches {radius:.2f} m around the robot"
     try:
-        joints = _folded(urdf)
+        from semmap.manipulation.arm import Arm
+        from semmap.manipulation.carrying import carrying_posture
+        from semmap.manipulation.gripper import read_gripper
+
+        joints = carrying_posture(Arm(read_gripper(urdf)))
     except (Error, ImportError) as error:
         return DrivingPosture({}, f"all joints at 0, though the {far}; none was found ({error})")
     folded, *_ = reach(joints)
     if folded >= radius:
         return DrivingPosture({}, f"all joints at 0, though the {far}; none was found")
     return DrivingPosture(joints, f"found, as at 0 the {far}, in it {folded:.2f} m")
-
-
-def _folded(urdf: Path) -> dict[str, float]:
-    from semmap.manipulation.arm import Arm
-    from semmap.manipulation.carrying import carrying_posture
-    from semmap.manipulation.gripper import read_gripper
-
-    return carrying_posture(Arm(read_gripper(urdf)))

@@ -144,8 +144,7 @@ class MapManipulation(MapQuestions):
         _at_least_one(limit)
         with self.transaction():
             if robot is not None:
-                _own_gripper(robot, gripper)
-                acting = self._robot(robot, base, plan=plan, state=state, limit=limit)
+                acting = self._robot(robot, base, gripper, plan=plan, state=state, limit=limit)
                 return acting.places(name, on, towards)
             _for_robots_only(base=base, plan=plan, state=state)
             hand = gripper_or_urdf(self.connection, gripper)
@@ -186,8 +185,7 @@ class MapManipulation(MapQuestions):
         _at_least_one(limit)
         with self.transaction():
             if robot is not None:
-                _own_gripper(robot, gripper)
-                acting = self._robot(robot, base, plan=plan, state=state, limit=limit)
+                acting = self._robot(robot, base, gripper, plan=plan, state=state, limit=limit)
                 return acting.pushes(name, distance)
             _for_robots_only(base=base, plan=plan, state=state)
             hand = gripper_or_urdf(self.connection, gripper)
@@ -313,10 +311,16 @@ class MapManipulation(MapQuestions):
         return list_tasks(self.connection, limit)
 
     def _robot(
-        self, robot: str | Path, base: Sequence[float] | None, **options: Any
+        self,
+        robot: str | Path,
+        base: Sequence[float] | None,
+        gripper: str | Path | None = None,
+        **options: Any,
     ) -> RobotActions:
         from semmap.manipulation.robot_actions import RobotActions
 
+        if gripper is not None:
+            raise ValueError(f"{robot} has its own gripper: give one of robot and gripper")
         return RobotActions.of(self.connection, robot, base, **options)
 
 
@@ -329,8 +333,3 @@ def _for_robots_only(**given: Any) -> None:
     names = [name for name, value in given.items() if value not in (None, False)]
     if names:
         raise ValueError(f"{' and '.join(names)}: only for a robot: name one by robot=")
-
-
-def _own_gripper(robot: str | Path, gripper: str | Path | None) -> None:
-    if gripper is not None:
-        raise ValueError(f"{robot} has its own gripper: give one of robot and gripper")

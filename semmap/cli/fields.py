@@ -190,15 +190,11 @@ def export(
         print(json.dumps(done))
     else:
         what = f"{folder}: {done['voxels']} voxels of {done['voxel_size']:g} m"
-        more = f"{kept_name} version {done['version']}" if kept_name else _entities(done)
+        more = f"{kept_name} version {done['version']}"
+        if kept_name is None:
+            sets = f"{done['entities']} entities in {done['sets']} sets"
+            more = f"{sets}, {done['bytes_per_voxel']} bytes per voxel"
         cli.out.print(f"{what}, {more}")
-
-
-def _entities(done: dict[str, Any]) -> str:
-    return (
-        f"{done['entities']} entities in {done['sets']} sets, "
-        f"{done['bytes_per_voxel']} bytes per voxel"
-    )
 
 
 def _show_rows(answer: SpaceAnswer) -> None:

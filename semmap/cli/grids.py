@@ -15,21 +15,7 @@ import typer
 from typer import Option
 
 from semmap import cli
-from semmap.cli.options import (
-    AssumeSizes,
-    FieldNames,
-    FromVoxels,
-    MaxSlope,
-    MaxStep,
-    Moment,
-    NoFields,
-    Parts,
-    PolicyFile,
-    State,
-    Storey,
-    Urdf,
-    VoxelSize,
-)
+from semmap.cli import options
 from semmap.cli.output import print_folded
 from semmap.cli.texts import numbers
 
@@ -43,22 +29,22 @@ if TYPE_CHECKING:
 def grid_command(
     folder: Path = Option(..., "--output", "-o", help="Folder for the maps."),
     map_name: cli.MapName = None,
-    storey: Storey = None,
+    storey: options.Storey = None,
     interval: str = Option(
         "0.05,1.8", metavar="LOW,HIGH", help="Lowest and highest end above the floor, metres."
     ),
     increment: float | None = Option(None, help="Cut by planes so many metres apart; else exact."),
     resolution: float = Option(0.05, help="Side of a cell, metres."),
     free_outside: bool = Option(False, "--free-outside", help="Free, not unknown, outside rooms."),
-    policy: PolicyFile = None,
-    max_step: MaxStep = 0.02,
-    max_slope: MaxSlope = 6.0,
-    at: Moment = None,
-    field: FieldNames = None,
-    no_fields: NoFields = False,
-    from_voxels: FromVoxels = False,
-    voxel_size: VoxelSize = 0.05,
-    assume_sizes: AssumeSizes = False,
+    policy: options.PolicyFile = None,
+    max_step: options.MaxStep = 0.02,
+    max_slope: options.MaxSlope = 6.0,
+    at: options.Moment = None,
+    field: options.FieldNames = None,
+    no_fields: options.NoFields = False,
+    from_voxels: options.FromVoxels = False,
+    voxel_size: options.VoxelSize = 0.05,
+    assume_sizes: options.AssumeSizes = False,
     picture: bool = Option(True, help="Draw each grid as plan.png, too."),
     json_: cli.Json = False,
 ) -> None:
@@ -103,30 +89,30 @@ def _show_grids(grids: Sequence[StoreyGrid], written: Sequence[dict[str, Any]]) 
 
 
 def costmap_command(
-    robot: Urdf,
+    robot: options.Urdf,
     folder: Path | None = Option(None, "--output", "-o", help="Folder for maps and pictures."),
-    state: State = None,
-    parts: Parts = None,
-    policy: PolicyFile = None,
+    state: options.State = None,
+    parts: options.Parts = None,
+    policy: options.PolicyFile = None,
     static_map: Path | None = Option(
         None, help="A map.yaml, as one from SLAM, as a further layer."
     ),
     map_name: cli.MapName = None,
-    storey: Storey = None,
+    storey: options.Storey = None,
     rooms: str | None = Option(None, help="Only these rooms: bath,hall (semmap route --rooms)."),
     box: str | None = Option(None, help="Only X0,Y0,X1,Y1, metres."),
     resolution: float = Option(0.05, help="Side of a cell, metres."),
     inflation_radius: float = Option(0.55, help="Metres, as in costmap_2d."),
     cost_scaling_factor: float = Option(3.0, help="1/metre, as in costmap_2d."),
-    max_step: MaxStep = 0.02,
-    max_slope: MaxSlope = 6.0,
+    max_step: options.MaxStep = 0.02,
+    max_slope: options.MaxSlope = 6.0,
     laser_height: float = Option(0.25, help="Of the localisation map above the floor, metres."),
-    at: Moment = None,
-    field: FieldNames = None,
-    no_fields: NoFields = False,
-    from_voxels: FromVoxels = False,
-    voxel_size: VoxelSize = 0.05,
-    assume_sizes: AssumeSizes = False,
+    at: options.Moment = None,
+    field: options.FieldNames = None,
+    no_fields: options.NoFields = False,
+    from_voxels: options.FromVoxels = False,
+    voxel_size: options.VoxelSize = 0.05,
+    assume_sizes: options.AssumeSizes = False,
     headings: int = Option(0, help="Also write collisions by heading, for so many headings."),
     explain: str | None = Option(
         None, "--explain", "--why", metavar="X,Y", help="Show the causes of a place's cost."
@@ -165,9 +151,9 @@ def costmap_command(
         _show_explanation(costmaps, point[0], point[1], json_)
         return
     assert folder is not None
-    options: Any = {"laser_height": laser_height, "headings": headings, "picture": picture}
+    files: Any = {"laser_height": laser_height, "headings": headings, "picture": picture}
     written = [
-        made.write(folder_of(made.scene.storey, folder, len(costmaps)), **options)
+        made.write(folder_of(made.scene.storey, folder, len(costmaps)), **files)
         for made in costmaps
     ]
     if json_:

@@ -62,6 +62,8 @@ def link(
 
     semmap interlink people.rdf clients.csv --labels labels.csv --ask
     """
+    from semmap.api.database_interlinking import link_records
+    from semmap.interlinking.data_set_file import read_records
     from semmap.interlinking.link_file import read_labels, write_same_as
 
     if labels is None and not ask:
@@ -70,40 +72,24 @@ def link(
         raise typer.BadParameter("--ask adds to a CSV file; give --labels FILE.csv")
     known = read_labels(labels) if labels and (labels.exists() or not ask) else {}
     truth = {pair for pair, same in read_labels(reference).items() if same} if reference else None
-    bar = StageBars()
-    asked = {"ask": _asker(labels, bar) if ask else None, "questions": questions}
-    found = _linked(left, right, type_name, map_name, dry_run, known, bar, asked)
+    files = [_is_file(given) for given in (left, right)]
+    with StageBars() as bar:
+        asked: Any = {"ask": _asker(labels, bar) if ask else None, "questions": questions}
+        asked |= {"progress": bar.report}
+        if all(files) and dry_run:  # no database is needed
+            sets = [read_records(Path(given), type_name) for given in (left, right)]
+            found = link_records(sets[0], sets[1], known, **asked)
+        else:
+            with cli.open_database(migrate=all(files)) as db:
+                one, other = (
+                    Path(given) if is_file else _stored_set(db, given, map_name)
+                    for given, is_file in zip((left, right), files, strict=True)
+                )
+                asked |= {"type": type_name, "store": not dry_run}
+                found = db.interlink(one, other, known, **asked)
     if turtle is not None:
         write_same_as(turtle, found.left, found.right, found.links())
     _show(found, truth, json_)
-
-
-def _linked(
-    left: str,
-    right: str,
-    type_name: str | None,
-    map_name: str | None,
-    dry_run: bool,
-    known: dict[tuple[str, str], bool],
-    bar: StageBars,
-    asked: dict[str, Any],
-) -> Interlinking:
-    """The links; no database is opened for files without a link set to store."""
-    from semmap.api.database_interlinking import link_records
-    from semmap.interlinking.data_set_file import read_records
-
-    files = [_is_file(given) for given in (left, right)]
-    asked |= {"progress": bar.report}
-    with bar:
-        if all(files) and dry_run:
-            sets = [read_records(Path(given), type_name) for given in (left, right)]
-            return link_records(sets[0], sets[1], known, **asked)
-        with cli.open_database(migrate=all(files)) as db:
-            one, other = (
-                Path(given) if is_file else _stored_set(db, given, map_name)
-                for given, is_file in zip((left, right), files, strict=True)
-            )
-            return db.interlink(one, other, known, type=type_name, store=not dry_run, **asked)
 
 
 def _is_file(given: str) -> bool:

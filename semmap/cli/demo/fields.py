@@ -164,16 +164,9 @@ def _floor(
     point: NDArray[np.float64], objects: Sequence[VisibleObject], zones: Sequence[Zone]
 ) -> float:
     """Return the floor of the room around a point, or the lowest point of all objects."""
-    floors = [
-        z.low
-        for z in zones
-        if z.kind == "room" and z.low <= point[2] <= z.high and z.outline.covers(_flat(point))
-    ]
+    here, rooms = Point(point[:2]), [z for z in zones if z.kind == "room"]
+    floors = [z.low for z in rooms if z.low <= point[2] <= z.high and z.outline.covers(here)]
     return max(floors) if floors else min(float(o.triangles[:, :, 2].min()) for o in objects)
-
-
-def _flat(point: NDArray[np.float64]) -> Point:
-    return Point(point[0], point[1])
 
 
 def _distance(object: VisibleObject, point: NDArray[np.float64]) -> float:
