@@ -53,20 +53,16 @@ def sparql_command(
     if watch:
         _watch(text, map_name, seconds, json_)
     elif update:
-        _update(text, map_name, seconds, json_)
+        with cli.chosen_map(map_name) as chosen:
+            changes = chosen.update(text, seconds=seconds)
+        if json_:
+            cli.print_json({"added": changes.added, "removed": changes.removed})
+        else:
+            print(f"{changes.added} added, {changes.removed} removed")
     else:
         with cli.chosen_map(map_name) as chosen:
             answer = chosen.sparql(text, seconds=seconds, rows=rows, inferred=not told)
         _show(answer, explain, json_)
-
-
-def _update(text: str, map_name: str | None, seconds: float | None, json_: bool) -> None:
-    with cli.chosen_map(map_name) as chosen:
-        changes = chosen.update(text, seconds=seconds)
-    if json_:
-        cli.print_json({"added": changes.added, "removed": changes.removed})
-    else:
-        print(f"{changes.added} added, {changes.removed} removed")
 
 
 def _watch(text: str, map_name: str | None, seconds: float | None, json_: bool) -> None:

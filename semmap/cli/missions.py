@@ -234,18 +234,16 @@ def _say(text: str) -> None:
 def _show_event(event: MissionEvent) -> None:
     """Print an event of a runner as a line."""
     number = "" if event.number is None else f"{event.number:>4}"
+    message = f": {event.message}" if event.message else ""
     if event.kind == "planned":
-        cli.out.print(f"plan: {event.message}", style="dim")
-    elif event.kind == "ended":
-        message = f": {event.message}" if event.message else ""
-        cli.out.print(f"{number} {event.command}{message}")
-    elif event.kind == "failed" and event.command is not None:
-        cli.out.print(f"{number} {event.command}: {event.message}", style="yellow")
+        cli.out.print(f"plan{message}", style="dim")
     elif event.kind == "waits":
-        cli.out.print(f"{number} waits: {event.message}", style="dim")
+        cli.out.print(f"{number} waits{message}", style="dim")
     elif event.command is None:
-        message = f": {event.message}" if event.message else ""
         cli.out.print(f"{event.kind}{message}", style="bold")
+    elif event.kind in ("ended", "failed"):
+        style = "yellow" if event.kind == "failed" else None
+        cli.out.print(f"{number} {event.command}{message}", style=style)
 
 
 def _show_mission(ended: SimulatedMission, json_: bool) -> None:
