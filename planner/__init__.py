@@ -1,13 +1,5 @@
 """Topology, routes, tasks and missions over the semantic map.
 
-Components, from the bottom up:
-
-- `Topology`: the places of a building and the connectors that join them, as plain data.
-- `RoutingGraph`: the topology as a graph of travel times for one class of robots.
-- `RoutePlanner`: routes from and to places, objects, regions and poses.
-- `plan_task`: the actions that reach a goal such as ``on(muffin, desk1)``.
-- `LiveTopology`: a routing graph that follows the map in the database.
-
 Names are imported when they are used first, so that ``import planner`` is cheap.
 """
 

@@ -1,8 +1,4 @@
-"""Where a robot's base stands to reach an object, or inside a region (Deeken et al., section 5.2).
-
-To reach an object, the base needs a free pose that faces it, neither too near nor too far, with no
-wall between. Inside a region, any free pose will do, and it is drawn at random.
-"""
+"""Where a robot's base stands to reach an object or in a region (Deeken et al., section 5.2)."""
 
 from __future__ import annotations
 
@@ -37,18 +33,8 @@ class NoBasePoseError(NoRouteError):
 def poses_to_reach(ground: RoomGround | None, target: LocatedEntity, most: int = 12) -> list[Pose]:
     """Free base poses that face an object within reach, those with the lowest costs first.
 
-    There is at most one pose on each side of the object.
-
-    Parameters
-    ----------
-    ground
-        Of the room of the target; None if the map has no outline of it.
-    most
-        Return no more poses than this.
-
-    Raises
-    ------
-    NoBasePoseError
+    There is at most one pose on each side of the object. `ground` is that of its room; None if the
+    map has no outline of it. Raises NoBasePoseError.
     """
     if target.place is None:
         raise NoBasePoseError(f"no room holds {target.name}: it cannot be reached")
@@ -101,18 +87,8 @@ def poses_in(
     """Free poses drawn at random in a region: the turned footprint touches no obstacle.
 
     In a waypoint, a region that is only a point, the poses are at it or as near as the robot fits,
-    within `AT_POINT`; those with its own heading come first.
-
-    Parameters
-    ----------
-    ground
-        Of the room of the target; None if the map has no outline of it.
-    most
-        Return no more poses than this.
-
-    Raises
-    ------
-    NoBasePoseError
+    within `AT_POINT`; those with its own heading come first. `ground` is as for `poses_to_reach`.
+    Raises NoBasePoseError.
     """
     name, outline = target.name, target.footprint
     if outline is None and target.pose is not None:

@@ -1,8 +1,4 @@
-"""Rules about what places, connectors and regions cost, or that routes must avoid them.
-
-A rule selects by name, semantic type, properties and hours. `planner.penalties` applies rules to a
-routing graph.
-"""
+"""Rules about what places, connectors and regions cost, or that routes must avoid them."""
 
 from __future__ import annotations
 
@@ -28,14 +24,12 @@ class CostRulesError(Error, ValueError):
 
 @dataclass(frozen=True)
 class CostRule:
-    """Seconds that using the selected entities costs.
+    """Seconds that using the selected entities costs; infinity forbids them.
 
     Attributes
     ----------
-    seconds
-        Infinity forbids them.
     kind
-        Selects entities of this kind; None selects all kinds.
+        Of the entities that it selects; None selects all kinds.
     names
         Selects entities that have one of these names or labels.
     types
@@ -70,7 +64,7 @@ class CostRule:
         types: Iterable[str],
         properties: Mapping[str, Any],
     ) -> bool:
-        """Whether the rule selects an entity of this kind, with these names and types."""
+        """Whether the rule selects an entity."""
         return (
             self.kind in (None, kind)
             and (not self.names or bool({*self.names} & {*names}))
@@ -100,27 +94,12 @@ class CostRules:
 
     @classmethod
     def read(cls, path: Path | str) -> CostRules:
-        """The rules in a YAML file.
-
-        Raises
-        ------
-        CostRulesError
-        """
+        """The rules in a YAML file; raises CostRulesError."""
         return cls.parse(read_text(path, "a file of rules", CostRulesError), str(path))
 
     @classmethod
     def parse(cls, text: str, file: str) -> CostRules:
-        """The rules in YAML text.
-
-        Parameters
-        ----------
-        file
-            What errors call the text.
-
-        Raises
-        ------
-        CostRulesError
-        """
+        """The rules in YAML text, which errors call `file`; raises CostRulesError."""
         document = parse_yaml(text, file, CostRulesError)
         if not isinstance(document, dict) or not isinstance(document.get("rules"), list):
             raise CostRulesError(f"{file}: there is no list of rules; write rules: [...]")

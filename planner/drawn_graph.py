@@ -1,7 +1,7 @@
 """Routes on a graph that people drew: a Nav2 route graph, or the lanes of an Open-RMF building.
 
-The robot drives from node to node along the drawn edges alone. It enters the graph at the node of
-the place that is nearest to its start, and leaves it at the one nearest to the goal.
+The robot drives along the drawn edges alone, from the node of its place that is nearest to its
+start to the one nearest to the goal.
 """
 
 from __future__ import annotations
@@ -43,24 +43,12 @@ class DrawnNode:
 
 @dataclass(frozen=True)
 class DrawnEdge:
-    """An edge in one direction.
-
-    Attributes
-    ----------
-    start, end
-        Names of nodes.
-    seconds
-        Its least duration, if the graph states one.
-    speed_limit
-        Metres a second, if the graph states it.
-    connector, elevator
-        Names of the connector or elevator that it takes, if the graph states them.
-    """
+    """An edge in one direction, between nodes by name; None: the graph does not state it."""
 
     start: str
     end: str
-    seconds: float | None = None
-    speed_limit: float | None = None
+    seconds: float | None = None  # its least duration
+    speed_limit: float | None = None  # m/s
     connector: str | None = None
     elevator: str | None = None
 
@@ -93,15 +81,9 @@ def find_drawn_route(
 ) -> Route:
     """The route on a drawn graph that takes the least time, from any start to any goal.
 
-    Parameters
-    ----------
-    graph
-        Of the robot: connectors that it cannot pass now are closed on the drawn graph, too.
-
-    Raises
-    ------
-    NoRouteError
-        The graph has no node in the place of the start or of the goal, or does not join them.
+    Connectors that the robot of `graph` cannot pass now are closed on the drawn graph, too. Raises
+    NoRouteError: the drawn graph has no node in the place of a start or of a goal, or does not join
+    them.
     """
     moves = nx.DiGraph()
     for move in _moves(drawn, graph):

@@ -21,8 +21,6 @@ class Durations:
         Riding an elevator once, and more for each metre of height.
     open, unlock
         Opening a closed connector, and unlocking a locked one.
-    pickup, place
-        Picking up an object, and putting it down.
     measured
         Mean seconds by behaviour and name of the connector or elevator.
     """

@@ -9,16 +9,10 @@ from dataclasses import dataclass, field
 
 @dataclass
 class Penalties:
-    """Changes of edges for one query, by number of the edge.
+    """Changes of the edges of a routing graph for one query, by number of the edge.
 
-    Attributes
-    ----------
-    seconds
-        Additional cost. It decides which route is chosen, and does not count as duration.
-    blocked
-        Edges that must not be used, each with the reason in words.
-    detours
-        Seconds and metres of travel edges that lead around something.
+    `seconds` are added to the cost, which decides on the route and is no duration; `blocked` says
+    why an edge must not be used; `detours` are seconds and metres of longer travel.
     """
 
     seconds: dict[int, float] = field(default_factory=dict)

@@ -13,33 +13,15 @@ from semmap.geometry.pose import Pose
 
 @dataclass(frozen=True, eq=False)
 class LocatedEntity:
-    """An entity of the map, and where it is.
-
-    Attributes
-    ----------
-    name
-        Unique in the map.
-    kind
-        What it is.
-    place
-        Name of the room that holds it or in which it lies; None if the map has none.
-    pose
-        In the map's frame; None if it has no placement.
-    footprint
-        The area that it covers on the ground; None without geometry.
-    heights
-        Its lowest and highest z, metres.
-    id
-        Id in the database; None if it comes from elsewhere.
-    """
+    """An entity of the map, and where it is; None: the map does not say."""
 
     name: str
     kind: Literal["room", "object", "region", "agent"]
-    place: str | None
-    pose: Pose | None = None
-    footprint: shapely.Geometry | None = None
-    heights: tuple[float, float] | None = None
-    id: int | None = None
+    place: str | None  # the room that holds it or in which it lies
+    pose: Pose | None = None  # in the map's frame
+    footprint: shapely.Geometry | None = None  # on the ground
+    heights: tuple[float, float] | None = None  # lowest and highest z, metres
+    id: int | None = None  # in the database
 
 
 class EntityLookup(Protocol):

@@ -21,10 +21,7 @@ WAY_CLEARANCE = 0.5
 def floor_spot(costmaps: StoreyCostmaps, place: str) -> LocatedEntity:
     """The free part of a floor that is nearest to the first door, off all doors and ways.
 
-    Raises
-    ------
-    NoBasePoseError
-        There is none.
+    Raises NoBasePoseError if there is none.
     """
     room, costs = costmaps.room(place), costmaps.costs(place)
     if room is None or costs is None:

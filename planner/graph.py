@@ -32,7 +32,7 @@ class Graph:
     A path is found by A* with lower bounds from landmarks, which are nodes far apart (Goldberg and
     Harrelson, Computing the shortest path: A* search meets graph theory, SODA 2005). Any number of
     threads may search while others set weights; each answer is exact for the weights before or
-    after the change.
+    after the change. Wrong arrays, unknown nodes, negative numbers and NaN are ValueErrors.
 
     Parameters
     ----------
@@ -40,18 +40,11 @@ class Graph:
         (E,) whole numbers: the nodes from which and to which each edge leads.
     weights
         (E,) float64, not negative; infinity closes an edge.
-    n_nodes
-        Number of nodes.
     least
         (E,) float64: the lowest weight that each edge may get later; by default `weights`. Give it
         for edges that are closed now and may open. If a weight falls far below it, the landmarks
         become invalid, and paths are searched without landmarks until that has cost as much as
         computing new ones.
-
-    Raises
-    ------
-    ValueError
-        Arrays of different lengths or of wrong types, unknown nodes, negative weights or NaN.
 
     Examples
     --------
@@ -92,18 +85,9 @@ class Graph:
         return self._graph.weights()
 
     def set_weights(self, edges: ArrayLike, weights: ArrayLike) -> None:
-        """Change the weights of edges: all of them, or none if an argument is invalid.
+        """Change the weights of edges (n,): all of them, or none if an argument is invalid.
 
-        Parameters
-        ----------
-        edges
-            (n,) whole numbers; of an edge that is given twice, the last weight counts.
-        weights
-            (n,) float64, not negative; infinity closes an edge.
-
-        Raises
-        ------
-        ValueError
+        Of an edge that is given twice, the last weight counts.
         """
         numbers = _numbers("edges", edges, self.n_edges, "edge")
         costs = _weights("weights", weights)
@@ -112,13 +96,7 @@ class Graph:
         self._graph.set_weights(numbers, costs)
 
     def shortest(self, sources: Sequence[PathEnd], targets: Sequence[PathEnd]) -> GraphPath | None:
-        """A cheapest path from any source to any target; None if there is none.
-
-        Raises
-        ------
-        ValueError
-            Unknown nodes, negative costs or NaN.
-        """
+        """A cheapest path from any source to any target; None if there is none."""
         return self._graph.shortest(sources, targets)
 
     def alternatives(
@@ -128,11 +106,6 @@ class Graph:
 
         Paths that differ only in a parallel edge, in a source or in a target count as two (Lawler,
         A procedure for computing the k best solutions to discrete optimization problems, 1972).
-
-        Raises
-        ------
-        ValueError
-            As for `shortest`; k below 0.
         """
         if k < 0:
             raise ValueError(f"k is {k}; give 0 or more")
@@ -141,23 +114,9 @@ class Graph:
     def distances(
         self, sources: ArrayLike, targets: ArrayLike, *, threads: int | None = None
     ) -> Floats:
-        """The costs of the cheapest paths between many nodes.
+        """(n, m) float64 costs of the cheapest paths from n nodes to m; infinity: no path.
 
-        Parameters
-        ----------
-        sources, targets
-            (n,) and (m,) nodes.
-        threads
-            By default one for each processor; the result does not depend on it.
-
-        Returns
-        -------
-        (n, m) float64; infinity where there is no path.
-
-        Raises
-        ------
-        ValueError
-            Unknown nodes, or less than one thread.
+        There is by default one thread for each processor; the result does not depend on it.
         """
         from_, to = self._nodes("sources", sources), self._nodes("targets", targets)
         if threads is None:

@@ -22,17 +22,11 @@ def grid_path(
     goal: tuple[float, float],
     clearance: float = 0.45,
 ) -> Floats | None:
-    """The cheapest way between two points through cells that are not occupied.
+    """(N, 2) the cheapest way between two points, metres, straightened; None without a way.
 
-    Parameters
-    ----------
-    cells : (rows, columns) int8: 100 occupied, 0 free, -1 unknown, which is passed, too
-    start, goal : (x, y) in metres; each begins at the nearest cell that is not occupied
-    clearance : distance from what is occupied below which a cell is dearer, metres
-
-    Returns
-    -------
-    (N, 2) points from start to goal, straightened; None where no way leads there.
+    `cells` (rows, columns) int8 are 100 where occupied, 0 where free, and -1 where unknown, which
+    is passed, too. The ends count as the nearest cell that is not occupied. Cells nearer to what is
+    occupied than `clearance`, metres, are dearer.
     """
     passable = np.asarray(cells) < 50
     if not passable.any():

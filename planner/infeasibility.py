@@ -15,14 +15,9 @@ _BLOCKED = 1e9
 
 
 def infeasibility(graph: RoutingGraph, start: Endpoint, goal: Endpoint) -> str:
-    """Why no route leads from one endpoint to the other, in words.
+    """Why no route leads from one endpoint to the other, in words, with the graph's penalties.
 
     It names the blocked edges of the route that needs the fewest of them.
-
-    Parameters
-    ----------
-    graph
-        Penalties that are applied to it count.
     """
     robot = graph.robot
     message = f"no route from {start.place} to {goal.place}"

@@ -1,8 +1,7 @@
-"""A routing graph that follows the map in the database.
+"""A routing graph that follows the map in the database, through its change feed.
 
-Travel times are stored in the database, so that loading is quick. What changed in the map is read
-through its change feed, and only the travel in affected places is measured again. Live fields, such
-as people whom a camera sees now, have an effect on travel times, but not on stored ones.
+Travel is measured again only in affected places. Live fields, such as people whom a camera sees
+now, have an effect on travel times, but not on stored ones.
 """
 
 from __future__ import annotations
@@ -151,10 +150,8 @@ class LiveTopology:
     def catch_up(self, on_change: OnChange | None = None) -> TopologyChange:
         """Take over what changed in the map since the last look; the first time, everything.
 
-        Parameters
-        ----------
-        on_change
-            Called with the changes once `graph` has them, before travel times are stored.
+        `on_change` is called with the changes once `graph` has them, before travel times are
+        stored.
         """
         with self._lock:
             with self._feed.look() as look:
@@ -190,16 +187,10 @@ class LiveTopology:
         *,
         patience: float = 0.2,
     ) -> None:
-        """Catch up whenever the map changes, until `stop` is set.
+        """Catch up whenever the map changes, until `stop` is set; `on_change` is as for `catch_up`.
 
-        A restart of the server does not end it.
-
-        Parameters
-        ----------
-        on_change
-            As for `catch_up`.
-        patience
-            Seconds between looks at `stop`, and between attempts to connect.
+        A restart of the server does not end it. Between looks at `stop`, and between attempts to
+        connect, pass `patience` seconds.
         """
 
         def wake(payloads: tuple[str, ...] | None) -> None:

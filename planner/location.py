@@ -20,48 +20,26 @@ metres; a place and a pose in it; an entity that was looked up."""
 
 @dataclass(frozen=True)
 class Location:
-    """A place, and what in it is meant.
-
-    Attributes
-    ----------
-    place
-        Name of the room.
-    pose
-        Where in the room, in the map's frame; None: anywhere.
-    entity
-        What is to be reached, or stood in; None: the room.
-    """
+    """A place by its name, and what in it is meant."""
 
     place: str
-    pose: Pose | None = None
-    entity: LocatedEntity | None = None
+    pose: Pose | None = None  # in the map's frame; None: anywhere in the place
+    entity: LocatedEntity | None = None  # to be reached, or stood in; None: the place
 
 
 @dataclass(frozen=True)
 class LocationFinder:
-    """Finds what a start or a goal may stand for.
-
-    Attributes
-    ----------
-    topology, lookup
-        The places of the building, and the entities of the map.
-    occupants
-        The names of what is at a pose, for messages.
-    """
+    """Finds what a start or a goal may stand for."""
 
     topology: Topology
     lookup: EntityLookup
-    occupants: Callable[[Pose], Sequence[str]] = lambda pose: ()
+    occupants: Callable[[Pose], Sequence[str]] = lambda pose: ()  # names of what is at a pose
 
     def find(self, given: LocationLike) -> list[Location]:
         """All locations that are meant, at least one.
 
-        Raises
-        ------
-        UnknownPlaceError
-            The map has no entity of this name; the message suggests similar names.
-        NoRouteError
-            It is in no room.
+        Raises UnknownPlaceError, with similar names, for a name that the map does not have;
+        NoRouteError for what is in no room.
         """
         if isinstance(given, str):
             return self._of_word(given)
@@ -74,25 +52,14 @@ class LocationFinder:
         return [self._at(Pose(*given))]
 
     def entity(self, name: str) -> LocatedEntity:
-        """The entity of a name, with its room.
-
-        Raises
-        ------
-        UnknownPlaceError
-            The map has no entity of this name.
-        """
+        """The entity of a name, with its room; raises UnknownPlaceError."""
         found = self.lookup.find(name)
         if not found:
             raise self._unknown(name)
         return self._with_place(found[0])
 
     def check_avoided(self, name: str) -> None:
-        """Refuse a name, label or type that no place, connector, region or elevator has.
-
-        Raises
-        ------
-        UnknownPlaceError
-        """
+        """Raise UnknownPlaceError for what no place, connector, region or elevator is called."""
         topology = self.topology
         cabins = topology.cabins()
         labelled: list[Place | PlaceRegion] = [*topology.places.values(), *topology.regions]

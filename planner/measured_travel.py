@@ -16,12 +16,8 @@ from planner.travel_edges import TravelEdges
 class MeasuredTravel(NamedTuple):
     """The travel in a place between the approach poses of two connectors, either way.
 
-    Attributes
-    ----------
-    place, a, b
-        Ids of entities; a < b.
-    seconds, metres
-        Infinite if no path leads there.
+    The place and the connectors are ids, a < b; seconds and metres are infinite if no path leads
+    there.
     """
 
     place: int
@@ -44,12 +40,9 @@ def travel_in_places(graph: RoutingGraph, places: Iterable[str]) -> Iterator[Mea
 
 
 def as_travel_edges(topology: Topology, travel: NDArray[Any]) -> TravelEdges:
-    """Edges, in both directions, from measured travel.
+    """Edges, in both directions, from an array (n,) with the fields of `MeasuredTravel`.
 
-    Parameters
-    ----------
-    travel
-        (n,) array with the fields of `MeasuredTravel`. Unknown connectors are left out.
+    Unknown connectors are left out.
     """
     connectors = [*topology.connectors.values()]
     places = {p.name: p.id for p in topology.places.values()}

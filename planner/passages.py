@@ -19,10 +19,7 @@ _DECISIVE = attrgetter("state", "type", "behaviour", "permissions", "width", "he
 class Passages:
     """The passages of connectors by one class of robots, two for each connector.
 
-    Parameters
-    ----------
-    elevators
-        The elevator of each place that is a cabin.
+    `elevators` has the elevator of each place that is a cabin.
     """
 
     def __init__(

@@ -20,18 +20,12 @@ def penalties(
     *,
     costmaps: StoreyCostmaps | None = None,
 ) -> Penalties:
-    """The penalties that rules put on the edges of a graph.
+    """The penalties that rules put on the edges of a graph at a moment.
 
     Travel leads around a forbidden region and takes as long as that. A region that costs seconds
     adds them to travel through it, or the additional time of the detour if that is less. Without
-    costmaps, the places of the region are meant.
-
-    Parameters
-    ----------
-    at
-        The moment of the query; without one, rules that have hours do not apply.
-    costmaps
-        Where detours are measured.
+    costmaps, the places of the region are meant. Without a moment, rules that have hours do not
+    apply.
     """
     found = Penalties()
     if costmaps is not None:

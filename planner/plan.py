@@ -49,12 +49,10 @@ class Action:
 
 @dataclass(frozen=True)
 class Plan:
-    """Actions in order that reach a goal.
+    """Actions in order that reach a goal, which is the text that was given.
 
     Attributes
     ----------
-    goal
-        The text of the goal.
     seconds
         Duration of all actions.
     bound

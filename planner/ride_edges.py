@@ -23,16 +23,8 @@ def ride_edges(
 ) -> tuple[TravelEdges, list[str]]:
     """The rides between each two cabins of an elevator, and the elevator of each ride.
 
-    Parameters
-    ----------
-    cabins
-        The cabins of each elevator.
-    inside
-        The approach poses of each place.
-    poses
-        All approach poses, in the map's frame.
-    speed
-        Of the robot inside of a cabin, m/s.
+    `cabins` has those of each elevator, `inside` the approach poses of each place by number,
+    `poses` all approach poses in the map's frame; `speed` is the robot's inside of a cabin, m/s.
     """
     elevators: list[str] = []
     rides: list[tuple[int, int, float, float]] = []

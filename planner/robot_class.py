@@ -29,7 +29,7 @@ BODY = Part(
 
 @dataclass(frozen=True)
 class RobotClass:
-    """Robots of the same shape and with the same abilities.
+    """Robots of the same shape and with the same abilities; a number out of range is a ValueError.
 
     Attributes
     ----------
@@ -52,17 +52,12 @@ class RobotClass:
     outside
         Whether its routes may lead through the outside, which the map does not describe.
     reach
-        Lowest and highest distance from its origin to the objects that it takes, on the ground,
+        Lowest and highest distance on the ground from its origin to the objects that it takes,
         metres.
     heights
         Lowest and highest z above the floor of the objects that it takes, metres.
     capacity
         How many objects it carries at once.
-
-    Raises
-    ------
-    ValueError
-        A number is out of range; the message names it.
     """
 
     name: str = "robot"
@@ -106,12 +101,9 @@ class RobotClass:
         return self.behaviours is None or "use_elevator" in self.behaviours
 
     def blocking_reason(self, connector: PlaceConnector, side: int | None = None) -> str | None:
-        """Why the robot cannot pass a connector, in words; None if it can.
+        """Why the robot cannot pass a connector from ``connector.places[side]``; None if it can.
 
-        Parameters
-        ----------
-        side
-            The robot comes from ``connector.places[side]``; None disregards the direction.
+        Without a side, the direction of the connector does not count.
         """
         name = connector.name
         if side is not None and not connector.passes(side):

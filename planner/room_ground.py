@@ -25,25 +25,12 @@ WALLS = "room_geometry"
 
 @dataclass(frozen=True, eq=False)
 class RoomGround:
-    """A part of a storey's costmap, for one class of robots.
+    """The part of a storey's costmap that a room covers, for one class of robots.
 
-    Attributes
-    ----------
-    place : str
-        Name of the room.
-    robot : RobotClass
-    costmap : Costmap
-        Of the whole storey.
-    window : (slice, slice)
-        Rows and columns of the storey's grid.
-    grid : Grid
-        Of the window.
-    costs : (rows, columns) uint8
-        In the window; unknown outside of the room and its doorways.
-    floor : float
-        Height of the floor in the map's frame, metres.
-    doors : tuple of LineString
-        Across the doorways: a robot that touches one blocks the door.
+    `window` are the rows and columns of the storey's grid that `grid` and `costs` (rows, columns)
+    uint8 cover; costs are unknown outside of the room and its doorways. `floor` is the height of
+    the floor in the map's frame, metres. A robot that touches one of the lines `doors` blocks a
+    doorway.
     """
 
     place: str
@@ -98,7 +85,7 @@ class RoomGround:
 
 
 def door_lines(connectors: Iterable[PlaceConnector]) -> tuple[shapely.LineString, ...]:
-    """Return the lines across the doorways of connectors."""
+    """The lines across the doorways of connectors."""
     lines = []
     for connector in connectors:
         a, b = connector.poses

@@ -58,17 +58,7 @@ class RouteStep:
 
 @dataclass(frozen=True)
 class Route:
-    """The steps from one place to another, in order.
-
-    Attributes
-    ----------
-    start, goal
-        Names of places.
-    steps
-        All steps.
-    seconds, metres
-        Expected duration, and distance driven.
-    """
+    """The steps from one place to another, in order, with their expected seconds and metres."""
 
     start: str
     goal: str

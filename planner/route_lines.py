@@ -23,12 +23,9 @@ Line = NDArray[np.float64]
 def route_lines(
     found: Route, topology: Topology, grids: dict[str, StoreyGrid], target: str | None
 ) -> dict[str, list[Line]]:
-    """The points of a route, metres, by storey.
+    """The points (N, 2) of a route, metres, by storey.
 
-    Parameters
-    ----------
-    target
-        A type of objects: the route ends beside the smallest one in its last room.
+    With `target`, a type of objects, it ends beside the smallest one in its last room.
     """
     pieces: dict[str, list[Line]] = {}
     only = next(iter(grids)) if len(grids) == 1 else None

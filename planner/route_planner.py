@@ -76,17 +76,8 @@ class RoutePlanner:
     ) -> RoutePlanner:
         """A planner on the present state of a map in the database.
 
-        To follow later changes of the map, use `planner.LiveTopology` and `of_live`.
-
-        Parameters
-        ----------
-        source, robot, progress, assume_sizes
-            As for `planner.LiveTopology`.
-
-        Raises
-        ------
-        LookupError
-            There is no such map or class of robots.
+        Arguments and errors are those of `planner.LiveTopology`; with it and `of_live`, a planner
+        follows later changes of the map.
         """
         live = LiveTopology(source, robot, progress=progress, assume_sizes=assume_sizes)
         return cls.of_live(live, rules=rules)
@@ -174,14 +165,7 @@ class RoutePlanner:
             return find_drawn_route(drawn, self.graph, *ends)
 
     def approach(self, entity: str | LocatedEntity, most: int = 12) -> list[Pose]:
-        """Free base poses that face an object within the robot's reach, clear ones first.
-
-        Parameters
-        ----------
-        entity
-            A name, or an entity that was looked up.
-        most
-            Return no more poses than this.
+        """The best free base poses that face an object within the robot's reach, clear ones first.
 
         Raises
         ------
@@ -246,12 +230,7 @@ class RoutePlanner:
         return starts[int(i)], goals[int(j)]
 
     def _endpoints(self, given: LocationLike) -> list[Endpoint]:
-        """The endpoints at all locations that are meant and where the robot can stand.
-
-        Raises
-        ------
-        UnknownPlaceError, NoRouteError
-        """
+        """The endpoints at all locations that are meant and where the robot can stand."""
         endpoints: list[Endpoint] = []
         errors: list[NoRouteError] = []
         for location in self._locations().find(given):

@@ -40,12 +40,7 @@ def seconds_between(
 
 
 def find_route(graph: RoutingGraph, start: Endpoint, goal: Endpoint) -> Route:
-    """The route that takes the least time.
-
-    Raises
-    ------
-    NoRouteError
-        No route exists; the message says what blocks it.
+    """The route that takes the least time; raises NoRouteError, which says what blocks it.
 
     Examples
     --------

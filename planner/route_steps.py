@@ -20,17 +20,11 @@ def steps_along(
     ends: tuple[int, int] | None,
     inside: tuple[float, float],
 ) -> tuple[RouteStep, ...]:
-    """The steps that lead from one endpoint to another along edges of the graph.
+    """The steps that lead from one endpoint to another along edges of the graph, in order.
 
-    Parameters
-    ----------
-    edges
-        In order.
-    ends
-        Indices of the path's first approach pose among those of the start, and of its last among
-        those of the goal; None if the route visits no approach pose.
-    inside
-        Seconds and metres from pose to pose, if the route visits no approach pose.
+    `ends` are the indices of the path's first approach pose among those of the start, and of its
+    last among those of the goal. They are None if the route visits none: then it takes the seconds
+    and metres `inside` the place.
     """
     if ends is None:
         return tuple(_inside(graph, start, goal, inside))

@@ -1,9 +1,8 @@
 """The topology as a graph of travel times for one class of robots.
 
-Nodes are approach poses: the poses before a connector, one on each of its sides. Three kinds of
-edges join them. A travel edge joins two approach poses in one place, a passage the two of one
-connector, a ride those in the cabins of one elevator. So of two doors to one corridor, a route
-takes the nearer one (Deeken et al., section 4.1 and Figure 4).
+Nodes are approach poses: the poses before a connector, one on each of its sides. A travel edge
+joins two approach poses in one place, a passage the two of one connector, a ride those in the
+cabins of one elevator (Deeken et al., section 4.1 and Figure 4).
 """
 
 from __future__ import annotations
@@ -65,8 +64,6 @@ class RoutingGraph:
 
     Parameters
     ----------
-    topology
-        Is not changed by the graph.
     robot
         By default a robot without shape that opens closed doors.
     costs
@@ -216,10 +213,7 @@ class RoutingGraph:
     def change_connector(self, connector: PlaceConnector) -> None:
         """Replace a connector by one of another state, direction or size.
 
-        Raises
-        ------
-        ValueError
-            Its places or poses are others than before.
+        Other places or poses than before are a ValueError.
         """
         number = self.index[connector.name]
         before = self.connectors[number]
@@ -301,7 +295,7 @@ class RoutingGraph:
     def with_abilities(
         self, *, opens: bool = True, unlocks: bool = False, outside: bool = False
     ) -> RoutingGraph:
-        """Return the graph of the same robots that also unlock or go outside, or open nothing."""
+        """The graph of the same robots that also unlock or go outside, or open nothing."""
         robot = replace(
             self.robot,
             opens=self.robot.opens and opens,
@@ -311,12 +305,7 @@ class RoutingGraph:
         return RoutingGraph(self.topology, robot, self.costs, durations=self.durations)
 
     def endpoint(self, place: str, pose: Pose | None = None) -> Endpoint:
-        """A place, or a pose in it, as the start or the goal of routes.
-
-        Raises
-        ------
-        UnknownPlaceError
-        """
+        """A place, or a pose in it, as an end of routes; raises UnknownPlaceError."""
         self.topology.place(place)
         nodes = self.nodes.get(place, np.empty(0, np.int64))
         if pose is None or not len(nodes):

@@ -42,27 +42,19 @@ _WORLDS = Path("out/missions")
 
 @dataclass(frozen=True)
 class SimulatedMission:
-    """How a simulated mission ended.
+    """How a simulated mission ended; `state` is done, failed or cancelled, `reason` says why.
 
-    Attributes
-    ----------
-    mission : its number
-    state : ``done``, ``failed`` or ``cancelled``
-    reason : why it failed or was cancelled
-    steps : each with its action, arguments, state, times, cause and message
-    world : the file with the state of the simulated world
-    map, original : the map in which it happened, and that which was asked for
-    found : the answers of searches by object
-    assumed : the names of the objects for which the typical box of their type was assumed
+    Each step has its action, arguments, state, times, cause and message. `found` has the answers of
+    searches by object, `assumed` the objects that were given the typical box of their type.
     """
 
     mission: int
     state: str
     reason: str | None
     steps: list[dict[str, Any]] = field(repr=False)
-    world: Path
-    map: str
-    original: str
+    world: Path  # the file with the state of the simulated world
+    map: str  # in which it happened
+    original: str  # the map that was asked for
     found: dict[str, SearchResult] = field(default_factory=dict)
     assumed: list[str] = field(default_factory=list)
 
@@ -74,57 +66,34 @@ class SimulatedMission:
 
 @dataclass
 class SimulatedRun:
-    """How a simulated robot pursues goals.
-
-    Attributes
-    ----------
-    source : the map
-    start : where the robot begins: a room, object or region; by default where it is, or its home
-    robot : name of the agent
-    robot_class : a stored class; by default robots without shape
-    speed : how many times faster than real time
-    fail : which actions fail, as `planner.mission.failures.FailureRule` reads them
-    seed : of the simulation's chance
-    world : the file for the state of the simulated world
-    apply : change the map itself, not a copy
-    domain : additional actions
-    put : ``OBJECT=PLACE``: where objects are in the simulated world
-    gripper : of the robot; by default its own or the preferred one
-    sight, detector : the robot's camera, and how well it recognises objects
-    try_grasps : try each grasp in physics; by default where MuJoCo is installed
-    assume_sizes : give objects without geometry a typical box for their type, in the copy
-    on_event : called with what happens
-    say : called with notes for a person
-    """
+    """How a simulated robot pursues goals."""
 
     source: MapSource
-    start: str | None = None
-    robot: str = "robot"
-    robot_class: str | None = None
-    speed: float = 20.0
-    fail: Sequence[str] = ()
-    seed: int = 0
-    world: Path | None = None
-    apply: bool = False
+    start: str | None = None  # a room, object or region; by default where the robot is, or its home
+    robot: str = "robot"  # name of the agent
+    robot_class: str | None = None  # a stored class; by default robots without shape
+    speed: float = 20.0  # how many times faster than real time
+    fail: Sequence[str] = ()  # as `planner.mission.failures.FailureRule` reads them
+    seed: int = 0  # of the simulation's chance
+    world: Path | None = None  # for the state of the simulated world
+    apply: bool = False  # change the map itself, not a copy
     domain: Domain | None = None
-    put: Sequence[str] = ()
-    gripper: str | None = None
+    put: Sequence[str] = ()  # where objects are in the simulated world: 'mug on table2'
+    gripper: str | None = None  # by default the robot's own or the preferred one
     sight: Sight | None = None
     detector: Detector | None = None
-    try_grasps: bool | None = None
-    assume_sizes: bool = False
+    try_grasps: bool | None = None  # in physics; by default where MuJoCo is installed
+    assume_sizes: bool = False  # objects without geometry have a typical box, in the copy
     on_event: Callable[[MissionEvent], None] | None = None
-    say: Callable[[str], object] = lambda text: None
+    say: Callable[[str], object] = lambda text: None  # called with notes for a person
 
     def run(
         self, goal: str | None, mission: int | None = None, *, resume: bool = False
     ) -> SimulatedMission:
         """Run a new mission with a goal, or resume one.
 
-        Raises
-        ------
-        MissionError, planner.tasks.GoalError
-            There is no such mission, or the goal cannot be read.
+        Raises MissionError if there is no such mission, `planner.tasks.GoalError` if the goal
+        cannot be read.
         """
         if not self.speed > 0:
             raise MissionError(f"speed is {self.speed}: give a number above 0; 1 is real time")
@@ -205,12 +174,7 @@ class SimulatedRun:
             )
 
     def _check(self, seen: Snapshot, rules: Sequence[FailureRule]) -> None:
-        """Refuse options that name what the map does not have, before anything changes.
-
-        Raises
-        ------
-        LookupError
-        """
+        """Raise LookupError for options that name what the map does not have."""
         topology = read_topology(seen)
         for rule in rules:
             rule.check(topology)

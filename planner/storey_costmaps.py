@@ -41,14 +41,8 @@ Window = tuple[slice, slice]
 class RoomCostmap:
     """The part of a storey's costmap that a place covers.
 
-    Attributes
-    ----------
-    window : (slice, slice)
-        Rows and columns of the storey's grid.
-    grid : Grid
-        The grid of this window.
-    cells : (rows, columns) bool
-        Which cells of the window belong to the place.
+    `window` are the rows and columns of the storey's grid that `grid` and `cells` (rows, columns)
+    bool cover; the cells are those of the place.
     """
 
     def __init__(self, outline: shapely.Geometry, grid: Grid) -> None:
@@ -69,26 +63,11 @@ class RoomCostmap:
 class StoreyCostmaps:
     """The costmaps of all storeys of a topology, for one class of robots: a `TravelCost`.
 
-    Each costmap is made when it is needed first.
-
-    Parameters
-    ----------
-    read_scene
-        Returns the scene of a storey, by its name; "" in a map that has no storeys.
-    resolution
-        Metres a cell.
-    slow
-        How much slower the robot drives on the most expensive passable cells than on clear ones: 1
-        doubles the time.
-    fields
-        Fields by name, from `navgrid.readers.fields.read_fields`: obstacles and social costs.
-    straight
-        Places without an outline are crossed straight; by default they are not crossed.
-
-    Raises
-    ------
-    ValueError
-        The robot has no shape.
+    Each costmap is made when it is needed first. `read_scene` returns the scene of a storey by its
+    name, "" in a map that has none. A cell is `resolution` metres. On the most expensive passable
+    cells, the robot drives `slow` times slower than on clear ones: 1 doubles the time. `fields`, by
+    name, are obstacles and social costs. Places without an outline are crossed straight with
+    `straight`, else not. A robot without shape is a ValueError.
     """
 
     def __init__(
@@ -183,10 +162,7 @@ class StoreyCostmaps:
         return costs
 
     def space(self, place: str) -> DriveSpace | None:
-        """Where the robot fits and moves, by heading, in the window of a place.
-
-        None if the map has no outline of the place.
-        """
+        """Where the robot fits and moves in a place, by heading; None without an outline."""
         room = self.room(place)
         if room is not None and place not in self._spaces:
             self._spaces[place] = drive_space(self.costmap(self.storey_of(place)), room.window)
@@ -278,12 +254,8 @@ class StoreyCostmaps:
     def blocking_reason(self, place: str, pose: Pose, *, measured: bool = False) -> str | None:
         """Why the robot can be neither at a pose of a place nor within `SNAP` of it; else None.
 
-        A pose inside an obstacle is blocked, however near its border is.
-
-        Parameters
-        ----------
-        measured
-            The pose comes from a sensor: by its error it may lie inside an obstacle.
+        A pose inside an obstacle is blocked, however near its border is, except a `measured` one:
+        by the error of its sensor it may lie there.
         """
         costs, room = self.costs(place), self.room(place)
         if costs is None or room is None:
@@ -329,14 +301,8 @@ class StoreyCostmaps:
     ) -> set[str]:
         """Apply changes of objects and regions; returns the places whose costs changed.
 
-        Parameters
-        ----------
-        ids
-            Ids of all entities that changed; those that are missing below were removed.
-        objects
-            The changed objects that exist.
-        regions
-            The changed regions that exist, by storey.
+        `ids` are those of all entities that changed; what is neither in `objects` nor, by storey,
+        in `regions` was removed.
         """
         objects, regions = [*objects], regions or {}
         changed: set[str] = set()
@@ -350,10 +316,7 @@ class StoreyCostmaps:
         return changed
 
     def set_fields(self, fields: Mapping[str, FieldVoxels | None]) -> set[str]:
-        """Replace or add fields, and remove those that are None.
-
-        Returns the places whose costs changed.
-        """
+        """Replace or add fields, remove those that are None; returns the places that changed."""
         for name, field in fields.items():
             if field is None:
                 self._fields.pop(name, None)

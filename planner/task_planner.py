@@ -76,35 +76,19 @@ def plan_task(
 
 @dataclass(frozen=True)
 class Task:
-    """A goal, with all that a plan for it depends on.
+    """A goal, with all that a plan for it depends on."""
 
-    Attributes
-    ----------
-    graph
-        Travel times of the robot.
-    world
-        The objects that a plan can use.
-    state
-        Where the robot is, and what it carries.
-    domain
-        Additional actions.
-    approach_pose
-        Where the robot's base stands; None: before objects, in the middle of regions.
-    """
-
-    graph: RoutingGraph
-    world: TaskWorld
-    state: TaskState
+    graph: RoutingGraph  # travel times of the robot
+    world: TaskWorld  # the objects that a plan can use
+    state: TaskState  # where the robot is, and what it carries
     goal: Goal
     domain: Domain | None = None
-    approach_pose: ApproachPoseOf | None = None
+    approach_pose: ApproachPoseOf | None = None  # None: before objects, in the middle of regions
 
     def plan(self, patience: float = PATIENCE) -> Plan:
         """The plan that takes the least time, or the best one found within `patience` seconds.
 
-        Raises
-        ------
-        planner.tasks.NoPlanError
+        Raises `planner.tasks.NoPlanError`.
         """
         return find_plan(
             self.graph,
@@ -117,12 +101,7 @@ class Task:
         )
 
     def problem(self) -> Problem:
-        """The facts that the solver is given.
-
-        Raises
-        ------
-        planner.tasks.NoPlanError
-        """
+        """The facts that the solver is given; raises `planner.tasks.NoPlanError`."""
         extend = None if self.domain is None else self.domain.extend
         return build_problem(
             self.graph,
@@ -135,16 +114,9 @@ class Task:
 
 
 class TaskPlanner:
-    """Plans tasks for a class of robots on a map that changes.
+    """Plans tasks for a class of robots on a map that changes, with the actions of a domain file.
 
-    Parameters
-    ----------
-    live
-        Topology and travel times of the class.
-    domain
-        Additional actions.
-    gripper
-        Name of a stored gripper; by default that of the robot or of the URDF of its class.
+    `gripper` names a stored one; by default that of the robot or of the URDF of its class.
     """
 
     def __init__(
@@ -155,12 +127,7 @@ class TaskPlanner:
         self._gripper = gripper
 
     def check(self, goal: str) -> None:
-        """Refuse a goal that cannot be read.
-
-        Raises
-        ------
-        planner.tasks.GoalError
-        """
+        """Raise `planner.tasks.GoalError` for a goal that cannot be read."""
         self._parsed(goal)
 
     def task(
@@ -173,18 +140,11 @@ class TaskPlanner:
         without: frozenset[str] = frozenset(),
         tried: frozenset[tuple[str, Pose]] = frozenset(),
     ) -> Task:
-        """A task on the state of the map that a transaction sees.
+        """A task on the state of the map that a transaction sees; `start` is as for `plan_task`.
 
-        Parameters
-        ----------
-        start
-            As for `plan_task`.
-        agent
-            Name of the agent that may carry objects.
-        without
-            Names of objects, connectors and elevators that plans must not use.
-        tried
-            Names of objects, each with a base pose from which the robot could not reach it.
+        `agent` names the agent that may carry objects. Plans do not use the objects, connectors and
+        elevators `without`, nor the base poses `tried`, each with the object that the robot could
+        not reach from it.
         """
         parsed, domain = self._parsed(goal), self._domain
         graph = self._live.graph

@@ -46,26 +46,22 @@ class UnknownPlaceError(Error, LookupError):
 
 @dataclass(slots=True)
 class Place:
-    """A room, or the cabin of an elevator on one storey.
+    """A room, or the cabin of an elevator on one storey; None: unknown, or the map has none.
 
     Attributes
     ----------
     name
         Unique in the map.
     type, label
-        Semantic type, and function (``kitchen``); None if unknown.
-    storey
-        Name of the storey; None if the map has no storeys.
+        Semantic type, and function (``kitchen``).
     elevator
         Name of the elevator, if this is its cabin.
     types
         The semantic type, then its supertypes.
-    properties
-        Free properties of the entity.
     floor
         z of the floor in the map's frame, metres.
     id
-        Id of the entity in the database; None if the place comes from elsewhere.
+        In the database.
     """
 
     name: str
@@ -93,13 +89,9 @@ class PlaceConnector:
     poses
         The approach poses, one in each place, in the map's frame: there the robot faces the
         connector.
-    type
-        Form of the connector.
     direction
         ``forward`` is passed only from the first place to the second, ``backward`` only from the
         second to the first.
-    state
-        Whether it is open, closed or locked.
     behaviour
         Name of the robot behaviour that passes it.
     width, height
@@ -108,10 +100,8 @@ class PlaceConnector:
         Height of the threshold, metres.
     permissions
         A robot needs one of these to pass. If empty, every robot may pass.
-    properties
-        Free properties of the entity.
     id
-        Id of the entity in the database; None if the connector comes from elsewhere.
+        In the database; None if the connector comes from elsewhere.
     """
 
     name: str
@@ -148,14 +138,8 @@ class PlaceConnector:
 class PlaceRegion:
     """A part of one or several places, drawn on the map, that has its own meaning (section 3.4).
 
-    Attributes
-    ----------
-    outline
-        On the ground, in the map's frame, metres; a point for a waypoint.
-    places
-        Names of the places that it reaches into.
-    label, types, properties
-        As those of a `Place`.
+    `outline` is on the ground, in the map's frame, metres; a point for a waypoint. `places` are the
+    names of those that it reaches into.
     """
 
     name: str
@@ -211,10 +195,8 @@ class Topology:
     ) -> Topology:
         """The topology of these places, connectors and regions.
 
-        Raises
-        ------
-        TopologyError
-            A connector names a place that is missing, or two parts have the same name.
+        Raises TopologyError if a connector names a place that is missing, or two parts have the
+        same name.
         """
         by_name: dict[str, Place] = {}
         for place in places:
@@ -237,12 +219,7 @@ class Topology:
         return cls(by_name, joined, tuple(regions))
 
     def place(self, name: str) -> Place:
-        """The place of this name.
-
-        Raises
-        ------
-        UnknownPlaceError
-        """
+        """The place of this name; raises UnknownPlaceError."""
         try:
             return self.places[name]
         except KeyError:
@@ -261,13 +238,7 @@ class Topology:
         return sides
 
     def places_on(self, storey: str | None) -> list[Place]:
-        """The places of a storey; all where None.
-
-        Raises
-        ------
-        LookupError
-            There is no such storey.
-        """
+        """The places of a storey; all where None. Raises LookupError for an unknown storey."""
         found = [p for p in self.places.values() if storey is None or p.storey == storey]
         if storey is not None and not found:
             known = dict.fromkeys(p.storey for p in self.places.values() if p.storey)
@@ -287,9 +258,9 @@ class Topology:
         return sorted({p.storey for p in self.places.values() if p.storey is not None})
 
     def without(self, names: Collection[str]) -> Topology:
-        """This topology without the connectors and elevators of these names.
+        """This topology without the connectors and elevators of these names; others have no effect.
 
-        An elevator is left out by leaving out the doors of its cabins. Other names have no effect.
+        An elevator is left out by leaving out the doors of its cabins.
         """
         closed = {
             cabin

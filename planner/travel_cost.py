@@ -13,13 +13,7 @@ from semmap.geometry.pose import Pose
 
 
 class Travel(NamedTuple):
-    """Seconds and metres from n poses to m poses.
-
-    Attributes
-    ----------
-    seconds, metres
-        (n, m) float64; infinite where no path leads.
-    """
+    """Seconds and metres from n poses to m poses, (n, m) float64; infinite where no path leads."""
 
     seconds: NDArray[np.float64]
     metres: NDArray[np.float64]
@@ -34,18 +28,7 @@ class TravelCost(Protocol):
 
 
 class StraightTravelCost:
-    """Straight lines at one speed, whatever is in the way.
-
-    Parameters
-    ----------
-    speed
-        Metres a second.
-
-    Examples
-    --------
-    >>> StraightTravelCost(0.5).between("lab", [Pose()], [Pose(3.0, 4.0)]).seconds
-    array([[10.]])
-    """
+    """Straight lines at one speed, m/s, whatever is in the way."""
 
     def __init__(self, speed: float = 1.0) -> None:
         self.speed = speed

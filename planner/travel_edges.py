@@ -17,19 +17,11 @@ Ints = NDArray[np.int64]
 
 
 class TravelEdges(NamedTuple):
-    """Travel edges as arrays, one edge for each direction.
+    """Travel edges as arrays (n,), one edge for each direction."""
 
-    Attributes
-    ----------
-    tails, heads
-        (n,) int64: from which approach pose to which.
-    seconds, metres
-        (n,) float64; infinite where no path leads.
-    """
-
-    tails: Ints
-    heads: Ints
-    seconds: Floats
+    tails: Ints  # from which approach pose
+    heads: Ints  # to which approach pose
+    seconds: Floats  # infinite where no path leads
     metres: Floats
 
     def take(self, which: Any) -> TravelEdges:
@@ -42,15 +34,7 @@ class TravelEdges(NamedTuple):
 def measure_travel(
     costs: TravelCost, place: str, nodes: Ints, poses: Sequence[Pose]
 ) -> TravelEdges:
-    """The travel in a place, between each two of its approach poses.
-
-    Parameters
-    ----------
-    nodes
-        (n,) the numbers of the approach poses.
-    poses
-        The n approach poses in the map's frame.
-    """
+    """The travel in a place between each two of its approach poses, by number (n,) and pose."""
     others = ~np.eye(len(poses), dtype=bool)
     travel = costs.between(place, poses, poses)
     a, b = (k[others] for k in np.meshgrid(nodes, nodes, indexing="ij"))
@@ -62,12 +46,7 @@ def complete_travel(
 ) -> tuple[TravelEdges, dict[str, int]]:
     """The stored edges of places that lack none, and the number of edges of each.
 
-    Parameters
-    ----------
-    inside
-        The approach poses of each place.
-    place_of
-        The place of each approach pose.
+    `inside` has the approach poses of each place, `place_of` the place of each approach pose.
     """
     numbers = {place: i for i, place in enumerate(inside)}
     of = np.array([numbers[p] for p in place_of], np.int64)[stored.tails]
