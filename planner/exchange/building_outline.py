@@ -11,9 +11,9 @@ from shapely import MultiPolygon, Polygon
 
 @dataclass(frozen=True)
 class Cabin:
-    """The cabin of an elevator from above: middle in the map's frame, heading and size.
+    """The cabin of an elevator from above: middle in the map's frame, metres, and yaw, radians.
 
-    `x`, `y`, `width` (along the x axis of the cabin) and `depth` in metres, `yaw` in radians.
+    `width` is along its x axis, `depth` across, metres.
     """
 
     x: float

@@ -12,20 +12,10 @@ STATES = {"open": "#3b6ea5", "closed": "#b07a1f", "locked": "#b3261e"}
 
 
 def dot(topology: Topology, *, storey: str | None = None, name: str = "topology") -> str:
-    """The topology as DOT text; places are named as in the map.
+    """The topology as DOT text, or one storey with the places to which its connectors lead.
 
     One-way connectors have an arrow. Connectors that are not open have a colour and their state.
-    Dashed lines join the cabins of an elevator.
-
-    Parameters
-    ----------
-    storey
-        Only this one, with the places to which its connectors lead.
-
-    Raises
-    ------
-    ExchangeError
-        There is no such storey.
+    Dashed lines join the cabins of an elevator. Raises ExchangeError for an unknown storey.
     """
     places = topology.places_on(storey)
     inside = {p.name for p in places}

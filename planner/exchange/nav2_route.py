@@ -1,9 +1,8 @@
 """Route graphs for Nav2's route server (GeoJSON, `nav2_route`).
 
-Nodes are approach poses, in one frame for each storey. Edges are travel, passages and rides, each
-in one direction. The server's loader and planner need: ids that are unique over nodes and edges and
-fit uint16, costs above zero, metadata without nulls, and real numbers written as such (the loader
-takes an integer for another type, and `getValue<float>` fails on it).
+The server's loader and planner need ids that are unique over nodes and edges and fit uint16, costs
+above zero, metadata without nulls, and real numbers written as such (the loader takes an integer
+for another type, and `getValue<float>` fails on it).
 """
 
 from __future__ import annotations
@@ -52,31 +51,15 @@ def nav2_graph(
     """The route graph of a building or of one storey as a GeoJSON object.
 
     The `cost` of an edge is its time in seconds. The server's scorers may override it, except for
-    rides, whose ends lie above each other. `abs_time_taken` in the metadata is the time for Nav2's
-    TimeScorer. Operations: ``open_door`` for each door, as it may be shut when the robot comes (its
-    metadata have the state at the time of writing), ``call_elevator`` before a cabin is
-    entered, ``use_elevator`` and then ``switch_map`` for a ride, or the behaviour that a connector
-    needs. Their metadata name the connector or elevator.
+    rides, whose ends lie above each other; `abs_time_taken` is the time for Nav2's TimeScorer.
+    Blocked edges are left out. Doors have ``open_door``, as they may be shut when the robot comes;
+    a ride is ``call_elevator``, ``use_elevator`` and ``switch_map``.
 
-    Parameters
-    ----------
-    routing
-        Travel times of the robot. Blocked edges are left out.
-    storey
-        Only this one; its nodes in cabins then have ``switch_map`` with the storeys served.
-    building
-        Outlines: travel leads around their corners, over additional nodes. Without outlines, travel
-        is straight, even through a wall.
-    frames
-        The frame of each storey; by default ``map_STOREY``, as in the parameters that
-        `navgrid.nav2.write_nav2` writes.
-    name
-        Of the map; also the storey of a map without storeys.
-
-    Raises
-    ------
-    ExchangeError
-        There is no such storey, it has no edges, or it needs more ids than there are.
+    With the outlines of a `building`, travel leads around their corners, over additional nodes;
+    else it is straight, even through a wall. `frames` are those of the storeys, by default
+    ``map_STOREY`` as in the parameters that `navgrid.nav2.write_nav2` writes. `name`, of the map,
+    is also the storey of a map without storeys. Raises ExchangeError: the storey is unknown, has no
+    edges, or needs more ids than there are.
     """
     made = route_graph(routing, storey=storey, storeyless=name or ROUTE_FRAME)
     if building is not None:
@@ -112,10 +95,7 @@ def nav2_graph(
 def nav2_graphs(routing: RoutingGraph, **options: Any) -> dict[str | None, dict[str, Any]]:
     """One graph of the whole building, by None; one for each storey if there are too few ids.
 
-    Raises
-    ------
-    ExchangeError
-        One storey alone needs more ids than there are.
+    Raises ExchangeError if one storey alone needs more ids than there are.
     """
     try:
         return {None: nav2_graph(routing, **options)}

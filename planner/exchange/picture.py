@@ -26,13 +26,8 @@ def topology_plan(
 ) -> Path:
     """Draw the topology of a storey over its floor plan; returns the file.
 
-    A dot in each place, and a line from it to each of its connectors in the colour of their state.
+    A dot in each room, and a line from it to each of its connectors in the colour of their state.
     One-way connectors have an arrow. A label at a cabin names the storeys that the elevator serves.
-
-    Parameters
-    ----------
-    storey
-        Its rooms determine the dots; its objects are not drawn.
     """
     at = {room.name: _middle(room.outline) for room in storey.rooms}
     ways = {room.name: _ways(topology, room, at[room.name]) for room in storey.rooms}

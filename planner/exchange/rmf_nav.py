@@ -1,11 +1,8 @@
 """Navigation graphs of Open-RMF (YAML), as `rmf_building_map_tools` writes them.
 
-Each storey is a level with vertices ``[x, y, {name, ...}]`` and lanes ``[from, to, {...}]``, each
-in one direction. A lane through a door has its `door_name`. The approach poses in a cabin become
-one vertex with the name of its `lift`, at the same spot on each level, as the fleet adapter
-requires; it joins the levels by itself. Each place has a vertex of its name, to which tasks go.
-Waypoints of the map are vertices with their parameters (``is_charger``, ``is_parking_spot``, ...),
-and drawn lanes are lanes with theirs.
+The approach poses in a cabin become one vertex with the name of its `lift`, at the same spot on
+each level, as the fleet adapter requires; it joins the levels by itself. Each place has a vertex of
+its name, to which tasks go.
 """
 
 from __future__ import annotations
@@ -47,26 +44,12 @@ def rmf_nav_graph(
     building: BuildingOutline | None = None,
     storey: str | None = None,
 ) -> dict[str, Any]:
-    """The navigation graph of a building as plain values.
+    """The navigation graph of a building, or of one storey, as plain values.
 
-    Lanes are travel and passages that the robot of the routing graph can use. Connections between
-    levels other than lifts (stairs) are left out. A door is a connector whose behaviour is
-    ``pass_door``.
-
-    Parameters
-    ----------
-    name
-        Of the building.
-    building
-        Outlines, within which the vertex of a place lies and around whose corners lanes lead, and
-        cabins.
-    storey
-        Only this one.
-
-    Raises
-    ------
-    ExchangeError
-        There is no such storey, or there is no lane.
+    Lanes are travel and passages that the robot of the routing graph can use, and drawn lanes.
+    Connections between levels other than lifts (stairs) are left out. A door is a connector whose
+    behaviour is ``pass_door``. The vertex of a place lies in the outline that `building` has, and
+    lanes lead around its corners. Raises ExchangeError: the storey is unknown, or there is no lane.
     """
     building = building or BuildingOutline()
     speed = routing.robot.speed

@@ -83,18 +83,10 @@ class Waypoint:
 
 @dataclass(frozen=True)
 class Move:
-    """A move from one node to another, in one direction.
+    """A move from one node to another, by index, in one direction.
 
-    Attributes
-    ----------
-    start, end
-        Indices of nodes.
-    kind
-        Travel inside a place, a passage through a connector, or a ride in an elevator.
-    connector
-        The connector of a passage.
-    elevator
-        The elevator of a ride, or the one into which a passage leads.
+    A walk is inside a place; a passage has its connector and the elevator into which it leads, a
+    ride its elevator.
     """
 
     start: int
@@ -129,19 +121,8 @@ def route_graph(
     """The approach poses of a routing graph, and the moves that its robot can make between them.
 
     Shortest paths over the moves are those of the routing graph. No move leads through `OUTSIDE`,
-    which the map does not describe.
-
-    Parameters
-    ----------
-    storey
-        Only this one, without rides, which lead away from it.
-    storeyless
-        Name of the storey of places that have none.
-
-    Raises
-    ------
-    ExchangeError
-        There is no such storey.
+    which the map does not describe. One storey alone is without rides, which lead away from it;
+    places without storey are on `storeyless`. Raises ExchangeError for an unknown storey.
     """
     topology = routing.topology
     nodes = [

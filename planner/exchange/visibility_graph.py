@@ -32,15 +32,9 @@ EXACT = 1e-6
 
 
 class CornerPaths(NamedTuple):
-    """Corners, and the paths between points over them.
+    """Corners (k, 2), metres, and for each pair i < j of points the corners on the path.
 
-    Attributes
-    ----------
-    corners
-        (k, 2) points, metres.
-    between
-        For each pair i < j of points, the corners on the path; none if it is straight. Pairs
-        without a path are missing.
+    A straight path has none; pairs without a path are missing.
     """
 
     corners: NDArray[np.float64]
@@ -53,19 +47,11 @@ def corner_paths(
     clearances: Sequence[float] = (CLEARANCE,),
     pairs: Iterable[tuple[int, int]] | None = None,
 ) -> CornerPaths:
-    """The shortest paths between points of a room that keep a distance from its walls.
+    """The shortest paths between points (n, 2) of a room that keep a distance from its walls.
 
-    Parameters
-    ----------
-    outline
-        Of the room, metres.
-    points
-        (n, 2), metres. One that is nearer to a wall than the clearance is left by the shortest way.
-    clearances
-        Metres, the largest first. Each pair of points has the first at which a path exists; after
-        the last, its half, and so on.
-    pairs
-        The pairs i < j of points to join; by default all.
+    A point that is nearer to a wall than the clearance, metres, is left by the shortest way. Each
+    of the `pairs` i < j, by default all, has the first of the clearances, the largest first, at
+    which a path exists; after the last, its half, and so on.
     """
     points = np.asarray(points, np.float64).reshape(-1, 2)
     wanted = combinations(range(len(points)), 2) if pairs is None else pairs

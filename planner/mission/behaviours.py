@@ -37,21 +37,11 @@ Cause = Literal[
 
 @dataclass(frozen=True)
 class Outcome:
-    """How a behaviour ended.
-
-    Attributes
-    ----------
-    cause
-        Of a failure; None if it succeeded.
-    message
-        Details in words.
-    seconds
-        Duration by the clock of the robot.
-    """
+    """How a behaviour ended: the cause of a failure, or None, and details in words."""
 
     cause: Cause | None = None
     message: str = ""
-    seconds: float = 0.0
+    seconds: float = 0.0  # by the clock of the robot
 
     @property
     def succeeded(self) -> bool:
@@ -70,19 +60,11 @@ class Sighting:
 
 @dataclass(frozen=True)
 class PlaceLook:
-    """What a look showed of one place: the object was seen there, or it was not.
+    """What a look showed of one place, by names of the map: the object was seen there, or not.
 
-    Attributes
-    ----------
-    object, place
-        Names of the map.
-    seen
-        Whether the object was seen there.
-    visible
-        The share of the place that the look showed, in (0, 1].
-    hit, false_alarm
-        P(seen | the object is in what was shown) and P(seen | it is not). These do not age: only
-        give them for what does not move. None: those of the map, which age.
+    `visible` is the share of the place that the look showed, in (0, 1]. `hit` and `false_alarm`,
+    P(seen | the object is in what was shown) and P(seen | it is not), do not age: give them only
+    for what does not move. None: those of the map, which age.
     """
 
     object: str

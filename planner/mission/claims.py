@@ -22,12 +22,8 @@ def claims_of(
 ) -> list[str | None]:
     """For each command, the connector or elevator that its robot must claim, or None.
 
-    Parameters
-    ----------
-    elevators
-        The elevator of each place that is a cabin.
-    width
-        Of the robot, metres; None if unknown: then no two robots fit through any connector.
+    `elevators` has that of each cabin. `width` is the robot's, metres; None if unknown: then no two
+    robots fit through any connector.
     """
     claims = [_claim(command, elevators, width) for command in commands]
     for i in range(len(commands) - 2, -1, -1):  # a drive belongs to what it leads to

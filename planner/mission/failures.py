@@ -39,16 +39,9 @@ class UnknownFailureError(Error, LookupError):
 class FailureRule:
     """A state of a door or elevator that differs from the map, or a behaviour that fails.
 
-    Attributes
-    ----------
-    what
-        A door, an elevator or a behaviour. ``drop``: the robot drops its load while it drives.
-    state
-        Of a door: open, closed or locked; of an elevator: broken.
-    times
-        How often the behaviour fails from now on.
-    chance
-        Probability of each failure, 0 to 1.
+    `what` is a door, an elevator or a behaviour; ``drop`` drops the load while it drives. `state`
+    is open, closed or locked, or broken for an elevator. The behaviour fails so many times from now
+    on, or each time with a chance from 0 to 1.
     """
 
     what: str
@@ -58,12 +51,7 @@ class FailureRule:
 
     @classmethod
     def parse(cls, text: str) -> FailureRule:
-        """The rule that a text describes.
-
-        Raises
-        ------
-        ValueError
-            The text is not a rule; the message shows examples.
+        """The rule that a text describes; a ValueError shows examples.
 
         Examples
         --------
@@ -91,12 +79,7 @@ class FailureRule:
         )
 
     def check(self, topology: Topology) -> None:
-        """Refuse a door or elevator that the map does not have.
-
-        Raises
-        ------
-        UnknownFailureError
-        """
+        """Raise UnknownFailureError for a door or elevator that the map does not have."""
         if self.state is None:
             return
         what = "elevator" if self.state == BROKEN else "door"

@@ -43,56 +43,32 @@ MOTION = 5.0
 
 @dataclass(frozen=True)
 class Hand:
-    """What a robot grasps with.
-
-    Attributes
-    ----------
-    gripper : name of a stored gripper
-    automaton : name of the stored robot whose arm moves it; None if not known
-    assumed : nothing says that the robot has this gripper: it is the default one
-    """
+    """What a robot grasps with: a stored gripper, and the stored robot that moves it, if known."""
 
     gripper: str
     automaton: str | None = None
-    assumed: bool = False
+    assumed: bool = False  # the default one, which nothing states
 
 
 @dataclass(frozen=True)
 class Choice:
-    """How a pickup or a place begins.
+    """How a pickup or a place begins."""
 
-    Attributes
-    ----------
-    action : id of the action that is used; None without one
-    note : how it was chosen, or why there is none, in words
-    refusal : the outcome of a step that cannot begin; None where the robot shall act
-    tried : whether a trial in simulation decided
-    spot : of a place: where the object is put down instead, map's frame
-    decided : ids of the actions that trials decided on
-    """
-
-    action: int | None = None
-    note: str = ""
-    refusal: Outcome | None = None
-    tried: bool = False
-    spot: Pose | None = None
-    decided: frozenset[int] = frozenset()
+    action: int | None = None  # id of the action that is used
+    note: str = ""  # how it was chosen, or why there is none
+    refusal: Outcome | None = None  # of a step that cannot begin
+    tried: bool = False  # a trial in simulation decided
+    spot: Pose | None = None  # where else the object is put down, map's frame
+    decided: frozenset[int] = frozenset()  # actions that trials decided on
 
 
 def hand_of(session: Any, name: str, robot_class: str | None, gripper: str | None = None) -> Hand:
-    """Return what a robot grasps with; where no gripper is stored, the default one, then stored.
+    """What a robot grasps with; where no gripper is stored, the default one, then stored.
 
-    Parameters
-    ----------
-    name, robot_class : of the robot, which may be those of a stored automaton; else that of the
-        URDF of its class is stored
-    gripper : name of a gripper, without an arm; by default that of the automaton, else the
-        preferred one, else the only one
-
-    Raises
-    ------
-    LookupError
-        There is no such gripper, or there are several and none is preferred.
+    The robot or its class may have the name of a stored automaton; else that of the URDF of the
+    class is stored. `gripper` names one, without an arm; by default it is that of the automaton,
+    else the preferred one, else the only one. Raises LookupError: there is no such gripper, or
+    there are several and none is preferred.
     """
     from semmap.manipulation.automata import automaton_of, class_automaton
     from semmap.manipulation.retrieval import DEFAULT_GRIPPER, gripper_name
@@ -113,24 +89,14 @@ def hand_of(session: Any, name: str, robot_class: str | None, gripper: str | Non
 
 @dataclass(frozen=True)
 class GraspChooser:
-    """Chooses the grasps and places of one robot.
-
-    Attributes
-    ----------
-    session : of the map
-    robot : name of the agent
-    hand : what it grasps with
-    base : where it stands, in the map's frame
-    trial : whether a trial in simulation decides
-    motion_seconds : of the processor, to look for motions of the arm; None for no motions
-    """
+    """Chooses the grasps and places of one robot."""
 
     session: Any
     robot: str
     hand: Hand
-    base: Pose
-    trial: bool = False
-    motion_seconds: float | None = None
+    base: Pose  # where it stands, map's frame
+    trial: bool = False  # a trial in simulation decides
+    motion_seconds: float | None = None  # of the processor, for motions; None: no motions
 
     @property
     def arm(self) -> Arm | None:
@@ -142,7 +108,7 @@ class GraspChooser:
         return stored_arm(self.session, self.hand.automaton)[1]
 
     def grasp(self, item: str, target: str | None) -> Choice:
-        """Return the grasp of a pickup: if possible, one that a free place on the target ends."""
+        """The grasp of a pickup: if possible, one that a free place on the target ends."""
         from semmap.manipulation.arm_motions import approachable_rows
         from semmap.manipulation.error import ManipulationError
         from semmap.manipulation.retrieval import find_grasps
@@ -189,13 +155,10 @@ class GraspChooser:
         *,
         stands: Pose | None = None,
     ) -> Choice:
-        """Return the place that ends a grasp.
+        """The place on a target, or the floor, that ends a grasp.
 
-        Parameters
-        ----------
-        target : object on which the item is put; None for a floor
-        spot : free pose of the item there, in the map's frame; None without one
-        stands : pose of the item before it was taken, in the map's frame; None for no trial
+        `spot` is a free pose of the item there, `stands` its pose before it was taken, both in the
+        map's frame; without the latter there is no trial.
         """
         choice = self._place(item, grasp, None if spot is None else stands)
         planned = choice.refusal is None and choice.action is not None

@@ -17,22 +17,9 @@ def find_free_spot(
     radius: float,
     towards: tuple[float, float],
 ) -> tuple[float, float] | None:
-    """The free spot of a surface that is nearest to a point.
+    """(x, y) of the free spot of a surface that is nearest to a point; None without one, metres.
 
-    Parameters
-    ----------
-    surface
-        Outline of the surface, metres.
-    occupied
-        Footprints of the objects on it.
-    radius
-        Of a circle around the footprint of the object, metres.
-    towards
-        (x, y) of the robot.
-
-    Returns
-    -------
-    (x, y) of the middle of the circle, which lies on the surface and is free; None without one.
+    A circle of the radius around it lies on the surface and touches no occupied footprint.
     """
     free = surface.buffer(-radius)
     taken = shapely.union_all([k for k in occupied if not k.is_empty])

@@ -12,10 +12,7 @@ from semmap.geometry.pose import Pose
 class Failure:
     """A step of a mission that failed, with the entity that it acted on and the cause.
 
-    Attributes
-    ----------
-    at
-        Of a pickup or a place: the base pose.
+    `at` is the base pose of a pickup or a place.
     """
 
     action: str

@@ -39,21 +39,11 @@ class Planner(Protocol):
         without: frozenset[str] = frozenset(),
         tried: frozenset[tuple[str, Pose]] = frozenset(),
     ) -> Plan:
-        """The actions that reach the goal; none if it is reached.
+        """The actions that reach the goal on a state of the map; none if it is reached.
 
-        Parameters
-        ----------
-        seen
-            That state.
-        without
-            Names of objects, connectors and elevators that the plan must not use.
-        tried
-            Names of objects, each with a base pose from which the robot could not reach it.
-
-        Raises
-        ------
-        ValueError, LookupError
-            There is no plan; the message says why.
+        The plan must not use the objects, connectors and elevators `without`, nor the base poses
+        `tried`, each with the object that the robot could not reach from it. A ValueError or
+        LookupError says why there is no plan.
         """
         ...
 
@@ -69,16 +59,10 @@ class MissionResult:
 
 @dataclass(frozen=True)
 class MissionEvent:
-    """An event of a runner.
+    """An event of a runner, with its step, if it belongs to one.
 
-    Attributes
-    ----------
-    kind
-        planned, waits, starts, started, acted, ended, failed, done or cancelled.
-    number, command
-        The step, if the event belongs to one.
-    message
-        The actions of a plan, the message of a step, or a reason.
+    `kind` is planned, waits, starts, started, acted, ended, failed, done or cancelled. The message
+    has the actions of a plan, the message of a step, or a reason.
     """
 
     kind: str
@@ -140,12 +124,8 @@ class Runner:
     def run(self, mission: int) -> MissionResult:
         """Run a mission to its end; continue it if another runner has begun it.
 
-        Raises
-        ------
-        MissionError
-            It cannot be taken over.
-        LostMissionError
-            Another process has taken it over in the meantime.
+        Raises MissionError if it cannot be taken over; LostMissionError if another process has
+        taken it over in the meantime.
         """
         taken = self._store.take(mission)
         elevators = {

@@ -23,29 +23,15 @@ Work = Generator[float, float, "tuple[Cause | None, str]"]
 
 @dataclass(frozen=True)
 class SimBody:
-    """A robot in a simulated world.
-
-    Attributes
-    ----------
-    cabin_doors
-        Of each elevator: the cabin behind each of its doors.
-    path
-        Finds paths inside places.
-    velocity
-        Metres a second, by its clock.
-    seed
-        Of random failures.
-    wait
-        Seconds, by its clock, that it waits for an elevator that another robot uses.
-    """
+    """A robot in a simulated world."""
 
     name: str
     world: SimWorld
-    cabin_doors: dict[str, dict[str, str]]
+    cabin_doors: dict[str, dict[str, str]]  # by elevator and door, the cabin behind it
     path: PathFinder
-    velocity: float
-    seed: int
-    wait: float
+    velocity: float  # m/s, by its clock
+    seed: int  # of random failures
+    wait: float  # seconds for an elevator that another robot uses
 
     def fails(self, what: str) -> bool:
         """Whether a behaviour fails this time."""

@@ -66,22 +66,11 @@ def _behaviour(
 
 
 class SimulatedRobot:
-    """The behaviours of a robot in a simulated world.
+    """A robot in a simulated world, with every behaviour that importers assign to connectors.
 
-    It has every behaviour that importers assign to connectors.
-
-    Parameters
-    ----------
-    path
-        Finds paths inside places; by default straight lines.
-    speed
-        How much faster its clock runs than real time.
-    velocity
-        Metres a second, by its clock.
-    seed
-        Of random failures.
-    wait
-        Seconds, by its clock, that it waits for an elevator that another robot uses.
+    By its clock, which runs `speed` times faster than real time, it drives `velocity` m/s along the
+    points that `path` finds, by default straight lines, and waits `wait` seconds for an elevator
+    that another robot uses. `seed` is that of random failures.
     """
 
     navigate = _behaviour(navigate)

@@ -19,12 +19,7 @@ _NOWHERE = "no room holds {}: give its start (--from)"
 
 
 def entry_pose(topology: Topology, place: str) -> Pose:
-    """The approach pose of the first door of a place.
-
-    Raises
-    ------
-    MissionError
-    """
+    """The approach pose of the first door of a place; MissionError without one."""
     doors = topology.connectors_of(place)
     if not doors:
         raise MissionError(f"{place} has no door: a robot cannot leave it; add a connector")
@@ -43,10 +38,7 @@ def open_world(
 ) -> SimWorld:
     """The simulated world in a file, with the robot; made from the map if there is no file.
 
-    Raises
-    ------
-    MissionError
-        The pose of the robot is unknown, or there is no mission to resume.
+    Raises MissionError: the pose of the robot is unknown, or there is no mission to resume.
     """
     where = store.robot(robot)
     if file.is_file():

@@ -47,15 +47,10 @@ class SimWorld:
         objects: Iterable[tuple[str, str, Sighting]] = (),
         rules: Iterable[FailureRule] = (),
     ) -> SimWorld:
-        """A new world: doors and elevators as in the map, objects in their places.
+        """A new world: doors and elevators as in the map, objects by name, place and pose.
 
         Another process never sees an unfinished file. If another one makes the file at the same
         time, the first one stays.
-
-        Parameters
-        ----------
-        objects
-            Name, place and pose of each object.
         """
         draft = path.with_name(f"{path.name}.{os.getpid()}")
         with closing(cls._made(draft, topology, objects)):
@@ -124,12 +119,7 @@ class SimWorld:
     # -- robots and objects ----------------------------------------------------------------------
 
     def robot(self, name: str) -> tuple[str, Pose]:
-        """Where a robot is.
-
-        Raises
-        ------
-        LookupError
-        """
+        """Where a robot is; LookupError without it."""
         row = self._file.execute("SELECT * FROM robot WHERE name = ?", (name,)).fetchone()
         if row is None:
             raise LookupError(f"there is no robot {name} in the simulated world: put one there")

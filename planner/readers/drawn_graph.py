@@ -22,10 +22,7 @@ WHERE a.map_id = current_map() AND l.relation IN ('lane', 'nav2_edge') ORDER BY 
 def read_drawn_graph(seen: Snapshot, topology: Topology) -> DrawnGraph:
     """The drawn graph of the current map; its nodes are the point regions of a topology.
 
-    Raises
-    ------
-    LookupError
-        The map has no drawn edges.
+    Raises LookupError if the map has no drawn edges.
     """
     rows = seen.connection.execute(text(_EDGES)).all()
     if not rows:

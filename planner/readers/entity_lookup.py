@@ -59,13 +59,7 @@ WHERE e.map_id = current_map() AND ST_Covers(w.footprint, ST_MakePoint(:x, :y))
 
 
 class MapLookup:
-    """An `EntityLookup` in the present state of a map.
-
-    Parameters
-    ----------
-    snapshot
-        Sees one state of the map.
-    """
+    """An `EntityLookup` in the present state of a map."""
 
     def __init__(self, snapshot: Callable[[], AbstractContextManager[Snapshot]]) -> None:
         self._snapshot = snapshot

@@ -15,15 +15,10 @@ if TYPE_CHECKING:
 def grasp_check(
     seen: Snapshot, *, gripper: str | None = None, robots: tuple[str | None, ...] = ()
 ) -> Callable[[str], str | None]:
-    """Return a function that says why no grasp of an object fits; None if one does.
+    """A function that says why no grasp of an object fits; None if one does.
 
-    It knows the gripper that is named, else that of a stored robot or of the URDF of a class of
-    robots. Without any of them, and of an object without a mesh, nothing is known.
-
-    Parameters
-    ----------
-    gripper : name of a stored gripper
-    robots : names of stored robots or classes of robots, the first one that has a gripper counts
+    It knows the gripper that is named, else that of the first of the stored robots, or of the URDFs
+    of the classes, that has one. Without any, and of an object without a mesh, nothing is known.
     """
     session = seen.session
 

@@ -55,21 +55,12 @@ WHERE r.name = %s
 
 
 class StoredRobotClass(NamedTuple):
-    """A class of robots as the database has it.
+    """A class of robots as the database has it, with the means measured in the current map.
 
-    Attributes
-    ----------
-    id
-        In the database.
-    robot, durations
-        The class, and how long its behaviours take, with the measured means in the current map.
-    digest
-        Of the row in the database: it changes whenever the class is stored with other values.
-    unmeasured
-        Ids of the entities of the current map that changed after all travel times of the class were
-        measured; None if they never were, or if the changes since then are not all kept.
-    fields_changed
-        Whether fields of the current map were stored or deleted since then.
+    The digest changes whenever the class is stored with other values. `unmeasured` are the ids of
+    the entities of the map that changed after all travel times of the class were measured; None if
+    they never were, or if the changes since then are not all kept. `fields_changed`: fields were
+    stored or deleted since then.
     """
 
     id: int
@@ -89,9 +80,8 @@ def store_robot_class(
 ) -> int:
     """Store a class of robots, or replace the one of its name; returns its id.
 
-    `urdf` is the file that it was made from, to make costmaps of it in another posture.
-
-    Travel times that were measured for another shape, other limits or another speed are deleted.
+    `urdf` is the file that it was made from, to make costmaps of it in another posture. Travel
+    times that were measured for another shape, other limits or another speed are deleted.
     """
     durations = durations or Durations()
     row: dict[str, Any] = {
@@ -129,13 +119,7 @@ def store_robot_class(
 
 
 def delete_robot_class(connection: Connection, name: str) -> None:
-    """Delete a class of robots and its travel times.
-
-    Raises
-    ------
-    LookupError
-        There is no class of this name.
-    """
+    """Delete a class of robots and its travel times; LookupError without one of this name."""
     found = connection.execute(text("DELETE FROM robot_class WHERE name = :name"), {"name": name})
     if not found.rowcount:
         raise _no_class(connection, name)
@@ -147,13 +131,7 @@ def read_robot_class_names(seen: Snapshot) -> list[str]:
 
 
 def read_robot_class(seen: Snapshot, name: str) -> StoredRobotClass:
-    """The class of robots of this name.
-
-    Raises
-    ------
-    LookupError
-        There is no class of this name; the message has the names of all.
-    """
+    """The class of robots of this name; a LookupError has the names of all."""
     found = fetch_rows(seen, _READ, (name,), namedtuple_row)
     if not found:
         raise _no_class(seen.connection, name)
@@ -193,10 +171,7 @@ def _no_class(connection: Connection, name: str) -> LookupError:
 def read_robot_urdf(seen: Snapshot, name: str) -> Path:
     """The URDF that a class of robots was made from.
 
-    Raises
-    ------
-    LookupError
-        There is no class of this name, or its file is not known or is gone.
+    Raises LookupError: there is no such class, or its file is not known or is gone.
     """
     read_robot_class(seen, name)
     found = seen.session.execute("SELECT urdf FROM robot_class WHERE name = %s", (name,)).fetchone()

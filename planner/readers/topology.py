@@ -90,9 +90,7 @@ def read_places(seen: Snapshot) -> list[Place]:
 def read_regions(seen: Snapshot) -> tuple[list[PlaceRegion], dict[int, list[datetime]]]:
     """The regions that are drawn on the current map and valid now; those without area as points.
 
-    Returns
-    -------
-    The regions, and by id the moments at which regions become valid or invalid, if there are any.
+    Also, by id, the moments at which regions become valid or invalid, if there are any.
     """
     rows = fetch_rows(seen, _REGIONS, rows=namedtuple_row)
     ends = {row.id: [t for t in (row.since, row.until) if t is not None] for row in rows}
@@ -121,13 +119,7 @@ def read_regions(seen: Snapshot) -> tuple[list[PlaceRegion], dict[int, list[date
 def read_connectors(
     seen: Snapshot, places: Iterable[Place], ids: Collection[int] | None = None
 ) -> list[PlaceConnector]:
-    """The connectors that join these places.
-
-    Parameters
-    ----------
-    ids
-        Ids of the connectors to read; by default all.
-    """
+    """The connectors, of these ids or all, that join these places."""
     if ids is not None and not ids:
         return []
     names: dict[int | None, str] = {p.id: p.name for p in places if p.id is not None}

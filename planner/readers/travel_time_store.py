@@ -26,13 +26,7 @@ from semmap.query.snapshot import Snapshot
 
 
 class TravelTimeStore:
-    """Loads and stores the travel times of a class of robots.
-
-    Parameters
-    ----------
-    stored
-        The class as it was read.
-    """
+    """Loads and stores the travel times of a class of robots, which was read before."""
 
     def __init__(self, stored: StoredRobotClass) -> None:
         self._class = stored
@@ -46,13 +40,8 @@ class TravelTimeStore:
     def load(self, seen: Snapshot, topology: Topology, *, some_expire: bool) -> TravelEdges | None:
         """The travel edges that still hold; None if none are stored.
 
-        If anything changed that travel depends on, only the edges of places with the same digest
-        hold.
-
-        Parameters
-        ----------
-        some_expire
-            Whether the validity of some regions ends or begins at a known moment.
+        If anything changed that travel depends on, or the validity of some regions ends or begins
+        at a known moment, only the edges of places with the same digest hold.
         """
         rows = read_travel_times(seen, self._class.id)
         unmeasured = self._class.unmeasured
@@ -89,10 +78,9 @@ class TravelTimeStore:
     ) -> None:
         """Store the travel in all places that were added, as measured up to a cursor.
 
-        Places of `but` wait: something that is not stored has an effect on their travel now.
-
-        If another process stores travel times at the same time, or this login has no right to,
-        nothing is stored: the next call tries again.
+        Places of `but` wait: something that is not stored has an effect on their travel now. If
+        another process stores travel times at the same time, or this login has no right to, nothing
+        is stored: the next call tries again.
         """
         try:
             with seen.connection.begin_nested():

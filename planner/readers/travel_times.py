@@ -1,6 +1,4 @@
-"""Reads and stores measured travel times, and the states of places in which they were measured.
-
-A travel time takes a costmap to measure. If the contents of a place change, so does its digest.
+"""Measured travel times, and the digests of the places in which they were measured.
 
 Why: docs/decisions/travel_times_are_stored_with_a_digest_and_a_cursor.md
 """
@@ -86,12 +84,7 @@ _LOCK = "SELECT pg_try_advisory_xact_lock(hashtext('semmap travel times'), :id)"
 
 
 def read_travel_times(seen: Snapshot, robot_class: int) -> NDArray[Any]:
-    """The travel times of a class of robots in all maps.
-
-    Returns
-    -------
-    (n,) array with the fields of `MeasuredTravel`.
-    """
+    """(n,) the travel times of a class in all maps, with the fields of `MeasuredTravel`."""
     rows = np.frombuffer(fetch_rows(seen, _READ, (robot_class,))[0][0], _PACKED)
     return rows.astype(_PACKED.newbyteorder("="))
 
@@ -102,13 +95,7 @@ def store_travel_times(
     travel: Iterable[MeasuredTravel],
     digests: dict[int, str],
 ) -> None:
-    """Replace the travel times in some places.
-
-    Parameters
-    ----------
-    digests
-        The digest of each of these places, by id.
-    """
+    """Replace the travel times in the places, by id, that have these digests."""
     places = {"robot": robot_class, "places": [*digests]}
     where = "WHERE robot_class_id = :robot AND place_id = ANY (:places)"
     seen.connection.execute(text(f"DELETE FROM travel_time {where}"), places)
@@ -122,16 +109,9 @@ def store_travel_times(
 def compute_place_digests(
     seen: Snapshot, reach: float, places: Collection[int] | None = None
 ) -> dict[int, str]:
-    """The digest of the present state of each place of the current map, by id.
+    """The digest of the present state of each place of the current map, or of some, by id.
 
-    It covers all that travel times in the place depend on.
-
-    Parameters
-    ----------
-    reach
-        Metres beyond a place within which objects have an effect in it.
-    places
-        Ids of places; by default all.
+    It covers all that travel in the place depends on: objects up to `reach` metres beyond it, too.
     """
     values = {"reach": reach, "places": None if places is None else [*places]}
     rows = seen.connection.execute(text(_DIGESTS), values)
@@ -156,13 +136,8 @@ def may_store_travel_times(seen: Snapshot, robot_class: int, digest: str | None)
     """Whether this transaction may store travel times of a class of robots.
 
     It may if it has the right to write, if the class still has this digest, and if no other
-    transaction stores travel times of the class. If so, the class is locked until the transaction
-    ends.
-
-    Raises
-    ------
-    sqlalchemy.exc.OperationalError
-        Another transaction has just changed the class.
+    transaction stores travel times of the class, which is then locked until the transaction ends.
+    Raises OperationalError if another transaction has just changed the class.
     """
     allowed = seen.connection.execute(text(_MAY_WRITE)).scalar()
     if not allowed or digest != read_robot_class_digest(seen, robot_class):

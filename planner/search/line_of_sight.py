@@ -19,14 +19,7 @@ SPARED = 0.12
 
 
 class LineOfSight:
-    """The space that triangles leave free.
-
-    Parameters
-    ----------
-    triangles : (F, 3, 3), metres in the map's frame
-    size : float
-        Edge of the voxels, metres.
-    """
+    """The space that triangles (F, 3, 3) leave free, in voxels of a size, metres, map's frame."""
 
     def __init__(self, triangles: Floats, size: float = 0.05) -> None:
         self.size = size
@@ -99,10 +92,7 @@ _latest: dict[bytes, LineOfSight] = {}
 
 
 def line_of_sight(triangles: Floats) -> LineOfSight:
-    """The space that triangles (F, 3, 3) leave free.
-
-    The latest one is kept: the next search often has the same obstacles.
-    """
+    """The space that triangles (F, 3, 3) leave free; the latest one is kept for the next search."""
     key = hashlib.blake2b(triangles.tobytes()).digest()
     if key not in _latest:
         made = LineOfSight(triangles)

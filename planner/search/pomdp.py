@@ -15,32 +15,12 @@ TOLERANCE = 1e-9
 
 @dataclass(frozen=True, eq=False)
 class Pomdp:
-    """States, actions and observations with their probabilities and rewards.
+    """States, actions and observations, by unique names, with their probabilities and rewards.
 
-    Parameters
-    ----------
-    states, actions, observations : tuple of str
-        Their names, each unique among its kind.
-    transitions : (A, S, S) float64
-        P(next state | action, state).
-    likelihoods : (A, S, O) float64
-        P(observation | action, next state).
-    rewards : (A, S) float64
-        Expected reward of an action in a state.
-    start : (S,) float64
-        The belief at the beginning.
-    discount : float
-        In (0, 1]. With 1, some action must end the process: it leads to a state that no action
-        leaves or rewards.
-
-    Raises
-    ------
-    ValueError
-        A name is not unique, or an array has another shape or is not a distribution.
-
-    See Also
-    --------
-    planner.search.pomdp_file.write_pomdp
+    `transitions` (A, S, S) is P(next state | action, state), `likelihoods` (A, S, O) P(observation
+    | action, next state), `rewards` (A, S) what an action is worth in a state, `start` (S,) the
+    first belief. With a discount of 1, some action must lead to a state that no action leaves or
+    rewards. Other shapes and what is no distribution are ValueErrors.
     """
 
     states: tuple[str, ...]

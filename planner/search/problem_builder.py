@@ -42,21 +42,12 @@ STANDING = 1.0
 class Detector:
     """How well a robot recognises objects, and what time is worth.
 
-    Attributes
-    ----------
-    hit
-        P(an object is seen | it is in view).
-    false_alarm
-        P(an object is seen where it is not).
-    look
-        Seconds of a look.
-    wrong
-        Seconds that a wrong answer costs: with more, the robot looks longer before it answers.
+    A wrong answer costs `wrong` seconds: with more, the robot looks longer before it answers.
     """
 
-    hit: float = 0.9
-    false_alarm: float = 0.02
-    look: float = 3.0
+    hit: float = 0.9  # P(an object is seen | it is in view)
+    false_alarm: float = 0.02  # P(an object is seen where it is not)
+    look: float = 3.0  # seconds of a look
     wrong: float = 3600.0
 
     def __post_init__(self) -> None:
@@ -75,47 +66,24 @@ class Detector:
 
 @dataclass(frozen=True)
 class Viewpoint:
-    """Where the robot stands to look.
-
-    Attributes
-    ----------
-    name
-        The room and a number.
-    room
-        Name of the place of the topology.
-    pose
-        Of the base, in the map's frame.
-    shows
-        The places in view, each with the share that is visible, the largest first.
-    opens
-        The container that must be opened before the look.
-    """
+    """Where the robot stands to look; its name is the room and a number."""
 
     name: str
     room: str
-    pose: Pose
-    shows: tuple[tuple[str, float], ...]
-    opens: str | None = None
+    pose: Pose  # of the base, in the map's frame
+    shows: tuple[tuple[str, float], ...]  # places and visible shares, the largest first
+    opens: str | None = None  # the container to open before the look
 
 
 @dataclass(frozen=True, eq=False)
 class MapSearch:
-    """A search in a map.
-
-    Attributes
-    ----------
-    problem : SearchProblem
-    belief : (1, S) over spots
-    viewpoints : in the order of the problem
-    share : (S,) the share of its place that each spot is
-    graph : with which the travel times were computed
-    """
+    """A search in a map, with the belief (1, S) over spots."""
 
     problem: SearchProblem
     belief: Floats
-    viewpoints: tuple[Viewpoint, ...]
-    share: Floats
-    graph: RoutingGraph
+    viewpoints: tuple[Viewpoint, ...]  # in the order of the problem
+    share: Floats  # (S,) the share of its place that each spot is
+    graph: RoutingGraph  # of the travel times
 
     def nearest(self, room: str, pose: Pose) -> int | None:
         """The viewpoint at which a robot is; None if it is at none."""
@@ -148,35 +116,14 @@ def build_search(
     most_viewpoints: int = 30,
     progress: Callable[[str, int, int], None] | None = None,
 ) -> MapSearch:
-    """The search for an object whose place is believed.
+    """The search for an object of a height, metres, whose place is believed.
 
-    Parameters
-    ----------
-    name
-        Of the object.
-    belief
-        P(place); `ELSEWHERE` is at none of them.
-    places
-        Those of the belief, with their surfaces, and the rooms with their outlines.
-    occluders : (F, 3, 3), metres in the map's frame
-        Triangles that hide what is behind them, without the object.
-    graph
-        Routing graph of the robot's class.
-    start
-        Where the robot is.
-    height
-        Of the object, metres.
-    shut
-        Names of the places that must be opened before the robot sees into them; a place without a
-        surface is one of them.
-    progress
-        Called for each place in which viewpoints are sought: its name, its number, and how many
-        places there are.
-
-    Raises
-    ------
-    ValueError
-        The belief names a place that is not among `places`, or the robot can see none of them.
+    `belief` is P(place), `ELSEWHERE` at none of them. `places` are those of the belief, with their
+    surfaces, and the rooms with their outlines. `occluders` (F, 3, 3), metres in the map's frame,
+    hide what is behind them, without the object. The robot must open the places `shut`, and those
+    without a surface, before it sees into them. `progress` is called for each place in which
+    viewpoints are sought, with its name, its number, and how many there are. Raises ValueError: a
+    place of the belief is missing, or the robot can see none of them.
     """
     sight, detector = sight or Sight(), detector or Detector()
     by_name = {place.name: place for place in places}
@@ -371,9 +318,7 @@ def _spots(
 ) -> tuple[NDArray[np.intp], Floats, Floats]:
     """Points of one place that the same viewpoints show make a spot.
 
-    Returns
-    -------
-    place_of (S,), visible (V, S), and the share (S,) of the place that each spot is.
+    Returns place_of (S,), visible (V, S), and the share (S,) of the place that each spot is.
     """
     signature = np.concatenate([of[:, None], visible.T], axis=1)
     spots, counts = np.unique(signature, axis=0, return_counts=True)

@@ -28,23 +28,14 @@ SURE = 0.9
 
 @dataclass(frozen=True, eq=False)
 class BelievedObject:
-    """An object and where it may be.
-
-    Attributes
-    ----------
-    belief : P(place) of one who doubts what was believed
-    places : those of the belief
-    occluders : (F, 3, 3) triangles that hide it, metres in the map's frame
-    height : of the object, metres
-    shut : the places that must be opened before one sees into them
-    """
+    """An object and where it may be; its belief is P(place) of one who doubts what was believed."""
 
     name: str
     belief: dict[str, float]
     places: Sequence[BeliefPlace]
-    occluders: NDArray[np.float64]
-    height: float
-    shut: frozenset[str]
+    occluders: NDArray[np.float64]  # (F, 3, 3) triangles that hide it, metres in the map's frame
+    height: float  # metres
+    shut: frozenset[str]  # must be opened before one sees into them
 
     @property
     def all_shut(self) -> frozenset[str]:
@@ -65,10 +56,7 @@ class LookRow:
 def read_believed_object(seen: Snapshot, name: str) -> BelievedObject:
     """An object or agent of the current map, with the places at which it has room.
 
-    Raises
-    ------
-    LookupError
-        The map has no entity of this name.
+    Raises LookupError if the map has no entity of this name.
     """
     rows = where(seen, name)
     belief = {row["place"]: (1 - DOUBT) * row["probability"] + DOUBT * row["prior"] for row in rows}

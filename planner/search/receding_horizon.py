@@ -42,46 +42,22 @@ LEAVES = 40
 
 @dataclass(frozen=True)
 class Option:
-    """One way to go on.
-
-    Attributes
-    ----------
-    viewpoint
-        Number of the viewpoint to look from first; None: declare now.
-    seconds
-        Until that look ends.
-    chance
-        Probability that it shows one of the objects that are not declared yet.
-    cost
-        Expected seconds of the whole search, wrong answers included.
-    """
+    """One way to go on: the viewpoint to look from first, or None to declare now."""
 
     viewpoint: int | None
-    seconds: float
-    chance: float
-    cost: float
+    seconds: float  # until that look ends
+    chance: float  # that it shows an object not declared yet
+    cost: float  # expected seconds of the search, wrong answers included
 
 
 @dataclass(frozen=True)
 class Decision:
-    """What to do next, and why.
-
-    Attributes
-    ----------
-    action
-        go, open, look or declare.
-    viewpoint
-        Where; None to declare.
-    options
-        The ways to go on, the best first.
-    tour
-        The viewpoints of the search while nothing is found.
-    """
+    """What to do next, and where, and why: the ways to go on, the best first."""
 
     action: Literal["go", "open", "look", "declare"]
     viewpoint: int | None
     options: tuple[Option, ...]
-    tour: tuple[int, ...] = ()
+    tour: tuple[int, ...] = ()  # the viewpoints of the search while nothing is found
 
     @property
     def cost(self) -> float:
@@ -188,21 +164,11 @@ def _joint_outcomes(
 
 @dataclass(frozen=True)
 class _Looks:
-    """What each viewpoint does to the unnormalised belief of objects that are not declared yet.
+    """What each viewpoint does to the unnormalised belief of objects that are not declared yet."""
 
-    Attributes
-    ----------
-    unseen : (V, O, S)
-        P(not declared at a stop | spot).
-    falsely : (V, O, S)
-        P(declared in another place than it is | spot).
-    seconds : float
-        Of a stop.
-    """
-
-    unseen: Floats
-    falsely: Floats
-    seconds: float
+    unseen: Floats  # (V, O, S) P(not declared at a stop | spot)
+    falsely: Floats  # (V, O, S) P(declared in another place than it is | spot)
+    seconds: float  # of a stop
 
 
 def _options(

@@ -44,24 +44,12 @@ class NotFoundError(Error, ValueError):
 
 @dataclass(frozen=True)
 class SearchResult:
-    """What a search ends with.
-
-    Attributes
-    ----------
-    place
-        Where the object most probably is.
-    probability
-        Of that place.
-    seen
-        Whether the robot saw it there during this search.
-    looks
-        Number of looks.
-    """
+    """What a search ends with: the most probable place of the object."""
 
     place: str
     probability: float
-    seen: bool
-    looks: int
+    seen: bool  # there, during this search
+    looks: int  # how many
 
 
 @dataclass(eq=False)
@@ -78,21 +66,9 @@ class _State:
 
 
 class SearchPlanner:
-    """Plans searches for a class of robots on a map that changes.
+    """Plans searches for a class of robots on a map that changes; says why it goes where it goes.
 
-    Parameters
-    ----------
-    live
-        Topology and travel times of the class.
-    sight, detector
-        The robot's camera, and how well it recognises objects.
-    say
-        Called with each explanation.
-
-    Attributes
-    ----------
-    answers : dict of str to Answer
-        Of the searches that ended, by object.
+    `answers` are those of the searches that ended, by object.
     """
 
     def __init__(
@@ -119,12 +95,8 @@ class SearchPlanner:
     ) -> MapSearch:
         """The search for an object from where the robot is.
 
-        Raises
-        ------
-        LookupError
-            The map has no entity of this name.
-        ValueError
-            The robot can see no place at which the object may be.
+        Raises LookupError if the map has no such entity, ValueError if the robot can see no place
+        at which it may be.
         """
         known = read_believed_object(seen, name)
         return build_search(
@@ -153,15 +125,9 @@ class SearchPlanner:
     ) -> Plan:
         """The way to the next look and the look; no action if the search is over.
 
-        Parameters
-        ----------
-        accepted
-            The place at which the object need not be seen; by default it need not be seen at all.
-
-        Raises
-        ------
-        NotFoundError
-            No look is worth its time any more, and the object is probably elsewhere.
+        At the place `accepted` the object need not be seen; by default it need not be seen at all.
+        Raises NotFoundError: no look is worth its time any more, and the object is probably
+        elsewhere.
         """
         graph = self._graph(without)
         where = read_robot(seen, robot)
@@ -297,13 +263,7 @@ def _plan(
 def explain(
     search: MapSearch, belief: Floats, decision: Decision, opened: frozenset[int] = frozenset()
 ) -> str:
-    """Why a search goes on as it does, in one sentence or two.
-
-    Parameters
-    ----------
-    opened
-        The viewpoints whose container is open.
-    """
+    """Why a search goes on as it does, in one sentence or two; `opened` are viewpoints."""
     name = search.problem.objects[0]
     if decision.action == "declare":
         places, cost = search.problem.declared(belief)

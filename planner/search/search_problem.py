@@ -28,23 +28,18 @@ END = "end"
 
 @dataclass(frozen=True, eq=False)
 class SearchProblem:
-    """What is known before a search, except where the objects are.
+    """What is known before a search, except where the objects are; wrong values are ValueErrors.
 
     Parameters
     ----------
-    objects : tuple of O str
-        The objects to find.
-    places : tuple of P str
-        Where they may be; the last one may be *elsewhere*, which nothing shows.
-    viewpoints : tuple of V str
+    objects, places, viewpoints : tuples of O, P and V str
+        The last place may be *elsewhere*, which nothing shows.
     place_of : (S,) int
         The place of each spot, ascending.
     visible : (V, S) float64
         The share of a spot that a viewpoint shows.
-    travel : (V, V) float64, seconds
-        From viewpoint to viewpoint; infinite where no way leads.
-    start : (V,) float64, seconds
-        From where the robot is to each viewpoint.
+    travel, start : (V, V) and (V,) float64, seconds
+        From viewpoint to viewpoint, and from the robot; infinite where no way leads.
     look : float, seconds
         The duration of a look.
     hit : (O,) float64
@@ -58,11 +53,6 @@ class SearchProblem:
         viewpoint shows is hidden until then.
     shows : (V, O, O) float64, optional
         P(object i is not hidden | object j is in the same place), from each viewpoint.
-
-    Raises
-    ------
-    ValueError
-        A name is not unique, or a value is out of range.
     """
 
     objects: tuple[str, ...]
@@ -144,16 +134,9 @@ class SearchProblem:
         return ((self.visible @ self.membership) > 0).astype(float)
 
     def spread(self, belief: Sequence[Mapping[str, float]], share: Floats | None = None) -> Floats:
-        """The belief over spots, from one over places for each object.
+        """(O, S) the belief over spots, from one over places for each object.
 
-        Parameters
-        ----------
-        share : (S,) float64, optional
-            The share of its place that a spot is; by default all spots of a place are equal.
-
-        Returns
-        -------
-        (O, S) float64
+        `share` (S,) is that of its place that a spot is; by default all spots of a place are equal.
         """
         per_place = np.array([[b.get(name, 0.0) for name in self.places] for b in belief])
         _refuse_outside("belief", per_place, 0, 1)
@@ -196,17 +179,9 @@ class SearchProblem:
         return np.concatenate([found + falsely, (missed * (1 - alarm[:, None]))[:, :, None]], 2)
 
     def after(self, belief: Floats, viewpoint: int, seen: Sequence[int]) -> Floats:
-        """The belief (O, S) after a look.
+        """The belief (O, S) after a look; ValueError if the answer is impossible.
 
-        Parameters
-        ----------
-        seen
-            For each object the number of the place in which it was seen, or `NOT_SEEN`.
-
-        Raises
-        ------
-        ValueError
-            The answer is impossible.
+        `seen` has for each object the number of the place in which it was seen, or `NOT_SEEN`.
         """
         answers = self.answers(belief, viewpoint)
         posterior = belief * answers[np.arange(len(self.objects)), :, np.asarray(seen)]
@@ -225,20 +200,10 @@ class SearchProblem:
 
 
 def as_pomdp(problem: SearchProblem, belief: Floats, *, most_states: int = 1000) -> Pomdp:
-    """The search as a POMDP whose actions are go, look, open, and declare.
+    """The search with a belief (O, S) as a POMDP whose actions are go, look, open, and declare.
 
     A state is a spot for each object, the viewpoint of the robot (or its start), and what is open.
-
-    Parameters
-    ----------
-    belief : (O, S)
-    most_states
-        A search with more states is refused.
-
-    Raises
-    ------
-    ValueError
-        There are too many states: use `planner.search.receding_horizon.decide`.
+    More states than `most_states` are a ValueError: use `planner.search.receding_horizon.decide`.
     """
     o, s, v = len(problem.objects), len(problem.place_of), len(problem.viewpoints)
     shut = [int(k) for k in np.flatnonzero(problem.opening > 0)]

@@ -31,13 +31,7 @@ def searching_robot(
     speed: float,
     seed: int = 0,
 ) -> SearchingRobot:
-    """A robot that sees these objects only where its camera shows them.
-
-    Raises
-    ------
-    LookupError
-        The map has no object of a name.
-    """
+    """A robot that sees these objects only where its camera shows them; LookupError without one."""
     eyes = {}
     with live.snapshot() as seen:
         shapes = read_entity_shapes(seen) if objects else {}
@@ -56,12 +50,8 @@ def find_spots(
 ) -> list[tuple[str, str, Sighting]]:
     """Where objects truly are by texts such as ``mug on table2``: each with its room and pose.
 
-    Raises
-    ------
-    MissionError
-        A text cannot be read, or nothing is free there.
-    LookupError
-        A name is unknown.
+    Raises MissionError: a text cannot be read, or nothing is free there; LookupError: a name is
+    unknown.
     """
     spots = []
     for text in texts:

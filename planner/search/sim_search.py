@@ -34,18 +34,10 @@ LEAST_SHARE = 0.02
 
 @dataclass(frozen=True, eq=False)
 class SimEyes:
-    """What the camera of a simulated robot shows.
+    """What the camera of a simulated robot shows of the places at which an object may be.
 
-    Attributes
-    ----------
-    places
-        Those at which the object may be.
-    entities
-        Of the map, with their triangles where the map has them.
-    shut
-        The containers that must be opened before one sees into them.
-    seed
-        Of detections and false alarms.
+    The containers `shut` must be opened before one sees into them. `seed` is that of detections and
+    false alarms.
     """
 
     places: Sequence[BeliefPlace]
@@ -57,13 +49,7 @@ class SimEyes:
     seed: int = 0
 
     def share_in_view(self, name: str, base: Pose, objects: Mapping[str, Sighting]) -> float:
-        """The share of an object's picture that nothing hides; 0 if it is out of view.
-
-        Parameters
-        ----------
-        objects
-            Where the objects of the simulated world truly are.
-        """
+        """The share of an object's picture that no other one hides, where they truly are."""
         if name not in objects:
             return 0.0
         camera = self.sight.camera(base)
@@ -109,10 +95,7 @@ def _at(triangles: Floats, pose: Pose) -> Floats:
 
 
 class SearchingRobot(SimulatedRobot):
-    """A simulated robot that sees an object only if a look shows it.
-
-    It has two more behaviours: `look` for ``command.arguments[0]``, and `open_container`.
-    """
+    """A simulated robot that sees an object only if a look shows it, and opens containers."""
 
     def __init__(self, *arguments: Any, eyes: Mapping[str, SimEyes], **options: Any) -> None:
         super().__init__(*arguments, **options)

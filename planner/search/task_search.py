@@ -23,14 +23,7 @@ FOUND = "found"
 class SearchingPlanner:
     """Plans missions that search for objects first (`planner.mission.runner.Planner`).
 
-    Parameters
-    ----------
-    tasks
-        Plans what follows.
-    search
-        Plans the searches.
-    relations
-        Those of a domain file, with their numbers of arguments.
+    `relations` are those of a domain file, with their numbers of arguments.
     """
 
     def __init__(

@@ -40,25 +40,11 @@ MOST_LOOKS = 60
 
 
 def compare(search: MapSearch, trials: int, seed: int = 0) -> dict[str, Any]:
-    """The durations of searches by several strategies, in seconds.
+    """The durations of searches for random objects by several strategies, in seconds.
 
-    Parameters
-    ----------
-    search
-        Places, viewpoints, travel times and rates of a map.
-    trials
-        Number of random objects.
-
-    Returns
-    -------
-    dict
-        For each strategy `seconds` and `right` (share of right answers), and for each comparison
-        the mean difference; each with the half width of its 95 % confidence interval.
-
-    Raises
-    ------
-    ValueError
-        There are fewer than 2 trials, or fewer than 2 places in view.
+    For each strategy there are `seconds` and `right` (share of right answers), and for each
+    comparison the mean difference; each with the half width of its 95 % confidence interval. Fewer
+    than 2 trials, or than 2 places in view, are a ValueError.
     """
     problem = search.problem
     seen = problem.visible.max(axis=0) > 0

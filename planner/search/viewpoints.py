@@ -34,23 +34,14 @@ BODY = (0.25, 0.05, 1.2)
 
 @dataclass(frozen=True)
 class Sight:
-    """The camera of a robot: above its base, looking ahead and down.
+    """The camera of a robot: above its base, looking ahead and down; its picture is 4 : 3.
 
-    Attributes
-    ----------
-    height
-        Above the floor, metres.
-    pitch
-        Downwards from the horizon, radians.
-    field_of_view
-        Horizontal opening angle, radians; the picture is 4 : 3.
-    nearest, furthest
-        Between which it recognises objects, metres.
+    It recognises objects between `nearest` and `furthest`, metres.
     """
 
-    height: float = 1.2
-    pitch: float = 0.26
-    field_of_view: float = 1.2
+    height: float = 1.2  # above the floor, metres
+    pitch: float = 0.26  # downwards from the horizon, radians
+    field_of_view: float = 1.2  # horizontal opening angle, radians
     nearest: float = 0.3
     furthest: float = 3.5
 
@@ -106,16 +97,9 @@ def free_positions(
     costmaps: StoreyCostmaps | None,
     step: float = 0.7,
 ) -> Floats:
-    """(N, 2) positions of the base in a place, about a step apart, the clearest ones.
+    """(N, 2) positions of the base in a place, about a step apart, the clearest ones, metres.
 
-    Parameters
-    ----------
-    floor
-        z of the floor.
-    outline
-        Of the place.
-    space
-        The free space, for a robot without a costmap.
+    `space` is the free space, for a robot without a costmap; `floor` the z of the floor.
     """
     if costmaps is not None:
         room, costs = costmaps.room(place), costmaps.costs(place)
@@ -178,17 +162,9 @@ def choose_views(
 ) -> list[int]:
     """The numbers of the views that together show most.
 
-    Parameters
-    ----------
-    seen : (C, N)
-        Which points each of C views shows.
-    weights : (N,)
-        The belief in each point.
-    seconds : (C,)
-        From the robot to each view; of two that add the same, the nearer one is taken. Those that
-        are infinite are left out.
-    least
-        A view that adds less than this share of what can be seen is the last one.
+    `seen` (C, N) says which points each view shows, `weights` (N,) the belief in each point. Of two
+    views that add the same, the one of fewer `seconds` (C,) from the robot is taken; infinite ones
+    are left out. One that adds less than the share `least` of what can be seen is the last.
     """
     left = weights.copy()
     shown = csr_array(seen, dtype=np.float64)

@@ -1,8 +1,4 @@
-"""Leaves out the candidates of a goal that no shortest plan uses.
-
-Of objects that differ only by their sites, the ones of least detour between each two other sites
-stay.
-"""
+"""Leaves out the candidates of a goal that no shortest plan uses."""
 
 from __future__ import annotations
 
@@ -21,10 +17,7 @@ from planner.tasks.problem_draft import ProblemDraft
 class CandidatePruning:
     """Removes candidates and surfaces that no shortest plan uses.
 
-    Parameters
-    ----------
-    aside
-        The objects in the way, which the robot puts aside.
+    `aside` are the objects in the way, which the robot puts aside.
     """
 
     def __init__(

@@ -89,15 +89,8 @@ class Domain:
     def extend(self, problem: Problem, world: TaskWorld) -> tuple[list[str], int]:
         """Add the actions that a goal needs to a problem.
 
-        Returns
-        -------
-        The objects that the robot has to hold for them, and the maximum number of additional
-        events.
-
-        Raises
-        ------
-        NoPlanError
-            No action achieves a condition of the goal.
+        Returns the objects that the robot has to hold for them, and the maximum number of
+        additional events. Raises NoPlanError: no action achieves a condition of the goal.
         """
         own = {name for name, _ in self.relations}
         lifted: dict[str, None] = {}
@@ -235,13 +228,7 @@ def _ground(action: UserAction, of: Mapping[str, str]) -> tuple[Operator, list[t
 
 
 def read_domain(path: Path) -> Domain:
-    """The actions of a file.
-
-    Raises
-    ------
-    DomainError
-        With the line of the mistake.
-    """
+    """The actions of a file; a DomainError has the line of the mistake."""
 
     def refused(line: int, problem: str, fix: str) -> DomainError:
         return DomainError(f"{path}, line {line}: {problem}. {fix}")

@@ -12,12 +12,7 @@ from planner.tasks.problem_draft import ProblemDraft
 def limit_pickups(
     draft: ProblemDraft, checks: ObjectChecks, objects: GoalObjects, moved: Iterable[str]
 ) -> dict[str, None]:
-    """Limit the pickups of the objects that are moved.
-
-    Returns
-    -------
-    The objects in the way, which the robot puts aside.
-    """
+    """Limit the pickups of the objects that are moved; returns those to be put aside."""
     problem, world = draft.problem, draft.world
     limits = dict.fromkeys(moved, 1)
     aside = dict.fromkeys(off for name in limits for off in checks.tucked.get(name, ()))

@@ -27,13 +27,7 @@ class FinalSites:
 
     @cached_property
     def all(self) -> list[tuple[int, str]]:
-        """The numbers of the sites, each with its place or region.
-
-        Raises
-        ------
-        NoPlanError
-            The robot reaches none of them.
-        """
+        """The numbers of the sites, each with its place or region; NoPlanError without one."""
         problem, sites = self.draft.problem, self.draft.sites
         ends: list[tuple[int, str]] = []
         reasons: list[str] = []

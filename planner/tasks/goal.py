@@ -69,10 +69,7 @@ class Goal:
 def parse_goal(text: str, relations: Iterable[tuple[str, int]] = ()) -> Goal:
     """The goal that a text describes: ``on(a muffin, desk1) and in(robot, kitchen)``.
 
-    Parameters
-    ----------
-    relations
-        Names and numbers of arguments of the relations of a domain file.
+    `relations` are those of a domain file, with their numbers of arguments.
 
     Raises
     ------

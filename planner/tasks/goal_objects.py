@@ -17,15 +17,7 @@ _SURFACES = frozenset({"table", "counter", "support_furniture", "shelf", "booksh
 
 
 class GoalObjects:
-    """The objects that a goal moves.
-
-    Attributes
-    ----------
-    wanted
-        The words for them.
-    surfaces
-        The objects and places on which the goal wants each of them, by name.
-    """
+    """The words for the objects that a goal moves, and the surfaces on which it wants each."""
 
     def __init__(self, draft: ProblemDraft, checks: ObjectChecks) -> None:
         self.draft, self.checks = draft, checks
@@ -35,12 +27,7 @@ class GoalObjects:
     def find_wanted(self) -> None:
         """Find the words whose objects the goal moves; drop the candidates that are out of reach.
 
-        Raises
-        ------
-        GoalError
-            The goal moves a place.
-        NoPlanError
-            A word has too few objects that can be picked up.
+        Raises GoalError: the goal moves a place; NoPlanError: too few objects can be picked up.
         """
         problem, sites, world = self.draft.problem, self.draft.sites, self.draft.world
         named = dict.fromkeys(n for names in problem.candidates.values() for n in names)
@@ -89,10 +76,7 @@ class GoalObjects:
     def find_surfaces(self) -> None:
         """Find the surfaces for each object that the goal moves; drop unsuitable candidates.
 
-        Raises
-        ------
-        NoPlanError
-            No surface is suitable.
+        Raises NoPlanError: no surface is suitable.
         """
         problem = self.draft.problem
         for word in self.wanted:

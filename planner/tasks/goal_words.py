@@ -11,14 +11,8 @@ from planner.topology import Topology
 def resolve_words(problem: Problem, world: TaskWorld, topology: Topology) -> None:
     """Fill the candidates and regions of a problem, and the pairs of words that differ.
 
-    Raises
-    ------
-    UnknownObjectError
-        A word of the goal stands for nothing.
-    GoalError
-        The goal contradicts itself or the world.
-    NoPlanError
-        The map has too few objects for a word.
+    Raises UnknownObjectError: a word stands for nothing; GoalError: the goal contradicts itself or
+    the world; NoPlanError: the map has too few objects for a word.
     """
     goal = problem.goal
     _find_entities(problem, world, topology)

@@ -9,10 +9,7 @@ from planner.tasks.world import TaskObject
 class ObjectChecks:
     """Why objects cannot be picked up or put down; each pickup is checked once.
 
-    Attributes
-    ----------
-    tucked
-        The objects to take off each checked object before its pickup.
+    `tucked` has the objects to take off each checked object before its pickup.
     """
 
     def __init__(self, draft: ProblemDraft) -> None:

@@ -80,10 +80,7 @@ _DOMAIN = """\
 def pddl(problem: Problem) -> tuple[str, str]:
     """Domain and problem as PDDL 2.1 with action costs.
 
-    Raises
-    ------
-    ValueError
-        A thing that is carried with what stands on it (a tray): that is not exported.
+    Raises ValueError for a thing that is carried with what stands on it (a tray).
     """
     return _Writer(problem).write()
 

@@ -15,10 +15,7 @@ def add_placements(
 ) -> None:
     """Fill the surfaces of a problem, and the sites at which the robot reaches them.
 
-    Parameters
-    ----------
-    anywhere
-        The objects that may be put on every surface of the problem.
+    The objects `anywhere` may be put on every surface of the problem.
     """
     targets = _targets(draft.problem)
     _add_surfaces(draft, checks, objects, anywhere)

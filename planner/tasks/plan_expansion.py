@@ -31,10 +31,7 @@ def expand_plan(
 ) -> Plan:
     """The plan with all its actions, in order.
 
-    Parameters
-    ----------
-    called
-        The goal's word for an object, by its name; arguments of actions use it.
+    `called` has the goal's word for an object, by its name; arguments of actions use it.
     """
     actions: list[Action] = []
     on, at = dict(problem.on), dict(problem.spots)
@@ -110,7 +107,7 @@ def _drive(
 
 
 def actions_along(stages: Sequence[RouteStep], topology: Topology) -> Iterator[Action]:
-    """The steps of a route as actions, as Figure 4 prints them: a drive belongs to the next action.
+    """The steps of a route as Figure 4 prints them: a drive belongs to the next action.
 
     A drive at the end is an action of its own: ``navigate(place)``.
     """

@@ -19,10 +19,7 @@ class NoPlanError(Error, ValueError):
 
 @dataclass(frozen=True)
 class Operator:
-    """An action of a domain file whose parameters are objects.
-
-    Facts are tuples of a predicate and names.
-    """
+    """An action of a domain file with objects; facts are tuples of a predicate and names."""
 
     name: str
     arguments: tuple[str, ...]
@@ -38,65 +35,29 @@ class Operator:
 
 @dataclass
 class Problem:
-    """A goal over the part of a world that it can use.
-
-    Attributes
-    ----------
-    goal, state, capacity
-        As given.
-    pickup, place
-        Seconds.
-    candidates
-        The objects that each word of the goal may stand for.
-    differ
-        Pairs of words that stand for different objects.
-    regions
-        The places, or regions of places, that each word of the goal may stand for.
-    limits
-        Maximum pickups of each movable object.
-    takes
-        The movable objects that may be put on each object, or on the floor of a place.
-    carriers
-        The movable objects that are carried with the objects on them.
-    on, held
-        What each object is on at first, and the objects that the robot carries.
-    spots
-        Number of the site at which the robot reaches each object.
-    fixed
-        The objects that never move.
-    sites
-        The first is that of the robot.
-    seconds
-        (n, n) float64 between sites; infinite without a route.
-    finals
-        Sites at which the robot may end, each with the place or region that it reaches there.
-    operators, facts
-        Of a domain file.
-    slots
-        Maximum number of events of a plan.
-    """
+    """A goal over the part of a world that it can use."""
 
     goal: Goal
     state: TaskState
     capacity: int
-    pickup: float
-    place: float
-    candidates: dict[Word, list[str]] = field(default_factory=dict)
-    differ: list[tuple[Word, Word]] = field(default_factory=list)
-    regions: dict[Word, list[str]] = field(default_factory=dict)
-    limits: dict[str, int] = field(default_factory=dict)
-    takes: dict[str, list[str]] = field(default_factory=dict)
-    carriers: set[str] = field(default_factory=set)
-    on: dict[str, str] = field(default_factory=dict)
-    held: list[str] = field(default_factory=list)
-    spots: dict[str, int] = field(default_factory=dict)
-    fixed: set[str] = field(default_factory=set)
-    sites: list[Endpoint] = field(default_factory=list)
+    pickup: float  # seconds
+    place: float  # seconds
+    candidates: dict[Word, list[str]] = field(default_factory=dict)  # for each word
+    differ: list[tuple[Word, Word]] = field(default_factory=list)  # words of two objects
+    regions: dict[Word, list[str]] = field(default_factory=dict)  # for each word
+    limits: dict[str, int] = field(default_factory=dict)  # most pickups of each movable object
+    takes: dict[str, list[str]] = field(default_factory=dict)  # what may be put there
+    carriers: set[str] = field(default_factory=set)  # carried with what is on them
+    on: dict[str, str] = field(default_factory=dict)  # what each object is on at first
+    held: list[str] = field(default_factory=list)  # what the robot carries
+    spots: dict[str, int] = field(default_factory=dict)  # the site of each object
+    fixed: set[str] = field(default_factory=set)  # the objects that never move
+    sites: list[Endpoint] = field(default_factory=list)  # the first is the robot's
     seconds: NDArray[np.float64] = field(default_factory=lambda: np.zeros((1, 1)))
-    finals: list[tuple[int, str]] = field(default_factory=list)
+    finals: list[tuple[int, str]] = field(default_factory=list)  # sites, places
     operators: list[Operator] = field(default_factory=list)
     facts: list[tuple[str, ...]] = field(default_factory=list)
-    slots: int = 0
+    slots: int = 0  # most events of a plan
 
 
 def milliseconds(seconds: float) -> int:

@@ -1,9 +1,7 @@
 """Builds the problem of a goal: the objects, surfaces and sites that its plan can use.
 
 Only the objects that a goal names, the objects in their way and the surfaces for them become part
-of the problem, with the travel times between their sites. So neither the size of the building nor
-the number of its objects matters. Objects that no shortest plan can use are left out
-(`planner.tasks.candidate_pruning`).
+of the problem. So neither the size of the building nor the number of its objects matters.
 """
 
 from __future__ import annotations
@@ -40,14 +38,8 @@ def build_problem(
 ) -> Problem:
     """The problem of a goal.
 
-    Raises
-    ------
-    UnknownObjectError
-        A word of the goal stands for nothing.
-    GoalError
-        The goal contradicts itself or the world.
-    NoPlanError
-        The goal cannot be reached; the message says why.
+    Raises UnknownObjectError: a word of the goal stands for nothing; GoalError: the goal
+    contradicts itself or the world; NoPlanError: the goal cannot be reached.
     """
     sites = Sites(graph, world, state.place, state.pose, approach_pose)
     times = graph.durations

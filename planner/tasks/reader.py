@@ -99,16 +99,8 @@ def read_world(
 ) -> TaskWorld:
     """The objects that a goal can use: those that its words stand for, below and on them.
 
-    Parameters
-    ----------
-    heights
-        Lowest and highest z above the floor of the objects that the robot takes, metres.
-    words
-        Additional names or types that a domain file needs.
-    robot
-        Name of the agent that may carry objects.
-    assume_sizes
-        Give objects without geometry a typical box for their type.
+    The robot takes objects between two heights above the floor, metres. `words` are more names or
+    types, which a domain file needs; the agent `robot` may carry objects.
     """
     searched = sorted({w.text for w in goal.words()} | set(words))
     number = seen.connection.execute(
@@ -216,17 +208,9 @@ def _task_object(
 def read_state(seen: Snapshot, topology: Topology, start: str | None = None) -> TaskState:
     """The place and pose of the robot, and the objects that it carries.
 
-    Parameters
-    ----------
-    start
-        Name of a room, an agent or a region; by default the robot of the map, or else its home.
-
-    Raises
-    ------
-    UnknownPlaceError
-        The map has no entity of this name.
-    LookupError
-        Without `start`: the map has no robot and no home, or has several.
+    `start` names a room, an agent or a region; by default the robot of the map, or else its home.
+    Raises UnknownPlaceError for an unknown name; LookupError if the map has no robot and no home,
+    or has several.
     """
     if start is not None and start in topology.places:
         return TaskState(start)

@@ -25,11 +25,8 @@ ApproachPoseOf = Callable[[Target], Pose | None]
 class Sites:
     """Sites by number, in the order of their first use; the first is that of the robot.
 
-    Parameters
-    ----------
-    approach_pose
-        Returns base poses; by default an object's `approach_pose`, or else its own pose on the
-        floor; the middle of a region; no pose for a floor.
+    By default, base poses are an object's `approach_pose`, or else its own pose on the floor; the
+    middle of a region; no pose for a floor.
     """
 
     def __init__(

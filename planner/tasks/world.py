@@ -47,8 +47,6 @@ class TaskObject:
 
     Attributes
     ----------
-    name
-        Unique in the map.
     types
         The semantic type, then its supertypes.
     label
@@ -71,12 +69,9 @@ class TaskObject:
         Whether the T-Box says what it is.
     graspable
         Given by a property; None: determined by type, size and weight.
-    surface
-        Free area of its level surface, square metres; 0 without one, infinite if unknown.
-    surface_height
-        Of that surface above the floor, metres.
-    properties
-        Of the entity in the map.
+    surface, surface_height
+        Free area of its level surface, square metres, 0 without one, infinite if unknown; and its
+        height above the floor, metres.
     assumed
         Whether its size is the typical one of its type: the map has no shape of it.
     """
@@ -177,14 +172,8 @@ class TaskState:
 class TaskWorld:
     """The objects that a task can use, by name.
 
-    Attributes
-    ----------
-    objects
-        By name.
-    above
-        The names of the objects on or in each of them.
-    misfit
-        Says why no grasp of an object fits, by its name; None where one does.
+    `above` has the names of the objects on or in each of them. `misfit` says why no grasp of an
+    object fits, by its name; None where one does.
     """
 
     def __init__(
@@ -213,13 +202,9 @@ class TaskWorld:
         return self._by_word.get(word.text, [])
 
     def find(self, word: Word, topology: Topology) -> tuple[str, list[str]]:
-        """The entities that a word stands for, and their kind: item, place or region.
+        """The kind, item, place or region, and the names of the entities that a word stands for.
 
-        A name has priority over a type or a label.
-
-        Raises
-        ------
-        UnknownObjectError
+        A name has priority over a type or a label. Raises UnknownObjectError.
         """
         text = word.text
         if word.number == 0:

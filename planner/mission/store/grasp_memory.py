@@ -28,17 +28,12 @@ TRIED = ("missed", "dropped")
 class GraspMemory:
     """Chooses grasps and places, stored ones before generated ones, and counts their outcomes.
 
-    Attributes
-    ----------
-    gripper : name of a stored gripper. By default that of the automaton with the name of the robot
-        or of its class, whose arm must then reach the grasps; else the preferred gripper, else the
-        only one. Where none is stored, a default one is assumed.
-    simulated : the robot is simulated. Outcomes count for the contributor ``simulation`` if trials
-        decided, and for none else.
-    trial : try each grasp and place in simulation before the robot acts (`semmap.manipulation`
-        needs MuJoCo for that); one that succeeds is used.
-    motion_seconds : how long to look for motions of the robot's arm to a grasp or a place, where it
-        has a stored one; without any, the action fails. None: motions are not planned.
+    `gripper` names a stored one; by default it is that of the automaton with the name of the robot
+    or of its class, whose arm must then reach the grasps; else the preferred one, the only one, or
+    an assumed default. `simulated` outcomes count for the contributor ``simulation`` if trials
+    decided, and for none else. `trial` tries each grasp and place in MuJoCo before the robot acts.
+    Motions of a stored arm are sought for `motion_seconds`, and the action fails without one; None
+    plans none.
     """
 
     gripper: str | None = None
@@ -47,16 +42,9 @@ class GraspMemory:
     motion_seconds: float | None = 30.0
 
     def check(self, connection: Connection, robot: str, robot_class: str | None = None) -> None:
-        """Check that it is clear which gripper a robot has.
+        """Raise LookupError if it is not clear which gripper a robot has.
 
-        Parameters
-        ----------
-        robot, robot_class : names; of an agent of the map, the class is known
-
-        Raises
-        ------
-        LookupError
-            There is no such gripper, or there are several and none is preferred.
+        Of an agent of the map, the class is known.
         """
 
         known = connection.execute(text(_CLASS), {"name": robot}).scalar()
@@ -69,15 +57,8 @@ class GraspMemory:
     ) -> Choice:
         """Choose how a robot does a pickup or a place, and store that it begins.
 
-        Parameters
-        ----------
-        target : of a pickup: what the object is then put on. A grasp with which the gripper can
-            put it there is preferred.
-
-        Raises
-        ------
-        LookupError
-            There is no such gripper, or there are several and none is preferred.
+        A grasp with which the gripper can put the object on `target` is preferred. Raises
+        LookupError as `check` does.
         """
         from semmap.manipulation.store.tasks import add_task
 
@@ -106,11 +87,11 @@ class GraspMemory:
     def spots(
         self, connection: Connection, robot: int, item: str, target: str, towards: Pose
     ) -> list[Pose] | None:
-        """Return where the gripper of a robot can put down what it holds; None if not known.
+        """Where the gripper of a robot can put down what it holds; None if not known.
 
         The object and the gripper are free of what is around, and within reach of the robot's arm
-        where it has a stored one; empty where they are nowhere. It is not known for floors, for
-        objects without a mesh, and for what the robot took without a known grasp.
+        where it has a stored one. It is not known for floors, for objects without a mesh, and for
+        what the robot took without a known grasp.
         """
         from semmap.manipulation.error import ManipulationError
         from semmap.manipulation.places import find_places

@@ -20,17 +20,9 @@ class MissionError(Error, ValueError):
 
 
 class MapConnection:
-    """An open connection that sees one map. Use it in a ``with`` statement.
+    """An open connection that sees one map, for a ``with`` statement.
 
-    Parameters
-    ----------
-    source
-        A `semmap.Map`, or another handle of a map.
-
-    Raises
-    ------
-    MissionError
-        There is no such map, none at all, or several and none is chosen.
+    Raises MissionError: there is no such map, none at all, or several and none is chosen.
     """
 
     def __init__(self, source: MapSource) -> None:

@@ -15,13 +15,7 @@ class MissionList(MapConnection):
     """The missions of one map and of its simulations, on a connection that stays open."""
 
     def add(self, robot: str, goal: str) -> int:
-        """Add a waiting mission; returns its number.
-
-        Raises
-        ------
-        MissionError
-            The map has no robot of this name.
-        """
+        """Add a waiting mission; returns its number. MissionError: the map has no such robot."""
         with self._begin() as connection:
             number = connection.execute(text(_ADD), {"robot": robot, "goal": goal}).scalar()
             if number is None:
@@ -84,10 +78,7 @@ class MissionList(MapConnection):
     def cancel(self, mission: int) -> bool:
         """Cancel a mission; its runner stops the robot. Returns False if it has ended.
 
-        Raises
-        ------
-        MissionError
-            It belongs to another robot, and this login has no right to cancel it.
+        Raises MissionError: it is another robot's, and this login has no right to cancel it.
         """
         with self._begin() as connection:
             if connection.execute(text(_CANCEL), {"mission": mission}).rowcount:

@@ -123,19 +123,10 @@ class MissionStore(MissionList):
     # -- robots ---------------------------------------------------------------------------------
 
     def add_robot(self, name: str, place: str, pose: Pose, robot_class: str | None = None) -> None:
-        """Put an agent at a pose in a place; add it if the map does not have it.
+        """Put an agent at a pose of the map's frame in a place; add it if it is not there.
 
-        Parameters
-        ----------
-        pose
-            In the map's frame.
-        robot_class
-            Name of the class for which the durations of its behaviours are stored.
-
-        Raises
-        ------
-        MissionError
-            An entity of another kind has this name, or there is no such place.
+        The durations of its behaviours are stored for the class. Raises MissionError: an entity of
+        another kind has this name, or there is no such place.
         """
         with self._begin() as connection:
             write_robot(connection, name, place, pose, robot_class)
@@ -155,16 +146,8 @@ class MissionStore(MissionList):
     def take(self, mission: int, wait: float = 5.0) -> TakenMission:
         """Begin a mission, or continue it if its runner has died.
 
-        Parameters
-        ----------
-        wait
-            Seconds to wait for the database to notice that a runner has died.
-
-        Raises
-        ------
-        MissionError
-            There is no such mission, it has ended, another runner runs it, or its robot has
-            another one.
+        The database has `wait` seconds to notice that. Raises MissionError: there is no such
+        mission, it has ended, another runner runs it, or its robot has another one.
         """
         until = time.monotonic() + wait
         while True:
@@ -213,10 +196,8 @@ class MissionStore(MissionList):
     def start(self, mission: int, number: int, command: Command) -> Choice:
         """Store that a step begins; to be called before the robot acts.
 
-        Returns
-        -------
-        Of a pickup or a place, how the robot does it, or why it cannot, such as a table that was
-        removed; else an empty choice.
+        Returns, of a pickup or a place, how the robot does it, or why it cannot, such as a table
+        that was removed; else an empty choice.
         """
         with self._begin() as connection:
             robot = self._own(connection, mission, running=True)
@@ -243,16 +224,8 @@ class MissionStore(MissionList):
     ) -> list[int]:
         """Store the end of a step with the observation after it, in one transaction.
 
-        Parameters
-        ----------
-        release
-            Names of connectors and elevators that the robot no longer needs.
-        then
-            If the step failed, the commands that replace the planned ones.
-
-        Returns
-        -------
-        The numbers of `then`.
+        The robot no longer needs the connectors and elevators `release`. If the step failed, the
+        commands `then` replace the planned ones; returns their numbers.
         """
         with self._begin() as connection:
             robot = self._own(connection, mission)
@@ -300,10 +273,8 @@ class MissionStore(MissionList):
     ) -> Pose | None:
         """The free pose on a target that is nearest to another pose; None if there is none.
 
-        Parameters
-        ----------
-        mission
-            Its robot holds the object: where the store chooses grasps, its gripper is free, too.
+        If the robot of a mission holds the object, its gripper is free there, too, where the store
+        chooses grasps.
         """
         with self._snapshot() as seen:
             if self.grasps is not None and mission is not None:
@@ -323,14 +294,8 @@ class MissionStore(MissionList):
     def claim(self, mission: int, resources: Iterable[str], seconds: float) -> str | None:
         """Claim connectors and elevators for the robot of a mission: all of them or none.
 
-        Returns
-        -------
-        None if the robot has them now; else the name of one that another robot has.
-
-        Raises
-        ------
-        planner.mission.store.reservations.GoneError
-            The map has one of them no more.
+        Returns None if the robot has them now; else the name of one that another robot has. Raises
+        GoneError for one that the map has no more.
         """
         with self._begin() as connection:
             robot = self._own(connection, mission, running=True)

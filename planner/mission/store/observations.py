@@ -1,7 +1,4 @@
-"""Writes what a robot observed into the map: its pose, objects, doors, and durations.
-
-What was observed is written, not what was expected.
-"""
+"""Writes what a robot observed into the map, not what was expected."""
 
 from __future__ import annotations
 

@@ -18,13 +18,8 @@ def claim_all(
 ) -> str | None:
     """Claim connectors and elevators for a robot: all of them, or else roll back.
 
-    Returns
-    -------
-    None if the robot has them now; else the name of one that another robot has.
-
-    Raises
-    ------
-    GoneError
+    Returns None if the robot has them now; else the name of one that another robot has. Raises
+    GoneError.
     """
     wanted = sorted(resources)  # in the same order for all robots, so that they cannot deadlock
     for name in wanted:

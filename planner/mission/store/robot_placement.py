@@ -14,10 +14,7 @@ def write_robot(
 ) -> None:
     """Put an agent at a pose in a place; add it if the map does not have it.
 
-    Raises
-    ------
-    MissionError
-        An entity of another kind has this name, or there is no such place.
+    Raises MissionError: an entity of another kind has this name, or there is no such place.
     """
     kind = connection.execute(text(_KIND), {"name": name}).scalar()
     if kind not in (None, "agent"):

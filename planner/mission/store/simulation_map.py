@@ -24,17 +24,8 @@ def simulation_map(engine: Engine, map_name: str, world: Path | None = None) -> 
     """The name of a copy of a map, for one simulated run.
 
     Without a world file, the copy of an earlier run that has ended is replaced, so that one remains
-    to look at. With a world file, the copy belongs to the file: runs that share it share the copy.
-
-    Parameters
-    ----------
-    world
-        File with the state of the simulated world; a copy from before it was made is replaced.
-
-    Raises
-    ------
-    MissionError
-        This login may not copy maps: it has not the role `semmap_admin`.
+    to look at. With one, runs that share the file share the copy; a copy from before the file was
+    made is replaced. Raises MissionError for a login without the role `semmap_admin`.
     """
     with engine.connect().execution_options(isolation_level="AUTOCOMMIT") as connection:
         _check_rights(connection, map_name)
