@@ -15,9 +15,8 @@ from sqlalchemy import Engine, text
 from benchmarks.rooms import rooms
 from benchmarks.timing import Row, print_rows
 from planner.live_topology import LiveTopology, TopologyChange
-from planner.measured_travel import MeasuredTravel
 from planner.readers.robot_class import store_robot_class
-from planner.readers.travel_times import store_measured_until, store_travel_times
+from planner.readers.travel_times import MeasuredTravel, store_measured_until, store_travel_times
 from planner.robot_class import RobotClass
 from planner.route_planner import RoutePlanner
 from planner.topology import OUTSIDE, Topology

@@ -14,7 +14,7 @@ from collections.abc import Callable, Collection, Iterator
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import replace
 from datetime import UTC, datetime
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 from navgrid.policy import NONE, Policy
 from navgrid.readers.fields import read_field_versions, read_fields, read_live_versions
@@ -23,7 +23,7 @@ from planner.readers.entity_lookup import MapLookup
 from planner.readers.robot_class import read_robot_class
 from planner.readers.scenes import read_objects, read_storey_regions, read_storey_scene
 from planner.readers.topology import read_connectors, read_kinds, read_places, read_regions
-from planner.readers.travel_time_store import TravelTimeStore
+from planner.readers.travel_times import TravelTimeStore
 from planner.robot_class import BODY, RobotClass
 from planner.routing_graph import RoutingGraph
 from planner.storey_costmaps import StoreyCostmaps
@@ -32,9 +32,6 @@ from semmap.query.change_feed import ChangeFeed, Look
 from semmap.query.map_handle import MapSource, open_feed
 from semmap.query.snapshot import Snapshot
 from semmap.query.storey_scene import StoreyScene
-
-if TYPE_CHECKING:
-    pass
 
 POLL = 1.0
 """Seconds between looks at live fields, which send no notifications."""

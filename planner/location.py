@@ -4,12 +4,43 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import TypeAlias
+from typing import Literal, TypeAlias
 
-from planner.entity_lookup import EntityLookup, LocatedEntity
+import shapely
+
 from planner.route import NoRouteError
 from planner.topology import Place, PlaceRegion, Topology, UnknownPlaceError
 from semmap.geometry.pose import Pose
+
+
+@dataclass(frozen=True, eq=False)
+class LocatedEntity:
+    """An entity of the map, and where it is; None: the map does not say."""
+
+    name: str
+    kind: Literal["room", "object", "region", "agent"]
+    place: str | None  # the room that holds it or in which it lies
+    pose: Pose | None = None  # in the map's frame
+    footprint: shapely.Geometry | None = None  # on the ground
+    heights: tuple[float, float] | None = None  # lowest and highest z, metres
+    id: int | None = None  # in the database
+
+
+class EntityLookup:
+    """Finds entities by name, label or type, and places by pose; this one knows no map."""
+
+    def find(self, word: str) -> Sequence[LocatedEntity]:
+        """The entity of this name, or else all entities of this label or type."""
+        return ()
+
+    def place_at(self, pose: Pose) -> str | None:
+        """The name of the place in which a pose lies; None if it lies in no place."""
+        return None
+
+    def similar_names(self, word: str) -> Sequence[str]:
+        """Names, labels and types that may be meant by a word that means nothing."""
+        return ()
+
 
 Point: TypeAlias = tuple[float, float] | tuple[float, float, float]
 

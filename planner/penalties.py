@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 from datetime import datetime
 
 from planner.cost_rules import CostRule
-from planner.edge_penalties import Penalties
+from planner.graph_edges import Penalties
 from planner.routing_graph import RoutingGraph
 from planner.storey_costmaps import StoreyCostmaps
 from planner.topology import PlaceRegion

@@ -11,10 +11,15 @@ import numpy as np
 from planner.base_pose import poses_in, poses_to_reach
 from planner.cost_rules import CostRules, avoiding
 from planner.drawn_graph import DrawnGraph, find_drawn_route
-from planner.entity_lookup import EntityLookup, LocatedEntity, NoLookup
 from planner.infeasibility import infeasibility
 from planner.live_topology import LiveTopology
-from planner.location import Location, LocationFinder, LocationLike
+from planner.location import (
+    EntityLookup,
+    LocatedEntity,
+    Location,
+    LocationFinder,
+    LocationLike,
+)
 from planner.penalties import forbidden_regions, penalties
 from planner.robot_class import RobotClass
 from planner.route import NoRouteError, Route
@@ -60,7 +65,7 @@ class RoutePlanner:
         rng: np.random.Generator | None = None,
     ) -> None:
         self.graph = graph
-        self.lookup = lookup or NoLookup()
+        self.lookup = lookup or EntityLookup()
         self.rules = rules or CostRules.default()
         self.rng = rng or np.random.default_rng()
 

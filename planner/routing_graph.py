@@ -18,14 +18,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planner.duration import Durations
-from planner.edge_penalties import Penalties
 from planner.graph import Graph, PathEnd
-from planner.passages import Passages
-from planner.ride_edges import ride_edges
+from planner.graph_edges import (
+    Passages,
+    Penalties,
+    StraightTravelCost,
+    TravelCost,
+    TravelEdges,
+    complete_travel,
+    measure_travel,
+    ride_edges,
+)
 from planner.robot_class import RobotClass
 from planner.topology import OUTSIDE, PlaceConnector, PlaceRegion, Topology
-from planner.travel_cost import StraightTravelCost, TravelCost
-from planner.travel_edges import TravelEdges, complete_travel, measure_travel
 from semmap.geometry.pose import Pose
 
 Floats = NDArray[np.float64]

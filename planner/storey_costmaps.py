@@ -22,10 +22,10 @@ from navgrid.field_layer import FieldVoxels
 from navgrid.grid import Grid, scene_grid
 from navgrid.inflation import INSCRIBED, LETHAL, UNKNOWN
 from navgrid.window import grown
+from planner.graph_edges import StraightTravelCost, Travel
 from planner.robot_class import RobotClass
 from planner.room_ground import RoomGround, door_lines
 from planner.topology import OUTSIDE, PlaceRegion, Topology
-from planner.travel_cost import StraightTravelCost, Travel
 from semmap.geometry.pose import Pose
 from semmap.query.storey_scene import SceneEntity, StoreyScene
 

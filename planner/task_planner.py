@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 import shapely
 
-from planner.base_pose import NoBasePoseError, poses_in, poses_to_reach
-from planner.entity_lookup import LocatedEntity
-from planner.floor_spot import floor_spot
+from planner.base_pose import NoBasePoseError, floor_spot, poses_in, poses_to_reach
 from planner.live_topology import LiveTopology
+from planner.location import LocatedEntity
 from planner.mission.command import near
 from planner.plan import Plan
 from planner.readers.entity_lookup import find_entities
@@ -30,9 +28,6 @@ from planner.topology import Place, PlaceRegion
 from semmap.geometry.pose import Pose
 from semmap.query.map_handle import MapSource
 from semmap.query.snapshot import Snapshot
-
-if TYPE_CHECKING:
-    pass
 
 
 def plan_task(

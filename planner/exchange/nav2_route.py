@@ -14,9 +14,9 @@ from typing import Any
 
 from navgrid.map_file import file_name
 from navgrid.nav2 import frame_name
-from planner.exchange.building_outline import BuildingOutline
 from planner.exchange.route_graph import (
     ApproachPose,
+    BuildingOutline,
     ExchangeError,
     Move,
     RouteGraph,

@@ -6,7 +6,7 @@ import shapely
 from shapely import MultiPolygon, Polygon
 from sqlalchemy import text
 
-from planner.exchange.building_outline import BuildingOutline, Cabin, DrawnLane
+from planner.exchange.route_graph import BuildingOutline, Cabin, DrawnLane
 from semmap.geometry.pose import Pose
 from semmap.query.snapshot import Snapshot
 

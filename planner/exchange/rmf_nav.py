@@ -15,10 +15,12 @@ from typing import Any
 import shapely
 import yaml
 
-from planner.exchange.building_outline import BuildingOutline, Cabin, DrawnLane
 from planner.exchange.route_graph import (
     LEAF,
     ApproachPose,
+    BuildingOutline,
+    Cabin,
+    DrawnLane,
     ExchangeError,
     RouteGraph,
     Waypoint,

@@ -13,7 +13,6 @@ import numpy as np
 import shapely
 from shapely import MultiPolygon, Polygon
 
-from planner.exchange.building_outline import DrawnLane
 from planner.exchange.visibility_graph import CLEARANCE, corner_paths
 from planner.robot_class import RobotClass
 from planner.routing_graph import RoutingGraph
@@ -324,3 +323,38 @@ def _storey(topology: Topology, connector: PlaceConnector, side: int) -> str | N
 
 def _elevator(topology: Topology, connector: PlaceConnector, side: int) -> str | None:
     return topology.places[connector.places[side]].elevator
+
+
+@dataclass(frozen=True)
+class Cabin:
+    """The cabin of an elevator from above: middle in the map's frame, metres, and yaw, radians.
+
+    `width` is along its x axis, `depth` across, metres.
+    """
+
+    x: float
+    y: float
+    yaw: float
+    width: float
+    depth: float
+
+
+@dataclass(frozen=True, eq=False)
+class DrawnLane:
+    """A lane of an Open-RMF building from one waypoint to another, by their names in the map.
+
+    `properties` are those of its link: ``bidirectional``, ``orientation``, ``speed_limit``, ...
+    """
+
+    start: str
+    end: str
+    properties: Mapping[str, Any]
+
+
+@dataclass(frozen=True)
+class BuildingOutline:
+    """Outlines of rooms in the map's frame, by place, cabins by elevator, and drawn lanes."""
+
+    outlines: Mapping[str, Polygon | MultiPolygon] = field(default_factory=dict)
+    cabins: Mapping[str, Cabin] = field(default_factory=dict)
+    lanes: tuple[DrawnLane, ...] = ()

@@ -8,7 +8,7 @@ from contextlib import AbstractContextManager
 import shapely
 from sqlalchemy import text
 
-from planner.entity_lookup import LocatedEntity
+from planner.location import EntityLookup, LocatedEntity
 from semmap.geometry.pose import Pose
 from semmap.query.snapshot import Snapshot
 
@@ -40,7 +40,7 @@ SELECT e.id, e.name, e.kind, e.type, e.label, w.pose, h.name AS place,
 FROM wanted q JOIN entity e ON e.id = q.id LEFT JOIN world w ON w.entity_id = e.id
 LEFT JOIN entity h ON h.id = room_of(e.id) LEFT JOIN region g ON g.entity_id = e.id
 WHERE e.kind IN ('room', 'object', 'region', 'agent')
-ORDER BY e.name LIMIT :most
+ORDER BY e.name LIMIT 1000
 """
 
 _NAMES = """
@@ -58,7 +58,7 @@ WHERE e.map_id = current_map() AND ST_Covers(w.footprint, ST_MakePoint(:x, :y))
 """
 
 
-class MapLookup:
+class MapLookup(EntityLookup):
     """An `EntityLookup` in the present state of a map."""
 
     def __init__(self, snapshot: Callable[[], AbstractContextManager[Snapshot]]) -> None:
@@ -70,24 +70,28 @@ class MapLookup:
             return find_entities(seen, word)
 
     def place_at(self, pose: Pose) -> str | None:
-        """The name of the room in which a pose lies; None if it lies in no room."""
+        """The highest room in which a pose lies whose floor is not above it; None without one."""
+        values = {"x": pose.x, "y": pose.y, "z": pose.z}
         with self._snapshot() as seen:
-            return read_place_at(seen, pose)
+            name = seen.connection.execute(text(_PLACE_AT), values).scalar()
+        return None if name is None else str(name)
 
     def similar_names(self, word: str) -> list[str]:
-        """Names, labels and types that may be meant by a word that means nothing."""
+        """All types and labels of the map, and the names that begin like a word."""
+        start = word[:2].replace("\\", r"\\").replace("%", r"\%").replace("_", r"\_") + "%"
         with self._snapshot() as seen:
-            return read_similar_names(seen, word)
+            rows = seen.connection.execute(text(_NAMES), {"start": start}).scalars().all()
+        return [name for name in rows if name is not None]
 
 
-def find_entities(seen: Snapshot, word: str, most: int = 1000) -> list[LocatedEntity]:
+def find_entities(seen: Snapshot, word: str) -> list[LocatedEntity]:
     """The entity of the current map with this name, or else all of this label or type.
 
     ``kitchen`` stands for the rooms whose label or type is kitchen, subtypes included; ``muffin1``
     for an object, in the room that holds it; ``home`` for a region of this name, of the type
     ``home_region`` or with the property ``home``.
     """
-    rows = seen.connection.execute(text(_FIND), {"word": word, "most": most}).all()
+    rows = seen.connection.execute(text(_FIND), {"word": word}).all()
     return [
         LocatedEntity(
             row.name,
@@ -100,17 +104,3 @@ def find_entities(seen: Snapshot, word: str, most: int = 1000) -> list[LocatedEn
         )
         for row in rows
     ]
-
-
-def read_similar_names(seen: Snapshot, word: str) -> list[str]:
-    """All types and labels of the current map, and the names that begin like a word."""
-    start = word[:2].replace("\\", r"\\").replace("%", r"\%").replace("_", r"\_") + "%"
-    rows = seen.connection.execute(text(_NAMES), {"start": start}).scalars()
-    return [name for name in rows if name is not None]
-
-
-def read_place_at(seen: Snapshot, pose: Pose) -> str | None:
-    """The room of the current map in which a pose lies: the highest whose floor is not above it."""
-    values = {"x": pose.x, "y": pose.y, "z": pose.z}
-    name = seen.connection.execute(text(_PLACE_AT), values).scalar()
-    return None if name is None else str(name)

@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 from psycopg.rows import namedtuple_row
 from sqlalchemy import text
 
-from planner.readers.rows import fetch_rows
-from planner.readers.types import read_supertypes
+from planner.readers.rows import fetch_rows, read_supertypes
 from planner.topology import OUTSIDE, Place, PlaceConnector, PlaceRegion, Topology
 from semmap.geometry.pose import Pose
 from semmap.query.snapshot import Snapshot

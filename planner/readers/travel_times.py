@@ -1,21 +1,74 @@
-"""Measured travel times, and the digests of the places in which they were measured.
+"""The stored travel times of a class of robots: which still hold, and which must be stored.
 
 Why: docs/decisions/travel_times_are_stored_with_a_digest_and_a_cursor.md
 """
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable
-from typing import Any
+from collections.abc import Collection, Iterable, Iterator
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from sqlalchemy import text
+from sqlalchemy.exc import IntegrityError, OperationalError
 
-from planner.measured_travel import MeasuredTravel
-from planner.readers.robot_class import read_robot_class_digest
+from planner.graph_edges import TravelEdges
+from planner.readers.robot_class import StoredRobotClass, read_robot_class_digest
 from planner.readers.rows import fetch_rows
+from planner.readers.topology import read_kinds
+from planner.robot_class import RobotClass
+from planner.routing_graph import RoutingGraph
+from planner.topology import OUTSIDE, Topology
 from semmap.query.snapshot import Snapshot
+
+
+class MeasuredTravel(NamedTuple):
+    """The travel in a place between the approach poses of two connectors, either way.
+
+    The place and the connectors are ids, a < b; seconds and metres are infinite if no path leads
+    there.
+    """
+
+    place: int
+    a: int
+    b: int
+    seconds: float
+    metres: float
+
+
+def travel_in_places(graph: RoutingGraph, places: Iterable[str]) -> Iterator[MeasuredTravel]:
+    """The travel that a graph has in places; places and connectors without an id are left out."""
+    for place in places:
+        number = graph.topology.places[place].id
+        edges = graph.travel_edges.get(place, slice(0, 0))
+        for edge in range(edges.start, edges.stop) if number is not None else ():
+            a, b = (graph.connectors[n[edge] // 2].id for n in (graph.tails, graph.heads))
+            if a is not None and b is not None and a < b:
+                seconds, metres = float(graph.base[edge]), float(graph.metres[edge])
+                yield MeasuredTravel(number, a, b, seconds, metres)
+
+
+def as_travel_edges(topology: Topology, travel: NDArray[Any]) -> TravelEdges:
+    """Edges, in both directions, from an array (n,) with the fields of `MeasuredTravel`.
+
+    Unknown connectors are left out.
+    """
+    connectors = [*topology.connectors.values()]
+    places = {p.name: p.id for p in topology.places.values()}
+    ids = np.array([c.id for c in connectors], np.int64)
+    first = np.array([places.get(c.places[0]) or -1 for c in connectors], np.int64)
+    if not len(ids):
+        travel = travel[:0]
+    order = np.argsort(ids)
+    ends = np.stack([travel["a"], travel["b"]])
+    numbers = order[np.searchsorted(ids, ends, sorter=order).clip(max=len(ids) - 1)]
+    known = (ids[numbers] == ends).all(axis=0)
+    numbers, travel = numbers[:, known], travel[known]
+    nodes = 2 * numbers + (first[numbers] != travel["place"])
+    seconds, metres = np.tile(travel["seconds"], 2), np.tile(travel["metres"], 2)
+    return TravelEdges(nodes.reshape(-1), nodes[::-1].reshape(-1), seconds, metres)
+
 
 _PACKED = np.dtype(
     [("place", ">i8"), ("a", ">i8"), ("b", ">i8"), ("seconds", ">f8"), ("metres", ">f8")]
@@ -145,3 +198,92 @@ def may_store_travel_times(seen: Snapshot, robot_class: int, digest: str | None)
     values = {"id": robot_class}
     seen.connection.execute(text("SELECT FROM robot_class WHERE id = :id FOR SHARE"), values)
     return bool(seen.connection.execute(text(_LOCK), values).scalar())
+
+
+class TravelTimeStore:
+    """Loads and stores the travel times of a class of robots, which was read before."""
+
+    def __init__(self, stored: StoredRobotClass) -> None:
+        self._class = stored
+        self._unstored: set[str] = set()
+        self._compared = False
+
+    def is_outdated(self, seen: Snapshot) -> bool:
+        """Whether the class was stored with other values, or deleted, since it was read."""
+        return self._class.digest != read_robot_class_digest(seen, self._class.id)
+
+    def load(self, seen: Snapshot, topology: Topology, *, some_expire: bool) -> TravelEdges | None:
+        """The travel edges that still hold; None if none are stored.
+
+        If anything changed that travel depends on, or the validity of some regions ends or begins
+        at a known moment, only the edges of places with the same digest hold.
+        """
+        rows = read_travel_times(seen, self._class.id)
+        unmeasured = self._class.unmeasured
+        if unmeasured is None and not len(rows):
+            return None
+        self._compared = (
+            some_expire
+            or unmeasured is None
+            or self._class.fields_changed
+            or _affects_travel(seen, unmeasured)
+        )
+        if self._compared:
+            digests = compute_place_digests(seen, _reach(self._class.robot))
+            measured = read_place_digests(seen, self._class.id)
+            valid = [number for number, digest in digests.items() if measured.get(number) == digest]
+            rows = rows[np.isin(rows["place"], valid)]
+        return as_travel_edges(topology, rows)
+
+    def add(self, places: Iterable[str]) -> None:
+        """The travel in these places was measured, and must be stored."""
+        self._unstored |= {*places} - {OUTSIDE}
+
+    @property
+    def is_due(self) -> bool:
+        """Whether there is something to store after loading."""
+        return bool(self._unstored) or self._compared
+
+    def store(
+        self,
+        seen: Snapshot,
+        graph: RoutingGraph,
+        cursor: str,
+        but: Collection[str] = (),
+    ) -> None:
+        """Store the travel in all places that were added, as measured up to a cursor.
+
+        Places of `but` wait: something that is not stored has an effect on their travel now. If
+        another process stores travel times at the same time, or this login has no right to, nothing
+        is stored: the next call tries again.
+        """
+        try:
+            with seen.connection.begin_nested():
+                if may_store_travel_times(seen, self._class.id, self._class.digest):
+                    waiting = self._unstored & {*but}
+                    self._write(seen, graph, self._unstored - waiting)
+                    if not waiting:
+                        store_measured_until(seen, self._class.id, cursor)
+                    self._unstored = waiting
+        except (OperationalError, IntegrityError):
+            return  # another process has stored some since this transaction began
+
+    def _write(self, seen: Snapshot, graph: RoutingGraph, places: set[str]) -> None:
+        numbers = [n for p in places if (n := graph.topology.places[p].id) is not None]
+        if numbers:
+            digests = compute_place_digests(seen, _reach(graph.robot), numbers)
+            travel = travel_in_places(graph, places)
+            store_travel_times(seen, self._class.id, travel, digests)
+
+
+def _affects_travel(seen: Snapshot, ids: Collection[int]) -> bool:
+    """Whether any of these entities is, or was, of a kind that travel depends on."""
+    if not ids:
+        return False
+    kinds = read_kinds(seen, ids)
+    return any(kinds.get(number) not in ("agent", "elevator") for number in ids)
+
+
+def _reach(robot: RobotClass) -> float:
+    """Metres beyond a place within which objects have an effect in it."""
+    return max(part.circumscribed_radius for part in robot.parts) + 1.0

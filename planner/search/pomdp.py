@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import re
+from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -64,3 +67,60 @@ class Pomdp:
                 )
         if not 0 < self.discount <= 1:
             raise ValueError(f"discount is {self.discount}; give a number in (0, 1]")
+
+
+_LISTS = ("states", "actions", "observations")
+_HEADS = (*_LISTS, "discount", "values", "start", "T", "O", "R")
+
+
+def write_pomdp(pomdp: Pomdp, file: Path) -> Path:
+    """Write a POMDP as a ``.pomdp`` file; numbers are exact.
+
+    Names have only letters, digits, ``-`` and ``_`` there; comments give the original ones.
+    Many solvers want a discount below 1: 0.999 changes a search of a few minutes little.
+    """
+    lines = [f"discount: {pomdp.discount!r}", "values: reward"]
+    identifiers = {}
+    for kind in _LISTS:
+        names = getattr(pomdp, kind)
+        identifiers[kind] = _identifiers(names, kind[0])
+        lines.append(f"{kind}: {' '.join(identifiers[kind])}")
+        changed = zip(identifiers[kind], names, strict=True)
+        lines += [f"# {short}: {name}" for short, name in changed if short != name]
+    states, actions, observations = (identifiers[kind] for kind in _LISTS)
+    lines.append("start: " + " ".join(repr(float(p)) for p in pomdp.start))
+    for a, action in enumerate(actions):
+        if np.array_equal(pomdp.transitions[a], np.eye(len(states))):
+            lines.append(f"T: {action} identity")
+        else:
+            lines += [
+                f"T: {action} : {states[s]} : {states[t]} {float(pomdp.transitions[a, s, t])!r}"
+                for s, t in np.argwhere(pomdp.transitions[a])
+            ]
+    for a, action in enumerate(actions):
+        lines += [
+            f"O: {action} : {states[s]} : {observations[o]} {float(pomdp.likelihoods[a, s, o])!r}"
+            for s, o in np.argwhere(pomdp.likelihoods[a])
+        ]
+    for a, action in enumerate(actions):
+        lines += [
+            f"R: {action} : {states[s]} : * : * {float(pomdp.rewards[a, s])!r}"
+            for s in np.flatnonzero(pomdp.rewards[a])
+        ]
+    file.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    return file
+
+
+def _identifiers(names: Sequence[str], letter: str) -> list[str]:
+    """Unique names of the characters that the format allows."""
+    found: list[str] = []
+    taken: set[str] = set()
+    for number, name in enumerate(names):
+        short = re.sub(r"[^A-Za-z0-9_-]+", "_", name).strip("_")
+        if not short or not short[0].isalpha() or short in taken or short in _HEADS:
+            short = f"{letter}{number}_{short}".rstrip("_")
+        while short in taken:
+            short += "_"
+        taken.add(short)
+        found.append(short)
+    return found

@@ -1,141 +1,178 @@
-"""Finds the objects that a goal moves, and the surfaces on which it wants them."""
+"""Finds what a goal names: the objects that it moves, and the surfaces on which it wants them."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterable
-from functools import cached_property
 
-from planner.tasks.goal import ROBOT, Atom, GoalError, Word
-from planner.tasks.object_checks import ObjectChecks
-from planner.tasks.problem import NoPlanError
+from planner.tasks.goal import ROBOT, Atom, Goal, GoalError, Word
+from planner.tasks.problem import NoPlanError, Problem, join_reasons
 from planner.tasks.problem_draft import ProblemDraft
-from planner.tasks.reason_list import join_reasons
-from planner.tasks.world import TaskObject
+from planner.tasks.world import TaskObject, TaskWorld
+from planner.topology import Topology
 
 _SURFACES = frozenset({"table", "counter", "support_furniture", "shelf", "bookshelf"})
 
 
-class GoalObjects:
-    """The words for the objects that a goal moves, and the surfaces on which it wants each."""
+def resolve_words(problem: Problem, world: TaskWorld, topology: Topology) -> None:
+    """Fill the candidates and regions of a problem, and the pairs of words that differ.
 
-    def __init__(self, draft: ProblemDraft, checks: ObjectChecks) -> None:
-        self.draft, self.checks = draft, checks
-        self.wanted: list[Word] = []
-        self.surfaces: dict[str, list[str]] = {}
+    Raises UnknownObjectError: a word stands for nothing; GoalError: the goal contradicts itself or
+    the world; NoPlanError: the map has too few objects for a word.
+    """
+    goal = problem.goal
+    _find_entities(problem, world, topology)
+    for a in problem.candidates:
+        for b in problem.candidates:
+            if a.text == b.text and a < b:
+                problem.differ.append((a, b))
+        if len(problem.candidates[a]) <= a.number:
+            raise NoPlanError(
+                f"{goal.text} needs {a.number + 1} of {a.text}; the map has "
+                f"{', '.join(problem.candidates[a])}"
+            )
+    by_name: dict[str, Word] = {}
+    for word, names in problem.candidates.items():
+        if len(names) == 1:
+            other = by_name.setdefault(names[0], word)
+            if other != word:
+                _refuse_two_places(goal, other, word)
+    if any(
+        a.relation == "in" and a.words[0].text == ROBOT and a.words[1] in problem.candidates
+        for a in goal.atoms
+    ):
+        raise GoalError(f"{goal.text}: a robot is in rooms; say the room of that object")
 
-    def find_wanted(self) -> None:
-        """Find the words whose objects the goal moves; drop the candidates that are out of reach.
 
-        Raises GoalError: the goal moves a place; NoPlanError: too few objects can be picked up.
-        """
-        problem, sites, world = self.draft.problem, self.draft.sites, self.draft.world
-        named = dict.fromkeys(n for names in problem.candidates.values() for n in names)
-        sites.survey(sites.of_object(world.objects[n]) for n in named)
-        wanted = dict.fromkeys(
-            atom.words[1] if atom.relation == "carries" else atom.words[0]
-            for atom in problem.goal.atoms
-            if (atom.relation in ("on", "in", "carries") and atom.words[0].text != ROBOT)
-            or atom.relation == "carries"
-        )
-        for word in wanted:
-            if word not in problem.candidates:
-                raise GoalError(f"{problem.goal.text}: {word} is a place; a robot carries objects")
-            usable, reasons = [], []
-            for name in problem.candidates[word]:
-                if name in problem.held or self.satisfied(word, name):
-                    usable.append(name)
-                    continue
-                why = self.checks.obstacle(name)
-                if why is None:
-                    usable.append(name)
-                else:
-                    reasons.append(why)
-            if len(usable) <= word.number:
-                raise NoPlanError(join_reasons(reasons))
-            problem.candidates[word] = usable
-        self.wanted = list(wanted)
-
-    def satisfied(self, word: Word, name: str) -> bool:
-        """Whether an object is already where the goal requires it."""
-        problem = self.draft.problem
-        item = self.draft.world.objects[name]
-        for atom in problem.goal.atoms:
-            if atom.words[0] != word or atom.relation not in ("on", "in"):
-                if atom.relation == "carries" and atom.words[1] == word:
-                    return False
+def _find_entities(problem: Problem, world: TaskWorld, topology: Topology) -> None:
+    for atom in problem.goal.atoms:
+        for i, word in enumerate(atom.words):
+            if word.text == ROBOT or word in problem.candidates or word in problem.regions:
                 continue
-            target = atom.words[1]
-            if target in problem.regions:
-                if item.place not in problem.regions[target]:
-                    return False
-            elif item.holder not in problem.candidates[target]:
-                return False
-        return True
+            kind, names = world.find(word, topology)
+            if kind == "place":
+                if atom.relation != "in" or i != 1:
+                    raise GoalError(
+                        f"{atom}: {word} is a place; say in({atom.words[0]}, {word})"
+                        if atom.relation == "on"
+                        else f"{atom}: {word} is a place, no object"
+                    )
+                problem.regions[word] = names
+            elif kind == "region":
+                if atom.relation != "in" or atom.words[0].text != ROBOT:
+                    raise GoalError(
+                        f"{atom}: {word} is a region, where only the robot can go; name the room, "
+                        "or an object in it"
+                    )
+                problem.regions[word] = names
+            else:
+                problem.candidates[word] = names
 
-    def find_surfaces(self) -> None:
-        """Find the surfaces for each object that the goal moves; drop unsuitable candidates.
 
-        Raises NoPlanError: no surface is suitable.
-        """
-        problem = self.draft.problem
-        for word in self.wanted:
-            for name in problem.candidates[word]:
-                self.surfaces.setdefault(name, [])
-        for atom in problem.goal.atoms:
-            if atom.relation in ("on", "in") and atom.words[0].text != ROBOT:
-                self._find_surfaces_of(atom)
+def _refuse_two_places(goal: Goal, a: Word, b: Word) -> None:
+    """Refuse a goal that puts one object, with two words for it, on two others."""
+    atoms = [
+        [atom for atom in goal.atoms if atom.relation == "on" and atom.words[0] == word]
+        for word in (a, b)
+    ]
+    for one in atoms[0]:
+        for other in atoms[1]:
+            if one.words[1] != other.words[1]:
+                raise GoalError(
+                    f"{one} and {other} contradict each other: {a} and {b} are the same "
+                    "object; drop one of them"
+                )
 
-    def _find_surfaces_of(self, atom: Atom) -> None:
-        problem, world = self.draft.problem, self.draft.world
-        word, target = atom.words
-        reasons: list[str] = []
-        taken: set[str] = set()
+
+def find_wanted(draft: ProblemDraft) -> None:
+    """Find the words whose objects the goal moves; drop the candidates that are out of reach.
+
+    Raises GoalError: the goal moves a place; NoPlanError: too few objects can be picked up.
+    """
+    problem, sites, world = draft.problem, draft.sites, draft.world
+    named = dict.fromkeys(n for names in problem.candidates.values() for n in names)
+    sites.survey(sites.of_object(world.objects[n]) for n in named)
+    wanted = dict.fromkeys(
+        atom.words[1] if atom.relation == "carries" else atom.words[0]
+        for atom in problem.goal.atoms
+        if (atom.relation in ("on", "in", "carries") and atom.words[0].text != ROBOT)
+        or atom.relation == "carries"
+    )
+    for word in wanted:
+        if word not in problem.candidates:
+            raise GoalError(f"{problem.goal.text}: {word} is a place; a robot carries objects")
+        usable, reasons = [], []
         for name in problem.candidates[word]:
-            for on in self._options(target):
-                if on == name:
-                    continue
-                why = self.checks.unsuitable(name, on)
-                if why is None:
-                    self.surfaces[name].append(on)
-                    taken.add(on)
-                elif world.objects[name].holder == on:
-                    taken.add(on)
-                else:
-                    reasons.append(why)
-        if target in problem.candidates:
-            kept = [n for n in problem.candidates[target] if n in taken]
-            if len(kept) <= target.number:
-                raise NoPlanError(join_reasons(reasons) or f"{atom}: nothing else fits there")
-            problem.candidates[target] = kept
-        elif not taken and not any(self.satisfied(word, n) for n in problem.candidates[word]):
+            if name in problem.held or draft.satisfied(word, name):
+                usable.append(name)
+                continue
+            why = draft.obstacle(name)
+            if why is None:
+                usable.append(name)
+            else:
+                reasons.append(why)
+        if len(usable) <= word.number:
+            raise NoPlanError(join_reasons(reasons))
+        problem.candidates[word] = usable
+    draft.wanted = list(wanted)
+
+
+def find_surfaces(draft: ProblemDraft) -> None:
+    """Find the surfaces for each object that the goal moves; drop unsuitable candidates.
+
+    Raises NoPlanError: no surface is suitable.
+    """
+    problem = draft.problem
+    for word in draft.wanted:
+        for name in problem.candidates[word]:
+            draft.surfaces.setdefault(name, [])
+    for atom in problem.goal.atoms:
+        if atom.relation in ("on", "in") and atom.words[0].text != ROBOT:
+            _find_surfaces_of(draft, atom)
+
+
+def _find_surfaces_of(draft: ProblemDraft, atom: Atom) -> None:
+    problem, world = draft.problem, draft.world
+    word, target = atom.words
+    reasons: list[str] = []
+    taken: set[str] = set()
+    for name in problem.candidates[word]:
+        for on in _options(draft, target):
+            if on == name:
+                continue
+            why = draft.unsuitable(name, on)
+            if why is None:
+                draft.surfaces[name].append(on)
+                taken.add(on)
+            elif world.objects[name].holder == on:
+                taken.add(on)
+            else:
+                reasons.append(why)
+    if target in problem.candidates:
+        kept = [n for n in problem.candidates[target] if n in taken]
+        if len(kept) <= target.number:
             raise NoPlanError(join_reasons(reasons) or f"{atom}: nothing else fits there")
+        problem.candidates[target] = kept
+    elif not taken and not any(draft.satisfied(word, n) for n in problem.candidates[word]):
+        raise NoPlanError(join_reasons(reasons) or f"{atom}: nothing else fits there")
 
-    def _options(self, target: Word) -> Iterable[str]:
-        problem = self.draft.problem
-        if target in problem.candidates:
-            return problem.candidates[target]
-        found: list[str] = []
-        for place in problem.regions[target]:
-            inside = [t.name for t in self._by_place.get(place, ()) if self._is_furniture(t)]
-            found += inside or [place]
-        return found
 
-    def _is_furniture(self, item: TaskObject) -> bool:
-        """Whether an object stays where it is and has a surface that the robot reaches."""
-        lowest, highest = self.draft.heights
-        return (
-            item.surface > 0
-            and item.surface < math.inf
-            and item.obstacle(self.draft.heights) is not None
-            and lowest <= item.surface_height <= highest
-            and not _SURFACES.isdisjoint(item.types)
-        )
+def _options(draft: ProblemDraft, target: Word) -> Iterable[str]:
+    problem = draft.problem
+    if target in problem.candidates:
+        return problem.candidates[target]
+    found: list[str] = []
+    for place in problem.regions[target]:
+        inside = [t.name for t in draft.inside.get(place, ()) if _is_furniture(t, draft.heights)]
+        found += inside or [place]
+    return found
 
-    @cached_property
-    def _by_place(self) -> dict[str, list[TaskObject]]:
-        places: dict[str, list[TaskObject]] = {}
-        for item in self.draft.world.objects.values():
-            if item.place is not None:
-                places.setdefault(item.place, []).append(item)
-        return places
+
+def _is_furniture(item: TaskObject, heights: tuple[float, float]) -> bool:
+    """Whether an object stays where it is and has a surface that the robot reaches."""
+    return (
+        0 < item.surface < math.inf
+        and item.obstacle(heights) is not None
+        and heights[0] <= item.surface_height <= heights[1]
+        and not _SURFACES.isdisjoint(item.types)
+    )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -58,6 +59,13 @@ class Problem:
     operators: list[Operator] = field(default_factory=list)
     facts: list[tuple[str, ...]] = field(default_factory=list)
     slots: int = 0  # most events of a plan
+
+
+def join_reasons(reasons: Sequence[str], most: int = 3) -> str:
+    """The first reasons against candidates, without repetition, as one message."""
+    each = list(dict.fromkeys(reasons))
+    more = f"; and {len(each) - most} more" if len(each) > most else ""
+    return "; ".join(each[:most]) + more
 
 
 def milliseconds(seconds: float) -> int:

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 import shapely
 from sqlalchemy import text
 
+from planner.readers.rows import read_supertypes
 from planner.tasks.goal import Goal
 from planner.tasks.world import TaskObject, TaskState, TaskWorld
 from planner.topology import Topology
@@ -30,7 +31,8 @@ WITH RECURSIVE named AS MATERIALIZED (
     UNION
     SELECT id, kind FROM entity WHERE map_id = current_map() AND label = ANY (:words)
     UNION
-    SELECT entity_id, 'object' FROM placement WHERE holder_id = CAST(:robot AS bigint)
+    SELECT entity_id, 'object' FROM placement WHERE holder_id =
+        (SELECT id FROM entity WHERE map_id = current_map() AND kind = 'agent' AND name = :robot)
 ), wanted AS MATERIALIZED (
     SELECT id FROM named WHERE kind = 'object'
     UNION
@@ -59,11 +61,6 @@ FROM down JOIN entity e ON e.id = down.id LEFT JOIN world w ON w.entity_id = e.i
 LEFT JOIN placement p ON p.entity_id = e.id LEFT JOIN entity h ON h.id = p.holder_id
 LEFT JOIN entity r ON r.id = room_of(e.id)
 WHERE e.kind = 'object' ORDER BY e.name
-"""
-
-_SUPERTYPES = """
-SELECT sub, array_agg(super ORDER BY super <> sub, super) AS supers FROM type_closure
-WHERE sub = ANY (:types) GROUP BY sub
 """
 
 _KNOWN = """
@@ -103,24 +100,13 @@ def read_world(
     types, which a domain file needs; the agent `robot` may carry objects.
     """
     searched = sorted({w.text for w in goal.words()} | set(words))
-    number = seen.connection.execute(
-        text(
-            "SELECT id FROM entity WHERE map_id = current_map() AND kind = 'agent' AND name = :name"
-        ),
-        {"name": robot},
-    ).scalar()
     searched += [
         p.name
         for p in topology.places.values()
         if p.name not in searched and ({p.type, p.label, *p.types} & set(searched))
     ]
-    rows = seen.connection.execute(text(_THINGS), {"words": searched, "robot": number}).all()
-    types = {
-        sub: tuple(supers)
-        for sub, supers in seen.connection.execute(
-            text(_SUPERTYPES), {"types": [*{row.type for row in rows if row.type}]}
-        )
-    }
+    rows = seen.connection.execute(text(_THINGS), {"words": searched, "robot": robot}).all()
+    types = read_supertypes(seen, {row.type for row in rows})
     by_id = {row.id: row for row in rows}
     assumed: dict[int, SceneEntity] = {}
     if assume_sizes:
@@ -135,31 +121,21 @@ def read_world(
     for row in rows:
         if row.holder_id in by_id:
             on_it[row.holder_id] = on_it.get(row.holder_id, 0.0) + (row.ground or 0.0)
-    return TaskWorld(
-        [
-            _task_object(
-                row,
-                by_id,
-                types,
-                topology,
-                heights,
-                on_it.get(row.id, 0.0),
-                assumed.get(row.id),
-            )
-            for row in rows
-        ],
-        known,
-    )
+    items = [
+        _task_object(row, by_id, types, topology, heights, on_it.get(row.id, 0.0), assumed)
+        for row in rows
+    ]
+    return TaskWorld(items, known)
 
 
 def _task_object(
     row: Any,
     by_id: dict[int, Any],
-    types: dict[str, tuple[str, ...]],
+    types: dict[str | None, tuple[str, ...]],
     topology: Topology,
     heights: tuple[float, float],
     taken: float,
-    assumed: SceneEntity | None,
+    assumptions: Mapping[int, SceneEntity],
 ) -> TaskObject:
     lowest = row
     while lowest.holder_id in by_id:
@@ -178,6 +154,7 @@ def _task_object(
         surface = max(sum(area for _, area in within or levels) - taken, 0.0)
         if levels:
             surface_height = max(within or levels, key=lambda level: level[1])[0]
+    assumed = assumptions.get(row.id)
     if assumed is not None:
         corners = assumed.triangles.reshape(-1, 3)
         low, high = corners.min(axis=0).tolist(), corners.max(axis=0).tolist()

@@ -165,7 +165,7 @@ class ObjectSearch:
 
     def write_pomdp(self, path: Path | str) -> Path:
         """Write it as a ``.pomdp`` file for other solvers."""
-        from planner.search.pomdp_file import write_pomdp
+        from planner.search.pomdp import write_pomdp
         from planner.search.search_problem import as_pomdp
 
         return write_pomdp(as_pomdp(self.problem.problem, self.problem.belief), Path(path))

@@ -7,7 +7,7 @@ import pytest
 import shapely
 
 from planner.base_pose import NoBasePoseError, poses_in, poses_to_reach
-from planner.entity_lookup import LocatedEntity
+from planner.location import LocatedEntity
 from planner.storey_costmaps import StoreyCostmaps
 from semmap.geometry.pose import Pose
 from tests.planner.test_storey_costmaps import ROBOT, box, ground, rooms, scene

@@ -5,8 +5,7 @@ from __future__ import annotations
 import pytest
 import shapely
 
-from planner.base_pose import NoBasePoseError
-from planner.floor_spot import DOOR_CLEARANCE, WAY_CLEARANCE, floor_spot
+from planner.base_pose import DOOR_CLEARANCE, WAY_CLEARANCE, NoBasePoseError, floor_spot
 from tests.planner.test_storey_costmaps import box, ground
 
 

@@ -3,11 +3,11 @@ import math
 import numpy as np
 import pytest
 
+from planner.graph_edges import StraightTravelCost, Travel
 from planner.route import NoRouteError
 from planner.route_search import find_route
 from planner.routing_graph import RoutingGraph
 from planner.topology import Place, Topology
-from planner.travel_cost import StraightTravelCost, Travel
 from semmap.geometry.pose import Pose
 
 

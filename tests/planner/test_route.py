@@ -7,9 +7,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from planner.duration import Durations
+from planner.graph_edges import Travel
 from planner.route import NoRouteError, Route
 from planner.topology import OUTSIDE, Place, PlaceConnector, Topology, UnknownPlaceError
-from planner.travel_cost import Travel
 from semmap.geometry.pose import Pose
 from tests.planner.office import office, route
 

@@ -10,7 +10,7 @@ import pytest
 import shapely
 
 from planner.cost_rules import CostRules
-from planner.entity_lookup import LocatedEntity
+from planner.location import LocatedEntity
 from planner.robot_class import RobotClass
 from planner.route import NoRouteError
 from planner.route_planner import RoutePlanner

@@ -13,14 +13,12 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import dijkstra
 
 from planner.duration import Durations
-from planner.edge_penalties import Penalties
+from planner.graph_edges import Penalties, Travel, TravelEdges
 from planner.robot_class import RobotClass
 from planner.route import NoRouteError
 from planner.route_search import find_alternatives, find_route, seconds_between
 from planner.routing_graph import RoutingGraph
 from planner.topology import OUTSIDE, Place, PlaceConnector, Topology
-from planner.travel_cost import Travel
-from planner.travel_edges import TravelEdges
 from semmap.geometry.pose import Pose
 from tests.planner.office import office
 

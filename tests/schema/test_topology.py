@@ -10,10 +10,9 @@ from sqlalchemy import text
 from sqlalchemy.exc import DBAPIError
 
 from planner.duration import Durations
-from planner.measured_travel import MeasuredTravel
 from planner.readers.robot_class import read_robot_class, store_robot_class
 from planner.readers.topology import read_topology
-from planner.readers.travel_times import store_travel_times
+from planner.readers.travel_times import MeasuredTravel, store_travel_times
 from planner.robot_class import RobotClass
 from planner.route import NoRouteError
 from planner.route_search import find_route

@@ -12,11 +12,11 @@ from hypothesis import HealthCheck, given, settings
 
 from planner.exchange.nav2_route import nav2_graph, nav2_graphs, write_nav2
 from planner.exchange.route_graph import ExchangeError
+from planner.graph_edges import StraightTravelCost, Travel
 from planner.robot_class import RobotClass
 from planner.route import NoRouteError
 from planner.routing_graph import RoutingGraph
 from planner.topology import OUTSIDE, Place, Topology
-from planner.travel_cost import StraightTravelCost, Travel
 from semmap.geometry.pose import Pose
 from tests.planner.exchange.buildings import buildings, figure_4
 from tests.planner.exchange.nav2_reader import read

@@ -8,7 +8,6 @@ from sqlalchemy import text
 
 from navgrid.terrain import DriveLimits
 from planner.duration import Durations
-from planner.measured_travel import MeasuredTravel
 from planner.readers.robot_class import (
     delete_robot_class,
     read_robot_class,
@@ -16,7 +15,7 @@ from planner.readers.robot_class import (
     read_robot_class_names,
     store_robot_class,
 )
-from planner.readers.travel_times import read_travel_times, store_travel_times
+from planner.readers.travel_times import MeasuredTravel, read_travel_times, store_travel_times
 from planner.robot_class import RobotClass
 from semmap.robot import Part
 from tests.seen import seen_by

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from sqlalchemy import text
 
-from planner.measured_travel import MeasuredTravel
 from planner.readers.robot_class import read_robot_class, read_robot_class_digest, store_robot_class
 from planner.readers.travel_times import (
+    MeasuredTravel,
     compute_place_digests,
     may_store_travel_times,
     read_place_digests,

@@ -7,8 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from planner.search.pomdp import Pomdp
-from planner.search.pomdp_file import write_pomdp
+from planner.search.pomdp import Pomdp, write_pomdp
 from planner.search.search_problem import as_pomdp
 from tests.oracles.point_based import solve
 from tests.planner.search.pomdp_reader import read_pomdp

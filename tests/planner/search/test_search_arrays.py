@@ -1,8 +1,7 @@
 import numpy as np
 import pytest
 
-from planner.search.pomdp import Pomdp
-from planner.search.pomdp_file import write_pomdp
+from planner.search.pomdp import Pomdp, write_pomdp
 from planner.search.receding_horizon import decide
 from planner.search.search_problem import NOT_SEEN, SearchProblem, as_pomdp
 from tests.oracles.point_based import solve

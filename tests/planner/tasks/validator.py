@@ -11,12 +11,12 @@ import math
 from collections.abc import Mapping
 
 from planner.duration import Durations
+from planner.graph_edges import StraightTravelCost, TravelCost
 from planner.plan import Action, Plan
 from planner.robot_class import RobotClass
 from planner.tasks.goal import ROBOT, Goal, Word
 from planner.tasks.world import TaskState, TaskWorld
 from planner.topology import OUTSIDE, Topology
-from planner.travel_cost import StraightTravelCost, TravelCost
 from semmap.geometry.pose import Pose
 
 
