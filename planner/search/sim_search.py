@@ -12,9 +12,7 @@ from numpy.typing import NDArray
 
 from planner.mission.behaviours import PlaceLook, RobotObservation, Sighting
 from planner.mission.command import Command
-from planner.mission.sim_body import Work, lasting
-from planner.mission.sim_hands import place as _placing
-from planner.mission.sim_robot import SimBehaviour, SimulatedRobot
+from planner.mission.sim_robot import SimulatedRobot, Work, behaviour, lasting
 from planner.search.problem_builder import Detector
 from planner.search.viewpoints import Sight
 from semmap.belief.places import BeliefPlace, place_at
@@ -103,18 +101,6 @@ class SearchingRobot(SimulatedRobot):
         self._looks: tuple[PlaceLook, ...] = ()
         self._known: set[str] = set()
 
-    def look(self, command: Command) -> SimBehaviour:
-        """Look for an object; what the look shows is part of the next observation."""
-        return SimBehaviour(self._look(command), self.speed)
-
-    def open_container(self, command: Command) -> SimBehaviour:
-        """Open a container, so that looks show what is in it."""
-        return SimBehaviour(self._open(command), self.speed)
-
-    def place(self, command: Command) -> SimBehaviour:
-        """Put an object down; the robot knows where it is then."""
-        return SimBehaviour(self._place(command), self.speed)
-
     def observe(self) -> RobotObservation:
         """The robot, what it holds, what it knows to be around it, and the last look's answers."""
         seen = super().observe()
@@ -122,25 +108,31 @@ class SearchingRobot(SimulatedRobot):
         known = {name: s for name, s in seen.seen.items() if name in self._known}
         return replace(seen, seen=known, looks=looks)
 
-    def _open(self, command: Command) -> Work:
+    @behaviour
+    def open_container(self, command: Command) -> Work:
+        """Open a container, so that looks show what is in it."""
         yield from lasting(command.seconds)
-        if self._body.fails("open_container"):
+        if self.fails("open_container"):
             return "missed", f"{command.arguments[0]} does not open"
-        with self._body.world.change():
-            self._body.world.log(self.name, "opened", command.arguments[0])
+        with self.world.change():
+            self.world.log(self.name, "opened", command.arguments[0])
         return None, ""
 
-    def _place(self, command: Command) -> Work:
+    @behaviour
+    def place(self, command: Command) -> Work:
+        """Put an object down; the robot knows where it is then."""
         item = command.arguments[0]
-        outcome = yield from _placing(self._body, command)
+        outcome = yield from self._placing(command)
         if outcome[0] is None:
             self._known.add(item)
             self._looks = (PlaceLook(item, command.arguments[-1], True),)
         return outcome
 
-    def _look(self, command: Command) -> Work:
+    @behaviour
+    def look(self, command: Command) -> Work:
+        """Look for an object; what the look shows is part of the next observation."""
         yield from lasting(command.seconds)
-        name, world = command.arguments[0], self._body.world
+        name, world = command.arguments[0], self.world
         eyes = self._eyes[name]
         with world.change():
             place, base = world.robot(self.name)

@@ -17,8 +17,7 @@ import semmap
 from planner.live_topology import LiveTopology
 from planner.mission import MissionStore, Runner
 from planner.mission.command import Command
-from planner.mission.sim_body import Work
-from planner.mission.sim_robot import SimBehaviour, SimulatedRobot
+from planner.mission.sim_robot import SimBehaviour, SimulatedRobot, Work
 from planner.mission.sim_setup import body_options, entry_pose, open_world
 from planner.robot_class import RobotClass
 from planner.task_planner import TaskPlanner
@@ -330,7 +329,7 @@ class Clumsy(SimulatedRobot):
     def _tried(self, command: Command) -> SimBehaviour | None:
         if command.behaviour != self.action:
             return None
-        _, pose = self._body.world.robot(self.name)
+        _, pose = self.world.robot(self.name)
         self.bases.append(pose)
         return SimBehaviour(self._fail(), self.speed) if len(self.bases) <= self.poses else None
 

@@ -63,7 +63,7 @@ def test_a_simulated_robot_is_as_fast_as_its_class(world):
     try:
         live = LiveTopology(MapHandle(world.engine, "office"), "crawler")
         robot = simulated_robot(live, world.world, "robot", speed=60.0, seed=3)
-        assert (robot._body.velocity, robot.speed, robot.name) == (0.25, 60.0, "robot")
+        assert (robot.velocity, robot.speed, robot.name) == (0.25, 60.0, "robot")
     finally:
         with world.engine.begin() as connection:
             delete_robot_class(connection, "crawler")
