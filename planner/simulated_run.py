@@ -16,8 +16,7 @@ from planner.mission.runner import MissionEvent, Runner
 from planner.mission.sim_setup import entry_pose, open_world, simulated_robot
 from planner.mission.store.assumed_sizes import store_assumed_sizes
 from planner.mission.store.grasp_memory import GraspMemory
-from planner.mission.store.map_connection import MissionError
-from planner.mission.store.mission_list import MissionList
+from planner.mission.store.mission_list import MissionError, MissionList
 from planner.mission.store.missions import MissionStore
 from planner.mission.store.simulation_map import simulation_map
 from planner.readers.robot_class import read_robot_class
@@ -111,8 +110,8 @@ class SimulatedRun:
                 original = happens_in = missions.map_name
                 number = _resumed(missions, mission) if resume else None
                 if number is not None:
-                    robot, happens_in = missions.robot_of(number), missions.map_of(number)
-                    goal = missions.goal_of(number)
+                    known = missions.mission(number)
+                    robot, happens_in, goal = known.robot, known.map, known.goal
             with engine.connect() as connection:
                 see_map(connection, happens_in)
                 self._check(Snapshot.of(connection, happens_in), rules)

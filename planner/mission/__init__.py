@@ -9,7 +9,7 @@ from planner.mission.behaviours import (
 )
 from planner.mission.command import Command, commands_of
 from planner.mission.runner import MissionResult, Runner
-from planner.mission.store.map_connection import MissionError
+from planner.mission.store.mission_list import MissionError
 from planner.mission.store.missions import MissionStore
 
 __all__ = [

@@ -19,8 +19,7 @@ from planner.mission.behaviours import Behaviours, Outcome, RobotObservation, Ru
 from planner.mission.claims import claims_of
 from planner.mission.command import Command, commands_of, with_spot
 from planner.mission.retry_policy import RetryPolicy
-from planner.mission.store.missions import LostMissionError, MissionStore
-from planner.mission.store.reservations import GoneError
+from planner.mission.store.missions import GoneError, LostMissionError, MissionStore
 from planner.mission.tree import mission_tree
 from planner.plan import Plan
 from semmap.geometry.pose import Pose

@@ -10,7 +10,7 @@ from planner.live_topology import LiveTopology
 from planner.mission.failures import FailureRule
 from planner.mission.sim_robot import SimulatedRobot
 from planner.mission.sim_world import SimWorld
-from planner.mission.store.map_connection import MissionError
+from planner.mission.store.mission_list import MissionError
 from planner.mission.store.missions import MissionStore
 from planner.topology import Topology
 from semmap.geometry.pose import Pose
@@ -53,8 +53,7 @@ def open_world(
         raise MissionError(_NOWHERE.format(robot))
     else:
         file.parent.mkdir(parents=True, exist_ok=True)
-        objects = [(t.name, t.place, t.seen) for t in store.objects()]
-        world = SimWorld.make(file, topology, objects, rules)
+        world = SimWorld.make(file, topology, store.objects(), rules)
     if where is not None and not world.has_robot(robot):
         world.put_robot(robot, *where)
     return world

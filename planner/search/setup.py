@@ -9,7 +9,7 @@ from planner.live_topology import LiveTopology
 from planner.mission.behaviours import Sighting
 from planner.mission.sim_setup import body_options
 from planner.mission.sim_world import SimWorld
-from planner.mission.store.map_connection import MissionError
+from planner.mission.store.mission_list import MissionError
 from planner.mission.store.missions import MissionStore
 from planner.search.problem_builder import Detector
 from planner.search.reader import read_believed_object, read_entity_shapes, read_room

@@ -220,7 +220,7 @@ class MapTasks(MapDriving):
 
     def mission_steps(self, mission: int) -> list[dict[str, Any]]:
         """The steps of a mission in order: action, arguments, state, times, cause and message."""
-        from planner.mission.store.map_connection import MissionError
+        from planner.mission.store.mission_list import MissionError
 
         with self._missions() as store:
             if mission not in {row["id"] for row in store.missions()}:
@@ -232,7 +232,7 @@ class MapTasks(MapDriving):
 
         ValueError if it does not exist, has ended, or belongs to another robot.
         """
-        from planner.mission.store.map_connection import MissionError
+        from planner.mission.store.mission_list import MissionError
 
         with self._missions() as store:
             if not store.cancel(mission):

@@ -26,7 +26,7 @@ from planner.mission import Command, MissionResult, MissionStore, Runner
 from planner.mission.sim_robot import SimulatedRobot
 from planner.mission.sim_setup import entry_pose, open_world, simulated_robot
 from planner.mission.sim_world import SimWorld
-from planner.mission.store.map_connection import MissionError
+from planner.mission.store.mission_list import MissionError
 from planner.mission.store.observations import find_placement
 from planner.mission.store.simulation_map import simulation_map
 from planner.readers.robot_class import store_robot_class

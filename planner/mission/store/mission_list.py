@@ -2,17 +2,74 @@
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import replace
+from typing import Any, Self
 
 from sqlalchemy import Connection, text
+from sqlalchemy.exc import DBAPIError
 
+from planner.mission.command import Command
 from planner.mission.retry_policy import Failure
-from planner.mission.store.map_connection import MapConnection, MissionError
-from planner.mission.store.mission_steps import read_failures, read_steps
+from semmap.database.maps import pick_map, see_map
+from semmap.error import Error
+from semmap.query.map_handle import MapSource
+from semmap.query.snapshot import Snapshot
 
 
-class MissionList(MapConnection):
-    """The missions of one map and of its simulations, on a connection that stays open."""
+class MissionError(Error, ValueError):
+    """A mission cannot be made or run; the message says why."""
+
+
+class MissionList:
+    """The missions of one map and of its simulations, for a ``with`` statement.
+
+    They are on a connection that stays open, so that its session holds locks. Raises MissionError:
+    there is no such map, none at all, or several and none is chosen.
+    """
+
+    def __init__(self, source: MapSource) -> None:
+        self._connection = source.engine.connect()
+        try:
+            with self._begin() as connection:
+                name = pick_map(connection, source.name)
+                self.map_name = see_map(connection, name, lasting=True)
+        except LookupError as error:
+            self._connection.close()
+            raise MissionError(str(error.args[0])) from None
+
+    def close(self) -> None:
+        """Close the connection and release its locks."""
+        if not self._connection.invalidated:
+            with suppress(DBAPIError):  # without the server, the locks are released anyway
+                self._connection.rollback()
+                self._connection.execute(text("SELECT pg_advisory_unlock_all()"))
+                self._connection.commit()
+        self._connection.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    @contextmanager
+    def _begin(self) -> Iterator[Connection]:
+        """A transaction on the connection, which stays open."""
+        try:
+            yield self._connection
+        except BaseException:
+            if not self._connection.invalidated:
+                self._connection.rollback()
+            raise
+        self._connection.commit()
+
+    @contextmanager
+    def _snapshot(self) -> Iterator[Snapshot]:
+        """What a transaction on this connection sees."""
+        with self._begin() as connection:
+            yield Snapshot.of(connection, self.map_name)
 
     def add(self, robot: str, goal: str) -> int:
         """Add a waiting mission; returns its number. MissionError: the map has no such robot."""
@@ -25,35 +82,10 @@ class MissionList(MapConnection):
                 )
         return int(number)
 
-    def robot_of(self, mission: int) -> str:
-        """The robot of a mission.
-
-        Raises
-        ------
-        MissionError
-        """
+    def mission(self, mission: int) -> Any:
+        """The goal, state, reason, runner, robot and map of a mission; MissionError without it."""
         with self._begin() as connection:
-            return str(read_mission(connection, mission).robot)
-
-    def goal_of(self, mission: int) -> str:
-        """The goal of a mission.
-
-        Raises
-        ------
-        MissionError
-        """
-        with self._begin() as connection:
-            return str(read_mission(connection, mission).goal)
-
-    def map_of(self, mission: int) -> str:
-        """The name of the map of a mission: this map, or a copy of it for simulated runs.
-
-        Raises
-        ------
-        MissionError
-        """
-        with self._begin() as connection:
-            return str(read_mission(connection, mission).map)
+            return read_mission(connection, mission)
 
     def unfinished(self) -> list[int]:
         """The numbers of the missions that run or wait, the oldest first."""
@@ -68,12 +100,21 @@ class MissionList(MapConnection):
     def steps(self, mission: int) -> list[dict[str, Any]]:
         """The steps of a mission in order: action, arguments, state, times, cause and message."""
         with self._begin() as connection:
-            return read_steps(connection, mission)
+            rows = connection.execute(text(_STEPS), {"mission": mission}).mappings()
+            return [dict(row) for row in rows]
 
     def failures(self, mission: int) -> list[Failure]:
         """The steps of a mission that failed, in order."""
+        found = []
         with self._begin() as connection:
-            return read_failures(connection, mission)
+            for row in connection.execute(text(_FAILURES), {"mission": mission}):
+                command = Command.of_json(row.command)
+                subject = command.subject
+                failure = Failure(row.action, subject, row.cause, row.message, command.at)
+                if row.action == "place" and failure.is_of_base:  # what it holds is not the reason
+                    failure = replace(failure, subject=command.arguments[-1])
+                found.append(failure)
+        return found
 
     def cancel(self, mission: int) -> bool:
         """Cancel a mission; its runner stops the robot. Returns False if it has ended.
@@ -81,9 +122,10 @@ class MissionList(MapConnection):
         Raises MissionError: it is another robot's, and this login has no right to cancel it.
         """
         with self._begin() as connection:
-            if connection.execute(text(_CANCEL), {"mission": mission}).rowcount:
+            values = {"mission": mission}
+            if connection.execute(text(_CANCEL), values).rowcount:
                 return True
-            row = _find_mission(connection, mission)
+            row = connection.execute(text(_MISSION), values).one_or_none()
             if row is not None and row.state in ("waiting", "running"):
                 raise MissionError(
                     f"mission {mission} is {row.robot}'s: cancel it as that robot or as an admin"
@@ -92,21 +134,11 @@ class MissionList(MapConnection):
 
 
 def read_mission(connection: Connection, mission: int) -> Any:
-    """The goal, state, reason and runner of a mission, and the id and name of its robot.
-
-    Raises
-    ------
-    MissionError
-        The map has no such mission.
-    """
-    row = _find_mission(connection, mission)
+    """The row of a mission, with its robot and map; MissionError without it."""
+    row = connection.execute(text(_MISSION), {"mission": mission}).one_or_none()
     if row is None:
         raise MissionError(f"there is no mission {mission}: `semmap missions` lists them")
     return row
-
-
-def _find_mission(connection: Connection, mission: int) -> Any | None:
-    return connection.execute(text(_MISSION), {"mission": mission}).one_or_none()
 
 
 _ADD = """
@@ -141,4 +173,14 @@ _CANCEL = """
 UPDATE mission m SET state = 'cancelled', reason = 'on request', ended_at = clock_timestamp()
 FROM map k WHERE m.id = :mission AND k.id = m.map_id AND current_map() IN (k.id, k.copy_of)
 AND m.state IN ('waiting', 'running')
+"""
+
+_STEPS = """
+SELECT number, action, arguments, state, started_at, ended_at, cause, message FROM mission_step
+WHERE mission_id = :mission ORDER BY number
+"""
+
+_FAILURES = """
+SELECT action, command, cause, coalesce(message, '') AS message FROM mission_step
+WHERE mission_id = :mission AND state = 'failed' ORDER BY number
 """

@@ -6,6 +6,7 @@ not from what was expected. So the map never contains what did not happen.
 
 from __future__ import annotations
 
+import json
 import time
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -17,16 +18,7 @@ from planner.mission.behaviours import Outcome, RobotObservation
 from planner.mission.command import Command, with_spot
 from planner.mission.grasp_choice import Choice
 from planner.mission.store.grasp_memory import KINDS, GraspMemory
-from planner.mission.store.map_connection import MissionError
-from planner.mission.store.mission_list import MissionList, read_mission
-from planner.mission.store.mission_steps import (
-    end_step,
-    forget_planned,
-    read_target,
-    read_unfinished_steps,
-    replace_planned,
-    start_step,
-)
+from planner.mission.store.mission_list import MissionError, MissionList, read_mission
 from planner.mission.store.observations import (
     ObjectRow,
     find_placement,
@@ -36,15 +28,10 @@ from planner.mission.store.observations import (
     write_execution,
     write_observation,
 )
-from planner.mission.store.reservations import (
-    claim_all,
-    release_all_claims,
-    release_claims,
-    renew_claims,
-)
 from planner.mission.store.robot_placement import read_home, read_robot, write_robot
 from planner.readers.topology import read_topology
 from planner.topology import Topology
+from semmap.error import Error
 from semmap.geometry.pose import Pose
 from semmap.query.map_handle import MapSource
 
@@ -54,6 +41,10 @@ LOCK = 0x6D697373
 
 class _BusyError(MissionError):
     """Another process has locked the robot."""
+
+
+class GoneError(Error, LookupError):
+    """The map has no such connector or elevator any more."""
 
 
 class LostMissionError(RuntimeError):
@@ -183,7 +174,7 @@ class MissionStore(MissionList):
                 f"{row.robot} has begun mission {other}: resume or cancel that first"
             )
         connection.execute(text(_TAKE), {"mission": mission, "runner": self.runner})
-        return row, read_unfinished_steps(connection, mission)
+        return row, connection.execute(text(_UNFINISHED), {"mission": mission}).all()
 
     # -- steps ----------------------------------------------------------------------------------
 
@@ -191,7 +182,7 @@ class MissionStore(MissionList):
         """Replace the planned steps by these commands; returns their numbers."""
         with self._begin() as connection:
             self._own(connection, mission)
-            return replace_planned(connection, mission, commands)
+            return self._replace_planned(connection, mission, commands)
 
     def start(self, mission: int, number: int, command: Command) -> Choice:
         """Store that a step begins; to be called before the robot acts.
@@ -206,10 +197,12 @@ class MissionStore(MissionList):
             if gone:
                 choice = Choice(refusal=Outcome("gone", f"the map has no {gone[0]} any more"))
             elif self.grasps is not None and command.behaviour in KINDS:
-                target = read_target(connection, mission, command.arguments[0])
+                values = {"mission": mission, "item": command.arguments[0]}
+                target = connection.execute(text(_TARGET), values).scalar()
                 choice = self.grasps.begin(connection, robot, command, target)
             chosen = command if choice.spot is None else with_spot(command, choice.spot)
-            start_step(connection, mission, number, chosen)
+            values = {"mission": mission, "number": number, "command": json.dumps(chosen.as_json())}
+            connection.execute(text(_START), values)
             return choice
 
     def end(
@@ -229,15 +222,38 @@ class MissionStore(MissionList):
         """
         with self._begin() as connection:
             robot = self._own(connection, mission)
-            end_step(connection, mission, number, outcome)
+            values = {"mission": mission, "number": number, "cause": outcome.cause}
+            values["state"] = "done" if outcome.succeeded else "failed"
+            connection.execute(text(_END), values | {"message": outcome.message or None})
             write_observation(connection, robot, seen)
             if outcome.cause == "locked" and command.step is not None and command.step.connector:
                 write_door(connection, command.step.connector.name, "locked")
             write_execution(connection, robot, command, outcome)
             if self.grasps is not None and command.behaviour in KINDS:
                 self.grasps.end(connection, robot, command, outcome)
-            release_claims(connection, robot, release)
-            return [] if outcome.succeeded else replace_planned(connection, mission, then)
+            connection.execute(text(_RELEASE), {"names": [*release], "robot": robot})
+            return [] if outcome.succeeded else self._replace_planned(connection, mission, then)
+
+    def _replace_planned(
+        self, connection: Connection, mission: int, commands: Sequence[Command]
+    ) -> list[int]:
+        """Replace the planned steps of a mission by these commands; returns their numbers."""
+        connection.execute(text(_FORGET), {"mission": mission})
+        last = connection.execute(text(_LAST), {"mission": mission}).scalar() or 0
+        numbers = list(range(last + 1, last + 1 + len(commands)))
+        rows = [
+            {
+                "mission": mission,
+                "number": number,
+                "action": command.behaviour,
+                "arguments": list(command.arguments),
+                "command": json.dumps(command.as_json()),
+            }
+            for number, command in zip(numbers, commands, strict=True)
+        ]
+        if rows:
+            connection.execute(text(_PLAN), rows)
+        return numbers
 
     def observe(self, mission: int, seen: RobotObservation) -> None:
         """Store an observation."""
@@ -248,11 +264,11 @@ class MissionStore(MissionList):
         """Store the end of a mission (done, failed, cancelled); releases its claims."""
         with self._begin() as connection:
             robot = self._own(connection, mission)
-            forget_planned(connection, mission)
+            connection.execute(text(_FORGET), {"mission": mission})
             connection.execute(
                 text(_FINISH), {"mission": mission, "state": state, "reason": reason}
             )
-            release_all_claims(connection, robot)
+            connection.execute(text(_RELEASE_ALL), {"robot": robot})
             connection.execute(text(_UNLOCK), {"key": LOCK, "robot": robot})
 
     def _own(self, connection: Connection, mission: int, *, running: bool = False) -> int:
@@ -299,19 +315,29 @@ class MissionStore(MissionList):
         """
         with self._begin() as connection:
             robot = self._own(connection, mission, running=True)
-            return claim_all(connection, robot, resources, seconds)
+            for name in sorted(resources):  # in one order for all robots: no deadlock
+                values = {"name": name, "robot": robot, "seconds": seconds}
+                got = connection.execute(text(_CLAIM), values).scalar()
+                if got is None:
+                    raise GoneError(f"the map has no {name} any more")
+                if not got:
+                    connection.rollback()
+                    return name
+            return None
 
     def release(self, mission: int, resources: Iterable[str]) -> None:
         """Release claims of the robot of a mission."""
         with self._begin() as connection:
-            release_claims(connection, self._own(connection, mission), resources)
+            robot = self._own(connection, mission)
+            connection.execute(text(_RELEASE), {"names": [*resources], "robot": robot})
 
     def beat(self, mission: int, seconds: float) -> MissionStatus:
         """Store a sign of life, and extend the claims by this many seconds."""
         with self._begin() as connection:
             robot = self._own(connection, mission)
             state = connection.execute(text(_BEAT), {"mission": mission}).scalar()
-            return MissionStatus(str(state), renew_claims(connection, robot, seconds))
+            claims = connection.execute(text(_RENEW), {"robot": robot, "seconds": seconds})
+            return MissionStatus(str(state), frozenset(claims.scalars()))
 
 
 _LOCK = "SELECT pg_try_advisory_lock((CAST(:key AS bigint) << 32) # CAST(:robot AS bigint))"
@@ -334,3 +360,55 @@ WHERE id = :mission AND state = 'running'
 _OWN = "SELECT robot_id, state FROM mission WHERE id = :mission AND runner = :runner FOR UPDATE"
 
 _BEAT = "UPDATE mission SET heartbeat = clock_timestamp() WHERE id = :mission RETURNING state"
+
+_UNFINISHED = """
+SELECT number, state, command FROM mission_step
+WHERE mission_id = :mission AND state IN ('started', 'planned') ORDER BY number
+"""
+
+_FORGET = "DELETE FROM mission_step WHERE mission_id = :mission AND state = 'planned'"
+
+_LAST = "SELECT max(number) FROM mission_step WHERE mission_id = :mission"
+
+_PLAN = """
+INSERT INTO mission_step (mission_id, number, action, arguments, command)
+VALUES (:mission, :number, :action, :arguments, CAST(:command AS jsonb))
+"""
+
+_START = """
+UPDATE mission_step
+SET state = 'started', started_at = clock_timestamp(), command = CAST(:command AS jsonb)
+WHERE mission_id = :mission AND number = :number AND state = 'planned'
+"""
+
+_END = """
+UPDATE mission_step
+SET state = :state, ended_at = clock_timestamp(), cause = :cause, message = :message
+WHERE mission_id = :mission AND number = :number AND state = 'started'
+"""
+
+# What an object is put on by the first planned step that puts it down.
+_TARGET = """
+SELECT arguments[2] FROM mission_step
+WHERE mission_id = :mission AND state = 'planned' AND action = 'place' AND arguments[1] = :item
+ORDER BY number LIMIT 1
+"""
+
+_CLAIM = """
+SELECT claim(id, :robot, :seconds) FROM entity WHERE map_id = current_map() AND name = :name
+"""
+
+_RELEASE = """
+DELETE FROM reservation r USING entity e
+WHERE e.map_id = current_map() AND e.name = ANY (:names) AND r.resource_id = e.id
+  AND r.robot_id = :robot
+"""
+
+_RELEASE_ALL = "DELETE FROM reservation WHERE robot_id = :robot"
+
+_RENEW = """
+WITH renewed AS (
+    UPDATE reservation SET expires = clock_timestamp() + make_interval(secs => :seconds)
+    WHERE robot_id = :robot RETURNING resource_id)
+SELECT e.name FROM renewed r JOIN entity e ON e.id = r.resource_id
+"""

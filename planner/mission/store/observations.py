@@ -5,7 +5,8 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Iterable
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
+from typing import NamedTuple
 
 import shapely
 from sqlalchemy import Connection, text
@@ -25,8 +26,7 @@ AHEAD = 0.5
 """Metres before the robot's origin at which it puts objects on the floor."""
 
 
-@dataclass(frozen=True)
-class ObjectRow:
+class ObjectRow(NamedTuple):
     """An object that holds no other, with its place and pose."""
 
     name: str

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from sqlalchemy import Connection, text
 
-from planner.mission.store.map_connection import MissionError
+from planner.mission.store.mission_list import MissionError
 from semmap.geometry.pose import Pose
 from semmap.query.snapshot import Snapshot
 

@@ -13,7 +13,7 @@ from pathlib import Path
 
 from sqlalchemy import Connection, Engine, text
 
-from planner.mission.store.map_connection import MissionError
+from planner.mission.store.mission_list import MissionError
 
 KEY = 0x73696D75
 """Upper half of the keys of locks on copies. A lock is released when its process dies."""

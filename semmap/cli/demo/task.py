@@ -10,7 +10,7 @@ from typing import Any
 from planner.live_topology import LiveTopology
 from planner.mission.runner import MissionEvent, MissionResult, Runner
 from planner.mission.sim_setup import entry_pose, open_world, simulated_robot
-from planner.mission.store.map_connection import MissionError
+from planner.mission.store.mission_list import MissionError
 from planner.mission.store.missions import MissionStore
 from planner.mission.store.simulation_map import simulation_map
 from planner.plan import Plan

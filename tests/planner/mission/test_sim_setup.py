@@ -5,7 +5,7 @@ import pytest
 from planner.live_topology import LiveTopology
 from planner.mission.failures import FailureRule
 from planner.mission.sim_setup import entry_pose, open_world, simulated_robot
-from planner.mission.store.map_connection import MissionError
+from planner.mission.store.mission_list import MissionError
 from planner.readers.robot_class import delete_robot_class, store_robot_class
 from planner.robot_class import RobotClass
 from planner.topology import Place, Topology
