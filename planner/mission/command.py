@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from typing import Any
 
 from planner.plan import Action, Plan
@@ -153,8 +153,3 @@ def _arguments(step: RouteStep) -> tuple[str, ...]:
 
 def _pose(value: Any) -> Pose | None:
     return None if value is None else Pose.of_json(value)
-
-
-def with_spot(command: Command, spot: Pose) -> Command:
-    """The command with the pose at which the object is put down."""
-    return replace(command, spot=spot)

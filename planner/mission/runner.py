@@ -9,18 +9,20 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Protocol
 
+from py_trees.behaviour import Behaviour
 from py_trees.common import Status
+from py_trees.composites import Sequence as Steps
 
 from planner.mission.behaviours import Behaviours, Outcome, RobotObservation, RunningBehaviour
 from planner.mission.claims import claims_of
-from planner.mission.command import Command, commands_of, with_spot
+from planner.mission.command import Command, commands_of
 from planner.mission.retry_policy import RetryPolicy
 from planner.mission.store.missions import GoneError, LostMissionError, MissionStore
-from planner.mission.tree import mission_tree
 from planner.plan import Plan
 from semmap.geometry.pose import Pose
 from semmap.query.snapshot import Snapshot
@@ -200,15 +202,10 @@ class Runner:
         tried: frozenset[tuple[str, Pose]],
     ) -> Plan:
         plan = partial(self._store.plan, self._planner, robot, goal, tried=tried)
-        found: Plan
         if busy - without:  # an alternative, if there is one
-            try:
-                found = plan(without=without | busy)
-                return found
-            except (ValueError, LookupError):
-                pass
-        found = plan(without=without)
-        return found
+            with suppress(ValueError, LookupError):
+                return plan(without=without | busy)
+        return plan(without=without)
 
     def _finish(self, mission: int, state: str, reason: str | None = None) -> MissionResult:
         self._store.finish(mission, state, reason)
@@ -217,7 +214,7 @@ class Runner:
 
 
 class _Attempt:
-    """The execution of one plan: handles the leaves of its behaviour tree."""
+    """The execution of one plan as a behaviour tree."""
 
     def __init__(
         self,
@@ -243,16 +240,27 @@ class _Attempt:
 
     def work(self) -> None:
         """Tick the tree until it succeeds or fails."""
-        tree = mission_tree(self._commands, self)
-        while True:
-            tree.tick_once()
-            if tree.status is not Status.RUNNING:
-                break
+        tree = self._tree()
+        tree.tick_once()
+        while tree.status is Status.RUNNING:
             time.sleep(self._runner._tick)
+            tree.tick_once()
         if self._mine is not None:
             self._store.release(self._mission, [self._mine])
 
+    def _tree(self) -> Behaviour:
+        """A sequence of commands that ends with the first that fails.
+
+        It is under a guard that is checked each tick, and stops the running command if it fails.
+        """
+        tasks = Steps("commands", memory=True)
+        for index, command in enumerate(self._commands):
+            claim, act = _Ask("claim", partial(self.claim, index)), _Act(str(command), self, index)
+            tasks.add_child(Steps(str(command), memory=True, children=[claim, act]))
+        return Steps("mission", memory=False, children=[_Ask("guard", self.guard), tasks])
+
     def guard(self) -> bool:
+        """Whether the mission continues."""
         now = time.monotonic()
         if now < self._beat + self._runner._expiry / 4:
             return True
@@ -265,6 +273,7 @@ class _Attempt:
         return not self.cancelled and not lost
 
     def claim(self, index: int) -> bool | None:
+        """True if the robot has its claim; None while it waits; False if it gives up."""
         wanted = self._claims[index]
         if wanted == self._mine:
             return True
@@ -286,17 +295,14 @@ class _Attempt:
             return True
         if self._waits_since is None:
             self._waits_since = now
-            self._runner._on_event(
-                MissionEvent(
-                    "waits", self._numbers[index], self._commands[index], f"{wanted} is in use"
-                )
-            )
+            self._event("waits", index, f"{wanted} is in use")
         if now - self._waits_since > self._runner._retry_policy.queue / self._runner._speed:
             self.busy = wanted
             return False
         return None
 
     def begin(self, index: int) -> RunningBehaviour | None:
+        """Store that the command begins, and start it; None if it cannot begin."""
         number, command = self._numbers[index], self._commands[index]
         behaviours = self._runner._behaviours
         if command.behaviour == "place" and len(command.arguments) > 1:
@@ -304,13 +310,13 @@ class _Attempt:
             item, target = command.arguments[:2]
             spot = self._store.spot(item, target, towards, self._mission)
             if spot is not None:
-                command = self._commands[index] = with_spot(command, spot)
-        self._runner._on_event(MissionEvent("starts", number, command))
+                command = self._commands[index] = replace(command, spot=spot)
+        self._event("starts", index)
         choice = self._store.start(self._mission, number, command)
         self._note = choice.note
         if choice.spot is not None:
-            command = self._commands[index] = with_spot(command, choice.spot)
-        self._runner._on_event(MissionEvent("started", number, command))
+            command = self._commands[index] = replace(command, spot=choice.spot)
+        self._event("started", index)
         act = getattr(behaviours, command.behaviour, None)
         if choice.refusal is not None:
             self.end(index, choice.refusal)
@@ -325,10 +331,11 @@ class _Attempt:
         return None
 
     def end(self, index: int, outcome: Outcome) -> None:
+        """Store how the command ended, and its effects."""
         number, command = self._numbers[index], self._commands[index]
         if outcome.succeeded and not outcome.message:
             outcome = replace(outcome, message=self._note)
-        self._runner._on_event(MissionEvent("acted", number, command))
+        self._event("acted", index)
         release = []
         following = self._claims[index + 1] if index + 1 < len(self._claims) else None
         if self._mine is not None and (not outcome.succeeded or following != self._mine):
@@ -340,11 +347,54 @@ class _Attempt:
             self._mine = None
         if not outcome.succeeded:
             self.failed = outcome
-        self._runner._on_event(
-            MissionEvent(
-                "ended" if outcome.succeeded else "failed", number, command, outcome.message
-            )
-        )
+        self._event("ended" if outcome.succeeded else "failed", index, outcome.message)
+
+    def _event(self, kind: str, index: int, message: str = "") -> None:
+        event = MissionEvent(kind, self._numbers[index], self._commands[index], message)
+        self._runner._on_event(event)
+
+
+class _Ask(Behaviour):
+    """A condition: true, false, or not known yet."""
+
+    def __init__(self, name: str, ask: Callable[[], bool | None]) -> None:
+        super().__init__(name)
+        self._ask = ask
+
+    def update(self) -> Status:
+        answer = self._ask()
+        if answer is None:
+            return Status.RUNNING
+        return Status.SUCCESS if answer else Status.FAILURE
+
+
+class _Act(Behaviour):
+    """A running command."""
+
+    def __init__(self, name: str, attempt: _Attempt, index: int) -> None:
+        super().__init__(name)
+        self._attempt = attempt
+        self._index = index
+        self._doing: RunningBehaviour | None = None
+
+    def initialise(self) -> None:
+        self._doing = self._attempt.begin(self._index)
+
+    def update(self) -> Status:
+        if self._doing is None:
+            return Status.FAILURE
+        outcome = self._doing.poll()
+        if outcome is None:
+            return Status.RUNNING
+        self._doing = None
+        self._attempt.end(self._index, outcome)
+        return Status.SUCCESS if outcome.succeeded else Status.FAILURE
+
+    def terminate(self, new_status: Status) -> None:
+        if new_status is Status.INVALID and self._doing is not None:
+            doing, self._doing = self._doing, None
+            doing.cancel()
+            self._attempt.end(self._index, Outcome("cancelled", "stopped in the middle"))
 
 
 def happened(command: Command, seen: RobotObservation) -> bool:

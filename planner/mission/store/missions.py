@@ -9,13 +9,13 @@ from __future__ import annotations
 import json
 import time
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from sqlalchemy import Connection, text
 
 from planner.mission.behaviours import Outcome, RobotObservation
-from planner.mission.command import Command, with_spot
+from planner.mission.command import Command
 from planner.mission.grasp_choice import Choice
 from planner.mission.store.grasp_memory import KINDS, GraspMemory
 from planner.mission.store.mission_list import MissionError, MissionList, read_mission
@@ -200,7 +200,7 @@ class MissionStore(MissionList):
                 values = {"mission": mission, "item": command.arguments[0]}
                 target = connection.execute(text(_TARGET), values).scalar()
                 choice = self.grasps.begin(connection, robot, command, target)
-            chosen = command if choice.spot is None else with_spot(command, choice.spot)
+            chosen = command if choice.spot is None else replace(command, spot=choice.spot)
             values = {"mission": mission, "number": number, "command": json.dumps(chosen.as_json())}
             connection.execute(text(_START), values)
             return choice
