@@ -96,7 +96,7 @@ class MapSearch:
 
     def from_here(self, start: Endpoint) -> MapSearch:
         """The same search from another place of the robot."""
-        ends = _endpoints(self.graph, self.viewpoints)
+        ends = [self.graph.endpoint(v.room, v.pose) for v in self.viewpoints]
         seconds = seconds_between(self.graph, [start], ends)[0]
         return replace(self, problem=replace(self.problem, start=seconds))
 
@@ -142,68 +142,50 @@ def build_search(
     weights = np.array([belief[p] for p in wanted])[of] / counts[of]
 
     rooms = {p.name: p for p in places if p.kind == "room" and p.footprint is not None}
-    poses, in_room, seen, seconds, ends = _candidates(
-        rooms, points, inside, occluders, sight, graph, start, progress or (lambda *_: None)
+    ends, seen = _candidates(
+        rooms, points, inside, occluders, sight, graph, progress or (lambda *_: None)
     )
-    chosen = choose_views(seen, weights, seconds, most_viewpoints)
-    viewpoints: list[tuple[str, Pose, str | None]] = []
-    masks: list[NDArray[np.bool_]] = []
+    seconds = _from_start(graph, start, ends)
+    looks: list[tuple[Endpoint, NDArray[np.bool_], str | None]] = []
     boxes = _boxes(occluders)
-    endpoints: list[Endpoint] = []
-    opening: list[float] = []
-    for number in chosen:
-        pose, room = poses[number], in_room[number]
-        mask = _seen_on_meshes(sight, pose, points, occluders, boxes) & ~inside
+    for number in choose_views(seen, weights, seconds, most_viewpoints):
+        mask = _seen_on_meshes(sight, _pose(ends[number]), points, occluders, boxes) & ~inside
         if mask.any():
-            viewpoints.append((room, pose, None))
-            masks.append(mask)
-            endpoints.append(ends[number])
-            opening.append(0.0)
-    for place in [p for p in wanted if p in shut]:
-        found = _before(by_name[place], poses, seconds)
-        if found is not None:
-            footprint = by_name[place].footprint
-            assert footprint is not None
-            middle, here = footprint.centroid, poses[found]
-            yaw = math.atan2(middle.y - here.y, middle.x - here.x)
-            viewpoints.append((in_room[found], Pose.planar(here.x, here.y, yaw, here.z), place))
-            masks.append(np.array([wanted[k] == place for k in of], np.bool_))
-            endpoints.append(replace(ends[found], pose=viewpoints[-1][1]))
-            opening.append(OPENING)
-    if not viewpoints:
+            looks.append((ends[number], mask, None))
+    for number, place in enumerate(wanted):
+        if place in shut and (end := _before(by_name[place], ends, seconds)) is not None:
+            looks.append((end, of == number, place))
+    if not looks:
         raise ValueError(
             f"no free pose that the robot reaches shows a place where {name} may be: "
             f"{', '.join(wanted[:5])}"
         )
-    visible = np.array(masks)
+    visible = np.array([mask for _, mask, _ in looks])
     place_of, spots, share = _spots(of, visible, len(wanted))
-    elsewhere = np.array([len(wanted)])
-    all_places = (*wanted, ELSEWHERE)
-    made = []
-    for k, (room, pose, opens) in enumerate(viewpoints):
-        shares = np.bincount(of[visible[k]], minlength=len(wanted)) / np.maximum(counts, 1)
+    viewpoints = []
+    for k, (end, mask, opens) in enumerate(looks, 1):
+        shares = np.bincount(of[mask], minlength=len(wanted)) / np.maximum(counts, 1)
         order = np.argsort(-shares, kind="stable")
         shows = tuple((wanted[p], float(shares[p])) for p in order if shares[p] > 0)
-        made.append(Viewpoint(f"{room} {k + 1}", room, pose, shows, opens))
+        viewpoints.append(Viewpoint(f"{end.place} {k}", end.place, _pose(end), shows, opens))
+    endpoints = [end for end, _, _ in looks]
     problem = SearchProblem(
         (name,),
-        all_places,
-        tuple(v.name for v in made),
-        np.concatenate([place_of, elsewhere]),
-        np.concatenate([spots, np.zeros((len(made), 1))], axis=1),
+        (*wanted, ELSEWHERE),
+        tuple(v.name for v in viewpoints),
+        np.append(place_of, len(wanted)),
+        np.pad(spots, ((0, 0), (0, 1))),
         _travel(graph, endpoints),
         seconds_between(graph, [start], endpoints)[0],
         detector.look,
         np.array([detector.hit]),
         np.array([detector.false_alarm]),
         detector.wrong,
-        np.array(opening),
+        np.array([0.0 if opens is None else OPENING for _, _, opens in looks]),
     )
-    shares_of_spots = np.concatenate([share, [1.0]])
+    share = np.append(share, 1.0)
     full = {p: belief[p] for p in wanted} | {ELSEWHERE: belief.get(ELSEWHERE, 0.0)}
-    return MapSearch(
-        problem, problem.spread([full], shares_of_spots), tuple(made), shares_of_spots, graph
-    )
+    return MapSearch(problem, problem.spread([full], share), tuple(viewpoints), share, graph)
 
 
 def _points(places: Sequence[BeliefPlace], height: float) -> tuple[Floats, NDArray[np.intp]]:
@@ -230,14 +212,11 @@ def _candidates(
     occluders: Floats,
     sight: Sight,
     graph: RoutingGraph,
-    start: Endpoint,
     progress: Callable[[str, int, int], None],
-) -> tuple[list[Pose], list[str], NDArray[np.bool_], Floats, list[Endpoint]]:
-    """Base poses, their rooms, the points that they show, seconds to them, and endpoints."""
+) -> tuple[list[Endpoint], NDArray[np.bool_]]:
+    """Free base poses in rooms, and the points that each shows."""
     costmaps = graph.costs if isinstance(graph.costs, StoreyCostmaps) else None
     space = line_of_sight(occluders)
-    poses: list[Pose] = []
-    in_room: list[str] = []
     seen: list[NDArray[np.bool_]] = [np.empty((0, len(points)), np.bool_)]
     ends: list[Endpoint] = []
     open_points = np.where(inside[:, None], np.inf, points)
@@ -247,7 +226,6 @@ def _candidates(
         if name == OUTSIDE or name not in rooms or place.elevator is not None:
             continue
         outline = rooms[name].footprint
-        assert outline is not None
         near = shapely.distance(shapely.points(points[:, :2]), outline) <= sight.furthest
         if not near.any():
             continue
@@ -255,20 +233,18 @@ def _candidates(
         views, masks = views_from(positions, place.floor, open_points, space, sight)
         beside = _beside(positions, place.floor, points[inside])
         views += beside
-        masks = np.concatenate([masks, np.zeros((len(beside), len(points)), np.bool_)])
-        if not views:
-            continue
-        nodes = graph.nodes.get(name, np.empty(0, np.int64))
-        travel = graph.costs.between(name, [graph.poses[n] for n in nodes], views)
-        poses += views
-        in_room += [name] * len(views)
-        seen.append(masks)
-        ends += [
-            Endpoint(name, pose, nodes, travel.seconds[:, k], travel.metres[:, k])
-            for k, pose in enumerate(views)
-        ]
-    seconds = _from_start(graph, start, ends)
-    return poses, in_room, np.concatenate(seen), seconds, ends
+        if views:
+            seen += [masks, np.zeros((len(beside), len(points)), np.bool_)]
+            nodes = graph.nodes.get(name, np.empty(0, np.int64))
+            travel = graph.costs.between(name, [graph.poses[n] for n in nodes], views)
+            columns = zip(views, travel.seconds.T, travel.metres.T, strict=True)
+            ends += [Endpoint(name, pose, nodes, *times) for pose, *times in columns]
+    return ends, np.concatenate(seen)
+
+
+def _pose(end: Endpoint) -> Pose:
+    assert end.pose is not None  # candidates are poses
+    return end.pose
 
 
 def _beside(positions: Floats, floor: float, points: Floats) -> list[Pose]:
@@ -279,17 +255,21 @@ def _beside(positions: Floats, floor: float, points: Floats) -> list[Pose]:
     return [Pose.planar(float(x), float(y), 0.0, floor) for x, y in positions[away <= 2.0]]
 
 
-def _before(container: BeliefPlace, poses: Sequence[Pose], seconds: Floats) -> int | None:
-    """The nearest candidate that stands beside a container; None if there is none."""
-    if container.footprint is None or not len(poses):
+def _before(container: BeliefPlace, ends: Sequence[Endpoint], seconds: Floats) -> Endpoint | None:
+    """The nearest candidate beside a container, turned towards it; None if there is none."""
+    if container.footprint is None or not len(ends):
         return None
     assert container.low is not None
-    at = shapely.points([[p.x, p.y] for p in poses])
-    level = np.array([abs(p.z - container.low[2]) < 2.0 for p in poses])
-    near = (shapely.distance(at, container.footprint) <= STANDING) & level & np.isfinite(seconds)
+    poses = np.array([_pose(end)[:3] for end in ends])
+    level = abs(poses[:, 2] - container.low[2]) < 2.0
+    beside = shapely.distance(shapely.points(poses[:, :2]), container.footprint) <= STANDING
+    near = beside & level & np.isfinite(seconds)
     if not near.any():
         return None
-    return int(np.where(near, seconds, np.inf).argmin())
+    end = ends[int(np.where(near, seconds, np.inf).argmin())]
+    middle, here = container.footprint.centroid, _pose(end)
+    yaw = math.atan2(middle.y - here.y, middle.x - here.x)
+    return replace(end, pose=Pose.planar(here.x, here.y, yaw, here.z))
 
 
 def _boxes(triangles: Floats) -> tuple[Floats, Floats]:
@@ -328,19 +308,16 @@ def _spots(
 
 
 def _from_start(graph: RoutingGraph, start: Endpoint, ends: Sequence[Endpoint]) -> Floats:
-    """(C,) seconds from the robot to each endpoint."""
-    through = [replace(e, place=e.place) for e in ends]
+    """(C,) seconds from the robot to each endpoint; in its own room all at once."""
     seconds = np.full(len(ends), np.inf)
-    elsewhere = [k for k, e in enumerate(through) if e.place != start.place]
-    here = [k for k, e in enumerate(through) if e.place == start.place]
-    if elsewhere:
-        seconds[elsewhere] = seconds_between(graph, [start], [through[k] for k in elsewhere])[0]
-    if here:
-        if start.pose is None:
-            seconds[here] = 0.0
-        else:
-            poses = [p for k in here if (p := through[k].pose) is not None]
-            seconds[here] = graph.costs.between(start.place, [start.pose], poses).seconds[0]
+    here = np.array([end.place == start.place for end in ends], np.bool_)
+    elsewhere = [end for end in ends if end.place != start.place]
+    seconds[~here] = seconds_between(graph, [start], elsewhere)[0]
+    if start.pose is None:
+        seconds[here] = 0.0
+    elif here.any():
+        poses = [_pose(end) for end in ends if end.place == start.place]
+        seconds[here] = graph.costs.between(start.place, [start.pose], poses).seconds[0]
     return seconds
 
 
@@ -351,7 +328,7 @@ def _travel(graph: RoutingGraph, ends: Sequence[Endpoint]) -> Floats:
     for number, end in enumerate(ends):
         by_room.setdefault(end.place, []).append(number)
     for room, numbers in by_room.items():
-        poses = [p for k in numbers if (p := ends[k].pose) is not None]
+        poses = [_pose(ends[k]) for k in numbers]
         seconds[np.ix_(numbers, numbers)] = graph.costs.between(room, poses, poses).seconds
         others = [k for k in range(len(ends)) if ends[k].place != room]
         seconds[np.ix_(numbers, others)] = seconds_between(
@@ -359,7 +336,3 @@ def _travel(graph: RoutingGraph, ends: Sequence[Endpoint]) -> Floats:
         )
     np.fill_diagonal(seconds, 0.0)
     return seconds
-
-
-def _endpoints(graph: RoutingGraph, viewpoints: Sequence[Viewpoint]) -> list[Endpoint]:
-    return [graph.endpoint(v.room, v.pose) for v in viewpoints]
