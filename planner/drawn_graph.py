@@ -18,7 +18,6 @@ import shapely
 from planner.route import NoRouteError, Route, RouteStep
 from planner.route_steps import make_step
 from planner.routing_graph import Endpoint, RoutingGraph
-from planner.topology import PlaceConnector
 from semmap.geometry.pose import Pose
 
 START, GOAL = ("start",), ("goal",)
@@ -152,23 +151,15 @@ def _passage(graph: RoutingGraph, edge: DrawnEdge, start: DrawnNode, end: DrawnN
     stated = [(c, s) for c, s in here if c.name == edge.connector]
     line = shapely.LineString([start.point[:2], end.point[:2]])
     found = stated or [
-        (c, s) for c, s in joining if start.place != end.place or _leaf(c).intersects(line)
+        (c, s) for c, s in joining if start.place != end.place or c.leaf().intersects(line)
     ]
     if not found:
         return None
     ways = [
-        (_leaf(c).distance(line), math.dist(c.poses[s][:3], start.point), c, s) for c, s in found
+        (c.leaf().distance(line), math.dist(c.poses[s][:3], start.point), c, s) for c, s in found
     ]
     _, _, connector, side = min(ways, key=lambda way: way[:2])
     return 2 * graph.index[connector.name] + side
-
-
-def _leaf(connector: PlaceConnector) -> shapely.LineString:
-    """A line across a connector, between its approach poses."""
-    (a, b), half = connector.poses, (connector.width or 0.9) / 2
-    x, y, turn = (a.x + b.x) / 2, (a.y + b.y) / 2, math.atan2(b.x - a.x, a.y - b.y)
-    dx, dy = half * math.cos(turn), half * math.sin(turn)
-    return shapely.LineString([(x - dx, y - dy), (x + dx, y + dy)])
 
 
 def _nearest_nodes(

@@ -21,7 +21,6 @@ from navgrid.readers.fields import read_field_versions, read_fields, read_live_v
 from planner.duration import Durations
 from planner.readers.entity_lookup import MapLookup
 from planner.readers.robot_class import read_robot_class
-from planner.readers.scenes import read_objects, read_storey_regions, read_storey_scene
 from planner.readers.topology import read_connectors, read_kinds, read_places, read_regions
 from planner.readers.travel_times import TravelTimeStore
 from planner.robot_class import BODY, RobotClass
@@ -31,6 +30,7 @@ from planner.topology import PlaceConnector, Topology
 from semmap.query.change_feed import ChangeFeed, Look
 from semmap.query.map_handle import MapSource, open_feed
 from semmap.query.snapshot import Snapshot
+from semmap.query.storey_reader import read_entities, read_scene, read_storey_names
 from semmap.query.storey_scene import StoreyScene
 
 POLL = 1.0
@@ -261,8 +261,9 @@ class LiveTopology:
                 fields=read_fields(seen, live=False),
                 straight=not robot.parts,
             )
-            if self._progress is not None:
-                costmaps.report_to(self._report(self._progress, len(topology.places)))
+            if (progress := self._progress) is not None:
+                total = len(topology.places)
+                costmaps.report_to(lambda place, number: progress(place, number, total))
             if store is not None:
                 stored = store.load(seen, topology, some_expire=bool(validity))
         graph = RoutingGraph(topology, robot, costmaps, durations=durations, stored=stored)
@@ -272,13 +273,10 @@ class LiveTopology:
         self._live_versions, self._near_live = {}, set()
         return TopologyChange(reloaded=True)
 
-    @staticmethod
-    def _report(progress: Progress, total: int) -> Callable[[str, int], None]:
-        return lambda place, number: progress(place, number, total)
-
     def _read_scene(self, storey: str) -> StoreyScene:
         with self._feed.snapshot() as seen:
-            return read_storey_scene(seen, storey, assume_sizes=self.assume_sizes)
+            name = storey or read_storey_names(seen)[0]
+            return read_scene(seen, name, moment=seen.moment, assume_sizes=self.assume_sizes)
 
     def _store_travel_times(self, look: Look, change: TopologyChange) -> None:
         if self._store is None or self.costmaps is None:
@@ -299,16 +297,18 @@ class LiveTopology:
         building = {*kinds.values()} & {"room", "storey"}
         if not movable and not connectors and not building:
             return TopologyChange()
+        topology = self.topology
+        known = {e.id for e in (*topology.places.values(), *topology.connectors.values())}
         if (
             building
-            or removed & self._building_ids()
+            or removed & known
             or (self._store is not None and self._store.is_outdated(seen))
             or (movable and self.costmaps is not None and not self.costmaps.is_complete())
         ):
             return self._load(look)
         changed = set()
-        for connector in read_connectors(seen, self.topology.places.values(), connectors):
-            before = self.topology.connectors.get(connector.name)
+        for connector in read_connectors(seen, topology.places.values(), connectors):
+            before = topology.connectors.get(connector.name)
             if before is None or _geometry(before) != _geometry(connector):
                 return self._load(look)
             if before != connector:
@@ -334,10 +334,8 @@ class LiveTopology:
         changed = [name for name, version in now.items() if before.get(name) != version]
         fields = read_fields(look.seen, changed, live=False)
         removed = dict.fromkeys(before.keys() - now.keys())
-        with self.graph.lock:
-            places = costmaps.set_fields({**removed, **fields})
-            for place in places:
-                self.graph.measure_again(place)
+        with self._measuring() as places:
+            places |= costmaps.set_fields({**removed, **fields})
         if self._store is not None:
             self._store.add(places)
         self._field_versions = now
@@ -353,34 +351,37 @@ class LiveTopology:
             return change
         fields = read_fields(seen, [n for n, v in now.items() if before.get(n) != v])
         costmaps.make_costmaps_of(fields.values())
-        with self.graph.lock:
-            places = costmaps.set_fields({**dict.fromkeys(before.keys() - now.keys()), **fields})
-            for place in places:
-                self.graph.measure_again(place)
+        with self._measuring() as places:
+            places |= costmaps.set_fields({**dict.fromkeys(before.keys() - now.keys()), **fields})
         self._live_versions, self._near_live = now, costmaps.places_near(now)
         return change._replace(places=change.places | places)
-
-    def _building_ids(self) -> set[int | None]:
-        """The ids of all places and connectors."""
-        topology = self.topology
-        places = {p.id for p in topology.places.values()}
-        return places | {c.id for c in topology.connectors.values()}
 
     def _apply_moves(self, look: Look, ids: Collection[int], with_regions: bool) -> set[str]:
         """Measure travel again where objects or regions changed costs; returns these places."""
         costmaps = self.costmaps
         if not ids or costmaps is None:
             return set()
-        storeys = costmaps.storeys() if with_regions else []
-        regions = {s: read_storey_regions(look.seen, s, ids) for s in storeys}
-        objects = read_objects(look.seen, ids, assume_sizes=self.assume_sizes)
-        with self.graph.lock:
-            places = costmaps.update(ids, objects, regions)
-            for place in places:
-                self.graph.measure_again(place)
+        seen, regions = look.seen, {}
+        for storey in costmaps.storeys() if with_regions else ():
+            name = storey or read_storey_names(seen)[0]
+            regions[storey] = read_entities(
+                seen, ids, kinds=["region"], storey=name, moment=seen.moment
+            )
+        objects = read_entities(seen, ids, kinds=["object"], assume_sizes=self.assume_sizes)
+        with self._measuring() as places:
+            places |= costmaps.update(ids, objects, regions)
         if self._store is not None:
             self._store.add(places)
         return places
+
+    @contextmanager
+    def _measuring(self) -> Iterator[set[str]]:
+        """Measure the travel again in the places that are put into this set."""
+        places: set[str] = set()
+        with self.graph.lock:
+            yield places
+            for place in places:
+                self.graph.measure_again(place)
 
 
 @contextmanager

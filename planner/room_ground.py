@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,7 +15,6 @@ from navgrid.grid import Grid
 from navgrid.headings import footprint_cells
 from navgrid.inflation import INSCRIBED
 from planner.robot_class import RobotClass
-from planner.topology import PlaceConnector
 
 Window = tuple[slice, slice]
 
@@ -82,20 +81,6 @@ class RoomGround:
         top = max(range(len(parts)), key=lambda k: parts[k].interval[1])
         walls: NDArray[np.bool_] = cells[top][self.window]
         return walls
-
-
-def door_lines(connectors: Iterable[PlaceConnector]) -> tuple[shapely.LineString, ...]:
-    """The lines across the doorways of connectors."""
-    lines = []
-    for connector in connectors:
-        a, b = connector.poses
-        middle = np.array([a.x + b.x, a.y + b.y]) / 2
-        along = np.array([b.x - a.x, b.y - a.y])
-        length = float(np.linalg.norm(along))
-        if length > 0:
-            across = np.array([-along[1], along[0]]) / length * (connector.width or 0.9) / 2
-            lines.append(shapely.LineString([middle - across, middle + across]))
-    return tuple(lines)
 
 
 def _overlap(

@@ -24,7 +24,7 @@ from navgrid.inflation import INSCRIBED, LETHAL, UNKNOWN
 from navgrid.window import grown
 from planner.graph_edges import StraightTravelCost, Travel
 from planner.robot_class import RobotClass
-from planner.room_ground import RoomGround, door_lines
+from planner.room_ground import RoomGround
 from planner.topology import OUTSIDE, PlaceRegion, Topology
 from semmap.geometry.pose import Pose
 from semmap.query.storey_scene import SceneEntity, StoreyScene
@@ -181,7 +181,7 @@ class StoreyCostmaps:
             room.grid,
             costs,
             self.topology.places[place].floor,
-            door_lines(connector for connector, _ in self.topology.connectors_of(place)),
+            tuple(c.leaf() for c, _ in self.topology.connectors_of(place) if c.metres > 0),
         )
 
     @contextmanager

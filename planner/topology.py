@@ -20,6 +20,8 @@ OUTSIDE = "outside"
 AT_POINT = 0.3
 """Metres from a waypoint within which a robot is at it."""
 
+LEAF = 0.9
+"""Width of a door without one, metres."""
 
 REGION = "_region"
 """The end of the names of types of regions, which people leave out."""
@@ -128,6 +130,14 @@ class PlaceConnector:
     def must_be_opened(self) -> bool:
         """True if the robot has to open it; elevators open their own doors."""
         return self.state == "locked" or (self.state == "closed" and self.type != "elevator_door")
+
+    def leaf(self, margin: float = 0.0) -> shapely.LineString:
+        """The line across the opening, between the approach poses, and so many metres beyond."""
+        (a, b), half = self.poses, (self.width or LEAF) / 2 + margin
+        turn = math.atan2(b.y - a.y, b.x - a.x)
+        x, y, dx, dy = (a.x + b.x) / 2, (a.y + b.y) / 2, -math.sin(turn), math.cos(turn)
+        ends = [(x + half * dx, y + half * dy), (x - half * dx, y - half * dy)]
+        return shapely.LineString(ends)
 
     def passes(self, side: int) -> bool:
         """True if the direction allows leaving ``places[side]``."""

@@ -7,7 +7,6 @@ its name, to which tasks go.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -16,7 +15,6 @@ import shapely
 import yaml
 
 from planner.exchange.route_graph import (
-    LEAF,
     ApproachPose,
     BuildingOutline,
     Cabin,
@@ -74,7 +72,10 @@ def rmf_nav_graph(
             )
         at.append((node.storey, vertex))
     doors = {
-        s.connector.name: _door(s.connector, s.storey)
+        s.connector.name: {
+            "endpoints": [[_real(x), _real(y)] for x, y in s.connector.leaf().coords],
+            "map": s.storey,
+        }
         for s in made.nodes
         if isinstance(s, ApproachPose) and _is_door(s.connector)
     }
@@ -174,15 +175,6 @@ class _Level:
 
 def _is_door(connector: PlaceConnector) -> bool:
     return connector.type == "door" and connector.behaviour == "pass_door"
-
-
-def _door(connector: PlaceConnector, storey: str) -> dict[str, Any]:
-    """The ends of a door: on the perpendicular bisector of its two approach poses."""
-    (a, b), half = connector.poses, (connector.width or LEAF) / 2
-    x, y, yaw = (a.x + b.x) / 2, (a.y + b.y) / 2, a.yaw
-    dx, dy = -half * math.sin(yaw), half * math.cos(yaw)
-    ends = [[_real(x + dx), _real(y + dy)], [_real(x - dx), _real(y - dy)]]
-    return {"endpoints": ends, "map": storey}
 
 
 def _lifts(

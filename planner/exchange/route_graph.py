@@ -22,9 +22,6 @@ from semmap.geometry.pose import Pose
 
 Outline: TypeAlias = Polygon | MultiPolygon
 
-LEAF = 0.9
-"""Width of a door without one, metres."""
-
 JAMB = 0.1
 """Metres by which a shut door reaches into the wall on each side of its opening."""
 
@@ -284,17 +281,10 @@ def around_corners(
 
 def _doors_inside(made: RouteGraph, numbers: list[int]) -> shapely.Geometry:
     """The doors in walls that stand free in a place, as if shut: only a passage leads through."""
-    lines = []
-    for node in (made.nodes[n] for n in numbers):
-        if not isinstance(node, ApproachPose) or node.side == 1:
-            continue
-        connector = node.connector
-        if connector.places[0] == connector.places[1]:
-            (a, b), half = connector.poses, (connector.width or LEAF) / 2 + JAMB
-            x, y, yaw = (a.x + b.x) / 2, (a.y + b.y) / 2, a.yaw
-            dx, dy = -half * math.sin(yaw), half * math.cos(yaw)
-            lines.append(shapely.LineString([(x + dx, y + dy), (x - dx, y - dy)]))
-    return shapely.union_all(lines).buffer(0.01)
+    nodes = (made.nodes[n] for n in numbers)
+    doors = [n.connector for n in nodes if isinstance(n, ApproachPose) and n.side == 0]
+    leaves = [door.leaf(JAMB) for door in doors if door.places[0] == door.places[1]]
+    return shapely.union_all(leaves).buffer(0.01)
 
 
 def _clearances(robot: RobotClass) -> list[float]:
