@@ -9,7 +9,6 @@ import shapely
 from numpy.typing import NDArray
 
 from navgrid.area import area_cells
-from navgrid.inflation import INSCRIBED
 from planner.location import LocatedEntity
 from planner.room_ground import RoomGround
 from planner.route import NoRouteError
@@ -17,14 +16,9 @@ from planner.storey_costmaps import StoreyCostmaps
 from planner.topology import AT_POINT
 from semmap.geometry.pose import Pose
 
-SECTORS = 24
-"""Number of sides of an object from which it may be reached."""
-
-HEADINGS = 16
-"""Number of headings that are tried in a region."""
-
-TRIES = 200
-"""Number of points of a region that are tried with each heading."""
+SECTORS = 24  # sides of an object from which it may be reached
+HEADINGS = 16  # headings that are tried in a region
+TRIES = 200  # points of a region that are tried with each heading
 
 
 class NoBasePoseError(NoRouteError):
@@ -100,10 +94,8 @@ def poses_in(
         raise NoBasePoseError(f"the map has no outline of {target.place}")
     if outline.area == 0:
         return [_pose_near(ground, target, outline.centroid)]
-    free = (ground.costs < INSCRIBED) & area_cells(outline, ground.grid)
-    rows, columns = np.nonzero(free)
-    cells = np.stack([columns, rows], 1)
-    points = np.array(ground.grid.origin) + (cells + 0.5) * ground.grid.resolution
+    cells, points = ground.free()
+    points = points[area_cells(outline, ground.grid)[tuple(cells.T)]]
     points = points[shapely.covers(outline, shapely.points(points))]
     found: list[Pose] = []
     headings = 2 * math.pi * np.arange(HEADINGS) / HEADINGS + rng.uniform(-math.pi, math.pi)
@@ -177,11 +169,8 @@ def _is_behind_wall(
     return bool(walls[rows, columns].any())
 
 
-DOOR_CLEARANCE = 0.8
-"""Metres from the passage of a connector that stay free."""
-
-WAY_CLEARANCE = 0.5
-"""Metres on both sides of the paths between connectors that stay free."""
+DOOR_CLEARANCE = 0.8  # metres from the passage of a connector that stay free
+WAY_CLEARANCE = 0.5  # metres on both sides of the paths between connectors that stay free
 
 
 def floor_spot(costmaps: StoreyCostmaps, place: str) -> LocatedEntity:
@@ -189,11 +178,10 @@ def floor_spot(costmaps: StoreyCostmaps, place: str) -> LocatedEntity:
 
     Raises NoBasePoseError if there is none.
     """
-    room, costs = costmaps.room(place), costmaps.costs(place)
-    if room is None or costs is None:
+    ground = costmaps.ground(place)
+    if ground is None:
         raise NoBasePoseError(f"the map has no outline of {place}")
-    cells = np.argwhere(costs < INSCRIBED)
-    points = np.array(room.grid.origin) + (cells[:, ::-1] + 0.5) * room.grid.resolution
+    _, points = ground.free()
     doors = costmaps.topology.connectors_of(place)
     poses = [connector.poses[side] for connector, side in doors]
     passages = [shapely.LineString([p[:2] for p in c.poses]) for c, _ in doors]

@@ -16,12 +16,11 @@ import numpy as np
 import shapely
 
 from planner.route import NoRouteError, Route, RouteStep
-from planner.route_steps import make_step
+from planner.route_steps import make_step, passage_steps
 from planner.routing_graph import Endpoint, RoutingGraph
 from semmap.geometry.pose import Pose
 
-START, GOAL = ("start",), ("goal",)
-"""The ends of a route among the names of nodes."""
+START, GOAL = ("start",), ("goal",)  # the ends of a route among the names of nodes
 
 
 @dataclass(frozen=True)
@@ -233,17 +232,4 @@ def _steps_of(graph: RoutingGraph, move: _Move) -> Iterator[RouteStep]:
     if move.passage is None:
         yield make_step(graph, "navigate", here, there, a, b, move.seconds, move.metres)
         return
-    connector, before = graph.connectors[move.passage // 2], 0.0
-    elevator = graph.elevator_to_call(move.passage)
-    if elevator is not None:
-        before = graph.durations.of_calling(elevator)
-        yield make_step(
-            graph, "call_elevator", here, here, a, a, before, connector=connector, elevator=elevator
-        )
-    elif connector.must_be_opened:
-        before = graph.durations.of_opening(connector)
-        name = "open_door" if connector.state == "closed" else "unlock_door"
-        yield make_step(graph, name, here, here, a, a, before, connector=connector)
-    behaviour = "pass_door" if connector.behaviour == "call_elevator" else connector.behaviour
-    left = max(move.seconds - before, 0.0)
-    yield make_step(graph, behaviour, here, there, a, b, left, move.metres, connector=connector)
+    yield from passage_steps(graph, move.passage, a, b, move.metres, move.seconds)

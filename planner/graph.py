@@ -16,8 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 import semmap_native
 
-PathEnd = tuple[int, float]
-"""A node at which paths may begin or end, and the cost of doing so."""
+PathEnd = tuple[int, float]  # A node at which paths may begin or end, and the cost of doing so
 
 GraphPath = tuple[float, NDArray[np.int64]]
 """The cost of a path, its ends included, and its edges in order, (n,) int64."""

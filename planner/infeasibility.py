@@ -10,8 +10,7 @@ from planner.graph import Graph
 from planner.routing_graph import Endpoint, RoutingGraph
 from planner.topology import OUTSIDE
 
-_BLOCKED = 1e9
-"""Seconds that a blocked passage costs here."""
+_BLOCKED = 1e9  # seconds that a blocked passage costs here
 
 
 def infeasibility(graph: RoutingGraph, start: Endpoint, goal: Endpoint) -> str:

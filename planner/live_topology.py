@@ -33,8 +33,7 @@ from semmap.query.snapshot import Snapshot
 from semmap.query.storey_reader import read_entities, read_scene, read_storey_names
 from semmap.query.storey_scene import StoreyScene
 
-POLL = 1.0
-"""Seconds between looks at live fields, which send no notifications."""
+POLL = 1.0  # seconds between looks at live fields, which send no notifications
 
 Progress = Callable[[str, int, int], None]
 OnChange = Callable[["TopologyChange"], None]
@@ -298,7 +297,8 @@ class LiveTopology:
         if not movable and not connectors and not building:
             return TopologyChange()
         topology = self.topology
-        known = {e.id for e in (*topology.places.values(), *topology.connectors.values())}
+        known = {place.id for place in topology.places.values()}
+        known |= {connector.id for connector in topology.connectors.values()}
         if (
             building
             or removed & known

@@ -18,8 +18,7 @@ from planner.robot_class import RobotClass
 
 Window = tuple[slice, slice]
 
-WALLS = "room_geometry"
-"""The costmap layer that has the walls."""
+WALLS = "room_geometry"  # the costmap layer that has the walls
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,12 +40,16 @@ class RoomGround:
     floor: float
     doors: tuple[shapely.LineString, ...] = ()
 
+    def free(self) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+        """The free cells of the window, (N, 2), and their middles, metres."""
+        cells = np.argwhere(self.costs < INSCRIBED)
+        return cells, np.array(self.grid.origin) + (cells[:, ::-1] + 0.5) * self.grid.resolution
+
     def near(
         self, shape: shapely.Geometry, reach: tuple[float, float]
     ) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]:
         """The free cells from which a shape is within reach: cells, middles, distances to it."""
-        cells = np.argwhere(self.costs < INSCRIBED)
-        points = np.array(self.grid.origin) + (cells[:, ::-1] + 0.5) * self.grid.resolution
+        cells, points = self.free()
         x0, y0, x1, y1 = shape.bounds
         near, far = reach
         close = ((points >= (x0 - far, y0 - far)) & (points <= (x1 + far, y1 + far))).all(axis=1)

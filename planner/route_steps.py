@@ -64,21 +64,36 @@ def _along(
             if at != graph.poses[a]:
                 yield make_step(graph, "navigate", here, here, at, graph.poses[a], *pending)
             pending = (0.0, 0.0)
-            yield from _passage(graph, edge)
-            here, at = graph.place_of[b], turned_around(graph.poses[b])
+            there, behind = graph.place_of[b], turned_around(graph.poses[b])
+            yield from passage_steps(graph, int(edge), graph.poses[a], behind, takes[1])
+            storeys = [graph.topology.places[p].storey for p in (here, there)]
+            if None not in storeys and storeys[0] != storeys[1]:
+                yield make_step(graph, "switch_map", there, there, behind, behind)
+            here, at = there, behind
     if goal.pose is not None:
         last = float(goal.seconds[ends[1]]), float(goal.metres[ends[1]])
         pending = (pending[0] + last[0], pending[1] + last[1])
         yield make_step(graph, "navigate", here, here, at, goal.pose, *pending)
 
 
-def _passage(graph: RoutingGraph, node: int) -> Iterator[RouteStep]:
-    """The steps from an approach pose to the one on the other side of its connector."""
+def passage_steps(
+    graph: RoutingGraph,
+    node: int,
+    approach: Pose,
+    leave: Pose,
+    metres: float,
+    seconds: float | None = None,
+) -> Iterator[RouteStep]:
+    """The steps from an approach pose to the other side of its connector.
+
+    Together they take `seconds`; by default, the passage takes what it takes such robots.
+    """
     connector, durations = graph.connectors[node // 2], graph.durations
     here, there = graph.place_of[node], graph.place_of[node ^ 1]
-    approach, behind = graph.poses[node], turned_around(graph.poses[node ^ 1])
     elevator = graph.elevator_to_call(node)
+    calling, opening = 0.0, durations.of_opening(connector)
     if elevator is not None:
+        calling = durations.of_calling(elevator)
         yield make_step(
             graph,
             "call_elevator",
@@ -86,25 +101,22 @@ def _passage(graph: RoutingGraph, node: int) -> Iterator[RouteStep]:
             here,
             approach,
             approach,
-            durations.of_calling(elevator),
+            calling,
             connector=connector,
             elevator=elevator,
         )
     if connector.must_be_opened:
         name = "open_door" if connector.state == "closed" else "unlock_door"
-        opening = durations.of_opening(connector)
         yield make_step(graph, name, here, here, approach, approach, opening, connector=connector)
     behaviour = connector.behaviour
     if behaviour == "call_elevator":  # it was called by now: what is left is to drive through
         behaviour = "pass_door"
     passing = durations.of_passing(connector, graph.robot.speed)
-    metres = float(graph.metres[node])
+    if seconds is not None:
+        passing = max(seconds - calling - opening, 0.0)
     yield make_step(
-        graph, behaviour, here, there, approach, behind, passing, metres, connector=connector
+        graph, behaviour, here, there, approach, leave, passing, metres, connector=connector
     )
-    storeys = [graph.topology.places[p].storey for p in (here, there)]
-    if None not in storeys and storeys[0] != storeys[1]:
-        yield make_step(graph, "switch_map", there, there, behind, behind)
 
 
 def make_step(

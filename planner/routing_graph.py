@@ -228,7 +228,9 @@ class RoutingGraph:
             )
         with self.lock:
             self.connectors[number] = connector
-            self.topology = self.topology.with_connector(connector)
+            others = self.topology.connectors
+            connectors = {**others, connector.name: connector}
+            self.topology = replace(self.topology, connectors=connectors)
             edges = np.array([2 * number, 2 * number + 1])
             self.base[edges] = self._passages.seconds([connector], np.repeat(connector.metres, 2))
             self.seconds[edges] = np.where(
@@ -239,7 +241,7 @@ class RoutingGraph:
     def change_regions(self, regions: Iterable[PlaceRegion]) -> None:
         """Replace the regions of the topology; they have an effect on edges by penalties alone."""
         with self.lock:
-            self.topology = self.topology.with_regions(regions)
+            self.topology = replace(self.topology, regions=tuple(regions))
 
     def measure_again(self, place: str) -> None:
         """Measure the travel in a place again, after something changed there."""

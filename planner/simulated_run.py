@@ -24,7 +24,7 @@ from planner.readers.topology import read_topology
 from planner.search.problem_builder import Detector
 from planner.search.reader import read_believed_object
 from planner.search.search_mission import SearchPlanner, SearchResult
-from planner.search.setup import find_spots, searching_robot
+from planner.search.sim_search import find_spots, searching_robot
 from planner.search.task_search import FOUND, SearchingPlanner, objects_to_find
 from planner.search.viewpoints import Sight
 from planner.task_planner import TaskPlanner
@@ -35,8 +35,7 @@ from semmap.query.geometry_notes import names_note
 from semmap.query.map_handle import MapHandle, MapSource
 from semmap.query.snapshot import Snapshot
 
-_WORLDS = Path("out/missions")
-"""Folder for the states of simulated worlds."""
+_WORLDS = Path("out/missions")  # folder for the states of simulated worlds
 
 
 @dataclass(frozen=True)

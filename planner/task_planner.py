@@ -97,14 +97,13 @@ class Task:
 
     def problem(self) -> Problem:
         """The facts that the solver is given; raises `planner.tasks.NoPlanError`."""
-        extend = None if self.domain is None else self.domain.extend
         return build_problem(
             self.graph,
             self.world,
             self.state,
             self.goal,
+            domain=self.domain,
             approach_pose=self.approach_pose,
-            extend=extend,
         )
 
 
@@ -120,10 +119,6 @@ class TaskPlanner:
         self._live = live
         self._domain = domain
         self._gripper = gripper
-
-    def check(self, goal: str) -> None:
-        """Raise `planner.tasks.GoalError` for a goal that cannot be read."""
-        self._parsed(goal)
 
     def task(
         self,

@@ -14,17 +14,10 @@ from semmap.error import Error
 from semmap.geometry.pose import Pose
 from semmap.suggestions import suggestion
 
-OUTSIDE = "outside"
-"""Name of the place beyond the building: the second place of an exterior door."""
-
-AT_POINT = 0.3
-"""Metres from a waypoint within which a robot is at it."""
-
-LEAF = 0.9
-"""Width of a door without one, metres."""
-
-REGION = "_region"
-"""The end of the names of types of regions, which people leave out."""
+OUTSIDE = "outside"  # name of the place beyond the building: the second place of an exterior door
+AT_POINT = 0.3  # metres from a waypoint within which a robot is at it
+LEAF = 0.9  # width of a door without one, metres
+REGION = "_region"  # the end of the names of types of regions, which people leave out
 
 
 class TopologyError(Error, ValueError):
@@ -284,11 +277,3 @@ class Topology:
             if name not in names and not closed.intersection(connector.places)
         }
         return replace(self, connectors=kept)
-
-    def with_connector(self, connector: PlaceConnector) -> Topology:
-        """This topology with a connector that replaces the one of the same name."""
-        return replace(self, connectors={**self.connectors, connector.name: connector})
-
-    def with_regions(self, regions: Iterable[PlaceRegion]) -> Topology:
-        """This topology with these regions instead of its own."""
-        return replace(self, regions=tuple(regions))

@@ -27,14 +27,9 @@ from planner.exchange.route_graph import (
 from planner.routing_graph import RoutingGraph
 from planner.topology import PlaceConnector, Topology
 
-MOST_IDS = 65_535
-"""The largest id of a node or an edge: messages store them as uint16."""
-
-LEAST_COST = 1e-3
-"""Seconds; the planner throws for an edge without cost."""
-
-ROUTE_FRAME = "map"
-"""The frame of a topology without storeys and without a name."""
+MOST_IDS = 65_535  # the largest id of a node or an edge: messages store them as uint16
+LEAST_COST = 1e-3  # seconds; the planner throws for an edge without cost
+ROUTE_FRAME = "map"  # the frame of a topology without storeys and without a name
 
 NO_OPERATION = ("pass_door", "drive_through")
 """Behaviours that need no operation if the connector is open."""
@@ -45,7 +40,6 @@ def nav2_graph(
     *,
     storey: str | None = None,
     building: BuildingOutline | None = None,
-    frames: Mapping[str, str] | None = None,
     name: str | None = None,
 ) -> dict[str, Any]:
     """The route graph of a building or of one storey as a GeoJSON object.
@@ -56,10 +50,10 @@ def nav2_graph(
     a ride is ``call_elevator``, ``use_elevator`` and ``switch_map``.
 
     With the outlines of a `building`, travel leads around their corners, over additional nodes;
-    else it is straight, even through a wall. `frames` are those of the storeys, by default
-    ``map_STOREY`` as in the parameters that `navgrid.nav2.write_nav2` writes. `name`, of the map,
-    is also the storey of a map without storeys. Raises ExchangeError: the storey is unknown, has no
-    edges, or needs more ids than there are.
+    else it is straight, even through a wall. Frames are ``map_STOREY``, as in the parameters that
+    `navgrid.nav2.write_nav2` writes. `name`, of the map, is also the storey of a map without
+    storeys. Raises ExchangeError: the storey is unknown, has no edges, or needs more ids than there
+    are.
     """
     made = route_graph(routing, storey=storey, storeyless=name or ROUTE_FRAME)
     if building is not None:
@@ -79,7 +73,7 @@ def nav2_graph(
             f"with {doors} connectors: write one file for each storey, or divide such places "
             "into rooms"
         )
-    frame_of = _frames(made.storeys, frames)
+    frame_of = {s: s if s == ROUTE_FRAME else frame_name(s) for s in made.storeys}
     served = {e: _storeys_of(topology, cabins) for e, cabins in topology.cabins().items()}
     features = [
         _node(number, node, frame_of[node.storey], served if storey is not None else {})
@@ -130,15 +124,6 @@ def dumps(graph: Mapping[str, Any]) -> str:
 
 class _TooManyError(ExchangeError):
     pass
-
-
-def _frames(storeys: list[str], given: Mapping[str, str] | None) -> dict[str, str]:
-    if given is None:
-        return {s: s if s == ROUTE_FRAME else frame_name(s) for s in storeys}
-    missing = [storey for storey in storeys if storey not in given]
-    if missing:
-        raise ExchangeError(f"there is no frame for {', '.join(missing)}; add it to frames")
-    return {storey: given[storey] for storey in storeys}
 
 
 def _storeys_of(topology: Topology, cabins: list[str]) -> list[str]:
@@ -211,35 +196,23 @@ def _operations(
 ) -> dict[str, Any]:
     """The operations of a move, with their triggers."""
     found: dict[str, Any] = {}
+
+    def add(kind: str, trigger: str = "ON_ENTER", **about: Any) -> None:
+        found[kind] = _operation(kind, trigger, **about)
+
     if move.kind == "ride":
-        found["use_elevator"] = _operation(
-            "use_elevator",
-            "ON_ENTER",
-            elevator=move.elevator,
-            from_storey=start.storey,
-            to_storey=end.storey,
-        )
-        found["switch_map"] = _operation(
-            "switch_map", "ON_EXIT", storey=end.storey, frame=frame_of[end.storey]
-        )
+        storeys = {"from_storey": start.storey, "to_storey": end.storey}
+        add("use_elevator", elevator=move.elevator, **storeys)
+        add("switch_map", "ON_EXIT", storey=end.storey, frame=frame_of[end.storey])
     connector = move.connector
     if connector is not None:
+        name = connector.name
         if move.elevator is not None:
-            found["call_elevator"] = _operation(
-                "call_elevator",
-                "ON_ENTER",
-                elevator=move.elevator,
-                connector=connector.name,
-                storey=start.storey,
-            )
+            add("call_elevator", elevator=move.elevator, connector=name, storey=start.storey)
         elif start.elevator is None and _may_be_shut(connector):
-            found["open_door"] = _operation(
-                "open_door", "ON_ENTER", connector=connector.name, state=connector.state
-            )
+            add("open_door", connector=name, state=connector.state)
         if connector.behaviour not in (*NO_OPERATION, "call_elevator"):
-            found[connector.behaviour] = _operation(
-                connector.behaviour, "ON_ENTER", connector=connector.name
-            )
+            add(connector.behaviour, connector=name)
     return found
 
 

@@ -10,6 +10,7 @@ import numpy as np
 import shapely
 from matplotlib.axes import Axes
 
+from planner.exchange.dot import STATES
 from planner.exchange.visibility_graph import corner_paths
 from planner.topology import OUTSIDE, PlaceConnector, Topology
 from semmap.draw.floor_plan import floor_plan
@@ -17,7 +18,6 @@ from semmap.draw.view import RoomView, StoreyView
 
 Point = tuple[float, float]
 
-STATES = {"open": "#3b6ea5", "closed": "#b07a1f", "locked": "#b3261e"}
 PLACE, ELEVATOR = "#2b2f36", "#7d5fb2"
 
 

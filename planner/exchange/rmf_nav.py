@@ -33,8 +33,7 @@ from planner.topology import PlaceConnector
 REVERSED = {"forward": "backward", "backward": "forward"}
 """The orientation of a lane in the other direction."""
 
-CABIN = 1.5
-"""Width and depth of a cabin without outline, metres."""
+CABIN = 1.5  # width and depth of a cabin without outline, metres
 
 
 def rmf_nav_graph(

@@ -22,8 +22,7 @@ from semmap.geometry.pose import Pose
 
 Outline: TypeAlias = Polygon | MultiPolygon
 
-JAMB = 0.1
-"""Metres by which a shut door reaches into the wall on each side of its opening."""
+JAMB = 0.1  # metres by which a shut door reaches into the wall on each side of its opening
 
 
 class ExchangeError(Error, ValueError):

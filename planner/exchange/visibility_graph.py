@@ -24,11 +24,8 @@ from shapely import MultiPolygon, Polygon
 CLEARANCE = 0.3
 """Metres between a path and the walls for a robot without shape, where there is enough room."""
 
-FINE = 0.02
-"""Tolerance of outlines, metres, and the smallest clearance."""
-
-EXACT = 1e-6
-"""Tolerance of computed corners, metres."""
+FINE = 0.02  # tolerance of outlines, metres, and the smallest clearance
+EXACT = 1e-6  # tolerance of computed corners, metres
 
 
 class CornerPaths(NamedTuple):

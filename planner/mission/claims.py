@@ -13,8 +13,7 @@ from collections.abc import Mapping, Sequence
 from planner.mission.command import Command
 from planner.topology import PlaceConnector
 
-ROOM = 0.3
-"""Metres between two robots that pass each other in a connector, and at its sides."""
+ROOM = 0.3  # metres between two robots that pass each other in a connector, and at its sides
 
 
 def claims_of(

@@ -12,8 +12,7 @@ from planner.route import RouteStep
 from planner.topology import PlaceConnector
 from semmap.geometry.pose import Pose
 
-NEAR = 0.1
-"""Metres within which a robot counts as being at a pose."""
+NEAR = 0.1  # metres within which a robot counts as being at a pose
 
 
 @dataclass(frozen=True)

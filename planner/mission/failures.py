@@ -9,8 +9,7 @@ from planner.topology import Topology
 from semmap.error import Error
 from semmap.suggestions import suggestion
 
-BROKEN = "broken"
-"""The state of an elevator that neither comes nor leaves."""
+BROKEN = "broken"  # the state of an elevator that neither comes nor leaves
 
 _STATE = re.compile(rf"(?P<name>.*\S)\s+(?P<state>open|closed|locked|{BROKEN})")
 

@@ -10,35 +10,32 @@ import math
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from planner.mission.behaviours import Outcome
 from semmap.geometry.pose import Pose
-from semmap.manipulation.automata import reachable_rows
-
-if TYPE_CHECKING:
-    from semmap.manipulation.arm import Arm
-    from semmap.manipulation.arm_motions import ArmMotion
+from semmap.manipulation.arm import Arm
+from semmap.manipulation.arm_motions import ArmMotion, approachable_rows, plan_grasp, plan_place
+from semmap.manipulation.automata import automaton_of, class_automaton, reachable_rows, stored_arm
+from semmap.manipulation.error import ManipulationError
+from semmap.manipulation.places import find_places, place_of
+from semmap.manipulation.practice import NOT_HELD, practise, try_place
+from semmap.manipulation.reader import actions_on
+from semmap.manipulation.retrieval import DEFAULT_GRIPPER, find_grasps, gripper_name
+from semmap.manipulation.store.shapes import shape_of
+from semmap.manipulation.store.tasks import record_task
 
 GRASPS, REACHED = 400, 100
 """Free grasps of which an arm must reach one, and the most that it reaches that are considered."""
 
-TRIED = 100
-"""The most grasps of which trials choose."""
-
-STORED = 1000
-"""The most stored grasps among which the chosen one is looked up."""
-
-SPOTS = 12
-"""Spots to which motions of the arm are tried."""
-
-HERE = 0.05
-"""Metres between a base and an object below which the base is no place to stand."""
+TRIED = 100  # the most grasps of which trials choose
+STORED = 1000  # the most stored grasps among which the chosen one is looked up
+SPOTS = 12  # spots to which motions of the arm are tried
+HERE = 0.05  # metres between a base and an object below which the base is no place to stand
 
 UNCHECKED = "its arm is not checked: the robot's class has no shape (semmap robot add URDF)"
 
-MOTION = 5.0
-"""The longest time to plan one motion, seconds."""
+MOTION = 5.0  # the longest time to plan one motion, seconds
 
 
 @dataclass(frozen=True)
@@ -70,9 +67,6 @@ def hand_of(session: Any, name: str, robot_class: str | None, gripper: str | Non
     else the preferred one, else the only one. Raises LookupError: there is no such gripper, or
     there are several and none is preferred.
     """
-    from semmap.manipulation.automata import automaton_of, class_automaton
-    from semmap.manipulation.retrieval import DEFAULT_GRIPPER, gripper_name
-
     found = automaton_of(session, name, robot_class)
     if found is None and gripper is None and robot_class is not None:
         found = class_automaton(session, robot_class)
@@ -101,19 +95,12 @@ class GraspChooser:
     @property
     def arm(self) -> Arm | None:
         """The arm of the stored robot; None without one."""
-        from semmap.manipulation.automata import stored_arm
-
         if self.hand.automaton is None:
             return None
         return stored_arm(self.session, self.hand.automaton)[1]
 
     def grasp(self, item: str, target: str | None) -> Choice:
         """The grasp of a pickup: if possible, one that a free place on the target ends."""
-        from semmap.manipulation.arm_motions import approachable_rows
-        from semmap.manipulation.error import ManipulationError
-        from semmap.manipulation.retrieval import find_grasps
-        from semmap.manipulation.store.shapes import shape_of
-
         try:
             with self.session.transaction():
                 shape_of(self.session, item)
@@ -170,9 +157,6 @@ class GraspChooser:
 
     def _place(self, item: str, grasp: int, stands: Pose | None) -> Choice:
         """The best place that ends a grasp, without a motion."""
-        from semmap.manipulation.places import place_of
-        from semmap.manipulation.practice import NOT_HELD, try_place
-
         gripper = self.hand.gripper
         action = place_of(self.session, item, grasp, gripper)
         if action is None or not self.trial or stands is None:
@@ -222,10 +206,6 @@ class GraspChooser:
 
     def _unfit(self, item: str, target: str | None, grasp: int) -> str | None:
         """Why a trial puts the item badly on the target after a grasp; None if not known."""
-        from semmap.manipulation.error import ManipulationError
-        from semmap.manipulation.places import find_places
-        from semmap.manipulation.practice import NOT_HELD, try_place
-
         gripper, stands = self.hand.gripper, self._pose_of(item)
         if target is None or stands is None or not self.trial:
             return None
@@ -246,8 +226,6 @@ class GraspChooser:
 
     def _record(self, item: str, action: int) -> None:
         """Store that a grasp succeeded in a trial, where the mission uses another one."""
-        from semmap.manipulation.store.tasks import record_task
-
         record_task(
             self.session,
             item,
@@ -259,10 +237,6 @@ class GraspChooser:
 
     def _moved(self, item: str, choices: Iterator[Choice], arm: Arm) -> Choice:
         """The first grasp to which the arm moves without touching anything; its path is stored."""
-        from semmap.manipulation.arm_motions import plan_grasp
-        from semmap.manipulation.error import ManipulationError
-        from semmap.manipulation.reader import actions_on
-
         automaton = str(self.hand.automaton)
         clock = _Clock(float(self.motion_seconds or 0))
         looked = 0
@@ -291,10 +265,6 @@ class GraspChooser:
 
     def _put(self, item: str, grasp: int, target: str, spot: Pose, choice: Choice) -> Choice:
         """The place at the first spot to which the arm brings the item; its path is stored."""
-        from semmap.manipulation.arm_motions import plan_place
-        from semmap.manipulation.error import ManipulationError
-        from semmap.manipulation.places import find_places
-
         automaton = str(self.hand.automaton)
         clock = _Clock(float(self.motion_seconds or 0))
         found = find_places(
@@ -329,9 +299,6 @@ class GraspChooser:
         self, item: str, target: str | None, rows: list[dict[str, Any]]
     ) -> list[dict[str, Any]]:
         """The grasps, first the one with which the object can be put on the target."""
-        from semmap.manipulation.error import ManipulationError
-        from semmap.manipulation.places import find_places
-
         if target is None:
             return rows
         free_choice = self.hand.automaton is None and not self.trial
@@ -351,8 +318,6 @@ class GraspChooser:
 
     def _tried(self, item: str, rows: list[dict[str, Any]]) -> Choice:
         """The first grasp that succeeds in a trial; outcomes of the others are stored."""
-        from semmap.manipulation.practice import practise
-
         made = practise(
             self.session, item, self.hand.gripper, rows=rows, robot=self.robot, counted=False
         )

@@ -7,8 +7,7 @@ from collections.abc import Iterable
 import numpy as np
 import shapely
 
-STEP = 0.05
-"""Metres between the spots that are tried."""
+STEP = 0.05  # metres between the spots that are tried
 
 
 def find_free_spot(

@@ -107,5 +107,4 @@ class RetryPolicy:
         return None
 
 
-_NOT_COUNTED = ("interrupted", "cancelled")
-"""Causes that do not count as failures of the robot."""
+_NOT_COUNTED = ("interrupted", "cancelled")  # causes that do not count as failures of the robot

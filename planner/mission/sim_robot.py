@@ -18,14 +18,9 @@ from planner.mission.sim_world import SimWorld
 from planner.topology import Topology
 from semmap.geometry.pose import Pose
 
-GRIP = Pose(0.3, 0.0, 0.8)
-"""Pose of a held object, in the robot's frame."""
-
-REACH = 1.5
-"""Metres from the robot's base to the objects that it takes."""
-
-SIGHT = 1.0
-"""Metres from the robot to connectors whose state it sees."""
+GRIP = Pose(0.3, 0.0, 0.8)  # pose of a held object, in the robot's frame
+REACH = 1.5  # metres from the robot's base to the objects that it takes
+SIGHT = 1.0  # metres from the robot to connectors whose state it sees
 
 PathFinder = Callable[[str, Pose, Pose], NDArray[np.float64] | None]
 """Returns the path in a place between two poses, (N, 2) points in the map's frame, or None."""

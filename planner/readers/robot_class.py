@@ -87,7 +87,7 @@ def store_robot_class(
     row: dict[str, Any] = {
         "name": robot.name,
         "urdf": None if urdf is None else str(urdf.absolute()),
-        "parts": json.dumps([_part_as_json(part) for part in robot.parts]),
+        "parts": json.dumps([vars(p) | {"footprint": p.footprint.tolist()} for p in robot.parts]),
         "width": max((float(np.ptp(p.footprint[:, 1])) for p in robot.parts), default=None),
         "height": max((p.interval[1] for p in robot.parts), default=None),
         "max_step": robot.drive_limits.max_step,
@@ -190,23 +190,7 @@ def read_robot_class_digest(seen: Snapshot, robot_class: int) -> str | None:
     return None if digest is None else str(digest)
 
 
-def _part_as_json(part: Part) -> dict[str, Any]:
-    return {
-        "name": part.name,
-        "links": list(part.links),
-        "interval": list(part.interval),
-        "footprint": part.footprint.tolist(),
-        "inscribed_radius": part.inscribed_radius,
-        "circumscribed_radius": part.circumscribed_radius,
-    }
-
-
 def _part(value: dict[str, Any]) -> Part:
-    return Part(
-        value["name"],
-        tuple(value["links"]),
-        (value["interval"][0], value["interval"][1]),
-        np.array(value["footprint"]),
-        value["inscribed_radius"],
-        value["circumscribed_radius"],
-    )
+    low, high = value["interval"]
+    arrays = {"links": tuple(value["links"]), "footprint": np.array(value["footprint"])}
+    return Part(**value | arrays | {"interval": (low, high)})

@@ -42,7 +42,9 @@ def travel_in_places(graph: RoutingGraph, places: Iterable[str]) -> Iterator[Mea
     for place in places:
         number = graph.topology.places[place].id
         edges = graph.travel_edges.get(place, slice(0, 0))
-        for edge in range(edges.start, edges.stop) if number is not None else ():
+        if number is None:
+            continue
+        for edge in range(edges.start, edges.stop):
             a, b = (graph.connectors[n[edge] // 2].id for n in (graph.tails, graph.heads))
             if a is not None and b is not None and a < b:
                 seconds, metres = float(graph.base[edge]), float(graph.metres[edge])

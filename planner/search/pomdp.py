@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
 
-TOLERANCE = 1e-9
-"""By how much a distribution may miss a sum of 1."""
+TOLERANCE = 1e-9  # by how much a distribution may miss a sum of 1
 
 
 @dataclass(frozen=True, eq=False)

@@ -25,17 +25,10 @@ Floats = NDArray[np.float64]
 
 ELSEWHERE = "elsewhere"
 
-SURFACE_STEP, FLOOR_STEP = 0.12, 0.4
-"""Metres between the points of a surface, and of a floor."""
-
-MOST_POINTS = 6000
-"""Number of points; beyond, they are further apart."""
-
-OPENING = 8.0
-"""Seconds to open a container."""
-
-STANDING = 1.0
-"""Metres from a shut container within which the robot can open it."""
+SURFACE_STEP, FLOOR_STEP = 0.12, 0.4  # metres between the points of a surface, and of a floor
+MOST_POINTS = 6000  # points; beyond, they are further apart
+OPENING = 8.0  # seconds to open a container
+STANDING = 1.0  # metres from a shut container within which the robot can open it
 
 
 @dataclass(frozen=True)

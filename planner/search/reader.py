@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,8 +17,7 @@ from semmap.query.snapshot import Snapshot
 from semmap.query.storey_reader import read_entities
 from semmap.query.storey_scene import SceneEntity
 
-HEIGHT = 0.1
-"""Metres, of an object whose size is unknown."""
+HEIGHT = 0.1  # metres, of an object whose size is unknown
 
 DOUBT = 0.5
 """How often a thing that is searched for is not where it was believed: who is sure, fetches it."""
@@ -81,51 +81,47 @@ def is_doubtful(seen: Snapshot, name: str) -> bool:
     """Whether an object has no place, or looks have shown that it may be at another one."""
     if read_holder(seen, name) is None:
         return True
-    if not seen.connection.execute(text(_OBSERVED), {"name": name}).scalar():
+    if not _scalar(seen, _OBSERVED, name=name):
         return False
     best = where(seen, name)[0]
-    there = {"name": name, "place": best["place"]}
-    return best["probability"] < SURE or not seen.connection.execute(text(_IS_AT), there).scalar()
+    return best["probability"] < SURE or not _scalar(seen, _IS_AT, name=name, place=best["place"])
 
 
 def read_looks(seen: Snapshot, name: str, robot: str, after: int) -> tuple[list[LookRow], int]:
     """What a robot has observed of an object since an observation, and the newest one of all."""
-    rows = seen.connection.execute(
-        text(_LOOKS), {"name": name, "robot": robot, "after": after}
-    ).all()
-    newest = seen.connection.execute(
-        text("SELECT coalesce(max(id), 0) FROM observation")
-    ).scalar_one()
-    return [LookRow(row.id, row.place, row.seen) for row in rows], int(newest)
+    values = {"name": name, "robot": robot, "after": after}
+    rows = seen.connection.execute(text(_LOOKS), values)
+    looks = [LookRow(row.id, row.place, row.seen) for row in rows]
+    return looks, int(_scalar(seen, "SELECT coalesce(max(id), 0) FROM observation"))
 
 
 def read_opened(seen: Snapshot, robot: str) -> frozenset[str]:
     """The containers that a robot has opened in the mission that it runs."""
-    rows = seen.connection.execute(text(_OPENED), {"robot": robot}).scalars()
-    return frozenset(map(str, rows))
+    return frozenset(seen.connection.execute(text(_OPENED), {"robot": robot}).scalars())
 
 
 def read_seen_by(seen: Snapshot, name: str, robot: str) -> bool:
     """Whether a robot has seen an object in the mission that it runs."""
-    return bool(seen.connection.execute(text(_SEEN), {"name": name, "robot": robot}).scalar())
+    return bool(_scalar(seen, _SEEN, name=name, robot=robot))
 
 
 def read_holder(seen: Snapshot, name: str) -> str | None:
     """The name of what an entity is on or in; None if nothing holds it."""
-    holder = seen.connection.execute(text(_HOLDER), {"name": name}).scalar()
-    return None if holder is None else str(holder)
+    return _scalar(seen, _HOLDER, name=name)
 
 
 def read_kind(seen: Snapshot, name: str) -> str | None:
     """The kind of an entity of the current map; None if there is none of this name."""
-    kind = seen.connection.execute(text(_KIND), {"name": name}).scalar()
-    return None if kind is None else str(kind)
+    return _scalar(seen, _KIND, name=name)
 
 
 def read_room(seen: Snapshot, name: str) -> str | None:
     """The room in or on whose contents an entity is, or the room itself; None if there is none."""
-    room = seen.connection.execute(text(_ROOM), {"name": name}).scalar()
-    return None if room is None else str(room)
+    return _scalar(seen, _ROOM, name=name)
+
+
+def _scalar(seen: Snapshot, statement: str, **values: object) -> Any:
+    return seen.connection.execute(text(statement), values).scalar()
 
 
 _KIND = "SELECT kind FROM entity WHERE map_id = current_map() AND name = :name"

@@ -24,20 +24,11 @@ Floats = NDArray[np.float64]
 VOTES = ((1, 1), (2, 2), (4, 3))
 """Numbers of looks from one viewpoint, and how many must show an object until it is declared."""
 
-LONGEST = 30
-"""Number of stops of a tour, at most."""
-
-ROUNDS = 6
-"""Number of improvements of a tour, at most."""
-
-BUDGET = 2e6
-"""Number of values in the arrays of one round of improvements."""
-
-MOST_OPTIONS = 6
-"""Number of ways to go on that are expanded answer by answer, the best first."""
-
-LEAVES = 40
-"""Number of beliefs that are expanded answer by answer."""
+LONGEST = 30  # stops of a tour, at most
+ROUNDS = 6  # improvements of a tour, at most
+BUDGET = 2e6  # values in the arrays of one round of improvements
+MOST_OPTIONS = 6  # ways to go on that are expanded answer by answer, the best first
+LEAVES = 40  # beliefs that are expanded answer by answer
 
 
 @dataclass(frozen=True)
@@ -140,7 +131,7 @@ def _expanded(
                 further = _expanded(problem, after, option.viewpoint, then, further, depth - 1)
                 cost += chance * further[0].cost
             else:
-                cost += chance * _cost_by_tour(problem, after, option.viewpoint, then)
+                cost += chance * _Tours(problem, after, option.viewpoint, then).first()[0]
         found.append(Option(option.viewpoint, option.seconds, option.chance, cost))
     return sorted(found, key=lambda o: o.cost)
 
@@ -180,55 +171,29 @@ def _options(
 ) -> tuple[list[Option], tuple[int, ...]]:
     """All ways to go on by their costs, and the best tour."""
     declared = Option(None, 0.0, 0.0, problem.declared(belief)[1])
-    legs = problem.start if at is None else problem.travel[at]
-    usable = np.isfinite(legs) & (problem.visible @ belief.max(axis=0) > 1e-9)
-    if not usable.any():
+    tours = _Tours(problem, belief, at, opened)
+    if not tours.usable.any():
         return [declared], ()
-    shut = problem.opening * [k not in opened for k in range(len(problem.opening))]
-    _, looks, order = _first_tour(problem, belief, legs, shut, usable)
-    order, cost = _improve(problem, belief, looks, legs, shut, order, rounds)
-    firsts = np.flatnonzero(usable)  # each viewpoint first, then the best tour without it
-    tours = np.full((len(firsts), len(order) + 1), -1, np.intp)
+    _, looks, order = tours.first()
+    order, cost = tours.improve(looks, order, rounds)
+    firsts = np.flatnonzero(tours.usable)  # each viewpoint first, then the best tour without it
+    each = np.full((len(firsts), len(order) + 1), -1, np.intp)
     for row, first in enumerate(firsts):
         rest = order.tolist()
         if first in rest:
             rest.remove(first)
-        tours[row, : len(rest) + 1] = [first, *rest]
-    costs = _totals(problem, belief, looks, legs, shut, tours)[:, 1:].min(axis=1)
+        each[row, : len(rest) + 1] = [first, *rest]
+    costs = tours.totals(looks, each)[:, 1:].min(axis=1)
     if len(order):
         costs[firsts == order[0]] = np.minimum(cost, costs[firsts == order[0]])
     options = [declared]
     for viewpoint, value in zip(firsts.tolist(), costs.tolist(), strict=True):
         once = problem.detection(belief, viewpoint)
         chance = 1 - float(np.prod(1 - (belief * once).sum(axis=1)))
-        seconds = float(legs[viewpoint] + shut[viewpoint] + problem.look)
+        seconds = float(tours.legs[viewpoint] + tours.shut[viewpoint] + problem.look)
         options.append(Option(viewpoint, seconds, chance, value))
     options.sort(key=lambda o: (o.cost, o.viewpoint is not None))
     return options, tuple(int(k) for k in order)
-
-
-def _first_tour(
-    problem: SearchProblem,
-    belief: Floats,
-    legs: Floats,
-    shut: Floats,
-    usable: NDArray[np.bool_],
-) -> tuple[float, _Looks, NDArray[np.intp]]:
-    """The greedy tour with the best number of looks at each stop, and its cost."""
-    found = []
-    for looks in _all_looks(problem, belief):
-        order = _greedy(problem, belief, looks, legs, shut, usable)
-        cost = float(_totals(problem, belief, looks, legs, shut, order[None]).min())
-        found.append((cost, looks, order))
-    return min(found, key=lambda f: f[0])
-
-
-def _cost_by_tour(problem: SearchProblem, belief: Floats, at: int, opened: frozenset[int]) -> float:
-    """The cost of the best greedy tour, or of declaring now."""
-    legs = problem.travel[at]
-    usable = np.isfinite(legs) & (problem.visible @ belief.max(axis=0) > 1e-9)
-    shut = problem.opening * [k not in opened for k in range(len(problem.opening))]
-    return _first_tour(problem, belief, legs, shut, usable)[0]
 
 
 def _all_looks(problem: SearchProblem, belief: Floats) -> list[_Looks]:
@@ -262,97 +227,94 @@ def _at_least(looks: int, needed: int, chance: Floats) -> Floats:
     return enough
 
 
-def _totals(
-    problem: SearchProblem,
-    belief: Floats,
-    looks: _Looks,
-    legs: Floats,
-    shut: Floats,
-    tours: NDArray[np.intp],
-) -> Floats:
-    """(T, L + 1) what T tours cost if they end after each of their stops.
+class _Tours:
+    """Tours of viewpoints from where the robot is, with a belief.
 
-    A negative number in a tour (T, L) ends it.
+    `legs` and `shut` are the seconds (V,) to each viewpoint and of opening it.
     """
-    count, length = tours.shape
-    alive = np.logical_and.accumulate(tours >= 0, axis=1)
-    to = np.where(alive, tours, 0)
-    mass = np.empty((count, length + 1, *belief.shape))
-    mass[:, 0] = belief
-    mass[:, 1:] = looks.unseen[to]
-    np.multiply.accumulate(mass, axis=1, out=mass)
-    unseen = mass.sum(axis=3)
-    going_on = 1 - np.prod(1 - np.minimum(unseen[:, :-1], 1), axis=2)
-    going_on[:, :1] = 1
-    leg = np.concatenate([legs[to[:, :1]], problem.travel[to[:, :-1], to[:, 1:]]], axis=1)
-    earlier = np.tri(length, k=-1, dtype=bool)
-    first = ~((to[:, :, None] == to[:, None, :]) & earlier).any(axis=2)
-    spent = np.where(alive, going_on * (leg + shut[to] * first + looks.seconds), np.inf)
-    spent += problem.wrong * np.einsum("tlos,tlos->tl", mass[:, :-1], looks.falsely[to])
-    likeliest = np.add.reduceat(mass, _ends_of_places(problem), axis=3).max(axis=3)
-    totals: Floats = problem.wrong * (unseen - likeliest).sum(axis=2)
-    totals[:, 1:] += np.cumsum(spent, axis=1)
-    totals[:, 0] = problem.declared(belief)[1]
-    return totals
 
+    def __init__(
+        self, problem: SearchProblem, belief: Floats, at: int | None, opened: frozenset[int]
+    ) -> None:
+        self.problem, self.belief = problem, belief
+        self.legs = problem.start if at is None else problem.travel[at]
+        self.shut = problem.opening * [k not in opened for k in range(len(problem.opening))]
+        self.usable = np.isfinite(self.legs) & (problem.visible @ belief.max(axis=0) > 1e-9)
 
-def _ends_of_places(problem: SearchProblem) -> NDArray[np.intp]:
-    """The first spot of each place that has one."""
-    return np.flatnonzero(np.diff(problem.place_of, prepend=-1))
+    def first(self) -> tuple[float, _Looks, NDArray[np.intp]]:
+        """The greedy tour with the best number of looks at each stop, and its cost."""
+        found = []
+        for looks in _all_looks(self.problem, self.belief):
+            order = self.greedy(looks)
+            found.append((float(self.totals(looks, order[None]).min()), looks, order))
+        return min(found, key=lambda f: f[0])
 
+    def totals(self, looks: _Looks, tours: NDArray[np.intp]) -> Floats:
+        """(T, L + 1) what T tours cost if they end after each of their stops.
 
-def _greedy(
-    problem: SearchProblem,
-    belief: Floats,
-    looks: _Looks,
-    legs: Floats,
-    shut: Floats,
-    usable: NDArray[np.bool_],
-) -> NDArray[np.intp]:
-    """A tour that goes where the chance to find an object per second is highest."""
-    mass, tour = belief.ravel().copy(), []
-    unseen = looks.unseen.reshape(len(shut), -1)
-    shut = shut.copy()
-    for _ in range(LONGEST):
-        left = mass.sum()
-        if left < 1e-3 * len(belief):
-            break
-        seconds = legs + shut + looks.seconds
-        index = np.where(usable & np.isfinite(seconds), (left - unseen @ mass) / seconds, -1.0)
-        best = int(index.argmax())
-        if index[best] <= 0:
-            break
-        tour.append(best)
-        mass *= unseen[best]
-        legs, shut[best] = problem.travel[best], 0.0
-    return np.array(tour, np.intp)
+        A negative number in a tour (T, L) ends it.
+        """
+        problem, belief = self.problem, self.belief
+        count, length = tours.shape
+        alive = np.logical_and.accumulate(tours >= 0, axis=1)
+        to = np.where(alive, tours, 0)
+        mass = np.empty((count, length + 1, *belief.shape))
+        mass[:, 0] = belief
+        mass[:, 1:] = looks.unseen[to]
+        np.multiply.accumulate(mass, axis=1, out=mass)
+        unseen = mass.sum(axis=3)
+        going_on = 1 - np.prod(1 - np.minimum(unseen[:, :-1], 1), axis=2)
+        going_on[:, :1] = 1
+        leg = np.concatenate([self.legs[to[:, :1]], problem.travel[to[:, :-1], to[:, 1:]]], axis=1)
+        earlier = np.tri(length, k=-1, dtype=bool)
+        first = ~((to[:, :, None] == to[:, None, :]) & earlier).any(axis=2)
+        spent = np.where(alive, going_on * (leg + self.shut[to] * first + looks.seconds), np.inf)
+        spent += problem.wrong * np.einsum("tlos,tlos->tl", mass[:, :-1], looks.falsely[to])
+        places = np.flatnonzero(np.diff(problem.place_of, prepend=-1))  # their first spots
+        likeliest = np.add.reduceat(mass, places, axis=3).max(axis=3)
+        totals: Floats = problem.wrong * (unseen - likeliest).sum(axis=2)
+        totals[:, 1:] += np.cumsum(spent, axis=1)
+        totals[:, 0] = problem.declared(belief)[1]
+        return totals
 
+    def greedy(self, looks: _Looks) -> NDArray[np.intp]:
+        """A tour that goes where the chance to find an object per second is highest."""
+        mass, tour = self.belief.ravel().copy(), []
+        unseen = looks.unseen.reshape(len(self.shut), -1)
+        legs, shut = self.legs, self.shut.copy()
+        for _ in range(LONGEST):
+            left = mass.sum()
+            if left < 1e-3 * len(self.belief):
+                break
+            seconds = legs + shut + looks.seconds
+            gain = (left - unseen @ mass) / seconds
+            index = np.where(self.usable & np.isfinite(seconds), gain, -1.0)
+            best = int(index.argmax())
+            if index[best] <= 0:
+                break
+            tour.append(best)
+            mass *= unseen[best]
+            legs, shut[best] = self.problem.travel[best], 0.0
+        return np.array(tour, np.intp)
 
-def _improve(
-    problem: SearchProblem,
-    belief: Floats,
-    looks: _Looks,
-    legs: Floats,
-    shut: Floats,
-    tour: NDArray[np.intp],
-    rounds: int,
-) -> tuple[NDArray[np.intp], float]:
-    """Move or exchange stops of a tour while this lowers its cost; end it where it is lowest."""
-    size = belief.size
-    totals = _totals(problem, belief, looks, legs, shut, tour[None])[0]
-    end = int(totals.argmin())
-    best = float(totals[end])
-    for _ in range(rounds):
-        most = max(int(BUDGET / (size * max(len(tour), 1))), 1)
-        others = _neighbours(tour, max(end, min(len(tour), 3)), most)
-        if not len(others):
-            break
-        totals = _totals(problem, belief, looks, legs, shut, others)
-        row, column = np.unravel_index(int(totals.argmin()), totals.shape)
-        if totals[row, column] >= best - 1e-9:
-            break
-        tour, end, best = others[row], int(column), float(totals[row, column])
-    return tour[:end], best
+    def improve(
+        self, looks: _Looks, tour: NDArray[np.intp], rounds: int
+    ) -> tuple[NDArray[np.intp], float]:
+        """Move or exchange stops while this lowers the cost; end the tour where it is lowest."""
+        totals = self.totals(looks, tour[None])[0]
+        end = int(totals.argmin())
+        best = float(totals[end])
+        for _ in range(rounds):
+            most = max(int(BUDGET / (self.belief.size * max(len(tour), 1))), 1)
+            others = _neighbours(tour, max(end, min(len(tour), 3)), most)
+            if not len(others):
+                break
+            totals = self.totals(looks, others)
+            row, column = np.unravel_index(int(totals.argmin()), totals.shape)
+            if totals[row, column] >= best - 1e-9:
+                break
+            tour, end, best = others[row], int(column), float(totals[row, column])
+        return tour[:end], best
 
 
 def _neighbours(tour: NDArray[np.intp], end: int, most: int) -> NDArray[np.intp]:

@@ -28,14 +28,12 @@ from semmap.query.snapshot import Snapshot
 
 Floats = NDArray[np.float64]
 
-MOST_NAMES = 4
-"""Number of places that an explanation or a command names."""
+MOST_NAMES = 4  # places that an explanation or a command names
 
 LEAST_CHANCE = 0.02
 """Chance to see the object below which a look is not worth it, whatever an answer costs."""
 
-TRIES = 2
-"""How often a viewpoint may fail until the search does without it."""
+TRIES = 2  # how often a viewpoint may fail until the search does without it
 
 
 class NotFoundError(Error, ValueError):

@@ -20,8 +20,7 @@ from planner.search.pomdp import Pomdp
 
 Floats = NDArray[np.float64]
 
-NOT_SEEN = -1
-"""Stands for a place in the answer of a look: the object was not seen."""
+NOT_SEEN = -1  # stands for a place in the answer of a look: the object was not seen
 
 END = "end"
 
@@ -207,112 +206,84 @@ def as_pomdp(problem: SearchProblem, belief: Floats, *, most_states: int = 1000)
     """
     o, s, v = len(problem.objects), len(problem.place_of), len(problem.viewpoints)
     shut = [int(k) for k in np.flatnonzero(problem.opening > 0)]
-    hidden = list(itertools.product(range(s), repeat=o)) if s**o <= most_states else []
-    count = s**o * (v + 1) * 2 ** len(shut) + 1
-    if count > most_states:
+    n = s**o * (v + 1) * 2 ** len(shut) + 1
+    if n > most_states:
         raise ValueError(
-            f"the search has {count} states; up to {most_states} can be listed: use "
+            f"the search has {n} states; up to {most_states} can be listed: use "
             "planner.search.receding_horizon"
         )
-    modes = list(itertools.product(range(v + 1), itertools.product((0, 1), repeat=len(shut))))
-    mode_number = {mode: k for k, mode in enumerate(modes)}
-    n, h = count, len(hidden)
-
-    def state(spots: int, mode: int) -> int:
-        return spots * len(modes) + mode
-
+    hidden = list(itertools.product(range(s), repeat=o))
     outcomes = list(itertools.product([NOT_SEEN, *range(len(problem.places))], repeat=o))
-    nothing = outcomes.index((NOT_SEEN,) * o)
-
-    names = []
-    for spots in hidden:
-        where = " ".join(
-            f"{x}@{problem.places[problem.place_of[k]]}.{k}"
-            for x, k in zip(problem.objects, spots, strict=True)
+    modes = list(itertools.product(range(v + 1), itertools.product((0, 1), repeat=len(shut))))
+    names = [
+        " ".join(
+            [f"{x}@{problem.places[problem.place_of[k]]}.{k}" for x, k in _pairs(problem, spots)]
+            + [f"robot@{'start' if at == v else problem.viewpoints[at]}"]
+            + [f"open:{problem.viewpoints[c]}" for c in itertools.compress(shut, opened)]
         )
-        for at, opened in modes:
-            here = "start" if at == v else problem.viewpoints[at]
-            flags = "".join(
-                f" open:{problem.viewpoints[c]}" for c, f in zip(shut, opened, strict=True) if f
-            )
-            names.append(f"{where} robot@{here}{flags}")
-    names.append(END)
-
-    actions: list[str] = []
-    moves: list[Floats] = []
-    answers: list[Floats] = []
-    rewards: list[Floats] = []
+        for spots in hidden
+        for at, opened in modes
+    ]
+    state = np.arange(n - 1).reshape(len(hidden), v + 1, *[2] * len(shut))
+    where, at, *is_open = (axis.ravel() for axis in np.indices(state.shape))
     quiet = np.zeros((n, len(outcomes)))
-    quiet[:, nothing] = 1
+    quiet[:, outcomes.index((NOT_SEEN,) * o)] = 1
+    actions: list[tuple[str, NDArray[np.intp], Floats, Floats]] = []
 
-    def add(name: str, following: NDArray[np.intp], answer: Floats, reward: Floats) -> None:
-        actions.append(name)
-        moves.append(np.eye(n)[following])
-        answers.append(answer)
-        rewards.append(reward)
+    def add(name: str, following: NDArray[np.intp], reward: Floats, answer: Floats = quiet) -> None:
+        after = np.broadcast_to(following, state.shape).ravel()
+        actions.append((name, np.append(after, n - 1), np.append(reward, 0.0), answer))
 
-    stay = np.arange(n)
     legs = np.concatenate([problem.travel, problem.start[None]])  # (V + 1, V)
     np.fill_diagonal(legs, problem.look)  # to wait takes time: a search that never ends costs more
     far = 10 * (problem.wrong * o + legs[np.isfinite(legs)].sum() + 1.0)
+    legs[~np.isfinite(legs)] = far
     for to in range(v):
-        following, reward = stay.copy(), np.zeros(n)
-        for k in range(h):
-            for number, (at, opened) in enumerate(modes):
-                following[state(k, number)] = state(k, mode_number[to, opened])
-                reward[state(k, number)] = -(legs[at, to] if np.isfinite(legs[at, to]) else far)
-        add(f"go {problem.viewpoints[to]}", following, quiet, reward)
-    for c in shut:
-        following, reward = stay.copy(), np.zeros(n)
-        for k in range(h):
-            for number, (at, opened) in enumerate(modes):
-                reward[state(k, number)] = -problem.opening[c]
-                if at == c:
-                    after = tuple(1 if d == c else f for d, f in zip(shut, opened, strict=True))
-                    following[state(k, number)] = state(k, mode_number[at, after])
-        add(f"open {problem.viewpoints[c]}", following, quiet, reward)
+        add(f"go {problem.viewpoints[to]}", state[:, [to]], -legs[at, to])
+    for c, axis in zip(shut, itertools.count(2)):
+        after = state.copy()
+        after[:, c] = state.take([1], axis)[:, c]
+        add(f"open {problem.viewpoints[c]}", after, np.full(n - 1, -problem.opening[c]))
     answer = quiet.copy()
-    for k, spots in enumerate(hidden):
-        for number, (at, opened) in enumerate(modes):
-            closed = any(c == at and not f for c, f in zip(shut, opened, strict=True))
-            if at < v and not closed:
-                answer[state(k, number)] = _joint_answers(problem, at, spots, outcomes)
-    add("look", stay, answer, np.where(stay < n - 1, -problem.look, 0.0))
+    for viewpoint in range(v):
+        sees = at == viewpoint
+        if viewpoint in shut:
+            sees &= is_open[shut.index(viewpoint)] == 1
+        each = np.array([_joint_answers(problem, viewpoint, spots, outcomes) for spots in hidden])
+        answer[:-1][sees] = each[where[sees]]
+    add("look", state, np.full(n - 1, -problem.look), answer)
+    places = problem.place_of[np.array(hidden)]  # (h, O)
     for reported in itertools.product(range(len(problem.places)), repeat=o):
-        reward = np.zeros(n)
-        for k, spots in enumerate(hidden):
-            errors = sum(
-                problem.place_of[x] != place for x, place in zip(spots, reported, strict=True)
-            )
-            reward[state(k, 0) : state(k + 1, 0)] = -problem.wrong * errors
-        name = "declare " + " ".join(
-            f"{x}@{problem.places[p]}" for x, p in zip(problem.objects, reported, strict=True)
-        )
-        add(name, np.full(n, n - 1), quiet, reward)
+        name = " ".join(f"{x}@{problem.places[p]}" for x, p in _pairs(problem, reported))
+        errors = (places != np.array(reported)).sum(axis=1)
+        add(f"declare {name}", np.full_like(state, n - 1), -problem.wrong * errors[where])
 
     start = np.zeros(n)
-    for k, spots in enumerate(hidden):
-        start[state(k, mode_number[v, (0,) * len(shut)])] = np.prod(
-            [belief[i, x] for i, x in enumerate(spots)]
-        )
-    likelihoods = np.stack(answers)
+    start[state[(slice(None), v, *[0] * len(shut))]] = [
+        np.prod([belief[i, x] for i, x in enumerate(spots)]) for spots in hidden
+    ]
+    likelihoods = np.stack([answer for *_, answer in actions])
     possible = np.asarray(likelihoods.any(axis=(0, 1)))
     labels = [
         " ".join(
-            f"{x}@{problem.places[p]}" if p != NOT_SEEN else f"no-{x}"
-            for x, p in zip(problem.objects, outcome, strict=True)
+            f"no-{x}" if p == NOT_SEEN else f"{x}@{problem.places[p]}"
+            for x, p in _pairs(problem, outcome)
         )
         for outcome in outcomes
     ]
     return Pomdp(
-        tuple(names),
-        tuple(actions),
-        tuple(label for label, keep in zip(labels, possible, strict=True) if keep),
-        np.stack(moves),
+        (*names, END),
+        tuple(name for name, *_ in actions),
+        tuple(itertools.compress(labels, possible)),
+        np.stack([np.eye(n)[following] for _, following, *_ in actions]),
         likelihoods[:, :, possible],
-        np.stack(rewards),
+        np.stack([reward for _, _, reward, _ in actions]),
         start / start.sum(),
     )
+
+
+def _pairs(problem: SearchProblem, values: Sequence[int]) -> zip[tuple[str, int]]:
+    return zip(problem.objects, values, strict=True)
 
 
 def _joint_answers(

@@ -16,8 +16,7 @@ from planner.tasks.reader import read_state
 from semmap.geometry.pose import Pose
 from semmap.query.snapshot import Snapshot
 
-FOUND = "found"
-"""The relation of a goal that is reached when the robot knows where an object is."""
+FOUND = "found"  # the relation of a goal that is reached when the robot knows where an object is
 
 
 class SearchingPlanner:

@@ -20,8 +20,7 @@ from semmap.belief import SightingModel
 
 Floats = NDArray[np.float64]
 
-RUNS = 5
-"""Searches of a trial."""
+RUNS = 5  # searches of a trial
 
 STAYS = 0.5
 """Probability that the object is where it was in the run before; else it is put down again."""
@@ -32,11 +31,8 @@ CONCENTRATION = 0.3
 HISTORY = 0.5
 """Share of the prior that former places have, as in the map (`belief_model.prior_history`)."""
 
-LEAST_CHANCE = 0.002
-"""Chance to see the object below which a search ends without it."""
-
-MOST_LOOKS = 60
-"""Looks after which a search gives up."""
+LEAST_CHANCE = 0.002  # chance to see the object below which a search ends without it
+MOST_LOOKS = 60  # looks after which a search gives up
 
 
 def compare(search: MapSearch, trials: int, seed: int = 0) -> dict[str, Any]:
@@ -53,7 +49,7 @@ def compare(search: MapSearch, trials: int, seed: int = 0) -> dict[str, Any]:
         raise ValueError(
             f"{trials} trials with {len(places)} places in view; give 2 trials and 2 places or more"
         )
-    ours = _Believing(search)
+    decisions: dict[Any, Any] = {}  # what was decided once is decided again
     results: dict[str, list[list[tuple[float, bool]]]] = {
         name: [] for name in ("believing", "without memory", "last seen first")
     }
@@ -61,8 +57,8 @@ def compare(search: MapSearch, trials: int, seed: int = 0) -> dict[str, Any]:
         draw = np.random.default_rng([seed, trial])
         truths = _truths(problem, search.share * seen, places, draw)
         strategies = {
-            "believing": ours.forget(),
-            "without memory": _WithoutMemory(ours),
+            "believing": _Believing(search, decisions, remembers=True),
+            "without memory": _Believing(search, decisions, remembers=False),
             "last seen first": _LastSeenFirst(problem),
         }
         for name, strategy in strategies.items():
@@ -148,19 +144,14 @@ def _search(
 
 
 class _Believing:
-    """Searches by the belief that the map computes from all looks."""
+    """Searches by the belief that the map computes from all looks, or from none of former runs."""
 
-    def __init__(self, search: MapSearch) -> None:
+    def __init__(self, search: MapSearch, decisions: dict[Any, Any], *, remembers: bool) -> None:
         self.search, self.problem = search, search.problem
-        self.decisions: dict[tuple[Any, ...], tuple[int | None, tuple[int, ...]]] = {}
-        self.forget()
-
-    def forget(self) -> _Believing:
-        count = len(self.problem.places)
-        self.evidence = np.zeros(count)
+        self.decisions, self.remembers = decisions, remembers
+        self.evidence = np.zeros(len(self.problem.places))
         self.history: list[int] = []
         self.tour: list[int] = []
-        return self
 
     def begin(self) -> Floats:
         """The belief of the map: its prior with former places, times the likelihoods of looks."""
@@ -203,6 +194,8 @@ class _Believing:
 
     def end(self, looks: list[tuple[int, int]]) -> None:
         """Remember what was seen, and what was in view and was not, at the rates of old looks."""
+        if not self.remembers:
+            return
         problem = self.problem
         (old_hit,), (old_alarm,) = SightingModel().rates(np.array([1e6]), np.array([1.0]))
         whole = self.search.share @ problem.membership
@@ -215,27 +208,6 @@ class _Believing:
                 )
             if seen != NOT_SEEN:
                 self.history.append(seen)
-
-
-class _WithoutMemory:
-    """Searches as if for the first time, each time."""
-
-    def __init__(self, ours: _Believing) -> None:
-        self.ours = ours
-        self.first = _Believing(ours.search).begin()
-
-    def begin(self) -> Floats:
-        self.ours.tour = []
-        return self.first
-
-    def choose(self, belief: Floats, at: int | None, looks: list[tuple[int, int]]) -> int | None:
-        return self.ours.choose(belief, at, looks)
-
-    def answer(self, belief: Floats, looks: list[tuple[int, int]]) -> int:
-        return self.ours.answer(belief, looks)
-
-    def end(self, looks: list[tuple[int, int]]) -> None:
-        pass
 
 
 class _LastSeenFirst:

@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 from scipy.ndimage import binary_dilation
 from scipy.sparse import csr_array
 
-from navgrid.inflation import INSCRIBED
 from planner.search.line_of_sight import LineOfSight
 from planner.storey_costmaps import StoreyCostmaps
 from semmap.belief.views import camera_at
@@ -25,8 +24,7 @@ from semmap.geometry.pose import Pose
 Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-HEADINGS = 8
-"""Number of headings that are tried at each position."""
+HEADINGS = 8  # headings that are tried at each position
 
 BODY = (0.25, 0.05, 1.2)
 """Radius, and lower and upper end above the floor, of a robot whose shape is unknown, metres."""
@@ -102,12 +100,11 @@ def free_positions(
     `space` is the free space, for a robot without a costmap; `floor` the z of the floor.
     """
     if costmaps is not None:
-        room, costs = costmaps.room(place), costmaps.costs(place)
-        if room is None or costs is None:
+        ground = costmaps.ground(place)
+        if ground is None:
             return np.empty((0, 2))
-        cells = np.argwhere(costs < INSCRIBED)
-        points = np.array(room.grid.origin) + (cells[:, ::-1] + 0.5) * room.grid.resolution
-        price = costs[cells[:, 0], cells[:, 1]].astype(float)
+        cells, points = ground.free()
+        price = ground.costs[tuple(cells.T)].astype(float)
         inside = shapely.contains_xy(outline, points)  # the costs reach into doorways
         points, price = points[inside], price[inside]
     else:

@@ -33,14 +33,8 @@ from semmap.yaml_file import check_structure
 _KEYS = ("parameters", "at", "needs", "effects", "seconds")
 _OWN = {"holding": 1, "on": 2}
 _RESERVED = ("on", "in", "carries", "holding", "pickup", "place", "drive")
-_MOST = 2000
-"""Maximum number of actions after their parameters are replaced by objects."""
-
-_MOST_STEPS = 10_000
-"""Ways to bring about a fact that are looked at, one action after another."""
-
-_MOST_STEPS = 10_000
-"""Ways to bring about a fact that are looked at, one action after another."""
+_MOST = 2000  # maximum number of actions after their parameters are replaced by objects
+_MOST_STEPS = 10_000  # ways to bring about a fact that are looked at, one action after another
 
 _LITERAL = re.compile(r"\s*(not\s+)?([A-Za-z_][\w-]*)\s*\(([^()]*)\)\s*$")
 

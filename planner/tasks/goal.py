@@ -9,8 +9,7 @@ from dataclasses import dataclass
 from semmap.error import Error
 from semmap.suggestions import suggestion
 
-ROBOT = "robot"
-"""The word for the planning robot."""
+ROBOT = "robot"  # the word for the planning robot
 
 RELATIONS = {"on": 2, "in": 2, "carries": 2}
 """Relations of the planner with their numbers of arguments; domain files add more."""

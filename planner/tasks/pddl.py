@@ -98,22 +98,12 @@ def write_pddl(problem: Problem, folder: Path) -> tuple[Path, Path]:
 class _Writer:
     def __init__(self, problem: Problem) -> None:
         self.problem = problem
-        names = {
-            *problem.limits,
-            *problem.takes,
-            *problem.spots,
-            *problem.on,
-            *problem.on.values(),
-            *problem.held,
-        }
+        names = {*problem.limits, *problem.takes, *problem.spots, *problem.held}
+        names |= {*problem.on, *problem.on.values()}
         names |= {n for ns in problem.candidates.values() for n in ns}
         names |= {n for f in problem.facts for n in f[1:]}
         for operator in problem.operators:
-            names |= {
-                n
-                for f in (*operator.adds, *operator.deletes, *operator.needs, *operator.needs_not)
-                for n in f[1:]
-            }
+            names |= {n for f in operator.facts for n in f[1:]}
         # names of entities may hold any characters; those of PDDL may not
         self.ids = {name: f"t{i}-{_plain(name)}" for i, name in enumerate(sorted(names))}
         words = [*problem.candidates, *problem.regions]
@@ -137,8 +127,7 @@ class _Writer:
             actions += self._reach(k)
         arities = {(f[0], len(f) - 1) for f in problem.facts}
         for operator in problem.operators:
-            every = (*operator.adds, *operator.deletes, *operator.needs, *operator.needs_not)
-            arities |= {(f[0], len(f) - 1) for f in every}
+            arities |= {(f[0], len(f) - 1) for f in operator.facts}
         predicates += [
             f"(f-{name} {' '.join(f'?x{i}' for i in range(n))} - thing)" if n else f"(f-{name})"
             for name, n in sorted(arities)
@@ -227,7 +216,7 @@ class _Writer:
         for v, w in problem.differ:
             facts.append(f"(differ {self.words[v]} {self.words[w]})")
             facts.append(f"(differ {self.words[w]} {self.words[v]})")
-        facts += [f"(f-{' '.join([f[0], *(t[x] for x in f[1:])])})" for f in problem.facts]
+        facts += [self._fact(f) for f in problem.facts]
         facts += [f"(undone{i})" for i in range(len(problem.operators))]
         lines = "\n    ".join
         return (

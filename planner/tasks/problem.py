@@ -33,6 +33,11 @@ class Operator:
     adds: tuple[tuple[str, ...], ...] = ()
     deletes: tuple[tuple[str, ...], ...] = ()
 
+    @property
+    def facts(self) -> tuple[tuple[str, ...], ...]:
+        """All facts that it needs or changes."""
+        return (*self.adds, *self.deletes, *self.needs, *self.needs_not)
+
 
 @dataclass
 class Problem:

@@ -7,22 +7,20 @@ of the problem. So neither the size of the building nor the number of its object
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection, Iterable
+from collections.abc import Collection, Iterable
 
 import numpy as np
 
 from planner.route_search import seconds_between
 from planner.routing_graph import RoutingGraph
 from planner.tasks.candidate_pruning import prune
+from planner.tasks.domain_file import Domain
 from planner.tasks.goal import Goal
 from planner.tasks.goal_objects import find_surfaces, find_wanted, resolve_words
 from planner.tasks.problem import NoPlanError, Problem
 from planner.tasks.problem_draft import ProblemDraft
 from planner.tasks.sites import ApproachPoseOf, Sites
 from planner.tasks.world import TaskState, TaskWorld
-
-Extend = Callable[[Problem, TaskWorld], tuple[list[str], int]]
-"""Adds operators and facts; returns the objects to hold for them, and the number of more events."""
 
 
 def build_problem(
@@ -31,8 +29,8 @@ def build_problem(
     state: TaskState,
     goal: Goal,
     *,
+    domain: Domain | None = None,
     approach_pose: ApproachPoseOf | None = None,
-    extend: Extend | None = None,
 ) -> Problem:
     """The problem of a goal.
 
@@ -46,11 +44,11 @@ def build_problem(
     _add_held(problem, world)
     resolve_words(problem, world, graph.topology)
     find_wanted(draft)
-    extra, more = extend(problem, world) if extend else ([], 0)
+    extra, more = domain.extend(problem, world) if domain else ([], 0)
     lifted = [n for n in extra if draft.obstacle(n) is None and n not in problem.held]
     find_surfaces(draft)
     aside = _limit_pickups(draft, [*lifted, *draft.surfaces])
-    if extend is None:
+    if domain is None:
         prune(draft, aside)
     _add_placements(draft, {*aside, *extra})
     _count_slots(draft, more)

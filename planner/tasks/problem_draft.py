@@ -13,8 +13,7 @@ from planner.tasks.sites import Sites
 from planner.tasks.world import TaskObject, TaskWorld
 from planner.topology import OUTSIDE
 
-SAME = 1e-3
-"""Metres between two poses below which a drive from one to the other is none."""
+SAME = 1e-3  # metres between two poses below which a drive from one to the other is none
 
 
 class ProblemDraft:

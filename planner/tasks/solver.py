@@ -12,6 +12,7 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator
 from functools import cache
+from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -31,8 +32,7 @@ from planner.tasks.world import TaskState, TaskWorld
 if TYPE_CHECKING:
     from planner.tasks.domain_file import Domain
 
-PATIENCE = 10.0
-"""Seconds after which the best plan found so far is taken."""
+PATIENCE = 10.0  # seconds after which the best plan found so far is taken
 
 
 def find_plan(
@@ -66,8 +66,7 @@ def find_plan(
     """
     if isinstance(goal, str):
         goal = parse_goal(goal, domain.relations if domain else ())
-    extend = None if domain is None else domain.extend
-    problem = build_problem(graph, world, state, goal, approach_pose=approach_pose, extend=extend)
+    problem = build_problem(graph, world, state, goal, domain=domain, approach_pose=approach_pose)
     events, meant, proven = solve(problem, patience)
     plan = expand_plan(graph, problem, events, meant)
     bound = plan.seconds if proven else min(lower_bound(problem), plan.seconds)
@@ -130,30 +129,20 @@ def _facts(problem: Problem) -> Iterator[Symbol]:
             if seconds < float("inf"):
                 yield fact("drive", i, j, milliseconds(float(seconds)))
     for word, names in problem.candidates.items():
-        for name in names:
-            yield fact("candidate", words[word], name)
-    for a, b in problem.differ:
-        yield fact("differ", words[a], words[b])
+        yield from (fact("candidate", words[word], name) for name in names)
+    yield from (fact("differ", words[a], words[b]) for a, b in problem.differ)
     for word, places in problem.regions.items():
-        for place in places:
-            yield fact("means", words[word], place)
-    for i, site in enumerate(problem.sites):
-        yield fact("site_in", i, site.place)
-    for name, limit in problem.limits.items():
-        yield fact("movable", name, limit)
-    for name in problem.carriers:
-        yield fact("carrier", name)
+        yield from (fact("means", words[word], place) for place in places)
+    yield from (fact("site_in", i, site.place) for i, site in enumerate(problem.sites))
+    yield from (fact("movable", name, limit) for name, limit in problem.limits.items())
+    yield from (fact("carrier", name) for name in problem.carriers)
     for on, names in problem.takes.items():
-        for name in names:
-            yield fact("takes", on, name)
+        yield from (fact("takes", on, name) for name in names)
     for name, number in problem.spots.items():
         yield fact("fixed" if name in problem.fixed else "initially_at", name, number)
-    for name, on in problem.on.items():
-        yield fact("initially_on", name, on)
-    for name in problem.held:
-        yield fact("initially_held", name)
-    for number, place in problem.finals:
-        yield fact("last", number, place)
+    yield from (fact("initially_on", name, on) for name, on in problem.on.items())
+    yield from (fact("initially_held", name) for name in problem.held)
+    yield from (fact("last", number, place) for number, place in problem.finals)
     for k, atom in enumerate(problem.goal.atoms):
         numbers = [-1 if w.text == ROBOT else words[w] for w in atom.words]
         if atom.relation == "carries":
@@ -168,35 +157,22 @@ def _facts(problem: Problem) -> Iterator[Symbol]:
             yield fact("need_in", *numbers)
         else:
             yield fact("need_fact", k)
-            options: list[tuple[str, ...]] = [()]
-            for word in atom.words:
-                options = [(*o, n) for o in options for n in problem.candidates[word]]
-            for option in options:
+            for option in product(*(problem.candidates[word] for word in atom.words)):
                 of = fact(atom.relation, *option)
                 yield fact("option", k, of)
                 for number, name in zip(numbers, option, strict=True):
                     yield fact("uses", k, of, number, name)
-    for known in problem.facts:
-        yield fact("initially", fact(*known))
+    yield from (fact("initially", fact(*known)) for known in problem.facts)
     for i, operator in enumerate(problem.operators):
         yield fact("operator", i, milliseconds(operator.seconds))
-        if operator.at is not None:
-            if operator.at in problem.fixed:
-                yield fact("acts_on_site", i, problem.spots[operator.at])
-            else:
-                yield fact("acts_at", i, operator.at)
-        for name in operator.held:
-            yield fact("needs_held", i, name)
-        for a_on, b_on in operator.on:
-            yield fact("needs_on", i, a_on, b_on)
-        for name_, facts in (
-            ("needs", operator.needs),
-            ("needs_not", operator.needs_not),
-            ("adds", operator.adds),
-            ("deletes", operator.deletes),
-        ):
-            for args in facts:
-                yield fact(name_, i, fact(*args))
+        if operator.at in problem.fixed:
+            yield fact("acts_on_site", i, problem.spots[operator.at])
+        elif operator.at is not None:
+            yield fact("acts_at", i, operator.at)
+        yield from (fact("needs_held", i, name) for name in operator.held)
+        yield from (fact("needs_on", i, *pair) for pair in operator.on)
+        for part in ("needs", "needs_not", "adds", "deletes"):
+            yield from (fact(part, i, fact(*known)) for known in getattr(operator, part))
 
 
 def _read(shown: list[Symbol], problem: Problem) -> tuple[list[TaskEvent], dict[str, str]]:

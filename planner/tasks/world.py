@@ -15,11 +15,8 @@ from semmap.suggestions import suggestion
 CARRIERS = frozenset({"tray", "basket", "box", "bucket"})
 """Types of objects that are carried with all objects on them."""
 
-HEAVIEST = 5.0
-"""Highest weight that a robot lifts, kilograms."""
-
-LONGEST = 0.6
-"""Highest second-longest side of an object that a robot lifts, metres."""
+HEAVIEST = 5.0  # highest weight that a robot lifts, kilograms
+LONGEST = 0.6  # highest second-longest side of an object that a robot lifts, metres
 
 _FIXED_TYPES = frozenset(
     {"furniture", "appliance", "building_element", "connector", "fixture", "vehicle", "agent"}

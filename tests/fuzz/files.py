@@ -332,7 +332,7 @@ def run_domain(data: bytes, folder: Path) -> None:
         words = ", ".join(["plant1", "cup1", "sink1", "desk1"][:count])
         with suppress(NoPlanError, GoalError, UnknownObjectError):
             goal = parse_goal(f"{name}({words})", domain.relations)
-            build_problem(network(), garden(), TaskState("lab1"), goal, extend=domain.extend)
+            build_problem(network(), garden(), TaskState("lab1"), goal, domain=domain)
 
 
 @cache

@@ -11,8 +11,7 @@ from semmap.ingest.world import Entry, Shape
 from semmap.query.snapshot import Snapshot
 from semmap.query.storey_reader import read_entities
 
-DIGITS = 6
-"""Decimals of the corners, so that equal boxes at different places are one model."""
+DIGITS = 6  # decimals of the corners, so that equal boxes at different places are one model
 
 
 def store_assumed_sizes(seen: Snapshot) -> list[str]:

@@ -16,9 +16,12 @@ from planner.mission.command import Command
 from planner.mission.grasp_choice import Choice, GraspChooser, Hand, hand_of
 from semmap.database.maps import driver_of
 from semmap.geometry.pose import Pose
+from semmap.manipulation.error import ManipulationError
+from semmap.manipulation.places import find_places
+from semmap.manipulation.store.actions import add_put
+from semmap.manipulation.store.tasks import add_task
 
-KINDS = {"pickup": "grasp", "place": "place"}
-"""Behaviours, and the kinds of their actions."""
+KINDS = {"pickup": "grasp", "place": "place"}  # behaviours, and the kinds of their actions
 
 TRIED = ("missed", "dropped")
 """Causes of failures that say something of the action; the object was not reached in others."""
@@ -46,7 +49,6 @@ class GraspMemory:
 
         Of an agent of the map, the class is known.
         """
-
         known = connection.execute(text(_CLASS), {"name": robot}).scalar()
         stored = connection.execute(text("SELECT EXISTS (SELECT FROM gripper)")).scalar()
         if self.gripper is not None or stored:  # else the first pickup stores the default one
@@ -60,8 +62,6 @@ class GraspMemory:
         A grasp with which the gripper can put the object on `target` is preferred. Raises
         LookupError as `check` does.
         """
-        from semmap.manipulation.store.tasks import add_task
-
         session = driver_of(connection)
         item, kind = command.arguments[0], KINDS[command.behaviour]
         with session.transaction():
@@ -93,9 +93,6 @@ class GraspMemory:
         where it has a stored one. It is not known for floors, for objects without a mesh, and for
         what the robot took without a known grasp.
         """
-        from semmap.manipulation.error import ManipulationError
-        from semmap.manipulation.places import find_places
-
         grasp = _held_by(connection, robot, item)
         if grasp is None or not _is_object(connection, target):
             return None
@@ -150,8 +147,6 @@ class GraspMemory:
 
     def _end_put(self, connection: Connection, place: int) -> None:
         """Store the put that a place has ended, from the begin of its grasp."""
-        from semmap.manipulation.store.actions import add_put
-
         steps = connection.execute(text(_STEPS), {"place": place}).one_or_none()
         if steps is not None:
             action = add_put(driver_of(connection), steps.grasp_action, steps.place_action)

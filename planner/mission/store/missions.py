@@ -29,6 +29,7 @@ from planner.mission.store.observations import (
     write_observation,
 )
 from planner.mission.store.robot_placement import read_home, read_robot, write_robot
+from planner.plan import Plan
 from planner.readers.topology import read_topology
 from planner.topology import Topology
 from semmap.error import Error
@@ -101,10 +102,11 @@ class MissionStore(MissionList):
         *,
         without: frozenset[str],
         tried: frozenset[tuple[str, Pose]],
-    ) -> Any:
+    ) -> Plan:
         """The plan that a planner makes on the present state of the map."""
         with self._snapshot() as seen:
-            return planner(seen, robot, goal, without=without, tried=tried)
+            plan: Plan = planner(seen, robot, goal, without=without, tried=tried)
+            return plan
 
     def topology(self) -> Topology:
         """The places and connectors of the map."""
@@ -222,8 +224,8 @@ class MissionStore(MissionList):
         """
         with self._begin() as connection:
             robot = self._own(connection, mission)
-            values = {"mission": mission, "number": number, "cause": outcome.cause}
-            values["state"] = "done" if outcome.succeeded else "failed"
+            values: dict[str, Any] = {"mission": mission, "number": number}
+            values |= {"state": "done" if outcome.succeeded else "failed", "cause": outcome.cause}
             connection.execute(text(_END), values | {"message": outcome.message or None})
             write_observation(connection, robot, seen)
             if outcome.cause == "locked" and command.step is not None and command.step.connector:

@@ -19,11 +19,8 @@ from semmap.database.maps import driver_of
 from semmap.geometry.pose import Pose
 from semmap.query.snapshot import Snapshot
 
-PASSAGE = 0.6
-"""Metres around the passage of a connector that stay free of objects on the floor."""
-
-AHEAD = 0.5
-"""Metres before the robot's origin at which it puts objects on the floor."""
+PASSAGE = 0.6  # metres around the passage of a connector that stay free of objects on the floor
+AHEAD = 0.5  # metres before the robot's origin at which it puts objects on the floor
 
 
 class ObjectRow(NamedTuple):

@@ -16,7 +16,7 @@ from planner.search.line_of_sight import LineOfSight, line_of_sight
 from planner.search.problem_builder import Detector, MapSearch, build_search
 from planner.search.search_mission import NotFoundError, SearchPlanner
 from planner.search.search_problem import as_pomdp
-from planner.search.setup import find_spots, searching_robot
+from planner.search.sim_search import find_spots, searching_robot
 from planner.search.task_search import SearchingPlanner
 from planner.search.trials import compare
 from planner.search.viewpoints import Sight

@@ -48,7 +48,7 @@ def test_a_plant_is_watered_with_a_cup_that_is_filled_first(tmp_path):
     assert plan.actions[2].names == ("plant1", "cup2")
     assert plan.optimal
     goal = parse_goal("watered(a potted_plant)", domain.relations)
-    problem = build_problem(graph, world, state, goal, extend=domain.extend)
+    problem = build_problem(graph, world, state, goal, domain=domain)
     assert solved(problem, tmp_path) == pytest.approx(1000 * plan.seconds, abs=4)
 
 
