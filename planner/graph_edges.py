@@ -33,7 +33,6 @@ class TravelCost(Protocol):
 
     def between(self, place: str, a: Sequence[Pose], b: Sequence[Pose]) -> Travel:
         """The travel from each of n poses in a place to each of m; poses in the map's frame."""
-        ...
 
 
 class StraightTravelCost:

@@ -66,11 +66,15 @@ def _walk(
     if made is None or math.dist(a, b) < 1e-9:
         return np.array([b])
     cells = made.cells.copy()
-    room = next((r for r in storey_view(made.scene).rooms if r.name == place), None)
-    if room is not None:
-        cells[~area_cells(room.outline, made.grid)] = 100
+    outline = _outline(made, place)
+    if outline is not None:
+        cells[~area_cells(outline, made.grid)] = 100
     way = grid_path(made.grid, cells, a, b)
     return np.array([b]) if way is None else way
+
+
+def _outline(made: StoreyGrid, place: str) -> shapely.Geometry | None:
+    return next((r.outline for r in storey_view(made.scene).rooms if r.name == place), None)
 
 
 def _start_point(
@@ -78,14 +82,12 @@ def _start_point(
 ) -> tuple[float, float]:
     """In the home region of the room, else in the room's middle."""
     if storey in grids:
-        view = storey_view(grids[str(storey)].scene)
-        outline = next((r.outline for r in view.rooms if r.name == found.start), None)
+        made = grids[str(storey)]
+        outline = _outline(made, found.start)
         if outline is not None:
-            inside = [
-                r.outline
-                for r in view.regions
-                if "home_region" in r.types and r.outline.intersects(outline)
-            ]
+            regions = storey_view(made.scene).regions
+            homes = [r.outline for r in regions if "home_region" in r.types]
+            inside = [home for home in homes if home.intersects(outline)]
             point = (inside[0] if inside else outline).representative_point()
             return (point.x, point.y)
     return _xy(found.transitions[0].approach)
@@ -95,21 +97,21 @@ def _goal_point(
     made: StoreyGrid, place: str, target: str | None, near: tuple[float, float]
 ) -> tuple[float, float]:
     """Where a robot has room to stand: beside the target, else in the middle of the place."""
-    room = next((r for r in storey_view(made.scene).rooms if r.name == place), None)
-    if room is None:
+    outline = _outline(made, place)
+    if outline is None:
         return near
     held = [
-        o
+        (o.footprint, o.types)
         for o in storey_view(made.scene).objects
-        if o.footprint is not None and room.outline.contains(o.footprint.centroid)
+        if o.footprint is not None and outline.contains(o.footprint.centroid)
     ]
-    wanted = [o.footprint for o in held if o.footprint is not None and target in o.types]
+    wanted = [footprint for footprint, types in held if target in types]
     thing = min(wanted, key=lambda f: f.area, default=None)
-    aim = (thing or room.outline).centroid
-    free = (made.cells == 0) & area_cells(room.outline, made.grid)
-    for other in held:
-        if other.footprint is not None and "carpet" not in other.types:
-            free &= ~area_cells(other.footprint, made.grid)
+    aim = (thing or outline).centroid
+    free = (made.cells == 0) & area_cells(outline, made.grid)
+    for footprint, types in held:
+        if "carpet" not in types:
+            free &= ~area_cells(footprint, made.grid)
     clear = free & (np.asarray(distance_transform_edt(free)) * made.grid.resolution > 0.3)
     rows, columns = np.nonzero(clear if clear.any() else free)
     if not len(rows):

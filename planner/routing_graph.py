@@ -325,21 +325,19 @@ class RoutingGraph:
 
         From a cabin, a ride may begin at once, too.
         """
-        if self.topology.places[start.place].elevator is None:
-            return start.nodes, start.seconds
-        nodes = np.concatenate([start.nodes, start.nodes + len(self.poses)])
-        return nodes, np.concatenate([start.seconds, start.seconds])
+        return self._both(start, start.nodes, start.nodes + len(self.poses))
 
     def arrivals(self, goal: Endpoint) -> tuple[Ints, Floats]:
         """The nodes of `graph` at which paths to an endpoint end, and the seconds from them.
 
         In a cabin, a ride may be the end, too.
         """
-        nodes = goal.nodes + len(self.poses)
-        if self.topology.places[goal.place].elevator is None:
-            return nodes, goal.seconds
-        both = np.concatenate([nodes, goal.nodes])
-        return both, np.concatenate([goal.seconds, goal.seconds])
+        return self._both(goal, goal.nodes + len(self.poses), goal.nodes)
+
+    def _both(self, end: Endpoint, nodes: Ints, in_cabin: Ints) -> tuple[Ints, Floats]:
+        if self.topology.places[end.place].elevator is None:
+            return nodes, end.seconds
+        return np.concatenate([nodes, in_cabin]), np.tile(end.seconds, 2)
 
     def path_ends(self, start: Endpoint, goal: Endpoint) -> tuple[list[PathEnd], list[PathEnd]]:
         """Sources and targets in `graph` of paths from one endpoint to another."""

@@ -10,6 +10,7 @@ import math
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import shapely
@@ -309,7 +310,7 @@ class StoreyCostmaps:
         for storey, costmap in self._costmaps.items():
             here = [t for t in objects if costmap.scene.reaches(t)]
             here += regions.get(storey, ())
-            before = _Before(costmap)
+            before = costmap.master.copy(), costmap.fits.copy()
             window = costmap.update(here, {*ids} - {t.id for t in here})
             if window is not None:
                 changed |= self._places_that_differ(storey, before, [window])
@@ -324,7 +325,7 @@ class StoreyCostmaps:
                 self._fields[name] = field
         changed: set[str] = set()
         for storey, costmap in self._costmaps.items():
-            before = _Before(costmap)
+            before = costmap.master.copy(), costmap.fits.copy()
             windows = [costmap.set_field(name, field) for name, field in fields.items()]
             changed |= self._places_that_differ(
                 storey, before, [w for w in windows if w is not None]
@@ -352,12 +353,12 @@ class StoreyCostmaps:
         return found
 
     def _places_that_differ(
-        self, storey: str, before: _Before, windows: Sequence[Window]
+        self, storey: str, before: tuple[NDArray[Any], NDArray[Any]], windows: Sequence[Window]
     ) -> set[str]:
         """The places of a storey whose costs, or where the robot fits, changed in windows."""
         costmap = self.costmap(storey)
-        differs = before.master != costmap.master
-        differs |= (before.fits != costmap.fits).any(axis=0)
+        master, fits = before
+        differs = (master != costmap.master) | (fits != costmap.fits).any(axis=0)
         found = set()
         for place, room in self._rooms_of(storey) if windows else ():
             if any(_overlap(room.window, grown(w, STEP, costmap.grid)) for w in windows):
@@ -370,13 +371,6 @@ class StoreyCostmaps:
         """The places of a storey of which the map has an outline."""
         places = [p for p in self.topology.places if self.storey_of(p) == storey]
         return [(place, room) for place in places if (room := self.room(place)) is not None]
-
-
-class _Before:
-    """What a costmap was before a change."""
-
-    def __init__(self, costmap: Costmap) -> None:
-        self.master, self.fits = costmap.master.copy(), costmap.fits.copy()
 
 
 def _overlap(a: Window, b: Window) -> bool:

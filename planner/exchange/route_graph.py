@@ -30,6 +30,41 @@ class ExchangeError(Error, ValueError):
 
 
 @dataclass(frozen=True)
+class Cabin:
+    """The cabin of an elevator from above: middle in the map's frame, metres, and yaw, radians.
+
+    `width` is along its x axis, `depth` across, metres.
+    """
+
+    x: float
+    y: float
+    yaw: float
+    width: float
+    depth: float
+
+
+@dataclass(frozen=True, eq=False)
+class DrawnLane:
+    """A lane of an Open-RMF building from one waypoint to another, by their names in the map.
+
+    `properties` are those of its link: ``bidirectional``, ``orientation``, ``speed_limit``, ...
+    """
+
+    start: str
+    end: str
+    properties: Mapping[str, Any]
+
+
+@dataclass(frozen=True)
+class BuildingOutline:
+    """Outlines of rooms in the map's frame, by place, cabins by elevator, and drawn lanes."""
+
+    outlines: Mapping[str, Polygon | MultiPolygon] = field(default_factory=dict)
+    cabins: Mapping[str, Cabin] = field(default_factory=dict)
+    lanes: tuple[DrawnLane, ...] = ()
+
+
+@dataclass(frozen=True)
 class ApproachPose:
     """The pose before a connector, on one of its sides (0 or 1), facing it."""
 
@@ -122,7 +157,10 @@ def route_graph(
     topology = routing.topology
     nodes = [
         ApproachPose(
-            c, side, _storey(topology, c, side) or storeyless, _elevator(topology, c, side)
+            c,
+            side,
+            _storey(topology, c, side) or storeyless,
+            topology.places[c.places[side]].elevator,
         )
         for c in routing.connectors
         for side in (0, 1)
@@ -308,42 +346,3 @@ def _storey(topology: Topology, connector: PlaceConnector, side: int) -> str | N
     """The storey of a side; outside, that of the other side."""
     here, there = (topology.places[connector.places[s]] for s in (side, 1 - side))
     return here.storey or (there.storey if here.name == OUTSIDE else None)
-
-
-def _elevator(topology: Topology, connector: PlaceConnector, side: int) -> str | None:
-    return topology.places[connector.places[side]].elevator
-
-
-@dataclass(frozen=True)
-class Cabin:
-    """The cabin of an elevator from above: middle in the map's frame, metres, and yaw, radians.
-
-    `width` is along its x axis, `depth` across, metres.
-    """
-
-    x: float
-    y: float
-    yaw: float
-    width: float
-    depth: float
-
-
-@dataclass(frozen=True, eq=False)
-class DrawnLane:
-    """A lane of an Open-RMF building from one waypoint to another, by their names in the map.
-
-    `properties` are those of its link: ``bidirectional``, ``orientation``, ``speed_limit``, ...
-    """
-
-    start: str
-    end: str
-    properties: Mapping[str, Any]
-
-
-@dataclass(frozen=True)
-class BuildingOutline:
-    """Outlines of rooms in the map's frame, by place, cabins by elevator, and drawn lanes."""
-
-    outlines: Mapping[str, Polygon | MultiPolygon] = field(default_factory=dict)
-    cabins: Mapping[str, Cabin] = field(default_factory=dict)
-    lanes: tuple[DrawnLane, ...] = ()

@@ -107,11 +107,9 @@ class RunningBehaviour(Protocol):
 
     def poll(self) -> Outcome | None:
         """How the behaviour ended; None while it runs. Does not block."""
-        ...
 
     def cancel(self) -> None:
         """Stop as soon as it is safe; returns when the robot stands still."""
-        ...
 
 
 class Behaviours(Protocol):
@@ -124,36 +122,27 @@ class Behaviours(Protocol):
 
     def observe(self) -> RobotObservation:
         """The present observation; called after every behaviour and every restart."""
-        ...
 
     def navigate(self, command: Command) -> RunningBehaviour:
         """Drive inside a place to `command.step.leave`."""
-        ...
 
     def open_door(self, command: Command) -> RunningBehaviour:
         """Open `command.step.connector`, before which it stands."""
-        ...
 
     def pass_door(self, command: Command) -> RunningBehaviour:
         """Go through `command.step.connector` to `command.step.leave`."""
-        ...
 
     def call_elevator(self, command: Command) -> RunningBehaviour:
         """Call `command.step.elevator`, and wait until it stands open."""
-        ...
 
     def use_elevator(self, command: Command) -> RunningBehaviour:
         """Ride from the cabin `command.step.from_place` to `command.step.to_place`."""
-        ...
 
     def switch_map(self, command: Command) -> RunningBehaviour:
         """Load the map `command.step.map` in `command.step.frame`, and localise in it."""
-        ...
 
     def pickup(self, command: Command) -> RunningBehaviour:
         """Pick up the object ``command.arguments[0]`` from ``command.arguments[1]``."""
-        ...
 
     def place(self, command: Command) -> RunningBehaviour:
         """Put the object ``command.arguments[0]`` down at `command.spot`."""
-        ...

@@ -85,34 +85,20 @@ class Command:
     @classmethod
     def of_json(cls, value: Mapping[str, Any]) -> Command:
         """A command that `as_json` wrote."""
-        step = None
-        if value["step"] is not None:
-            connector = value["step"]["connector"]
-            if connector is not None:
-                connector = PlaceConnector(
-                    **{
-                        **connector,
-                        "places": tuple(connector["places"]),
-                        "poses": tuple(Pose.of_json(p) for p in connector["poses"]),
-                        "permissions": frozenset(connector["permissions"]),
-                    }
-                )
-            step = RouteStep(
-                **{
-                    **value["step"],
-                    "connector": connector,
-                    "approach": _pose(value["step"]["approach"]),
-                    "leave": Pose.of_json(value["step"]["leave"]),
-                }
-            )
-        return cls(
-            value["behaviour"],
-            tuple(value["arguments"]),
-            step,
-            _pose(value["at"]),
-            _pose(value["spot"]),
-            value["seconds"],
-        )
+        step, connector = value["step"], value["step"] and value["step"]["connector"]
+        if connector is not None:
+            own = {
+                "places": tuple(connector["places"]),
+                "poses": tuple(Pose.of_json(p) for p in connector["poses"]),
+                "permissions": frozenset(connector["permissions"]),
+            }
+            connector = PlaceConnector(**connector | own)
+        if step is not None:
+            ends = {name: _pose(step[name]) for name in ("approach", "leave")}
+            step = RouteStep(**step | ends | {"connector": connector})
+        at, spot = _pose(value["at"]), _pose(value["spot"])
+        arguments = tuple(value["arguments"])
+        return cls(value["behaviour"], arguments, step, at, spot, value["seconds"])
 
 
 def commands_of(plan: Plan) -> list[Command]:

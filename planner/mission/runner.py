@@ -46,7 +46,6 @@ class Planner(Protocol):
         `tried`, each with the object that the robot could not reach from it. A ValueError or
         LookupError says why there is no plan.
         """
-        ...
 
 
 @dataclass(frozen=True)

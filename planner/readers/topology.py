@@ -71,18 +71,8 @@ def read_places(seen: Snapshot) -> list[Place]:
     rows = fetch_rows(seen, _PLACES)
     types = read_supertypes(seen, {row[1] for row in rows})
     return [
-        Place(
-            name,
-            type_,
-            label,
-            storey,
-            elevator,
-            types.get(type_, ()),
-            own or _NO_PROPERTIES,
-            z,
-            id_,
-        )
-        for name, type_, label, storey, elevator, own, z, id_ in rows
+        Place(*names, types.get(names[1], ()), own or _NO_PROPERTIES, z, id_)
+        for *names, own, z, id_ in rows  # names from that of the place to that of the elevator
     ]
 
 

@@ -112,7 +112,7 @@ class Domain:
         todo = list(wanted)
         while todo:
             fact = todo.pop(0)
-            for operator, needs in self._operators(fact, world):
+            for operator in self._operators(fact, world):
                 if made.setdefault((operator.name, operator.arguments), operator) is not operator:
                     continue
                 if len(made) > _MOST:
@@ -124,7 +124,7 @@ class Domain:
                     takes = problem.takes.setdefault(below, [])
                     if above not in takes:
                         takes.append(above)
-                for need in needs:
+                for need in operator.needs:
                     if need not in wanted:
                         wanted[need] = None
                         todo.append(need)
@@ -155,34 +155,23 @@ class Domain:
         most = 0
         for action in self.actions:
             if any(e.holds and e.predicate == predicate for e in action.effects):
-                most = max(
-                    most,
-                    1
-                    + sum(
-                        2
-                        if need.predicate in _OWN
-                        else self._steps(need.predicate, (*before, predicate), budget)
-                        for need in action.needs
-                        if need.holds
-                    ),
-                )
+                events, path = 1, (*before, predicate)
+                for need in (n.predicate for n in action.needs if n.holds):
+                    events += 2 if need in _OWN else self._steps(need, path, budget)
+                most = max(most, events)
         return most
 
-    def _operators(
-        self, fact: tuple[str, ...], world: TaskWorld
-    ) -> Iterable[tuple[Operator, list[tuple[str, ...]]]]:
+    def _operators(self, fact: tuple[str, ...], world: TaskWorld) -> Iterator[Operator]:
         """The actions that achieve a fact, with objects for their parameters."""
         for action in self.actions:
             for effect in action.effects:
                 if effect.predicate != fact[0] or not effect.holds:
                     continue
                 bound = dict(zip(effect.parameters, fact[1:], strict=True))
-                options = []
-                for parameter, kind in action.parameters.items():
-                    fitting = _fitting(kind, world)
-                    if parameter in bound:
-                        fitting = [n for n in fitting if n == bound[parameter]]
-                    options.append(fitting)
+                options = [
+                    [n for n in _fitting(kind, world) if bound.get(parameter, n) == n]
+                    for parameter, kind in action.parameters.items()
+                ]
                 for chosen in product(*options):
                     if len(set(chosen)) == len(chosen):
                         yield _ground(action, dict(zip(action.parameters, chosen, strict=True)))
@@ -194,7 +183,7 @@ def _fitting(kind: str, world: TaskWorld) -> list[str]:
     return world.of_kind(Word(kind))
 
 
-def _ground(action: UserAction, of: Mapping[str, str]) -> tuple[Operator, list[tuple[str, ...]]]:
+def _ground(action: UserAction, of: Mapping[str, str]) -> Operator:
     def facts(literals: Iterable[DomainLiteral], holds: bool) -> tuple[tuple[str, ...], ...]:
         return tuple(
             (k.predicate, *(of[p] for p in k.parameters))
@@ -203,7 +192,6 @@ def _ground(action: UserAction, of: Mapping[str, str]) -> tuple[Operator, list[t
         )
 
     own = [(k.predicate, tuple(of[p] for p in k.parameters)) for k in action.needs]
-    needs = facts(action.needs, True)
     return Operator(
         action.name,
         tuple(of[p] for p in action.parameters),
@@ -211,11 +199,11 @@ def _ground(action: UserAction, of: Mapping[str, str]) -> tuple[Operator, list[t
         None if action.at is None else of[action.at],
         tuple(names[0] for name, names in own if name == "holding"),
         tuple((names[0], names[1]) for name, names in own if name == "on"),
-        needs,
+        facts(action.needs, True),
         facts(action.needs, False),
         facts(action.effects, True),
         facts(action.effects, False),
-    ), list(needs)
+    )
 
 
 # -- reading --------------------------------------------------------------------------------------

@@ -93,8 +93,8 @@ class GraspMemory:
         where it has a stored one. It is not known for floors, for objects without a mesh, and for
         what the robot took without a known grasp.
         """
-        grasp = _held_by(connection, robot, item)
-        if grasp is None or not _is_object(connection, target):
+        held = _held_by(connection, robot, item)
+        if held is None or held.action_id is None or not _is_object(connection, target):
             return None
         session = driver_of(connection)
         near = (towards.x, towards.y)
@@ -106,7 +106,7 @@ class GraspMemory:
                     item,
                     target,
                     gripper=chooser.hand.gripper,
-                    grasps=[grasp],
+                    grasps=[held.action_id],
                     towards=near,
                     arm=chooser.arm,
                     base=chooser.base,
@@ -136,14 +136,7 @@ class GraspMemory:
         name, robot_class, pose = connection.execute(text(_ROBOT), {"id": robot}).one()
         hand: Hand = hand_of(session, name, robot_class, self.gripper)
         base = Pose() if pose is None else Pose(*pose)
-        return GraspChooser(
-            session,
-            name,
-            hand,
-            base,
-            trial=self.trial,
-            motion_seconds=self.motion_seconds,
-        )
+        return GraspChooser(session, name, hand, base, self.trial, self.motion_seconds)
 
     def _end_put(self, connection: Connection, place: int) -> None:
         """Store the put that a place has ended, from the begin of its grasp."""
@@ -158,20 +151,17 @@ class GraspMemory:
 def _place(connection: Connection, chooser: GraspChooser, robot: int, command: Command) -> Choice:
     """The place that ends the grasp with which a robot holds an object."""
     item = command.arguments[0]
-    grasp = _held_by(connection, robot, item)
-    if grasp is None:
+    held = _held_by(connection, robot, item)
+    if held is None or held.action_id is None:
         return Choice()
-    stood = connection.execute(text(_STOOD), {"robot": robot, "item": item}).scalar()
-    stands = None if stood is None else Pose(*stood)
+    stands = None if held.start is None else Pose(*held.start)
     target = command.arguments[-1] if _is_object(connection, command.arguments[-1]) else None
-    return chooser.place(item, grasp, target, command.spot, stands=stands)
+    return chooser.place(item, held.action_id, target, command.spot, stands=stands)
 
 
-def _held_by(connection: Connection, robot: int, item: str) -> int | None:
-    """The grasp with which a robot took what it holds; None if not known."""
-    values = {"robot": robot, "item": item}
-    found = connection.execute(text(_HELD), values).scalar()
-    return None if found is None else int(found)
+def _held_by(connection: Connection, robot: int, item: str) -> Any:
+    """The grasp with which a robot took an object, and where that stood; None if not known."""
+    return connection.execute(text(_HELD), {"robot": robot, "item": item}).one_or_none()
 
 
 def _is_object(connection: Connection, name: str | None) -> bool:
@@ -200,14 +190,7 @@ RETURNING id, action_id
 """
 
 _HELD = """
-SELECT action_id FROM task
-WHERE robot_id = :robot AND kind = 'grasp' AND outcome = 'completed'
-  AND entity_id = (SELECT id FROM entity WHERE map_id = current_map() AND name = :item)
-ORDER BY id DESC LIMIT 1
-"""
-
-_STOOD = """
-SELECT start FROM task
+SELECT action_id, start FROM task
 WHERE robot_id = :robot AND kind = 'grasp' AND outcome = 'completed'
   AND entity_id = (SELECT id FROM entity WHERE map_id = current_map() AND name = :item)
 ORDER BY id DESC LIMIT 1
