@@ -232,8 +232,6 @@ class LiveTopology:
             return {*self._validity}
         return {n for n, ends in self._validity.items() if any(before < t <= moment for t in ends)}
 
-    # -- loading --------------------------------------------------------------------------------
-
     def _load(self, look: Look) -> TopologyChange:
         """Read everything, with the travel times that still hold; measure the others."""
         seen = look.seen
@@ -282,8 +280,6 @@ class LiveTopology:
             return
         if not change.reloaded or self._store.is_due:
             self._store.store(look.seen, self.graph, look.cursor, self._near_live)
-
-    # -- changes --------------------------------------------------------------------------------
 
     def _apply(self, look: Look, ids: Collection[int]) -> TopologyChange:
         """Take over states of connectors, moved objects and regions; load all if more changed."""

@@ -191,8 +191,6 @@ class RoutePlanner:
         ground = None if entity.place is None else self.costmaps.ground(entity.place)
         return poses_to_reach(ground, entity, most)
 
-    # -- rules ----------------------------------------------------------------------------------
-
     @contextmanager
     def _restricted(self, avoid: Sequence[str], at: datetime | None) -> Iterator[None]:
         """Apply rules, and what is to be avoided, to the graph and the costmaps."""
@@ -213,8 +211,6 @@ class RoutePlanner:
                         by_storey.setdefault(storey, []).append(region)
                 restrictions.enter_context(costmaps.also_avoiding(by_storey))
             yield
-
-    # -- endpoints ------------------------------------------------------------------------------
 
     def _locations(self) -> LocationFinder:
         costmaps = self.costmaps

@@ -92,22 +92,15 @@ def passage_steps(
     here, there = graph.place_of[node], graph.place_of[node ^ 1]
     elevator = graph.elevator_to_call(node)
     calling, opening = 0.0, durations.of_opening(connector)
+    waiting = here, here, approach, approach
     if elevator is not None:
         calling = durations.of_calling(elevator)
         yield make_step(
-            graph,
-            "call_elevator",
-            here,
-            here,
-            approach,
-            approach,
-            calling,
-            connector=connector,
-            elevator=elevator,
+            graph, "call_elevator", *waiting, calling, connector=connector, elevator=elevator
         )
     if connector.must_be_opened:
         name = "open_door" if connector.state == "closed" else "unlock_door"
-        yield make_step(graph, name, here, here, approach, approach, opening, connector=connector)
+        yield make_step(graph, name, *waiting, opening, connector=connector)
     behaviour = connector.behaviour
     if behaviour == "call_elevator":  # it was called by now: what is left is to drive through
         behaviour = "pass_door"

@@ -153,8 +153,6 @@ class RoutingGraph:
         inside = np.arange(len(self.tails)) >= count
         return self.tails + count * inside, self.heads + count * ~inside
 
-    # -- making the edges: passages first, then travel place by place, then rides ---------------
-
     @cached_property
     def has_several_storeys(self) -> bool:
         """Whether its places are on more than one storey."""
@@ -212,8 +210,6 @@ class RoutingGraph:
         nodes = self.nodes[place]
         costs = StraightTravelCost(self.robot.speed) if place == OUTSIDE else self.costs
         return measure_travel(costs, place, nodes, [self.poses[n] for n in nodes])
-
-    # -- changes --------------------------------------------------------------------------------
 
     def change_connector(self, connector: PlaceConnector) -> None:
         """Replace a connector by one of another state, direction or size.
@@ -285,8 +281,6 @@ class RoutingGraph:
                 self.seconds[edges], self.metres[edges] = usual
                 if len(edges):
                     self.graph.set_weights(edges, self.seconds[edges])
-
-    # -- reading --------------------------------------------------------------------------------
 
     def elevator_to_call(self, node: int) -> str | None:
         """The elevator that must come before the passage from an approach pose can begin."""

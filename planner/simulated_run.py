@@ -14,11 +14,10 @@ from planner.live_topology import LiveTopology
 from planner.mission.failures import FailureRule
 from planner.mission.runner import MissionEvent, Runner
 from planner.mission.sim_setup import entry_pose, open_world, simulated_robot
-from planner.mission.store.assumed_sizes import store_assumed_sizes
 from planner.mission.store.grasp_memory import GraspMemory
 from planner.mission.store.mission_list import MissionError, MissionList
 from planner.mission.store.missions import MissionStore
-from planner.mission.store.simulation_map import simulation_map
+from planner.mission.store.simulation_map import simulation_map, store_assumed_sizes
 from planner.readers.robot_class import read_robot_class
 from planner.readers.topology import read_topology
 from planner.search.problem_builder import Detector

@@ -101,8 +101,6 @@ class StoreyCostmaps:
         """Call `progress` for each new place, with its name and how many places there were."""
         self._progress = progress
 
-    # -- costmaps -------------------------------------------------------------------------------
-
     def costmap(self, storey: str) -> Costmap:
         """The costmap of a storey, without its doors and agents."""
         if storey not in self._costmaps:
@@ -194,8 +192,6 @@ class StoreyCostmaps:
             yield
         finally:
             self._avoided = before
-
-    # -- paths ----------------------------------------------------------------------------------
 
     def between(self, place: str, a: Sequence[Pose], b: Sequence[Pose]) -> Travel:
         """The travel from each of n poses in a place to each of m; infinite without a path."""
@@ -291,8 +287,6 @@ class StoreyCostmaps:
         if not floors:
             return ()
         return _entities_at(self.costmap(self.storey_of(max(floors)[1])), pose, LETHAL)
-
-    # -- changes --------------------------------------------------------------------------------
 
     def update(
         self,

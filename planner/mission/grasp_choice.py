@@ -209,16 +209,10 @@ class GraspChooser:
         gripper, stands = self.hand.gripper, self._pose_of(item)
         if target is None or stands is None or not self.trial:
             return None
-        try:
-            with self.session.transaction():
-                places = find_places(
-                    self.session, item, target, gripper=gripper, grasps=[grasp], limit=1
-                )
-        except (LookupError, ManipulationError):
-            return None  # something without a mesh, or without a level surface
-        if not places.rows:
+        best = self._place_on(target, item, [grasp])
+        if best is None:
             return None
-        place = int(places.rows[0]["action_id"])
+        place = int(best["action_id"])
         cause = try_place(self.session, item, gripper, grasp, place, stands=stands)
         if cause in (None, NOT_HELD):
             return None
@@ -303,18 +297,24 @@ class GraspChooser:
             return rows
         free_choice = self.hand.automaton is None and not self.trial
         ids = None if free_choice else [int(row["action_id"]) for row in rows]
-        try:
-            with self.session.transaction():
-                places = find_places(
-                    self.session, item, target, gripper=self.hand.gripper, grasps=ids, limit=1
-                )
-        except (LookupError, ManipulationError):
-            return rows  # something without a mesh, or without a level surface
-        if not places.rows:
+        place = self._place_on(target, item, ids)
+        if place is None:
             return rows
-        best = int(places.rows[0]["grasp_id"])
+        best = int(place["grasp_id"])
         first = [row for row in rows if row["action_id"] == best]
         return (first or [{"action_id": best}]) + [r for r in rows if r["action_id"] != best]
+
+    def _place_on(self, target: str, item: str, grasps: list[int] | None) -> dict[str, Any] | None:
+        """The best place on a target after some grasps, or any; None without one."""
+        gripper = self.hand.gripper
+        try:
+            with self.session.transaction():
+                found = find_places(
+                    self.session, item, target, gripper=gripper, grasps=grasps, limit=1
+                )
+        except (LookupError, ManipulationError):
+            return None  # something without a mesh, or without a level surface
+        return next(iter(found.rows), None)
 
     def _tried(self, item: str, rows: list[dict[str, Any]]) -> Choice:
         """The first grasp that succeeds in a trial; outcomes of the others are stored."""

@@ -135,8 +135,6 @@ class SimulatedRobot:
         """The elevator behind a door."""
         return next((lift for lift, doors in self._cabins.items() if door in doors), None)
 
-    # -- driving --------------------------------------------------------------------------------
-
     @behaviour
     def navigate(self, command: Command) -> Work:
         """Drive along a path, on the costmap if there is one."""
@@ -170,8 +168,6 @@ class SimulatedRobot:
         """Switch at once."""
         yield from lasting(command.seconds)
         return ("unable", "the map is not there") if self.fails("switch_map") else (None, "")
-
-    # -- objects --------------------------------------------------------------------------------
 
     @behaviour
     def pickup(self, command: Command) -> Work:
@@ -225,8 +221,6 @@ class SimulatedRobot:
 
     def _held(self) -> list[str]:
         return [n for n, (_, seen) in self.world.objects().items() if seen.holder == self.name]
-
-    # -- connectors -----------------------------------------------------------------------------
 
     @behaviour
     def open_door(self, command: Command) -> Work:
@@ -321,8 +315,6 @@ class SimulatedRobot:
             world.log(self.name, "entered" if inside else "left", lift)
             world.set_elevator(lift, cabin, self.name if inside else None)
             world.set_door(name, "ajar")
-
-    # -- elevators ------------------------------------------------------------------------------
 
     @behaviour
     def call_elevator(self, command: Command) -> Work:

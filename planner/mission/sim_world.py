@@ -116,8 +116,6 @@ class SimWorld:
         rows = self._file.execute("SELECT robot, what, about FROM event ORDER BY id")
         return [(r["robot"], r["what"], r["about"]) for r in rows]
 
-    # -- robots and objects ----------------------------------------------------------------------
-
     def robot(self, name: str) -> tuple[str, Pose]:
         """Where a robot is; LookupError without it."""
         row = self._file.execute("SELECT * FROM robot WHERE name = ?", (name,)).fetchone()
@@ -155,8 +153,6 @@ class SimWorld:
         """Move the objects that a robot holds to a place."""
         self._file.execute("UPDATE thing SET place = ? WHERE holder = ?", (place, robot))
 
-    # -- doors and elevators --------------------------------------------------------------------
-
     def door(self, name: str) -> str:
         """Open, closed, locked, or ajar: opened by a robot, to be shut behind it."""
         row = self._file.execute("SELECT * FROM door WHERE name = ?", (name,)).fetchone()
@@ -192,8 +188,6 @@ class SimWorld:
         """Whether an elevator neither comes nor leaves."""
         row = self._file.execute("SELECT * FROM elevator WHERE name = ?", (elevator,)).fetchone()
         return bool(row["broken"])
-
-    # -- failures on demand ---------------------------------------------------------------------
 
     def add_rules(self, rules: Iterable[FailureRule]) -> None:
         """Add future failures; states of doors and elevators change at once."""

@@ -36,11 +36,8 @@ class Pomdp:
 
     def __post_init__(self) -> None:
         n, m, k = len(self.states), len(self.actions), len(self.observations)
-        for kind, names in (
-            ("state", self.states),
-            ("action", self.actions),
-            ("observation", self.observations),
-        ):
+        for kind in ("state", "action", "observation"):
+            names = getattr(self, f"{kind}s")
             twice = next((name for name in names if names.count(name) > 1), None)
             if twice is not None:
                 raise ValueError(f"{kind} {twice}: the name is used twice; name each {kind} once")

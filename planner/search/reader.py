@@ -107,17 +107,22 @@ def read_seen_by(seen: Snapshot, name: str, robot: str) -> bool:
 
 def read_holder(seen: Snapshot, name: str) -> str | None:
     """The name of what an entity is on or in; None if nothing holds it."""
-    return _scalar(seen, _HOLDER, name=name)
+    return _word(seen, _HOLDER, name=name)
 
 
 def read_kind(seen: Snapshot, name: str) -> str | None:
     """The kind of an entity of the current map; None if there is none of this name."""
-    return _scalar(seen, _KIND, name=name)
+    return _word(seen, _KIND, name=name)
 
 
 def read_room(seen: Snapshot, name: str) -> str | None:
     """The room in or on whose contents an entity is, or the room itself; None if there is none."""
-    return _scalar(seen, _ROOM, name=name)
+    return _word(seen, _ROOM, name=name)
+
+
+def _word(seen: Snapshot, statement: str, **values: object) -> str | None:
+    found = _scalar(seen, statement, **values)
+    return None if found is None else str(found)
 
 
 def _scalar(seen: Snapshot, statement: str, **values: object) -> Any:

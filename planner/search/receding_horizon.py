@@ -150,9 +150,6 @@ def _joint_outcomes(
     return [(seen, chance) for seen, chance in outcomes if chance > 1e-6]
 
 
-# -- tours --------------------------------------------------------------------------------------
-
-
 @dataclass(frozen=True)
 class _Looks:
     """What each viewpoint does to the unnormalised belief of objects that are not declared yet."""

@@ -70,11 +70,8 @@ class SearchProblem:
 
     def __post_init__(self) -> None:
         o, p, v, s = (*map(len, (self.objects, self.places, self.viewpoints)), len(self.place_of))
-        for kind, names in (
-            ("object", self.objects),
-            ("place", self.places),
-            ("viewpoint", self.viewpoints),
-        ):
+        for kind in ("object", "place", "viewpoint"):
+            names = getattr(self, f"{kind}s")
             twice = next((name for name in names if names.count(name) > 1), None)
             if twice is not None:
                 raise ValueError(f"{kind} {twice} is there twice; name each {kind} once")
@@ -83,16 +80,13 @@ class SearchProblem:
         shapes = {
             "visible": (v, s),
             "travel": (v, v),
-            "start": (v,),
-            "hit": (o,),
-            "false_alarm": (o,),
-            "opening": (v,),
+            **dict.fromkeys(("start", "opening"), (v,)),
+            **dict.fromkeys(("hit", "false_alarm"), (o,)),
+            **({} if self.shows is None else {"shows": (v, o, o)}),
         }
         for name, shape in shapes.items():
             if getattr(self, name).shape != shape:
                 raise ValueError(f"{name}: its shape is {getattr(self, name).shape}; give {shape}")
-        if self.shows is not None and self.shows.shape != (v, o, o):
-            raise ValueError(f"shows: its shape is {self.shows.shape}; give {(v, o, o)}")
         _refuse_outside("visible", self.visible, 0, 1)
         _refuse_outside("shows", self.shows, 0, 1)
         for name in ("travel", "start", "opening", "look", "wrong"):
@@ -119,8 +113,6 @@ class SearchProblem:
     def memory(self) -> dict[str, Any]:
         """Results that depend on the problem alone, for solvers."""
         return {}
-
-    # -- beliefs --------------------------------------------------------------------------------
 
     @cached_property
     def membership(self) -> Floats:
@@ -259,7 +251,7 @@ def as_pomdp(problem: SearchProblem, belief: Floats, *, most_states: int = 1000)
         add(f"declare {name}", np.full_like(state, n - 1), -problem.wrong * errors[where])
 
     start = np.zeros(n)
-    start[state[(slice(None), v, *[0] * len(shut))]] = [
+    start[state[:, v].reshape(len(hidden), -1)[:, 0]] = [
         np.prod([belief[i, x] for i, x in enumerate(spots)]) for spots in hidden
     ]
     likelihoods = np.stack([answer for *_, answer in actions])

@@ -35,6 +35,9 @@ LEAST_CHANCE = 0.002  # chance to see the object below which a search ends witho
 MOST_LOOKS = 60  # looks after which a search gives up
 
 
+_Decisions = dict[tuple[Any, ...], tuple[int | None, tuple[int, ...]]]
+
+
 def compare(search: MapSearch, trials: int, seed: int = 0) -> dict[str, Any]:
     """The durations of searches for random objects by several strategies, in seconds.
 
@@ -49,7 +52,7 @@ def compare(search: MapSearch, trials: int, seed: int = 0) -> dict[str, Any]:
         raise ValueError(
             f"{trials} trials with {len(places)} places in view; give 2 trials and 2 places or more"
         )
-    decisions: dict[Any, Any] = {}  # what was decided once is decided again
+    decisions: _Decisions = {}  # what was decided once is decided again
     results: dict[str, list[list[tuple[float, bool]]]] = {
         name: [] for name in ("believing", "without memory", "last seen first")
     }
@@ -146,7 +149,7 @@ def _search(
 class _Believing:
     """Searches by the belief that the map computes from all looks, or from none of former runs."""
 
-    def __init__(self, search: MapSearch, decisions: dict[Any, Any], *, remembers: bool) -> None:
+    def __init__(self, search: MapSearch, decisions: _Decisions, *, remembers: bool) -> None:
         self.search, self.problem = search, search.problem
         self.decisions, self.remembers = decisions, remembers
         self.evidence = np.zeros(len(self.problem.places))

@@ -206,9 +206,6 @@ def _ground(action: UserAction, of: Mapping[str, str]) -> Operator:
     )
 
 
-# -- reading --------------------------------------------------------------------------------------
-
-
 def read_domain(path: Path) -> Domain:
     """The actions of a file; a DomainError has the line of the mistake."""
 

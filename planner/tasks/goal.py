@@ -182,23 +182,19 @@ def _refuse_contradictions(atoms: Sequence[Atom]) -> None:
                         f"{atom} and {other} contradict each other: what the robot carries is in "
                         "no other place; drop one of them"
                     )
-        if atom.relation not in ("on", "in"):
-            continue
-        same = below.get(atom.words[0]) if atom.relation == "on" else None
-        robots = [
-            a for a in atoms if a.relation == "in" and a.words[0] == atom.words[0] and a != atom
-        ]
-        if same is None and atom.relation == "in" and atom.words[0].text == ROBOT and robots:
-            same = robots[0]
+        item = atom.words[0]
+        same = below.get(item) if atom.relation == "on" else None
+        if atom.relation == "in" and item.text == ROBOT:
+            places = (a for a in atoms if a.relation == "in" and a.words[0] == item)
+            same = next((other for other in places if other != atom), None)
         if same is not None:
-            item = atom.words[0]
             hint = "" if item.text == ROBOT else f" (a second one is: another {item})"
             raise GoalError(
                 f"{same} and {atom} contradict each other: {item} is in one place only; drop one "
                 f"of them{hint}"
             )
         if atom.relation == "on":
-            below[atom.words[0]] = atom
+            below[item] = atom
     for start in below:
         chain = [start]
         while chain[-1] in below:

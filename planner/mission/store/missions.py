@@ -113,8 +113,6 @@ class MissionStore(MissionList):
         with self._snapshot() as seen:
             return read_topology(seen)
 
-    # -- robots ---------------------------------------------------------------------------------
-
     def add_robot(self, name: str, place: str, pose: Pose, robot_class: str | None = None) -> None:
         """Put an agent at a pose of the map's frame in a place; add it if it is not there.
 
@@ -133,8 +131,6 @@ class MissionStore(MissionList):
         """The room of a home region, where the map has no agent yet; None without one."""
         with self._snapshot() as seen:
             return read_home(seen)
-
-    # -- missions -------------------------------------------------------------------------------
 
     def take(self, mission: int, wait: float = 5.0) -> TakenMission:
         """Begin a mission, or continue it if its runner has died.
@@ -177,8 +173,6 @@ class MissionStore(MissionList):
             )
         connection.execute(text(_TAKE), {"mission": mission, "runner": self.runner})
         return row, connection.execute(text(_UNFINISHED), {"mission": mission}).all()
-
-    # -- steps ----------------------------------------------------------------------------------
 
     def replan(self, mission: int, commands: Sequence[Command]) -> list[int]:
         """Replace the planned steps by these commands; returns their numbers."""
@@ -284,8 +278,6 @@ class MissionStore(MissionList):
             raise LostMissionError(f"mission {mission} is {row.state}")
         return int(row.robot_id)
 
-    # -- the map --------------------------------------------------------------------------------
-
     def spot(
         self, item: str, target: str, towards: Pose, mission: int | None = None
     ) -> Pose | None:
@@ -306,8 +298,6 @@ class MissionStore(MissionList):
         """The objects of the map that lie in or on something."""
         with self._snapshot() as seen:
             return read_objects(seen)
-
-    # -- claims ---------------------------------------------------------------------------------
 
     def claim(self, mission: int, resources: Iterable[str], seconds: float) -> str | None:
         """Claim connectors and elevators for the robot of a mission: all of them or none.
