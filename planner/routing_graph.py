@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 import threading
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -20,13 +20,14 @@ from numpy.typing import NDArray
 from planner.duration import Durations
 from planner.graph import Graph, PathEnd
 from planner.graph_edges import (
-    Passages,
     Penalties,
     StraightTravelCost,
     TravelCost,
     TravelEdges,
+    blocked_passages,
     complete_travel,
     measure_travel,
+    passage_seconds,
     ride_edges,
 )
 from planner.robot_class import RobotClass
@@ -134,8 +135,7 @@ class RoutingGraph:
         for node, place in enumerate(self.place_of):
             inside.setdefault(place, []).append(node)
         self.nodes = {place: np.array(nodes) for place, nodes in inside.items()}
-        elevators = {c: elevator for elevator, all_ in topology.cabins().items() for c in all_}
-        self._passages = Passages(self.robot, self.durations, elevators)
+        self._elevators = topology.elevators()
         self._make_edges(stored)
         self.graph = Graph(*self.arcs, self.seconds, 2 * len(self.poses), least=self._least())
         self.penalties = Penalties()
@@ -159,11 +159,10 @@ class RoutingGraph:
         return len(self.topology.storeys()) > 1
 
     def _make_edges(self, stored: TravelEdges | None) -> None:
-        passages = self._passages
         count = 2 * len(self.connectors)
         nodes = np.arange(count)
         through = np.repeat([c.metres for c in self.connectors], 2)
-        parts = [TravelEdges(nodes, nodes ^ 1, passages.seconds(self.connectors, through), through)]
+        parts = [TravelEdges(nodes, nodes ^ 1, self._passing(self.connectors, through), through)]
         self.travel_edges: dict[str, slice] = {}
         self.measured: list[str] = []
         at = count
@@ -190,9 +189,12 @@ class RoutingGraph:
         self.tails, self.heads = tails.astype(np.int32), heads.astype(np.int32)
         self.base, self.metres = base.astype(np.float64), metres.astype(np.float64)
         self.seconds = self.base.copy()
-        self.seconds[:count][passages.blocked(self.connectors)] = math.inf
+        self.seconds[:count][blocked_passages(self.connectors, self.robot)] = math.inf
         if OUTSIDE in self.travel_edges and not self.robot.outside:
             self.seconds[self.travel_edges[OUTSIDE]] = math.inf
+
+    def _passing(self, connectors: Sequence[PlaceConnector], metres: Floats) -> Floats:
+        return passage_seconds(connectors, metres, self.robot, self.durations, self._elevators)
 
     def _least(self) -> Floats:
         """(E,) lower bounds of the seconds: doors stand open, travel follows straight lines."""
@@ -228,10 +230,9 @@ class RoutingGraph:
             connectors = {**others, connector.name: connector}
             self.topology = replace(self.topology, connectors=connectors)
             edges = np.array([2 * number, 2 * number + 1])
-            self.base[edges] = self._passages.seconds([connector], np.repeat(connector.metres, 2))
-            self.seconds[edges] = np.where(
-                self._passages.blocked([connector]), math.inf, self.base[edges]
-            )
+            self.base[edges] = self._passing([connector], np.repeat(connector.metres, 2))
+            blocked = blocked_passages([connector], self.robot)
+            self.seconds[edges] = np.where(blocked, math.inf, self.base[edges])
             self.graph.set_weights(edges, self.seconds[edges])
 
     def change_regions(self, regions: Iterable[PlaceRegion]) -> None:
@@ -284,7 +285,8 @@ class RoutingGraph:
 
     def elevator_to_call(self, node: int) -> str | None:
         """The elevator that must come before the passage from an approach pose can begin."""
-        return self._passages.elevator_to_call(self.place_of[node], self.place_of[node ^ 1])
+        here, there = (self._elevators.get(self.place_of[n]) for n in (node, node ^ 1))
+        return there if there != here else None
 
     def edges_into(self, place: str) -> list[int]:
         """The passages and rides that lead into a place."""
@@ -292,6 +294,13 @@ class RoutingGraph:
         return [int(n) ^ 1 for n in nodes] + [
             e for e in self.rides if self.place_of[int(self.heads[e])] == place
         ]
+
+    def without(self, names: Collection[str]) -> RoutingGraph:
+        """The graph without the connectors and elevators of these names; itself without names."""
+        if not names:
+            return self
+        topology = self.topology.without(names)
+        return RoutingGraph(topology, self.robot, self.costs, durations=self.durations)
 
     def with_abilities(
         self, *, opens: bool = True, unlocks: bool = False, outside: bool = False

@@ -137,10 +137,7 @@ class TaskPlanner:
         not reach from it.
         """
         parsed, domain = self._parsed(goal), self._domain
-        graph = self._live.graph
-        if without:
-            topology = graph.topology.without(without)
-            graph = RoutingGraph(topology, graph.robot, graph.costs, durations=graph.durations)
+        graph = self._live.graph.without(without)
         state = read_state(seen, graph.topology, start)
         words = () if domain is None else domain.words
         heights = graph.robot.heights

@@ -256,6 +256,10 @@ class Topology:
                 cabins.setdefault(place.elevator, []).append(place.name)
         return cabins
 
+    def elevators(self) -> dict[str, str]:
+        """The elevator of each place that is a cabin."""
+        return {p.name: p.elevator for p in self.places.values() if p.elevator is not None}
+
     def storeys(self) -> list[str]:
         """The names of the storeys that have places, in alphabetical order."""
         return sorted({p.storey for p in self.places.values() if p.storey is not None})

@@ -10,7 +10,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import KW_ONLY, dataclass, field, replace
 from functools import partial
 from typing import Protocol
 
@@ -71,10 +71,11 @@ class MissionEvent:
     message: str = ""
 
 
+@dataclass
 class Runner:
     """Runs the missions of one robot.
 
-    Parameters
+    Attributes
     ----------
     behaviours
         The robot.
@@ -94,32 +95,28 @@ class Runner:
         Called with each event.
     """
 
-    def __init__(
-        self,
-        store: MissionStore,
-        behaviours: Behaviours,
-        planner: Planner,
-        *,
-        retry_policy: RetryPolicy | None = None,
-        expiry: float = 30.0,
-        tick: float = 0.05,
-        speed: float = 1.0,
-        width: float | None = None,
-        on_event: Callable[[MissionEvent], None] | None = None,
-    ) -> None:
-        if expiry <= 0 or tick < 0 or speed <= 0:
+    store: MissionStore
+    behaviours: Behaviours
+    planner: Planner
+    _: KW_ONLY
+    retry_policy: RetryPolicy = field(default_factory=RetryPolicy)
+    expiry: float = 30.0
+    tick: float = 0.05
+    speed: float = 1.0
+    width: float | None = None
+    on_event: Callable[[MissionEvent], None] | None = None
+
+    def __post_init__(self) -> None:
+        if self.expiry <= 0 or self.tick < 0 or self.speed <= 0:
             raise ValueError(
-                f"expiry is {expiry} s, tick {tick} s, speed {speed}; give numbers above 0"
+                f"expiry is {self.expiry} s, tick {self.tick} s, speed {self.speed}; give numbers "
+                "above 0"
             )
-        self._store = store
-        self._behaviours = behaviours
-        self._planner = planner
-        self._retry_policy = retry_policy or RetryPolicy()
-        self._expiry = expiry
-        self._tick = tick
-        self._speed = speed
-        self._width = width
-        self._on_event = on_event or (lambda event: None)
+
+    def tell(self, event: MissionEvent) -> None:
+        """Call `on_event`."""
+        if self.on_event is not None:
+            self.on_event(event)
 
     def run(self, mission: int) -> MissionResult:
         """Run a mission to its end; continue it if another runner has begun it.
@@ -127,23 +124,19 @@ class Runner:
         Raises MissionError if it cannot be taken over; LostMissionError if another process has
         taken it over in the meantime.
         """
-        taken = self._store.take(mission)
-        elevators = {
-            place.name: place.elevator
-            for place in self._store.topology().places.values()
-            if place.elevator is not None
-        }
+        taken = self.store.take(mission)
+        elevators = self.store.topology().elevators()
         numbers, commands = self._taken_up(taken.id, taken.begun, taken.planned)
         busy: frozenset[str] = frozenset()
         while True:
-            failures = self._store.failures(mission)
-            why = self._retry_policy.reason_to_give_up(failures)
+            failures = self.store.failures(mission)
+            why = self.retry_policy.reason_to_give_up(failures)
             if why is not None:
                 return self._finish(mission, "failed", why)
             if not commands:
-                avoided = self._retry_policy.avoided(failures)
+                avoided = self.retry_policy.avoided(failures)
                 try:
-                    tried = self._retry_policy.tried(failures)
+                    tried = self.retry_policy.tried(failures)
                     plan = self._plan(taken.robot, taken.goal, frozenset(avoided), busy, tried)
                 except (ValueError, LookupError) as error:
                     left = f"without {', '.join(avoided)}: {error}" if avoided else str(error)
@@ -153,15 +146,15 @@ class Runner:
                 commands = commands_of(plan)
                 if not commands:
                     return self._finish(mission, "done")
-                numbers = self._store.replan(mission, commands)
-                self._on_event(MissionEvent("planned", message=", ".join(map(str, plan.actions))))
+                numbers = self.store.replan(mission, commands)
+                self.tell(MissionEvent("planned", message=", ".join(map(str, plan.actions))))
             attempt = _Attempt(self, mission, numbers, commands, elevators)
             attempt.work()
             if attempt.cancelled:
                 return self._finish(mission, "cancelled")
             busy = frozenset([attempt.busy]) if attempt.busy else frozenset()
             if attempt.failed is not None and attempt.failed.cause not in ("locked", "cancelled"):
-                time.sleep(self._retry_policy.wait / self._speed)
+                time.sleep(self.retry_policy.wait / self.speed)
             numbers, commands = [], []
 
     def _taken_up(
@@ -171,10 +164,10 @@ class Runner:
         planned: Sequence[tuple[int, Command]],
     ) -> tuple[list[int], list[Command]]:
         """The rest of the plan of an earlier runner, if it still fits the observations."""
-        seen = self._behaviours.observe()
+        seen = self.behaviours.observe()
         fits = True
         if begun is None:
-            self._store.observe(mission, seen)
+            self.store.observe(mission, seen)
         else:
             number, command = begun
             fits = happened(command, seen)
@@ -182,10 +175,8 @@ class Runner:
             again = []
             if not fits and command.begins(seen.place, seen.pose):  # it had no effect
                 again = [command, *(s for _, s in planned)]
-            numbers = self._store.end(mission, number, command, outcome, seen, then=again)
-            self._on_event(
-                MissionEvent("ended" if fits else "failed", number, command, outcome.message)
-            )
+            numbers = self.store.end(mission, number, command, outcome, seen, then=again)
+            self.tell(MissionEvent("ended" if fits else "failed", number, command, outcome.message))
             if again:
                 return numbers, again
         if fits and planned and planned[0][1].begins(seen.place, seen.pose):
@@ -200,15 +191,15 @@ class Runner:
         busy: frozenset[str],
         tried: frozenset[tuple[str, Pose]],
     ) -> Plan:
-        plan = partial(self._store.plan, self._planner, robot, goal, tried=tried)
+        plan = partial(self.store.plan, self.planner, robot, goal, tried=tried)
         if busy - without:  # an alternative, if there is one
             with suppress(ValueError, LookupError):
                 return plan(without=without | busy)
         return plan(without=without)
 
     def _finish(self, mission: int, state: str, reason: str | None = None) -> MissionResult:
-        self._store.finish(mission, state, reason)
-        self._on_event(MissionEvent(state, message=reason or ""))
+        self.store.finish(mission, state, reason)
+        self.tell(MissionEvent(state, message=reason or ""))
         return MissionResult(mission, state, reason)
 
 
@@ -224,11 +215,11 @@ class _Attempt:
         elevators: dict[str, str],
     ) -> None:
         self._runner = runner
-        self._store = runner._store
+        self._store = runner.store
         self._mission = mission
         self._numbers = numbers
         self._commands = list(commands)
-        self._claims = claims_of(commands, elevators, runner._width)
+        self._claims = claims_of(commands, elevators, runner.width)
         self._mine: str | None = None
         self._beat = -1e9
         self._waits_since: float | None = None
@@ -242,7 +233,7 @@ class _Attempt:
         tree = self._tree()
         tree.tick_once()
         while tree.status is Status.RUNNING:
-            time.sleep(self._runner._tick)
+            time.sleep(self._runner.tick)
             tree.tick_once()
         if self._mine is not None:
             self._store.release(self._mission, [self._mine])
@@ -261,9 +252,9 @@ class _Attempt:
     def guard(self) -> bool:
         """Whether the mission continues."""
         now = time.monotonic()
-        if now < self._beat + self._runner._expiry / 4:
+        if now < self._beat + self._runner.expiry / 4:
             return True
-        held = self._store.beat(self._mission, self._runner._expiry)
+        held = self._store.beat(self._mission, self._runner.expiry)
         self._beat = now
         self.cancelled = held.state != "running"
         lost = self._mine is not None and self._mine not in held.claims
@@ -282,7 +273,7 @@ class _Attempt:
         if wanted is None:
             return True
         try:
-            held_by_another = self._store.claim(self._mission, [wanted], self._runner._expiry)
+            held_by_another = self._store.claim(self._mission, [wanted], self._runner.expiry)
         except GoneError:
             return False  # the next plan does without it
         except LostMissionError:
@@ -295,7 +286,7 @@ class _Attempt:
         if self._waits_since is None:
             self._waits_since = now
             self._event("waits", index, f"{wanted} is in use")
-        if now - self._waits_since > self._runner._retry_policy.queue / self._runner._speed:
+        if now - self._waits_since > self._runner.retry_policy.queue / self._runner.speed:
             self.busy = wanted
             return False
         return None
@@ -303,7 +294,7 @@ class _Attempt:
     def begin(self, index: int) -> RunningBehaviour | None:
         """Store that the command begins, and start it; None if it cannot begin."""
         number, command = self._numbers[index], self._commands[index]
-        behaviours = self._runner._behaviours
+        behaviours = self._runner.behaviours
         if command.behaviour == "place" and len(command.arguments) > 1:
             towards = command.at or behaviours.observe().pose
             item, target = command.arguments[:2]
@@ -340,7 +331,7 @@ class _Attempt:
         if self._mine is not None and (not outcome.succeeded or following != self._mine):
             release.append(self._mine)
         self._store.end(
-            self._mission, number, command, outcome, self._runner._behaviours.observe(), release
+            self._mission, number, command, outcome, self._runner.behaviours.observe(), release
         )
         if release:
             self._mine = None
@@ -350,7 +341,7 @@ class _Attempt:
 
     def _event(self, kind: str, index: int, message: str = "") -> None:
         event = MissionEvent(kind, self._numbers[index], self._commands[index], message)
-        self._runner._on_event(event)
+        self._runner.tell(event)
 
 
 class _Ask(Behaviour):

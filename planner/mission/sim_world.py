@@ -68,7 +68,7 @@ class SimWorld:
     ) -> SimWorld:
         path.unlink(missing_ok=True)
         world = cls(path)
-        cabins = {c: lift for lift, inside in topology.cabins().items() for c in inside}
+        cabins = topology.elevators()
         with world.change() as file:
             for statement in _TABLES.split(";"):
                 file.execute(statement)
@@ -107,9 +107,8 @@ class SimWorld:
 
     def log(self, robot: str, what: str, about: str) -> None:
         """Store an event."""
-        self._file.execute(
-            "INSERT INTO event (robot, what, about) VALUES (?, ?, ?)", (robot, what, about)
-        )
+        statement = "INSERT INTO event (robot, what, about) VALUES (?, ?, ?)"
+        self._file.execute(statement, (robot, what, about))
 
     def events(self) -> list[tuple[str, str, str]]:
         """All events in order: robot, kind, and entity."""
@@ -162,13 +161,8 @@ class SimWorld:
 
     def set_door(self, name: str, state: str) -> None:
         """Set the state of a door: open, closed, locked or ajar."""
-        known = (
-            self._file.execute("UPDATE door SET ajar = 1 WHERE name = ?", (name,))
-            if state == "ajar"
-            else self._file.execute(
-                "UPDATE door SET state = ?, ajar = 0 WHERE name = ?", (state, name)
-            )
-        )
+        change, values = ("ajar = 1", ()) if state == "ajar" else ("state = ?, ajar = 0", (state,))
+        known = self._file.execute(f"UPDATE door SET {change} WHERE name = ?", (*values, name))
         if not known.rowcount:
             raise LookupError(f"there is no door {name} in the simulated world")
 

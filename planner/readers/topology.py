@@ -71,10 +71,8 @@ def read_places(seen: Snapshot) -> list[Place]:
     rows = fetch_rows(seen, _PLACES)
     types = read_supertypes(seen, {row[1] for row in rows})
     return [
-        Place(
-            *names, types=types.get(names[1], ()), properties=own or _NO_PROPERTIES, floor=z, id=id_
-        )
-        for *names, own, z, id_ in rows  # names from that of the place to that of the elevator
+        Place(name, kind, label, storey, lift, types.get(kind, ()), own or _NO_PROPERTIES, z, id_)
+        for name, kind, label, storey, lift, own, z, id_ in rows
     ]
 
 

@@ -127,7 +127,7 @@ class SearchPlanner:
         Raises NotFoundError: no look is worth its time any more, and the object is probably
         elsewhere.
         """
-        graph = self._graph(without)
+        graph = self.live.graph.without(without)
         where = read_robot(seen, robot)
         if where is None:
             raise LookupError(f"no room holds {robot}: give its start with --from")
@@ -150,13 +150,6 @@ class SearchPlanner:
         state.failures = state.failures + 1 if state.planned == decision.viewpoint else 0
         state.planned = decision.viewpoint
         return _plan(goal, name, search, graph, start, decision, at, opened)
-
-    def _graph(self, without: frozenset[str]) -> RoutingGraph:
-        graph = self.live.graph
-        if not without:
-            return graph
-        topology = graph.topology.without(without)
-        return RoutingGraph(topology, graph.robot, graph.costs, durations=graph.durations)
 
     def _state(
         self, seen: Snapshot, robot: str, name: str, graph: RoutingGraph, start: Endpoint
