@@ -27,15 +27,11 @@ def steps_along(
     and metres `inside` the place.
     """
     if ends is None:
-        return tuple(_inside(graph, start, goal, inside))
+        if goal.pose is None:
+            return ()
+        here = start.place
+        return (make_step(graph, "navigate", here, here, start.pose, goal.pose, *inside),)
     return tuple(_along(graph, start, goal, edges, ends))
-
-
-def _inside(
-    graph: RoutingGraph, start: Endpoint, goal: Endpoint, inside: tuple[float, float]
-) -> Iterator[RouteStep]:
-    if goal.pose is not None:
-        yield make_step(graph, "navigate", start.place, start.place, start.pose, goal.pose, *inside)
 
 
 def _along(

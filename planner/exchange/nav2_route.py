@@ -15,12 +15,11 @@ from typing import Any
 from navgrid.map_file import file_name
 from navgrid.nav2 import frame_name
 from planner.exchange.route_graph import (
-    ApproachPose,
     BuildingOutline,
     ExchangeError,
     Move,
     RouteGraph,
-    Waypoint,
+    RouteNode,
     around_corners,
     route_graph,
 )
@@ -131,7 +130,7 @@ def _storeys_of(topology: Topology, cabins: list[str]) -> list[str]:
 
 
 def _node(
-    number: int, node: ApproachPose | Waypoint, frame: str, served: Mapping[str, list[str]]
+    number: int, node: RouteNode, frame: str, served: Mapping[str, list[str]]
 ) -> dict[str, Any]:
     properties: dict[str, Any] = {
         "id": number,
@@ -140,12 +139,9 @@ def _node(
             name=node.name, place=node.place, storey=node.storey, elevator=node.elevator
         ),
     }
-    if isinstance(node, ApproachPose):
-        properties["metadata"] |= {
-            "connector": node.connector.name,
-            "side": node.side,
-            "yaw": _real(node.pose.yaw),
-        }
+    if node.connector is not None and node.yaw is not None:
+        about = {"connector": node.connector.name, "side": node.side, "yaw": _real(node.yaw)}
+        properties["metadata"] |= about
     if node.elevator is not None and node.elevator in served:
         properties["operations"] = {
             "switch_map": _operation(
@@ -190,8 +186,8 @@ def _edge(number: int, move: Move, made: RouteGraph, frame_of: Mapping[str, str]
 
 def _operations(
     move: Move,
-    start: ApproachPose | Waypoint,
-    end: ApproachPose | Waypoint,
+    start: RouteNode,
+    end: RouteNode,
     frame_of: Mapping[str, str],
 ) -> dict[str, Any]:
     """The operations of a move, with their triggers."""
@@ -235,5 +231,5 @@ def _real(value: float) -> float:
     return round(float(value), 4)
 
 
-def _coordinates(node: ApproachPose | Waypoint) -> list[float]:
+def _coordinates(node: RouteNode) -> list[float]:
     return [_real(v) for v in node.point]

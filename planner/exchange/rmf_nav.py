@@ -15,13 +15,12 @@ import shapely
 import yaml
 
 from planner.exchange.route_graph import (
-    ApproachPose,
     BuildingOutline,
     Cabin,
     DrawnLane,
     ExchangeError,
     RouteGraph,
-    Waypoint,
+    RouteNode,
     around_corners,
     route_graph,
     with_middles,
@@ -62,8 +61,7 @@ def rmf_nav_graph(
     for node in made.nodes:
         level = levels[node.storey]
         if node.elevator is None:
-            params = node.params if isinstance(node, Waypoint) else {}
-            vertex = level.vertex(node.point, node.name, **params)
+            vertex = level.vertex(node.point, node.name, **node.params)
         else:
             cabin = lifts[node.elevator]
             vertex = level.vertex(
@@ -76,7 +74,7 @@ def rmf_nav_graph(
             "map": s.storey,
         }
         for s in made.nodes
-        if isinstance(s, ApproachPose) and _is_door(s.connector)
+        if s.connector is not None and _is_door(s.connector)
     }
     for move in made.moves:
         (here, a), (there, b) = at[move.start], at[move.end]
@@ -120,7 +118,7 @@ def _add_drawn_lanes(
     doors: Mapping[str, Mapping[str, Any]],
 ) -> None:
     """Add the lanes that the building's file has, with their properties, in each direction."""
-    found = {n.region: at[i] for i, n in enumerate(made.nodes) if isinstance(n, Waypoint)}
+    found = {n.region: at[i] for i, n in enumerate(made.nodes) if n.region}
     shut = {
         storey: {
             name: shapely.LineString(door["endpoints"])
@@ -176,25 +174,18 @@ def _is_door(connector: PlaceConnector) -> bool:
     return connector.type == "door" and connector.behaviour == "pass_door"
 
 
-def _lifts(
-    nodes: tuple[ApproachPose | Waypoint, ...], building: BuildingOutline
-) -> dict[str, Cabin]:
+def _lifts(nodes: tuple[RouteNode, ...], building: BuildingOutline) -> dict[str, Cabin]:
     """The cabins; without an outline, at the mean of their approach poses."""
-    inside: dict[str, list[ApproachPose]] = {}
+    inside: dict[str, list[RouteNode]] = {}
     for node in nodes:
-        if isinstance(node, ApproachPose) and node.elevator is not None:
+        if node.connector is not None and node.elevator is not None:
             inside.setdefault(node.elevator, []).append(node)
-    return {
-        lift: building.cabins.get(lift)
-        or Cabin(
-            sum(s.pose.x for s in own) / len(own),
-            sum(s.pose.y for s in own) / len(own),
-            own[0].pose.yaw,
-            CABIN,
-            CABIN,
-        )
-        for lift, own in inside.items()
-    }
+    lifts = {}
+    for lift, own in inside.items():
+        x, y, _ = (sum(axis) / len(own) for axis in zip(*(n.point for n in own), strict=True))
+        mean = Cabin(x, y, own[0].yaw or 0.0, CABIN, CABIN)
+        lifts[lift] = building.cabins.get(lift) or mean
+    return lifts
 
 
 def _real(value: float) -> float:

@@ -18,7 +18,6 @@ from planner.robot_class import RobotClass
 from planner.routing_graph import RoutingGraph
 from planner.topology import OUTSIDE, PlaceConnector, Topology
 from semmap.error import Error
-from semmap.geometry.pose import Pose
 
 Outline: TypeAlias = Polygon | MultiPolygon
 
@@ -65,50 +64,27 @@ class BuildingOutline:
 
 
 @dataclass(frozen=True)
-class ApproachPose:
-    """The pose before a connector, on one of its sides (0 or 1), facing it."""
+class RouteNode:
+    """An approach pose, or a point of a place: drawn, at a corner, or in the middle.
 
-    connector: PlaceConnector
-    side: int
-    storey: str
-    elevator: str | None = None
-
-    @property
-    def place(self) -> str:
-        """The name of the place on this side of the connector."""
-        return self.connector.places[self.side]
-
-    @property
-    def pose(self) -> Pose:
-        """The connector's pose on this side, in the map's frame."""
-        return self.connector.poses[self.side]
-
-    @property
-    def point(self) -> tuple[float, float, float]:
-        """The position (x, y, z) in metres."""
-        return (self.pose.x, self.pose.y, self.pose.z)
-
-    @property
-    def name(self) -> str:
-        """Unique, as names of places and connectors are."""
-        return f"{self.connector.name}@{self.place}"
-
-
-@dataclass(frozen=True)
-class Waypoint:
-    """A point of a place that belongs to no connector: drawn, at a corner, or in the middle.
-
-    `params` are those that Open-RMF gives a drawn one, such as ``is_charger``; `region` is the name
-    of its region.
+    An approach pose has its connector, and the side (0 or 1) on which it is. A drawn point has the
+    name of its region, and the parameters of Open-RMF, such as ``is_charger``. Names are unique.
     """
 
     name: str
     place: str
     storey: str
-    point: tuple[float, float, float]
+    point: tuple[float, float, float]  # metres, in the map's frame
     elevator: str | None = None
-    params: Mapping[str, Any] = field(default_factory=dict)
+    connector: PlaceConnector | None = None
+    side: int = 0
     region: str | None = None
+    params: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def yaw(self) -> float | None:
+        """The heading of an approach pose, radians."""
+        return None if self.connector is None else self.connector.poses[self.side].yaw
 
 
 @dataclass(frozen=True)
@@ -131,7 +107,7 @@ class Move:
 class RouteGraph:
     """The nodes and moves of a routing graph, or of one storey of it."""
 
-    nodes: tuple[ApproachPose | Waypoint, ...]
+    nodes: tuple[RouteNode, ...]
     moves: tuple[Move, ...]
 
     @property
@@ -141,7 +117,7 @@ class RouteGraph:
 
     def busiest(self) -> tuple[str, int]:
         """The place with the most connectors, and how many it has."""
-        counted = Counter(s.place for s in self.nodes if isinstance(s, ApproachPose))
+        counted = Counter(s.place for s in self.nodes if s.connector is not None)
         return counted.most_common(1)[0]
 
 
@@ -156,14 +132,18 @@ def route_graph(
     """
     topology = routing.topology
     nodes = [
-        ApproachPose(
+        RouteNode(
+            f"{c.name}@{place.name}",
+            place.name,
+            place.storey or (there.storey if place.name == OUTSIDE else None) or storeyless,
+            c.poses[side][:3],
+            place.elevator,
             c,
             side,
-            _storey(topology, c, side) or storeyless,
-            topology.places[c.places[side]].elevator,
         )
         for c in routing.connectors
         for side in (0, 1)
+        for place, there in [[topology.places[c.places[s]] for s in (side, 1 - side)]]
     ]
     kept = list(range(len(nodes)))
     if storey is not None:
@@ -222,9 +202,8 @@ def with_waypoints(
             k: v for k, v in region.properties.items() if isinstance(v, bool | int | float | str)
         }
         number, at = len(nodes), (float(point.x), float(point.y), place.floor)
-        nodes.append(
-            Waypoint(str(name), place.name, storey, at, place.elevator, params | given, region.name)
-        )
+        about = {"region": region.name, "params": params | given}
+        nodes.append(RouteNode(str(name), place.name, storey, at, place.elevator, **about))
         names.add(str(name))
         near = sorted(here, key=lambda n: math.dist(nodes[n].point[:2], at[:2]))
         for n in near[:1] if region.name in laned and name != place.name else near:
@@ -241,7 +220,7 @@ def with_middles(made: RouteGraph, outlines: Mapping[str, Outline], speed: float
     nodes, moves = list(made.nodes), list(made.moves)
     names = {node.name for node in nodes}
     for place, inside in _inside(made).items():
-        numbers = [n for n in inside if isinstance(nodes[n], ApproachPose)]
+        numbers = [n for n in inside if nodes[n].connector is not None]
         if place in names or not numbers or nodes[numbers[0]].elevator is not None:
             continue
         points = np.array([nodes[n].point for n in numbers])
@@ -254,7 +233,7 @@ def with_middles(made: RouteGraph, outlines: Mapping[str, Outline], speed: float
             x, y = middle.x, middle.y
         z = float(points[0, 2])
         number = len(nodes)
-        nodes.append(Waypoint(place, place, nodes[numbers[0]].storey, (float(x), float(y), z)))
+        nodes.append(RouteNode(place, place, nodes[numbers[0]].storey, (float(x), float(y), z)))
         for n in numbers:
             seconds = math.dist(nodes[n].point, nodes[number].point) / speed
             moves += [Move(n, number, "walk", seconds), Move(number, n, "walk", seconds)]
@@ -292,7 +271,7 @@ def around_corners(
         for corner, (x, y) in enumerate(ways.corners):
             at[corner] = len(nodes)
             name = f"{place}#{corner + 1}"
-            nodes.append(Waypoint(name, place, first.storey, (float(x), float(y), z)))
+            nodes.append(RouteNode(name, place, first.storey, (float(x), float(y), z)))
         for i, j in pairs:
             way = ways.between.get((i, j))
             over = None if way is None else [at[c] for c in way]
@@ -318,9 +297,8 @@ def around_corners(
 
 def _doors_inside(made: RouteGraph, numbers: list[int]) -> shapely.Geometry:
     """The doors in walls that stand free in a place, as if shut: only a passage leads through."""
-    nodes = (made.nodes[n] for n in numbers)
-    doors = [n.connector for n in nodes if isinstance(n, ApproachPose) and n.side == 0]
-    leaves = [door.leaf(JAMB) for door in doors if door.places[0] == door.places[1]]
+    doors = [made.nodes[n].connector for n in numbers if made.nodes[n].side == 0]
+    leaves = [door.leaf(JAMB) for door in doors if door and door.places[0] == door.places[1]]
     return shapely.union_all(leaves).buffer(0.01)
 
 
@@ -340,9 +318,3 @@ def _inside(made: RouteGraph) -> dict[str, list[int]]:
         if node.place != OUTSIDE:
             inside.setdefault(node.place, []).append(number)
     return inside
-
-
-def _storey(topology: Topology, connector: PlaceConnector, side: int) -> str | None:
-    """The storey of a side; outside, that of the other side."""
-    here, there = (topology.places[connector.places[s]] for s in (side, 1 - side))
-    return here.storey or (there.storey if here.name == OUTSIDE else None)

@@ -61,10 +61,7 @@ class SimEyes:
         own = self._placed(name, objects[name].pose)
         around = [self._placed(n, seen.pose) for n, seen in objects.items() if n != name]
         fixed = [e.triangles for n, e in self.entities.items() if n not in objects]
-        others = np.concatenate([NO_TRIANGLES, *around, *fixed])
-        eye, far = self.sight.eye(base), self.sight.furthest
-        near = (others.min(axis=1) <= eye + far) & (others.max(axis=1) >= eye - far)
-        others = others[near.all(axis=1)]
+        others = self._in_reach([*around, *fixed], base)
         _, alone = camera.image(own)
         _, faces = camera.image(np.concatenate([own, others]))
         whole = int((alone >= 0).sum())
@@ -73,15 +70,19 @@ class SimEyes:
     def shares(self, base: Pose, opened: frozenset[str], target: str) -> dict[str, float]:
         """The share of each place that a look shows, by the map."""
         fixed = [e.triangles for n, e in self.entities.items() if n != target]
-        triangles = np.concatenate([NO_TRIANGLES, *fixed])
-        eye, far = self.sight.eye(base), self.sight.furthest
-        near = (triangles.min(axis=1) <= eye + far) & (triangles.max(axis=1) >= eye - far)
-        triangles = triangles[near.all(axis=1)]
+        triangles, far = self._in_reach(fixed, base), self.sight.furthest
         open_ = [p for p in self.places if p.name not in self.shut]
         camera = self.sight.camera(base)
         depths, _ = camera.image(triangles)
         shares = visible_shares(open_, camera, depths, furthest=far, step=0.1, height=self.height)
         return shares | dict.fromkeys(opened, 1.0)
+
+    def _in_reach(self, parts: Sequence[Floats], base: Pose) -> Floats:
+        """Those triangles (F, 3, 3) that may be in view."""
+        triangles = np.concatenate([NO_TRIANGLES, *parts])
+        eye, far = self.sight.eye(base), self.sight.furthest
+        near = (triangles.min(axis=1) <= eye + far) & (triangles.max(axis=1) >= eye - far)
+        return np.asarray(triangles[near.all(axis=1)])
 
     def _placed(self, name: str, pose: Pose) -> Floats:
         """(F, 3, 3) the triangles of an object at its true pose."""

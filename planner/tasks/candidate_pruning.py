@@ -57,7 +57,7 @@ def _prune_objects(draft: ProblemDraft, aside: Mapping[str, None], word: Word) -
 def _prune_targets(
     draft: ProblemDraft, aside: Mapping[str, None], word: Word, target: Word
 ) -> None:
-    problem, surfaces = draft.problem, draft.surfaces
+    problem, surfaces, items = draft.problem, draft.surfaces, draft.world.objects
     if sum(target in a.words for a in problem.goal.atoms) > 1:
         return
     names = problem.candidates[word]
@@ -67,7 +67,7 @@ def _prune_targets(
         for on in options
         if on not in problem.limits
         and all(on in surfaces.get(n, [on]) for n in names)
-        and _stays(draft, on)
+        and ((item := items.get(on)) is None or item.obstacle(draft.heights) is not None)  # stays
     ]
     if len(fixed) < 3 or any(n in aside for n in names):
         return
@@ -80,12 +80,6 @@ def _prune_targets(
             surfaces[name] = [on for on in surfaces[name] if on not in dropped]
     if target in problem.candidates:
         problem.candidates[target] = [n for n in problem.candidates[target] if n not in dropped]
-
-
-def _stays(draft: ProblemDraft, on: str) -> bool:
-    """Whether the robot cannot pick up an object; a floor stays too."""
-    item = draft.world.objects.get(on)
-    return item is None or item.obstacle(draft.heights) is not None
 
 
 def _best(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
+from itertools import product
 
 from planner.tasks.goal import ROBOT, Atom, Goal, GoalError, Word
 from planner.tasks.problem import NoPlanError, Problem, join_reasons
@@ -75,13 +76,12 @@ def _refuse_two_places(goal: Goal, a: Word, b: Word) -> None:
         [atom for atom in goal.atoms if atom.relation == "on" and atom.words[0] == word]
         for word in (a, b)
     ]
-    for one in atoms[0]:
-        for other in atoms[1]:
-            if one.words[1] != other.words[1]:
-                raise GoalError(
-                    f"{one} and {other} contradict each other: {a} and {b} are the same "
-                    "object; drop one of them"
-                )
+    for one, other in product(*atoms):
+        if one.words[1] != other.words[1]:
+            raise GoalError(
+                f"{one} and {other} contradict each other: {a} and {b} are the same object; drop "
+                "one of them"
+            )
 
 
 def find_wanted(draft: ProblemDraft) -> None:

@@ -37,52 +37,35 @@ def expand_plan(
     on, at = dict(problem.on), dict(problem.spots)
     here = 0
     names: tuple[str, ...]
-    shown: tuple[str, ...]
     for event in events:
+        operator = event.operator
         if event.kind == "pickup":
             (item,) = event.arguments
-            there = at[item]
-            names = (item, on.pop(item))
-            shown, seconds = (called.get(item, item), names[1]), problem.pickup
-            at.pop(item)
+            there, names, seconds = at.pop(item), (item, on.pop(item)), problem.pickup
         elif event.kind == "place":
-            item, target = event.arguments
-            there = at[target]
-            names, shown, seconds = (
-                event.arguments,
-                (called.get(item, item), target),
-                problem.place,
-            )
+            names, (item, target) = event.arguments, event.arguments
+            there, seconds = at[target], problem.place
             on[item] = target
             _settle(item, there, on, at)
-        elif event.kind == "finish":
-            assert event.site is not None
-            there, names, shown, seconds = event.site, (), (), 0.0
-            end = next(name for number, name in problem.finals if number == there)
-        else:
-            assert event.operator is not None
-            operator = event.operator
+        elif operator is not None:
             there = here if operator.at is None else at[operator.at]
             names, seconds = operator.arguments, operator.seconds
-            shown = tuple(called.get(n, n) for n in names)
+        else:
+            assert event.site is not None
+            there, names, seconds = event.site, (), 0.0
         driven, drive = _drive(graph, problem.sites[here], problem.sites[there])
         actions += driven
         here = there
         if event.kind == "finish":
             if drive:
+                end = next(name for number, name in problem.finals if number == there)
                 actions.append(Action("navigate", (end,), _sum(drive), drive))
             continue
-        name = event.operator.name if event.operator else event.kind
-        actions.append(
-            Action(
-                name,
-                shown,
-                _sum(drive) + seconds,
-                drive,
-                problem.sites[here].pose,
-                () if names == shown else names,
-            )
-        )
+        named = len(names) if operator else 1  # surfaces have their own names
+        shown = (*(called.get(n, n) for n in names[:named]), *names[named:])
+        name, pose = operator.name if operator else event.kind, problem.sites[here].pose
+        own = () if names == shown else names
+        actions.append(Action(name, shown, _sum(drive) + seconds, drive, pose, own))
     return Plan(problem.goal.text, tuple(actions), sum(a.seconds for a in actions), 0.0)
 
 
