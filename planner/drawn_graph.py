@@ -88,13 +88,11 @@ def find_drawn_route(
         pair = move.start.name, move.end.name
         if move.seconds < moves.get_edge_data(*pair, {"seconds": math.inf})["seconds"]:
             moves.add_edge(*pair, seconds=move.seconds, move=move)
-    entered = [_nearest_nodes(drawn, graph, end, "begins") for end in starts]
-    left = [_nearest_nodes(drawn, graph, end, "ends") for end in goals]
-    for end, nodes in zip(starts, entered, strict=True):
-        for name, seconds, metres in nodes:
+    for end in starts:
+        for name, seconds, metres in _nearest_nodes(drawn, graph, end, "begins"):
             moves.add_edge(START, name, seconds=seconds, metres=metres, endpoint=end)
-    for end, nodes in zip(goals, left, strict=True):
-        for name, seconds, metres in nodes:
+    for end in goals:
+        for name, seconds, metres in _nearest_nodes(drawn, graph, end, "ends"):
             moves.add_edge(name, GOAL, seconds=seconds, metres=metres, endpoint=end)
     try:
         path = nx.dijkstra_path(moves, START, GOAL, weight="seconds")

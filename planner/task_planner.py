@@ -85,26 +85,11 @@ class Task:
 
         Raises `planner.tasks.NoPlanError`.
         """
-        return find_plan(
-            self.graph,
-            self.world,
-            self.state,
-            self.goal,
-            domain=self.domain,
-            approach_pose=self.approach_pose,
-            patience=patience,
-        )
+        return find_plan(**vars(self), patience=patience)
 
     def problem(self) -> Problem:
         """The facts that the solver is given; raises `planner.tasks.NoPlanError`."""
-        return build_problem(
-            self.graph,
-            self.world,
-            self.state,
-            self.goal,
-            domain=self.domain,
-            approach_pose=self.approach_pose,
-        )
+        return build_problem(**vars(self))
 
 
 class TaskPlanner:

@@ -7,10 +7,10 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-import shapely
 from matplotlib.axes import Axes
 
 from planner.exchange.dot import STATES
+from planner.exchange.route_graph import middle_of
 from planner.exchange.visibility_graph import corner_paths
 from planner.topology import OUTSIDE, PlaceConnector, Topology
 from semmap.draw.floor_plan import floor_plan
@@ -29,7 +29,7 @@ def topology_plan(
     A dot in each room, and a line from it to each of its connectors in the colour of their state.
     One-way connectors have an arrow. A label at a cabin names the storeys that the elevator serves.
     """
-    at = {room.name: _middle(room.outline) for room in storey.rooms}
+    at = {room.name: middle_of(room.outline) for room in storey.rooms}
     ways = {room.name: _ways(topology, room, at[room.name]) for room in storey.rooms}
     bare = replace(storey, objects=[], regions=[], path=[])
     joined = [c for c in topology.connectors.values() if at.keys() & set(c.places)]
@@ -53,13 +53,6 @@ def topology_plan(
                 _served(axes, topology, elevator, storey.name, x, y)
 
     return floor_plan(bare, path, title=title or f"{storey.name}: topology", dpi=dpi, over=over)
-
-
-def _middle(outline: shapely.Geometry) -> tuple[float, float]:
-    middle = outline.centroid
-    if not outline.contains(middle):
-        middle = outline.representative_point()
-    return (middle.x, middle.y)
 
 
 def _ways(topology: Topology, room: RoomView, middle: Point) -> dict[tuple[str, int], list[Point]]:

@@ -225,12 +225,7 @@ def with_middles(made: RouteGraph, outlines: Mapping[str, Outline], speed: float
             continue
         points = np.array([nodes[n].point for n in numbers])
         outline = outlines.get(place)
-        x, y = points[:, :2].mean(axis=0)
-        if outline is not None:
-            middle = outline.centroid
-            if not outline.contains(middle):
-                middle = outline.representative_point()
-            x, y = middle.x, middle.y
+        x, y = points[:, :2].mean(axis=0) if outline is None else middle_of(outline)
         z = float(points[0, 2])
         number = len(nodes)
         nodes.append(RouteNode(place, place, nodes[numbers[0]].storey, (float(x), float(y), z)))
@@ -238,6 +233,14 @@ def with_middles(made: RouteGraph, outlines: Mapping[str, Outline], speed: float
             seconds = math.dist(nodes[n].point, nodes[number].point) / speed
             moves += [Move(n, number, "walk", seconds), Move(number, n, "walk", seconds)]
     return RouteGraph(tuple(nodes), tuple(moves))
+
+
+def middle_of(outline: shapely.Geometry) -> tuple[float, float]:
+    """The centroid of an outline, or else a point in it."""
+    middle = outline.centroid
+    if not outline.contains(middle):
+        middle = outline.representative_point()
+    return (middle.x, middle.y)
 
 
 def around_corners(

@@ -51,23 +51,19 @@ def _find_entities(problem: Problem, world: TaskWorld, topology: Topology) -> No
             if word.text == ROBOT or word in problem.candidates or word in problem.regions:
                 continue
             kind, names = world.find(word, topology)
-            if kind == "place":
-                if atom.relation != "in" or i != 1:
-                    raise GoalError(
-                        f"{atom}: {word} is a place; say in({atom.words[0]}, {word})"
-                        if atom.relation == "on"
-                        else f"{atom}: {word} is a place, no object"
-                    )
-                problem.regions[word] = names
-            elif kind == "region":
-                if atom.relation != "in" or atom.words[0].text != ROBOT:
-                    raise GoalError(
-                        f"{atom}: {word} is a region, where only the robot can go; name the room, "
-                        "or an object in it"
-                    )
-                problem.regions[word] = names
-            else:
-                problem.candidates[word] = names
+            if kind == "place" and (atom.relation != "in" or i != 1):
+                raise GoalError(
+                    f"{atom}: {word} is a place; say in({atom.words[0]}, {word})"
+                    if atom.relation == "on"
+                    else f"{atom}: {word} is a place, no object"
+                )
+            if kind == "region" and (atom.relation != "in" or atom.words[0].text != ROBOT):
+                raise GoalError(
+                    f"{atom}: {word} is a region, where only the robot can go; name the room, or "
+                    "an object in it"
+                )
+            of = problem.candidates if kind == "item" else problem.regions
+            of[word] = names
 
 
 def _refuse_two_places(goal: Goal, a: Word, b: Word) -> None:
@@ -103,10 +99,8 @@ def find_wanted(draft: ProblemDraft) -> None:
             raise GoalError(f"{problem.goal.text}: {word} is a place; a robot carries objects")
         usable, reasons = [], []
         for name in problem.candidates[word]:
-            if name in problem.held or draft.satisfied(word, name):
-                usable.append(name)
-                continue
-            why = draft.obstacle(name)
+            done = name in problem.held or draft.satisfied(word, name)
+            why = None if done else draft.obstacle(name)
             if why is None:
                 usable.append(name)
             else:
