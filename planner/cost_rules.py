@@ -75,13 +75,7 @@ class CostRule:
 
 @dataclass(frozen=True)
 class CostRules:
-    """Rules whose seconds add up.
-
-    Examples
-    --------
-    >>> CostRules.parse("rules: [{name: lab1, seconds: 60}]", "my_rules.yaml").rules[0].seconds
-    60.0
-    """
+    """Rules whose seconds add up."""
 
     rules: tuple[CostRule, ...]
 

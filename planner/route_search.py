@@ -40,17 +40,7 @@ def seconds_between(
 
 
 def find_route(graph: RoutingGraph, start: Endpoint, goal: Endpoint) -> Route:
-    """The route that takes the least time; raises NoRouteError, which says what blocks it.
-
-    Examples
-    --------
-    >>> from planner.topology import Place, PlaceConnector, Topology
-    >>> from semmap.geometry.pose import Pose
-    >>> door = PlaceConnector("door1", ("lab", "hall"), (Pose(0.0, -1.0), Pose(0.0, 1.0)))
-    >>> graph = RoutingGraph(Topology.of([Place("lab"), Place("hall")], [door]))
-    >>> find_route(graph, graph.endpoint("lab"), graph.endpoint("hall")).seconds
-    2.0
-    """
+    """The route that takes the least time; raises NoRouteError, which says what blocks it."""
     inside = _inside(graph, start, goal) if start.place == goal.place else (math.inf, math.inf)
     path = graph.graph.shortest(*graph.path_ends(start, goal))
     if path is None and math.isinf(inside[0]):

@@ -127,19 +127,8 @@ def make_step(
     file = "master.yaml" if graph.robot.parts else "map.yaml"
     if storey is not None and graph.has_several_storeys:
         file = f"{file_name(storey)}/{file}"
-    return RouteStep(
-        behaviour,
-        here,
-        there,
-        connector,
-        elevator,
-        approach,
-        leave,
-        seconds,
-        metres,
-        frame,
-        file,
-    )
+    ends = here, there, connector, elevator, approach, leave
+    return RouteStep(behaviour, *ends, seconds, metres, frame, file)
 
 
 def turned_around(pose: Pose) -> Pose:

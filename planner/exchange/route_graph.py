@@ -132,18 +132,9 @@ def route_graph(
     """
     topology = routing.topology
     nodes = [
-        RouteNode(
-            f"{c.name}@{place.name}",
-            place.name,
-            place.storey or (there.storey if place.name == OUTSIDE else None) or storeyless,
-            c.poses[side][:3],
-            place.elevator,
-            c,
-            side,
-        )
-        for c in routing.connectors
+        _approach_pose(topology, connector, side, storeyless)
+        for connector in routing.connectors
         for side in (0, 1)
-        for place, there in [[topology.places[c.places[s]] for s in (side, 1 - side)]]
     ]
     kept = list(range(len(nodes)))
     if storey is not None:
@@ -233,6 +224,16 @@ def with_middles(made: RouteGraph, outlines: Mapping[str, Outline], speed: float
             seconds = math.dist(nodes[n].point, nodes[number].point) / speed
             moves += [Move(n, number, "walk", seconds), Move(number, n, "walk", seconds)]
     return RouteGraph(tuple(nodes), tuple(moves))
+
+
+def _approach_pose(
+    topology: Topology, connector: PlaceConnector, side: int, storeyless: str
+) -> RouteNode:
+    """The node on a side of a connector; outside, on the storey of the other side."""
+    here, there = (topology.places[connector.places[s]] for s in (side, 1 - side))
+    storey = here.storey or (there.storey if here.name == OUTSIDE else None) or storeyless
+    name, at = f"{connector.name}@{here.name}", connector.poses[side][:3]
+    return RouteNode(name, here.name, storey, at, here.elevator, connector, side)
 
 
 def middle_of(outline: shapely.Geometry) -> tuple[float, float]:

@@ -133,9 +133,8 @@ class SearchPlanner:
             raise LookupError(f"no room holds {robot}: give its start with --from")
         start = graph.endpoint(*where)
         state = self._state(seen, robot, name, graph, start)
-        opened = frozenset(
-            k for k, v in enumerate(state.search.viewpoints) if v.opens in read_opened(seen, robot)
-        )
+        done = read_opened(seen, robot)
+        opened = frozenset(k for k, v in enumerate(state.search.viewpoints) if v.opens in done)
         at = state.search.nearest(*where)
         search = state.search if at is not None else state.search.from_here(start)
         search = _without_failed(search, state, at)

@@ -53,9 +53,7 @@ def compare(search: MapSearch, trials: int, seed: int = 0) -> dict[str, Any]:
             f"{trials} trials with {len(places)} places in view; give 2 trials and 2 places or more"
         )
     decisions: _Decisions = {}  # what was decided once is decided again
-    results: dict[str, list[list[tuple[float, bool]]]] = {
-        name: [] for name in ("believing", "without memory", "last seen first")
-    }
+    results: dict[str, list[list[tuple[float, bool]]]] = {}
     for trial in range(trials):
         draw = np.random.default_rng([seed, trial])
         truths = _truths(problem, search.share * seen, places, draw)
@@ -70,26 +68,28 @@ def compare(search: MapSearch, trials: int, seed: int = 0) -> dict[str, Any]:
                 answers = np.random.default_rng([seed, trial, run])
                 cost, place = _search(problem, strategy, spot, answers)
                 runs.append((cost, place == problem.place_of[spot]))
-            results[name].append(runs)
+            results.setdefault(name, []).append(runs)
     values = {k: np.array(v, float) for k, v in results.items()}  # (trials, runs, 2)
-    found: dict[str, Any] = {"trials": trials, "runs": RUNS}
     columns = {
         "first search": values["believing"][:, :1],
         "later searches": values["believing"][:, 1:],
-        "without memory": values["without memory"][:, 1:],
-        "last seen first": values["last seen first"][:, 1:],
+        **{name: values[name][:, 1:] for name in ("without memory", "last seen first")},
     }
-    found["strategies"] = {
-        name: {"seconds": _interval(k[:, :, 0].mean(axis=1)), "right": float(k[:, :, 1].mean())}
-        for name, k in columns.items()
+    seconds = {name: k[:, :, 0].mean(axis=1) for name, k in columns.items()}
+    later = seconds["later searches"]
+    return {
+        "trials": trials,
+        "runs": RUNS,
+        "strategies": {
+            name: {"seconds": _interval(seconds[name]), "right": float(k[:, :, 1].mean())}
+            for name, k in columns.items()
+        },
+        "later searches are shorter than": {
+            name: _interval(each - later)
+            for name, each in seconds.items()
+            if name != "later searches"
+        },
     }
-    later = columns["later searches"][:, :, 0].mean(axis=1)
-    found["later searches are shorter than"] = {
-        name: _interval(k[:, :, 0].mean(axis=1) - later)
-        for name, k in columns.items()
-        if name != "later searches"
-    }
-    return found
 
 
 def _interval(values: Floats) -> dict[str, float]:
@@ -97,10 +97,8 @@ def _interval(values: Floats) -> dict[str, float]:
     from scipy.stats import t
 
     error = values.std(ddof=1) / math.sqrt(len(values))
-    return {
-        "mean": float(values.mean()),
-        "half_width": float(t.ppf(0.975, len(values) - 1) * error),
-    }
+    width = float(t.ppf(0.975, len(values) - 1) * error)
+    return {"mean": float(values.mean()), "half_width": width}
 
 
 def _truths(

@@ -280,9 +280,8 @@ class _Reader:
             raise self.fail(key, f"{name} has no effects; add effects:")
         parameters: dict[str, str] = {}
         if "parameters" in given:
-            for parameter, (_, value) in self.mapping(
-                given["parameters"][1], f"{name}: parameters", "map names to types"
-            ).items():
+            what, hint = f"{name}: parameters", "map names to types"
+            for parameter, (_, value) in self.mapping(given["parameters"][1], what, hint).items():
                 parameters[parameter] = self.word(value, f"{name}: the type of {parameter}")
         place = None
         if "at" in given:
@@ -291,24 +290,16 @@ class _Reader:
                 raise self.fail(given["at"][1], f"{name}: at is a parameter, not {place}")
         needs = self.literals(name, given.get("needs"), parameters)
         effects = self.literals(name, given.get("effects"), parameters)
-        for literal in effects:
-            if literal.predicate in _RESERVED:
-                raise self.fail(
-                    given["effects"][1],
-                    f"{name}: {literal.predicate} is defined by the planner; effects use other "
-                    "predicates",
-                )
-        for literal in needs:
-            if literal.predicate in _OWN and not literal.holds:
-                raise self.fail(
-                    given["needs"][1],
-                    f"{name}: only positive needs are possible: {literal.predicate} shall not",
-                )
-            if literal.predicate in _RESERVED and literal.predicate not in _OWN:
-                raise self.fail(
-                    given["needs"][1],
-                    f"{name}: {literal.predicate} cannot be a need; use holding(x) or on(x, y)",
-                )
+        for of in (e.predicate for e in effects if e.predicate in _RESERVED):
+            why = f"{of} is defined by the planner; effects use other predicates"
+            raise self.fail(given["effects"][1], f"{name}: {why}")
+        for of, holds in ((n.predicate, n.holds) for n in needs if n.predicate in _RESERVED):
+            if of not in _OWN:
+                why = f"{of} cannot be a need; use holding(x) or on(x, y)"
+                raise self.fail(given["needs"][1], f"{name}: {why}")
+            if not holds:
+                why = f"only positive needs are possible: {of} shall not"
+                raise self.fail(given["needs"][1], f"{name}: {why}")
         seconds = 0.0
         if "seconds" in given:
             try:
@@ -338,11 +329,8 @@ class _Reader:
             for parameter in of:
                 if parameter not in parameters:
                     known = ", ".join(parameters) or "none"
-                    raise self.fail(
-                        item,
-                        f"{name}: {match[2]} uses {parameter}, which is not a parameter; "
-                        f"there are: {known}",
-                    )
+                    why = f"uses {parameter}, which is not a parameter; there are: {known}"
+                    raise self.fail(item, f"{name}: {match[2]} {why}")
             if match[2] in _OWN and len(of) != _OWN[match[2]]:
                 raise self.fail(item, f"{name}: {match[2]} takes {_OWN[match[2]]} parameters")
             found.append(DomainLiteral(match[2], of, match[1] is None))

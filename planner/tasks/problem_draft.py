@@ -89,16 +89,13 @@ class ProblemDraft:
         problem = self.problem
         item = self.world.objects[name]
         for atom in problem.goal.atoms:
-            if atom.words[0] != word or atom.relation not in ("on", "in"):
-                if atom.relation == "carries" and atom.words[1] == word:
-                    return False
-                continue
-            target = atom.words[1]
-            if target in problem.regions:
-                if item.place not in problem.regions[target]:
-                    return False
-            elif item.holder not in problem.candidates[target]:
+            if atom.relation == "carries" and atom.words[1] == word:
                 return False
+            if atom.relation in ("on", "in") and atom.words[0] == word:
+                target, places = atom.words[1], problem.regions.get(atom.words[1])
+                where = item.holder if places is None else item.place
+                if where not in (problem.candidates[target] if places is None else places):
+                    return False
         return True
 
     @cached_property

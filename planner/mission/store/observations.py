@@ -93,9 +93,7 @@ def find_placement(seen: Snapshot, item: str, target: str, towards: Pose) -> Pos
     """
     row = seen.connection.execute(text(_TARGET), {"name": target}).one_or_none()
     size = seen.connection.execute(text(_SIZE), {"name": item}).one_or_none()
-    if row is None or size is None:
-        return None
-    if row.footprint is None:
+    if row is None or size is None or row.footprint is None:
         return None
     is_room = row.kind == "room"
     where = {"target": row.id, "item": item}
