@@ -1,8 +1,4 @@
-"""Fields: what space contains and means, in sparse grids of voxels (OpenVDB).
-
-Maps that sources make, operators on maps, regions of entities, relations between entities, and
-queries. Only the modules in `store` read and write the database.
-"""
+"""Fields: what space contains and means, in sparse grids of voxels (OpenVDB)."""
 
 from __future__ import annotations
 

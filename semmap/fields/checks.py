@@ -1,4 +1,4 @@
-"""Checks of arguments that several modules of the fields take: lengths, points and poses."""
+"""Checks of lengths, points and poses that users give."""
 
 from __future__ import annotations
 
@@ -11,15 +11,7 @@ Vector = tuple[float, float, float]
 
 
 def positive(value: float, name: str) -> float:
-    """Return a length in metres that is above 0.
-
-    Raises ValueError: the value is not finite, or not above 0.
-
-    Examples
-    --------
-    >>> positive(1, "radius")
-    1.0
-    """
+    """Return a length in metres; raise ValueError unless it is finite and above 0."""
     number = float(value)
     if not (math.isfinite(number) and number > 0):
         raise ValueError(f"{name} is {value!r}: give metres above 0")
@@ -27,10 +19,7 @@ def positive(value: float, name: str) -> float:
 
 
 def as_length(value: float, name: str) -> float:
-    """Return a length in metres that is 0 or more.
-
-    Raises ValueError: the value is not finite, or below 0.
-    """
+    """Return a length in metres; raise ValueError unless it is finite and at least 0."""
     number = float(value)
     if not (math.isfinite(number) and number >= 0):
         raise ValueError(f"{name} is {value!r}: give metres of at least 0")
@@ -38,10 +27,7 @@ def as_length(value: float, name: str) -> float:
 
 
 def as_vector(value: ArrayLike, name: str) -> Vector:
-    """Return three finite numbers as a tuple.
-
-    Raises ValueError: the value has another shape, or a number is not finite.
-    """
+    """Return three finite numbers as a tuple; raise ValueError for anything else."""
     array = np.asarray(value, dtype=float)
     if array.shape != (3,) or not np.isfinite(array).all():
         raise ValueError(f"{name} is {value!r}: give three finite numbers")
@@ -49,10 +35,7 @@ def as_vector(value: ArrayLike, name: str) -> Vector:
 
 
 def as_direction(value: ArrayLike, name: str) -> Vector:
-    """Return a vector of any length as one of length 1.
-
-    Raises ValueError: the value is not a vector, or its length is 0.
-    """
+    """Return a vector of any length above 0 as one of length 1; raise ValueError for others."""
     x, y, z = as_vector(value, name)
     length = math.hypot(x, y, z)
     if not 0 < length < math.inf:
@@ -61,10 +44,7 @@ def as_direction(value: ArrayLike, name: str) -> Vector:
 
 
 def as_rotation(value: ArrayLike, name: str) -> NDArray[np.float64]:
-    """Return the rotation matrix (3, 3) of a unit quaternion (x, y, z, w).
-
-    Raises ValueError: the value is not a unit quaternion.
-    """
+    """Return the rotation matrix (3, 3) of a unit quaternion (x, y, z, w), or raise ValueError."""
     q = np.asarray(value, dtype=float)
     if q.shape != (4,) or not abs(float(np.linalg.norm(q)) - 1) < 1e-6:
         raise ValueError(f"{name} is {value!r}: give a unit quaternion (x, y, z, w)")
@@ -79,10 +59,7 @@ def as_rotation(value: ArrayLike, name: str) -> NDArray[np.float64]:
 
 
 def as_rigid_rows(value: ArrayLike, name: str) -> list[list[float]]:
-    """Return the upper three rows of a rigid transform (4, 4).
-
-    Raises ValueError: the value has another shape, or scales or shears.
-    """
+    """Return the upper three rows of a rigid transform (4, 4); raise ValueError for others."""
     m = np.asarray(value, dtype=float)
     if m.shape != (4, 4) or not np.isfinite(m).all():
         raise ValueError(f"{name}: give a (4, 4) rigid transform of finite numbers")
@@ -94,10 +71,7 @@ def as_rigid_rows(value: ArrayLike, name: str) -> list[list[float]]:
 
 
 def as_points(value: ArrayLike, name: str) -> NDArray[np.float64]:
-    """Return points (N, 3) as a contiguous array.
-
-    Raises ValueError: the value has another shape, or a number is not finite.
-    """
+    """Return finite points (N, 3) as a contiguous array; raise ValueError for others."""
     points = np.ascontiguousarray(value, dtype=np.float64)
     if points.shape == (0,):
         points = points.reshape(0, 3)
@@ -109,10 +83,7 @@ def as_points(value: ArrayLike, name: str) -> NDArray[np.float64]:
 
 
 def as_faces(value: ArrayLike, vertices: int, name: str) -> NDArray[np.int32]:
-    """Return triangles (M, 3) as a contiguous array of vertex indices.
-
-    Raises ValueError: the value has another shape or type, or an index does not belong to a vertex.
-    """
+    """Return triangles (M, 3) as contiguous indices of vertices; raise ValueError for others."""
     faces = np.asarray(value)
     if faces.ndim != 2 or faces.shape[1] != 3 or not np.issubdtype(faces.dtype, np.integer):
         raise ValueError(f"{name}: give an (M, 3) array of integers")

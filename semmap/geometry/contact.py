@@ -62,14 +62,9 @@ def overlap(
 ) -> tuple[Floats, float, float] | None:
     """Return the extents (3,) of what two solids share and its part of each, or None if it is thin.
 
-    It is thin unless it contains a cube of `tolerance` (within the spacing of the lines). Solids
-    are where the faces along a vertical line enter and leave: an open sheet has no inside.
-
-    Parameters
-    ----------
-    first, second : (F, 3, 3) faces over the window, normals outward or all inward
-    low, high : (3,) corners of the window: what the boxes of both share
-    tolerance : metres
+    It is thin unless it contains a cube of `tolerance` metres (within the spacing of the lines).
+    Faces (F, 3, 3) are those over the window from `low` to `high`, with normals outward or all
+    inward. Solids are where they enter and leave a vertical line: an open sheet has no inside.
     """
     size = high - low
     spacing = max(SPACING, float(np.sqrt(size[0] * size[1] / MOST_LINES)))

@@ -32,10 +32,8 @@ class Floor:
 def shadow(mesh: Mesh, low: float, high: float, *, fill: bool) -> Polygon | MultiPolygon:
     """Return the part of a mesh between two heights, seen from above.
 
-    Parameters
-    ----------
-    fill : whether the inside of any ring of faces counts. Otherwise only the inside of a closed
-        mesh does: that of a wall, not that of a room within an open shell.
+    With `fill`, the inside of any ring of faces counts; else only that of a closed mesh does: that
+    of a wall, not that of a room within an open shell.
     """
     if not len(mesh.faces):
         return Polygon()
@@ -129,26 +127,11 @@ def walkable_floor(
 ) -> Floor | None:
     """Return the part of a room's floor that can be walked on, or None.
 
-    Parameters
-    ----------
-    ground : the room's outline, metres
-    height : z of its floor
-    room : its mesh; without one, the floor is the whole ground at `height`
-    obstacles : meshes in the room, in the same frame, each with `fill` as in `shadow`
-    headroom : free height above the floor, metres
-    max_step : highest step between faces, metres; lower objects are not obstacles
-    max_slope : largest tilt of a face of the floor, radians
-    min_area : least area of a part of the floor, square metres
-
-    Notes
-    -----
-    The floor of a mesh is its faces within `max_slope`, of either orientation (real meshes mix
-    both), that are connected, by steps of at most `max_step`, with a face at `height`.
-
-    Raises
-    ------
-    ValueError
-        The headroom is not above the step, or the step is negative.
+    It is the faces of `room` within `max_slope` radians, of either orientation, that are connected,
+    by steps of at most `max_step` metres, with a face at `height`; without a mesh, all of `ground`
+    at this height. `headroom` metres above it are free of the obstacles, each a mesh with `fill` as
+    in `shadow`. Parts below `min_area` square metres are left out. Raises ValueError: the headroom
+    is not above the step, or the step is negative.
     """
     if not 0 <= max_step < headroom:
         raise ValueError(

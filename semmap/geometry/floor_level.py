@@ -30,31 +30,12 @@ def floor_level(
     *,
     near: tuple[float, float] | None = None,
 ) -> float | None:
-    """Return the height of the floor that meshes show, the lowest of several storeys.
+    """Return the height of the floor that meshes show, metres, the lowest of several storeys.
 
-    It is the widest level surface of the ground. Without ground it is a level surface near the
-    lowest point of the bodies that is half as wide as all of them together; without such a surface
-    it is the height at which most bodies stand.
-
-    Parameters
-    ----------
-    ground : sequence of (F, 3, 3) arrays
-        Triangles of what is known to be floor, metres.
-    bodies : sequence of (F, 3, 3) arrays
-        Triangles of anything else.
-    near : (low, high), optional
-        Return only a floor within these heights.
-
-    Returns
-    -------
-    float or None
-        z in metres; None where there are no triangles, or no floor within `near`.
-
-    Examples
-    --------
-    >>> slab = np.array([[[0, 0, z], [4, 0, z], [0, 3, z]] for z in (-0.2, 0.034)])
-    >>> floor_level([slab])
-    0.034
+    It is the widest level surface of the ground, (F, 3, 3) triangles. Without ground it is a level
+    surface near the lowest point of the bodies that is half as wide as all of them together;
+    without such a surface it is the height at which most bodies stand. None where there are no
+    triangles, or no floor within `near`.
     """
     known = _lowest_surface(_joined(ground), near)
     if known is not None:
@@ -87,11 +68,8 @@ def _lowest_surface(
 ) -> float | None:
     """The top of the lowest level surface that is about as wide as the widest one.
 
-    A slab has a surface below and one above: the upper one counts.
-
-    Parameters
-    ----------
-    least : square metres below which a surface is not a floor
+    A slab has a surface below and one above: the upper one counts. No surface is less than `least`
+    square metres.
     """
     heights, areas = _level_faces(triangles)
     if near is not None:

@@ -18,13 +18,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class Mesh:
-    """A triangle mesh in its own frame.
-
-    Attributes
-    ----------
-    vertices : (V, 3) float64, metres
-    faces : (F, 3) int32, indices into `vertices`
-    """
+    """A triangle mesh: vertices (V, 3), metres, in its own frame, and faces (F, 3)."""
 
     vertices: NDArray[np.float64]
     faces: NDArray[np.int32]
@@ -48,7 +42,7 @@ class Mesh:
 
     @property
     def is_closed(self) -> bool:
-        """True if the surface has an inside: each edge belongs to an even number of faces.
+        """Whether the surface has an inside: each edge belongs to an even number of faces.
 
         Vertices count as one where their coordinates are equal. The numbers of all edges are
         combined by exclusive or: those that occur twice cancel out, at a risk of error of 2**-64.

@@ -15,12 +15,7 @@ def observation_area(
 ) -> Polygon | MultiPolygon:
     """Return the ring from `near` to `far` metres around a footprint, within its room.
 
-    Round corners are drawn with 16 segments a quarter turn, within 0.12 % of the distance.
-
-    Raises
-    ------
-    ValueError
-        The distances are not 0 <= near < far, or the ring does not meet the room.
+    Raises ValueError: not 0 <= near < far, or the ring does not meet the room.
     """
     if not 0 <= near < far < float("inf"):
         raise ValueError(f"an observation area from {near} to {far} m: give 0 <= near < far")

@@ -18,13 +18,9 @@ MANY = 2000
 def hull_points(mesh: Mesh) -> NDArray[np.float64]:
     """Return the corners (N, 3) of the mesh's convex hull: its extents under any rotation.
 
-    They are exact for up to `MANY` vertices, and to 1e-9 of the mesh's size for more. A flat or
-    straight mesh has no volume; the corners are those of its hull in its plane, or its two ends.
-
-    Raises
-    ------
-    ValueError
-        A vertex is not finite.
+    They are exact for up to `MANY` vertices, and to 1e-9 of the mesh's size for more. A mesh of no
+    volume has the corners of its hull in its plane, or its two ends. Raises ValueError: a vertex is
+    not finite.
     """
     points = mesh.used if len(mesh.faces) else mesh.vertices
     if not np.isfinite(points).all():

@@ -12,20 +12,17 @@ from semmap.geometry.mesh import Mesh
 
 
 def closed_as_whole(mesh: Mesh) -> bool:
-    """Return whether the surface has each of its edges as often in one direction as in the other.
-
-    So `navgrid.slabs` decides which solids have an inside: equal corners are one.
-    """
+    """Whether the surface, with equal corners as one, has an inside as for `navgrid.slabs`."""
     vertices = np.ascontiguousarray(mesh.vertices, np.float64)
     faces = np.ascontiguousarray(mesh.faces, np.int32)
     return bool(semmap_native.closed_solids(vertices, faces, None, 1, 1)[0])
 
 
 def closed_parts(mesh: Mesh) -> tuple[NDArray[np.int32], NDArray[np.bool_]]:
-    """Return the part (F,) of each face, and (parts,) whether that part is closed.
+    """Return the part (F,) of each face, and (parts,) whether that part has an inside.
 
     Faces are connected by corners that are equal within a micrometre. A closed part has each of its
-    edges as often in one direction as in the other: it has an inside.
+    edges as often in one direction as in the other.
     """
     if not len(mesh.faces):
         return np.zeros(0, np.int32), np.zeros(0, bool)

@@ -19,12 +19,7 @@ if TYPE_CHECKING:
 class Pose(NamedTuple):
     """Where a frame stands in another: ``p_outer = rotation_matrix @ p_inner + translation``.
 
-    Attributes
-    ----------
-    x, y, z : float
-        Translation in metres, right-handed, z up.
-    qx, qy, qz, qw : float
-        Unit quaternion.
+    It is a translation in metres, right-handed, z up, and a unit quaternion.
     """
 
     x: float = 0.0

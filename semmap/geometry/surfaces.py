@@ -17,14 +17,9 @@ from semmap.geometry.parts import closed_parts
 
 @dataclass(frozen=True, eq=False)
 class LevelPatch:
-    """A level patch in the mesh's frame.
+    """A level patch in the mesh's frame: z in metres, outline from above, square metres, faces.
 
-    Attributes
-    ----------
-    height : z of the patch, metres (area-weighted mean of its faces)
-    outline : its area, seen from above
-    area : square metres of `outline`
-    faces : indices of its faces in the mesh
+    The height is the area-weighted mean of its faces, which are indices in the mesh.
     """
 
     height: float
@@ -43,20 +38,12 @@ def support_surfaces(
 ) -> list[LevelPatch]:
     """Return table tops, boards, seats: upward, level, free above; the highest first.
 
-    Parameters
-    ----------
-    min_area : least area of a support surface, square metres
-    max_tilt : largest tilt of a face, radians
-    level : metres within which faces are of one height; also the gap that a patch may bridge, so
-        that doubled vertices and T-junctions of real meshes do not divide it
-    clearance : free height above a patch, metres: the underside of a board and a drawer's bottom
-        are not supports
-
-    Notes
-    -----
-    Faces are grouped by height and by contact in projection, not by shared vertices. Where the next
-    level face above also faces up, the patch is inside a solid and not a support. The normals of a
-    connected part with a negative volume are reversed: real meshes mix both orientations.
+    Faces tilted by up to `max_tilt` radians are of one height within `level` metres, which is also
+    the gap that a patch may bridge: real meshes have doubled vertices and T-junctions. `clearance`
+    metres above a patch are free, so that undersides of boards are none, and `min_area` square
+    metres its least area. Where the next level face above also faces up, the patch is inside a
+    solid. The normals of a connected part with a negative volume are reversed: real meshes mix both
+    orientations.
     """
     if not len(mesh.faces):
         return []

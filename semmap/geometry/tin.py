@@ -46,13 +46,7 @@ def encode_chunks(
 
 
 def decode_patch(patch: bytes) -> NDArray[np.float64]:
-    """The triangles (F, 3, 3), metres, of a patch, as a view of its bytes.
-
-    Raises
-    ------
-    ValueError
-        The patch is not a little-endian ``TIN Z`` without SRID.
-    """
+    """The triangles (F, 3, 3), metres, of a patch, as a view of its bytes, or ValueError."""
     order, kind, count = np.frombuffer(patch, dtype=_HEADER, count=1)[0]
     size = _HEADER.itemsize + count * _TRIANGLE.itemsize
     if order != 1 or kind != _TIN_Z or len(patch) != size:

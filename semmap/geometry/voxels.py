@@ -16,18 +16,7 @@ from semmap.geometry.extent import extent
 class Voxels:
     """Some voxels of a regular lattice, whose axes are those of the map's frame.
 
-    Voxel (i, j, k) covers the half-open cube at (i, j, k) * size.
-
-    Attributes
-    ----------
-    size : float
-        The edge of a voxel, metres.
-    indices : (N, 3) integers
-
-    Examples
-    --------
-    >>> Voxels.of_points([(0.0, 0.0, 0.12), (0.01, 0.0, 0.13)], 0.05).indices
-    array([[0, 0, 2]])
+    Voxel (i, j, k) covers the half-open cube at (i, j, k) * size, in metres.
     """
 
     size: float
@@ -35,19 +24,10 @@ class Voxels:
 
     @classmethod
     def of_points(cls, points: ArrayLike, size: float) -> Voxels:
-        """Return the voxels that contain points, as OpenVDB draws them for mirrors and grids.
+        """Return the voxels that contain points (N, 3), metres, as OpenVDB draws them for mirrors.
 
-        Parameters
-        ----------
-        points : (N, 3), metres
-        size : float, metres
-
-        Raises
-        ------
-        LookupError
-            OpenVDB is not installed.
-        ValueError
-            A coordinate is not finite, or the size is not above 0.
+        Raises LookupError: OpenVDB is not installed. Raises ValueError: a coordinate is not finite,
+        or the size is not above 0.
         """
         try:
             import semmap_vdb
@@ -65,7 +45,6 @@ class Voxels:
         return cls(size, drawn.astype(np.int64))
 
     def __len__(self) -> int:
-        """Return the number of voxels."""
         return len(self.indices)
 
     @cached_property
@@ -82,13 +61,7 @@ class Voxels:
         return np.asarray((self.indices + 0.5) * self.size, np.float64)
 
     def top_faces(self) -> NDArray[np.float64]:
-        """Return the upper faces of the voxels that have none above them.
-
-        Returns
-        -------
-        (F, 3, 3) float64
-            Triangles, two for each face, metres.
-        """
+        """Return the upper faces of voxels with none above them, as triangles (F, 3, 3), metres."""
         there = {*map(tuple, self.indices.tolist())}
         tops = [(i, j, k + 1) for i, j, k in there if (i, j, k + 1) not in there]
         corner = np.array(sorted(tops), np.float64).reshape(-1, 1, 3)

@@ -22,15 +22,11 @@ def walked_faces(
     max_slope: float,
     among: NDArray[np.bool_] | None = None,
 ) -> NDArray[np.bool_]:
-    """Return (F,) whether each face is reached from a floor by walking on faces.
+    """Return (F,) whether each face is reached from a floor by walking on faces (F, 3, 3), metres.
 
-    Parameters
-    ----------
-    triangles : (F, 3, 3), metres; of either orientation, because real meshes mix both
-    floors : heights at which walking begins, on faces within a step of them
-    max_step : highest step between faces that touch, seen from above, metres
-    max_slope : largest tilt of a face, radians
-    among : (F,) the faces to consider; by default all
+    Faces are of either orientation, because real meshes mix both, and tilted by up to `max_slope`
+    radians; those that touch, seen from above, are up to a step apart. Walking begins at `floors`,
+    heights, on faces within a step of them. `among` (F,) limits the faces.
     """
     low, high = triangles[:, :, 2].min(axis=1), triangles[:, :, 2].max(axis=1)
     normals = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])

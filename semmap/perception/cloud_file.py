@@ -12,12 +12,9 @@ from semmap.perception.point_cloud import Floats
 
 
 def read_cloud(path: Path) -> Floats:
-    """Return the points of a PLY file, (n, 3), or the array of a NumPy file; metres.
+    """Return the points (n, 3) of a PLY file, or the array of a NumPy file, metres.
 
-    Raises
-    ------
-    PerceptionError
-        The file is missing, of another format, or has no points.
+    Raises PerceptionError: the file is missing, of another format, or has no points.
     """
     if not path.is_file():
         raise PerceptionError(f"{path} does not exist: give a PLY or NPY file with points")

@@ -1,8 +1,7 @@
 """Rough shapes from few points with normals, many at once; the best by a truncated cost.
 
 Two points with normals give a sphere or cylinder, three a cone, two perpendicular normals the frame
-of a cuboid (Schnabel, Wahl and Klein, "Efficient RANSAC for Point-Cloud Shape Detection", 2007).
-The signs of normals do not matter.
+of a cuboid (Schnabel and others, "Efficient RANSAC for Point-Cloud Shape Detection", 2007).
 """
 
 from __future__ import annotations

@@ -1,8 +1,7 @@
 """The sphere, cylinder, cuboid or cone that is most like a mesh.
 
-A mesh shows all sides of an object, so that shapes are compared as solids: by the volume that they
-share with the convex hull of the mesh, relative to the volume of both. Shapes fitted to the surface
-leave out handles and spouts; where nothing fits, a box or cylinder around the mesh remains.
+Shapes are compared as solids, by the volume that they share with the mesh's convex hull: handles
+and spouts count little, and a box or cylinder around the mesh remains where nothing fits.
 """
 
 from __future__ import annotations
@@ -38,8 +37,7 @@ TOLERANCE = 0.01
 def mesh_primitive(mesh: trimesh.Trimesh, *, seed: int = 0) -> Primitive:
     """Return the shape that is most like a mesh, in the frame of the mesh.
 
-    Raises PerceptionError: a mesh without faces, with vertices that are not finite, or of no
-    volume.
+    Raises PerceptionError: no faces, vertices that are not finite, or no volume.
     """
     import trimesh
 

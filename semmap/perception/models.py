@@ -1,7 +1,6 @@
-"""Models of known objects: what cameras around a mesh see of it.
+"""Models of known objects: what cameras around a mesh see (O'Neill's thesis, section 5.0.4).
 
-O'Neill's thesis (section 5.0.4) rotates models and stores descriptors of their views. Here a
-descriptor is a histogram about the line of sight, so that a camera's roll does not change it; the
+A descriptor is a histogram about the line of sight, so that a camera's roll does not change it; the
 roll follows from a signature over the angle about the line of sight.
 """
 
@@ -88,17 +87,10 @@ class KnownObject:
 
 
 def train_model(name: str, mesh: Mesh, *, views: int = 42) -> KnownObject:
-    """Return a model of a mesh, seen from directions that cover the sphere evenly.
+    """Return a model of a mesh, metres, seen from directions that cover the sphere evenly.
 
-    Parameters
-    ----------
-    mesh : metres
-    views : number of directions
-
-    Raises
-    ------
-    PerceptionError
-        A mesh of no volume, or wider than 0.6 m: this recogniser is for objects on tables.
+    Raises PerceptionError: a mesh of no volume, or wider than 0.6 m: this recogniser is for objects
+    on tables.
     """
     used = mesh.used
     width = np.ptp(used, axis=0) if len(used) else np.zeros(3)
@@ -129,12 +121,7 @@ def sphere_directions(count: int) -> Floats:
 
 
 def depth_points(camera: DepthCamera, depths: ArrayLike) -> Floats:
-    """Return an organised cloud (height, width, 3) in the frame of the camera, NaN where no depth.
-
-    Parameters
-    ----------
-    depths : (height, width) metres ahead, as of ``camera.image(triangles)[0]``
-    """
+    """Return points (height, width, 3) in the camera's frame, NaN where a depth, in metres, is."""
     fx, fy, cx, cy = camera.intrinsics
     ahead = np.asarray(depths, float)
     row, column = np.indices(ahead.shape)

@@ -1,7 +1,6 @@
-"""Known furniture taken out of a cloud, so that what stands on and in it remains.
+"""Known furniture taken out of a cloud (O'Neill's thesis, section 5.0.5).
 
-O'Neill's thesis (section 5.0.5) aligns a model of the placeholder with the scene, by RANSAC over
-features and then by ICP, and subtracts it: a shelf has no single table plane.
+A shelf has no single table plane: its model is aligned, by RANSAC and ICP, and subtracted.
 """
 
 from __future__ import annotations
@@ -67,8 +66,7 @@ def subtract_placeholder(
     Parameters
     ----------
     points : (n, 3) or (height, width, 3) metres; NaN where nothing was seen
-    placeholder : the furniture, where the map has it
-    shift, turn : how far it may be from there, metres and radians
+    shift, turn : how far the furniture may be from where it is believed, metres and radians
     near : distance of points that are on it, metres
     voxel : metres between the points that are aligned
 

@@ -26,10 +26,7 @@ class Plane(NamedTuple):
 
 
 def unit_vector(given: ArrayLike, what: str) -> Floats:
-    """Return a vector of three numbers at length 1.
-
-    Raises PerceptionError: it has another shape, or no direction.
-    """
+    """Return a vector of three numbers at length 1; PerceptionError for others and for 0."""
     vector = np.asarray(given, np.float64)
     length = float(np.linalg.norm(vector)) if vector.shape == (3,) else 0.0
     if not np.isfinite(length) or length < 1e-9:
@@ -45,19 +42,11 @@ def find_plane(
     tolerance: float = 0.01,
     seed: int = 0,
 ) -> Plane:
-    """Return the level plane that most points are on: RANSAC, then least squares on its points.
+    """Return the level plane that most points (n, 3) are on: RANSAC, then least squares.
 
-    Parameters
-    ----------
-    points : (n, 3) metres, finite
-    up : (3,) the normal points this way, in the frame of the points
-    tilt : largest angle between the normal and `up`, radians
-    tolerance : distance of points that are on the plane, metres
-
-    Raises
-    ------
-    PerceptionError
-        No level plane has a tenth of the points.
+    `up` is in the frame of the points; `tilt` is the largest angle of the normal to it, radians;
+    points within `tolerance` metres are on the plane. Raises PerceptionError: no level plane has a
+    tenth of the points.
     """
     upward = unit_vector(up, "up")
     random = np.random.default_rng(seed)

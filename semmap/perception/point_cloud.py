@@ -21,24 +21,10 @@ NEIGHBOURS = 20
 
 
 def checked_points(points: ArrayLike, least: int, what: str = "the cloud") -> Floats:
-    """Return the finite points of a cloud.
+    """Return the finite points (m, 3) of a cloud (n, 3) or (height, width, 3), metres.
 
-    Parameters
-    ----------
-    points : (n, 3), or an organised cloud (height, width, 3), metres; NaN where a camera saw
-        nothing
-    least : the number of points that are needed
-    what : names the cloud in errors
-
-    Returns
-    -------
-    numpy.ndarray
-        (m, 3)
-
-    Raises
-    ------
-    PerceptionError
-        Another shape, too few finite points, or a coordinate of more than 1,000 km.
+    Raises PerceptionError: another shape, less than `least` finite points, or a coordinate of more
+    than 1,000 km.
     """
     try:
         found = np.asarray(points, np.float64)
@@ -63,18 +49,7 @@ def checked_points(points: ArrayLike, least: int, what: str = "the cloud") -> Fl
 
 
 def voxel_downsample(points: Floats, size: float) -> Floats:
-    """Return the mean point of each occupied voxel.
-
-    Parameters
-    ----------
-    points : (n, 3) metres, finite
-    size : edge of a voxel, metres
-
-    Returns
-    -------
-    numpy.ndarray
-        (m, 3), ordered by voxel.
-    """
+    """Return the mean point of each occupied voxel, by voxel: (m, 3) of (n, 3) metres."""
     if not size > 0:
         raise PerceptionError(f"the voxel size is {size} m: give a number above 0")
     if float(np.prod(np.ptp(points / size, axis=0) + 2)) > 2**62:
@@ -107,14 +82,9 @@ class Surfels:
 
 
 def surfels(points: Floats, neighbours: int = NEIGHBOURS, alone: float | None = None) -> Surfels:
-    """Return points with the normals of the planes through their nearest neighbours.
+    """Return points (n, 3) with the normals of the planes through so many nearest neighbours.
 
-    Parameters
-    ----------
-    points : (n, 3) metres, finite
-    neighbours : points of each plane, itself included
-    alone : points are left out whose neighbours are so many times farther than usual; none where
-        None
+    Points are left out whose neighbours are `alone` times farther than usual; none for None.
     """
     k = min(neighbours, len(points))
     distance, near = cKDTree(points, balanced_tree=False).query(points, k)

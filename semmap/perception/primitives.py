@@ -1,8 +1,8 @@
 """The sphere, cylinder, cuboid or cone that fits points best, also if only one side is seen.
 
-RANSAC suggests shapes (`hypotheses`), iteratively reweighted least squares refine them. What a view
-does not show is not guessed: an end of a shape is a face that is seen, the table that the object
-stands on, or the edge of a face that leads there; else the deviation of the size is infinite.
+RANSAC suggests shapes, iteratively reweighted least squares refine them. An end of a shape is a
+face that is seen, the table that the object stands on, or the edge of a face that leads there; else
+the deviation of the size is infinite.
 """
 
 from __future__ import annotations
@@ -88,7 +88,6 @@ def fit_primitive(
     kinds : the shapes to try, of `SHAPES`
     tolerance : distance of inliers, metres; by default three deviations of the noise, at least 1 %
         of the cluster's diameter
-    seed : of the random choices
 
     Raises
     ------
@@ -201,12 +200,9 @@ def _cost(fit: Fit, cloud: Surfels, within: float) -> float:
 
 
 def primitive_of(fit: Fit, points: Floats, mean: Floats, within: float) -> Primitive:
-    """Return a fit with its origin in the middle and its axes in a fixed order.
+    """Return a fit to points about their mean, with its origin in the middle and ordered axes.
 
-    Parameters
-    ----------
-    points : (n, 3) which are compared with the surface, about their `mean`
-    within : distance of inliers, metres
+    Points within so many metres are inliers.
     """
     kind, rotation, origin, bounds = fit.placed
     size, deviation = size_of(kind, bounds), fit.deviation
@@ -254,10 +250,9 @@ def _bounds_of(kind: str, size: tuple[float, ...]) -> Floats:
 
 
 def _about_axis(axis: Floats, *, either_way: bool) -> Floats:
-    """The rotation (3, 3) of a round shape about its axis: equal for equal axes.
+    """The rotation (3, 3) of a round shape about its axis; x is nearest to the outer x axis.
 
-    Its x axis is nearest to that of the outer frame. An axis without a direction points up; if it
-    is level, along x or y.
+    An axis without a direction points up; if it is level, along x or y.
     """
     if either_way:
         first = next(i for i in (2, 0, 1) if abs(axis[i]) > LEVEL)

@@ -1,9 +1,8 @@
 """Which known objects the clusters of a cloud are, and where; "unknown" where no model fits.
 
-The chain is that of O'Neill's thesis (section 5.0.4): views whose descriptors are like that of the
-cluster suggest poses, which ICP refines. What decides here is not the distance of descriptors but
-the pose itself: the cluster's points have to be on the model, and the model's points on the
-cluster, except where something nearer hides them.
+Views with a descriptor like the cluster's suggest poses, which ICP refines (O'Neill's thesis,
+section 5.0.4). The pose decides, not the descriptor: the cluster has to be on the model, and the
+model on the cluster, except where something nearer hides it.
 """
 
 from __future__ import annotations
@@ -66,13 +65,7 @@ class Recognition:
 
 
 class Scene:
-    """All that a camera saw: which points hide what is behind them.
-
-    Parameters
-    ----------
-    points : (n, 3) or (height, width, 3) metres
-    eye : (3,) where the camera was, in the frame of the points
-    """
+    """All that a camera at `eye` (3,) saw, metres: which points hide what is behind them."""
 
     def __init__(self, points: ArrayLike, eye: ArrayLike = (0, 0, 0)) -> None:
         cloud = checked_points(points, FEWEST)
@@ -111,8 +104,7 @@ def recognise(
     points : (n, 3) or (height, width, 3) metres
     up, eye : (3,) upwards, and where the camera was, in the frame of the points
     placeholders : known furniture, whose points are removed; then there need be no table's plane.
-        Objects are clusters of what remains in the box around the furniture and half a metre above
-        it
+        Objects are clusters of what remains in the box around it and half a metre above it
     least_score : an answer of less is unknown
 
     Raises
@@ -163,17 +155,9 @@ def recognise_cluster(
     *,
     least_score: float = LEAST_SCORE,
 ) -> Recognition:
-    """Return which model a cluster is of, and its pose.
+    """Return which model a cluster (n, 3), metres, is of, and its pose.
 
-    Parameters
-    ----------
-    cluster : (n, 3) metres, such as a cluster of `segment_tabletop`
-    scene : all points that the camera saw
-
-    Raises
-    ------
-    PerceptionError
-        Fewer than 30 finite points, or no model.
+    Raises PerceptionError: fewer than 30 finite points, or no model.
     """
     if not models:
         raise PerceptionError("there is no model: train one from a mesh")

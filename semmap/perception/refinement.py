@@ -36,13 +36,8 @@ def refined(
 ) -> Fit | None:
     """Return a rough shape fitted to the points, or None if they show none of its faces.
 
-    Parameters
-    ----------
-    cloud : points that are fitted
-    whole : (n, 3) all points, which tell where edges are
-    noise : standard deviation of the points, metres
-    table : the plane that the object stands on, if known
-    turns : how often the faces that are seen are determined; with 1, the fit is a rough one
+    All points, `whole` (n, 3), tell where edges are; `noise` is their standard deviation, metres.
+    The faces that are seen are determined so many `turns`; with 1, the fit is a rough one.
     """
     fit = semmap_native.fit_shape(
         *shape, cloud.points, cloud.normals, whole, cloud.spacing, noise, table, turns

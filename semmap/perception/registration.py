@@ -41,12 +41,9 @@ class IcpTarget:
         return self._make(points)
 
     def align(self, source: Any, pose: Floats, reach: float, steps: int = 20) -> Floats:
-        """Return the (4, 4) pose of a prepared cloud in the frame of the target.
+        """Return the pose (4, 4) of a prepared cloud in the target's frame, searched from a pose.
 
-        Parameters
-        ----------
-        pose : (4, 4) where the search begins
-        reach : points farther from the target than this have no weight, metres
+        Points farther from the target than `reach` metres have no weight.
         """
         found = self._align(
             self._cloud,
@@ -64,8 +61,7 @@ class IcpTarget:
 class OrientedPairs:
     """Pairs of points with normals, which a rigid motion keeps: their distance and three angles.
 
-    A pair of the scene that has the features of a pair of the model gives a pose (Drost and others,
-    "Model Globally, Match Locally", 2010).
+    Equal pairs of scene and model give a pose (Drost, "Model Globally, Match Locally", 2010).
     """
 
     def __init__(self, cloud: Surfels, pairs: int, random: np.random.Generator) -> None:

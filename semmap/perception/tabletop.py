@@ -76,18 +76,7 @@ def segment_tabletop(
 
 
 def euclidean_clusters(points: Floats, gap: float) -> NDArray[np.int32]:
-    """Return the number of each point's cluster: chains of points that are nearer than a gap.
-
-    Parameters
-    ----------
-    points : (n, 3) metres, finite
-    gap : metres, above 0
-
-    Returns
-    -------
-    numpy.ndarray
-        (n,) int32, from 0.
-    """
+    """Return the cluster (n,) of each point, from 0: chains of points nearer than `gap` metres."""
     if not gap > 0:
         raise PerceptionError(f"the gap is {gap} m: give a number above 0")
     count = len(points)

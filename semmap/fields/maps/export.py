@@ -23,16 +23,7 @@ PLAIN = (150, 150, 150)
 def write_grid(path: str | Path, grid: Grid, name: str) -> None:
     """Write a grid to a `.vdb` file, or the centres of its active voxels to a `.ply` file.
 
-    Parameters
-    ----------
-    path : ends in .vdb or .ply
-    grid : the grid to write
-    name : of the values; the name of the grid in the `.vdb` file
-
-    Raises
-    ------
-    ValueError
-        The file has another ending.
+    `name` is that of the grid in the `.vdb` file. Raises ValueError: another ending.
     """
     path = Path(path)
     if path.suffix == ".vdb":
@@ -50,15 +41,10 @@ def write_grid(path: str | Path, grid: Grid, name: str) -> None:
 def write_points(
     path: str | Path, points: ArrayLike, values: Values, *, name: str = "value"
 ) -> None:
-    """Write points as binary PLY, each with its value and a colour.
+    """Write points (N, 3), metres, as binary PLY, each with its value (N,) and a colour.
 
-    Parameters
-    ----------
-    path : the file to write
-    points : (N, 3) metres
-    values : (N,) bool, int32 or float32; equal integers get equal colours, and others mostly
-        different colours; float32 values get colours on a ramp from the lowest to the highest
-    name : of the property of the values in the file
+    Equal integers get equal colours, and others mostly different ones; floats get colours on a ramp
+    from the lowest to the highest.
     """
     at = as_points(points, "points")
     ply, dtype = PLY_TYPES[values.dtype.kind]

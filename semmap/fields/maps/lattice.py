@@ -32,12 +32,9 @@ class VoxelBox(NamedTuple):
 
 @dataclass(frozen=True)
 class Lattice:
-    """The size of voxels, and the pose of their frame in the shared frame.
+    """The edge of voxels in metres, and the pose of their frame in the shared frame.
 
-    Attributes
-    ----------
-    voxel_size : metres
-    placement : the upper three rows of a (4, 4) rigid transform
+    `placement` has the upper three rows of a (4, 4) rigid transform.
     """
 
     voxel_size: float
@@ -55,10 +52,7 @@ class Lattice:
         return at
 
     def points_at(self, voxels: ArrayLike) -> NDArray[np.float64]:
-        """Return places (N, 3) in voxels as points (N, 3) of the shared frame.
-
-        The centre of a voxel is its index + 0.5.
-        """
+        """Return places (N, 3) in voxels, of which centres are at 0.5, as shared points (N, 3)."""
         m = np.array(self.placement)
         own = np.asarray(voxels, float) * self.voxel_size
         points: NDArray[np.float64] = own @ m[:, :3].T + m[:, 3]

@@ -1,7 +1,6 @@
-"""Puts what sources see on the grid of the map: views, people, personal spaces, robots, zones.
+"""Puts what sources see on the grid of the map, so that a voxel has the set {book, view, room}.
 
-So that one voxel has the set {book, field of view, room, zone}. Source: "VDB-based Spatially
-Grounded Semantics for Interactive Robots", section III; there, too, plug-ins write to one grid.
+Source: "VDB-based Spatially Grounded Semantics for Interactive Robots", section III.
 """
 
 from __future__ import annotations
@@ -31,12 +30,7 @@ The objects that sources see are types, not entities of the map: they are not on
 
 
 class LiveEntities:
-    """The entities that maps of sources show, on a region map.
-
-    Parameters
-    ----------
-    regions, names, roles, views : as those of a `VoxelMirror`; they are changed
-    """
+    """The entities that maps of sources show on a region map; it changes those of a mirror."""
 
     def __init__(
         self,
@@ -53,10 +47,7 @@ class LiveEntities:
         self._kept: tuple[RepresentationMap, ...] = ()
 
     def update(self, maps: Sequence[RepresentationMap]) -> set[str]:
-        """Show maps in place of the former ones; return the entities that changed.
-
-        Those whose maps are the same objects as before did not.
-        """
+        """Show maps in place of the former ones; return the entities that have other maps now."""
         wanted: dict[str, list[tuple[RepresentationMap, str | None, Role]]] = {}
         for each in maps:
             for entity, agent, role in _entities(each):

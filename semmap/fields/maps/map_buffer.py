@@ -1,7 +1,6 @@
 """The current maps of all sources, and their recent history.
 
-A writer replaces all maps of its source in one step; a reader gets a state that never changes. So
-nobody waits for a reader, and no reader sees half of an update.
+A writer replaces all maps of its source in one step; a reader gets a state that never changes.
 """
 
 from __future__ import annotations
@@ -30,9 +29,7 @@ class SourceUpdate:
 class MapBuffer:
     """Maps by source, with their history (future work in reMap, section 6).
 
-    Parameters
-    ----------
-    span : how long an update is kept after the next one replaced it, where its source has no span
+    `span` is how long an update is kept after the next one replaced it.
     """
 
     def __init__(self, span: timedelta = timedelta(seconds=30)) -> None:
@@ -50,14 +47,12 @@ class MapBuffer:
         span: timedelta | None = None,
         provides: Iterable[str] = (),
     ) -> None:
-        """Replace the maps of a source.
+        """Replace all maps of a source.
 
         Parameters
         ----------
-        source : name of the source
-        maps : all its maps
         time : aware; now if not given
-        span : how long they are kept after the next update; the span of the buffer if not given
+        span : how long they are kept after the next update; that of the buffer if not given
         provides : names of the properties that the source states, besides those of its maps, and of
             its maps since it was withdrawn last
 
@@ -98,10 +93,7 @@ class MapBuffer:
         self._listeners = (*self._listeners, wake)
 
     def withdraw(self, source: str, time: datetime | None = None) -> None:
-        """Remove the current maps of a source; the history stays for its span.
-
-        What it provided is unknown from then on.
-        """
+        """Remove the current maps of a source: its properties are unknown, its history stays."""
         if source in self._state:
             now = _aware(time) if time is not None else datetime.now(UTC)
             self._put(source, SourceUpdate(now, (), source=source), None, also_former=False)
@@ -119,22 +111,13 @@ class MapBuffer:
         return self.during(moment, moment)
 
     def during(self, begin: datetime, end: datetime) -> tuple[RepresentationMap, ...]:
-        """Return the maps that were valid at any time from `begin` to `end`, both included.
-
-        Raises
-        ------
-        ValueError
-            A time has no time zone, or the end is before the beginning.
-        """
+        """Return the maps that were valid at any time from `begin` to `end`, as `updates`."""
         return tuple(m for each in self.updates(begin, end) for m in each.maps)
 
     def updates(self, begin: datetime, end: datetime) -> Iterator[SourceUpdate]:
         """Yield the updates that were valid at any time from `begin` to `end`, both included.
 
-        Raises
-        ------
-        ValueError
-            As `during`.
+        Raises ValueError: a time has no time zone, or the end is before the beginning.
         """
         if _aware(end) < _aware(begin):
             raise ValueError(f"the time ends at {end}, before it begins at {begin}")

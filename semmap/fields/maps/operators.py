@@ -1,8 +1,7 @@
 """Operators: new maps from maps (reMap, section 3.1.3).
 
-The properties and types of the maps are checked at once. Voxels are computed when the new map is
-read; where only a box is read, each map of a chain is computed in that box alone. Maps of several
-lattices or frames are combined in the lattice of the first.
+Properties and types are checked at once. Voxels are computed when the new map is read, in a box
+alone where only that is read. The lattice of the first map is that of the result.
 """
 
 from __future__ import annotations
@@ -38,17 +37,9 @@ def combine(
 ) -> RepresentationMap:
     """Return the voxels of all maps.
 
-    Parameters
-    ----------
-    maps : at least one
-    how : the value where several maps have a voxel; only "first" and "last" for maps with legends
-    as_ : the property of the result; required where the properties of the maps differ
-
-    Raises
-    ------
-    TypeError
-        The types of the values differ, the properties differ without `as_`, or `how` does not fit
-        to legends.
+    `how` is which value counts where several maps have a voxel: "first" or "last" for maps with
+    legends. `as_` is the property of the result, required where those of the maps differ. Raises
+    TypeError: the types or properties differ, or `how` does not fit to legends.
     """
     first = _some(maps)
     property = _result(maps, as_)
@@ -72,23 +63,14 @@ def combine(
 
 
 def intersection(*maps: RepresentationMap, as_: Property | None = None) -> RepresentationMap:
-    """Return the voxels that all maps have, with the values of the first.
-
-    Parameters
-    ----------
-    maps : at least one
-    as_ : the property of the result; required where the properties of the maps differ
-    """
+    """Return the voxels that all maps have, with the values of the first, as `combine`."""
     first = _some(maps)
     property = _result(maps, as_)
     return _of_all(maps, property, reduce(mask, maps).read, first.legend)
 
 
 def mask(map: RepresentationMap, by: RepresentationMap) -> RepresentationMap:
-    """Return the voxels of a map, with values and property, that another map has, too.
-
-    This is "those voxels of the object map that are in the field of view" (reMap, section 3.1.3).
-    """
+    """Return the voxels of a map, with values and property, that another map has, too."""
     return _masked(map, by, inside=True)
 
 
@@ -106,16 +88,9 @@ def threshold(
 ) -> RepresentationMap:
     """Return a bool map of the voxels whose value is between `low` and `high`, both included.
 
-    Parameters
-    ----------
-    low, high : the smallest and the largest value
-    as_ : the property of the result; required where the objects of the property are numbers. A map
-        of degrees becomes a map of its property without it
-
-    Raises
-    ------
-    TypeError
-        The map has a legend, or `as_` is required.
+    `as_` is the property of the result, required where the objects of the property are numbers;
+    without it, a map of degrees becomes a map of its property. Raises TypeError: the map has a
+    legend, or `as_` is required.
     """
     property = as_ or map.property
     if map.legend:
@@ -142,13 +117,9 @@ def map_values(
     value_type: ValueType | None = None,
     as_: Property | None = None,
 ) -> RepresentationMap:
-    """Return a map with changed values.
+    """Return a map with the values that `function` makes of an array of them.
 
-    Parameters
-    ----------
-    function : from an array of values to an array of new values
-    value_type : of the new values; that of the map if not given
-    as_ : the property of the result; that of the map if not given
+    Without `value_type` and `as_`, type and property are those of the map.
     """
     to: ValueType = value_type or map.value_type
 
@@ -205,10 +176,7 @@ def distance(
 ) -> RepresentationMap:
     """Return a float32 map of the distance in metres to the nearest voxel of a map.
 
-    Parameters
-    ----------
-    farthest : the largest distance that gets a value, metres
-    as_ : the property of the result; `distance` if not given
+    Voxels up to `farthest` metres have a value. `as_` is the property, `distance` if not given.
     """
     evaluate = _spread(map, as_length(farthest, "farthest"), None)
     property = as_ or replace(DISTANCE, domain=map.property.domain)
@@ -226,10 +194,7 @@ def transform(map: RepresentationMap, pose: ArrayLike) -> RepresentationMap:
 def _spread(
     map: RepresentationMap, metres: float, values: Callable[[Any, Any], Any] | None
 ) -> Evaluate:
-    """Return a function that computes the voxels within reach of a map, and their values.
-
-    Without `values`, a value is the distance.
-    """
+    """Return what computes the voxels within reach of a map; a value is the distance by default."""
     reach = metres / map.voxel_size
     halo = math.ceil(reach)
 

@@ -37,16 +37,10 @@ class RepresentationMap:
     ----------
     property : if its objects are entities: a bool map states it of the entity `about`, an int32 map
         of the entities in its `legend`. If its objects are numbers: a float32 map, or an int32 map
-        without a legend
+        without a legend. Other values raise a TypeError
     grid : the voxels. Do not change the grid later
     about : the entity that the map is about; a float32 map about an entity has degrees
-    legend : the entity of each value of an int32 map
     time : of the percept, aware
-
-    Raises
-    ------
-    TypeError
-        The property cannot have such values.
     """
 
     def __init__(
@@ -76,10 +70,8 @@ class RepresentationMap:
     ) -> RepresentationMap:
         """Return a map whose voxels are computed when they are read.
 
-        Parameters
-        ----------
-        evaluate : returns the grid of a box, or of everything for None; its values outside of the
-            box do not matter
+        `evaluate` returns the grid of a box, or of everything for None; its values outside of the
+        box do not matter.
         """
         made = cls.__new__(cls)
         made._setup(property, value_type, lattice, about, legend, time)
@@ -183,13 +175,9 @@ class RepresentationMap:
         return self._on(self.lattice, evaluate)
 
     def placed(self, pose: ArrayLike) -> RepresentationMap:
-        """Return the map with its frame at another pose; this takes no time.
+        """Return the map with its frame at another pose (4, 4); this takes no time.
 
         Use it to place a map that moves with its sensor at each update.
-
-        Parameters
-        ----------
-        pose : (4, 4) rigid transform in the shared frame
         """
         rows = as_rigid_rows(pose, "pose")
         lattice = Lattice(self.voxel_size, tuple(tuple(row) for row in rows))

@@ -29,12 +29,7 @@ class Properties(Protocol):
 
 
 class Vocabulary:
-    """Properties by IRI and by name.
-
-    Parameters
-    ----------
-    properties : all properties
-    """
+    """Properties by IRI and by name."""
 
     def __init__(self, properties: Iterable[Property]) -> None:
         self.properties = tuple(properties)
@@ -42,19 +37,16 @@ class Vocabulary:
         self._by_name = {p.name: p for p in self.properties}
 
     def __getitem__(self, name: str) -> Property:
-        """Return the property of an IRI or a name. Raises KeyError: there is no such property."""
         return self._by_iri[name] if name in self._by_iri else self._by_name[name]
 
     def __contains__(self, name: object) -> bool:
-        """Return whether there is a property of an IRI or a name."""
         return name in self._by_iri or name in self._by_name
 
 
 def read_vocabulary(paths: Iterable[Path]) -> Vocabulary:
-    """Return the properties that Turtle files declare.
+    """Return the object and datatype properties that Turtle files declare.
 
-    These are the object properties and the datatype properties. Those that are of the class
-    `FieldProperty`, too, are properties of voxels.
+    Those that are of the class `FieldProperty`, too, are properties of voxels.
     """
     graph = Graph()
     for path in paths:

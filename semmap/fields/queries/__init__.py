@@ -1,7 +1,4 @@
-"""Queries and updates on fields: SPARQL with STORE, AT and DURING (reMap, section 4).
-
-`semmap.language` parses and checks a text; here it is evaluated on voxels, whole columns at a time.
-"""
+"""Queries and updates on fields: SPARQL with STORE, AT and DURING (reMap, section 4)."""
 
 from semmap.fields.queries.query import query
 from semmap.fields.queries.query_result import SelectResult, StoreResult, UpdateResult

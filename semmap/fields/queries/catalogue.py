@@ -49,17 +49,11 @@ _NEEDED = {"freeIn": "inRoom", "distanceToPerson": "containsPerson"}
 
 
 class FieldCatalogue:
-    """The properties of a vocabulary, and what states them.
+    """The properties of a vocabulary, and what states them: maps, a region map and `relations`.
 
-    Parameters
-    ----------
-    maps : the maps of sources
-    names : entities and semantic types
-    occupancy : which entities occupy which voxels, for `occupiedBy` and `freeIn`
-    relations : further statements about the present, such as relations between entities
-    voxel_size : metres; maps of other lattices are resampled
-    farthest : metres up to which `distanceToPerson` is computed
-    past : makes the catalogue of a time; without it, only `maps` are known of the past
+    Maps of other lattices are resampled to voxels of `voxel_size` metres; `distanceToPerson` is
+    computed up to `farthest` metres. `past` makes the catalogue of a time; without it, only `maps`
+    are known of the past.
     """
 
     functions: Mapping[str, Function] = VOXEL_FUNCTIONS
@@ -95,10 +89,7 @@ class FieldCatalogue:
     # Properties
 
     def find_property(self, iri: str) -> Property:
-        """Return the property of an IRI.
-
-        Raises LookupError: there is no such property, or only its present is known.
-        """
+        """Return the property of an IRI; LookupError where none, or only its present, is known."""
         if iri == RDF_TYPE.iri:
             return RDF_TYPE
         if iri not in self._vocabulary:
@@ -118,11 +109,7 @@ class FieldCatalogue:
         return [*self._vocabulary.properties, RDF_TYPE]
 
     def relation(self, property: Property) -> StatementRelation:
-        """Return the relation that states a property.
-
-        Raises UnknownError: nothing states it: no source provides it, or the map has none of what
-        it is about.
-        """
+        """Return the relation that states a property; raise UnknownError if nothing states it."""
         if property == RDF_TYPE:
             return TypeRelation(RDF_TYPE, self.types(), self._names.supertypes)
         updates = tuple(self._selected())

@@ -11,13 +11,7 @@ from semmap.limits import QUERY_SECONDS
 
 
 class Context:
-    """The context of one evaluation.
-
-    Attributes
-    ----------
-    voxel_size : metres
-    names : codes of entities, types and texts
-    """
+    """The context of one evaluation: voxels of `voxel_size` metres, and `names` by code."""
 
     def __init__(self, catalogue: Catalogue) -> None:
         self.voxel_size = catalogue.voxel_size
@@ -33,10 +27,7 @@ class Context:
         return self._relations[property]
 
     def check_time(self) -> None:
-        """Check that the query has not taken too long.
-
-        Raises LimitError: it has; the error says how to raise the limit.
-        """
+        """Raise LimitError if the query has taken too long."""
         if QUERY_SECONDS.exceeded_by(time.monotonic() - self._began):
             raise LimitError(
                 f"this takes longer than {QUERY_SECONDS.value:g} s: add narrower patterns, or set "

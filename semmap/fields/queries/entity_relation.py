@@ -38,11 +38,11 @@ class EntityRelation:
     left_out: set[str] = field(default_factory=set)  # by the statements that were read
 
     def statements(self, wanted: Demand = ALL) -> Statements:
-        """Return the statements; see `StatementRelation.statements`.
+        """Return the statements that are wanted.
 
-        Raises LookupError: no rule of the tracker has the name of the property. Raises
-        UnknownError: all entities to which a side is limited have no voxels, or what the relation
-        follows from is missing.
+        Raises UnknownError: all entities to which a side is limited have no voxels, or what the
+        relation follows from is missing. Raises LookupError: no rule of the tracker has the
+        property's name.
         """
         subjects, objects, _ = wanted
         tracker, name = self.tracker(), self.property.name

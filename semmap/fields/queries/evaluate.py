@@ -1,9 +1,7 @@
-"""Evaluates checked queries, whole columns at a time.
+"""Evaluates checked queries, whole columns at a time (docs/decisions/one_evaluator.md).
 
-Values that are already bound limit what is read next: triple patterns with constants and few
-solutions come first, and the voxels found so far are passed on to relations as `within`, so that a
-chain of lazy maps is computed for these alone. SQL takes several times as long for the same
-(docs/decisions/one_evaluator.md).
+Patterns with constants and few solutions are read first; the voxels found so far limit what is read
+next, so that a chain of lazy maps is computed for these alone.
 """
 
 from __future__ import annotations
@@ -66,10 +64,7 @@ MOST_PAIRS = 1 << 22
 
 
 def evaluate(pattern: Pattern, context: Context, limits: Limits | None = None) -> Table:
-    """Return the solutions of a checked pattern; beyond `limits`, some may be left out.
-
-    Raises LimitError: there are too many solutions, or it takes too long.
-    """
+    """Return the solutions of a checked pattern within `limits`, or raise LimitError."""
     context.check_time()
     with np.errstate(over="ignore", invalid="ignore"):  # INF and NaN are numbers of SPARQL
         return _evaluate(pattern, context, limits or {})
@@ -338,10 +333,9 @@ def _(pattern: GroupPattern, context: Context, limits: Limits) -> Table:
 
 
 def _counted(pattern: GroupPattern, context: Context) -> Table | None:
-    """Return the numbers of voxels of entities where the relation knows them without reading them.
+    """Return counts of the voxels of entities where the relation knows them without reading them.
 
-    That is for a group that only counts, of one pattern `?voxel property entity`, by the entity if
-    that is a variable.
+    That is for a group that only counts one pattern `?voxel property entity`.
     """
     of = pattern.of
     if not isinstance(of, BasicGraphPattern) or len(of.patterns) != 1:

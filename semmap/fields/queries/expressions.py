@@ -1,7 +1,4 @@
-"""Evaluates expressions, a column at a time (SPARQL 1.1, section 17).
-
-A row with an error, such as a division by 0, has no value.
-"""
+"""Evaluates expressions, a column at a time (SPARQL 1.1, section 17); an error is no value."""
 
 from __future__ import annotations
 
@@ -37,10 +34,7 @@ Values = NDArray[Any]
 
 @singledispatch
 def evaluate_expression(expression: Expression, context: Context, table: Table) -> TermColumn:
-    """Return the values of an expression for the rows of a table.
-
-    Raises LimitError: a regular expression takes too long.
-    """
+    """Return the values of an expression for the rows of a table, or raise LimitError."""
     raise TypeError(f"{type(expression).__name__} cannot be evaluated")
 
 
@@ -189,10 +183,7 @@ def _of_names(
 
 
 def _matches(pattern: regex.Pattern[str], name: str) -> bool:
-    """Return whether a pattern occurs in a name, within a time limit.
-
-    Some patterns take exponential time.
-    """
+    """Whether a pattern occurs in a name; LimitError as some take exponential time."""
     try:
         return pattern.search(name, timeout=REGEX_SECONDS.value) is not None
     except TimeoutError:

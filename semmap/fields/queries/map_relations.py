@@ -29,7 +29,7 @@ class EntityMapRelation:
     maps: Sequence[RepresentationMap]  # of that property
 
     def statements(self, wanted: Demand = ALL) -> Statements:
-        """Return the statements; see `StatementRelation.statements`."""
+        """Return the statements that are wanted."""
         return _by_entity(self.found(wanted))
 
     def found(self, wanted: Demand) -> list[tuple[str, Keys]]:
@@ -64,7 +64,7 @@ class NumberMapRelation:
     maps: Sequence[RepresentationMap]  # of numbers
 
     def statements(self, wanted: Demand = ALL) -> Statements:
-        """Return the statements; see `StatementRelation.statements`."""
+        """Return the statements that are wanted."""
         box = _box_around(wanted.within)
         keys: list[Keys] = [np.zeros(0, np.int64)]
         values: list[NDArray[np.float64]] = [np.zeros(0)]
@@ -102,7 +102,7 @@ class OccupancyRelation:
         }
 
     def statements(self, wanted: Demand = ALL) -> Statements:
-        """Return the statements; see `StatementRelation.statements`."""
+        """Return the statements that are wanted."""
         objects = wanted.objects
         counts = self.counts(objects) or {}
         _check_rows(self.property, sum(counts.values()), len(counts))
@@ -127,10 +127,10 @@ class FreeSpaceRelation:
     occupancy: NamedRegionMap | None  # None for no entities
 
     def counts(self, objects: Collection[str] | None = None) -> dict[str, int] | None:
-        """Return the number of free voxels of each room; None where only reading them tells it.
+        """Return the number of free voxels of each room, as `OccupancyRelation.counts`.
 
-        It is that of the room without those that bodies share with it: voxels of bodies alone are
-        looked at.
+        It is that of the room without those that bodies share with it, so that only voxels of
+        bodies are looked at.
         """
         counts = self.rooms.counts(objects)
         if counts is None or self.occupancy is None:
@@ -154,7 +154,7 @@ class FreeSpaceRelation:
         return counts
 
     def statements(self, wanted: Demand = ALL) -> Statements:
-        """Return the statements; see `StatementRelation.statements`."""
+        """Return the statements that are wanted."""
         voxels, rooms = self.rooms.statements(wanted)
         assert isinstance(voxels, VoxelColumn)
         assert isinstance(rooms, Entities)
@@ -174,7 +174,7 @@ class TypeRelation:
     supertypes: Mapping[str, frozenset[str]]  # for each type all that subsume it, itself included
 
     def statements(self, wanted: Demand = ALL) -> Statements:
-        """Return the statements; see `StatementRelation.statements`."""
+        """Return the statements that are wanted."""
         subjects, objects, _ = wanted
         pairs = [
             (entity, supertype)

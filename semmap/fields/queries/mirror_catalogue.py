@@ -27,18 +27,10 @@ def mirror_catalogue(
     tracker: Callable[[], RelationTracker] | None = None,
     open_snapshot: Open | None = None,
 ) -> FieldCatalogue:
-    """Return the catalogue of a mirror.
+    """Return the catalogue of a mirror; relations are computed when the first of them is read.
 
-    Relations between entities are computed when the first of them is read.
-
-    Parameters
-    ----------
-    mirror : the voxels and zones of a map
-    names : its entities and the semantic types
-    vocabulary : the properties
-    tracker : returns the relations between the entities, if something else updates them
-    open_snapshot : opens a state of the map, for its past; without it, only the maps
-        of `mirror` are known of the past
+    `tracker` returns them if something else updates them. `open_snapshot` opens a state of the map,
+    for its past; without it, only the maps of `mirror` are known of the past.
     """
     entity_names: Mapping[Any, Any] = mirror.names
 

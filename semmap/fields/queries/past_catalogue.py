@@ -1,7 +1,6 @@
-"""The catalogue of a mirror at a moment or during a time: what the map and the sources kept.
+"""The catalogue of a mirror in the past: former poses, present geometry, what sources kept.
 
-Entities have the geometry that they have now, at the poses that they had then. Entities that were
-deleted since are unknown.
+Entities that were deleted since are unknown.
 """
 
 from __future__ import annotations
@@ -50,16 +49,9 @@ def past_catalogue(
     vocabulary: Vocabulary,
     open_snapshot: Open,
 ) -> Callable[[datetime, datetime], FieldCatalogue]:
-    """Return the function that makes the catalogue of a time.
+    """Return the function that makes the catalogue of a time, from a mirror of the present.
 
     It states what was so at any time in between; a voxel is free if it was so all the time.
-
-    Parameters
-    ----------
-    mirror : the present entities of a map
-    names : its entities and the semantic types
-    vocabulary : the properties
-    open_snapshot : opens a state of the map
     """
 
     def during(begin: datetime, end: datetime) -> FieldCatalogue:

@@ -22,26 +22,18 @@ from semmap.language.terms import EVERYTHING
 def query(
     catalogue: Catalogue, text: str, now: datetime | None = None
 ) -> SelectResult | StoreResult | bool:
-    """Answer a query.
+    """Answer a query: a SelectResult, a StoreResult with STORE, or a bool for ASK.
 
     Parameters
     ----------
-    catalogue : what the query reads
     text : SPARQL with the clauses of `docs/fields_language.md`, or in the notation of reMap
-        (section 4)
     now : from which DURING counts back, aware; the present if not given
-
-    Returns
-    -------
-    SelectResult, StoreResult or bool
-        For SELECT, SELECT with STORE, and ASK.
 
     Raises
     ------
     QueryError
-        The text is not SPARQL, names an unknown property or entity, combines kinds that do not
-        fit, exceeds a limit, or reads what nothing states (no source provides it, or an entity
-        has no voxels); with the place in the text.
+        With the place in the text: it is not SPARQL, names or combines what does not fit, exceeds a
+        limit, or reads what nothing states (no source provides it, or an entity has no voxels).
     """
     parsed = parse_query(text)
     try:

@@ -29,15 +29,8 @@ class SelectResult:
     """The solutions of SELECT, in order.
 
     Iteration gives tuples: a voxel is the (x, y, z) of its centre in metres, an entity or type its
-    name, a number or text itself, and an unbound variable None.
-
-    Attributes
-    ----------
-    names : the variables
-    columns : their values, coded
-    count : number of solutions
-    strings : the name or text of each code
-    voxel_size : metres
+    name, a number or text itself, and an unbound variable None. `columns` are coded: `strings` has
+    the name or text of each code.
     """
 
     names: tuple[str, ...]
@@ -47,14 +40,10 @@ class SelectResult:
     voxel_size: float
 
     def __len__(self) -> int:
-        """Return the number of solutions."""
         return self.count
 
     def __iter__(self) -> Iterator[tuple[Any, ...]]:
-        """Yield a tuple for each solution.
-
-        Tuples are made block by block: a reader of the first rows of a million pays for one block.
-        """
+        """Yield a tuple for each solution, block by block: the first of a million cost little."""
         if not self.columns:
             yield from ((),) * self.count
         for start in range(0, self.count, _BLOCK):
@@ -62,26 +51,15 @@ class SelectResult:
             yield from zip(*(self._plain(c.take(block)) for c in self.columns), strict=True)
 
     def column(self, name: str) -> TermColumn:
-        """Return the column of a variable.
-
-        Raises
-        ------
-        KeyError
-            The query does not project that variable.
-        """
+        """Return the column of a variable; KeyError if the query does not project it."""
         if name not in self.names:
             raise KeyError(f"?{name} is not one of {', '.join(f'?{n}' for n in self.names)}")
         return self.columns[self.names.index(name)]
 
     def voxels(self, name: str) -> NDArray[np.int32]:
-        """Return the voxels of a variable: (N, 3) indices for the N solutions that bind it.
+        """Return the voxels (N, 3) of a variable for the N solutions that bind it.
 
-        Raises
-        ------
-        KeyError
-            The query does not project that variable.
-        TypeError
-            The variable is not a voxel.
+        Raises as `column`, and TypeError: the variable is not a voxel.
         """
         column = self.column(name)
         if column.kind != "voxel":
@@ -111,12 +89,8 @@ class SelectResult:
 class StoreResult:
     """The statements of STORE, from which `to_map` makes a new map.
 
-    Attributes
-    ----------
-    property : the property of the map
-    statements : a voxel and its entity or number in each row; in ascending order, each row once
-    about : the entity, where it is the same in all rows
-    voxel_size : metres
+    They are a voxel and its entity or number in each row, in ascending order, each row once.
+    `about` is the entity, where it is the same in all rows.
     """
 
     property: Property
@@ -125,7 +99,6 @@ class StoreResult:
     voxel_size: float
 
     def __len__(self) -> int:
-        """Return the number of statements."""
         return len(self.statements.subject)
 
     @builtins.property
@@ -135,14 +108,7 @@ class StoreResult:
         return voxels_of_keys(self.statements.subject.keys)
 
     def to_map(self, time: datetime | None = None) -> RepresentationMap:
-        """Return the statements as a map.
-
-        A voxel with several entities gets one of them, the last by name.
-
-        Parameters
-        ----------
-        time : of the map, aware
-        """
+        """Return the statements as a map; of a voxel's entities, the last by name counts."""
         lattice = Lattice(self.voxel_size)
         voxels, objects = self.voxels, self.statements.object
         if isinstance(objects, Numbers):
@@ -163,12 +129,9 @@ class StoreResult:
 
 @dataclass(frozen=True)
 class UpdateResult:
-    """What an update did.
+    """The entities whose voxels an update wrote, and the new names of blank nodes by label.
 
-    Attributes
-    ----------
-    new : the names that blank nodes got, by label; those without a label are [1], [2], ...
-    changed : the entities whose voxels were written
+    Blank nodes without a label are [1], [2], ...
     """
 
     new: Mapping[str, str]

@@ -40,13 +40,7 @@ def is_occupies(iri: str) -> bool:
 
 
 class RegionCatalogue:
-    """A region map, and the properties of another catalogue.
-
-    Parameters
-    ----------
-    regions : its entities are named by `str`
-    catalogue : of the same voxel size
-    """
+    """A region map, and the properties of another catalogue of the same voxel size."""
 
     functions: Mapping[str, Function] = VOXEL_FUNCTIONS
 
@@ -92,11 +86,11 @@ class RegionCatalogue:
         return self._catalogue.relation(property)
 
     def at(self, moment: datetime) -> Catalogue:
-        """Refuse: a region map has no history."""
+        """Raise LookupError: a region map has no history."""
         raise LookupError("a region map has no history: leave out the time")
 
     def during(self, begin: datetime, end: datetime) -> Catalogue:
-        """Refuse: a region map has no history."""
+        """Raise LookupError: a region map has no history."""
         raise LookupError("a region map has no history: leave out the time")
 
 

@@ -1,7 +1,6 @@
 """Statements of properties as columns: the form in which queries read fields.
 
-A voxel is one 64-bit key (`semmap.geometry.voxel_keys`), so that a join of two fields is a search
-in sorted integers.
+A voxel is one 64-bit key, so that a join of two fields is a search in sorted integers.
 """
 
 from __future__ import annotations
@@ -29,7 +28,6 @@ class VoxelColumn:
     keys: NDArray[np.int64]
 
     def __len__(self) -> int:
-        """Return the number of rows."""
         return len(self.keys)
 
 
@@ -41,18 +39,11 @@ class Entities:
     names: tuple[str, ...]
 
     def __len__(self) -> int:
-        """Return the number of rows."""
         return len(self.codes)
 
     @classmethod
     def from_names(cls, names: Iterable[str]) -> Entities:
-        """Make a column with a row for each name.
-
-        Examples
-        --------
-        >>> Entities.from_names(["mug", "desk", "mug"]).codes.tolist()
-        [0, 1, 0]
-        """
+        """Make a column with a row for each name."""
         rows = list(names)
         known = tuple(dict.fromkeys(rows))
         code = {name: i for i, name in enumerate(known)}
@@ -66,7 +57,6 @@ class Numbers:
     values: NDArray[np.float64]
 
     def __len__(self) -> int:
-        """Return the number of rows."""
         return len(self.values)
 
 

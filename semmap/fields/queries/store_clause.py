@@ -28,10 +28,6 @@ class StoreChecker(Checker):
 
     SELECT names a voxel, or a voxel and its object. With a voxel alone, the object is that of the
     triple patterns in WHERE with this voxel and the property of STORE.
-
-    Parameters
-    ----------
-    parsed : a query with STORE
     """
 
     hidden = frozenset({STORED_OBJECT})
@@ -45,10 +41,7 @@ class StoreChecker(Checker):
         self._detached = False
 
     def check_query(self) -> Pattern:
-        """Return the query as a checked pattern.
-
-        Raises QueryError: the result would not be a map of the property.
-        """
+        """Return the checked query; raise QueryError if its result is no map of the property."""
         pattern = self.check(self.parsed.algebra)
         self._check_property()
         self._check_projection()
@@ -57,10 +50,7 @@ class StoreChecker(Checker):
         return pattern
 
     def result(self, table: Table, context: Context) -> StoreResult:
-        """Return the statements of the solutions of the query.
-
-        Raises QueryError: an entity is not of the type that the property requires.
-        """
+        """Return the statements of the solutions; QueryError where an entity has a wrong type."""
         names = [str(name) for name in self.parsed.names]
         object_name = names[1] if len(names) == 2 else STORED_OBJECT
         kind = self.property.object

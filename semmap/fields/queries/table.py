@@ -1,7 +1,4 @@
-"""Tables of solutions: a column for each variable, a row for each solution.
-
-Joins, unions and differences follow the multiset semantics of SPARQL 1.1, section 18.5.
-"""
+"""Tables of solutions, a column for each variable; their algebra is that of SPARQL 1.1, 18.5."""
 
 from __future__ import annotations
 
@@ -31,12 +28,7 @@ class LimitError(Error):
 
 
 class NameCodes:
-    """Dictionary encoding: a number for each name, the same in all columns of a query.
-
-    Attributes
-    ----------
-    names : the name of each code
-    """
+    """Dictionary encoding: a number for each name, the same in all columns of a query."""
 
     def __init__(self) -> None:
         self.names: list[str] = []
@@ -76,7 +68,6 @@ class TermColumn:
     bound: NDArray[np.bool_] | None = None  # (N,) where there is a value; None for everywhere
 
     def __len__(self) -> int:
-        """Return the number of solutions."""
         return len(self.values)
 
     def take(self, rows: Rows | NDArray[np.bool_] | slice) -> TermColumn:
@@ -110,13 +101,7 @@ def unbound(kind: ValueKind, rows: int) -> TermColumn:
 
 @dataclass(frozen=True, eq=False)
 class Table:
-    """Solutions. A variable without a column is unbound in all of them.
-
-    Attributes
-    ----------
-    rows : number of solutions
-    columns : by variable
-    """
+    """Solutions; a variable without a column is unbound in all of them."""
 
     rows: int
     columns: Mapping[str, TermColumn]
@@ -357,10 +342,7 @@ def union(tables: Sequence[Table]) -> Table:
 
 
 def minus(a: Table, b: Table) -> Table:
-    """Return the solutions without those that a solution of `b` excludes.
-
-    That is one which is compatible, and has a variable in common.
-    """
+    """Return the solutions that are compatible with no solution of `b` with a common variable."""
     if a.rows == 0 or b.rows == 0:
         return a
     kept = np.ones(a.rows, np.bool_)

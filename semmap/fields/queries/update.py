@@ -1,8 +1,4 @@
-"""INSERT and DELETE on a region map: they change which entities have which voxels.
-
-Source: "VDB-based Spatially Grounded Semantics for Interactive Robots" inserts and deletes regions
-of entities through SPARQL.
-"""
+"""INSERT and DELETE on a region map ("VDB-based Spatially Grounded Semantics")."""
 
 from __future__ import annotations
 
@@ -39,15 +35,9 @@ Keys = NDArray[np.int64]
 def update(regions: RegionMap, text: str, catalogue: Catalogue | None = None) -> UpdateResult:
     """Carry out the requests of a SPARQL update, one after another; all of them or none.
 
-    Subjects are entities. In INSERT they may be blank nodes: each label gets a new name, the same
-    one wherever it occurs. The property is :occupies. Objects are regions as text
-    (``"SPHERE(0 0 1 0.5)"^^:region``), or variables that WHERE binds to voxels.
-
-    Parameters
-    ----------
-    regions : it is changed. Its entities are named by `str`
-    text : SPARQL, or in the notation of reMap
-    catalogue : what WHERE may read besides :occupies; of the same voxel size
+    Subjects are entities, named by `str`; the property is :occupies; objects are regions as text
+    (``"SPHERE(0 0 1 0.5)"^^:region``), or variables that WHERE binds to voxels. In INSERT, each
+    label of a blank node gets a new name. WHERE may read the properties of `catalogue`, too.
 
     Raises
     ------

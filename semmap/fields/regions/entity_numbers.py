@@ -6,17 +6,7 @@ from collections.abc import Hashable, Iterable
 
 
 class EntityNumbers:
-    """A number for each entity; numbers of released entities are used again.
-
-    Examples
-    --------
-    >>> numbers = EntityNumbers()
-    >>> numbers.assign("mug"), numbers.assign("desk"), numbers.assign("mug")
-    (0, 1, 0)
-    >>> numbers.release("mug")
-    >>> numbers.assign("cup")
-    0
-    """
+    """A number for each entity; numbers of released entities are used again."""
 
     def __init__(self) -> None:
         self._number: dict[Hashable, int] = {}
@@ -24,11 +14,9 @@ class EntityNumbers:
         self._free: list[int] = []
 
     def __contains__(self, entity: object) -> bool:
-        """Return whether an entity has a number."""
         return entity in self._number
 
     def __len__(self) -> int:
-        """Return the number of entities."""
         return len(self._number)
 
     def entities(self) -> set[Hashable]:

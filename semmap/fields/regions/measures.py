@@ -8,13 +8,7 @@ from typing import NamedTuple
 
 @dataclass(frozen=True)
 class Overlap:
-    """The space that two entities share.
-
-    Attributes
-    ----------
-    voxels : number of voxels
-    volume : cubic metres
-    """
+    """The space that two entities share: a number of voxels, and a volume in cubic metres."""
 
     voxels: int
     volume: float
@@ -33,8 +27,8 @@ class Support(NamedTuple):
     """How many voxels of the lowest layer of an entity rest on another entity.
 
     A voxel rests on an entity that has the voxel below it or the same voxel, but not the voxel
-    above. Of two entities that begin at one height, only the one that is higher can rest on the
-    other. All numbers are 0 where an entity begins too low to rest on the other.
+    above; so of two that begin at one height only the higher can rest on the other. All numbers are
+    0 where an entity begins too low.
     """
 
     layer: int  # number of voxels in the lowest layer
@@ -46,15 +40,9 @@ class Support(NamedTuple):
 class Memory:
     """The memory of a region map in bytes, and what it contains.
 
-    Attributes
-    ----------
-    grid : bytes of the voxels
-    index : bytes of the list of blocks of each entity
-    sets : bytes of the register of sets
-    active_voxels : number of voxels that belong to at least one entity
-    leaves : number of blocks of 8 x 8 x 8 voxels with several sets
-    tiles : number of such blocks with one set
-    set_count : number of sets in use
+    `grid` is that of the voxels, `index` that of the list of blocks of each entity, `sets` that of
+    the register of sets. `leaves` are blocks of 8 x 8 x 8 voxels with several sets, `tiles` such
+    with one set.
     """
 
     grid: int

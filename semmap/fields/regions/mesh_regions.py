@@ -51,10 +51,7 @@ def mesh_parts(mesh: Mesh) -> MeshParts:
 
 
 def _wall_thickness(mesh: Mesh, part: NDArray[np.int32]) -> NDArray[np.float64]:
-    """Return 2 * volume / area of each part that is a shell: (parts,).
-
-    A shell fills less than a quarter of its box.
-    """
+    """Return 2 * volume / area of each part that fills less than a quarter of its box: (parts,)."""
     triangles = mesh.triangles
     count = part.max() + 1
     low, high = np.full((count, 3), np.inf), np.full((count, 3), -np.inf)

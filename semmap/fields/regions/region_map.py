@@ -29,16 +29,11 @@ EntityRegions = Mapping[Hashable, Region] | Iterable[tuple[Hashable, Region]]
 
 
 class RegionMap:
-    """The voxels of entities, on one grid.
+    """The voxels of entities, on one grid. Safe for several threads.
 
     Each voxel has the number of a set, and a register maps the number to the set of entities. A set
-    keeps its number while a voxel has it. Safe for several threads.
-
-    Parameters
-    ----------
-    voxel_size : metres
-    threads : the most threads that `insert_many` uses; all processors if not given. The result does
-        not depend on it
+    keeps its number while a voxel has it. `insert_many` uses at most `threads`, by default one for
+    each processor; the result does not depend on it.
 
     Examples
     --------
@@ -65,11 +60,9 @@ class RegionMap:
         return self._voxel_size
 
     def __contains__(self, entity: object) -> bool:
-        """Return whether an entity has voxels."""
         return entity in self._numbers
 
     def __len__(self) -> int:
-        """Return the number of entities that have voxels."""
         return len(self._numbers)
 
     def entities(self) -> set[Hashable]:
@@ -82,45 +75,25 @@ class RegionMap:
     def insert(self, entity: Hashable, region: Region) -> None:
         """Add a region to the voxels of an entity.
 
-        Raises
-        ------
-        ValueError
-            The region has more voxels than `semmap.limits` allow; the map is not changed.
+        Raises ValueError: it has more voxels than `semmap.limits` allow; the map is not changed.
         """
         shape = shape_of(region)
         with self._lock:
             self._change(entity, lambda number: self._native.insert(number, shape))
 
     def move(self, entity: Hashable, region: Region) -> None:
-        """Replace the voxels of an entity by those of a region; a new entity is inserted.
-
-        Raises
-        ------
-        ValueError
-            As `insert`.
-        """
+        """Replace the voxels of an entity, new or not, by those of a region; raises as `insert`."""
         shape = shape_of(region)
         with self._lock:
             self._change(entity, lambda number: self._native.move(number, shape))
 
     def insert_many(self, regions: EntityRegions) -> None:
-        """Add many regions in one pass; an entity may occur more than once.
-
-        Raises
-        ------
-        ValueError
-            As `insert`, for the first such region; no region is added.
-        """
+        """Add many regions in one pass, some for one entity; all, or none as in `insert`."""
         for entity, reason in self._insert_many(regions, skip=False).items():
             raise ValueError(f"{entity}: {reason}")
 
     def insert_possible(self, regions: EntityRegions) -> dict[Hashable, str]:
-        """Add many regions, and skip entities whose regions have too many voxels.
-
-        Returns
-        -------
-        for each skipped entity the reason
-        """
+        """Add many regions, and return by entity why those with too many voxels were skipped."""
         skipped = self._insert_many(regions, skip=True)
         for entity in skipped:
             self.remove(entity)
@@ -193,12 +166,8 @@ class RegionMap:
     def neighbours(self, entity: Hashable, reach: float | None = None) -> dict[Hashable, Neighbour]:
         """Return the entities around an entity; none for an unknown entity.
 
-        Entities further away take no time.
-
-        Parameters
-        ----------
-        reach : the largest gap in metres, up to 1,000 voxels. If not given, only the entities that
-            share a voxel
+        `reach` is the largest gap in metres, up to 1,000 voxels; if not given, only the entities
+        that share a voxel. Entities further away take no time.
         """
         farthest = -1
         if reach is not None:
@@ -240,12 +209,7 @@ class RegionMap:
         self._native.write(str(path))
 
     def state(self) -> tuple[semmap_vdb.Int32Grid, dict[int, list[Hashable]]]:
-        """Return the whole map: the number of the set of each voxel, and the members of each set.
-
-        See Also
-        --------
-        from_state : makes a map of it
-        """
+        """Return each voxel's number of a set, and the members of the sets: see `from_state`."""
         with self._lock:
             grid, sets = self._native.state()
             return grid, {number: self._numbers.named(each) for number, each in sets}
@@ -258,13 +222,7 @@ class RegionMap:
         *,
         threads: int | None = None,
     ) -> RegionMap:
-        """Return the map that had a `state`; its sets keep their numbers.
-
-        Raises
-        ------
-        ValueError
-            Grid and sets are not of one map.
-        """
+        """Return the map that had a `state`, with the same numbers; ValueError if it is none."""
         made = cls(grid.voxel_size, threads=threads)
         rows = [
             (number, sorted({made._numbers.assign(entity) for entity in members}))
@@ -315,7 +273,6 @@ class SpacesOf:
     roles: Mapping[Any, Role]
 
     def __contains__(self, entity: object) -> bool:
-        """Return whether an entity is a part of space."""
         return self.roles.get(entity, "object") in SPACES
 
 

@@ -40,16 +40,7 @@ _TEXT = re.compile(r"\s*([A-Za-z]+)\s*\(([^()]*)\)\s*")
 
 
 def read_region(text: str) -> Region:
-    """Return the region that a text describes.
-
-    Raises ValueError: the form is unknown, or its numbers do not make a region; the error shows the
-    form.
-
-    Examples
-    --------
-    >>> read_region("SPHERE(0 0 1 0.5)").radius
-    0.5
-    """
+    """Return the region that a text describes; the ValueError for others shows the form."""
     match = _TEXT.fullmatch(text)
     name = match[1].upper() if match else ""
     if match is None or name not in FORMS:

@@ -38,13 +38,12 @@ MOST_VOXELS, MOST_BLOCKS = 2**36, 2**27
 
 @dataclass(frozen=True, eq=False)
 class Box:
-    """A cuboid.
+    """A cuboid; with a size of 0 in a direction, a rectangle, a segment or a point.
 
     Parameters
     ----------
     center : (3,) metres
-    size : (3,) metres; along the axes of the box; with a size of 0 it is a rectangle, a segment or
-        a point
+    size : (3,) metres; along the axes of the box
     rotation : (4,) unit quaternion (x, y, z, w): the axes of the box in the frame of the map
     """
 
@@ -54,7 +53,6 @@ class Box:
     shape: Shape = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        """Check the arguments, and make the native shape."""
         center = np.array(as_vector(self.center, "Box.center"))
         half = np.array(as_vector(self.size, "Box.size")) / 2
         if (half < 0).any():
@@ -68,33 +66,25 @@ class Box:
 
 @dataclass(frozen=True, eq=False)
 class Sphere:
-    """A ball.
-
-    Parameters
-    ----------
-    center : (3,) metres
-    radius : metres, above 0
-    """
+    """A ball: `center` (3,) and `radius` above 0, metres."""
 
     center: ArrayLike
     radius: float
     shape: Shape = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        """Check the arguments, and make the native shape."""
         center = as_vector(self.center, "Sphere.center")
         _set(self, Shape.ball(center, positive(self.radius, "Sphere.radius")))
 
 
 @dataclass(frozen=True, eq=False)
 class Cylinder:
-    """A cylinder with flat ends.
+    """A cylinder with flat ends; with a height of 0, a disc.
 
     Parameters
     ----------
     center : (3,) metres; the middle of its axis
-    radius : metres, above 0
-    height : metres along the axis; a cylinder of height 0 is a disc
+    radius, height : metres; the radius is above 0
     axis : (3,) the direction of its axis, of any length
     """
 
@@ -105,7 +95,6 @@ class Cylinder:
     shape: Shape = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        """Check the arguments, and make the native shape."""
         center = as_vector(self.center, "Cylinder.center")
         axis = as_direction(self.axis, "Cylinder.axis")
         radius = positive(self.radius, "Cylinder.radius")
@@ -132,7 +121,6 @@ class Cone:
     shape: Shape = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        """Check the arguments, and make the native shape."""
         apex = as_vector(self.apex, "Cone.apex")
         axis = as_direction(self.axis, "Cone.axis")
         angle = float(self.angle)
@@ -146,18 +134,12 @@ class Cone:
 
 @dataclass(frozen=True, eq=False)
 class Hull:
-    """The convex hull of points: a polytope, or a polygon, a segment or a point.
-
-    Parameters
-    ----------
-    points : (N, 3) metres; at least one
-    """
+    """The convex hull of points (N, 3), metres: a polytope, or a polygon, a segment or a point."""
 
     points: ArrayLike
     shape: Shape = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        """Check the arguments, and make the native shape."""
         points = as_points(self.points, "Hull.points")
         if len(points) == 0:
             raise ValueError("Hull.points is empty: give at least one point")
@@ -166,21 +148,12 @@ class Hull:
 
 @dataclass(frozen=True, eq=False)
 class Solid:
-    """The inside of a closed triangle mesh.
+    """The inside of a closed triangle mesh: vertices (N, 3), metres, and faces (M, 3).
 
     A point is inside where the winding number is not 0, whichever way the faces turn: parts may
     overlap, and a part within another that turns the other way is a cavity. Each part is checked
-    for thinness by itself.
-
-    Parameters
-    ----------
-    vertices : (N, 3) metres; vertices at the same place count as one
-    faces : (M, 3) vertices of each triangle, from 0
-
-    Raises
-    ------
-    ValueError
-        The mesh is not closed: use a `SurfaceRegion`.
+    for thinness by itself. Vertices at the same place count as one. A mesh that is not closed
+    raises a ValueError: use a `SurfaceRegion`.
     """
 
     vertices: ArrayLike
@@ -188,7 +161,6 @@ class Solid:
     shape: Shape = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        """Check the arguments, and make the native shape."""
         vertices = as_points(self.vertices, "Solid.vertices")
         _set(self, Shape.solid(vertices, as_faces(self.faces, len(vertices), "Solid.faces")))
 
@@ -197,10 +169,7 @@ class Solid:
 class SurfaceRegion:
     """Triangles without an inside: all voxels that they meet.
 
-    Parameters
-    ----------
-    vertices : (N, 3) metres
-    faces : (M, 3) vertices of each triangle, from 0
+    They are vertices (N, 3), metres, and faces (M, 3).
     """
 
     vertices: ArrayLike
@@ -208,7 +177,6 @@ class SurfaceRegion:
     shape: Shape = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        """Check the arguments, and make the native shape."""
         vertices = as_points(self.vertices, "SurfaceRegion.vertices")
         _set(
             self,
@@ -224,7 +192,7 @@ class DepthImage:
 
     Parameters
     ----------
-    depth : (H, W) metres; along the z axis of the camera; NaN, infinity and values up to 0 are left
+    depth : (H, W) metres along the z axis of the camera; NaN, infinity and values up to 0 are left
         out
     intrinsics : (4,) fx, fy, cx, cy in pixels; the centre of the first pixel is (0, 0)
     pose : (4, 4) of the optical frame (x right, y down, z ahead) in the frame of the map
@@ -240,7 +208,6 @@ class DepthImage:
     shape: Shape = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        """Check the arguments, and make the native shape."""
         depth = np.ascontiguousarray(self.depth, dtype=np.float32)
         if depth.ndim != 2:
             raise ValueError(f"DepthImage.depth has shape {depth.shape}: give an (H, W) array")
@@ -279,17 +246,7 @@ def shape_of(region: Region) -> Shape:
 
 
 def voxels_of(region: Region, voxel_size: float) -> NDArray[np.int32]:
-    """Return the voxels of a region.
-
-    Parameters
-    ----------
-    region : Region
-    voxel_size : metres
-
-    Returns
-    -------
-    (N, 3) int32; indices, each once, block by block of 8 x 8 x 8
-    """
+    """Return the voxels of a region, (N, 3), each once, for voxels of an edge in metres."""
     return shape_of(region).voxels(positive(voxel_size, "voxel_size"))
 
 

@@ -41,11 +41,9 @@ class Subscription:
         )
 
     def __enter__(self) -> Subscription:
-        """Return the subscription; the end of the `with` block cancels it."""
         return self
 
     def __exit__(self, *_: Any) -> None:
-        """Cancel the subscription."""
         self.cancel()
 
 
@@ -64,7 +62,6 @@ class EventStream:
         return stream
 
     def __iter__(self) -> Iterator[RelationEvent]:
-        """Yield the events until the stream is closed."""
         while (event := self._waiting.get()) is not None:
             yield event
         self._waiting.put(None)  # for the next loop, or that of another thread
@@ -86,11 +83,9 @@ class EventStream:
         self._waiting.put(None)
 
     def __enter__(self) -> EventStream:
-        """Return the stream; the end of the `with` block closes it."""
         return self
 
     def __exit__(self, *_: object) -> None:
-        """Close the stream."""
         self.close()
 
 
@@ -123,12 +118,9 @@ class EventBus:
         subject: Hashable | None = None,
         object: Hashable | None = None,
     ) -> Subscription:
-        """Call a function with each event from now on.
+        """Call a function with each event from now on, in the thread that publishes.
 
-        Parameters
-        ----------
-        callback : called in the thread that publishes; its exceptions are logged
-        relation, subject, object : only events with these; any if not given
+        Only events with `relation`, `subject` and `object` if given. Its exceptions are logged.
         """
         subscription = Subscription(callback, relation, subject, object, self._cancel)
         with self._lock:
@@ -142,12 +134,7 @@ class EventBus:
         subject: Hashable | None = None,
         object: Hashable | None = None,
     ) -> EventStream:
-        """Return the events from now on, to loop over in another thread.
-
-        Parameters
-        ----------
-        relation, subject, object : only events with these; any if not given
-        """
+        """Return the events from now on as `subscribe` chooses them, to loop over in a thread."""
         return EventStream.subscribed(
             lambda callback: self.subscribe(
                 callback, relation=relation, subject=subject, object=object

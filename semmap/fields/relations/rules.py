@@ -56,14 +56,9 @@ class PairGeometry:
 
 @dataclass(frozen=True)
 class RelationRule:
-    """When a relation begins, and when it ends.
+    """When a relation begins, and when it ends: hysteresis prevents event floods.
 
-    The two thresholds differ (hysteresis), which prevents event floods.
-
-    Raises
-    ------
-    ValueError
-        The thresholds are equal, or not finite.
+    Raises ValueError: the two thresholds are equal, or not finite.
     """
 
     name: str  # of the relation
@@ -76,7 +71,6 @@ class RelationRule:
     between: frozenset[tuple[Kind, Kind]]
 
     def __post_init__(self) -> None:
-        """Check the thresholds."""
         if not (math.isfinite(self.begin) and math.isfinite(self.end)) or self.begin == self.end:
             raise ValueError(
                 f"{self.name} begins at {self.begin!r} and ends beyond {self.end!r}: give two "
@@ -103,10 +97,7 @@ _VIEWED: frozenset[tuple[Kind, Kind]] = frozenset({("view", "body")})
 
 
 def near_rule(distance: float) -> RelationRule:
-    """Return the rule of `near`, from its largest gap in metres; it ends beyond 1.2 times that.
-
-    Raises ValueError: the distance is not finite, or not above 0.
-    """
+    """Return the rule of `near` up to a gap in metres, above 0; it ends beyond 1.2 times that."""
     if not 0 < distance < math.inf:
         raise ValueError(f"the distance of near is {distance!r}: give metres above 0")
     return RelationRule("near", "metres apart", distance, 1.2 * distance, _EITHER)

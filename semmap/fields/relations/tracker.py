@@ -1,11 +1,7 @@
 """Relations between entities as these move: in, on, near, touching, and what an agent sees.
 
-Each relation begins at one threshold and ends at another; this hysteresis prevents event floods.
-The SQL functions `is_on`, `is_in`, ... compute them from the surfaces in the database, and this
-module from the voxels of a `RegionMap`, only for pairs in which an entity changed.
-
-Source: "VDB-based Spatially Grounded Semantics for Interactive Robots", section VI, which names
-this as future work ("tell me when the human looks at the book").
+The SQL functions `is_on`, `is_in`, ... compute them from surfaces, this module from voxels. Source:
+"VDB-based Spatially Grounded Semantics for Interactive Robots", section VI (future work).
 """
 
 from __future__ import annotations
@@ -32,11 +28,10 @@ class RelationTracker:
 
     Parameters
     ----------
-    regions : RegionMap
     views : the agent of each entity that is a field of view; no agent sees itself
     spaces : the entities that are parts of space: rooms, zones, personal spaces
-    names : the names of entities in facts; the entity itself where it has none. A name is read when
-        a fact begins, since a removed entity may have lost its name when the fact ends
+    names : of entities in facts; the entity itself where it has none. A name is read when a fact
+        begins, since a removed entity may have lost its name when the fact ends
     rules : at most one rule for each name and pair of kinds
 
     Notes
@@ -53,9 +48,6 @@ class RelationTracker:
     >>> tracker = RelationTracker(regions)
     >>> [str(event) for event in tracker.update(["table", "mug"]) if event.relation == "on"]
     ['mug on table begins']
-    >>> regions.remove("mug")
-    >>> [str(event) for event in tracker.update(["mug"]) if event.relation == "on"]
-    ['mug on table ends']
     """
 
     def __init__(
@@ -93,22 +85,11 @@ class RelationTracker:
     def update(
         self, changed: Iterable[Hashable], time: datetime | None = None
     ) -> list[RelationEvent]:
-        """Update the relations of entities that were inserted, moved or removed.
+        """Update the relations of entities that were inserted, moved or removed; return the events.
 
-        Parameters
-        ----------
-        changed : the entities; only pairs with one of them are compared, and only the space around
-            them is read
-        time : of the change, aware; now if not given
-
-        Returns
-        -------
-        at most one for each fact; ends come first
-
-        Raises
-        ------
-        ValueError
-            The time has no time zone, or is before the last update.
+        Only pairs with one of them are compared. A fact has at most one event; ends come first.
+        `time` is aware, now if not given. Raises ValueError: it has no zone, or is before the last
+        update.
         """
         now = datetime.now(UTC) if time is None else time
         if now.tzinfo is None:
@@ -148,12 +129,7 @@ class RelationTracker:
         subject: Hashable | None = None,
         object: Hashable | None = None,
     ) -> dict[RelationFact, datetime]:
-        """Return the facts that are true now, and since when.
-
-        Parameters
-        ----------
-        relation, subject, object : only facts with these; any if not given
-        """
+        """Return the facts that are true now, and since when; only those with what is given."""
         with self._lock:
             return {
                 fact: since

@@ -15,13 +15,7 @@ from semmap.fields.service.endpoint import socket_folder, socket_of
 
 @dataclass(frozen=True)
 class ServiceAddress:
-    """Where the service of a map is.
-
-    Attributes
-    ----------
-    url : of the database; `SEMMAP_DB` or the embedded database if not given
-    map_name : the map; if not given, the one that commands use
-    """
+    """Where the service of a map is: the `url` of its database, and its name."""
 
     url: str | None
     map_name: str | None
@@ -38,12 +32,7 @@ class ServiceAddress:
 
 
 class ServiceConnection:
-    """A connection with a service.
-
-    Attributes
-    ----------
-    map_name : the map that it serves
-    """
+    """A connection with the service of the map `map_name`."""
 
     def __init__(self, stream: Any, channel: socket.socket, map_name: str = "") -> None:
         self._stream, self._channel = stream, channel
@@ -65,15 +54,7 @@ class ServiceConnection:
             self._channel.shutdown(socket.SHUT_RDWR)
 
     def ask(self, action: str, **arguments: Any) -> Any:
-        """Return the reply to a request.
-
-        Raises
-        ------
-        ValueError
-            The service refuses the request; the message says why.
-        ConnectionError
-            The service ended.
-        """
+        """Return the reply to a request, or raise ValueError (refused) or ConnectionError."""
         self.send(action, **arguments)
         return self.receive()
 
@@ -107,11 +88,8 @@ def find_service(
 ) -> Iterator[ServiceConnection | None]:
     """Connect with the service of a map, or give None if none is running.
 
-    Parameters
-    ----------
-    url : of the database; `SEMMAP_DB` or the embedded database if not given
-    map_name : the map; if not given, the one that commands use
-    voxel_size : only a service with voxels of this size, metres
+    Without a map, it is that which commands use; with `voxel_size`, metres, only such a service
+    counts.
     """
     folder = socket_folder(url)
     paths = sorted(folder.glob("*.sock")) if folder.is_dir() else []

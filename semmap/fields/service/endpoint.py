@@ -36,10 +36,7 @@ def socket_folder(url: str | None) -> Path:
 
 
 def socket_of(url: str | None, map_name: str) -> Path:
-    """Return the socket for a map, in a folder that only this user can enter.
-
-    Raises OSError: the folder cannot be made, or another user can enter it.
-    """
+    """Return the socket for a map, in a folder that only this user can enter, or raise OSError."""
     folder = socket_folder(url)
     for each in (folder.parent, folder):
         each.mkdir(mode=0o700, parents=True, exist_ok=True)

@@ -21,12 +21,10 @@ class PlainVocabulary:
     """The properties whose maps are shown on the grid, without reading the ontology."""
 
     def __getitem__(self, iri: str) -> Property:
-        """Return a property of voxels."""
         name = _local(iri)
         return Property(iri, name, None, None, "voxel", "entity", measure="degree")
 
     def __contains__(self, iri: object) -> bool:
-        """Return whether maps of this property show entities."""
         return _local(str(iri)) in ROLES
 
 
@@ -37,12 +35,7 @@ def _local(iri: str) -> str:
 def show_kept(
     mirror: MirrorState | VoxelMirror, seen: Snapshot, vocabulary: Properties
 ) -> datetime | None:
-    """Put the maps that were kept last into the buffer of a mirror, and on its grid.
-
-    Returns
-    -------
-    when sources last kept one; None if they kept none
-    """
+    """Put the maps that were kept last on a mirror and its grid; return when sources kept one."""
     newest = None
     for source, updates in load_updates(seen, vocabulary).items():
         for each in updates:

@@ -19,21 +19,8 @@ def update_map(
 ) -> dict[str, Any]:
     """Carry out a SPARQL update: all of it or nothing.
 
-    Parameters
-    ----------
-    mirror : the entities of the map; it follows the change as any other
-    catalogue : what WHERE may read, of the same map
-    text : SPARQL
-    session : of psycopg; sees the map
-
-    Returns
-    -------
-    `new`, the names of inserted regions by blank node, and `changed`, names
-
-    Raises
-    ------
-    QueryError, ValueError
-        The text is wrong, or changes what a source sees.
+    Returns `new`, the names of inserted regions by blank node, and the names `changed`. Raises
+    QueryError or ValueError: the text is wrong, or changes what a source sees.
     """
     grid, sets = mirror.regions.state()
     of_map = {name for each, name in dict(mirror.names).items() if isinstance(each, int)}

@@ -1,7 +1,6 @@
 """Percepts of a recording of ROS 2 in MCAP files: gazes, people, robots and labelled depth images.
 
-Poses are those of topics, or of frames of /tf. As in tf2, a frame whose transforms were not sent
-for `BUFFER` seconds has no pose.
+Poses are those of topics, or of frames of /tf.
 """
 
 from __future__ import annotations
@@ -68,21 +67,11 @@ _PIXELS = {
 
 
 class McapPercepts:
-    """The percepts of a recording, in the order of their times.
+    """The percepts of a recording, an MCAP file or a folder of them, in the order of their times.
 
-    Parameters
-    ----------
-    path : an MCAP file, or a folder of them, as `ros2 bag record` writes it
-    kind : gaze, people, robot or image
-    options : of the kind: `agents` (gaze, people), `base` and `joints` (robot), `depth`, `labels`,
-        `camera_info` and `names` (image), `floor` (people), and `frame`, in which the map is
-
-    Raises
-    ------
-    LookupError
-        The libraries that read MCAP are not installed.
-    ValueError
-        There is no such recording, it is damaged, lacks a topic or a frame, or an option is wrong.
+    The kinds are keys of `_KINDS`; `options` are those of the kind, and `frame`, in which the map
+    is. Raises LookupError: the libraries that read MCAP are not installed. Raises ValueError: there
+    is no such recording, it is damaged, lacks a topic or a frame, or an option is wrong.
     """
 
     def __init__(self, path: Path, kind: str, options: Mapping[str, Any]) -> None:

@@ -40,25 +40,15 @@ class Inbox:
         return self._newest
 
     def wait(self, seconds: float) -> bool:
-        """Wait for the next percept; returns whether one arrived."""
+        """Wait for the next percept; return whether one arrived."""
         return self._arrived.wait(seconds)
 
 
 class Replay:
-    """Recorded percepts, at the pace at which they were recorded.
+    """Recorded percepts, at `speed` times the pace at which they were recorded.
 
-    Parameters
-    ----------
-    recorded : in order of time, the seconds after the beginning, and what makes a percept of the
-        time at which it comes; iterated again for each loop
-    begin : when the recording begins now, aware; now if not given
-    speed : how many times faster than recorded
-    loop : begin again after the last percept
-
-    Raises
-    ------
-    ValueError
-        The speed is not above 0.
+    They are, in order, the seconds after the beginning, and what makes a percept of the time at
+    which it comes. `begin` is aware, now if not given.
     """
 
     def __init__(
@@ -106,18 +96,10 @@ class Replay:
 
 
 class Recording(Replay):
-    """Percepts of a folder.
+    """Percepts of `NAME.jsonl` in a folder: one with its time in each line, in order of time.
 
-    Parameters
-    ----------
-    folder : has a file `NAME.jsonl` for each source: a percept with its time in each line, in order
-        of time; images lie beside it
-    begin, speed, loop : as for `Replay`; it begins with the earliest percept of any source
-
-    Raises
-    ------
-    ValueError
-        There is no such file, or a percept in it is wrong; with the line.
+    It begins with the earliest percept of any source. Images lie beside it. Raises ValueError:
+    there is no such file, or a percept in it is wrong; with the line.
     """
 
     def __init__(
@@ -150,19 +132,11 @@ def make_feed(
     *,
     source: str | None = None,
 ) -> Callable[[], Any]:
-    """Return the feed of a source.
+    """Return the feed of a source; raise ValueError or LookupError if there is none.
 
-    Parameters
-    ----------
-    given : `socket`, `recording:FOLDER`, `mcap:FILE`, `plugin:NAME`, or a mapping with `recording`,
-        `mcap` or `plugin` and the options of that feed
-    begin : when recordings begin, aware
-    source : the installed source, which says what percepts it takes; `name` if not given
-
-    Raises
-    ------
-    ValueError, LookupError
-        There is no such feed.
+    `given` is `socket`, `recording:FOLDER`, `mcap:FILE`, `plugin:NAME`, or a mapping of one of the
+    last three with the options of the feed. Recordings begin at `begin`, aware. `source` is the
+    installed source, by default `name`.
     """
     options = dict(given) if isinstance(given, Mapping) else {}
     if isinstance(given, str):

@@ -1,9 +1,4 @@
-"""Percepts as JSON: what a socket and a recording contain.
-
-A pose is a 4 x 4 matrix, seven numbers (x, y, z and the quaternion x, y, z, w), or, for a gaze or
-a camera, `{"from": [x, y, z], "to": [x, y, z]}`. An image is an array of numbers, the name of a
-file (`.npy`, or `.png` with depth in millimetres), or `{"npy": base64}`.
-"""
+"""Percepts as JSON: what a socket and a recording contain (docs/fields.md)."""
 
 from __future__ import annotations
 
@@ -27,17 +22,8 @@ Percept = Gaze | People | RobotState | Segmentation
 def read_percept(percept: Any, folder: Path | None = None, time: datetime | None = None) -> Percept:
     """Return a percept of its JSON; which kind it is follows from its keys.
 
-    Parameters
-    ----------
-    percept : an object with `poses` (a gaze), `people`, `depth` (an image) or `pose` (a robot), and
-        `time`, ISO 8601 with a zone
-    folder : of files that images name; without it, images cannot name files
-    time : in place of that of the percept; now if neither is given
-
-    Raises
-    ------
-    ValueError
-        It is no percept; the message names the wrong part.
+    Its time is ISO 8601 with a zone, or `time`, or now. Images name files of `folder`, if given.
+    Raises ValueError: it is no percept; the message names the wrong part.
     """
     if not isinstance(percept, Mapping):
         raise ValueError('a percept is an object, such as {"poses": {"human1": [...]}}')
@@ -52,10 +38,7 @@ def read_percept(percept: Any, folder: Path | None = None, time: datetime | None
 
 
 def read_time(percept: Mapping[str, Any]) -> datetime:
-    """Return the time of a percept; now if it has none.
-
-    Raises ValueError: it is not a time, or has no time zone.
-    """
+    """Return the time of a percept, now if it has none; ValueError for one without a zone."""
     given = percept.get("time")
     if given is None:
         return datetime.now(UTC)

@@ -25,22 +25,11 @@ def query_reply(
     output: str | None = None,
     keep: str | None = None,
 ) -> dict[str, Any]:
-    """Answer a query.
+    """Answer a query with at most `limit` rows; write or keep the map of STORE.
 
-    Parameters
-    ----------
-    catalogue : what the query reads
-    text : SPARQL
-    open_transaction : opens a transaction that sees the map, for `keep`
-    limit : the most rows; all if not given
-    output : file for the map of STORE
-    keep : name under which the map of STORE is stored
-
-    Returns
-    -------
-    ``{"ask": bool}``, ``{"variables": [...], "rows": [...], "total": int}``, or ``{"store":
-        {...}}`` with property, voxels, file, kept and version. ``"left_out"`` lists the entities
-        without voxels, of which the answer says nothing
+    Returns ``{"ask": bool}``, ``{"variables": [...], "rows": [...], "total": int}``, or ``{"store":
+    {...}}`` with property, voxels, file, kept and version. ``"left_out"`` lists the entities
+    without voxels, of which the answer says nothing.
     """
     result = query(catalogue, text)
     left_out = {"left_out": sorted(catalogue.left_out())}

@@ -49,17 +49,9 @@ class _Server(socketserver.ThreadingUnixStreamServer):
 
 @contextmanager
 def serving(path: Path, answer: Answer) -> Iterator[None]:
-    """Answer requests on a socket, from the begin of the context to its end.
+    """Answer requests on a socket while the context lasts, or raise OSError.
 
-    Parameters
-    ----------
-    path : of the socket; one that nobody listens on is replaced
-    answer : yields the replies to a request, in the thread of its connection
-
-    Raises
-    ------
-    OSError
-        The socket cannot be made.
+    A socket that nobody listens on is replaced. `answer` runs in the thread of its connection.
     """
     path.unlink(missing_ok=True)
     with _Server(str(path), answer) as server:

@@ -1,7 +1,6 @@
 """The service: a mirror of a map, the sources, and the relations of all that is on one grid.
 
-Source: reMap, section 5 (the representation manager), and "VDB-based Spatially Grounded Semantics
-for Interactive Robots", sections IV and VI.
+Source: reMap, section 5, and "VDB-based Spatially Grounded Semantics", sections IV and VI.
 """
 
 from __future__ import annotations
@@ -50,15 +49,7 @@ _log = logging.getLogger(__name__)
 
 
 class FieldService:
-    """Runs sources, follows a map, and answers requests.
-
-    Parameters
-    ----------
-    engine : of the database
-    map_name : the map
-    voxel_size : metres
-    settings : sources, and how often the state is kept
-    """
+    """Runs sources, follows a map on voxels of an edge in metres, and answers requests."""
 
     def __init__(
         self,
@@ -199,18 +190,10 @@ class FieldService:
     # Sources
 
     def start_source(self, given: SourceSettings, begin: datetime | None = None) -> None:
-        """Start a source.
+        """Start a source, whose recording begins at `begin`, aware, by default now.
 
-        Parameters
-        ----------
-        given : the source and its percepts
-        begin : when a recording begins, aware; now if not given
-
-        Raises
-        ------
-        LookupError, ValueError, TypeError
-            There is no such source or percept plug-in, a source of that name is running, or an
-            option is wrong.
+        Raises LookupError, ValueError or TypeError: there is no such source or percept plug-in, a
+        source of that name is running, or an option is wrong.
         """
         feed = make_feed(given.percepts, given.name, begin, source=given.source)
         voxel = {"voxel_size": self.mirror.regions.voxel_size}
@@ -226,13 +209,7 @@ class FieldService:
             self._inboxes[given.name] = feed, source
 
     def stop_source(self, name: str) -> None:
-        """Stop a source; what it provides is unknown from then on.
-
-        Raises
-        ------
-        LookupError
-            No source of that name is running.
-        """
+        """Stop a source, whose properties are then unknown; LookupError if it is not running."""
         self._manager.deactivate(name)
         self._keep_sources()
         self._running.pop(name, None)
@@ -262,10 +239,8 @@ class FieldService:
     def put_percept(self, name: str, percept: Any) -> None:
         """Give a source a percept, as JSON.
 
-        Raises
-        ------
-        LookupError, ValueError
-            No such source takes percepts from the socket, or the percept is wrong.
+        Raises LookupError or ValueError: no such source takes percepts from the socket, or it is
+        wrong.
         """
         if name not in self._inboxes:
             there = ", ".join(sorted(self._inboxes)) or "none"

@@ -34,18 +34,10 @@ class ServiceSettings:
 def read_settings(
     path: Path | None = None, sources: Sequence[str] = (), rates: Sequence[str] = ()
 ) -> ServiceSettings:
-    """Return the settings of a file, with those of options.
+    """Return the settings of a YAML file, with those of options.
 
-    Parameters
-    ----------
-    path : YAML with the attributes of `ServiceSettings`; its `sources` are by name
-    sources : NAME=PERCEPTS or NAME:SOURCE=PERCEPTS, such as `gaze=socket`
-    rates : NAME=UPDATES PER SECOND
-
-    Raises
-    ------
-    ValueError
-        A setting is unknown or wrong; with its name.
+    `sources` are NAME=PERCEPTS or NAME:SOURCE=PERCEPTS, `rates` NAME=UPDATES PER SECOND. Raises
+    ValueError: a setting is unknown or wrong; with its name.
     """
     given = _yaml(path)
     known = given.pop("sources", None) or {}

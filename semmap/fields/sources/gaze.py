@@ -20,7 +20,6 @@ class GazeSource:
 
     Parameters
     ----------
-    vocabulary : has the property
     voxel_size : metres
     angle : the full opening angle of the cone, radians
     reach : length of the cone, metres

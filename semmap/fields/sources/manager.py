@@ -1,7 +1,4 @@
-"""Runs sources: each in its own thread and at its own rate, started and stopped at run time.
-
-Source: reMap, section 5.1; there, the manager activates plug-ins by the situation.
-"""
+"""Runs sources: each in its own thread and at its own rate (reMap, section 5.1)."""
 
 from __future__ import annotations
 
@@ -27,14 +24,9 @@ class EndOfPercepts(Exception):
 
 @dataclass(frozen=True)
 class SourceStatus:
-    """The state of a running source.
+    """The state of a running source: required `rate` and number of `updates`.
 
-    Attributes
-    ----------
-    rate : required updates per second
-    updates : number of updates
-    seconds : duration of the last update
-    error : the error of the last update, if any, or why the source has no maps
+    `seconds` is the duration of the last update, `error` its error, or why the source has no maps.
     """
 
     rate: float
@@ -44,14 +36,7 @@ class SourceStatus:
 
 
 class SourceManager:
-    """Runs sources, and writes their maps to a buffer.
-
-    The maps of a source are removed when it stops. The end of a `with` block stops all sources.
-
-    Parameters
-    ----------
-    maps : the buffer; it may be read at any time
-    """
+    """Runs sources, and writes their maps to a buffer, until they stop or a `with` block ends."""
 
     def __init__(self, maps: MapBuffer) -> None:
         self.maps = maps
@@ -74,13 +59,11 @@ class SourceManager:
 
         Parameters
         ----------
-        name : of the source
-        source : makes maps from a percept
-        percepts : returns the newest percept, with its `time`, or None; the same percept makes no
-            new maps
+        percepts : returns the newest percept, with its `time`, or None; the same one makes no new
+            maps
         rate : calls of `percepts` per second
-        timeout : seconds without a new percept after which the maps are removed: what the source
-            provides is then unknown; never if not given
+        timeout : seconds without a new percept after which what the source provides is unknown, if
+            given
 
         Raises
         ------
@@ -97,13 +80,7 @@ class SourceManager:
         worker.start()
 
     def deactivate(self, name: str) -> None:
-        """Stop a source, wait for its thread, and remove its maps.
-
-        Raises
-        ------
-        LookupError
-            No source of that name is running.
-        """
+        """Stop a source, wait for its thread, and remove its maps; LookupError if none runs."""
         with self._lock:
             worker = self._workers.pop(name, None)
             active = ", ".join(sorted(self._workers)) or "none"
@@ -122,11 +99,9 @@ class SourceManager:
             self.deactivate(name)
 
     def __enter__(self) -> SourceManager:
-        """Return the manager; the end of the `with` block stops all sources."""
         return self
 
     def __exit__(self, *_: object) -> None:
-        """Stop all sources."""
         self.close()
 
 

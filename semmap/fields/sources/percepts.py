@@ -38,13 +38,9 @@ class Segmentation:
 
 @dataclass(frozen=True, eq=False)
 class Gaze:
-    """The directions in which agents look.
+    """The directions in which agents look, at an aware time: the z axis of the pose of each.
 
-    Attributes
-    ----------
-    poses : by the name of the agent, or of a face that is not recognised yet; the z axis of the
-        pose is the direction, as in ROS4HRI
-    time : aware
+    They are by the name of the agent, or of a face that is not recognised yet, as in ROS4HRI.
     """
 
     poses: Mapping[str, Pose]
@@ -65,13 +61,7 @@ class PersonMotion:
 
 @dataclass(frozen=True, eq=False)
 class People:
-    """The motions of people.
-
-    Attributes
-    ----------
-    people : by name
-    time : aware
-    """
+    """The motions of people by name, at an aware time."""
 
     people: Mapping[str, PersonMotion]
     time: datetime
@@ -79,14 +69,7 @@ class People:
 
 @dataclass(frozen=True, eq=False)
 class RobotState:
-    """The state of a robot.
-
-    Attributes
-    ----------
-    pose : of its base
-    time : aware
-    joints : positions by name, radians or metres; 0 where not given
-    """
+    """The pose of a robot's base, at an aware time, and positions of joints, radians or metres."""
 
     pose: Pose
     time: datetime
@@ -95,15 +78,7 @@ class RobotState:
 
 @dataclass(frozen=True)
 class Zone:
-    """A room or a region of the map.
-
-    Attributes
-    ----------
-    name : of the entity
-    kind : room or region
-    outline : in the xy plane, metres
-    low, high : its bottom and top, metres
-    """
+    """A room or a region of the map: an outline in the xy plane, its bottom and top, metres."""
 
     name: str
     kind: Literal["room", "region"]
@@ -112,7 +87,7 @@ class Zone:
     high: float
 
     def as_json(self) -> list[str | float]:
-        """Return the zone as a list for `json.dumps`; see `from_json`."""
+        """Return the zone as a list for `json.dumps`."""
         return [self.name, self.kind, to_wkb(self.outline, hex=True), self.low, self.high]
 
     @classmethod
@@ -124,13 +99,7 @@ class Zone:
 
 @dataclass(frozen=True, eq=False)
 class Zones:
-    """All zones of a map.
-
-    Attributes
-    ----------
-    zones : rooms and regions
-    time : aware
-    """
+    """All rooms and regions of a map, at an aware time."""
 
     zones: tuple[Zone, ...]
     time: datetime

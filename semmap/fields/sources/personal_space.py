@@ -1,7 +1,6 @@
 """Personal space: a continuous field, wider in front of a person in motion.
 
-Source: Kirby, Social Robot Navigation (2010), section 3.4: an asymmetric Gaussian whose spread
-ahead grows with speed.
+Source: Kirby, Social Robot Navigation (2010), section 3.4.
 """
 
 from __future__ import annotations
@@ -22,8 +21,7 @@ def disturbance(person: PersonMotion, points: NDArray[np.float64]) -> NDArray[np
     """Return how much somebody at points (N, 2) disturbs a person: (N,), 1 at the person.
 
     The standard deviation is max(2 v, 0.5) metres ahead at a speed of v m/s, two thirds of that to
-    the sides, and half of it behind. Ahead is the direction of motion, or the heading of a person
-    who stands.
+    the sides, and half of it behind. Who stands has their heading ahead.
     """
     speed = math.hypot(person.vx, person.vy)
     heading = math.atan2(person.vy, person.vx) if speed > 0.05 else person.yaw
@@ -40,7 +38,6 @@ class PersonalSpaceSource:
 
     Parameters
     ----------
-    vocabulary : has the property
     voxel_size : metres
     height : of the field above the floor, metres
     least : the smallest value that a voxel gets

@@ -16,14 +16,9 @@ from semmap.robot.urdf import Robot, load_robot
 
 
 class RobotBodySource:
-    """Makes a bool map of `containsRobot`.
+    """Makes a bool map of `containsRobot`, in voxels of an edge in metres.
 
-    Parameters
-    ----------
-    vocabulary : has the property
-    robot : a robot, or the path of its URDF
-    name : of the robot; that in the URDF if not given
-    voxel_size : metres
+    `robot` is a robot or the path of its URDF, whose name counts if none is given.
     """
 
     takes = RobotState

@@ -55,15 +55,8 @@ class _LabelSource:
 class ObjectSource(_LabelSource):
     """Makes an int32 map of `containsObject` from labels that are classes of objects.
 
-    The names of classes are those of the detector, such as the 80 of COCO. `Wine Glass`,
-    `wine glass` and `WineGlass` are the type `wine_glass`.
-
-    Parameters
-    ----------
-    vocabulary : has the property
-    voxel_size : metres
-    farthest : depth in metres beyond which pixels are left out
-    ignored : types that are left out
+    `Wine Glass`, `wine glass` and `WineGlass` are the type `wine_glass`. Types in `ignored` are
+    left out, and pixels of a depth above `farthest` metres.
     """
 
     property_name = "containsObject"
@@ -89,11 +82,7 @@ class ObjectSource(_LabelSource):
 class PeopleSource(_LabelSource):
     """Makes an int32 map of `containsPerson` from labels that are names of people.
 
-    Parameters
-    ----------
-    vocabulary : has the property
-    voxel_size : metres
-    farthest : depth in metres beyond which pixels are left out
+    Pixels of a depth above `farthest` metres are left out.
     """
 
     property_name = "containsPerson"

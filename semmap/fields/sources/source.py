@@ -29,10 +29,9 @@ KEYS: Mapping[type, str] = {
 class Source(Protocol):
     """Makes maps from a percept. Constructed by ``Class(vocabulary, **options)``.
 
-    A source may have an attribute `provides`, the names of the properties that it states. Where a
-    percept makes no map of one of them, a query answers that there is none; without a source that
-    provides a property, a query on it is an error. It may have an attribute `takes`, the class of
-    its percepts.
+    It may have an attribute `provides`, the names of the properties that it states. Where a percept
+    makes no map of one of them, a query answers that there is none; without a source that provides
+    a property, a query on it is an error. `takes` may be the class of its percepts.
     """
 
     def __call__(self, percept: Any) -> Iterable[RepresentationMap]:
@@ -41,10 +40,7 @@ class Source(Protocol):
 
 
 def check_percept(name: str, source: Source, percept: Any) -> None:
-    """Refuse a percept of another kind than a source takes.
-
-    Raises ValueError: it is of another kind; the message names both by their keys in JSON.
-    """
+    """Raise ValueError for a percept of another kind than a source takes."""
     takes = getattr(source, "takes", None)
     if takes is not None and not isinstance(percept, takes):
         given = KEYS.get(type(percept), type(percept).__name__)
@@ -66,19 +62,9 @@ def make_source(
     /,
     **options: Any,
 ) -> Source:
-    """Return a new source of an installed package.
+    """Return a new source of an installed package; LookupError if none has it.
 
-    Parameters
-    ----------
-    name : of the entry point
-    vocabulary : passed to the source
-    offered : options that are passed to a source that has a parameter of their name
-    options : passed to the source
-
-    Raises
-    ------
-    LookupError
-        No installed package has such a source.
+    `offered` are passed if the source has a parameter of their name, `options` anyway.
     """
     for point in entry_points(group=GROUP, name=name):
         kind = point.load()

@@ -15,11 +15,7 @@ from semmap_vdb import Int32Grid
 class StandingPeopleSource:
     """Makes an int32 map of `containsPerson`: a standing body at the position of each person.
 
-    Parameters
-    ----------
-    vocabulary : has the property
-    voxel_size : metres
-    radius, height : of a body, metres
+    Edge of voxels, radius and height of a body are metres.
     """
 
     takes = People

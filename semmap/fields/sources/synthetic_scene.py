@@ -59,18 +59,9 @@ class ScenePerson:
 
 
 class SyntheticScene:
-    """Objects and people at a time.
+    """Objects, and people with bodies, at a time.
 
-    Parameters
-    ----------
-    objects : all objects
-    people : all people
-
-    Attributes
-    ----------
-    objects : the objects, and the bodies of the people
-    triangles : (F, 3, 3) of all objects, metres
-    owner : (F,) the index of the object of each triangle
+    `triangles` (F, 3, 3) are those of all, metres; `owner` (F,) is the index of each one's object.
     """
 
     def __init__(
@@ -96,15 +87,10 @@ class SyntheticScene:
         field: float = math.radians(60),
         label: Callable[[VisibleObject], str] = lambda each: each.type,
     ) -> Segmentation:
-        """Return the labelled depth image of a camera.
+        """Return the labelled depth image of a camera at `eye` towards `target`, (3,) metres.
 
-        Parameters
-        ----------
-        eye : (3,) position of the camera, metres
-        target : (3,) a point on its axis, metres
-        size : width and height of the image, pixels
-        field : horizontal field of view, radians
-        label : returns the label of an object; by default its type
+        `size` is in pixels, `field` the horizontal field of view in radians; labels are types by
+        default.
         """
         camera = _camera(eye, target, size, field)
         depth, face = camera.image(self.triangles)

@@ -19,14 +19,7 @@ from semmap.geometry.morphology import polygons
 class ZoneSource:
     """Makes a bool map for each zone: of `inRoom` for rooms, of `inZone` for regions.
 
-    Parameters
-    ----------
-    vocabulary : has the properties
-    voxel_size : metres
-
-    Attributes
-    ----------
-    left_out : for each zone without a map the reason: it has more voxels than `semmap.limits` allow
+    `left_out` has the reason for each zone with more voxels than `semmap.limits` allow.
     """
 
     takes = Zones

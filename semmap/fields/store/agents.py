@@ -26,15 +26,10 @@ class StandingAgent:
 
 
 def read_agents(seen: Snapshot, ids: Iterable[int] | None = None) -> list[StandingAgent]:
-    """Return the agents of the current map that have a body.
+    """Return the agents of the current map that have a body; only those of `ids` if given.
 
     An agent without geometry gets the body of a person, standing at its pose, if it is a person or
     its type is not known. Other agents without geometry, such as robots, are left out.
-
-    Parameters
-    ----------
-    seen : a state of the map
-    ids : only these; all if not given
     """
     rows = seen.connection.execute(
         text(

@@ -1,9 +1,4 @@
-"""Events of relations on the channel `semmap_events` of the database.
-
-A message is JSON: `{"number": 7, "event": "begin", "relation": "sees", "subject": "human1",
-"object": "book_326", "time": "2026-01-01T12:00:00+00:00"}`. `event` is `begin` or `end`; `number`
-counts the messages of one publisher.
-"""
+"""Events of relations on the channel `semmap_events` of the database, as JSON (docs/fields.md)."""
 
 from __future__ import annotations
 
@@ -28,12 +23,7 @@ LONGEST = 7999
 
 
 class EventPublisher:
-    """Sends events to all listeners on the channel of a database; for one thread.
-
-    Parameters
-    ----------
-    engine : of the database
-    """
+    """Sends events to all listeners on the channel of a database; for one thread."""
 
     def __init__(self, engine: Engine) -> None:
         self._engine = engine
@@ -41,16 +31,10 @@ class EventPublisher:
         self._waiting: deque[str] = deque()
 
     def publish(self, events: Iterable[RelationEvent]) -> None:
-        """Send events, in one transaction.
+        """Send events, in one transaction, after those that wait since the database was away.
 
-        While the database cannot be reached, events wait, and the next call sends them first; none
-        is lost.
-
-        Raises
-        ------
-        TypeError, ValueError
-            A subject or object is neither a text nor an integer, or is too long to send; no event
-            is sent. Give the tracker names of entities.
+        Raises TypeError or ValueError, and sends none: a subject or object is neither a text nor an
+        integer, or too long. Give the tracker names of entities.
         """
         messages = []
         for number, event in enumerate(events, self._number + 1):
@@ -76,18 +60,7 @@ class EventPublisher:
 
 
 class EventListener:
-    """Receives the events that are published from now on.
-
-    Parameters
-    ----------
-    engine : of the database; the listener uses one connection until it is closed
-
-    Examples
-    --------
-    >>> with EventListener(engine) as listener:  # doctest: +SKIP
-    ...     for event in listener.events():
-    ...         print(event)
-    """
+    """Receives the events that are published from now on, by a connection until it is closed."""
 
     def __init__(self, engine: Engine) -> None:
         self._connection = engine.connect()
@@ -102,10 +75,7 @@ class EventListener:
     ) -> Iterator[RelationEvent]:
         """Yield events as they arrive; other messages on the channel are ignored.
 
-        Parameters
-        ----------
-        timeout : seconds without a message after which it ends; never if not given
-        count : number of messages after which it ends; a few more may be yielded
+        It ends after `timeout` seconds without a message, or `count` messages, or a few more.
         """
         for notice in self._driver.notifies(timeout=timeout, stop_after=count):
             event = _event(notice.payload)
@@ -120,22 +90,14 @@ class EventListener:
         self._connection.close()
 
     def __enter__(self) -> EventListener:
-        """Return the listener; the end of the `with` block closes it."""
         return self
 
     def __exit__(self, *_: object) -> None:
-        """Stop listening."""
         self.close()
 
 
 def as_json(event: RelationEvent) -> dict[str, str | int]:
-    """Return an event as a dict for `json.dumps`.
-
-    Raises
-    ------
-    TypeError
-        A subject or object is neither a text nor an integer.
-    """
+    """Return an event for `json.dumps`; TypeError for names that are neither text nor integer."""
     return {
         "event": "begin" if event.began else "end",
         "relation": event.relation,

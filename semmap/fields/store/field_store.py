@@ -1,9 +1,7 @@
-"""Fields in the database with all their versions; only cubes of voxels that changed are written.
+"""Fields of the current map with all their versions; only cubes of voxels that changed are written.
 
-A field belongs to the current map. All changes of a call are part of the transaction of the caller,
-whose connection is one of SQLAlchemy or, for commands that start quickly, of psycopg.
-
-Why: docs/decisions/a_stored_field_has_cubes_of_32_voxels_in_its_own_format.md
+All changes of a call are part of the transaction of the caller. Why:
+docs/decisions/a_stored_field_has_cubes_of_32_voxels_in_its_own_format.md
 """
 
 from __future__ import annotations
@@ -63,27 +61,20 @@ def save(
     at: datetime | None = None,
     answer: bool = False,
 ) -> int:
-    """Store a grid as the newest version of a field.
+    """Store a grid as the newest version of a field; return its number, from 1.
 
-    `load` returns values, active states, background and placement bit by bit, including active
-    voxels with the background value. If another process stores the same field, it waits for this
-    transaction.
+    `load` returns values, active states, background and placement bit by bit. If another process
+    stores the same field, it waits for this transaction, which the caller commits.
 
     Parameters
     ----------
-    connection : sees the map; the caller commits
     name : of the field, unique in the map
-    grid : the voxels
     property : IRI of the property
     about : the entity that the field is about
     legend : the entities of the values of an int32 grid, as JSON allows
     state : data of the writer, as JSON allows
     at : from when on the grid is valid, aware; now if not given
     answer : whether it is the answer of a query, which is no obstacle unless a policy says so
-
-    Returns
-    -------
-    the number of the version, from 1
 
     Raises
     ------
@@ -164,19 +155,7 @@ def save(
 
 
 def load(seen: Snapshot, name: str, version: int | None = None) -> StoredField:
-    """Return a version of a field.
-
-    Parameters
-    ----------
-    seen : a state of the map
-    name : of the field
-    version : the newest if not given
-
-    Raises
-    ------
-    LookupError
-        There is no such field or version.
-    """
+    """Return a version of a field, by default the newest; LookupError if there is none."""
     while True:
         field = _field(seen.session, name)
         number = field.version if version is None else version
@@ -210,13 +189,7 @@ def load(seen: Snapshot, name: str, version: int | None = None) -> StoredField:
 
 
 def names(seen: Snapshot, *, stateless: bool = False) -> list[str]:
-    """Return the names of the fields of the current map.
-
-    Parameters
-    ----------
-    seen : a state of the map
-    stateless : only the fields without data of their writer
-    """
+    """Return the names of the map's fields; `stateless` ones have no data of their writer."""
     return _names(seen.session, stateless=stateless)
 
 
@@ -231,13 +204,7 @@ def has_maps(seen: Snapshot) -> bool:
 
 
 def versions(seen: Snapshot, name: str) -> list[VersionSummary]:
-    """Return the versions of a field, the oldest first.
-
-    Raises
-    ------
-    LookupError
-        There is no such field.
-    """
+    """Return the versions of a field, the oldest first; LookupError if there is no such field."""
     rows = run(
         seen.session,
         "SELECT v.version, v.at, count(b.since) AS blocks, "
@@ -250,24 +217,9 @@ def versions(seen: Snapshot, name: str) -> list[VersionSummary]:
 
 
 def prune(connection: Connection, name: str, keep: int) -> int:
-    """Delete all but the newest versions of a field.
+    """Delete all but the newest versions of a field; return how many were deleted.
 
-    Parameters
-    ----------
-    connection : sees the map; the caller commits
-    name : of the field
-    keep : number of versions that stay, at least 1
-
-    Returns
-    -------
-    number of versions that were deleted
-
-    Raises
-    ------
-    LookupError
-        There is no such field.
-    ValueError
-        `keep` is below 1.
+    Raises LookupError: there is no such field. Raises ValueError: `keep` is below 1.
     """
     if keep < 1:
         raise ValueError(f"keep is {keep}: give at least 1; forget deletes the whole field")

@@ -17,20 +17,7 @@ if TYPE_CHECKING:
 
 
 def save_map(connection: Any, name: str, map: RepresentationMap, **more: Any) -> int:
-    """Store a map as the newest version of a field.
-
-    Parameters
-    ----------
-    **more : `state`, `at` and `answer` of `field_store.save`
-
-    Returns
-    -------
-    the number of the version
-
-    See Also
-    --------
-    field_store.save : raises the same errors
-    """
+    """Store a map as the newest version of a field, with `more` as in `field_store.save`."""
     return field_store.save(
         connection,
         name,
@@ -43,10 +30,7 @@ def save_map(connection: Any, name: str, map: RepresentationMap, **more: Any) ->
 
 
 def load_maps(seen: Snapshot, vocabulary: Properties) -> dict[str, RepresentationMap]:
-    """Return by name the newest versions of all stored maps with a property of the vocabulary.
-
-    The state of a mirror is not a map.
-    """
+    """Return by name the newest versions of all stored maps with a property of the vocabulary."""
     found = {}
     for name in field_store.names(seen, stateless=True):
         stored = field_store.load(seen, name)
@@ -58,14 +42,7 @@ def load_maps(seen: Snapshot, vocabulary: Properties) -> dict[str, Representatio
 def load_maps_during(
     seen: Snapshot, vocabulary: Properties, begin: datetime, end: datetime
 ) -> list[SourceUpdate]:
-    """Return the versions of stored maps that were the newest at any time from `begin` to `end`.
-
-    Parameters
-    ----------
-    seen : a state of the map
-    vocabulary : the properties
-    begin, end : aware
-    """
+    """Return the versions of stored maps that were the newest at any time in between, aware."""
     found = []
     for name in field_store.names(seen, stateless=True):
         versions = field_store.versions(seen, name)

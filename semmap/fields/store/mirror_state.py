@@ -22,19 +22,11 @@ FORMAT = "4"
 
 @dataclass(eq=False)
 class MirrorState:
-    """The entities of a map on one grid.
+    """The entities of a map on one grid; those of the map are ids, those of sources names.
 
-    Attributes
-    ----------
-    regions : the voxels of the entities; those of the map are ids, those of sources are names
-    names : the name of each entity
-    roles : whether each is an object, an agent, a room, a region, a view or a personal space
-    views : the agent of each field of view
-    left_out : name and reason for each id without voxels: it would have more than limits allow
-    zones : what the voxels of rooms and regions were made of, as JSON
-    stated : the ids whose voxels an update stated
-    cursor : where the state lies in the history of the map; None for an empty state
-    maps : maps of sources
+    `views` has the agent of each field of view; `left_out` name and reason for each id with too
+    many voxels; `zones` what the voxels of rooms and regions were made of, as JSON; `stated` the
+    ids whose voxels an update stated. The `cursor` of an empty state is None.
     """
 
     regions: RegionMap
@@ -66,14 +58,7 @@ def walls_name(voxel_size: float) -> str:
 def load_walls(
     seen: Snapshot, voxel_size: float, cursor: str | None
 ) -> tuple[RegionMap, dict[int, tuple[str, str]]] | None:
-    """Return the walls that were saved with a state, and name and reason of those without voxels.
-
-    Parameters
-    ----------
-    seen : a state of the map
-    voxel_size : metres
-    cursor : of the state; None is returned if the walls were saved with another one
-    """
+    """Return the walls of a state with this cursor, and name and reason of those without voxels."""
     try:
         stored = field_store.load(seen, walls_name(voxel_size))
         kept = stored.state or {}
@@ -91,11 +76,6 @@ def load_state(seen: Snapshot, voxel_size: float) -> MirrorState | None:
 
     That is where there is none of this voxel size, where it is from another release of semmap or
     from another server, or where the history since then was deleted.
-
-    Parameters
-    ----------
-    seen : a state of the map
-    voxel_size : metres
     """
     try:
         stored = field_store.load(seen, field_name(voxel_size))
@@ -126,13 +106,7 @@ def load_state(seen: Snapshot, voxel_size: float) -> MirrorState | None:
 
 
 def is_current(seen: Snapshot, state: MirrorState) -> bool:
-    """Return whether the map has not changed since a state, and no region begins or ends in time.
-
-    Parameters
-    ----------
-    seen : a state of the map
-    state : of the map
-    """
+    """Whether the map has not changed since a state, and no region begins or ends in time."""
     (row,) = run(
         seen.session,
         "SELECT EXISTS (SELECT FROM changes_since(%(since)s) WHERE map_id = current_map()) "

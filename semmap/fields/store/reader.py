@@ -47,8 +47,7 @@ class Occupant:
         """Return all that is occupied, for grids: no voxel that the surface meets is left out.
 
         A voxel that it only touches is one of them, on all sides: it lies there by rounding. A
-        closed surface has an inside, as for `navgrid.slabs`: each edge of all its faces is as often
-        in one direction as in the other.
+        surface that is closed as a whole has an inside, as for `navgrid.slabs`.
         """
         if self.points is not None:
             return [self.points]
@@ -70,13 +69,7 @@ def read_occupants(seen: Snapshot, ids: Iterable[int] | None = None) -> list[Occ
 
 
 def read_walls(seen: Snapshot, ids: Iterable[int] | None = None) -> list[Occupant]:
-    """Return the shells of rooms that have geometry, and the leaves of doors, open ones included.
-
-    Parameters
-    ----------
-    seen : a state of the map
-    ids : only those of these rooms and connectors; all if not given
-    """
+    """Return the shells of rooms with geometry, and the leaves of doors, open ones included."""
     found = read_entities(seen, ids, kinds=("room", "connector"))
     return [_occupant(e) for e in found if len(e.triangles) or e.voxels is not None]
 

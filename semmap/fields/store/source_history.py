@@ -1,7 +1,7 @@
 """What sources saw, kept in the database: their newest maps and the former ones.
 
 A record is a version of the field `source NAME`: the time, the properties that the source provided,
-and the versions of the fields that hold its maps. A map that did not change has no new version.
+and the versions of the fields of its maps. A map that did not change has no new version.
 """
 
 from __future__ import annotations
@@ -27,12 +27,7 @@ RECORD = "urn:semmap:ontology#provides"
 
 
 class SourceHistory:
-    """Keeps the updates of sources; for one thread.
-
-    Parameters
-    ----------
-    keep : number of updates of a source that are kept
-    """
+    """Keeps that many updates of each source; for one thread."""
 
     def __init__(self, keep: int) -> None:
         self._keep = keep
@@ -40,17 +35,7 @@ class SourceHistory:
         self._versions: dict[str, tuple[RepresentationMap, int]] = {}
 
     def save(self, connection: Connection, updates: dict[str, SourceUpdate]) -> int:
-        """Keep the newest update of each source that has a new one.
-
-        Parameters
-        ----------
-        connection : sees the map; the caller commits
-        updates : by source
-
-        Returns
-        -------
-        number of updates that were kept
-        """
+        """Keep the newest update of each source that has a new one; return how many were kept."""
         fresh = {n: each for n, each in updates.items() if self._newest.get(n) is not each}
         for source, update in fresh.items():
             fields: dict[str, int] = {}
@@ -90,14 +75,7 @@ def load_updates(
     begin: datetime | None = None,
     end: datetime | None = None,
 ) -> dict[str, list[SourceUpdate]]:
-    """Return the kept updates of each source, the oldest first.
-
-    Parameters
-    ----------
-    seen : a state of the map
-    vocabulary : the properties; maps of others are left out
-    begin, end : those that were valid at any time in between; the newest ones if not given
-    """
+    """Return the kept updates of each source, the oldest first: the newest, or those in between."""
     rows = run(
         seen.session,
         "SELECT * FROM (SELECT f.name, v.at, v.state, "

@@ -1,9 +1,7 @@
 """Voxels that an update gave to entities, or took from them: kept until their geometry changes.
 
-They are a field `voxels of NAME`, valid for the geometry that the entity had then, and move with
-its pose. A name that the map does not have becomes a region of the map, so that the ID of an
-inserted region is that of an entity (the region-of-space server of "VDB-based Spatially Grounded
-Semantics for Interactive Robots", section IV).
+They are a field `voxels of NAME`, and move with the pose of the entity. A name that the map does
+not have becomes a region ("VDB-based Spatially Grounded Semantics", section IV).
 """
 
 from __future__ import annotations
@@ -43,14 +41,7 @@ class StatedVoxels:
 
 
 def read_stated(seen: Snapshot, ids: Iterable[int] | None, voxel_size: float) -> list[StatedVoxels]:
-    """Return the entities of the current map with stated voxels.
-
-    Parameters
-    ----------
-    seen : a state of the map
-    ids : only these; all if not given
-    voxel_size : metres; voxels of another size are resampled
-    """
+    """Return the entities with stated voxels, of this size in metres; of `ids` if given."""
     rows = run(
         seen.session,
         "SELECT e.id, e.name, e.kind, w.pose, f.name AS field, v.state, "
@@ -82,17 +73,10 @@ def read_stated(seen: Snapshot, ids: Iterable[int] | None, voxel_size: float) ->
 def save_stated(
     session: psycopg.Connection[Any], name: str, voxels: NDArray[np.int32], voxel_size: float
 ) -> None:
-    """State the voxels of an entity.
+    """State all voxels (N, 3) of an entity.
 
     An unknown entity becomes a region of the map; a region that was made so and has no voxels any
     more is deleted.
-
-    Parameters
-    ----------
-    session : sees the map; the caller commits
-    name : of the entity
-    voxels : (N, 3) all its voxels
-    voxel_size : metres
     """
     field = f"voxels of {name}"
     found = run(

@@ -1,7 +1,4 @@
-"""Runs statements on connections of SQLAlchemy and of psycopg.
-
-A command that does not load SQLAlchemy answers sooner.
-"""
+"""Runs statements on connections of SQLAlchemy and of psycopg, which loads sooner."""
 
 from __future__ import annotations
 

@@ -1,8 +1,7 @@
 """A region map that follows the map in the database, through restarts of either.
 
-Only entities that were imported, moved or deleted are voxelised again. A notification wakes the
-mirror; it reads the changes from the history by a cursor, so that a lost notification does no harm.
-The state can be stored in the database with that cursor, for another process to continue.
+Only what was imported, moved or deleted is voxelised again. A notification wakes the mirror; it
+reads the changes by a cursor, so that a lost notification does no harm.
 """
 
 from __future__ import annotations
@@ -50,21 +49,15 @@ class VoxelMirror:
     """The voxels of the objects, agents, rooms and regions of a map; the entities are ids.
 
     A room is its space. The walls of rooms that have a mesh, and the leaves of doors, are a region
-    map of their own: an entity has one region in a map.
-
-    Parameters
-    ----------
-    engine : of the database
-    map_name : if not given, the chosen or only map, when changes are read first
-    voxel_size : metres
+    map of their own: an entity has one region in a map. Without a name, it is the chosen or only
+    map.
 
     Attributes
     ----------
     regions : may be read at any time. An entity that moves is absent for a moment, and never
         incomplete
     walls : the shells of rooms, and the leaves of doors, open ones included
-    names : the name of each id
-    roles : whether each id is an object, an agent, a room or a region
+    names, roles : of each id
     spaces : the ids of rooms, regions and other parts of space
     views : the agent of each entity that is a field of view
     maps : maps of sources; the mirror itself puts none there
@@ -100,9 +93,8 @@ class VoxelMirror:
     ) -> VoxelMirror:
         """Return a mirror that continues from the state that was saved last.
 
-        `catch_up` reads what changed since. It reads the whole map if the state cannot be used:
-        there is none of this voxel size, it is from another release of semmap or from another
-        server, or the history since then was deleted.
+        `catch_up` reads what changed since, or the whole map if the state cannot be used: see
+        `load_state`.
         """
         mirror = cls(engine, map_name, voxel_size)
         with mirror._feed.snapshot() as seen:
@@ -119,16 +111,9 @@ class VoxelMirror:
         return mirror
 
     def save(self) -> int:
-        """Store the state in the database, in place of the former one.
+        """Store the state in place of the former one; return the number of its version.
 
-        Returns
-        -------
-        the number of its version
-
-        Raises
-        ------
-        LookupError
-            `catch_up` was not called yet, or the map was deleted.
+        Raises LookupError: `catch_up` was not called yet, or the map was deleted.
         """
         with self._lock:
             if self._feed.cursor is None:
@@ -178,13 +163,9 @@ class VoxelMirror:
         return dict([*self._left_out.values(), *self._walls_left_out.values()])
 
     def catch_up(self) -> set[int]:
-        """Read what changed since the last call; at the first call, the whole map.
+        """Read what changed since the last call, at first all; return the ids that changed.
 
         A call that fails changes nothing: the next one reads the same changes again.
-
-        Returns
-        -------
-        the ids of the entities that changed
         """
         with self._lock:
             with self._feed.look() as look:
@@ -272,12 +253,8 @@ class VoxelMirror:
     ) -> None:
         """Follow the database until `stop` is set, through its restarts.
 
-        Parameters
-        ----------
-        stop : ends the call
-        on_change : called with the ids that changed, after the mirror has read them
-        patience : seconds between checks of `stop`, and before another attempt to connect
-        save_every : the least seconds between saves of a changed state; never if not given
+        `on_change` gets the ids that changed. `patience` is the seconds between checks of `stop`,
+        `save_every` the least seconds between saves of a changed state; never if not given.
         """
         saved = -float("inf")
 
