@@ -148,10 +148,6 @@ class Fields:
         """Return the entity of a name: each name is one."""
         return frozenset({name})
 
-    def at(self, moment: datetime) -> Fields:
-        """Refuse: there is no history."""
-        raise LookupError(moment)
-
     def during(self, begin: datetime, end: datetime) -> Fields:
         """Refuse: there is no history."""
         raise LookupError(begin)

@@ -7,6 +7,8 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from semmap.geometry.pose import Pose
+
 Vector = tuple[float, float, float]
 
 
@@ -48,14 +50,7 @@ def as_rotation(value: ArrayLike, name: str) -> NDArray[np.float64]:
     q = np.asarray(value, dtype=float)
     if q.shape != (4,) or not abs(float(np.linalg.norm(q)) - 1) < 1e-6:
         raise ValueError(f"{name} is {value!r}: give a unit quaternion (x, y, z, w)")
-    x, y, z, w = (q / np.linalg.norm(q)).tolist()
-    return np.array(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
-            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
-            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
-        ]
-    )
+    return Pose(0, 0, 0, *(q / np.linalg.norm(q)).tolist()).rotation_matrix
 
 
 def as_rigid_rows(value: ArrayLike, name: str) -> list[list[float]]:

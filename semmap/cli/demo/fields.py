@@ -66,7 +66,7 @@ def field_demo(
     There is none without a small object that has a free place beside it. `voxel_size` in metres.
     """
     names = read_names(seen)
-    zones = read_zones(seen)
+    zones = list(read_zones(seen).values())
     objects = read_visible_objects(seen)
     found = arrange_scene(objects, names, zones)
     if found is None:

@@ -6,14 +6,13 @@ Source: "VDB-based Spatially Grounded Semantics for Interactive Robots", section
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from semmap.fields.maps.lattice import Lattice
 from semmap.fields.maps.representation_map import RepresentationMap
-from semmap.fields.regions.region_map import RegionMap, Role
+from semmap.fields.regions.region_map import NamedRegionMap, Role
 
 ROLES: dict[str, tuple[Role, str]] = {
     "inFieldOfView": ("view", "{}_view"),
@@ -30,19 +29,10 @@ The objects that sources see are types, not entities of the map: they are not on
 
 
 class LiveEntities:
-    """The entities that maps of sources show on a region map; it changes those of a mirror."""
+    """The entities that maps of sources show on a region map, such as a mirror."""
 
-    def __init__(
-        self,
-        regions: RegionMap,
-        names: dict[Any, str],
-        roles: dict[Any, Role],
-        views: dict[Any, str],
-    ) -> None:
-        self._regions = regions
-        self._names = names
-        self._roles = roles
-        self._views = views
+    def __init__(self, on: NamedRegionMap) -> None:
+        self._on = on
         self._shown: dict[str, tuple[tuple[int, str | None], ...]] = {}
         self._kept: tuple[RepresentationMap, ...] = ()
 
@@ -54,7 +44,7 @@ class LiveEntities:
                 wanted.setdefault(entity, []).append((each, agent, role))
         changed = set(self._shown) - set(wanted)
         for entity in changed:
-            self._regions.remove(entity)
+            self._on.regions.remove(entity)
             del self._shown[entity]
         # Names and roles stay until the tracker has ended the relations of what is gone.
         for entity, shown in wanted.items():
@@ -62,11 +52,11 @@ class LiveEntities:
             if self._shown.get(entity) == key:
                 continue
             _, agent, role = shown[0]
-            self._names[entity], self._roles[entity] = entity, role
+            self._on.names[entity], self._on.roles[entity] = entity, role
             if role == "view" and agent is not None:
-                self._views[entity] = agent
+                self._on.views[entity] = agent
             points = [self._points(each, agent) for each, agent, _ in shown]
-            self._regions.move(entity, np.concatenate(points))
+            self._on.regions.move(entity, np.concatenate(points))
             self._shown[entity] = key
             changed.add(entity)
         self._kept = tuple(maps)  # an id is unique while its map is alive
@@ -75,17 +65,17 @@ class LiveEntities:
     def forget(self, entities: set[str]) -> None:
         """Forget names and roles of entities that are gone, after their relations ended."""
         for entity in entities - set(self._shown):
-            for each in (self._names, self._roles, self._views):
+            for each in (self._on.names, self._on.roles, self._on.views):
                 each.pop(entity, None)
 
     def _points(self, map: RepresentationMap, agent: str | None) -> NDArray[np.float64]:
         """Return the centres of the voxels that show an entity."""
-        placed = map.resampled(Lattice(self._regions.voxel_size))
+        placed = map.resampled(Lattice(self._on.regions.voxel_size))
         voxels, values = placed.grid.read()
         if map.legend:
             wanted = [value for value, name in map.legend.items() if name == agent]
             voxels = voxels[np.isin(values, wanted)]
-        return np.asarray((voxels + 0.5) * self._regions.voxel_size, np.float64)
+        return np.asarray((voxels + 0.5) * self._on.regions.voxel_size, np.float64)
 
 
 def _entities(map: RepresentationMap) -> Iterator[tuple[str, str | None, Role]]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from copy import copy
 from datetime import datetime
 
 import numpy as np
@@ -212,29 +213,12 @@ class FieldCatalogue:
 
     # The past
 
-    def at(self, moment: datetime) -> FieldCatalogue:
-        """Return the catalogue as it was at a moment."""
-        if self._past is not None:
-            return self._past(moment, moment)
-        return self._in_the_past(lambda: self._maps.updates(moment, moment))
-
     def during(self, begin: datetime, end: datetime) -> FieldCatalogue:
         """Return a catalogue of all maps that were valid at any time in between."""
         if self._past is not None:
             return self._past(begin, end)
-        return self._in_the_past(lambda: self._maps.updates(begin, end))
-
-    def _in_the_past(self, selected: Callable[[], Iterable[SourceUpdate]]) -> FieldCatalogue:
-        past = FieldCatalogue(
-            self._vocabulary,
-            self._maps,
-            self._names,
-            occupancy=self._occupancy,
-            relations=self._relations.values(),
-            voxel_size=self.voxel_size,
-            farthest=self._farthest,
-        )
-        past._selected, past._is_past = selected, True
+        past = copy(self)
+        past._selected, past._is_past = lambda: self._maps.updates(begin, end), True
         return past
 
 

@@ -1,27 +1,43 @@
-"""The catalogue of a mirror: what fills space, zones, and relations between entities."""
+"""The catalogue of a mirror: what fills space, zones, and relations between entities.
+
+In the past, entities have former poses and present geometry; those that were deleted since are
+unknown. Sources state what they kept.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import AbstractContextManager
+from datetime import datetime
 from functools import cache
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from semmap.fields.maps.live_entities import LiveEntities
+from semmap.fields.maps.map_buffer import MapBuffer, SourceUpdate
 from semmap.fields.maps.vocabulary import Vocabulary
 from semmap.fields.queries.catalogue import FieldCatalogue
-from semmap.fields.queries.entity_relation import EntityRelation
-from semmap.fields.queries.past_catalogue import Open, past_catalogue
-from semmap.fields.regions.region_map import NamedRegionMap
-from semmap.fields.relations.rules import RULES
+from semmap.fields.queries.entity_relation import EntityRelation, Relations
+from semmap.fields.queries.statements import UnknownError
+from semmap.fields.regions.region_map import NamedRegionMap, RegionMap
+from semmap.fields.relations.facts import RelationFact
+from semmap.fields.relations.rules import RULES, RelationRule
 from semmap.fields.relations.tracker import RelationTracker
+from semmap.fields.store.map_store import load_maps_during
 from semmap.fields.store.mirror_state import MirrorState
+from semmap.fields.store.past_poses import beginning, moments_of_moves, poses_at, present_poses
+from semmap.fields.store.source_history import load_updates
+from semmap.geometry.pose import Pose
 from semmap.language.names import NameIndex
+from semmap.query.snapshot import Snapshot
 
-if TYPE_CHECKING:
-    from semmap.fields.store.voxel_mirror import VoxelMirror
+MOST_STATES = 1000
+"""The most moments at which relations are compared."""
+
+Open = Callable[[], AbstractContextManager[Snapshot]]
 
 
 def mirror_catalogue(
-    mirror: MirrorState | VoxelMirror,
+    mirror: MirrorState,
     names: NameIndex,
     vocabulary: Vocabulary,
     tracker: Callable[[], RelationTracker] | None = None,
@@ -32,42 +48,184 @@ def mirror_catalogue(
     `tracker` returns them if something else updates them. `open_snapshot` opens a state of the map,
     for its past; without it, only the maps of `mirror` are known of the past.
     """
-    entity_names: Mapping[Any, Any] = mirror.names
-
-    occupancy = NamedRegionMap(mirror.regions, mirror.names, mirror.roles)
 
     @cache
     def computed() -> RelationTracker:
-        relations = RelationTracker(
-            mirror.regions, names=entity_names, views=mirror.views, spaces=mirror.spaces
-        )
+        relations = RelationTracker.of(mirror)
         relations.update(mirror.regions.entities())
         return relations
 
+    def during(begin: datetime, end: datetime) -> FieldCatalogue:
+        assert open_snapshot is not None
+        return _past_catalogue(mirror, names, vocabulary, open_snapshot, begin, end)
+
+    return _catalogue(
+        mirror,
+        mirror.maps,
+        names,
+        vocabulary,
+        tracker or computed,
+        past=None if open_snapshot is None else during,
+    )
+
+
+def _catalogue(
+    entities: NamedRegionMap,
+    maps: MapBuffer,
+    names: NameIndex,
+    vocabulary: Vocabulary,
+    relations: Callable[[], Relations],
+    past: Callable[[datetime, datetime], FieldCatalogue] | None = None,
+) -> FieldCatalogue:
     def unknown() -> set[str]:
-        agents = set(mirror.views.values())  # an agent sees by its view, whether seen or not
-        return {*names.entities} - occupancy.entities().keys() - agents
+        agents = set(entities.views.values())  # an agent sees by its view, whether seen or not
+        return {*names.entities} - entities.entities().keys() - agents
 
     def missing() -> str | None:
-        provided = {name for update in mirror.maps.current() for name in update.provides}
-        return None if mirror.views or "inFieldOfView" in provided else "inFieldOfView"
+        provided = {name for update in maps.current() for name in update.provides}
+        return None if entities.views or "inFieldOfView" in provided else "inFieldOfView"
 
     return FieldCatalogue(
         vocabulary,
-        mirror.maps,
+        maps,
         names,
-        occupancy=occupancy,
+        occupancy=entities,
         relations=[
-            EntityRelation(vocabulary[name], tracker or computed, unknown, missing)
-            if name == "sees"
-            else EntityRelation(vocabulary[name], tracker or computed, unknown)
+            EntityRelation(
+                vocabulary[name], relations, unknown, missing if name == "sees" else lambda: None
+            )
             for name in dict.fromkeys(rule.name for rule in RULES)
             if name in vocabulary
         ],
-        voxel_size=mirror.regions.voxel_size,
-        past=(
-            None
-            if open_snapshot is None
-            else past_catalogue(mirror, names, vocabulary, open_snapshot)
-        ),
+        voxel_size=entities.regions.voxel_size,
+        past=past,
     )
+
+
+def _past_catalogue(
+    mirror: MirrorState,
+    names: NameIndex,
+    vocabulary: Vocabulary,
+    open_snapshot: Open,
+    begin: datetime,
+    end: datetime,
+) -> FieldCatalogue:
+    """Return what was so at any time in between; a voxel is free if it was so all the time."""
+    with open_snapshot() as seen:
+        first = beginning(seen)
+        if begin < first:
+            raise LookupError(f"the map begins at {first.isoformat()}: give a later time")
+        updates = _updates(mirror, vocabulary, seen, begin, end)
+        moments = [begin, *moments_of_moves(seen, begin, end)]
+        past = _PastEntities(mirror, present_poses(seen))
+        states = [poses_at(seen, moment) for moment in moments]
+    past.bring(states[0])
+    everywhere = past.copy()
+    for state in states[1:]:
+        for entity in past.bring(state):
+            voxels = past.regions.voxels(entity)
+            if len(voxels):
+                everywhere.regions.insert(entity, (voxels + 0.5) * past.regions.voxel_size)
+    LiveEntities(everywhere).update([map for update in updates for map in update.maps])
+
+    @cache
+    def relations() -> _Held:
+        return _held(past, list(zip(moments, states, strict=True)), updates)
+
+    maps = MapBuffer()
+    for number, update in enumerate(updates):
+        maps.put(str(number), update.maps, update.time, provides=update.provides)
+    return _catalogue(everywhere, maps, names, vocabulary, relations)
+
+
+class _PastEntities(NamedRegionMap):
+    """The entities of a mirror, brought to former poses."""
+
+    def __init__(self, mirror: MirrorState, present: Mapping[int, Pose]) -> None:
+        ids = {n: name for n, name in dict(mirror.names).items() if isinstance(n, int)}
+        regions = RegionMap.from_state(*mirror.regions.state())
+        super().__init__(regions, ids, {n: mirror.roles[n] for n in ids})
+        for entity in regions.entities():
+            if not isinstance(entity, int):
+                regions.remove(entity)
+        self._mirror = mirror
+        self._present = present
+        self._at: dict[int, Pose | None] = dict(present)
+
+    def copy(self) -> NamedRegionMap:
+        regions = RegionMap.from_state(*self.regions.state())
+        return NamedRegionMap(regions, dict(self.names), dict(self.roles))
+
+    def bring(self, poses: Mapping[int, Pose]) -> set[Any]:
+        """Move the entities to the poses of a moment; return those that moved."""
+        moved = set()
+        for entity in self.names:
+            pose = poses.get(entity)
+            if pose == self._at.get(entity):
+                continue
+            self._at[entity] = pose
+            moved.add(entity)
+            voxels = self._mirror.regions.voxels(entity)
+            if pose is None or not len(voxels):
+                self.regions.remove(entity)
+                continue
+            points = (voxels + 0.5) * self.regions.voxel_size
+            if entity in self._present and pose != self._present[entity]:
+                points = (pose @ self._present[entity].inverse()).apply(points)
+            self.regions.move(entity, points)
+        return moved
+
+
+class _Held:
+    """The facts that were true at any time, as `RelationTracker.holding` returns them."""
+
+    def __init__(self, rules: tuple[RelationRule, ...], facts: Iterable[RelationFact]) -> None:
+        self.rules = rules
+        self._facts = set(facts)
+
+    def holding(self, relation: str | None = None) -> dict[RelationFact, None]:
+        return {fact: None for fact in self._facts if relation in (None, fact.relation)}
+
+
+def _held(
+    past: _PastEntities,
+    states: Sequence[tuple[datetime, Mapping[int, Pose]]],
+    updates: Sequence[SourceUpdate],
+) -> _Held:
+    """Return all relations that were true at any of the moments."""
+    begin = states[0][0]
+    times = sorted({moment for moment, _ in states} | {max(u.time, begin) for u in updates})
+    if len(times) > MOST_STATES:
+        raise UnknownError(
+            f"entities and sources changed {len(times)} times in between: relations are compared "
+            f"at up to {MOST_STATES} moments, give a shorter time"
+        )
+    live, tracker = LiveEntities(past), RelationTracker.of(past)
+    poses = dict(states)
+    facts: set[RelationFact] = set()
+    past.bring(states[0][1])
+    for number, time in enumerate(times):
+        changed = past.bring(poses[time]) if time in poses and number else set()
+        valid = {update.source: update for update in updates if update.time <= time}
+        changed |= live.update([map for update in valid.values() for map in update.maps])
+        tracker.update(past.regions.entities() if number == 0 else changed)
+        live.forget(changed)
+        facts |= tracker.holding().keys()
+    return _Held(tracker.rules, facts)
+
+
+def _updates(
+    mirror: MirrorState,
+    vocabulary: Vocabulary,
+    seen: Snapshot,
+    begin: datetime,
+    end: datetime,
+) -> list[SourceUpdate]:
+    """Return what sources stated: from memory, and what they kept from before."""
+    found = [each for each in mirror.maps.updates(begin, end) if each.source != "kept"]
+    oldest = mirror.maps.oldest()
+    for source, kept in load_updates(seen, vocabulary, begin, end).items():
+        limit = oldest.get(source)
+        found += [each for each in kept if limit is None or each.time < limit]
+    found += load_maps_during(seen, vocabulary, begin, end)
+    return sorted(found, key=lambda each: each.time)

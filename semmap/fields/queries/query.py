@@ -73,7 +73,8 @@ def _at_time(parsed: ParsedText, catalogue: Catalogue, now: datetime | None) -> 
     """Return the catalogue as it was at the time of AT or DURING."""
     try:
         if parsed.moment is not None:
-            return catalogue.at(_moment(parsed, parsed.moment))
+            moment = _moment(parsed, parsed.moment)
+            return catalogue.during(moment, moment)
         if len(parsed.span) == 2:
             begin, end = (_moment(parsed, each) for each in parsed.span)
             if end < begin:

@@ -85,10 +85,6 @@ class RegionCatalogue:
         assert self._catalogue is not None
         return self._catalogue.relation(property)
 
-    def at(self, moment: datetime) -> Catalogue:
-        """Raise LookupError: a region map has no history."""
-        raise LookupError("a region map has no history: leave out the time")
-
     def during(self, begin: datetime, end: datetime) -> Catalogue:
         """Raise LookupError: a region map has no history."""
         raise LookupError("a region map has no history: leave out the time")

@@ -108,10 +108,6 @@ class Catalogue(Schema, Protocol):
         """Return the relation that states a property of the catalogue."""
         ...
 
-    def at(self, moment: datetime) -> Catalogue:
-        """Return the catalogue as it was at a moment."""
-        ...
-
     def during(self, begin: datetime, end: datetime) -> Catalogue:
         """Return a catalogue that states all that was stated at any time in between."""
         ...

@@ -276,14 +276,20 @@ class SpacesOf:
         return self.roles.get(entity, "object") in SPACES
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(eq=False)
 class NamedRegionMap:
-    """A region map with the names and roles of its entities, for queries."""
+    """A region map with what its entities are."""
 
     regions: RegionMap
     # of each entity; one without has `str` of it as its name, and is an object
-    names: Mapping[Any, str] = field(default_factory=dict)
-    roles: Mapping[Any, Role] = field(default_factory=dict)
+    names: dict[Any, str] = field(default_factory=dict)
+    roles: dict[Any, Role] = field(default_factory=dict)
+    views: dict[Any, str] = field(default_factory=dict)  # the agent of each field of view
+
+    @property
+    def spaces(self) -> SpacesOf:
+        """The entities that are parts of space."""
+        return SpacesOf(self.roles)
 
     def entities(self, *roles: Role) -> dict[str, list[Any]]:
         """Return the entities that have voxels, by name; only those with one of `roles` if given.

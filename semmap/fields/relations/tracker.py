@@ -14,7 +14,7 @@ from datetime import UTC, datetime
 from typing import Any
 
 from semmap.fields.regions.measures import Neighbour
-from semmap.fields.regions.region_map import RegionMap
+from semmap.fields.regions.region_map import NamedRegionMap, RegionMap
 from semmap.fields.relations.facts import RelationEvent, RelationFact
 from semmap.fields.relations.rules import RULES, Kind, PairGeometry, RelationRule
 
@@ -81,6 +81,12 @@ class RelationTracker:
         self._since: dict[RelationFact, datetime] = {}
         self._last: datetime | None = None
         self._lock = threading.RLock()
+
+    @classmethod
+    def of(cls, named: NamedRegionMap) -> RelationTracker:
+        """Return the tracker of a region map, of names and roles as these change."""
+        names: Mapping[Any, Any] = named.names
+        return cls(named.regions, names=names, views=named.views, spaces=named.spaces)
 
     def update(
         self, changed: Iterable[Hashable], time: datetime | None = None

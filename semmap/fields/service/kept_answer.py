@@ -14,7 +14,6 @@ from semmap.query.snapshot import Snapshot
 if TYPE_CHECKING:
     from semmap.fields.maps.vocabulary import Properties
     from semmap.fields.store.mirror_state import MirrorState
-    from semmap.fields.store.voxel_mirror import VoxelMirror
 
 
 class PlainVocabulary:
@@ -32,9 +31,7 @@ def _local(iri: str) -> str:
     return iri.replace("#", "/").split("/")[-1]
 
 
-def show_kept(
-    mirror: MirrorState | VoxelMirror, seen: Snapshot, vocabulary: Properties
-) -> datetime | None:
+def show_kept(mirror: MirrorState, seen: Snapshot, vocabulary: Properties) -> datetime | None:
     """Put the maps that were kept last on a mirror and its grid; return when sources kept one."""
     newest = None
     for source, updates in load_updates(seen, vocabulary).items():
@@ -42,5 +39,5 @@ def show_kept(
             mirror.maps.put(source, each.maps, each.time, provides=each.provides)
             newest = each.time if newest is None else max(newest, each.time)
     mirror.maps.put("kept", load_maps(seen, vocabulary).values())
-    LiveEntities(mirror.regions, mirror.names, mirror.roles, mirror.views).update(mirror.maps.now())
+    LiveEntities(mirror).update(mirror.maps.now())
     return newest

@@ -11,11 +11,10 @@ from semmap.fields.store.stated_voxels import save_stated
 
 if TYPE_CHECKING:
     from semmap.fields.store.mirror_state import MirrorState
-    from semmap.fields.store.voxel_mirror import VoxelMirror
 
 
 def update_map(
-    mirror: MirrorState | VoxelMirror, catalogue: Catalogue, text: str, session: Any
+    mirror: MirrorState, catalogue: Catalogue, text: str, session: Any
 ) -> dict[str, Any]:
     """Carry out a SPARQL update: all of it or nothing.
 

@@ -65,14 +65,10 @@ class FieldService:
         self._vocabulary = read_map_vocabulary()
         self.mirror = VoxelMirror.resume(engine, map_name, voxel_size)
         self.mirror.catch_up()
-        mirror = self.mirror
-        self._live = LiveEntities(mirror.regions, mirror.names, mirror.roles, mirror.views)
-        names: dict[Any, Any] = mirror.names
-        self.tracker = RelationTracker(
-            mirror.regions, names=names, views=mirror.views, spaces=mirror.spaces
-        )
-        self.tracker.update(mirror.regions.entities())
-        self._manager = SourceManager(mirror.maps)
+        self._live = LiveEntities(self.mirror)
+        self.tracker = RelationTracker.of(self.mirror)
+        self.tracker.update(self.mirror.regions.entities())
+        self._manager = SourceManager(self.mirror.maps)
         self._inboxes: dict[str, tuple[Inbox, Source]] = {}
         self._running: dict[str, SourceSettings] = {}
         self._most = max(1, round(self.settings.keep_for / max(self.settings.keep_every, 1e-3)))
@@ -84,7 +80,7 @@ class FieldService:
         self._news = threading.Event()
         self._stop = threading.Event()
         self._began = datetime.now(UTC)
-        mirror.maps.on_put(self._wake.set)
+        self.mirror.maps.on_put(self._wake.set)
 
     # The life of the service
 

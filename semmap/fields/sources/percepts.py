@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from datetime import datetime
-from typing import Any, Literal
+from typing import Literal
 
 from numpy.typing import ArrayLike
-from shapely import MultiPolygon, Polygon, from_wkb, to_wkb
+from shapely import MultiPolygon, Polygon, to_wkb
+
+from semmap.fields.regions.mesh_regions import mesh_parts
+from semmap.fields.regions.shapes import Region
+from semmap.geometry.mesh import prism_mesh
+from semmap.geometry.morphology import polygons
 
 Pose = ArrayLike
 """A (4, 4) rigid transform: a frame in the shared frame."""
@@ -90,11 +95,10 @@ class Zone:
         """Return the zone as a list for `json.dumps`."""
         return [self.name, self.kind, to_wkb(self.outline, hex=True), self.low, self.high]
 
-    @classmethod
-    def from_json(cls, values: Sequence[Any]) -> Zone:
-        """Return the zone of a list of `as_json`."""
-        name, kind, outline, low, high = values
-        return cls(name, kind, from_wkb(outline), low, high)
+    def regions(self, voxel_size: float) -> list[Region]:
+        """Return the prism of the zone, for voxels of an edge in metres."""
+        outline = MultiPolygon(polygons(self.outline))
+        return mesh_parts(prism_mesh(outline, self.low, self.high)).regions(voxel_size)
 
 
 @dataclass(frozen=True, eq=False)

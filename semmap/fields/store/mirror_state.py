@@ -5,12 +5,13 @@ Why: docs/decisions/the_state_of_a_mirror_is_its_grid_of_set_numbers_the_sets_an
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from importlib.metadata import version
 from typing import Any
 
 from semmap.fields.maps.map_buffer import MapBuffer
-from semmap.fields.regions.region_map import RegionMap, Role, SpacesOf
+from semmap.fields.regions.region_map import NamedRegionMap, RegionMap
 from semmap.fields.store import field_store
 from semmap.fields.store.statements import Connection, run
 from semmap.query.snapshot import Snapshot
@@ -19,30 +20,23 @@ from semmap_vdb import Int32Grid
 FORMAT = "4"
 """Of the state in the database."""
 
+Reasons = dict[int, tuple[str, str]]
+"""Name and reason for each id without voxels: it would have more than limits allow."""
+
 
 @dataclass(eq=False)
-class MirrorState:
+class MirrorState(NamedRegionMap):
     """The entities of a map on one grid; those of the map are ids, those of sources names.
 
-    `views` has the agent of each field of view; `left_out` name and reason for each id with too
-    many voxels; `zones` what the voxels of rooms and regions were made of, as JSON; `stated` the
-    ids whose voxels an update stated. The `cursor` of an empty state is None.
+    `zones` has what the voxels of rooms and regions were made of, as JSON; `stated` the ids whose
+    voxels an update stated. The `cursor` of an empty state is None.
     """
 
-    regions: RegionMap
-    names: dict[Any, str] = field(default_factory=dict)
-    roles: dict[Any, Role] = field(default_factory=dict)
-    views: dict[Any, str] = field(default_factory=dict)
-    left_out: dict[int, tuple[str, str]] = field(default_factory=dict)
+    reasons: Reasons = field(default_factory=dict)
     zones: dict[int, list[Any]] = field(default_factory=dict)
     stated: set[int] = field(default_factory=set)
     cursor: str | None = None
     maps: MapBuffer = field(default_factory=MapBuffer)
-
-    @property
-    def spaces(self) -> SpacesOf:
-        """The entities that are parts of space."""
-        return SpacesOf(self.roles)
 
 
 def field_name(voxel_size: float) -> str:
@@ -57,18 +51,10 @@ def walls_name(voxel_size: float) -> str:
 
 def load_walls(
     seen: Snapshot, voxel_size: float, cursor: str | None
-) -> tuple[RegionMap, dict[int, tuple[str, str]]] | None:
-    """Return the walls of a state with this cursor, and name and reason of those without voxels."""
-    try:
-        stored = field_store.load(seen, walls_name(voxel_size))
-        kept = stored.state or {}
-        if kept.get("cursor") != cursor:
-            return None
-        assert isinstance(stored.grid, Int32Grid)
-        walls = RegionMap.from_state(stored.grid, stored.legend or {})
-    except (LookupError, ValueError):
-        return None
-    return walls, {int(n): (name, reason) for n, (name, reason) in kept["left_out"].items()}
+) -> tuple[RegionMap, Reasons] | None:
+    """Return the walls that were saved with the state of a cursor."""
+    found = _load(seen, walls_name(voxel_size), lambda kept: kept["cursor"] == cursor)
+    return None if found is None else (found[0], _reasons(found[1]))
 
 
 def load_state(seen: Snapshot, voxel_size: float) -> MirrorState | None:
@@ -77,20 +63,17 @@ def load_state(seen: Snapshot, voxel_size: float) -> MirrorState | None:
     That is where there is none of this voxel size, where it is from another release of semmap or
     from another server, or where the history since then was deleted.
     """
-    try:
-        stored = field_store.load(seen, field_name(voxel_size))
-        kept = stored.state or {}
-        if kept.get("by") != origin(seen.session):
-            return None
-        reaches = run(
-            seen.session, "SELECT reaches_back(%(since)s) AS so", {"since": kept["cursor"]}
+
+    def is_usable(kept: dict[str, Any]) -> bool:
+        since = {"since": kept["cursor"]}
+        return kept["by"] == origin(seen.session) and bool(
+            run(seen.session, "SELECT reaches_back(%(since)s) AS so", since)[0].so
         )
-        if not reaches[0].so:
-            return None
-        assert isinstance(stored.grid, Int32Grid)
-        regions = RegionMap.from_state(stored.grid, stored.legend or {})
-    except (LookupError, ValueError):
+
+    found = _load(seen, field_name(voxel_size), is_usable)
+    if found is None:
         return None
+    regions, kept = found
     for entity in regions.entities():
         if not isinstance(entity, int):  # what sources saw then
             regions.remove(entity)
@@ -98,11 +81,28 @@ def load_state(seen: Snapshot, voxel_size: float) -> MirrorState | None:
         regions,
         {int(number): name for number, name in kept["names"].items()},
         {int(number): role for number, role in kept["roles"].items()},
-        left_out={int(n): (name, reason) for n, (name, reason) in kept["left_out"].items()},
+        reasons=_reasons(kept),
         zones={int(number): zone for number, zone in kept["zones"].items()},
         stated=set(kept["stated"]),
         cursor=kept["cursor"],
     )
+
+
+def _load(
+    seen: Snapshot, name: str, is_usable: Callable[[dict[str, Any]], bool]
+) -> tuple[RegionMap, dict[str, Any]] | None:
+    try:
+        stored = field_store.load(seen, name)
+        if stored.state is None or not is_usable(stored.state):
+            return None
+        assert isinstance(stored.grid, Int32Grid)
+        return RegionMap.from_state(stored.grid, stored.legend or {}), stored.state
+    except (LookupError, ValueError):
+        return None
+
+
+def _reasons(kept: dict[str, Any]) -> Reasons:
+    return {int(n): (name, reason) for n, (name, reason) in kept["left_out"].items()}
 
 
 def is_current(seen: Snapshot, state: MirrorState) -> bool:

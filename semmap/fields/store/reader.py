@@ -1,4 +1,4 @@
-"""Reads what fields are made of from the database: meshes, walls, rooms and regions."""
+"""Reads what fields are made of from the database: meshes, walls, zones and agents."""
 
 from __future__ import annotations
 
@@ -10,17 +10,21 @@ from numpy.typing import NDArray
 from sqlalchemy import text
 
 from semmap.fields.regions.mesh_regions import mesh_parts
-from semmap.fields.regions.shapes import Region, Solid, SurfaceRegion
+from semmap.fields.regions.shapes import Cylinder, Region, Solid, SurfaceRegion
 from semmap.fields.sources.percepts import Zone
 from semmap.fields.sources.synthetic_scene import VisibleObject
 from semmap.geometry.parts import closed_as_whole
 from semmap.geometry.tin import to_mesh
+from semmap.query.meshes import world_triangles
 from semmap.query.snapshot import Snapshot
 from semmap.query.storey_reader import OBJECTS, read_entities
 from semmap.query.storey_scene import SceneEntity
 
 TOUCH = 2.5e-9
 """Voxels within which a surface touches one: more than the tolerance of drawing."""
+
+PERSON = (0.25, 1.75)
+"""Radius and height in metres of a person without geometry."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,29 +89,55 @@ def read_visible_objects(seen: Snapshot) -> list[VisibleObject]:
     return [VisibleObject(e.name, e.types[0], e.triangles) for e in found if len(e.triangles)]
 
 
-def read_zones(seen: Snapshot) -> list[Zone]:
-    """Return the rooms and regions of the current map that are valid now."""
+def read_zones(seen: Snapshot) -> dict[int, Zone]:
+    """Return the rooms and regions of the current map that are valid now, by id."""
     found = read_entities(
-        seen,
-        kinds=("room", "region"),
-        moment=seen.moment,
-        triangles=False,
-        carried=True,
+        seen, kinds=("room", "region"), moment=seen.moment, triangles=False, carried=True
     )
-    return [
-        Zone(e.name, "room" if e.kind == "room" else "region", e.footprint, e.floor, e.ceiling)
+    return {
+        e.id: Zone(
+            e.name, "room" if e.kind == "room" else "region", e.footprint, e.floor, e.ceiling
+        )
         for e in found
         if e.footprint is not None and e.footprint.area > 0
         if e.floor is not None and e.ceiling is not None
-    ]
+    }
 
 
-def read_zone_ids(seen: Snapshot) -> dict[str, int]:
-    """Return the id of each room and region of the current map, by name."""
+@dataclass(frozen=True, eq=False)
+class StandingAgent:
+    """An agent with a body."""
+
+    id: int  # of the entity
+    name: str  # of the entity
+    body: Region  # in the frame of the map
+
+
+def read_agents(seen: Snapshot, ids: Iterable[int] | None = None) -> list[StandingAgent]:
+    """Return the agents of the current map that have a body; only those of `ids` if given.
+
+    An agent without geometry gets the body of a person, standing at its pose, if it is a person or
+    its type is not known. Other agents without geometry, such as robots, are left out.
+    """
     rows = seen.connection.execute(
         text(
-            "SELECT name, id FROM entity "
-            "WHERE map_id = current_map() AND kind IN ('room', 'region')"
-        )
-    )
-    return {row.name: row.id for row in rows}
+            "SELECT e.id, e.name, w.pose, e.type IS NULL OR EXISTS (SELECT FROM type_closure c "
+            "WHERE c.sub = e.type AND c.super = 'person') AS is_person "
+            "FROM entity e JOIN world w ON w.entity_id = e.id "
+            "WHERE e.map_id = current_map() AND e.kind = 'agent' "
+            "AND (CAST(:ids AS bigint[]) IS NULL OR e.id = ANY(:ids)) ORDER BY e.id"
+        ),
+        {"ids": None if ids is None else [*ids]},
+    ).all()
+    triangles = world_triangles(seen.session, [row.id for row in rows]) if rows else {}
+    radius, height = PERSON
+    agents = []
+    for row in rows:
+        if len(triangles.get(row.id, ())):
+            mesh = to_mesh(triangles[row.id])
+            agents.append(StandingAgent(row.id, row.name, SurfaceRegion(mesh.vertices, mesh.faces)))
+        elif row.is_person and row.pose is not None:
+            x, y, z = row.pose[:3]
+            body = Cylinder((x, y, z + height / 2), radius, height)
+            agents.append(StandingAgent(row.id, row.name, body))
+    return agents

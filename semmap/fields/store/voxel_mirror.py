@@ -16,36 +16,28 @@ from sqlalchemy import Engine
 from sqlalchemy.exc import DBAPIError
 
 from semmap.database.maps import see_map
-from semmap.fields.maps.map_buffer import MapBuffer
-from semmap.fields.regions.region_map import RegionMap, Role, SpacesOf
+from semmap.fields.regions.region_map import RegionMap, Role
 from semmap.fields.regions.shapes import Region
-from semmap.fields.sources.percepts import Zone
 from semmap.fields.store import field_store
-from semmap.fields.store.agents import StandingAgent, read_agents
 from semmap.fields.store.mirror_state import (
+    MirrorState,
+    Reasons,
     field_name,
     load_state,
     load_walls,
     origin,
     walls_name,
 )
-from semmap.fields.store.reader import (
-    Occupant,
-    read_occupants,
-    read_walls,
-    read_zone_ids,
-    read_zones,
-)
-from semmap.fields.store.stated_voxels import StatedVoxels, read_stated
+from semmap.fields.store.reader import Occupant, read_agents, read_occupants, read_walls, read_zones
+from semmap.fields.store.stated_voxels import read_stated
 from semmap.query.change_feed import ChangeFeed
-from semmap.query.snapshot import Snapshot
 
 PROPERTY = "urn:semmap:ontology#occupiedBy"
 
 OnChange = Callable[[set[int]], None]
 
 
-class VoxelMirror:
+class VoxelMirror(MirrorState):
     """The voxels of the objects, agents, rooms and regions of a map; the entities are ids.
 
     A room is its space. The walls of rooms that have a mesh, and the leaves of doors, are a region
@@ -66,26 +58,13 @@ class VoxelMirror:
     def __init__(
         self, engine: Engine, map_name: str | None = None, voxel_size: float = 0.05
     ) -> None:
-        self.regions = RegionMap(voxel_size)
+        super().__init__(RegionMap(voxel_size))
         self.walls = RegionMap(voxel_size)
-        self.names: dict[Any, str] = {}
-        self.roles: dict[Any, Role] = {}
-        self.spaces = SpacesOf(self.roles)
-        self.views: dict[Any, str] = {}
-        self._left_out: dict[int, tuple[str, str]] = {}  # name and reason by id
-        self._walls_left_out: dict[int, tuple[str, str]] = {}
-        self.maps = MapBuffer()
-        self._zones: dict[int, Zone] | None = None  # as they were inserted last
-        self._stated: set[int] = set()
+        self._walls_reasons: Reasons = {}
         self._engine = engine
         self._feed = ChangeFeed(engine, map_name)
         self._unsaved = False
         self._lock = threading.Lock()  # regions, names and cursor change together
-
-    @property
-    def stated(self) -> frozenset[int]:
-        """The ids of the entities whose voxels were stated, in place of those of their meshes."""
-        return frozenset(self._stated)
 
     @classmethod
     def resume(
@@ -101,12 +80,8 @@ class VoxelMirror:
             state = load_state(seen, voxel_size)
             walls = None if state is None else load_walls(seen, voxel_size, state.cursor)
         if state is not None and walls is not None:
-            mirror.regions, mirror.names = state.regions, state.names
-            mirror.walls, mirror._walls_left_out = walls
-            mirror.roles.update(state.roles)
-            mirror._left_out = state.left_out
-            mirror._stated = state.stated
-            mirror._zones = {n: Zone.from_json(zone) for n, zone in state.zones.items()}
+            vars(mirror).update(vars(state))
+            mirror.walls, mirror._walls_reasons = walls
             mirror._feed.cursor = state.cursor
         return mirror
 
@@ -118,40 +93,31 @@ class VoxelMirror:
         with self._lock:
             if self._feed.cursor is None:
                 raise LookupError("the mirror has not read its map yet: call catch_up first")
-            grid, sets = self.regions.state()
-            walls, wall_sets = self.walls.state()
-            walls_left_out = dict(self._walls_left_out)
+            voxels, walls = self.regions.state(), self.walls.state()
             names = {each: name for each, name in dict(self.names).items() if isinstance(each, int)}
-            roles, since = {each: self.roles[each] for each in names}, self._feed.cursor
-            left_out, stated = dict(self._left_out), sorted(self._stated)
-            zones = {number: zone.as_json() for number, zone in (self._zones or {}).items()}
+            state = {
+                "cursor": self._feed.cursor,
+                "names": names,
+                "roles": {each: self.roles[each] for each in names},
+                "zones": dict(self.zones),
+                "stated": sorted(self.stated),
+                "left_out": dict(self.reasons),
+            }
+            of_walls = {"cursor": self._feed.cursor, "left_out": dict(self._walls_reasons)}
             self._unsaved = False
+        size = self.regions.voxel_size
         try:
             with self._engine.begin() as connection:
                 self._feed.map_name = see_map(connection, self._feed.map_name)
-                state = {
-                    "by": origin(connection),
-                    "cursor": since,
-                    "names": names,
-                    "roles": roles,
-                    "zones": zones,
-                    "stated": stated,
-                    "left_out": left_out,
-                }
-                number = field_store.save(
-                    connection, self._field, grid, property=PROPERTY, legend=sets, state=state
-                )
-                field_store.prune(connection, self._field, 1)
-                beside = walls_name(self.regions.voxel_size)
-                field_store.save(
-                    connection,
-                    beside,
-                    walls,
-                    property=PROPERTY,
-                    legend=wall_sets,
-                    state={"cursor": since, "left_out": walls_left_out},
-                )
-                field_store.prune(connection, beside, 1)
+                state["by"] = origin(connection)
+                for name, (grid, sets), kept in (
+                    (walls_name(size), walls, of_walls),
+                    (field_name(size), voxels, state),
+                ):
+                    number = field_store.save(
+                        connection, name, grid, property=PROPERTY, legend=sets, state=kept
+                    )
+                    field_store.prune(connection, name, 1)
         except BaseException:
             self._unsaved = True
             raise
@@ -160,7 +126,7 @@ class VoxelMirror:
     @property
     def left_out(self) -> dict[str, str]:
         """For each entity without voxels the reason: it would have more than limits allow."""
-        return dict([*self._left_out.values(), *self._walls_left_out.values()])
+        return dict([*self.reasons.values(), *self._walls_reasons.values()])
 
     def catch_up(self) -> set[int]:
         """Read what changed since the last call, at first all; return the ids that changed.
@@ -170,78 +136,65 @@ class VoxelMirror:
         with self._lock:
             with self._feed.look() as look:
                 changed = None if look.changed is None else set(look.changed)
-                nothing = changed is not None and not changed and self._zones is not None
-                occupants = [] if nothing else read_occupants(look.seen, changed)
-                walls = [] if nothing else read_walls(look.seen, changed)
-                agents = [] if nothing else read_agents(look.seen, changed)
-                zones = self._zones or {}
-                stated: list[StatedVoxels] = []
-                if not nothing:
-                    zones = read_zones_by_id(look.seen)
+                if changed is None or changed:
+                    occupants = read_occupants(look.seen, changed)
+                    walls = read_walls(look.seen, changed)
+                    agents = read_agents(look.seen, changed)
+                    zones = read_zones(look.seen)
                     stated = read_stated(look.seen, changed, self.regions.voxel_size)
-            stale = self._stale(changed, zones) | {each.id for each in stated}
-            stale |= self._stated & (changed or set())
-            regions = self._regions_of(occupants, agents)
-            regions |= {n: zone_regions(z, self.regions) for n, z in zones.items() if n in stale}
-            roles: dict[int, Role] = {n: zone.kind for n, zone in zones.items()}
-            roles |= dict.fromkeys((each.id for each in agents), "agent")
-            names = {n: zone.name for n, zone in zones.items()}
-            names |= {each.id: each.name for each in occupants} | {
-                each.id: each.name for each in agents
+            if changed is not None and not changed:
+                self._feed.take_in(look)
+                return set()
+            size, kept_zones = self.regions.voxel_size, {n: z.as_json() for n, z in zones.items()}
+            stale = self._stale(changed, kept_zones) | {each.id for each in stated}
+            stale |= self.stated & (changed or set())
+            found: dict[int, tuple[str, Role, list[Region]]] = {
+                **{each.id: (each.name, "object", each.regions(size)) for each in occupants},
+                **{each.id: (each.name, "agent", [each.body]) for each in agents},
+                **{n: (z.name, z.kind, z.regions(size)) for n, z in zones.items() if n in stale},
+                **{each.id: (each.name, each.role, [each.points]) for each in stated},
             }
-            for number in stale | set(regions):
+            for number in stale | set(found):
                 self.regions.remove(number)
-                for former in (self.names, self.roles, self._left_out):
+                for former in (self.names, self.roles, self.reasons):
                     former.pop(number, None)
-            for each in stated:
-                regions[each.id] = [each.points]
-                names[each.id], roles[each.id] = each.name, each.role
-            self._stated = (self._stated - stale) | {each.id for each in stated}
+            self.stated = (self.stated - stale) | {each.id for each in stated}
             reasons = self.regions.insert_possible(
-                [(number, region) for number, each in regions.items() for region in each]
+                [(number, region) for number, (_, _, all_) in found.items() for region in all_]
             )
-            for number in regions:
+            for number, (name, role, _) in found.items():
                 if number in reasons:
-                    self._left_out[number] = (names[number], reasons[number])
+                    self.reasons[number] = (name, reasons[number])
                 else:
-                    self.names[number] = names[number]
-                    self.roles[number] = roles.get(number, "object")
-            self._zones = zones
+                    self.names[number], self.roles[number] = name, role
+            self.zones = kept_zones
             self._rebuild(changed, walls)
             self._feed.take_in(look)
-            self._unsaved = self._unsaved or not nothing
-            return stale | set(regions)
+            self._unsaved = True
+            return stale | set(found)
 
     def _rebuild(self, changed: set[int] | None, walls: list[Occupant]) -> None:
         """Replace the walls of the rooms and doors that changed; all of them for None."""
         if changed is None:
             self.walls = RegionMap(self.walls.voxel_size)
-            self._walls_left_out = {}
+            self._walls_reasons = {}
         for number in changed or ():
             self.walls.remove(number)
-            self._walls_left_out.pop(number, None)
+            self._walls_reasons.pop(number, None)
         reasons = self.walls.insert_possible(
             [(each.id, region) for each in walls for region in each.regions(self.walls.voxel_size)]
         )
-        self._walls_left_out |= {
+        self._walls_reasons |= {
             each.id: (each.name, reasons[each.id]) for each in walls if each.id in reasons
         }
 
-    def _stale(self, changed: set[int] | None, zones: dict[int, Zone]) -> set[int]:
+    def _stale(self, changed: set[int] | None, zones: dict[int, list[Any]]) -> set[int]:
         """Return the entities whose voxels are to be removed or replaced."""
         if changed is None:
             own = {each for each in dict(self.names) if isinstance(each, int)}
-            return own | self._left_out.keys() | zones.keys()
-        former = self._zones or {}
-        either = former.keys() | zones.keys()
-        return (changed - either) | {n for n in either if former.get(n) != zones.get(n)}
-
-    def _regions_of(
-        self, occupants: list[Occupant], agents: list[StandingAgent]
-    ) -> dict[int, list[Region]]:
-        size = self.regions.voxel_size
-        regions = {each.id: each.regions(size) for each in occupants}
-        return regions | {each.id: [each.body] for each in agents}
+            return own | self.reasons.keys() | zones.keys()
+        either = self.zones.keys() | zones.keys()
+        return (changed - either) | {n for n in either if self.zones.get(n) != zones.get(n)}
 
     def follow(
         self,
@@ -280,20 +233,3 @@ class VoxelMirror:
     def _save_if_there_is_a_map(self) -> None:
         with suppress(LookupError):  # it was dropped, and may be imported again
             self.save()
-
-    @property
-    def _field(self) -> str:
-        return field_name(self.regions.voxel_size)
-
-
-def read_zones_by_id(seen: Snapshot) -> dict[int, Zone]:
-    """Return the rooms and regions of the current map that are valid now, by their ids."""
-    number = read_zone_ids(seen)
-    return {number[zone.name]: zone for zone in read_zones(seen)}
-
-
-def zone_regions(zone: Zone, regions: RegionMap) -> list[Region]:
-    """Return the prism of a zone."""
-    from semmap.fields.sources.zones import prism  # it loads what only a changed zone needs
-
-    return prism(zone, regions.voxel_size)

@@ -8,7 +8,7 @@ from semmap.database.files import schema_folder
 from semmap.fields.maps.live_entities import LiveEntities
 from semmap.fields.maps.representation_map import RepresentationMap
 from semmap.fields.maps.vocabulary import read_vocabulary
-from semmap.fields.regions.region_map import RegionMap, Role, SpacesOf
+from semmap.fields.regions.region_map import NamedRegionMap, RegionMap, Role, SpacesOf
 from semmap.fields.regions.shapes import Box, Cone, voxels_of
 from semmap.fields.relations.tracker import RelationTracker
 
@@ -42,7 +42,7 @@ class Scene:
         self.views: dict[Any, str] = {}
         for number, region in enumerate((BOOK, ROOM, ZONE), 1):
             self.regions.insert(number, region)
-        self.live = LiveEntities(self.regions, self.names, self.roles, self.views)
+        self.live = LiveEntities(NamedRegionMap(self.regions, self.names, self.roles, self.views))
 
     def named(self, point: tuple[float, float, float]) -> set[str]:
         return {self.names[n] for n in self.regions.entities_at([point])[0]}

@@ -127,14 +127,12 @@ class Arrays:
             raise TypeError(f"{name} is not of the type {range_}")
         return frozenset(found)
 
-    def at(self, moment: datetime) -> Arrays:
-        """Return the catalogue at a moment."""
-        if moment not in self.past:
-            raise LookupError(f"{moment} is not recorded")
-        return self.past[moment]
-
     def during(self, begin: datetime, end: datetime) -> Arrays:
-        """Return the catalogue of a time span."""
+        """Return the catalogue of a time span, or of a moment."""
+        if begin == end:
+            if begin not in self.past:
+                raise LookupError(f"{begin} is not recorded")
+            return self.past[begin]
         self.spans.append((begin, end))
         return next((a for t, a in self.past.items() if begin <= t <= end), self)
 

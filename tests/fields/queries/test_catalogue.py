@@ -185,14 +185,15 @@ def test_wrong_properties_are_refused(catalogue: FieldCatalogue) -> None:
     with pytest.raises(LookupError, match="no property inFieldOfVeiw; did you mean inFieldOfView"):
         catalogue.find_property("http://kb.openrobots.org/inFieldOfVeiw")
     with pytest.raises(LookupError, match="only the present of occupiedBy is known"):
-        catalogue.at(NOW).find_property(VOCABULARY["occupiedBy"].iri)
+        catalogue.during(NOW, NOW).find_property(VOCABULARY["occupiedBy"].iri)
     assert len(list(catalogue.properties())) == len(VOCABULARY.properties) + 1
 
 
 def test_the_past_of_a_catalogue(catalogue: FieldCatalogue, maps: MapBuffer) -> None:
     maps.put("gaze", [], NOW + timedelta(seconds=10))
     assert stated(catalogue, "inFieldOfView") == set()
-    then = catalogue.at(NOW + timedelta(seconds=5))
+    moment = NOW + timedelta(seconds=5)
+    then = catalogue.during(moment, moment)
     assert {row[1] for row in stated(then, "inFieldOfView")} == {"human1", "anna"}
     span = catalogue.during(NOW + timedelta(seconds=9), NOW + timedelta(seconds=20))
     assert {row[1] for row in stated(span, "inFieldOfView")} == {"human1", "anna"}
