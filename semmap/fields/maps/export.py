@@ -8,8 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from semmap.fields.checks import as_points
-from semmap.fields.maps.grids import Grid
-from semmap.fields.maps.lattice import Lattice
+from semmap.fields.maps.grids import Grid, lattice_of
 
 Values = NDArray[np.bool_] | NDArray[np.int32] | NDArray[np.float32]
 
@@ -30,8 +29,7 @@ def write_grid(path: str | Path, grid: Grid, name: str) -> None:
         grid.write(str(path), name)
     elif path.suffix == ".ply":
         voxels, values = grid.read()
-        lattice = Lattice(grid.voxel_size, tuple(tuple(row) for row in grid.placement))
-        write_points(path, lattice.points_at(voxels + 0.5), values)
+        write_points(path, lattice_of(grid).points_at(voxels + 0.5), values)
     else:
         raise ValueError(
             f"{path.name} has an unknown ending: give a file that ends in .vdb or .ply"

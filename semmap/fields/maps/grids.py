@@ -6,7 +6,7 @@ from typing import Literal
 
 import numpy as np
 
-from semmap.fields.maps.lattice import Lattice, VoxelBox
+from semmap.fields.maps.lattice import Lattice
 from semmap_vdb import BoolGrid, FloatGrid, Int32Grid
 
 Grid = BoolGrid | Int32Grid | FloatGrid
@@ -35,8 +35,3 @@ def value_type_of(grid: Grid) -> ValueType:
 def lattice_of(grid: Grid) -> Lattice:
     """Return the lattice of a grid."""
     return Lattice(grid.voxel_size, tuple(tuple(row) for row in grid.placement))
-
-
-def cropped(grid: Grid, box: VoxelBox) -> Grid:
-    """Return the values of a grid in a box of its voxels."""
-    return grid.cropped(box.low, box.high)

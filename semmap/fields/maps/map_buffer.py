@@ -44,31 +44,19 @@ class MapBuffer:
         maps: Iterable[RepresentationMap],
         time: datetime | None = None,
         *,
-        span: timedelta | None = None,
         provides: Iterable[str] = (),
     ) -> None:
-        """Replace all maps of a source.
+        """Replace all maps of a source, at an aware time, by default now.
 
-        Parameters
-        ----------
-        time : aware; now if not given
-        span : how long they are kept after the next update; that of the buffer if not given
-        provides : names of the properties that the source states, besides those of its maps, and of
-            its maps since it was withdrawn last
-
-        Raises
-        ------
-        ValueError
-            The time has no time zone, or is before the last update of the source.
+        It states the properties that it `provides`, and those of its maps since it was withdrawn
+        last. Raises ValueError: the time has no zone, or is before the last update of the source.
         """
         now = _aware(time) if time is not None else datetime.now(UTC)
         given = tuple(maps)
         names = frozenset(provides).union(*(_stated_by(each) for each in given))
-        self._put(source, SourceUpdate(now, given, names, source), span, also_former=True)
+        self._put(source, SourceUpdate(now, given, names, source), also_former=True)
 
-    def _put(
-        self, source: str, update: SourceUpdate, span: timedelta | None, *, also_former: bool
-    ) -> None:
+    def _put(self, source: str, update: SourceUpdate, *, also_former: bool) -> None:
         now = update.time
         with self._lock:
             past = self._state.get(source, ())
@@ -79,7 +67,7 @@ class MapBuffer:
                     f"{source}: the maps of {now} are older than those of {past[-1].time}, its "
                     "last update: give a later time"
                 )
-            oldest = now - (self._span if span is None else span)
+            oldest = now - self._span
             # An update is valid until the next one: keep each whose successor is not too old.
             kept = [
                 each for each, following in pairwise((*past, update)) if following.time > oldest
@@ -96,23 +84,11 @@ class MapBuffer:
         """Remove the current maps of a source: its properties are unknown, its history stays."""
         if source in self._state:
             now = _aware(time) if time is not None else datetime.now(UTC)
-            self._put(source, SourceUpdate(now, (), source=source), None, also_former=False)
-
-    def sources(self) -> list[str]:
-        """Return the names of the sources that have maps now."""
-        return sorted(name for name, past in self._state.items() if past[-1].maps)
+            self._put(source, SourceUpdate(now, (), source=source), also_former=False)
 
     def now(self) -> tuple[RepresentationMap, ...]:
         """Return the current maps of all sources."""
         return tuple(m for each in self.current() for m in each.maps)
-
-    def at(self, moment: datetime) -> tuple[RepresentationMap, ...]:
-        """Return the maps that were valid at a moment."""
-        return self.during(moment, moment)
-
-    def during(self, begin: datetime, end: datetime) -> tuple[RepresentationMap, ...]:
-        """Return the maps that were valid at any time from `begin` to `end`, as `updates`."""
-        return tuple(m for each in self.updates(begin, end) for m in each.maps)
 
     def updates(self, begin: datetime, end: datetime) -> Iterator[SourceUpdate]:
         """Yield the updates that were valid at any time from `begin` to `end`, both included.
@@ -144,10 +120,6 @@ class MapBuffer:
         for past in self._state.values():
             for each in past:
                 yield from each.maps
-
-    def since(self) -> datetime | None:
-        """Return the time of the oldest update that is kept; None without updates."""
-        return min((past[0].time for past in self._state.values()), default=None)
 
 
 def _stated_by(map: RepresentationMap) -> set[str]:

@@ -105,9 +105,7 @@ def threshold(
             return empty_grid("bool", map.lattice)
         return grid.between(math.ceil(max(low, least)), math.floor(min(high, most)))  # type: ignore[no-any-return]
 
-    return RepresentationMap.lazily(
-        property, "bool", map.lattice, evaluate, about=map.about, time=map.time
-    )
+    return map.like(evaluate, property=property, value_type="bool")
 
 
 def map_values(
@@ -133,15 +131,8 @@ def map_values(
         grid.prune()
         return grid  # type: ignore[no-any-return]
 
-    return RepresentationMap.lazily(
-        as_ or map.property,
-        to,
-        map.lattice,
-        evaluate,
-        about=map.about,
-        legend=map.legend if to == "int32" else None,
-        time=map.time,
-    )
+    legend = map.legend if to == "int32" else None
+    return map.like(evaluate, property=as_ or map.property, value_type=to, legend=legend)
 
 
 def dilate(map: RepresentationMap, metres: float) -> RepresentationMap:
@@ -181,9 +172,7 @@ def distance(
     evaluate = _spread(map, as_length(farthest, "farthest"), None)
     property = as_ or replace(DISTANCE, domain=map.property.domain)
     about = map.about if property.object == "entity" else None
-    return RepresentationMap.lazily(
-        property, "float32", map.lattice, evaluate, about=about, time=map.time
-    )
+    return map.like(evaluate, property=property, value_type="float32", about=about, legend=None)
 
 
 def transform(map: RepresentationMap, pose: ArrayLike) -> RepresentationMap:
@@ -283,16 +272,9 @@ def _of_all(
     legend: Mapping[int, str],
 ) -> RepresentationMap:
     """Return a map like the first, about what all are about, of the time of the latest."""
-    first, abouts = maps[0], {each.about for each in maps}
-    return RepresentationMap.lazily(
-        property,
-        first.value_type,
-        first.lattice,
-        evaluate,
-        about=first.about if len(abouts) == 1 else None,
-        legend=legend,
-        time=max((each.time for each in maps if each.time is not None), default=None),
-    )
+    about = maps[0].about if len({each.about for each in maps}) == 1 else None
+    time = max((each.time for each in maps if each.time is not None), default=None)
+    return maps[0].like(evaluate, property=property, about=about, legend=legend, time=time)
 
 
 def _one_legend(
@@ -323,6 +305,4 @@ def _renumbered(
         assert isinstance(grid, Int32Grid)
         return grid.renumbered(pairs)
 
-    return RepresentationMap.lazily(
-        map.property, "int32", map.lattice, evaluate, legend=legend, time=map.time
-    )
+    return map.like(evaluate, legend=legend)

@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterable, Mapping
 from datetime import datetime
 from pathlib import Path
 from types import MappingProxyType
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -15,7 +16,6 @@ from semmap.fields.checks import as_points, as_rigid_rows, positive
 from semmap.fields.maps.grids import (
     Grid,
     ValueType,
-    cropped,
     empty_grid,
     lattice_of,
     value_type_of,
@@ -54,7 +54,7 @@ class RepresentationMap:
     ) -> None:
         self._setup(property, value_type_of(grid), lattice_of(grid), about, legend, time)
         self._grid: Grid | None = grid
-        self._evaluate: Evaluate = lambda box: grid if box is None else cropped(grid, box)
+        self._evaluate: Evaluate = lambda box: grid if box is None else grid.cropped(*box)
 
     @classmethod
     def lazily(
@@ -142,7 +142,7 @@ class RepresentationMap:
         """Return the voxels in a box of the lattice; only these are computed."""
         with self._lock:
             grid = self._grid
-        return cropped(grid if grid is not None else self._evaluate(box), box)
+        return (grid if grid is not None else self._evaluate(box)).cropped(*box)
 
     def read(self, box: VoxelBox | None) -> Grid:
         """Return the voxels in a box, or all voxels for None."""
@@ -170,9 +170,17 @@ class RepresentationMap:
 
     # Maps with other voxels
 
-    def like(self, evaluate: Evaluate) -> RepresentationMap:
-        """Return a map of the same property, type and lattice with other voxels."""
-        return self._on(self.lattice, evaluate)
+    def like(self, evaluate: Evaluate, **changes: Any) -> RepresentationMap:
+        """Return a map with other voxels, and `changes` of what `lazily` takes."""
+        own: dict[str, Any] = {
+            "property": self.property,
+            "value_type": self.value_type,
+            "lattice": self.lattice,
+            "about": self.about,
+            "legend": self.legend,
+            "time": self.time,
+        }
+        return RepresentationMap.lazily(evaluate=evaluate, **own | changes)
 
     def placed(self, pose: ArrayLike) -> RepresentationMap:
         """Return the map with its frame at another pose (4, 4); this takes no time.
@@ -181,7 +189,7 @@ class RepresentationMap:
         """
         rows = as_rigid_rows(pose, "pose")
         lattice = Lattice(self.voxel_size, tuple(tuple(row) for row in rows))
-        return self._on(lattice, lambda box: self.read(box).placed(rows))
+        return self.like(lambda box: self.read(box).placed(rows), lattice=lattice)
 
     def resampled(self, lattice: Lattice) -> RepresentationMap:
         """Return the map in another lattice: each voxel gets the value at its centre."""
@@ -192,18 +200,7 @@ class RepresentationMap:
             here = None if box is None else lattice.box_in(box, self.lattice)
             return self.read(here).resampled(lattice.voxel_size, lattice.rows)
 
-        return self._on(lattice, evaluate)
-
-    def _on(self, lattice: Lattice, evaluate: Evaluate) -> RepresentationMap:
-        return RepresentationMap.lazily(
-            self.property,
-            self.value_type,
-            lattice,
-            evaluate,
-            about=self.about,
-            legend=self.legend,
-            time=self.time,
-        )
+        return self.like(evaluate, lattice=lattice)
 
     def write(self, path: str | Path) -> None:
         """Write the map to a `.vdb` file; its grid is named after the property."""

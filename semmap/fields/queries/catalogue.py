@@ -223,7 +223,4 @@ class FieldCatalogue:
 
 
 def _as_bool(map: RepresentationMap) -> RepresentationMap:
-    """Return where a map has voxels."""
-    return RepresentationMap.lazily(
-        map.property, "bool", map.lattice, lambda box: map.read(box).active(), time=map.time
-    )
+    return map.like(lambda box: map.read(box).active(), value_type="bool", about=None, legend=None)

@@ -18,7 +18,6 @@ from numpy.typing import ArrayLike, NDArray
 
 import semmap_vdb
 from semmap.fields.checks import as_points, positive
-from semmap.fields.regions.entity_numbers import EntityNumbers
 from semmap.fields.regions.measures import Memory, Neighbour, Overlap, Support
 from semmap.fields.regions.shapes import Region, shape_of
 
@@ -50,8 +49,10 @@ class RegionMap:
         self._threads = (os.cpu_count() or 1) if threads is None else int(threads)
         if self._threads < 1:
             raise ValueError(f"threads is {threads}: give at least 1")
-        self._numbers = EntityNumbers()
-        # Numbers and entities change together.
+        # The native map counts entities from 0; numbers of released entities are used again.
+        self._number: dict[Hashable, int] = {}
+        self._entity: list[Hashable] = []
+        self._free: list[int] = []
         self._lock = threading.RLock()
 
     @property
@@ -60,15 +61,15 @@ class RegionMap:
         return self._voxel_size
 
     def __contains__(self, entity: object) -> bool:
-        return entity in self._numbers
+        return entity in self._number
 
     def __len__(self) -> int:
-        return len(self._numbers)
+        return len(self._number)
 
     def entities(self) -> set[Hashable]:
         """Return the entities that have voxels."""
         with self._lock:
-            return self._numbers.entities()
+            return set(self._number)
 
     # Changes
 
@@ -102,7 +103,7 @@ class RegionMap:
     def remove(self, entity: Hashable) -> None:
         """Remove all voxels of an entity. Does nothing if the entity is unknown."""
         with self._lock:
-            number = self._numbers.find(entity)
+            number = self._number.get(entity)
             if number is not None:
                 self._native.remove(number)
                 self._release_if_empty(entity)
@@ -112,7 +113,7 @@ class RegionMap:
     def voxels(self, entity: Hashable) -> NDArray[np.int32]:
         """Return the voxels (N, 3) of an entity, each once; none for an unknown entity."""
         with self._lock:
-            number = self._numbers.find(entity)
+            number = self._number.get(entity)
             if number is None:
                 return np.zeros((0, 3), np.int32)
             return self._native.voxels(number)
@@ -120,7 +121,7 @@ class RegionMap:
     def size(self, entity: Hashable) -> int:
         """Return the number of voxels of an entity; 0 for an unknown entity."""
         with self._lock:
-            number = self._numbers.find(entity)
+            number = self._number.get(entity)
             return 0 if number is None else self._native.size(number)
 
     def set_numbers_at(self, points: ArrayLike) -> NDArray[np.int32]:
@@ -133,7 +134,7 @@ class RegionMap:
         with self._lock:
             members = self._native.members(wanted)
             return {
-                number: frozenset(self._numbers.named(each))
+                number: frozenset(self._entity[n] for n in each)
                 for number, each in zip(wanted, members, strict=True)
             }
 
@@ -146,20 +147,16 @@ class RegionMap:
 
     # Spatial relations
 
-    def entities_in(self, region: Region) -> set[Hashable]:
-        """Return the entities that share a voxel with a region."""
-        return set(self.counts_in(region))
-
     def counts_in(self, region: Region) -> dict[Hashable, int]:
         """Return for each entity in a region the number of voxels that it shares with it."""
         shape = shape_of(region)
         with self._lock:
-            return {self._numbers.entity(i): n for i, n in self._native.entities_in(shape)}
+            return {self._entity[i]: n for i, n in self._native.entities_in(shape)}
 
     def overlap(self, a: Hashable, b: Hashable) -> Overlap:
         """Return the space that two entities share; 0 if one is unknown."""
         with self._lock:
-            one, other = self._numbers.find(a), self._numbers.find(b)
+            one, other = self._number.get(a), self._number.get(b)
             shared = 0 if one is None or other is None else self._native.overlap(one, other)
         return Overlap(shared, shared * self._voxel_size**3)
 
@@ -178,18 +175,18 @@ class RegionMap:
                 )
             farthest = math.floor((reach / self._voxel_size) ** 2 * (1 + 1e-9))
         with self._lock:
-            number = self._numbers.find(entity)
+            number = self._number.get(entity)
             if number is None:
                 return {}
             return {
-                self._numbers.entity(other): Neighbour(shared, math.sqrt(gap))
+                self._entity[other]: Neighbour(shared, math.sqrt(gap))
                 for other, shared, gap in self._native.neighbours(number, farthest)
             }
 
     def support(self, a: Hashable, b: Hashable) -> Support:
         """Return how much of the underside of `a` rests on `b`; 0 if one is unknown."""
         with self._lock:
-            one, other = self._numbers.find(a), self._numbers.find(b)
+            one, other = self._number.get(a), self._number.get(b)
             if one is None or other is None:
                 return Support(0, 0, 0)
             return Support(*self._native.support(one, other))
@@ -212,7 +209,7 @@ class RegionMap:
         """Return each voxel's number of a set, and the members of the sets: see `from_state`."""
         with self._lock:
             grid, sets = self._native.state()
-            return grid, {number: self._numbers.named(each) for number, each in sets}
+            return grid, {number: [self._entity[n] for n in each] for number, each in sets}
 
     @classmethod
     def from_state(
@@ -225,14 +222,23 @@ class RegionMap:
         """Return the map that had a `state`, with the same numbers; ValueError if it is none."""
         made = cls(grid.voxel_size, threads=threads)
         rows = [
-            (number, sorted({made._numbers.assign(entity) for entity in members}))
+            (number, sorted({made._assign(entity) for entity in members}))
             for number, members in sets.items()
         ]
         made._native.restore(grid, rows)
         return made
 
+    def _assign(self, entity: Hashable) -> int:
+        """Return the number of an entity, new or not."""
+        number = self._number.get(entity)
+        if number is None:
+            number = self._free.pop() if self._free else len(self._entity)
+            self._entity[number : number + 1] = [entity]
+            self._number[entity] = number
+        return number
+
     def _change(self, entity: Hashable, change: Any) -> None:
-        number = self._numbers.assign(entity)
+        number = self._assign(entity)
         try:
             change(number)
         except ValueError as error:
@@ -244,7 +250,7 @@ class RegionMap:
         pairs = list(regions.items() if isinstance(regions, Mapping) else regions)
         shapes = [shape_of(region) for _, region in pairs]
         with self._lock:
-            numbers = [self._numbers.assign(entity) for entity, _ in pairs]
+            numbers = [self._assign(entity) for entity, _ in pairs]
             try:
                 reasons = self._native.insert_many(numbers, shapes, self._threads, skip)
             finally:
@@ -254,9 +260,11 @@ class RegionMap:
         return {entity: reason for entity, reason in found if reason}
 
     def _release_if_empty(self, entity: Hashable) -> None:
-        number = self._numbers.find(entity)
+        number = self._number.get(entity)
         if number is not None and not self._native.has(number):
-            self._numbers.release(entity)
+            del self._number[entity]
+            self._entity[number] = None
+            self._free.append(number)
 
 
 Role = Literal["object", "agent", "room", "region", "view", "personal space"]

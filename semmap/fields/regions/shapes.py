@@ -12,8 +12,9 @@ around it, which is up to 0.01 voxels wider where the radius is below 1,000 voxe
 from __future__ import annotations
 
 import math
+from abc import ABC, abstractmethod
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -28,16 +29,31 @@ from semmap.fields.checks import (
     as_vector,
     positive,
 )
-from semmap.fields.regions.convex_hull import convex_hull
 from semmap.limits import REGION_BLOCKS, REGION_VOXELS
 from semmap_vdb import Shape, limit_regions
 
 MOST_VOXELS, MOST_BLOCKS = 2**36, 2**27
 """The highest limits of a region: beyond them, indices and memory do not suffice."""
 
+FARTHEST = 1e50
+"""Metres from which on a hull is refused: products of three coordinates can still be computed."""
+
 
 @dataclass(frozen=True, eq=False)
-class Box:
+class ShapedRegion(ABC):
+    """A region whose arguments are checked when it is made."""
+
+    shape: Shape = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "shape", self._native())
+
+    @abstractmethod
+    def _native(self) -> Shape: ...
+
+
+@dataclass(frozen=True, eq=False)
+class Box(ShapedRegion):
     """A cuboid; with a size of 0 in a direction, a rectangle, a segment or a point.
 
     Parameters
@@ -50,9 +66,8 @@ class Box:
     center: ArrayLike
     size: ArrayLike
     rotation: ArrayLike = (0.0, 0.0, 0.0, 1.0)
-    shape: Shape = field(init=False, repr=False, compare=False)
 
-    def __post_init__(self) -> None:
+    def _native(self) -> Shape:
         center = np.array(as_vector(self.center, "Box.center"))
         half = np.array(as_vector(self.size, "Box.size")) / 2
         if (half < 0).any():
@@ -61,24 +76,23 @@ class Box:
         signs = np.array([(x, y, z) for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
         corners = center + (signs * half) @ axes.T
         normals = np.concatenate([axes.T, -axes.T])
-        _set(self, Shape.polytope(corners, normals, np.ascontiguousarray(axes.T)))
+        return Shape.polytope(corners, normals, np.ascontiguousarray(axes.T))
 
 
 @dataclass(frozen=True, eq=False)
-class Sphere:
+class Sphere(ShapedRegion):
     """A ball: `center` (3,) and `radius` above 0, metres."""
 
     center: ArrayLike
     radius: float
-    shape: Shape = field(init=False, repr=False, compare=False)
 
-    def __post_init__(self) -> None:
+    def _native(self) -> Shape:
         center = as_vector(self.center, "Sphere.center")
-        _set(self, Shape.ball(center, positive(self.radius, "Sphere.radius")))
+        return Shape.ball(center, positive(self.radius, "Sphere.radius"))
 
 
 @dataclass(frozen=True, eq=False)
-class Cylinder:
+class Cylinder(ShapedRegion):
     """A cylinder with flat ends; with a height of 0, a disc.
 
     Parameters
@@ -92,18 +106,17 @@ class Cylinder:
     radius: float
     height: float
     axis: ArrayLike = (0.0, 0.0, 1.0)
-    shape: Shape = field(init=False, repr=False, compare=False)
 
-    def __post_init__(self) -> None:
+    def _native(self) -> Shape:
         center = as_vector(self.center, "Cylinder.center")
         axis = as_direction(self.axis, "Cylinder.axis")
         radius = positive(self.radius, "Cylinder.radius")
         height = as_length(self.height, "Cylinder.height")
-        _set(self, Shape.cylinder(center, axis, radius, height))
+        return Shape.cylinder(center, axis, radius, height)
 
 
 @dataclass(frozen=True, eq=False)
-class Cone:
+class Cone(ShapedRegion):
     """A cone from its apex to a flat base.
 
     Parameters
@@ -118,9 +131,8 @@ class Cone:
     axis: ArrayLike
     angle: float
     height: float
-    shape: Shape = field(init=False, repr=False, compare=False)
 
-    def __post_init__(self) -> None:
+    def _native(self) -> Shape:
         apex = as_vector(self.apex, "Cone.apex")
         axis = as_direction(self.axis, "Cone.axis")
         angle = float(self.angle)
@@ -129,25 +141,24 @@ class Cone:
                 f"Cone.angle is {self.angle!r}: give the full opening angle, in radians between 0 "
                 "and pi"
             )
-        _set(self, Shape.cone(apex, axis, angle / 2, positive(self.height, "Cone.height")))
+        return Shape.cone(apex, axis, angle / 2, positive(self.height, "Cone.height"))
 
 
 @dataclass(frozen=True, eq=False)
-class Hull:
+class Hull(ShapedRegion):
     """The convex hull of points (N, 3), metres: a polytope, or a polygon, a segment or a point."""
 
     points: ArrayLike
-    shape: Shape = field(init=False, repr=False, compare=False)
 
-    def __post_init__(self) -> None:
+    def _native(self) -> Shape:
         points = as_points(self.points, "Hull.points")
         if len(points) == 0:
             raise ValueError("Hull.points is empty: give at least one point")
-        _set(self, Shape.polytope(*convex_hull(points)))
+        return Shape.polytope(*convex_hull(points))
 
 
 @dataclass(frozen=True, eq=False)
-class Solid:
+class Solid(ShapedRegion):
     """The inside of a closed triangle mesh: vertices (N, 3), metres, and faces (M, 3).
 
     A point is inside where the winding number is not 0, whichever way the faces turn: parts may
@@ -158,15 +169,14 @@ class Solid:
 
     vertices: ArrayLike
     faces: ArrayLike
-    shape: Shape = field(init=False, repr=False, compare=False)
 
-    def __post_init__(self) -> None:
+    def _native(self) -> Shape:
         vertices = as_points(self.vertices, "Solid.vertices")
-        _set(self, Shape.solid(vertices, as_faces(self.faces, len(vertices), "Solid.faces")))
+        return Shape.solid(vertices, as_faces(self.faces, len(vertices), "Solid.faces"))
 
 
 @dataclass(frozen=True, eq=False)
-class SurfaceRegion:
+class SurfaceRegion(ShapedRegion):
     """Triangles without an inside: all voxels that they meet.
 
     They are vertices (N, 3), metres, and faces (M, 3).
@@ -174,18 +184,15 @@ class SurfaceRegion:
 
     vertices: ArrayLike
     faces: ArrayLike
-    shape: Shape = field(init=False, repr=False, compare=False)
 
-    def __post_init__(self) -> None:
+    def _native(self) -> Shape:
         vertices = as_points(self.vertices, "SurfaceRegion.vertices")
-        _set(
-            self,
-            Shape.surface(vertices, as_faces(self.faces, len(vertices), "SurfaceRegion.faces")),
-        )
+        faces = as_faces(self.faces, len(vertices), "SurfaceRegion.faces")
+        return Shape.surface(vertices, faces)
 
 
 @dataclass(frozen=True, eq=False)
-class DepthImage:
+class DepthImage(ShapedRegion):
     """The points that a depth camera sees, one for each pixel.
 
     There are gaps where neighbouring pixels are further apart than a voxel.
@@ -205,9 +212,8 @@ class DepthImage:
     pose: ArrayLike
     mask: ArrayLike | None = None
     farthest: float = math.inf
-    shape: Shape = field(init=False, repr=False, compare=False)
 
-    def __post_init__(self) -> None:
+    def _native(self) -> Shape:
         depth = np.ascontiguousarray(self.depth, dtype=np.float32)
         if depth.ndim != 2:
             raise ValueError(f"DepthImage.depth has shape {depth.shape}: give an (H, W) array")
@@ -226,10 +232,10 @@ class DepthImage:
             )
         fx, fy, cx, cy = camera.tolist()
         pose = as_rigid_rows(self.pose, "DepthImage.pose")
-        _set(self, Shape.depth_image(depth, mask, (fx, fy, cx, cy), pose, float(self.farthest)))
+        return Shape.depth_image(depth, mask, (fx, fy, cx, cy), pose, float(self.farthest))
 
 
-Region = Box | Sphere | Cone | Cylinder | Hull | Solid | SurfaceRegion | DepthImage | NDArray[Any]
+Region = ShapedRegion | NDArray[Any]
 """A region, or the points (N, 3) in metres of one."""
 
 
@@ -238,9 +244,7 @@ def shape_of(region: Region) -> Shape:
     limit_regions(
         min(int(REGION_VOXELS.value), MOST_VOXELS), min(int(REGION_BLOCKS.value), MOST_BLOCKS)
     )
-    if isinstance(
-        region, Box | Sphere | Cone | Cylinder | Hull | Solid | SurfaceRegion | DepthImage
-    ):
+    if isinstance(region, ShapedRegion):
         return region.shape
     return Shape.points(as_points(region, "a region of points"))
 
@@ -250,5 +254,48 @@ def voxels_of(region: Region, voxel_size: float) -> NDArray[np.int32]:
     return shape_of(region).voxels(positive(voxel_size, "voxel_size"))
 
 
-def _set(region: object, shape: Shape) -> None:
-    object.__setattr__(region, "shape", shape)
+class Polytope(NamedTuple):
+    """A convex hull."""
+
+    corners: NDArray[np.float64]  # (C, 3) metres
+    # (F, 3) outward unit normals of the facets; two of a flat hull, none of a segment
+    normals: NDArray[np.float64]
+    edges: NDArray[np.float64]  # (E, 3) directions of the edges
+
+
+def convex_hull(points: NDArray[np.float64]) -> Polytope:
+    """Return the convex hull of (N, 3) points: a polytope, a polygon, a segment or a point.
+
+    Raises ValueError: a coordinate is so large that distances overflow.
+    """
+    from scipy.spatial import ConvexHull  # slow to load; few commands need it
+
+    far = max(float(np.abs(points).max()), 1e-300)
+    if not far < FARTHEST:
+        raise ValueError(f"a point of the hull is at {far:.3g} m: give metres in the map's frame")
+    middle = points.mean(axis=0)
+    spread = np.linalg.svd(points - middle, full_matrices=True)
+    lengths = np.zeros(3)
+    lengths[: len(spread.S)] = spread.S
+    none = np.zeros((0, 3))
+    dimension = int((lengths > 1e-12 * far * math.sqrt(len(points))).sum())
+    axes = spread.Vh
+    if dimension == 0:
+        return Polytope(points[:1].copy(), none, none)
+    if dimension == 1:
+        at = (points - middle) @ axes[0]
+        ends = points[[int(at.argmin()), int(at.argmax())]]
+        return Polytope(ends, none, axes[:1].copy())
+    if dimension == 2:
+        ring = points[ConvexHull((points - middle) @ axes[:2].T).vertices]
+        normal = np.cross(axes[0], axes[1])
+        return Polytope(ring, np.stack([normal, -normal]), np.roll(ring, -1, axis=0) - ring)
+    hull = ConvexHull(points - middle)
+    normals = np.unique(np.round(hull.equations[:, :3], 12), axis=0)
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    corners = points[hull.simplices]
+    edges = (corners - np.roll(corners, 1, axis=1)).reshape(-1, 3)
+    edges /= np.linalg.norm(edges, axis=1, keepdims=True)
+    edges[edges[:, 0] < 0] *= -1
+    edges = np.unique(np.round(edges, 12), axis=0)
+    return Polytope(points[hull.vertices], np.ascontiguousarray(normals), edges)

@@ -23,15 +23,15 @@ class ZoneSource:
         self._property = {"room": vocabulary["inRoom"], "region": vocabulary["inZone"]}
         self._voxel_size = positive(voxel_size, "voxel_size")
         self.left_out: dict[str, str] = {}
-        self._known: dict[str, tuple[Zone, RepresentationMap | str]] = {}  # or why there is none
+        self._known: dict[str, tuple[Zone | None, RepresentationMap | str]] = {}
 
     def __call__(self, percept: Zones) -> list[RepresentationMap]:
         """Return a map for each zone; maps of unchanged zones are reused."""
         known = {}
         for zone in percept.zones:
-            before = self._known.get(zone.name)
-            unchanged = before is not None and before[0] == zone
-            known[zone.name] = before if unchanged else (zone, self._map(zone, percept.time))
+            known[zone.name] = self._known.get(zone.name, (None, ""))
+            if known[zone.name][0] != zone:
+                known[zone.name] = (zone, self._map(zone, percept.time))
         self._known = known
         self.left_out = {name: map for name, (_, map) in known.items() if isinstance(map, str)}
         return [map for _, map in known.values() if isinstance(map, RepresentationMap)]
