@@ -128,8 +128,6 @@ class RepresentationMap:
         """The semantic type that the map represents: the domain of its property (section 4)."""
         return self.property.domain
 
-    # Reading
-
     @property
     def grid(self) -> Grid:
         """All voxels. Do not change the grid."""
@@ -167,8 +165,6 @@ class RepresentationMap:
     def points(self) -> NDArray[np.float64]:
         """Return the centres (N, 3) of the `voxels` in the shared frame, metres."""
         return self.lattice.points_at(self.voxels() + 0.5)
-
-    # Maps with other voxels
 
     def like(self, evaluate: Evaluate, **changes: Any) -> RepresentationMap:
         """Return a map with other voxels, and `changes` of what `lazily` takes."""

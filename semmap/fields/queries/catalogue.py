@@ -87,8 +87,6 @@ class FieldCatalogue:
         """Edge of a voxel in metres."""
         return self._lattice.voxel_size
 
-    # Properties
-
     def find_property(self, iri: str) -> Property:
         """Return the property of an IRI; LookupError where none, or only its present, is known."""
         if iri == RDF_TYPE.iri:
@@ -188,8 +186,6 @@ class FieldCatalogue:
             f"{', '.join(sorted(provided)) or 'nothing'}. Start one: semmap fields serve -h"
         )
 
-    # Entities and types
-
     def find_entities(self, name: str, range_: str | None) -> frozenset[str]:
         """Return what a constant stands for; see `NameIndex.find`."""
         return self._names.find(name, range_, self._entities_of_maps())
@@ -210,8 +206,6 @@ class FieldCatalogue:
             for name in self._occupancy.entities():
                 found.setdefault(name, None)
         return found
-
-    # The past
 
     def during(self, begin: datetime, end: datetime) -> FieldCatalogue:
         """Return a catalogue of all maps that were valid at any time in between."""

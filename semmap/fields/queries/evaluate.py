@@ -75,9 +75,6 @@ def _evaluate(pattern: Pattern, context: Context, limits: Limits) -> Table:
     raise TypeError(f"{type(pattern).__name__} cannot be evaluated")
 
 
-# Triple patterns
-
-
 @_evaluate.register
 def _(pattern: BasicGraphPattern, context: Context, limits: Limits) -> Table:
     return _basic(pattern, context, limits, ())
@@ -175,9 +172,6 @@ def _column(stated: StatementColumn, context: Context) -> TermColumn:
             return TermColumn("number", values)
 
 
-# Patterns that combine others
-
-
 def _narrowed(pattern: Pattern, table: Table, limits: Limits) -> Limits:
     """Return limits for a pattern whose solutions are joined with a table."""
     found = dict(limits)
@@ -262,9 +256,6 @@ def _inline_column(kind: ValueKind, values: tuple[Any, ...], context: Context) -
     return TermColumn(kind, column, None if bound.all() else bound)
 
 
-# Solution modifiers
-
-
 @_evaluate.register
 def _(pattern: Project, context: Context, limits: Limits) -> Table:
     inside = {name: keys for name, keys in limits.items() if name in pattern.variables}
@@ -305,9 +296,6 @@ def _ranks(column: TermColumn, context: Context) -> NDArray[np.int64]:
         values = ranks[values] if len(ranks) else values
     places = np.unique(values, return_inverse=True)[1].astype(np.int64)
     return np.where(column.is_bound, places, -1)
-
-
-# Groups
 
 
 @_evaluate.register
@@ -414,9 +402,6 @@ def _aggregated(
     result = np.zeros(count, values.dtype)
     result[of[order][starts]] = values[order][starts]
     return TermColumn(column.kind, result, None if counts.all() else counts > 0)
-
-
-# EXISTS
 
 
 @evaluate_expression.register

@@ -130,9 +130,6 @@ def _all_bound(columns: Iterable[TermColumn]) -> NDArray[np.bool_] | None:
     return bound
 
 
-# Logic and choices
-
-
 def _any(columns: list[TermColumn]) -> TermColumn:
     """Return true where one is; an error where none is true and one is an error."""
     value = np.zeros(len(columns[0]), np.bool_)
@@ -163,9 +160,6 @@ def _coalesce(columns: list[TermColumn]) -> TermColumn:
         value = np.where(bound, value, column.values)
         bound = bound | column.is_bound
     return TermColumn(columns[0].kind, value, bound)
-
-
-# Texts
 
 
 def _of_names(

@@ -76,8 +76,6 @@ class StoreChecker(Checker):
         about = entities[0] if len(entities) == 1 else None
         return StoreResult(self.property, stated, about, size)
 
-    # Which patterns give the object
-
     @contextmanager
     def detached(self) -> Iterator[None]:
         """Take no object from a part that binds no rows of the query."""
@@ -109,8 +107,6 @@ class StoreChecker(Checker):
             )
         self._objects = before + max(of_left, of_right, key=len)
         return Union(left, right)
-
-    # Whether the result is a map
 
     def _check_property(self) -> None:
         if self.property.subject != "voxel":

@@ -117,8 +117,6 @@ class _UpdateRun:
         except (LimitError, UnknownError) as error:
             raise self.parsed.error(str(error), 0) from None
 
-    # Changes of the region map
-
     def _entity(self, name: str) -> Hashable:
         return next((e for e in self.regions.entities() if str(e) == name), name)
 
@@ -143,8 +141,6 @@ class _UpdateRun:
             self.regions.move(entity, (voxels + 0.5) * self.regions.voxel_size)
         else:
             self.regions.remove(entity)
-
-    # Names of blank nodes
 
     def _name_of_node(self, node: rdflib.BNode, labelled: bool) -> str:
         """Return the name of a blank node: an unused one at the first call."""

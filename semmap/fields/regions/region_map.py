@@ -71,8 +71,6 @@ class RegionMap:
         with self._lock:
             return set(self._number)
 
-    # Changes
-
     def insert(self, entity: Hashable, region: Region) -> None:
         """Add a region to the voxels of an entity.
 
@@ -108,8 +106,6 @@ class RegionMap:
                 self._native.remove(number)
                 self._release_if_empty(entity)
 
-    # Voxels and sets
-
     def voxels(self, entity: Hashable) -> NDArray[np.int32]:
         """Return the voxels (N, 3) of an entity, each once; none for an unknown entity."""
         with self._lock:
@@ -144,8 +140,6 @@ class RegionMap:
             numbers = self.set_numbers_at(points)
             sets = self.sets(numbers)
         return [set(sets[number]) for number in numbers.tolist()]
-
-    # Spatial relations
 
     def counts_in(self, region: Region) -> dict[Hashable, int]:
         """Return for each entity in a region the number of voxels that it shares with it."""
@@ -190,8 +184,6 @@ class RegionMap:
             if one is None or other is None:
                 return Support(0, 0, 0)
             return Support(*self._native.support(one, other))
-
-    # Memory, files and state
 
     def memory(self) -> Memory:
         """Return the memory of the map."""

@@ -213,9 +213,6 @@ def _guarded(file: Path, read: Callable[[], Any]) -> Any:
         ) from None
 
 
-# -- transforms ---------------------------------------------------------------------------------
-
-
 @dataclass
 class _Frames:
     """The newest transform of each frame to its parent."""
@@ -257,9 +254,6 @@ def _matrix(x: float, y: float, z: float, q: Any) -> Matrix:
         return np.asarray(Pose(x, y, z, q.x, q.y, q.z, q.w).matrix, np.float64)
     except ValueError as error:
         raise ValueError(f"a pose in the recording is wrong: {error}") from None
-
-
-# -- kinds of percepts --------------------------------------------------------------------------
 
 
 class _Reader(Protocol):

@@ -82,8 +82,6 @@ class FieldService:
         self._began = datetime.now(UTC)
         self.mirror.maps.on_put(self._wake.set)
 
-    # The life of the service
-
     @contextmanager
     def running(self) -> Iterator[None]:
         """Run the sources and follow the map while the context lasts."""
@@ -183,8 +181,6 @@ class FieldService:
         with self._transaction() as connection:
             yield Snapshot.of(connection, self.map_name)
 
-    # Sources
-
     def start_source(self, given: SourceSettings, begin: datetime | None = None) -> None:
         """Start a source, whose recording begins at `begin`, aware, by default now.
 
@@ -245,8 +241,6 @@ class FieldService:
         read = read_percept(percept)
         check_percept(name, source, read)
         inbox.put(read)
-
-    # Requests
 
     def answer(self, request: dict[str, Any]) -> Iterator[Any]:
         """Yield the replies to a request."""
