@@ -13,8 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from semmap.fields.queries.context import Context
-from semmap.fields.queries.expressions import evaluate_expression, is_true
+from semmap.fields.queries.expressions import Context, evaluate_expression, is_true
 from semmap.fields.queries.statements import Demand, Entities, Numbers, StatementColumn, VoxelColumn
 from semmap.fields.queries.table import (
     EMPTY,
@@ -253,7 +252,7 @@ def _inline_column(kind: ValueKind, values: tuple[Any, ...], context: Context) -
     else:
         plain = [0 if value is None else value for value in values]
         column = np.array(plain, np.bool_ if kind == "boolean" else np.float64)
-    return TermColumn(kind, column, None if bound.all() else bound)
+    return TermColumn(kind, column, bound)
 
 
 @_evaluate.register
@@ -401,7 +400,7 @@ def _aggregated(
     starts = np.flatnonzero(np.diff(of[order], prepend=-1))
     result = np.zeros(count, values.dtype)
     result[of[order][starts]] = values[order][starts]
-    return TermColumn(column.kind, result, None if counts.all() else counts > 0)
+    return TermColumn(column.kind, result, counts > 0)
 
 
 @evaluate_expression.register

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Iterable, Mapping
 from functools import singledispatch
 from typing import TYPE_CHECKING, Any
@@ -9,8 +10,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from semmap.fields.queries.context import Context
-from semmap.fields.queries.table import LimitError, Table, TermColumn, unbound
+from semmap.fields.queries.statements import Catalogue, StatementRelation
+from semmap.fields.queries.table import LimitError, NameCodes, Table, TermColumn, unbound
 from semmap.fields.queries.voxel_functions import evaluate_function
 from semmap.language.algebra import (
     Arithmetic,
@@ -23,13 +24,38 @@ from semmap.language.algebra import (
     RegexMatch,
     VariableValue,
 )
-from semmap.language.schema import ValueKind
-from semmap.limits import REGEX_SECONDS
+from semmap.language.schema import Property, ValueKind
+from semmap.limits import QUERY_SECONDS, REGEX_SECONDS
 
 if TYPE_CHECKING:
     import regex
 
 Values = NDArray[Any]
+
+
+class Context:
+    """The context of one evaluation: voxels of `voxel_size` metres, and `names` by code."""
+
+    def __init__(self, catalogue: Catalogue) -> None:
+        self.voxel_size = catalogue.voxel_size
+        self.names = NameCodes()
+        self._catalogue = catalogue
+        self._relations: dict[Property, StatementRelation] = {}
+        self._began = time.monotonic()
+
+    def relation(self, property: Property) -> StatementRelation:
+        """Return the relation of a property, the same one for the whole query."""
+        if property not in self._relations:
+            self._relations[property] = self._catalogue.relation(property)
+        return self._relations[property]
+
+    def check_time(self) -> None:
+        """Raise LimitError if the query has taken too long."""
+        if QUERY_SECONDS.exceeded_by(time.monotonic() - self._began):
+            raise LimitError(
+                f"this takes longer than {QUERY_SECONDS.value:g} s: add narrower patterns, or set "
+                f"{QUERY_SECONDS.variable}"
+            )
 
 
 @singledispatch

@@ -7,8 +7,8 @@ from typing import Any
 
 import rdflib
 
-from semmap.fields.queries.context import Context
 from semmap.fields.queries.evaluate import evaluate
+from semmap.fields.queries.expressions import Context
 from semmap.fields.queries.query_result import SelectResult, StoreResult
 from semmap.fields.queries.statements import Catalogue, UnknownError
 from semmap.fields.queries.store_clause import StoreChecker

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from semmap.fields.queries.context import Context
+from semmap.fields.queries.expressions import Context
 from semmap.fields.queries.query_result import StoreResult
 from semmap.fields.queries.statements import Catalogue, Entities, Numbers, Statements, VoxelColumn
 from semmap.fields.queries.table import Table, unbound

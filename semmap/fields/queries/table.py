@@ -67,15 +67,17 @@ class TermColumn:
     values: NDArray[Any]
     bound: NDArray[np.bool_] | None = None  # (N,) where there is a value; None for everywhere
 
+    def __post_init__(self) -> None:
+        if self.bound is not None and self.bound.all():
+            object.__setattr__(self, "bound", None)
+
     def __len__(self) -> int:
         return len(self.values)
 
     def take(self, rows: Rows | NDArray[np.bool_] | slice) -> TermColumn:
         """Return a column of some rows, given by index, by a mask or by a slice."""
         bound = None if self.bound is None else self.bound[rows]
-        return TermColumn(
-            self.kind, self.values[rows], None if bound is None or bound.all() else bound
-        )
+        return TermColumn(self.kind, self.values[rows], bound)
 
     @property
     def is_bound(self) -> NDArray[np.bool_]:
@@ -94,9 +96,7 @@ _DTYPES = {
 
 def unbound(kind: ValueKind, rows: int) -> TermColumn:
     """Return a column without values."""
-    return TermColumn(
-        kind, np.zeros(rows, _DTYPES[kind]), np.zeros(rows, np.bool_) if rows else None
-    )
+    return TermColumn(kind, np.zeros(rows, _DTYPES[kind]), np.zeros(rows, np.bool_))
 
 
 @dataclass(frozen=True, eq=False)
@@ -305,12 +305,8 @@ def merge(a: Table, b: Table, rows: RowPairs) -> Table:
             columns[name] = column.take(rows.right)
         elif columns[name].bound is not None:
             mine, theirs = columns[name], column.take(rows.right)
-            bound = mine.is_bound | theirs.is_bound
-            columns[name] = TermColumn(
-                mine.kind,
-                np.where(mine.is_bound, mine.values, theirs.values),
-                None if bound.all() else bound,
-            )
+            values = np.where(mine.is_bound, mine.values, theirs.values)
+            columns[name] = TermColumn(mine.kind, values, mine.is_bound | theirs.is_bound)
     return Table(len(rows.left), columns)
 
 
@@ -335,9 +331,7 @@ def union(tables: Sequence[Table]) -> Table:
         kind = next(t.columns[name].kind for t in tables if name in t.columns)
         each = [t.columns.get(name) or unbound(kind, t.rows) for t in tables]
         bound = np.concatenate([column.is_bound for column in each])
-        columns[name] = TermColumn(
-            kind, np.concatenate([c.values for c in each]), None if bound.all() else bound
-        )
+        columns[name] = TermColumn(kind, np.concatenate([c.values for c in each]), bound)
     return Table(sum(table.rows for table in tables), columns)
 
 
@@ -356,13 +350,6 @@ def minus(a: Table, b: Table) -> Table:
 
 def _among(a: NDArray[Any], b: NDArray[Any]) -> NDArray[np.bool_]:
     """Return where a key of `a` occurs in `b`."""
-    if len(b) == 0:
-        return np.zeros(len(a), np.bool_)
-    b = b if is_ascending(b) else sorted_unique(b)
-    if _similar_lengths(a, b) and is_ascending(a):
-        found = np.zeros(len(a), np.bool_)
-        found[_intersection(a, b).left] = True
-        return found
-    place = np.searchsorted(b, a)
-    place[place == len(b)] = 0
-    return np.asarray(b[place] == a)
+    found = np.zeros(len(a), np.bool_)
+    found[_equal_pairs(a, b if is_ascending(b) else sorted_unique(b)).left] = True
+    return found

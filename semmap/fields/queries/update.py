@@ -11,8 +11,8 @@ import rdflib
 from numpy.typing import NDArray
 from rdflib.plugins.sparql.parserutils import CompValue
 
-from semmap.fields.queries.context import Context
 from semmap.fields.queries.evaluate import evaluate
+from semmap.fields.queries.expressions import Context
 from semmap.fields.queries.query_result import UpdateResult
 from semmap.fields.queries.region_catalogue import RegionCatalogue, is_occupies
 from semmap.fields.queries.statements import Catalogue, UnknownError

@@ -8,6 +8,7 @@ import threading
 from collections import deque
 from collections.abc import Callable, Hashable, Iterable, Iterator
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 from semmap.fields.relations.facts import RelationEvent
@@ -50,16 +51,9 @@ class Subscription:
 class EventStream:
     """Events to loop over as they arrive, until it is closed or its `with` block ends."""
 
-    def __init__(self) -> None:
+    def __init__(self, subscribe: Callable[[Callback], Subscription]) -> None:
         self._waiting: queue.SimpleQueue[RelationEvent | None] = queue.SimpleQueue()
-        self._subscription: Subscription | None = None
-
-    @classmethod
-    def subscribed(cls, subscribe: Callable[[Callback], Subscription]) -> EventStream:
-        """Return a stream of the events of a new subscription."""
-        stream = cls()
-        stream._subscription = subscribe(stream._waiting.put)
-        return stream
+        self._subscription = subscribe(self._waiting.put)
 
     def __iter__(self) -> Iterator[RelationEvent]:
         while (event := self._waiting.get()) is not None:
@@ -78,8 +72,7 @@ class EventStream:
 
     def close(self) -> None:
         """End the subscription; loops end after the events that arrived before."""
-        if self._subscription is not None:
-            self._subscription.cancel()
+        self._subscription.cancel()
         self._waiting.put(None)
 
     def __enter__(self) -> EventStream:
@@ -127,19 +120,9 @@ class EventBus:
             self._subscriptions = (*self._subscriptions, subscription)
         return subscription
 
-    def stream(
-        self,
-        *,
-        relation: str | None = None,
-        subject: Hashable | None = None,
-        object: Hashable | None = None,
-    ) -> EventStream:
+    def stream(self, **chosen: Any) -> EventStream:
         """Return the events from now on as `subscribe` chooses them, to loop over in a thread."""
-        return EventStream.subscribed(
-            lambda callback: self.subscribe(
-                callback, relation=relation, subject=subject, object=object
-            )
-        )
+        return EventStream(partial(self.subscribe, **chosen))
 
     def publish(self, events: Iterable[RelationEvent]) -> None:
         """Distribute events to all subscribers, to all in the same order.

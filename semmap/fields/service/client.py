@@ -56,22 +56,14 @@ class ServiceConnection:
     def ask(self, action: str, **arguments: Any) -> Any:
         """Return the reply to a request, or raise ValueError (refused) or ConnectionError."""
         self.send(action, **arguments)
-        return self.receive()
+        for reply in self.replies():
+            return reply
+        raise ConnectionError("the service ended before it replied: start it again")
 
     def send(self, action: str, **arguments: Any) -> None:
         """Send a request."""
         self._stream.write(json.dumps({"do": action} | arguments).encode() + b"\n")
         self._stream.flush()
-
-    def receive(self) -> Any:
-        """Return the next reply; raises as `ask`."""
-        line = self._stream.readline()
-        if not line:
-            raise ConnectionError("the service ended before it replied: start it again")
-        reply = json.loads(line)
-        if "error" in reply:
-            raise ValueError(str(reply["error"]))
-        return reply["reply"]
 
     def replies(self) -> Iterator[Any]:
         """Yield replies until the service ends, or this connection is closed."""

@@ -102,27 +102,19 @@ class Recording(Replay):
     there is no such file, or a percept in it is wrong; with the line.
     """
 
-    def __init__(
-        self,
-        folder: Path,
-        name: str,
-        *,
-        begin: datetime | None = None,
-        speed: float = 1.0,
-        loop: bool = False,
-    ) -> None:
+    def __init__(self, folder: Path, name: str, **pace: Any) -> None:
         path = folder / f"{name}.jsonl"
         if not path.is_file():
             there = ", ".join(sorted(each.name for each in folder.glob("*.jsonl"))) or "none"
             raise ValueError(f"there is no recording {path}; files in that folder: {there}")
         lines = _read_lines(path)
-        first = min(_first_time(each) for each in folder.glob("*.jsonl"))
+        first = min(_read_lines(each)[0][0] for each in folder.glob("*.jsonl"))
         read_percept(lines[0][1], folder)  # wrong percepts are reported when it starts
         recorded = [
             ((time - first).total_seconds(), partial(read_percept, percept, folder))
             for time, percept in lines
         ]
-        super().__init__(recorded, begin=begin, speed=speed, loop=loop)
+        super().__init__(recorded, **pace)
 
 
 def make_feed(
@@ -182,7 +174,3 @@ def _read_lines(path: Path) -> list[tuple[datetime, Any]]:
     if not lines:
         raise ValueError(f"{path} has no percepts: write one to each line")
     return lines
-
-
-def _first_time(path: Path) -> datetime:
-    return _read_lines(path)[0][0]

@@ -79,22 +79,13 @@ class FieldService:
         self._wake = threading.Event()
         self._news = threading.Event()
         self._stop = threading.Event()
-        self._began = datetime.now(UTC)
         self.mirror.maps.on_put(self._wake.set)
 
     @contextmanager
     def running(self) -> Iterator[None]:
         """Run the sources and follow the map while the context lasts."""
-        threads = [
-            threading.Thread(target=each, name=each.__name__, daemon=True)
-            for each in (
-                self._follow,
-                self._show_sources,
-                self._publish,
-                self._announce,
-                self._keep,
-            )
-        ]
+        tasks = (self._follow, self._show_sources, self._publish, self._announce, self._keep)
+        threads = [threading.Thread(target=t, name=t.__name__, daemon=True) for t in tasks]
         for thread in threads:
             thread.start()
         try:
@@ -304,7 +295,6 @@ class FieldService:
             "map": self.map_name,
             "voxel_size": self.mirror.regions.voxel_size,
             "is_meant": self._is_meant(wanted),
-            "since": self._began.isoformat(),
         }
 
     def _is_meant(self, wanted: str | None) -> bool:
@@ -327,8 +317,7 @@ class FieldService:
         """Yield what is true now, and then what begins and ends."""
         with self.bus.stream() as stream:
             for fact, since in self.tracker.holding().items():
-                event = RelationEvent(*_parts(fact), began=True, time=since)
-                yield {"held": True} | as_json(event)
+                yield {"held": True} | as_json(RelationEvent(*fact, began=True, time=since))
             yield {"held": False}
             end = None if seconds is None else datetime.now(UTC).timestamp() + seconds
             while not self._stop.is_set():
@@ -338,7 +327,3 @@ class FieldService:
                 if event_or_none is not None:
                     yield as_json(event_or_none)
         yield {"over": True}
-
-
-def _parts(fact: Any) -> tuple[Any, Any, Any]:
-    return fact.relation, fact.subject, fact.object

@@ -7,6 +7,10 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
+from semmap.yaml_file import parse_yaml, read_text
+
+_NUMBERS = ("save_every", "keep_every", "keep_for", "rate", "timeout")
+
 
 @dataclass(frozen=True)
 class SourceSettings:
@@ -39,8 +43,12 @@ def read_settings(
     `sources` are NAME=PERCEPTS or NAME:SOURCE=PERCEPTS, `rates` NAME=UPDATES PER SECOND. Raises
     ValueError: a setting is unknown or wrong; with its name.
     """
-    given = _yaml(path)
-    known = given.pop("sources", None) or {}
+    given: Any = {}
+    if path is not None:
+        text = read_text(path, "a file of settings", ValueError)
+        given = parse_yaml(text, str(path), ValueError) or {}
+    settings = _checked(given, f"{path}: ", ("sources", "save_every", "keep_every", "keep_for"))
+    known = settings.pop("sources", None) or {}
     if not isinstance(known, Mapping):
         raise ValueError(f"{path}: sources is not a mapping: write NAME: and its settings below")
     found = {str(name): _source(str(name), each or {}) for name, each in known.items()}
@@ -55,51 +63,26 @@ def read_settings(
         if name not in found:
             raise ValueError(f"--rate {each}: there is no source {name} in this command")
         found[name] = replace(found[name], rate=_number(rate, f"--rate {each}"))
-    numbers = {name: _number(value, f"{path}: {name}") for name, value in given.items()}
-    unknown = numbers.keys() - {"save_every", "keep_every", "keep_for"}
-    if unknown:
-        raise ValueError(
-            f"{path}: {min(unknown)} is unknown: settings are sources, save_every, keep_every, "
-            "keep_for"
-        )
-    return ServiceSettings(tuple(found.values()), **numbers)
-
-
-def _yaml(path: Path | None) -> dict[str, Any]:
-    if path is None:
-        return {}
-    import yaml
-
-    try:
-        given = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
-        raise ValueError(f"{path} is not readable as YAML: {error}") from None
-    if given is not None and not isinstance(given, dict):
-        raise ValueError(f"{path}: write a mapping, such as sources:")
-    return given or {}
+    return ServiceSettings(tuple(found.values()), **settings)
 
 
 def _source(name: str, given: Any) -> SourceSettings:
+    known = ("source", "percepts", "rate", "timeout", "options")
+    found = {"source": name, **_checked(given, f"sources.{name}.", known)}
+    found["source"], found["options"] = str(found["source"]), dict(found.get("options") or {})
+    return SourceSettings(name, **found)
+
+
+def _checked(given: Any, where: str, known: Sequence[str]) -> dict[str, Any]:
+    """Return a mapping of known settings, those of `_NUMBERS` as numbers."""
     if not isinstance(given, Mapping):
-        raise ValueError(f"sources.{name} is not a mapping: write source, percepts, rate, options")
-    unknown = given.keys() - {"source", "percepts", "rate", "timeout", "options"}
-    if unknown:
-        raise ValueError(
-            f"sources.{name}.{min(unknown)} is unknown: settings are source, percepts, rate, "
-            "timeout, options"
-        )
-    rates = {
-        key: _number(given[key], f"sources.{name}.{key}")
-        for key in ("rate", "timeout")
-        if key in given
+        raise ValueError(f"{where.rstrip('.: ')}: write a mapping of {', '.join(known)}")
+    for name in given.keys() - known:
+        raise ValueError(f"{where}{name} is unknown: settings are {', '.join(known)}")
+    return {
+        name: _number(value, where + name) if name in _NUMBERS else value
+        for name, value in given.items()
     }
-    return SourceSettings(
-        name,
-        str(given.get("source", name)),
-        given.get("percepts", "socket"),
-        options=dict(given.get("options") or {}),
-        **rates,
-    )
 
 
 def _number(given: Any, name: str) -> float:

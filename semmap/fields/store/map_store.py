@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any
 from semmap.fields.maps.map_buffer import SourceUpdate
 from semmap.fields.maps.representation_map import RepresentationMap
 from semmap.fields.store import field_store
-from semmap.fields.store.field_store import StoredField
 from semmap.query.snapshot import Snapshot
 
 if TYPE_CHECKING:
@@ -29,14 +28,27 @@ def save_map(connection: Any, name: str, map: RepresentationMap, **more: Any) ->
     )
 
 
+def load_map(
+    seen: Snapshot, vocabulary: Properties, name: str, version: int | None = None
+) -> RepresentationMap | None:
+    """Return a version of a stored map, by default the newest; None if its property is unknown."""
+    stored = field_store.load(seen, name, version)
+    if stored.property not in vocabulary:
+        return None
+    return RepresentationMap(
+        vocabulary[stored.property],
+        stored.grid,
+        about=stored.about,
+        legend=stored.legend,
+        time=stored.at,
+    )
+
+
 def load_maps(seen: Snapshot, vocabulary: Properties) -> dict[str, RepresentationMap]:
     """Return by name the newest versions of all stored maps with a property of the vocabulary."""
-    found = {}
-    for name in field_store.names(seen, stateless=True):
-        stored = field_store.load(seen, name)
-        if stored.property in vocabulary:
-            found[name] = _map(stored, vocabulary)
-    return found
+    names = field_store.names(seen, stateless=True)
+    found = ((name, load_map(seen, vocabulary, name)) for name in names)
+    return {name: map for name, map in found if map is not None}
 
 
 def load_maps_during(
@@ -49,19 +61,8 @@ def load_maps_during(
         until = [each.at for each in versions[1:]]
         for each, over in zip_longest(versions, until):
             if each.at <= end and (over is None or over > begin):
-                stored = field_store.load(seen, name, each.version)
-                if stored.property in vocabulary:
-                    made = _map(stored, vocabulary)
+                made = load_map(seen, vocabulary, name, each.version)
+                if made is not None:
                     provides = frozenset({made.property.name})
                     found.append(SourceUpdate(each.at, (made,), provides, f"kept {name}"))
     return found
-
-
-def _map(stored: StoredField, vocabulary: Properties) -> RepresentationMap:
-    return RepresentationMap(
-        vocabulary[stored.property],
-        stored.grid,
-        about=stored.about,
-        legend=stored.legend,
-        time=stored.at,
-    )

@@ -6,7 +6,6 @@ and the versions of the fields of its maps. A map that did not change has no new
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from datetime import datetime
 from typing import TYPE_CHECKING
 
@@ -15,7 +14,7 @@ from semmap.fields.maps.lattice import Lattice
 from semmap.fields.maps.map_buffer import SourceUpdate
 from semmap.fields.maps.representation_map import RepresentationMap
 from semmap.fields.store import field_store
-from semmap.fields.store.map_store import save_map
+from semmap.fields.store.map_store import load_map, save_map
 from semmap.fields.store.statements import Connection, run
 from semmap.query.snapshot import Snapshot
 
@@ -86,32 +85,14 @@ def load_updates(
         "at <= %(end)s::timestamptz AND (until IS NULL OR until > %(begin)s) END ORDER BY at",
         {"record": RECORD, "begin": begin, "end": end},
     )
-    loaded: dict[tuple[str, int], RepresentationMap] = {}
+    loaded: dict[tuple[str, int], RepresentationMap | None] = {}
     found: dict[str, list[SourceUpdate]] = {}
     for row in rows:
-        maps = list(_maps(seen, vocabulary, row.state["maps"].items(), loaded))
+        versions = row.state["maps"].items()
+        for each in versions:
+            if each not in loaded:
+                loaded[each] = load_map(seen, vocabulary, *each)
+        maps = tuple(map for each in versions if (map := loaded[each]) is not None)
         source, provides = row.state["source"], frozenset(row.state["provides"])
-        update = SourceUpdate(row.at, tuple(maps), provides, source)
-        found.setdefault(source, []).append(update)
+        found.setdefault(source, []).append(SourceUpdate(row.at, maps, provides, source))
     return found
-
-
-def _maps(
-    seen: Snapshot,
-    vocabulary: Properties,
-    versions: Iterable[tuple[str, int]],
-    loaded: dict[tuple[str, int], RepresentationMap],
-) -> Iterable[RepresentationMap]:
-    for name, number in versions:
-        if (name, number) not in loaded:
-            stored = field_store.load(seen, name, number)
-            if stored.property not in vocabulary:
-                continue
-            loaded[name, number] = RepresentationMap(
-                vocabulary[stored.property],
-                stored.grid,
-                about=stored.about,
-                legend=stored.legend,
-                time=stored.at,
-            )
-        yield loaded[name, number]

@@ -33,7 +33,7 @@ def test_a_file_and_options(tmp_path: Path) -> None:
         ("sources: {gaze: {rate: fast}}", "sources.gaze.rate is 'fast'"),
         ("keep_evry: 3", "keep_evry is unknown"),
         ("keep_every: -1", "keep_every is -1"),
-        ("sources: {", "not readable as YAML"),
+        ("sources: {", "not valid YAML"),
         ("- gaze", "write a mapping"),
     ],
 )
