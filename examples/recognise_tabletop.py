@@ -14,11 +14,11 @@ import numpy as np
 from semmap.draw.depth_camera import DepthCamera, look_at
 from semmap.geometry.mesh import Mesh, box_mesh, join
 from semmap.ingest.meshes.mesh_file import read_mesh
+from semmap.perception.fitted_shapes import SHAPES
 from semmap.perception.models import depth_points, train_model
 from semmap.perception.primitives import fit_primitive
 from semmap.perception.recognition import Scene, recognise_cluster
 from semmap.perception.registration import moved
-from semmap.perception.shapes import SHAPES
 from semmap.perception.tabletop import segment_tabletop
 
 ON_TABLE = {  # x, y, heading

@@ -123,7 +123,7 @@ class Database(DatabaseManipulation, DatabaseInterlinking):
         """Which database it is, as `connect` takes it: a URL; None for the default one."""
         if self._url is None or isinstance(self._url, str):
             return self._url
-        from semmap.fields.service.endpoint import url_of
+        from semmap.fields.service.client import url_of
 
         return url_of(self.session)
 

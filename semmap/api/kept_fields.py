@@ -69,7 +69,7 @@ def query_kept(
     map: MapQuestions, voxel_size: float, note: Note, text: str, **given: Any
 ) -> dict[str, Any]:
     """Answer a query; `given` and the reply are those of `query_reply`."""
-    from semmap.fields.service.query_reply import query_reply
+    from semmap.fields.service.replies import query_reply
 
     catalogue, _, newest = _catalogue(map, voxel_size, note, open_snapshot=map.snapshot)
     sources = f", sources as kept at {newest:%Y-%m-%d %H:%M:%S %Z}" if newest else ""
@@ -85,7 +85,7 @@ def query_kept(
 
 def update_kept(map: MapQuestions, voxel_size: float, note: Note, text: str) -> dict[str, Any]:
     """Carry out an update; the reply is that of `update_map`."""
-    from semmap.fields.service.map_update import update_map
+    from semmap.fields.service.replies import update_map
 
     catalogue, mirror, _ = _catalogue(map, voxel_size, note)
     return update_map(mirror, catalogue, text, map.connection)

@@ -188,8 +188,7 @@ class MapKnowledge(MapReasoning):
         ValueError
             Nothing is to be pushed, a property is computed already, or no service is running.
         """
-        from semmap.fields.service.client import find_service
-        from semmap.fields.service.endpoint import url_of
+        from semmap.fields.service.client import find_service, url_of
         from semmap.knowledge.fields.push import FieldPush, read_pushed
 
         if not relations and not perspectives:

@@ -251,7 +251,7 @@ class SpatialFields:
 
         opened = self._open_map()
         with opened.transaction(), opened.snapshot() as seen:
-            known = field_store.names(seen, stateless=True)
+            known = field_store.names(seen)
             if name not in known:
                 raise LookupError(
                     f"there is no field {name} in this map; fields: {', '.join(known) or 'none'}"

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from scipy.spatial import ConvexHull, QhullError
 from scipy.spatial.distance import cdist
 
+from semmap.perception.fitted_shapes import Placed
 from semmap.perception.point_cloud import Floats, Surfels
-from semmap.perception.shapes import Placed
 
 TRIES = 120
 """Hypotheses of each kind."""
@@ -64,12 +64,14 @@ def frame_with_axis(axis: Floats) -> Floats:
     return np.array([[u, b * w - c * v, a], [v, c * u - a * w, b], [w, a * v - b * u, c]])
 
 
-def smallest_rectangle(flat: Floats) -> tuple[float, float]:
-    """Return the heading of the smallest rectangle around points (n, 2), and its filled share."""
+def smallest_box(points: Floats, axis: Floats) -> tuple[Floats, float]:
+    """Return the frame of the smallest box along an axis, and the filled share of its rectangle."""
+    upright = frame_with_axis(axis)
+    flat = (points @ upright)[:, :2]
     try:
         hull = ConvexHull(flat)
     except QhullError:
-        return 0.0, 1.0
+        return upright, 1.0
     corners = flat[hull.vertices]
     edge = np.roll(corners, -1, axis=0) - corners
     heading = np.arctan2(edge[:, 1], edge[:, 0]) % (np.pi / 2)
@@ -78,7 +80,8 @@ def smallest_rectangle(flat: Floats) -> tuple[float, float]:
     v = cos[:, None] * corners[:, 1] - sin[:, None] * corners[:, 0]
     area = np.ptp(u, axis=1) * np.ptp(v, axis=1)
     best = int(area.argmin())
-    return float(heading[best]), float(hull.volume / max(area[best], 1e-12))
+    turn = np.array([[cos[best], -sin[best], 0], [sin[best], cos[best], 0], [0, 0, 1]])
+    return upright @ turn, float(hull.volume / max(area[best], 1e-12))
 
 
 def _faces_of(normals: Floats, random: np.random.Generator) -> Floats:
@@ -225,11 +228,7 @@ def _cuboids(
     along = np.maximum(along, np.abs(third @ normals.T))
     best = _best(np.minimum((1 - along) / 0.05, 1), usable)
     frames = [] if best is None else [frame[best]]
-    for axis in known:
-        upright = frame_with_axis(axis)
-        heading, _ = smallest_rectangle((sample @ upright)[:, :2])
-        cos, sin = np.cos(heading), np.sin(heading)
-        frames.append(upright @ np.array([[cos, -sin, 0], [sin, cos, 0], [0, 0, 1]]))
+    frames += [smallest_box(sample, axis)[0] for axis in known]
     # The frames that most normals are along: two, as a rectangle may fit where normals are few.
     frames.sort(key=lambda f: -float((np.abs(normals @ f).max(axis=1) > 0.95).mean()))
     few = len(sample) // 50

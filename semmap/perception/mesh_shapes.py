@@ -13,11 +13,10 @@ import numpy as np
 from scipy.spatial import ConvexHull, QhullError
 
 from semmap.perception.error import PerceptionError
-from semmap.perception.hypotheses import frame_with_axis, hypotheses, smallest_rectangle
+from semmap.perception.fitted_shapes import Fit, Placed, refined, size_of
+from semmap.perception.hypotheses import hypotheses, smallest_box
 from semmap.perception.point_cloud import Floats, Surfels, surfels
 from semmap.perception.primitives import Primitive, primitive_of
-from semmap.perception.refinement import Fit, refined
-from semmap.perception.shapes import Placed, size_of
 
 if TYPE_CHECKING:
     import trimesh
@@ -90,10 +89,7 @@ def _bounding(hull: ConvexHull, normals: Floats) -> list[Placed]:
     axes += list(np.linalg.svd(corners - corners.mean(axis=0), full_matrices=False)[2])
     found = []
     for axis in axes:
-        upright = frame_with_axis(axis)
-        heading, filled = smallest_rectangle((corners @ upright)[:, :2])
-        cos, sin = np.cos(heading), np.sin(heading)
-        frame = upright @ np.array([[cos, -sin, 0], [sin, cos, 0], [0, 0, 1]])
+        frame, filled = smallest_box(corners, axis)
         low, high = (corners @ frame).min(axis=0), (corners @ frame).max(axis=0)
         area = filled * np.prod(high[:2] - low[:2])
         ends = np.array([np.sqrt(area / np.pi), low[2], high[2]])

@@ -16,11 +16,10 @@ from numpy.typing import ArrayLike
 
 import semmap_native
 from semmap.perception.error import PerceptionError
+from semmap.perception.fitted_shapes import SHAPES, Fit, Placed, refined, size_of
 from semmap.perception.hypotheses import SLIMMEST, WIDEST, hypotheses
 from semmap.perception.plane import Plane
 from semmap.perception.point_cloud import Floats, Surfels, checked_points, surfels
-from semmap.perception.refinement import Fit, refined
-from semmap.perception.shapes import SHAPES, Placed, size_of
 
 FEWEST = 30
 """Points that a fit needs."""

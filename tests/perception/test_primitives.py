@@ -9,9 +9,9 @@ from hypothesis import Phase, given, settings
 from hypothesis import strategies as st
 
 from semmap.perception.error import PerceptionError
+from semmap.perception.fitted_shapes import SHAPES
 from semmap.perception.plane import Plane
 from semmap.perception.primitives import Primitive, fit_primitive
-from semmap.perception.shapes import SHAPES
 from tests.perception.views import cloud_of, solid
 
 QUICK = (Phase.explicit, Phase.reuse, Phase.generate)

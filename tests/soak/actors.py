@@ -26,7 +26,7 @@ from sqlalchemy.exc import DBAPIError
 
 from semmap.database import Cluster, DatabaseError, open_engine
 from semmap.database.maps import see_map
-from semmap.fields.service.endpoint import socket_of
+from semmap.fields.service.client import socket_of
 from semmap.fields.service.server import serving
 from semmap.fields.service.service import FieldService
 from semmap.fields.service.settings import ServiceSettings, SourceSettings

@@ -24,11 +24,6 @@ class VoxelBox(NamedTuple):
         u, v, w = self.high
         return VoxelBox((x - by, y - by, z - by), (u + by, v + by, w + by))
 
-    def common(self, other: VoxelBox) -> VoxelBox:
-        """Return the voxels of both boxes."""
-        low, high = np.maximum(self.low, other.low), np.minimum(self.high, other.high)
-        return VoxelBox(_triple(low), _triple(high))
-
 
 @dataclass(frozen=True)
 class Lattice:
@@ -57,12 +52,6 @@ class Lattice:
         own = np.asarray(voxels, float) * self.voxel_size
         points: NDArray[np.float64] = own @ m[:, :3].T + m[:, 3]
         return points
-
-    def box(self, low: ArrayLike, high: ArrayLike) -> VoxelBox:
-        """Return a box that contains all voxels that meet a box of the shared frame, in metres."""
-        corners = np.array(list(product(*np.stack([low, high]).astype(float).T)))
-        at = np.floor(self.voxels_at(corners) + np.array([[-1e-9], [1e-9]])[:, :, None])
-        return VoxelBox(_triple(at.min(axis=(0, 1))), _triple(at.max(axis=(0, 1))))
 
     def box_in(self, box: VoxelBox, other: Lattice) -> VoxelBox:
         """Return a box of another lattice that contains all voxels that meet a box of this one."""

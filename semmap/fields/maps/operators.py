@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 from semmap.fields.checks import as_length
 from semmap.fields.maps.distances import core_tiles, distance_tiles
 from semmap.fields.maps.grids import DTYPES, Grid, ValueType, empty_grid
-from semmap.fields.maps.lattice import VoxelBox
+from semmap.fields.maps.lattice import Lattice, VoxelBox
 from semmap.fields.maps.representation_map import Evaluate, RepresentationMap
 from semmap.language.schema import Property
 from semmap_vdb import BoolGrid, Int32Grid
@@ -209,8 +209,7 @@ def _nearest_values(map: RepresentationMap) -> Callable[[Any, Any], Any]:
         if map.value_type == "bool":
             return np.ones(where.shape[1:], np.bool_)
         centres = (where.reshape(3, -1).T + 0.5) * map.voxel_size
-        rows = [list(row) for row in ((1, 0, 0, 0), (0, 1, 0, 0), (0, 0, 1, 0))]
-        return source.placed(rows).at(centres).reshape(where.shape[1:])
+        return source.placed(Lattice(map.voxel_size).rows).at(centres).reshape(where.shape[1:])
 
     return values
 

@@ -13,9 +13,7 @@ from semmap.language.schema import Function
 VOXEL_FUNCTIONS = {
     each.name: each
     for each in (
-        Function("x", ("voxel",), "number"),
-        Function("y", ("voxel",), "number"),
-        Function("z", ("voxel",), "number"),
+        *(Function(axis, ("voxel",), "number") for axis in "xyz"),
         Function("distance", ("voxel", "voxel"), "number"),
     )
 }

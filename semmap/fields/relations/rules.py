@@ -96,19 +96,12 @@ _EITHER: frozenset[tuple[Kind, Kind]] = _BODIES | {("body", "space"), ("space", 
 _VIEWED: frozenset[tuple[Kind, Kind]] = frozenset({("view", "body")})
 
 
-def near_rule(distance: float) -> RelationRule:
-    """Return the rule of `near` up to a gap in metres, above 0; it ends beyond 1.2 times that."""
-    if not 0 < distance < math.inf:
-        raise ValueError(f"the distance of near is {distance!r}: give metres above 0")
-    return RelationRule("near", "metres apart", distance, 1.2 * distance, _EITHER)
-
-
 RULES = (
     RelationRule("in", "within", 0.9, 0.8, _BODIES),
     RelationRule("in", "within", 0.5, 0.4, _INTO_SPACE),
     RelationRule("on", "supported", 0.1, 0.05, _BODIES),
     RelationRule("touching", "voxels apart", 0.0, 1.0, _BODIES),
-    near_rule(0.5),
+    RelationRule("near", "metres apart", 0.5, 0.6, _EITHER),
     RelationRule("sees", "seen", 0.2, 0.1, _VIEWED),
 )
 """The rules of all relations.

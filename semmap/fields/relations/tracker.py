@@ -128,21 +128,13 @@ class RelationTracker:
                     del self._since[event.fact]
         return sorted(events, key=self._order)
 
-    def holding(
-        self,
-        relation: str | None = None,
-        *,
-        subject: Hashable | None = None,
-        object: Hashable | None = None,
-    ) -> dict[RelationFact, datetime]:
-        """Return the facts that are true now, and since when; only those with what is given."""
+    def holding(self, relation: str | None = None) -> dict[RelationFact, datetime]:
+        """Return the facts that are true now, of one relation if given, and since when."""
         with self._lock:
             return {
                 fact: since
                 for fact, since in self._since.items()
-                if (relation is None or fact.relation == relation)
-                and (subject is None or fact.subject == subject)
-                and (object is None or fact.object == object)
+                if relation in (None, fact.relation)
             }
 
     def _compare(

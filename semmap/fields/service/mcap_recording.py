@@ -154,33 +154,26 @@ class McapPercepts:
     ) -> Iterator[tuple[float, str, Callable[[], Any]]]:
         """Yield time, topic and decoder of each message."""
         make_reader = _library("mcap.reader").make_reader
-        decoders = _library("mcap_ros2.decoder").DecoderFactory()
-        decode: dict[int, Any] = {}
+        decoder = _library("mcap_ros2.decoder").DecoderFactory
+        chosen = None if topics is None else [*topics]
         for file in self._files:
+            decoders = decoder()
             with file.open("rb") as stream:
-                decode.clear()
-                chosen = None if topics is None else [*topics]
                 messages = iter(make_reader(stream).iter_messages(topics=chosen))
                 while (each := _guarded(file, partial(next, messages, None))) is not None:
-                    schema, channel, message = each
+                    _, channel, message = each
+                    decode = partial(_decoded, file, decoders, *each)
+                    yield message.log_time / 1e9, channel.topic, decode
 
-                    def decoded(
-                        file: Path = file,
-                        schema: Any = schema,
-                        channel: Any = channel,
-                        message: Any = message,
-                    ) -> Any:
-                        if channel.id not in decode:
-                            made = decoders.decoder_for(channel.message_encoding, schema)
-                            if made is None:
-                                raise ValueError(
-                                    f"{file}: {channel.topic} is not a topic of ROS 2 (encoded as "
-                                    f"{channel.message_encoding})"
-                                )
-                            decode[channel.id] = made
-                        return _guarded(file, partial(decode[channel.id], message.data))
 
-                    yield message.log_time / 1e9, channel.topic, decoded
+def _decoded(file: Path, decoders: Any, schema: Any, channel: Any, message: Any) -> Any:
+    decode = decoders.decoder_for(channel.message_encoding, schema)
+    if decode is None:
+        raise ValueError(
+            f"{file}: {channel.topic} is not a topic of ROS 2 (encoded as "
+            f"{channel.message_encoding})"
+        )
+    return _guarded(file, partial(decode, message.data))
 
 
 def _library(name: str) -> Any:

@@ -19,10 +19,9 @@ from semmap.fields.queries.mirror_catalogue import mirror_catalogue
 from semmap.fields.relations.event_bus import EventBus
 from semmap.fields.relations.facts import RelationEvent
 from semmap.fields.relations.tracker import RelationTracker
-from semmap.fields.service.map_update import update_map
 from semmap.fields.service.percept_feeds import Inbox, make_feed
 from semmap.fields.service.percept_json import read_percept
-from semmap.fields.service.query_reply import query_reply
+from semmap.fields.service.replies import query_reply, update_map
 from semmap.fields.service.settings import ServiceSettings, SourceSettings
 from semmap.fields.sources.manager import SourceManager
 from semmap.fields.sources.source import Source, check_percept, make_source

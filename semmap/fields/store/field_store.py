@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from datetime import datetime
 from typing import Any
 
-from semmap.fields.maps.grids import GRIDS, Grid, ValueType, value_type_of
+from semmap.fields.maps.grids import GRIDS, Grid, value_type_of
 from semmap.fields.store.statements import Connection, run
 from semmap.query.snapshot import Snapshot
 
@@ -179,7 +179,7 @@ def load(seen: Snapshot, name: str, version: int | None = None) -> StoredField:
                 f"there is no version {version} of the field {name}; versions: {', '.join(there)}"
             )
     (row,) = rows
-    kind = GRIDS[_value_type(field.value_type)]
+    kind = GRIDS[field.value_type]
     plain = {"bool": bool, "int32": int, "float32": float}[field.value_type]
     grid = kind(field.voxel_size, plain(row.background))
     grid.place([row.placement[i : i + 4] for i in (0, 4, 8)])
@@ -188,9 +188,9 @@ def load(seen: Snapshot, name: str, version: int | None = None) -> StoredField:
     return StoredField(name, number, row.at, field.property, field.about, legend, row.state, grid)
 
 
-def names(seen: Snapshot, *, stateless: bool = False) -> list[str]:
-    """Return the names of the map's fields; `stateless` ones have no data of their writer."""
-    return _names(seen.session, stateless=stateless)
+def names(seen: Snapshot) -> list[str]:
+    """Return the names of the map's fields without data of their writer."""
+    return _names(seen.session)
 
 
 def has_maps(seen: Snapshot) -> bool:
@@ -272,14 +272,12 @@ def _field_to_change(
     return field
 
 
-def _names(connection: Connection, *, stateless: bool) -> list[str]:
+def _names(connection: Connection) -> list[str]:
     rows = run(
         connection,
         "SELECT f.name FROM field f "
         "JOIN field_version v ON v.field_id = f.id AND v.version = f.version "
-        "WHERE f.map_id = current_map() AND NOT (%(stateless)s AND v.state IS NOT NULL) "
-        "ORDER BY f.name",
-        {"stateless": stateless},
+        "WHERE f.map_id = current_map() AND v.state IS NULL ORDER BY f.name",
     )
     return [row.name for row in rows]
 
@@ -292,7 +290,7 @@ def _field(connection: Connection, name: str, *, locked: bool = False) -> Any:
         {"name": name},
     )
     if not fields:
-        known = ", ".join(_names(connection, stateless=True)) or "none"
+        known = ", ".join(_names(connection)) or "none"
         raise LookupError(f"there is no field {name} in this map; fields: {known}")
     return fields[0]
 
@@ -301,7 +299,3 @@ def _described(field: tuple[str, str | None, str, float]) -> str:
     property, about, value_type, voxel_size = field
     entity = f" about {about}" if about else ""
     return f"{value_type} values of {property}{entity}, voxels of {voxel_size} m"
-
-
-def _value_type(value: str) -> ValueType:
-    return next(each for each in GRIDS if each == value)

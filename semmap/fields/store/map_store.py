@@ -46,7 +46,7 @@ def load_map(
 
 def load_maps(seen: Snapshot, vocabulary: Properties) -> dict[str, RepresentationMap]:
     """Return by name the newest versions of all stored maps with a property of the vocabulary."""
-    names = field_store.names(seen, stateless=True)
+    names = field_store.names(seen)
     found = ((name, load_map(seen, vocabulary, name)) for name in names)
     return {name: map for name, map in found if map is not None}
 
@@ -56,7 +56,7 @@ def load_maps_during(
 ) -> list[SourceUpdate]:
     """Return the versions of stored maps that were the newest at any time in between, aware."""
     found = []
-    for name in field_store.names(seen, stateless=True):
+    for name in field_store.names(seen):
         versions = field_store.versions(seen, name)
         until = [each.at for each in versions[1:]]
         for each, over in zip_longest(versions, until):

@@ -16,6 +16,7 @@ import numpy as np
 import psycopg
 from numpy.typing import NDArray
 
+from semmap.fields.maps.lattice import Lattice
 from semmap.fields.regions.region_map import Role
 from semmap.fields.store import field_store
 from semmap.fields.store.statements import run
@@ -25,9 +26,10 @@ from semmap_vdb import BoolGrid
 
 OCCUPIES = "urn:semmap:ontology#occupies"
 
-MODELS = "coalesce((SELECT array_agg(m.model_id ORDER BY m.model_id) FROM entity_model m WHERE "
-
-_IDENTITY = [[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0]]
+MODELS = (
+    "coalesce((SELECT array_agg(m.model_id ORDER BY m.model_id) FROM entity_model m "
+    "WHERE m.entity_id = e.id), '{}') AS models "
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,9 +46,7 @@ def read_stated(seen: Snapshot, ids: Iterable[int] | None, voxel_size: float) ->
     """Return the entities with stated voxels, of this size in metres; of `ids` if given."""
     rows = run(
         seen.session,
-        "SELECT e.id, e.name, e.kind, w.pose, f.name AS field, v.state, "
-        + MODELS
-        + "m.entity_id = e.id), '{}') AS models FROM field f "
+        f"SELECT e.id, e.name, e.kind, w.pose, f.name AS field, v.state, {MODELS} FROM field f "
         "JOIN field_version v ON v.field_id = f.id AND v.version = f.version "
         "JOIN entity e ON e.map_id = f.map_id AND e.name = f.about "
         "LEFT JOIN world w ON w.entity_id = e.id "
@@ -61,7 +61,7 @@ def read_stated(seen: Snapshot, ids: Iterable[int] | None, voxel_size: float) ->
         grid = field_store.load(seen, row.field).grid
         assert isinstance(grid, BoolGrid)
         if abs(grid.voxel_size - voxel_size) > 1e-9:
-            grid = grid.resampled(voxel_size, _IDENTITY)
+            grid = grid.resampled(voxel_size, Lattice(voxel_size).rows)
         points = np.asarray((grid.read()[0] + 0.5) * voxel_size, np.float64)
         if row.pose is not None and row.state["pose"] is not None and row.pose != row.state["pose"]:
             moved = Pose(*row.pose) @ Pose(*row.state["pose"]).inverse()
@@ -79,29 +79,24 @@ def save_stated(
     more is deleted.
     """
     field = f"voxels of {name}"
-    found = run(
+    (known,) = run(
         session,
-        "SELECT id FROM entity WHERE map_id = current_map() AND name = %(name)s",
-        {"name": name},
-    )
-    known = found[0].id if found else None
-    kept = run(
-        session,
-        "SELECT (v.state->>'made')::boolean AS made FROM field f JOIN field_version v "
+        "SELECT (SELECT id FROM entity WHERE map_id = current_map() AND name = %(name)s) AS id, "
+        "(SELECT (v.state->>'made')::boolean FROM field f JOIN field_version v "
         "ON v.field_id = f.id AND v.version = f.version "
-        "WHERE f.map_id = current_map() AND f.name = %(name)s",
-        {"name": field},
+        "WHERE f.map_id = current_map() AND f.name = %(field)s) AS made",
+        {"name": name, "field": field},
     )
-    made = known is None or (bool(kept) and kept[0].made)
+    made = known.id is None or bool(known.made)
     if not len(voxels) and made:
         field_store.forget(session, field)
-        run(session, "DELETE FROM entity WHERE id = %(id)s", {"id": known})
+        run(session, "DELETE FROM entity WHERE id = %(id)s", {"id": known.id})
         return
-    if known is None:
+    if known.id is None:
         _make_region(session, name, voxels, voxel_size)
     (row,) = run(
         session,
-        "SELECT e.id, w.pose, " + MODELS + "m.entity_id = e.id), '{}') AS models "
+        f"SELECT e.id, w.pose, {MODELS} "
         "FROM entity e LEFT JOIN world w ON w.entity_id = e.id WHERE e.id = entity_id(%(name)s)",
         {"name": name},
     )

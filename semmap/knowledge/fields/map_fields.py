@@ -16,8 +16,7 @@ from semmap.fields.maps.map_buffer import MapBuffer
 from semmap.fields.queries import query as query_fields
 from semmap.fields.queries.mirror_catalogue import mirror_catalogue
 from semmap.fields.queries.query_result import SelectResult
-from semmap.fields.service.client import find_service
-from semmap.fields.service.endpoint import url_of
+from semmap.fields.service.client import find_service, url_of
 from semmap.fields.service.kept_answer import show_kept
 from semmap.fields.store.names import read_map_vocabulary, read_names
 from semmap.fields.store.voxel_mirror import VoxelMirror

@@ -208,7 +208,8 @@ def test_frames(seed: int, size: float) -> None:
     centres = (grid.reshape(-1, 3) + 0.5) * size
     assert (made.at(centres) != 0).sum() == len(here)
     # A part of it is the same part.
-    box = Lattice(size).box(low + 0.3, high - 0.3)
+    ends = np.floor([(low + 0.3) / size, (high - 0.3) / size]).astype(int).tolist()
+    box = VoxelBox(*map(tuple, ends))
     part, _ = here.within(box).read()
     alone = made.resampled(Lattice(size)).within(box).read()[0]
     np.testing.assert_array_equal(np.sort(part, axis=0), np.sort(alone, axis=0))
@@ -239,7 +240,7 @@ def test_only_the_box_is_computed() -> None:
         assert box is not None
         assert np.all(np.array(box.low) >= grown.low)
         assert np.all(np.array(box.high) <= grown.high)
-    voxels, _ = whole.within(whole.lattice.box((0, 0, 0), (0.2, 0.2, 0.2))).read()
+    voxels, _ = whole.within(VoxelBox((-1, -1, -1), (4, 4, 4))).read()
     assert 0 < len(voxels) <= 6**3
 
 

@@ -25,7 +25,7 @@ from semmap.fields.queries.entity_relation import EntityRelation
 from semmap.fields.queries.statements import Demand
 from semmap.fields.regions.shapes import Region
 from semmap.fields.relations.facts import RelationEvent, RelationFact
-from semmap.fields.relations.rules import RULES, RelationRule, near_rule
+from semmap.fields.relations.rules import RULES, RelationRule
 from semmap.fields.relations.tracker import RelationTracker
 from semmap.language.schema import Property
 
@@ -121,6 +121,11 @@ def rests(a: set[Voxel], b: set[Voxel], standing: bool) -> bool:
 
     resting = sum(loosely(x, y) if standing else rests_at(x, y, bottom) for x, y in layer)
     return Fraction(resting, len(layer)) >= Fraction(1, 20 if standing else 10)
+
+
+def near_rule(distance: float) -> RelationRule:
+    (rule,) = [each for each in RULES if each.name == "near"]
+    return replace(rule, begin=distance, end=1.2 * distance)
 
 
 class Moving(RuleBasedStateMachine):
@@ -415,8 +420,6 @@ def test_wrong_rules_and_times_are_refused() -> None:
     here, tracker = scene()
     with pytest.raises(ValueError, match="different"):
         replace(RULES[0], end=0.9)
-    with pytest.raises(ValueError, match="above 0"):
-        near_rule(0)
     with pytest.raises(ValueError, match="one rule"):
         RelationTracker(here, rules=[*RULES, near_rule(2)])
     with pytest.raises(ValueError, match="time zone"):

@@ -1,4 +1,4 @@
-"""The result of a query as JSON, for the command line and the socket."""
+"""The results of queries and updates as JSON, for the command line and the socket."""
 
 from __future__ import annotations
 
@@ -8,9 +8,12 @@ from itertools import islice
 from pathlib import Path
 from typing import Any
 
-from semmap.fields.queries import SelectResult, StoreResult, query
+from semmap.fields.queries import SelectResult, StoreResult, query, update
 from semmap.fields.queries.catalogue import FieldCatalogue
+from semmap.fields.regions.region_map import RegionMap
 from semmap.fields.store.map_store import save_map
+from semmap.fields.store.mirror_state import MirrorState
+from semmap.fields.store.stated_voxels import save_stated
 from semmap.fields.store.statements import Connection
 
 Open = Callable[[], AbstractContextManager[Connection]]
@@ -53,3 +56,30 @@ def _stored(
             summary["kept"] = keep
             summary["version"] = save_map(connection, keep, result.to_map(), answer=True)
     return summary
+
+
+def update_map(
+    mirror: MirrorState, catalogue: FieldCatalogue, text: str, session: Any
+) -> dict[str, Any]:
+    """Carry out a SPARQL update: all of it or nothing.
+
+    Returns `new`, the names of inserted regions by blank node, and the names `changed`. Raises
+    QueryError or ValueError: the text is wrong, or changes what a source sees.
+    """
+    grid, sets = mirror.regions.state()
+    of_map = {name for each, name in dict(mirror.names).items() if isinstance(each, int)}
+    names = {
+        each: name if isinstance(each, int) or name not in of_map else f"{name} as seen"
+        for each, name in dict(mirror.names).items()
+    }
+    copy = RegionMap.from_state(
+        grid, {number: [names[each] for each in members] for number, members in sets.items()}
+    )
+    result = update(copy, text, catalogue)
+    seen = {names[each] for each in names if not isinstance(each, int)}
+    for name in sorted(result.changed & seen):
+        raise ValueError(f"{name} is what a source sees: an update cannot change it")
+    with session.transaction():
+        for name in sorted(result.changed):
+            save_stated(session, name, copy.voxels(name), mirror.regions.voxel_size)
+    return {"new": dict(result.new), "changed": sorted(result.changed)}

@@ -11,10 +11,9 @@ from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
 
 import semmap_native
+from semmap.perception.fitted_shapes import SHAPES, Placed, refined, size_of
 from semmap.perception.plane import Plane
 from semmap.perception.point_cloud import Surfels
-from semmap.perception.refinement import refined
-from semmap.perception.shapes import SHAPES, Placed, size_of
 from tests.perception.views import solid
 
 SIZES = {
