@@ -38,14 +38,8 @@ class Account:
     ) -> subprocess.CompletedProcess[str]:
         """Run a program as this user; what it says is caught, in English.
 
-        Parameters
-        ----------
-        environment : variables that it gets where this process has none of the name
-
-        Raises
-        ------
-        DatabaseError
-            This process may not become that user.
+        It gets the variables of `environment` where this process has none of the name.
+        DatabaseError where this process may not become that user.
         """
         kept = {k: v for k, v in os.environ.items() if not k.startswith(("PG", "LC_", "LANG"))}
         if not self.is_caller:
@@ -73,15 +67,11 @@ class Account:
 
 
 def server_account(data: Path) -> Account:
-    """The user that runs the server on a data folder.
+    """The user that runs the server on a data folder: its owner; the caller if there is none yet.
 
-    The folder's owner, or the caller if there is no folder yet. For root, the owner of the parent
-    folder, and where that is root too, ``postgres`` or ``nobody``.
-
-    Raises
-    ------
-    DatabaseError
-        The folder is another user's, or its user has no name on this machine.
+    For root, the owner of the parent folder, and where that is root too, ``postgres`` or
+    ``nobody``. DatabaseError where the folder is another user's, or its user has no name on this
+    machine.
     """
     caller = os.geteuid()
     if data.exists():

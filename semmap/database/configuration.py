@@ -33,10 +33,7 @@ ROOMY_SHM = 1024 * MB
 def server_settings(programs: Programs, socket_folder: Path, home: Path) -> dict[str, str]:
     """Settings by name, as they stand in ``postgresql.conf``.
 
-    Parameters
-    ----------
-    socket_folder : where the Unix socket lies; there is no other way in
-    home : folder with ``hba.conf`` and ``ident.conf``
+    There is no other way in than the socket's folder; `home` has ``hba.conf`` and ``ident.conf``.
     """
     memory = _memory()
     shm = Path("/dev/shm")

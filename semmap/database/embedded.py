@@ -35,12 +35,9 @@ INCLUDES = "include '../semmap.conf'\ninclude_if_exists '../local.conf'\n"
 
 @dataclass(frozen=True)
 class Cluster:
-    """A cluster in a folder.
+    """A cluster in the folder `home`.
 
-    Attributes
-    ----------
-    home : the folder. ``data/`` in it is PostgreSQL's; settings in a ``local.conf`` beside it
-        override the usual ones.
+    ``data/`` in it is PostgreSQL's; settings in a ``local.conf`` beside it override the usual ones.
     """
 
     home: Path = field(default_factory=default_home)
@@ -81,13 +78,7 @@ class Cluster:
         return file.socket_folder
 
     def ensure(self) -> URL:
-        """Make and start the cluster where it is not running; the URL of the map's database.
-
-        Raises
-        ------
-        DatabaseError
-            As `start`.
-        """
+        """As `start`, but the URL of the map's database."""
         return self.url(self.start())
 
     def start(self) -> Path:
@@ -133,7 +124,7 @@ class Cluster:
         }
 
     def stop(self) -> bool:
-        """Stop the server; open transactions are undone. Returns whether it ran.
+        """Stop the server and undo open transactions; whether it ran.
 
         Raises
         ------

@@ -20,11 +20,8 @@ HINT = "Set SEMMAP_DATA to another folder, or name a database: SEMMAP_DB, --db"
 def check_home(home: Path) -> None:
     """See that root is not led elsewhere by the folder of a cluster; other users lead themselves.
 
-    Raises
-    ------
-    DatabaseError
-        This is root, and the folder is behind another user's symbolic link, can be written by its
-        group or by others, or its data directory is another user's than the folder.
+    DatabaseError where this is root, and the folder is behind another user's symbolic link, can be
+    written by its group or by others, or its data directory is another user's than the folder.
     """
     if os.geteuid() != 0 or not home.exists():
         return
@@ -66,23 +63,14 @@ def open_folder(path: Path) -> Iterator[Folder]:
 class Folder:
     """An open folder: what is made in it is made there, whatever its path means by then.
 
-    Attributes
-    ----------
-    path : where it was found, for messages
-    number : its file descriptor
+    `number` is its file descriptor; `path`, where it was found, is for messages.
     """
 
     path: Path
     number: int
 
     def write(self, name: str, text: str) -> None:
-        """Replace a file that all may read; a link of that name is replaced, not followed.
-
-        Raises
-        ------
-        DatabaseError
-            It cannot be written.
-        """
+        """Replace a file that all may read; a link of that name is replaced, not followed."""
         new = f"{name}.new"
         flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW | os.O_CLOEXEC
         try:
@@ -102,12 +90,7 @@ class Folder:
     def open_lock(self, name: str) -> int:
         """The descriptor of a file to lock, which is made at need for the folder's owner.
 
-        Raises
-        ------
-        DatabaseError
-            It is not a file of this folder.
-        OSError
-            It cannot be opened or made.
+        DatabaseError where it is not a file of this folder, OSError where it cannot be had.
         """
         flags = os.O_RDWR | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC
         try:
@@ -127,13 +110,7 @@ class Folder:
         return lock
 
     def make_folder(self, name: str, owner: Account, mode: int = 0o700) -> None:
-        """Make a folder of `owner`, which only that user can enter unless `mode` says otherwise.
-
-        Raises
-        ------
-        FileExistsError
-            The name is taken.
-        """
+        """Make a folder of `owner`, which only that user can enter unless `mode` says otherwise."""
         os.mkdir(name, 0o700, dir_fd=self.number)
         made = os.open(
             name, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW | os.O_CLOEXEC, dir_fd=self.number
@@ -159,18 +136,9 @@ class Folder:
 
 
 def read_file(path: Path, last: int | None = None) -> str:
-    """The text of a regular file that is not behind a link; nothing else is opened.
+    """The text, or the last bytes, of a regular file that is not behind a link.
 
-    Parameters
-    ----------
-    last : how many bytes to read from its end; by default all
-
-    Raises
-    ------
-    DatabaseError
-        It is a link, a folder, a pipe, ...
-    OSError
-        It cannot be read.
+    DatabaseError where it is a link, a folder, a pipe, ...; OSError where it cannot be read.
     """
     try:
         file = os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC)

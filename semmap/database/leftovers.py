@@ -27,16 +27,9 @@ def clear_leftovers(data: Path) -> bool:
     """Make way for a new server on a data directory on which none answers.
 
     Orphans of a killed server are ended, which loses nothing that was committed. A server that is
-    starting, recovering or stopping is waited for. Then ``postmaster.pid`` is removed.
-
-    Returns
-    -------
-    whether a server lives there after all: one that was only waited for, or lost its socket
-
-    Raises
-    ------
-    DatabaseError
-        Processes still use the directory after `BUSY_SECONDS`.
+    starting, recovering or stopping is waited for. Then ``postmaster.pid`` is removed. True where a
+    server lives there after all: one that was only waited for, or lost its socket. DatabaseError
+    where processes still use the directory after `BUSY_SECONDS`.
     """
     begin = time.monotonic()
     signals = [(STUBBORN, signal.SIGKILL), (GRACE, signal.SIGQUIT)]

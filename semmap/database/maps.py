@@ -11,7 +11,7 @@ if TYPE_CHECKING:
 
 
 def driver_of(connection: Connection | psycopg.Connection[Any]) -> psycopg.Connection[Any]:
-    """Return psycopg's connection: the one given, or that below one of SQLAlchemy."""
+    """Psycopg's connection: the one given, or that below one of SQLAlchemy."""
     if isinstance(connection, psycopg.Connection):
         return connection
     driver = connection.connection.dbapi_connection  # also of one that left its pool
@@ -20,12 +20,9 @@ def driver_of(connection: Connection | psycopg.Connection[Any]) -> psycopg.Conne
 
 
 def pick_map(connection: Connection | psycopg.Connection[Any], name: str | None = None) -> str:
-    """Return the name of the map meant: `name`, else the setting ``semmap.map``, else the only one.
+    """The name of the map meant: `name`, else the setting ``semmap.map``, else the only one.
 
-    Raises
-    ------
-    LookupError
-        There is no such map, none at all, or several and none is chosen.
+    LookupError where there is no such map, none at all, or several and none is chosen.
     """
     execute = driver_of(connection).execute
     known = [row[0] for row in execute("SELECT name FROM map WHERE copy_of IS NULL ORDER BY id")]
@@ -52,14 +49,7 @@ def see_map(
 ) -> str:
     """Let a connection see the map of a name, that of `pick_map` where None; return its name.
 
-    Parameters
-    ----------
-    lasting : until the connection closes, else for the rest of the transaction
-
-    Raises
-    ------
-    LookupError
-        No name is given, and there is no map at all or no chosen one.
+    It does until it closes if `lasting`, else for the rest of the transaction.
     """
     if name is None:
         name = pick_map(connection)

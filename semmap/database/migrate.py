@@ -73,11 +73,8 @@ def current(engine: Engine) -> str | None:
 def upgrade(engine: Engine, revision: str = "head") -> None:
     """Bring the schema up to a revision, in one transaction; another process waits its turn.
 
-    Raises
-    ------
-    DatabaseError
-        The server, PostGIS or the user's rights do not suffice, the database has a revision that
-        this semmap does not know, or a statement failed; nothing is changed.
+    DatabaseError where the server, PostGIS or the user's rights do not suffice, the database has a
+    revision that this semmap does not know, or a statement failed; nothing is changed.
     """
     with _transaction(engine, "upgraded") as connection:
         check_requirements(connection)
@@ -87,15 +84,7 @@ def upgrade(engine: Engine, revision: str = "head") -> None:
 
 
 def downgrade(engine: Engine, revision: str) -> None:
-    """Take the schema down to a revision (``base``, ``-1``, ``0001``), in one transaction.
-
-    No row is lost.
-
-    Raises
-    ------
-    DatabaseError
-        As `upgrade` does.
-    """
+    """Take the schema down to a revision (``base``, ``-1``, ``0001``) as `upgrade`; all rows stay."""
     with _transaction(engine, "downgraded") as connection:
         _change_tables(connection, command.downgrade, revision)
 
@@ -115,17 +104,8 @@ def run_sql_files(connection: Connection, *patterns: str) -> None:
     """Execute files of `schema/`, pattern by pattern, each pattern's files in order of their paths.
 
     A file goes to the server as it stands, in one piece: colons, percent signs and function bodies
-    mean nothing on the way. Names without a schema are those of `semmap`.
-
-    Parameters
-    ----------
-    connection : that of the revision, ``op.get_bind()``
-    patterns : globs below `schema/`, such as ``tables/*.sql``
-
-    Raises
-    ------
-    DatabaseError
-        A pattern that no file fits, or a statement that fails: file and line are named.
+    mean nothing on the way. Names without a schema are those of `semmap`. DatabaseError where a
+    pattern fits no file, or a statement fails: file and line are named.
     """
     connection.exec_driver_sql("SET LOCAL search_path = semmap, public")
     for pattern in patterns:

@@ -15,17 +15,9 @@ def notifications(
 ) -> Generator[tuple[str, ...] | None]:
     """Listen on channels of `NOTIFY` until `stop` is set, or the generator is closed.
 
-    The connection is the generator's own. It connects again where the server was away.
-
-    Parameters
-    ----------
-    patience : seconds, after which it yields where nothing was sent, and between two attempts to
-        connect
-
-    Yields
-    ------
-    None after each connect: what was sent before is lost. Otherwise the payloads that were sent,
-    none after `patience` seconds. Anybody who may connect can send on a channel.
+    Yields None after each connect: what was sent before is lost; else the payloads that were sent,
+    none after `patience` seconds. Anybody who may connect can send on a channel. The connection is
+    the generator's own, and is opened again where the server was away.
     """
     while not stop.is_set():
         try:

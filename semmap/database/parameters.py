@@ -31,15 +31,9 @@ def connection_parameters(
 ) -> dict[str, Any]:
     """libpq's parameters of the database that is meant: `url`, else ``$SEMMAP_DB``, else embedded.
 
-    Parameters
-    ----------
-    url : ``postgresql://user:password@host:port/name``, as psql takes it, or an embedded cluster
-    create : make the embedded cluster if there is none yet; one that is there is started anyway
-
-    Raises
-    ------
-    DatabaseError
-        The URL is not one of a PostgreSQL database, or there is no embedded cluster.
+    The URL is ``postgresql://user:password@host:port/name``, as psql takes it. `create` makes the
+    embedded cluster if there is none yet; one that is there is started anyway. DatabaseError where
+    the URL is none of PostgreSQL, or there is no embedded cluster.
     """
     source = "the database URL"
     if url is None and os.environ.get("SEMMAP_DB"):
@@ -76,14 +70,9 @@ def describe(parameters: dict[str, Any]) -> str:
 
 
 def unreachable(where: str, host: object, error: object, busy: bool = False) -> str:
-    """Why there is no connection to a database, and what to do.
+    """Why there is no connection to the database `where`, by the driver's error, and what to do.
 
-    Parameters
-    ----------
-    where : the database, as the message names it
-    host : the host or the folder of the socket
-    error : of the driver
-    busy : whether the server starts, recovers or stops
+    `host` may be the folder of the socket; `busy` says that the server starts, recovers or stops.
     """
     cause = str(error).strip().splitlines()
     if folder := lost_folder(host):

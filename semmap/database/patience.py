@@ -18,9 +18,7 @@ PAUSE = 0.1
 class Patience:
     """Decides after each failed connection to a database whether to try again.
 
-    Attributes
-    ----------
-    busy : whether the server says that it starts, recovers or stops
+    `busy` says that the server starts, recovers or stops.
     """
 
     def __init__(self) -> None:
@@ -32,10 +30,6 @@ class Patience:
         """Whether to try to connect again; waits a moment first, unless the server is up.
 
         The protocol says what state the server is in: an error's text depends on its language.
-
-        Parameters
-        ----------
-        conninfo : libpq's connection string
         """
         state = PGconn.ping(conninfo.encode())
         now = time.monotonic()

@@ -11,13 +11,9 @@ NAME = "postmaster.pid"
 
 
 class PidFile(NamedTuple):
-    """What a server writes about itself.
+    """What a server writes about itself: its process ID, the folder of its socket, its state.
 
-    Attributes
-    ----------
-    pid : process ID of the server (its postmaster)
-    socket_folder : folder of its Unix socket
-    state : ``starting``, ``ready``, ``standby`` or ``stopping``; empty before it is written
+    The state is ``starting``, ``ready``, ``standby`` or ``stopping``; empty before it is written.
     """
 
     pid: int
@@ -28,12 +24,7 @@ class PidFile(NamedTuple):
 def read_pid_file(data: Path) -> PidFile | None:
     """The content of ``postmaster.pid`` in a data directory; None if there is none to be read.
 
-    Raises
-    ------
-    PermissionError
-        The data directory is closed to this process.
-    DatabaseError
-        It is a link.
+    PermissionError where the directory is closed to this process, DatabaseError where it is a link.
     """
     try:
         lines = read_file(data / NAME).splitlines()

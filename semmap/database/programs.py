@@ -27,14 +27,9 @@ FOLDERS = (
 
 @dataclass(frozen=True)
 class Programs:
-    """One installed PostgreSQL.
+    """One installed PostgreSQL: the folder of `initdb`, `postgres` and `pg_ctl`, its major version.
 
-    Attributes
-    ----------
-    folder : where `initdb`, `postgres` and `pg_ctl` are
-    version : major version
-    postgis : whether PostGIS is installed for it
-    lz4 : whether it was built with lz4
+    `postgis` says whether PostGIS is installed for it, `lz4` whether it was built with lz4.
     """
 
     folder: Path
@@ -47,18 +42,10 @@ class Programs:
 
 
 def find_programs(version: int | None = None, folders: Iterable[Path] | None = None) -> Programs:
-    """The newest installed PostgreSQL that has PostGIS.
+    """The newest installed PostgreSQL that has PostGIS, or that of an existing cluster's version.
 
-    Parameters
-    ----------
-    version : major version that an existing cluster needs; by default any that serves
-    folders : where to look; by default ``$SEMMAP_POSTGRESQL``, else `pg_config`'s folder,
-        the distributions' usual ones and the PATH
-
-    Raises
-    ------
-    DatabaseError
-        There is none; with the packages to install.
+    Folders are by default ``$SEMMAP_POSTGRESQL``, else `pg_config`'s, the distributions' usual ones
+    and the PATH. DatabaseError with the packages to install where there is none.
     """
     places = _folders() if folders is None else folders
     installed = [_look(folder) for folder in dict.fromkeys(place.resolve() for place in places)]

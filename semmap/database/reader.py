@@ -26,19 +26,8 @@ def reading_session(session: psycopg.Connection[Any]) -> psycopg.Connection[Any]
     """Open a session with the same embedded database whose login, ``semmap_read``, can only read.
 
     A cluster or database that was made without that login, or gave everybody more, is changed now.
-
-    Parameters
-    ----------
-    session : one of `semmap.database.session.open_session`
-
-    Returns
-    -------
-    None if the database is not an embedded one
-
-    Raises
-    ------
-    DatabaseError
-        The login cannot be made, or has rights beyond reading that have to be taken by hand.
+    None if the database is not an embedded one. DatabaseError where the login cannot be made, or
+    has rights beyond reading that have to be taken by hand.
     """
     if session.info.user != SUPERUSER or session.info.host[:1] != "/":
         return None

@@ -36,13 +36,7 @@ SELECT current_setting('server_version_num')::int,
 
 
 def check_requirements(connection: Connection) -> None:
-    """See that the schema can be installed or changed here.
-
-    Raises
-    ------
-    DatabaseError
-        Too old a PostgreSQL or PostGIS, none at all, or a user who may not; with what to do.
-    """
+    """See that the schema can be installed or changed here; DatabaseError says what to do."""
     (
         version,
         user,

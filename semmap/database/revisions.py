@@ -23,12 +23,7 @@ def installed(connection: psycopg.Connection[Any]) -> str | None:
     """The revision that the database has; None where there is no schema yet.
 
     A downgrade drops the functions: without them, a revision is told as ``0001 without functions``,
-    which is never the newest.
-
-    Raises
-    ------
-    DatabaseError
-        The user has no right to read it.
+    which is never the newest. DatabaseError where the user has no right to read it.
     """
     try:
         with connection.transaction():
@@ -54,14 +49,9 @@ def installed_on(engine: Engine) -> str | None:
 
 
 def newest() -> str:
-    """The revision that no other one follows.
+    """The revision that no other one follows; DatabaseError where there is none, or more than one.
 
     Read off the files without Alembic, whose import takes longer than all else that a start does.
-
-    Raises
-    ------
-    DatabaseError
-        There is none, or more than one.
     """
     known = parents()
     heads = sorted(set(known) - {parent for parent in known.values() if parent})
@@ -101,12 +91,8 @@ class OldSchema(DatabaseError):
 def check_revision(version: str | None) -> None:
     """Refuse a revision of the schema that is not this semmap's.
 
-    Raises
-    ------
-    OldSchema
-        There is no schema, or a former one: ``semmap db upgrade`` helps.
-    DatabaseError
-        Another semmap made it, a newer one or one from before 0.1.0.
+    OldSchema where there is no schema, or a former one: ``semmap db upgrade`` helps. DatabaseError
+    where another semmap made it, a newer one or one from before 0.1.0.
     """
     if version == newest():
         return

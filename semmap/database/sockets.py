@@ -29,11 +29,7 @@ def make_socket_folder(home: Path, owner: Account) -> Path:
 
     It lies below the cluster's folder, or, where that path will not do for a socket, in the folder
     for temporary files. (Not in XDG_RUNTIME_DIR, which goes away when the user logs out.)
-
-    Raises
-    ------
-    DatabaseError
-        The folder is there already, but is not what it has to be.
+    DatabaseError where it is there already, but is not what it has to be.
     """
     folder = home / "run"
     if not _fits(folder):

@@ -30,19 +30,12 @@ ROUND = 6
 class ActionRecord:
     """An action of a gripper on an object model (section III: grasp, push, place and their data).
 
-    Attributes
-    ----------
-    kind : one of `KINDS`
-    pose : of the grasp frame in the model's frame, at contact
-    pre_pose, post_pose : where the approach begins and the retreat ends
-    motion : metres (x, y, z) of a push; a point of the axis, its direction and the angle (radians)
-        of a turn or an opening; in the model's frame
-    approach, family : names of the way to the object, and of its like on equal shapes
-    width : metres between the fingers at contact
-    posture, pre_posture : positions of joints, radians or metres, at contact and before; of a
-        place, at contact and after
-    quality : predicted share of successes
-    shift : metres (x, y, z) by which trial and error moved it, in its own frame; None: not at all
+    `pose` is that of the grasp frame in the model's frame at contact; the approach begins at
+    `pre_pose`, the retreat ends at `post_pose`. `motion` is x, y, z of a push, and a point of the
+    axis, its direction and the angle of a turn or an opening, in the model's frame. `width` is
+    between the fingers at contact. `posture` and `pre_posture` are positions of joints at contact
+    and before (of a place, after). Trial and error moved it by `shift` in its own frame. Metres and
+    radians.
     """
 
     kind: str
@@ -60,13 +53,7 @@ class ActionRecord:
 
     @classmethod
     def of(cls, given: Any, kind: str, where: str) -> ActionRecord:
-        """Return the record of a candidate: an object with poses (4, 4), or a record.
-
-        Raises
-        ------
-        ManipulationError
-            A pose is not a rigid transform, or a number is out of its range.
-        """
+        """The record of a candidate: an object with poses (4, 4), or a record; as `checked`."""
         if isinstance(given, cls):
             return given.checked(where)
         before, after = getattr(given, "pre_grasp", None), getattr(given, "retreat", None)
@@ -87,13 +74,7 @@ class ActionRecord:
         ).checked(where)
 
     def checked(self, where: str) -> ActionRecord:
-        """Return it if it can be stored.
-
-        Raises
-        ------
-        ManipulationError
-            A value is out of its range; the text names `where`.
-        """
+        """Return it if it can be stored, else raise ManipulationError, which names `where`."""
         if self.kind not in KINDS or self.kind == "put":
             raise ManipulationError(
                 f"{where}: kind is {self.kind!r}: give one of {', '.join(KINDS[:-1])}; "
@@ -126,7 +107,7 @@ class ActionRecord:
         return self
 
     def moved(self, frame: Pose) -> ActionRecord:
-        """Return the action, given in a frame, in the outer frame of that frame."""
+        """The action, given in a frame, in the outer frame of that frame."""
 
         def turned(vector: tuple[float, ...]) -> tuple[float, ...]:
             return tuple(float(v) for v in frame.rotation_matrix @ np.array(vector))
@@ -147,7 +128,7 @@ class ActionRecord:
 
 
 def action_key(record: ActionRecord, object_key: str, gripper: str) -> UUID:
-    """Return the key of an action: equal for equal contents, in all databases."""
+    """The key of an action: equal for equal contents, in all databases."""
 
     def rounded(numbers: Any) -> list[float] | None:
         return None if numbers is None else [round(float(v), ROUND) + 0.0 for v in numbers]
@@ -174,7 +155,7 @@ def action_key(record: ActionRecord, object_key: str, gripper: str) -> UUID:
 
 
 def composed_key(kind: str, steps: Sequence[UUID]) -> UUID:
-    """Return the key of an action that is composed of others: equal for equal steps."""
+    """The key of an action that is composed of others: equal for equal steps."""
     return _hash([kind, *map(str, steps)])
 
 
@@ -183,12 +164,9 @@ def _hash(content: list[Any]) -> UUID:
 
 
 def pose_of(given: ArrayLike | Pose, where: str) -> Pose:
-    """Return a pose from (4, 4), seven numbers (x, y, z, qx, qy, qz, qw) or a pose.
+    """A pose from (4, 4), seven numbers (x, y, z, qx, qy, qz, qw) or a pose.
 
-    Raises
-    ------
-    ManipulationError
-        It is not finite, or not a rotation with a translation.
+    ManipulationError where it is not finite, or not a rotation with a translation.
     """
     try:
         numbers = np.asarray(given, dtype=np.float64)

@@ -28,24 +28,10 @@ STARTS = 16
 
 
 class Arm:
-    """The joints from a robot's base to a gripper; all others keep their positions.
+    """The joints from a robot's base to a gripper; all others are as `state` says, else at rest.
 
-    Parameters
-    ----------
-    gripper : Gripper
-        Of a whole robot.
-    state : positions of other joints, radians or metres; by default at rest
-
-    Attributes
-    ----------
-    joints : tuple of Joint
-        That move, from the base to the gripper.
-    low, high : (D,) limits, radians or metres; of continuous joints, half a turn to each side
-
-    Raises
-    ------
-    ManipulationError
-        No joint moves the gripper.
+    `joints` are those that move, from the base on; `low` and `high` (D,) their limits, radians or
+    metres, half a turn to each side of continuous ones. ManipulationError where there is none.
     """
 
     def __init__(self, gripper: Gripper, state: Mapping[str, float] | None = None) -> None:
@@ -104,23 +90,23 @@ class Arm:
         self._moved = local()
 
     def rest(self) -> Floats:
-        """Return the position (D,) of the joints at rest, within their limits."""
+        """The position (D,) of the joints at rest, within their limits."""
         given = [self.state.get(j.name, 0.0) for j in self.joints]
         return np.clip(given, self.low, self.high)
 
     def poses(
         self, position: Floats, fingers: Mapping[str, float] | None = None
     ) -> dict[str, Floats]:
-        """Return the poses (4, 4) of the links with geometry in the robot's frame."""
+        """The poses (4, 4) of the links with geometry in the robot's frame."""
         return dict(zip(self._links, self._link_poses(position, fingers), strict=True))
 
     def grasp_pose(self, position: Floats) -> Floats:
-        """Return the pose (4, 4) of the grasp frame in the robot's frame."""
+        """The pose (4, 4) of the grasp frame in the robot's frame."""
         pose: Floats = self._frames(position)[-1] @ self._tool
         return pose
 
     def corners(self, position: Floats) -> Floats:
-        """Return the corners (N, 3) of the hulls of the arm and its gripper, robot's frame."""
+        """The corners (N, 3) of the hulls of the arm and its gripper, robot's frame."""
         poses = self._link_poses(position)
         own = {*self._chain, *self.gripper.links}
         found: Floats = np.concatenate(
@@ -190,7 +176,7 @@ class Arm:
         return (self._root @ self._before[0])[:3, 3], length
 
     def is_far(self, points: Floats) -> NDArray[np.bool_]:
-        """Return whether points (..., 3) in the robot's frame are beyond the stretched arm."""
+        """Whether points (..., 3) in the robot's frame are beyond the stretched arm."""
         shoulder, length = self.span
         far: NDArray[np.bool_] = np.linalg.norm(points - shoulder, axis=-1) > length
         return far
@@ -198,15 +184,10 @@ class Arm:
     def reach(
         self, pose: Floats, near: Floats | None = None, *, starts: int = STARTS, seed: int = 0
     ) -> Floats | None:
-        """Return a position (D,) that brings the grasp frame to a pose; None if none is found.
+        """A position (D,) that brings the grasp frame to a pose (4, 4), robot's frame; else None.
 
         Differential inverse kinematics of mink (a quadratic program with the joints' limits), from
-        a near position, then from random ones.
-
-        Parameters
-        ----------
-        pose : (4, 4) in the robot's frame
-        near : (D,) the first position to start from; by default at rest
+        `near` (D,), by default at rest, then from random positions.
         """
         mink = library("mink")
         goal = np.linalg.inv(self._root) @ pose
@@ -246,14 +227,10 @@ class Arm:
         fingers: Mapping[str, float] | None = None,
         held: tuple[Any, Floats] | None = None,
     ) -> bool:
-        """Return whether no moving link touches an obstacle or another link.
+        """Whether no moving link touches an obstacle, in the robot's frame, or another link.
 
-        Parameters
-        ----------
-        position : (D,)
-        obstacles : in the robot's frame
-        fingers : positions of the finger joints, by default open
-        held : a body of FCL and its pose (4, 4) in the grasp frame: a part of the robot
+        `fingers` are by default open. `held` is a part of the robot: a body of FCL and its pose (4,
+        4) in the grasp frame.
         """
         poses = self._link_poses(position, fingers)
         moving = np.flatnonzero(self._carrier)

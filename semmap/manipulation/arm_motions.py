@@ -1,9 +1,8 @@
 """Motions of stored robots' arms among the objects of the map: to grasp, to put down, to push.
 
-The way of the gripper to where an action begins is planned once; its path is stored and followed
-again until something moves into it. From there the gripper moves straight, as the action states
-(Tosello et al., sections III-A and IV-B). At last the arm goes back to where it was: with what it
-took, for it drives so.
+The way to where an action begins is planned once; its path is stored and followed again until
+something moves into it. From there the gripper moves straight, as the action states (Tosello et
+al., III-A, IV-B). At last the arm goes back to where it was, with what it took.
 """
 
 from __future__ import annotations
@@ -44,20 +43,12 @@ LIFT = 0.1
 
 @dataclass(frozen=True)
 class ArmMotion:
-    """A motion of an arm that does an action.
+    """A motion of an arm that does the action `row`; positions (N, D) of `joints`.
 
-    Attributes
-    ----------
-    row : the action, as it was given
-    joints : names of the joints
-    to_pre_grasp : (N, D) positions to where the approach of the action begins, radians or metres
-    approach : (N, D) positions to the contact; of a place, down to where the object stands
-    after : (N, D) positions of the retreat of a place, or of a push along its way; else none
-    back : (N, D) positions to the posture at the start: of a grasp with the object, first straight
-        up; of a push, none
-    path : id of the stored path of `to_pre_grasp`
-    reused : it was stored before
-    seconds : that were spent
+    `to_pre_grasp` leads to where the approach begins, `approach` to the contact, of a place down to
+    where the object stands; `after` is the retreat of a place or the way of a push, else empty;
+    `back` leads to the posture at the start, after a push it is empty. `path` is the id of the
+    stored path of `to_pre_grasp`, which was there before if `reused`; `seconds` were spent.
     """
 
     row: dict[str, Any]
@@ -74,14 +65,10 @@ class ArmMotion:
 def approachable_rows(
     session: Session, automaton: str, base: Pose, rows: Sequence[dict[str, Any]]
 ) -> list[dict[str, Any]]:
-    """Return the grasps of an object whose approach some posture of a robot's arm can do.
+    """The grasps of one object whose approach some posture of a robot's arm can do, in order.
 
     Nothing is touched from where the approach begins to the grasp. It takes some hundredths of a
     second a grasp; whether the arm gets there from how it is carried takes seconds (`plan_grasp`).
-
-    Parameters
-    ----------
-    rows : grasps of one object, as `reachable_rows` returns them; their order is kept
     """
     from semmap.manipulation.motion import free_strokes
 
@@ -101,24 +88,13 @@ def plan_grasp(
     state: Mapping[str, float] | None = None,
     seconds: float = 5.0,
 ) -> ArmMotion | None:
-    """Return a motion of a robot's arm to the first grasp that it reaches; None if not found.
+    """A motion of a robot's arm to the first of an object's grasps that it reaches; else None.
 
-    A stored path to one of the grasps is followed if nothing has moved into its way. Else a motion
-    is planned (`semmap.manipulation.motion.plan_motion`) and its path is stored. The convex hull of
-    the object is a part of the robot on the way back.
-
-    Parameters
-    ----------
-    rows : grasps of one object, the best first, as `reachable_rows` returns them
-    state : positions of joints at the start; the others are as the automaton carries
-    seconds : the longest time to plan one motion
-
-    Raises
-    ------
-    LookupError
-        There is no automaton of this name.
-    ManipulationError
-        The start touches something, or the state has a joint that the arm does not have.
+    A stored path is followed if nothing has moved into its way. Else a motion is planned, for
+    `seconds` at most each, and its path is stored. The convex hull of the object is a part of the
+    robot on the way back. `state` are positions of joints at the start; the others are as the
+    automaton carries. LookupError without the automaton; ManipulationError where the start touches
+    something or the arm lacks a joint of `state`.
     """
     from semmap.manipulation.collision import convex_body
     from semmap.manipulation.motion import Held, Stroke
@@ -150,20 +126,10 @@ def plan_place(
     state: Mapping[str, float] | None = None,
     seconds: float = 5.0,
 ) -> ArmMotion | None:
-    """Return a motion that puts an object down at the first place that is possible; else None.
+    """A motion that puts an object down at the first place that is possible; else None.
 
     The object is in the gripper from the start on: the convex hull of its mesh is a part of the
-    robot. It is put down along the place, then the open gripper leaves.
-
-    Parameters
-    ----------
-    rows : as `semmap.manipulation.places.find_places` returns them
-    state, seconds : as of `plan_grasp`
-
-    Raises
-    ------
-    LookupError, ManipulationError
-        As `plan_grasp`.
+    robot. It is put down along the place, then the open gripper leaves. As `plan_grasp`.
     """
     from semmap.manipulation.collision import convex_body
     from semmap.manipulation.motion import Held, Stroke
@@ -203,17 +169,9 @@ def plan_push(
     state: Mapping[str, float] | None = None,
     seconds: float = 5.0,
 ) -> ArmMotion | None:
-    """Return a motion of the closed gripper that does the first push that is possible; else None.
+    """A motion of the closed gripper that does the first push that is possible; else None.
 
-    Parameters
-    ----------
-    rows : as `semmap.manipulation.pushes.find_pushes` returns them
-    state, seconds : as of `plan_grasp`
-
-    Raises
-    ------
-    LookupError, ManipulationError
-        As `plan_grasp`.
+    As `plan_grasp`.
     """
     from semmap.manipulation.motion import Stroke
 
@@ -318,9 +276,7 @@ class _Planner(NamedTuple):
     ) -> ArmMotion | None:
         """The motion to the first action for which a stored path, else a planned one, is free.
 
-        Parameters
-        ----------
-        strokes, back : make those of an action, and those from its end to the start
+        `strokes` and `back` make those of an action, and those from its end to the start.
         """
         from semmap.manipulation.motion import plan_strokes
 

@@ -47,24 +47,11 @@ def register_robot(
     """Store a robot with its gripper and sensors, as an automaton; return its name.
 
     The sensors are devices ROBOT/SENSOR; the first one that finds objects is that of the automaton.
-
-    Parameters
-    ----------
-    urdf : of the whole robot
-    name : by default that in the URDF
-    palm : the link that holds the fingers, where it has several grippers
-    gripper : name of the gripper; by default that of the robot and ``_gripper``
-    posture : positions of the joints with which it drives, and carries what it took, radians or
-        metres; others are at 0. By default, one that stays near the robot is found
-        (`carrying_posture`)
-
-    Raises
-    ------
-    ManipulationError
-        The robot has no gripper, no joint moves it, or a posture has a joint that it does not have
-        or a position beyond its limits.
-    RobotError
-        The file is not a usable URDF.
+    `palm` is the link that holds the fingers, where it has several grippers; the gripper is by
+    default that of the robot and ``_gripper``. `posture` are positions of the joints with which it
+    drives, and carries what it took, radians or metres, others at 0; by default, one that stays
+    near the robot is found. ManipulationError where it has no gripper that a joint moves, or cannot
+    take the posture; RobotError where the file is not a usable URDF.
     """
     from semmap.manipulation.arm import Arm
     from semmap.manipulation.carrying import carrying_posture
@@ -114,7 +101,7 @@ def _check_posture(robot: Robot, posture: Mapping[str, float]) -> None:
 
 
 def automaton_of(session: Session, *names: str | None) -> tuple[str, str] | None:
-    """Return the first automaton of some names, and the name of its gripper; None without one."""
+    """The first automaton of some names, and the name of its gripper; None without one."""
     rows = session.execute(
         "SELECT a.name, d.name FROM automaton a JOIN device d ON d.id = a.gripper_id "
         "WHERE a.name = ANY (%s)",
@@ -125,13 +112,13 @@ def automaton_of(session: Session, *names: str | None) -> tuple[str, str] | None
 
 
 def class_gripper(session: Session, robot_class: str) -> Gripper | None:
-    """Return the gripper in the URDF of a class of robots; None without a URDF or fingers."""
+    """The gripper in the URDF of a class of robots; None without a URDF or fingers."""
     path = _class_urdf(session, robot_class)
     return None if path is None else _gripper_of(path, path.stat().st_mtime_ns)
 
 
 def class_automaton(session: Session, robot_class: str) -> tuple[str, str] | None:
-    """Return the automaton and gripper of a class of robots, after they were stored from its URDF.
+    """The automaton and gripper of a class of robots, after they were stored from its URDF.
 
     None without a URDF, where the URDF has no gripper that an arm moves, or where this login may
     not store robots.
@@ -165,14 +152,10 @@ def _gripper_of(path: Path, changed: int) -> Gripper | None:
 
 
 def stored_arm(session: Session, automaton: str) -> tuple[str, Arm]:
-    """Return the gripper's name and the arm of a stored automaton.
+    """The gripper's name and the arm of a stored automaton.
 
-    Raises
-    ------
-    LookupError
-        There is no automaton of this name with a gripper.
-    ManipulationError
-        Its URDF is not on this machine, or is that of the gripper alone.
+    LookupError without such an automaton with a gripper, ManipulationError where its URDF is not on
+    this machine or is that of the gripper alone.
     """
     found = automaton_of(session, automaton)
     if found is None:
@@ -194,19 +177,11 @@ def _arm(gripper: Gripper, posture: tuple[tuple[str, float], ...]) -> Arm:
 
 
 def base_pose(session: Session, name: str, given: Sequence[float] | None = None) -> Pose:
-    """Return where a robot stands: as given, else as the agent of its name does in the map.
+    """Where a robot stands: as given, else as the agent of its name does in the map.
 
-    Parameters
-    ----------
-    given : x, y (metres, map's frame), yaw (radians), and z of the floor, by default that of the
-        room around the point, the lowest one, else 0
-
-    Raises
-    ------
-    LookupError
-        No pose is given, and the map has no agent of this name with one.
-    ManipulationError
-        Not three or four finite numbers.
+    Given are x, y (metres, map's frame), yaw (radians), and z of the floor, by default that of the
+    room around the point, the lowest one, else 0. LookupError where neither is known,
+    ManipulationError where it is not three or four finite numbers.
     """
     if given is None:
         row = session.execute(
@@ -231,7 +206,7 @@ def base_pose(session: Session, name: str, given: Sequence[float] | None = None)
 
 
 def facing_first(rows: Sequence[dict[str, Any]], base: Pose) -> list[dict[str, Any]]:
-    """Return actions in order: of equally good ones, those that face away from a robot first.
+    """Actions in order: of equally good ones, those that face away from a robot first.
 
     An arm reaches objects before it most easily. Expected shares of successes that differ by less
     than 0.01 are equal.
@@ -248,19 +223,10 @@ def facing_first(rows: Sequence[dict[str, Any]], base: Pose) -> list[dict[str, A
 def reachable_rows(
     rows: Sequence[dict[str, Any]], arm: Arm, base: Pose, limit: int
 ) -> list[dict[str, Any]]:
-    """Return the first actions all of whose poses an arm reaches, in the order of `facing_first`.
+    """The first actions all of whose poses an arm reaches, in the order of `facing_first`.
 
-    Parameters
-    ----------
-    rows : as `semmap.manipulation.reader.actions_on` returns them, or as those of places or pushes
-    base : of the robot, in the map's frame
-    limit : the most rows
-
-    Returns
-    -------
-    list of dict
-        The rows with `position`: of the joints where the approach begins, by name, radians or
-        metres.
+    `base` is that of the robot, map's frame. Rows get `position`: of the joints where the approach
+    begins, by name, radians or metres.
     """
     inverse = np.linalg.inv(base.matrix)
     names = [joint.name for joint in arm.joints]

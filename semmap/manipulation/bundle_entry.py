@@ -125,13 +125,7 @@ OPTIONAL: dict[str, dict[str, _Form]] = {
 
 
 def check_entry(kind: str, entry: Mapping[str, Any]) -> None:
-    """Check that the values of an entry have their forms.
-
-    Raises
-    ------
-    ManipulationError
-        The kind is not known, a value is missing, or is of another form.
-    """
+    """Check the values of an entry: ManipulationError where one is missing or of another form."""
     if kind not in REQUIRED:
         raise ManipulationError(f"{kind!r} is not an entry: {', '.join(REQUIRED)} are")
     for name, form in REQUIRED[kind].items():

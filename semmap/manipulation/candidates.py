@@ -61,21 +61,12 @@ PASSES: dict[str, tuple[Pass, ...]] = {
 class Grasp:
     """A grasp of a model by a gripper.
 
-    Attributes
-    ----------
-    pose, pre_grasp : (4, 4)
-        The grasp frame in the frame of the model, at the grasp and before the approach.
-    width : metres between the pads at contact
-    approach : "top", "above", "side", "below" or "bottom"
-        Where the gripper comes from, by the z axis of the shape.
-    family : str
-        What it has in common with grasps of similar shapes: approach; closing axis x, y or z, or
-        r across a round shape; degrees above the side; offset; kind of approach.
-    quality : 0 to 1
-    posture, pre_posture : dict
-        Positions of the finger joints, at the grasp and before.
-    shift : (3,), optional
-        Metres by which it was moved from the candidate, in its own frame.
+    `pose` and `pre_grasp` (4, 4) are the grasp frame in the model's frame, at the grasp and before
+    the approach, `width` metres between the pads at contact; `approach` is "top", "above", "side",
+    "below" or "bottom", by the z axis of the shape. `family` is what it has in common with grasps
+    of similar shapes: approach; closing axis x, y or z, or r across a round shape; degrees above
+    the side; offset; kind of approach. `shift` (3,) moved it from the candidate, metres in its own
+    frame.
     """
 
     pose: Floats
@@ -93,12 +84,7 @@ class Grasp:
 class Grasps:
     """Grasps of one model by one gripper as columns; `grasps[i]` is a `Grasp`.
 
-    Attributes
-    ----------
-    gripper : Gripper
-    poses, pre_grasps : (N, 4, 4)
-    widths, qualities : (N,)
-    approaches, families : (N,) of str
+    `poses` and `pre_grasps` are (N, 4, 4), all others (N,).
     """
 
     gripper: Gripper
@@ -124,7 +110,7 @@ class Grasps:
     def __getitem__(
         self, chosen: int | NDArray[np.intp] | NDArray[np.bool_] | slice
     ) -> Grasp | Grasps:
-        """Return one grasp, or those that an index array, a mask or a slice chooses."""
+        """One grasp, or those that an index array, a mask or a slice chooses."""
         if isinstance(chosen, int | np.integer):
             width = float(self.widths[chosen])
             return Grasp(
@@ -153,18 +139,14 @@ def grasp_candidates(
 ) -> Grasps:
     """Return all grasps of a shape that fit the gripper and hold by friction, the best first.
 
+    No two of them are equal, half a turn of a symmetric gripper included. There are none if the
+    object is too wide or too thin for the gripper.
+
     Parameters
     ----------
-    shape : Primitive
-        In the frame of the model.
+    shape : in the frame of the model
     friction : coefficient between pads and object
     distance : metres between pre-grasp and grasp
-
-    Returns
-    -------
-    Grasps
-        No two of them are equal, half a turn of a symmetric gripper included. Empty if the object
-        is too wide or too thin for the gripper.
 
     Notes
     -----
@@ -222,9 +204,9 @@ def grasp_candidates(
 
 
 def without_duplicates(grasps: Grasps) -> Grasps:
-    """Return grasps without those that equal an earlier one, half a turn of the gripper included.
+    """Grasps without those that equal an earlier one, half a turn of the gripper included.
 
-    Two grasps are equal if their poses and their approaches are, within 1e-6 m and rad.
+    Two are equal if their poses and their approaches are, within 1e-6 m and rad.
     """
     if len(grasps) < 2:
         return grasps
@@ -235,7 +217,7 @@ def without_duplicates(grasps: Grasps) -> Grasps:
 
 
 def signature(grasps: Grasps) -> Floats:
-    """Return (N, F) numbers, equal for grasps that are equal under the gripper's symmetry."""
+    """Numbers (N, F), equal for grasps that are equal under the gripper's symmetry."""
     rotations, position = grasps.poses[:, :3, :3], grasps.poses[:, :3, 3]
     closing = rotations[:, :, 0]
     if grasps.gripper.is_symmetric:

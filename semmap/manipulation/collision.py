@@ -28,7 +28,7 @@ _BODIES: WeakKeyDictionary[Gripper, dict[tuple[float, ...], Any]] = WeakKeyDicti
 
 
 def convex_body(points: Floats) -> Any:
-    """Return the convex hull of (N, 3) points as a shape of FCL."""
+    """The convex hull of (N, 3) points as a shape of FCL."""
     try:
         hull = ConvexHull(points)
     except QhullError:  # flat
@@ -58,7 +58,7 @@ class Obstacles:
         return len(self.triangles)
 
     def within(self, low: Floats, high: Floats) -> Obstacles:
-        """Return the obstacles whose boxes meet a box: quicker to search."""
+        """The obstacles whose boxes meet a box: quicker to search."""
         met = np.arange(len(self))
         for axis in range(3):  # one after the other: few are left for the second
             met = met[self._low[axis, met] <= high[axis]]
@@ -66,7 +66,7 @@ class Obstacles:
         return Obstacles(self.triangles[met])
 
     def searched(self, low: Floats, high: Floats) -> Obstacles:
-        """Return obstacles to search for contacts within a box: these, or few of them.
+        """Obstacles to search for contacts within a box: these, or few of them.
 
         FCL prepares triangles before it searches them, which is done once for each `Obstacles`.
         """
@@ -74,11 +74,11 @@ class Obstacles:
         return near if len(near) < len(self) / 4 else self
 
     def joined(self, triangles: Floats) -> Obstacles:
-        """Return these and more obstacles."""
+        """These and more obstacles."""
         return Obstacles(np.concatenate([self.triangles, triangles.reshape(-1, 3, 3)]))
 
     def touched_by(self, bodies: Sequence[Any], poses: Sequence[Floats]) -> bool:
-        """Return whether any of the bodies, each at its pose (4, 4), touches a triangle."""
+        """Whether any of the bodies, each at its pose (4, 4), touches a triangle."""
         if not len(self):
             return False
         fcl = library("fcl")
@@ -110,17 +110,14 @@ def free_grasps(
     *,
     item: Obstacles | None = None,
 ) -> NDArray[np.bool_]:
-    """Return (N,) whether the gripper reaches each grasp without touching an obstacle.
+    """Whether the gripper reaches each grasp (N,) without touching an obstacle.
 
     The open gripper moves straight from pre-grasp to grasp, then closes to the width of the object.
 
     Parameters
     ----------
-    grasps : Grasps
-    model : (4, 4)
-        The pose of the model in the frame of the obstacles.
-    obstacles : Obstacles
-        Without the object.
+    model : (4, 4) of the model in the frame of the obstacles
+    obstacles : without the object
     item : the object, which only the closed fingers may touch
     """
     gripper = grasps.gripper
@@ -147,20 +144,12 @@ def free_grasps(
 def free_places(
     places: Grasps, before: Floats, model: Floats, obstacles: Obstacles, item: Floats
 ) -> NDArray[np.bool_]:
-    """Return (N,) whether the gripper puts an object down without touching an obstacle.
+    """Whether the gripper puts an object down at each place (N,) without touching an obstacle.
 
-    The closed gripper and the object move straight to the pose; the open gripper moves straight
-    away from it, which is the way of a grasp reversed.
-
-    Parameters
-    ----------
-    places : Grasps
-        Their pre-grasps are the ends of the retreats.
-    before : (N, 4, 4) where the gripper begins to move down, in the frame of the model
-    model : (4, 4)
-        The pose at which the object is put, in the frame of the obstacles.
-    obstacles : without the object, with its support
-    item : (V, 3) vertices of the object, in its model's frame
+    The closed gripper and the object, `item` (V, 3) in its model's frame, move straight from
+    `before` (N, 4, 4) to the pose; the open gripper moves straight to the pre-grasps, the way of a
+    grasp reversed. `model` (4, 4) is where the object is put, in the frame of the obstacles, which
+    have its support.
     """
     gripper = places.gripper
     free = free_grasps(places, model, obstacles)
@@ -191,15 +180,11 @@ def free_way(
     item: Floats | None = None,
     held: Floats | None = None,
 ) -> bool:
-    """Return whether a gripper comes straight along its approach from outside of a box to a pose.
+    """Whether a gripper comes straight along its approach from outside of a box to a pose.
 
-    Parameters
-    ----------
-    width : between its pads, metres
-    pose : (4, 4) of the grasp frame
-    box : lowest and highest corner, in the frame of the pose and the obstacles, metres
-    item : (V, 3) vertices of an object in the gripper, in its model's frame
-    held : (4, 4) of that model in the grasp frame
+    The box has its lowest and highest corner in the frame of the pose (4, 4) of the grasp frame and
+    of the obstacles; `width` is between the pads, metres. It may hold an item of (V, 3) vertices in
+    its model's frame, which is `held` (4, 4) in the grasp frame.
     """
     out = -pose[:3, 2]
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -232,13 +217,7 @@ def _way(metres: Floats) -> Floats:
 
 
 def swept_link(gripper: Gripper, posture: int, link: int, back: Floats) -> Any:
-    """Return the convex hull of a link at the grasp and moved by `back`, in the grasp frame.
-
-    Parameters
-    ----------
-    posture, link : numbers in the gripper's `poses`
-    back : (3,) metres
-    """
+    """The convex hull of a link at the grasp and moved by `back` (3,) metres, grasp frame."""
     bodies = _BODIES.setdefault(gripper, {})
     key = (posture, link, *back.tolist())
     if key not in bodies:

@@ -1,7 +1,7 @@
-"""The effect evaluator: did a grasp go as expected, and which is tried next (Tosello et al., IV-C).
+"""The effect evaluator: did a grasp go as expected, and which is next (Tosello et al., IV-C).
 
-A failure has a cause, and a cause has a correction of the grasp; where that does not help either,
-the next grasp of another kind is tried. A grasp that works replaces one that failed.
+A failure has a cause, and a cause a correction; where that does not help, a grasp of another kind
+is tried. A grasp that works replaces one that failed.
 """
 
 from __future__ import annotations
@@ -87,8 +87,7 @@ class ExpectedRest:
 class Attempt:
     """One trial: the grasp, its outcome, and the cause of its failure, None for a success.
 
-    `correction` is (3,) by which the grasp was moved from the candidate, metres, in the frame of
-    the grasp.
+    `correction` (3,) moved it from the candidate: metres, in the frame of the grasp.
     """
 
     grasp: Grasp
@@ -117,12 +116,7 @@ def group_of(family: str) -> str:
 
 
 def corrected(grasp: Grasp, outcome: TrialOutcome, cause: Cause, down: Floats) -> Floats | None:
-    """Return how to move a failed grasp, (3,) metres in its own frame; None for no idea.
-
-    Parameters
-    ----------
-    down : (3,) the direction of gravity in the frame of the grasp
-    """
+    """How to move a failed grasp, (3,) metres in its own frame, as is `down`; None for no idea."""
     # What hangs beside its support turns downwards: turn = lever x weight.
     lever = np.cross(down, np.array(outcome.turned))
     lever[0] = 0.0  # along the closing axis the fingers do not move
@@ -146,12 +140,7 @@ def learn_grasp(
 ) -> Lesson:
     """Try grasps, correct failures, and return the attempts up to the first success.
 
-    Parameters
-    ----------
-    grasps : the first to try first
-    attempt : executes a grasp, in simulation or by a robot
-    upright : returns the direction of gravity in the frame of a grasp, (3,)
-    tries : attempts, at most
+    `upright` returns the direction of gravity in the frame of a grasp, (3,).
     """
     expected = Expected()
     failed: dict[str, int] = {}

@@ -9,13 +9,7 @@ from semmap.manipulation.error import ManipulationError
 
 
 def library(name: str) -> Any:
-    """Return a module of the extra.
-
-    Raises
-    ------
-    ManipulationError
-        It is not installed; the text says how to install it.
-    """
+    """A module of the extra; ManipulationError says how to install it where it is not."""
     try:
         return importlib.import_module(name)
     except ImportError as error:

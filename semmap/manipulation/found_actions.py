@@ -13,15 +13,10 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class FoundActions(FoundRows):
-    """Actions on objects, the best first.
+    """Actions on objects, rows as of `actions_on`, the best first; `problems` say why none is.
 
-    Attributes
-    ----------
-    rows : as `semmap.manipulation.reader.actions_on` returns them; the first one is that of the
-        motion, where one was planned
-    problems : why there is none for some objects
-    generated : names of entities whose models had no stored action of the kind before
-    motion : of a robot's arm that does the first action; None where none was planned or found
+    `generated` are entities whose models had no stored action of the kind before; `motion` is that
+    of a robot's arm that does the first action.
     """
 
     generated: list[str] = field(default_factory=list)

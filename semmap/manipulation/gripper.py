@@ -39,32 +39,14 @@ SAMPLES = 1500
 class Gripper:
     """A gripper with its postures from open to closed.
 
-    Attributes
-    ----------
-    name : str
-    kind : "parallel", whose fingers have one joint each, or "multi-finger"
-    palm : str
-        The link that holds the fingers.
-    frame : (4, 4)
-        The grasp frame in the frame of the palm.
-    fingers : tuple of tuples of str
-        The links of each finger that touches objects.
-    postures : tuple of dict
-        Positions of the finger joints, from open to closed, radians or metres.
-    widths, reaches : (S,) arrays
-        Metres between the pads in each posture, falling; z of the middle of the pads in the grasp
-        frame (fingers that turn reach further as they close).
-    depth : float
-        Metres between the palm and the middle of the pads: thicker objects touch the palm.
-    spread : (P,) array
-        Offsets along y of the fingers on the side of +x, metres; a single 0 where two fingers
-        oppose each other.
-    is_symmetric : bool
-        Half a turn about the approach changes nothing.
-    links : tuple of str
-        All links of the gripper, the rigid ones first.
-    poses : (S, L, 4, 4)
-        Of `links` in the grasp frame, in each posture.
+    `palm` is the link that holds the fingers, `frame` (4, 4) the grasp frame in its frame;
+    `fingers` are the links of each finger that touches objects, `postures` the S positions of their
+    joints, radians or metres. `widths` (S,) are metres between the pads, falling, and `reaches`
+    (S,) z of their middle in the grasp frame: fingers that turn reach further as they close.
+    Objects thicker than `depth`, metres from palm to pads, touch the palm. `spread` (P,) are
+    offsets along y of the fingers on the side of +x, a single 0 where two oppose each other. A
+    symmetric one may turn by half about the approach. `poses` (S, L, 4, 4) are those of all
+    `links`, the rigid ones first, in the grasp frame.
     """
 
     name: str
@@ -98,22 +80,22 @@ class Gripper:
         return tuple(self.postures[0])
 
     def posture(self, width: float) -> dict[str, float]:
-        """Return the positions of the finger joints at a width between the pads."""
+        """The positions of the finger joints at a width between the pads."""
         at = self._at(width)
         low = min(int(at), len(self.postures) - 2)
         a, b = self.postures[low], self.postures[low + 1]
         return {name: a[name] + (at - low) * (b[name] - a[name]) for name in a}
 
     def reach(self, width: float) -> float:
-        """Return z of the middle of the pads in the grasp frame at a width between them."""
+        """Z of the middle of the pads in the grasp frame at a width between them."""
         return float(np.interp(-width, -self.widths, self.reaches))
 
     def index(self, width: float) -> int:
-        """Return the number of the narrowest posture that is at least this wide."""
+        """The number of the narrowest posture that is at least this wide."""
         return int(np.floor(self._at(width) + 1e-9))
 
     def meshes(self, width: float) -> dict[str, Mesh]:
-        """Return the meshes of the links in the grasp frame, near a width between the pads."""
+        """The meshes of the links in the grasp frame, near a width between the pads."""
         return {
             link: _placed_mesh(self.robot, link, pose)
             for link, pose in zip(self.links, self.poses[self.index(width)], strict=True)
@@ -125,18 +107,10 @@ class Gripper:
 
 
 def read_gripper(path: Path | str, palm: str | None = None) -> Gripper:
-    """Return the gripper of a URDF, of a gripper or of a whole robot.
+    """The gripper of a URDF, or of a whole robot; the first one, or that on the link `palm`.
 
-    Parameters
-    ----------
-    palm : the link that holds the fingers; by default, of the first gripper in the file
-
-    Raises
-    ------
-    ManipulationError
-        No link holds fingers that open, or `palm` does not.
-    RobotError
-        The file is not a usable URDF.
+    ManipulationError where no link holds fingers that open, or `palm` does not; RobotError where
+    the file is not a usable URDF.
     """
     robot = load_robot(path)
     found = find_grippers(robot, None if palm is None else (palm,))
@@ -150,7 +124,7 @@ def read_gripper(path: Path | str, palm: str | None = None) -> Gripper:
 
 
 def find_grippers(robot: Robot, palms: Sequence[str] | None = None) -> list[Gripper]:
-    """Return the grippers of a robot, in the order of its links."""
+    """The grippers of a robot, in the order of its links."""
     tree = _Tree(robot)
     found = []
     for palm in tree.palms():
@@ -216,7 +190,7 @@ class _Finger:
 
 
 def _gripper(robot: Robot, tree: _Tree, palm: str) -> Gripper | None:
-    """Return the gripper of a palm; None if its fingers do not open."""
+    """The gripper of a palm; None if its fingers do not open."""
     fingers = []
     for joint in tree.moving(palm):
         chain = tree.chain(joint)

@@ -48,27 +48,12 @@ def import_household_grasps(
     tool: Sequence[float] | None = None,
     scale: float = 1.0,
 ) -> dict[str, int]:
-    """Store the grasps of files, all or none.
+    """Store the grasps of files, all or none; return how many `models` and `grasps` there are.
 
-    Parameters
-    ----------
-    paths : files of grasps, and of models, which have names and meshes
-    grippers : names of stored grippers by ``hand_name``; by default the same names
-    tool : (x, y, z, qx, qy, qz, qw) of the grasp frame in the frame of the hand; by default they
-        are the same frame
-    scale : metres per unit of length: 0.001 for older databases
-
-    Returns
-    -------
-    dict
-        How many `models` and `grasps` there are.
-
-    Raises
-    ------
-    ManipulationError
-        A file or a row that cannot be used: the text has the file, the row and the fix.
-    LookupError
-        A hand for which no gripper is stored.
+    `grippers` are names of stored ones by ``hand_name``, by default the same; `tool` is the grasp
+    frame (x, y, z, qx, qy, qz, qw) in that of the hand, by default the same; `scale` is metres per
+    unit: 0.001 for older databases. ManipulationError names the file, the row and the fix,
+    LookupError the hand that is not stored.
     """
     if not (math.isfinite(scale) and scale > 0):
         raise ManipulationError(f"scale is {scale}: give metres per unit, above 0")
@@ -113,12 +98,9 @@ def import_household_grasps(
 
 
 def read_rows(path: Path) -> Iterator[Row]:
-    """Return the rows of a file: CSV, JSON, or the sections ``COPY ... FROM stdin`` of pg_dump.
+    """The rows of a file: CSV, JSON, or the sections ``COPY ... FROM stdin`` of pg_dump.
 
-    Raises
-    ------
-    ManipulationError
-        It cannot be read.
+    ManipulationError where it cannot be read.
     """
     try:
         TEXT_BYTES.check(

@@ -41,12 +41,7 @@ def prepare_links(session: Session, entities: Sequence[int]) -> None:
 def fitting_rows(
     session: Session, rows: Sequence[dict[str, Any]]
 ) -> tuple[list[dict[str, Any]], list[str]]:
-    """Return the rows whose poses are on the object, and why others are left out.
-
-    Parameters
-    ----------
-    rows : as `semmap.manipulation.reader.actions_on` returns them
-    """
+    """The rows of `actions_on` whose poses are on the object, and why others are left out."""
     boxes: dict[str, Any] = {}
     kept: list[dict[str, Any]] = []
     dropped: Counter[tuple[str, int]] = Counter()

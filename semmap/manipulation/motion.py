@@ -66,24 +66,13 @@ def plan_motion(
     held: Held | None = None,
     seconds: float = 5.0,
 ) -> Floats | None:
-    """Return positions (N, D) from start to goal that are free of collisions; None if not found.
+    """Positions (N, D) from start to goal (D,) that are free of collisions; None if not found.
 
-    KPIECE (Şucan and Kavraki) of OMPL for half of the time, then RRT-Connect (Kuffner and LaValle),
-    then shortcuts. Neighbouring positions differ by at most
-    `STEP` in each joint, and each of them has been checked.
-
-    Parameters
-    ----------
-    start, goal : (D,)
-    obstacles : in the robot's frame
-    fingers : positions of the finger joints; by default open, or around the object that is held
-    held : an object that moves with the gripper
-    seconds : the longest time to plan, of the processor
-
-    Raises
-    ------
-    ManipulationError
-        Start or goal touches something, or is beyond the limits of a joint.
+    KPIECE (Şucan and Kavraki) of OMPL for half of the seconds of the processor, then RRT-Connect
+    (Kuffner and LaValle), then shortcuts. Neighbouring positions differ by at most `STEP` in each
+    joint, and each of them has been checked. Obstacles are in the robot's frame; `fingers` are by
+    default open, or around what is held. ManipulationError where start or goal touches something,
+    or is beyond the limits of a joint.
     """
     stroke = Stroke(np.eye(4), obstacles, fingers, held)
 
@@ -107,7 +96,7 @@ def plan_motion(
 
 
 def is_free(arm: Arm, position: Floats, stroke: Stroke) -> bool:
-    """Return whether the arm, with the object that it holds, touches nothing at a position (D,)."""
+    """Whether the arm, with what it holds, touches nothing at a position (D,)."""
     held, fingers = stroke.held, stroke.fingers
     if fingers is None and held is not None:
         fingers = arm.gripper.posture(held.width)
@@ -154,12 +143,9 @@ def _planned(arm: Arm, start: Floats, goal: Floats, is_free: Any, seconds: float
 
 
 def straight_motion(arm: Arm, start: Floats, pose: Floats) -> Floats | None:
-    """Return positions (N, D) that move the gripper straight to a pose without turning it.
+    """Positions (N, D) that move the gripper straight to a pose without turning it; else None.
 
-    Parameters
-    ----------
-    start : (D,)
-    pose : (4, 4) of the grasp frame, in the robot's frame, turned as at the start
+    The pose (4, 4) is that of the grasp frame, in the robot's frame, turned as at the start (D,).
     """
     begin = arm.grasp_pose(start)
     found = [start]
@@ -174,12 +160,7 @@ def straight_motion(arm: Arm, start: Floats, pose: Floats) -> Floats | None:
 
 
 def straight_motions(arm: Arm, start: Floats, strokes: Sequence[Stroke]) -> list[Floats] | None:
-    """Return the positions (N, D) of each of some strokes; None if one is not free.
-
-    Parameters
-    ----------
-    start : (D,) where the first one begins
-    """
+    """The positions (N, D) of each of some strokes from a start (D,); None if one is not free."""
     found: list[Floats] = []
     for stroke in strokes:
         moved = straight_motion(arm, start, stroke.pose)
@@ -195,9 +176,7 @@ def free_strokes(
 ) -> Iterator[tuple[Floats, list[Floats]]]:
     """Generate postures of the arm in which some strokes are free.
 
-    Yields
-    ------
-    The position (D,) at the end of the first stroke, and those (N, D) of each other one.
+    They are the position (D,) at the end of the first stroke, and those (N, D) of each other one.
     """
     first, *others = strokes
     for seed in range(POSTURES):
@@ -216,20 +195,8 @@ def plan_strokes(
     """Plan the motion to each posture of the arm in which some strokes are free.
 
     The way to the end of the first stroke is planned (`plan_motion`), the others are straight.
-
-    Parameters
-    ----------
-    start : (D,)
-    seconds : the longest time to plan one motion
-
-    Yields
-    ------
-    The positions (N, D) of each stroke; None where no free motion to a posture is found.
-
-    Raises
-    ------
-    ManipulationError
-        The start touches something.
+    Generated are the positions (N, D) of each stroke; None where no free motion to a posture is
+    found. ManipulationError where the start touches something.
     """
     first = strokes[0]
     for before, after in free_strokes(arm, start, strokes):

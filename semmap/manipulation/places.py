@@ -70,38 +70,23 @@ def find_places(
     base: Pose | None = None,
     limit: int = 10,
 ) -> FoundActions:
-    """Return the best places of an object on another one; they are generated where none is stored.
+    """The best places of an object on another one; they are generated where none is stored.
 
     The object stands as it does now, or as it did before a robot took it, turned about the
     vertical. Gripper and object touch nothing on the way down, the open gripper nothing on its way
     back. Spots on top come before those inside of the support, such as on a lower board; there, the
     hand with the object must come in straight from outside.
 
-    Parameters
-    ----------
-    entity, on : names in the map: the object, and its support
-    gripper : name; the preferred one where None
-    grasps : ids of the grasp that holds it, or of those that may; by default the one with which an
-        agent of the map took it, else the best ones
-    towards : (x, y); spots near it come first, else those with most room
-    arm, base : of a robot, with this gripper, and where it stands in the map's frame: only places
-        that it reaches
-    limit : the most rows, each at another pose
+    `grasps` are ids of those that may hold it, by default the one with which an agent of the map
+    took it, else the best ones. Spots near `towards` (x, y) come first, else those with most room.
+    With an arm of this gripper whose robot stands at `base`, map's frame, only places that it
+    reaches. Rows are those of `actions_on`, the poses of the gripper for the object at its spot,
+    each another one; also `on`, `spot` (the pose of the object, map's frame), `clearance` (metres),
+    `grasp_id` and `grasp_expected` of the grasp that it ends; with an arm, `position` of its joints
+    where the way down begins.
 
-    Returns
-    -------
-    FoundActions
-        Rows as of `semmap.manipulation.reader.actions_on`, the poses of the gripper for the object
-        at its spot; also `on`, `spot` (the pose of the object, map's frame), `clearance` (metres)
-        and `grasp_id` and `grasp_expected` of the grasp that it ends; with an arm, `position` of
-        its joints where the way down begins.
-
-    Raises
-    ------
-    LookupError
-        There is no such entity, gripper or grasp.
-    ManipulationError
-        The object or its support has no mesh, or nothing can stand on the support.
+    LookupError without the entity, gripper or grasp; ManipulationError where one has no mesh, or
+    nothing can stand on the support.
     """
     item = entity_id(session, entity)
     if towards is not None and finite_numbers(towards, 2) is None:
@@ -145,12 +130,9 @@ def find_places(
 
 
 def place_of(session: Session, entity: str, grasp: int, gripper: str | None = None) -> int | None:
-    """Return the id of the best stored place of an object that a grasp holds; None without one.
+    """The id of the best stored place of an object that a grasp holds; None without one.
 
-    Raises
-    ------
-    LookupError
-        There is no such entity, gripper or grasp.
+    LookupError without the entity, gripper or grasp.
     """
     chosen = gripper_name(session, gripper)
     grasps, _ = _grasps(session, entity, chosen, [grasp])
@@ -290,13 +272,7 @@ def _side(kind: str, up: Floats) -> str:
 
 
 class Compartments(NamedTuple):
-    """The inside of a support.
-
-    Attributes
-    ----------
-    spots : those below other parts of the support
-    box : lowest and highest corner of the support, metres
-    """
+    """The spots below other parts of a support, and its lowest and highest corner, metres."""
 
     spots: frozenset[PlacePose]
     box: tuple[Floats, Floats]

@@ -35,15 +35,10 @@ BASE = 0.003
 
 @dataclass(frozen=True, eq=False)
 class PlacePose:
-    """A pose of an object on a surface.
+    """A pose (4, 4) of an object's model on a surface, in the frame of the surfaces.
 
-    Attributes
-    ----------
-    pose : (4, 4) of the model in the frame of the surfaces
-    spot : (x, y) of the middle of its outline, seen from above
-    surface : number of the surface
-    clearance : metres to the nearest edge or obstacle
-    quality : 0 to 1; the clearance, at most one radius of the object, by that radius
+    `spot` is the middle of its outline from above, `surface` a number, `clearance` the metres to
+    the nearest edge or obstacle; `quality` is that by the radius of the object, at most 1.
     """
 
     pose: Floats
@@ -63,23 +58,13 @@ def place_candidates(
     spacing: float = 0.04,
     all_headings: bool = False,
 ) -> list[PlacePose]:
-    """Return poses at which an object stands free on a surface, the ones with most room first.
+    """Poses at which an object stands free on a surface, the ones with most room first.
 
-    Parameters
-    ----------
-    vertices : (N, 3) of the object, in the frame of its model
-    upright : (4, 4)
-        The pose in which it stands; its place and its heading are chosen here.
-    surfaces : support surfaces (`semmap.geometry.surfaces`), in the frame of the obstacles
-    obstacles : (F, 3, 3) triangles of all else, metres
-    margin : least distance to edges and obstacles, metres
-    spacing : metres between spots that are tried
-    all_headings : return all headings of a spot, also where the object is free in any of them
-
-    Raises
-    ------
-    ManipulationError
-        A number is not above 0, or the object has no extent.
+    The object is (N, 3) vertices in its model's frame, which stands in the pose `upright` (4, 4);
+    its place and heading are chosen here. `obstacles` (F, 3, 3) are triangles of all else, `margin`
+    the least distance to them and to edges, `spacing` that of spots that are tried, metres.
+    `all_headings` returns those of a spot, too, where the object is free in any. ManipulationError
+    where a number is not above 0 or the object has no extent.
     """
     if not (margin >= 0 and spacing > 0):
         raise ManipulationError(
@@ -132,13 +117,7 @@ def place_candidates(
 def covered(
     spots: Sequence[PlacePose], surfaces: Sequence[LevelPatch], support: Floats
 ) -> frozenset[PlacePose]:
-    """Return the spots below other parts of their support, such as a board.
-
-    Parameters
-    ----------
-    spots, surfaces : as `place_candidates` returns and takes them
-    support : (F, 3, 3) triangles of the support in the frame of the surfaces, metres
-    """
+    """The spots below other parts, such as a board, of their support (F, 3, 3), metres."""
     found: set[PlacePose] = set()
     for number in {spot.surface for spot in spots}:
         here = [spot for spot in spots if spot.surface == number]
@@ -167,17 +146,10 @@ def _room(areas: NDArray[np.object_], edge: Polygon, blocked: Geometry) -> Float
 
 
 def stability(vertices: Floats, upright: Floats) -> float:
-    """Return how firmly an object stands, 0 to 1: by the tilt at which it falls over.
+    """How firmly an object stands, by the tilt at which it falls over: 1 from `FIRM` on.
 
-    Parameters
-    ----------
-    vertices : (N, 3) of the object, in the frame of its model; its density is even
-    upright : (4, 4) the pose in which it stands
-
-    Returns
-    -------
-    float
-        1 from `FIRM` on; at least `LEAST`, as meshes of round bottoms stand, too.
+    At least `LEAST`, as meshes of round bottoms stand, too. The vertices (N, 3) are those of the
+    model, which stands in the pose `upright` (4, 4); its density is even.
     """
     standing = vertices @ upright[:3, :3].T
     solid = ConvexHull(standing)

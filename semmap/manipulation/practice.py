@@ -54,34 +54,15 @@ def practise(
 ) -> list[dict[str, Any]]:
     """Try grasps of an object until one succeeds; store each outcome, and corrected grasps.
 
-    The stored grasps come first, the best before others; where there is none, they are generated.
-    A corrected grasp that succeeds is stored and replaces the one that failed (Tosello et al.,
-    section IV-C).
-
-    Parameters
-    ----------
-    tries : attempts, at most
-    mass, friction : kg, and the coefficient between pads and object, in simulation
-    rows : the grasps to try, as `semmap.manipulation.retrieval.find_grasps` returns them; by
-        default, the best ones
-    robot : name of the agent that tries them
-    counted : store the outcome of the success, too; else the caller does
-    attempt : executes a grasp, given in the frame of the object's model, such as with a robot; by
-        default in simulation, where the object stands on a table as it does in the map
-    simulated : whether outcomes count for the contributor ``simulation``
-
-    Returns
-    -------
-    list of dict
-        For each attempt: `action_id` of the stored grasp, `family`, `moved` (metres from it),
-        `outcome` ("completed" or why it failed), `stored` (the id of a corrected grasp, or None).
-
-    Raises
-    ------
-    LookupError
-        There is no such entity or gripper.
-    ManipulationError
-        The object has no mesh with a volume, or no grasp is free.
+    The stored grasps come first, the best before others; where there is none, they are generated. A
+    corrected grasp that succeeds is stored and replaces the one that failed (Tosello et al., IV-C).
+    `rows` are grasps of `find_grasps`, by default the best. `attempt` executes a grasp, given in
+    the frame of the model, such as by a robot; by default in simulation, with `mass` in kg and the
+    `friction` of pads and object, which stands on a table as it does in the map. If not `counted`,
+    the caller stores the success; `simulated` outcomes count for the contributor ``simulation``.
+    Each attempt has `action_id` of the stored grasp, `family`, `moved` (metres from it), `outcome`
+    ("completed" or why it failed) and `stored` (the id of a corrected grasp, or None). LookupError
+    without the entity or gripper; ManipulationError without a volume or a free grasp.
     """
     if rows is None:
         found = find_grasps(session, name=entity, gripper=gripper, limit=GRASPS)
@@ -125,20 +106,9 @@ def practise_places(
     """Try places of an object on another one until it rests there; store each outcome.
 
     The gripper takes the object, puts it down on an even surface, and moves away. A place whose
-    grasp does not hold the object has no outcome.
-
-    Returns
-    -------
-    list of dict
-        For each attempt: `action_id` of the place, `family`, `off` (metres from where the object
-        should be), `tilted` (degrees), `outcome` ("completed" or why it failed).
-
-    Raises
-    ------
-    LookupError
-        There is no such entity or gripper.
-    ManipulationError
-        The object or its support has no mesh, or no place is free.
+    grasp does not hold the object has no outcome. Each attempt has `action_id`, `family`, `off`
+    (metres from where the object should be), `tilted` (degrees) and `outcome`. Raises as
+    `practise`.
     """
     name = gripper_name(session, gripper)
     found = find_places(session, entity, on, gripper=name, limit=tries)
@@ -172,24 +142,11 @@ def try_place(
     mass: float | None = None,
     friction: float = 0.5,
 ) -> str | None:
-    """Return how a place fails in simulation after a grasp, None for a success; store nothing.
+    """How a place fails in simulation after a grasp, None for a success; nothing is stored.
 
-    Parameters
-    ----------
-    grasp, place : ids of the stored actions
-    stands : pose of the object before it is taken, in the map's frame
-
-    Returns
-    -------
-    str or None
-        ``toppled``, ``strayed``, or `NOT_HELD`: the grasp failed, which says nothing of the place.
-
-    Raises
-    ------
-    LookupError
-        There is no such entity, gripper or action.
-    ManipulationError
-        The object has no mesh with a volume.
+    ``toppled``, ``strayed``, or `NOT_HELD`: the grasp failed, which says nothing of the place. The
+    object `stands` so in the map's frame before it is taken. LookupError without the entity,
+    gripper or action, ManipulationError without a mesh with a volume.
     """
     name = gripper_name(session, gripper)
     found = {}

@@ -57,32 +57,14 @@ def find_pushes(
     base: Pose | None = None,
     limit: int = 10,
 ) -> FoundActions:
-    """Return the best level pushes of an object; they are generated where none is stored.
+    """The best level pushes of an object by `distance` metres; generated where none is stored.
 
-    The object stays on its support, and neither it nor the closed gripper meets anything.
-
-    Parameters
-    ----------
-    entity : name in the map
-    gripper : name; the preferred one where None
-    distance : metres that the object is pushed
-    arm, base : of a robot, with this gripper, and where it stands in the map's frame: only pushes
-        that it reaches
-    limit : the most rows
-
-    Returns
-    -------
-    FoundActions
-        Rows as of `semmap.manipulation.reader.actions_on`; also `end` (the pose of the gripper
-        where the push ends), and `direction`, degrees in the map's frame; with an arm, `position`
-        of its joints where the approach begins.
-
-    Raises
-    ------
-    LookupError
-        There is no such entity or gripper.
-    ManipulationError
-        The object has no mesh, or stands on nothing level, or the distance is not above 0.
+    The object stays on its support, and neither it nor the closed gripper meets anything. With an
+    arm of this gripper whose robot stands at `base`, map's frame, only those that it reaches. Rows
+    are those of `actions_on`, with `end` (the pose of the gripper where the push ends), and
+    `direction`, degrees in the map's frame; with an arm, `position` of its joints where the
+    approach begins. LookupError without the entity or gripper; ManipulationError where it has no
+    mesh, or stands on nothing level, or the distance is not above 0.
     """
     entity_id(session, entity)
     if not (is_finite_number(distance) and distance > 0):

@@ -26,16 +26,10 @@ DIRECTIONS = 16
 class Push:
     """A push of an object by the closed gripper, straight and level.
 
-    Attributes
-    ----------
-    pose, end : (4, 4)
-        The grasp frame where the fingers touch the object, and where the push ends.
-    pre_push : (4, 4) before the approach
-    direction : (2,) unit vector in the plane
-    distance : metres
-    posture : positions of the finger joints, closed
-    quality : 0 to 1
-        How squarely the finger meets the object, and how near to the line through its middle.
+    `pose` and `end` (4, 4) are the grasp frame where the fingers touch the object and where the
+    push ends, `pre_push` that before the approach; `direction` (2,) is a unit vector in the plane,
+    `distance` metres, `posture` that of the closed fingers. `quality` is how squarely the finger
+    meets the object, and how near to the line through its middle, 0 to 1.
     """
 
     pose: Floats
@@ -56,20 +50,11 @@ def push_candidates(
     height: float = 0.5,
     safety: float = 0.05,
 ) -> list[Push]:
-    """Return pushes of an object in all directions of the plane that it stands on, best first.
+    """Pushes of an object in all directions of the plane that it stands on, best first.
 
-    Parameters
-    ----------
-    vertices : (N, 3) of the object, in the frame of its model
-    model : (4, 4) its pose; z is up
-    distance : metres that the object is pushed
-    height : of the contact, a share of the object's height
-    safety : metres between pre-push and push
-
-    Raises
-    ------
-    ManipulationError
-        A number is not above 0.
+    The object is (N, 3) vertices in its model's frame, whose pose is `model` (4, 4), z up. It is
+    pushed by `distance` metres, touched at a `height` that is a share of its own; `safety` is the
+    metres from pre-push to push. ManipulationError where a number is not above 0.
     """
     if not (distance > 0 and safety > 0 and 0 < height < 1):
         raise ManipulationError(
@@ -108,14 +93,10 @@ def free_pushes(
     surface: Polygon | MultiPolygon,
     obstacles: Obstacles,
 ) -> NDArray[np.bool_]:
-    """Return (N,) whether an object stays on its surface, and nothing else is touched.
+    """Whether an object stays on its surface in each push (N,), and nothing else is touched.
 
-    Parameters
-    ----------
-    pushes : in the frame of surface and obstacles
-    vertices, model : as `push_candidates`
-    surface : the outline of what the object stands on
-    obstacles : without the object, with the surface that it stands on
+    All is in the frame of the obstacles, which have the surface on which the object stands but not
+    the object; `vertices` and `model` as `push_candidates` takes them.
     """
     placed = vertices @ model[:3, :3].T + model[:3, 3]
     lifted = placed + np.array((0, 0, GAP))  # free of what it stands on

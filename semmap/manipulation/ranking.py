@@ -39,11 +39,11 @@ class Tally(NamedTuple):
     successes: float = 0.0
 
     def plus(self, other: Tally, weight: float = 1.0) -> Tally:
-        """Return both, the other one by a weight; none below 0."""
+        """Both, the other one by a weight; none below 0."""
         return Tally(*(max(a + weight * b, 0.0) for a, b in zip(self, other, strict=True)))
 
     def expected(self, prior: float) -> float:
-        """Return the share of successes that these and a prior, 0 to 1, let expect."""
+        """The share of successes that these and a prior, 0 to 1, let expect."""
         return (self.successes + PRIOR * prior) / (self.attempts + PRIOR)
 
 
@@ -84,12 +84,10 @@ class Evidence:
         pose: Pose | None = None,
         extent: float | None = None,
     ) -> None:
-        """Take in outcomes of a family, or of an action that was moved.
+        """Take in outcomes of a family, or of an action that was moved by `shift` (3,) metres.
 
-        Parameters
-        ----------
-        shift : (3,) metres in the frame of the action; `pose` is that in the frame of the shape,
-            and `extent` the largest size of the shape
+        The shift is in the frame of the action, `pose` is that in the frame of the shape, and
+        `extent` the largest size of the shape.
         """
         group = group_of(family)
         (self.own if own else self.alike).add((group, shift is not None), outcomes)
@@ -104,13 +102,10 @@ class Evidence:
     def expected(
         self, family: str, quality: float, tried: Tally = NONE, *, moved: bool = False
     ) -> float:
-        """Return the expected share of successes of an action on the object.
+        """The expected share of successes of an action of a predicted quality on the object.
 
-        Parameters
-        ----------
-        quality : predicted share
-        tried : outcomes of the action itself, which are a part of `own`
-        moved : whether trial and error moved it
+        `tried` are outcomes of the action itself, a part of `own`; trial and error `moved` it or
+        not.
         """
         key = group_of(family), moved
         prior = self.alike.groups.get(key, NONE).expected(self.alike.every.expected(1) * quality)
@@ -118,15 +113,10 @@ class Evidence:
         return tried.expected(near.expected(prior))
 
     def shift(self, grasp: Grasp, shape_pose: Floats, extent: float) -> Floats | None:
-        """Return by how much grasps of this family were moved on similar shapes, (3,) metres.
+        """How grasps of this family were moved on similar shapes, (3,) metres in the grasp's frame.
 
-        Parameters
-        ----------
-        shape_pose : (4, 4) of the shape in the frame of the model; `extent` is its largest size
-
-        Returns
-        -------
-        In the frame of the grasp. None where none was moved and succeeded, or by nearly nothing.
+        The shape has a pose (4, 4) in the frame of the model and a largest size. None where none
+        was moved and succeeded, or by nearly nothing.
         """
         known = self.shifts.get(group_of(grasp.family))
         if not known:
@@ -139,7 +129,7 @@ class Evidence:
 
 
 def evidence_on(session: Session, object_id: int, gripper: str, kind: str = "grasp") -> Evidence:
-    """Return the outcomes on an object model and on those of a similar shape.
+    """The outcomes on an object model and on those of a similar shape.
 
     They are those of the SQL function ``similar_outcomes``: outcomes of other grippers count half.
     """
@@ -158,14 +148,10 @@ def evidence_on(session: Session, object_id: int, gripper: str, kind: str = "gra
 def ranked(
     session: Session, rows: Sequence[dict[str, Any]], gripper: str, kind: str = "grasp"
 ) -> list[dict[str, Any]]:
-    """Return rows with `expected` by all outcomes on the objects and on similar shapes, in order.
+    """Rows of `actions_on` with `expected` by all outcomes on them and on similar shapes, in order.
 
     What succeeded on an object at least as often as it failed comes before all else: it takes the
     place of what was proposed before (Tosello et al., section IV-C).
-
-    Parameters
-    ----------
-    rows : as `semmap.manipulation.reader.actions_on` returns them
     """
     evidence: dict[int, Evidence] = {}
     found = []
@@ -179,7 +165,7 @@ def ranked(
 
 
 def best_first(rows: Iterable[dict[str, Any]]) -> list[dict[str, Any]]:
-    """Return rows in the order in which they are tried: first those that mostly succeeded."""
+    """Rows in the order in which they are tried: first those that mostly succeeded."""
     return sorted(rows, key=lambda row: (not _proven(row), -row["expected"], row["action_id"]))
 
 
@@ -201,16 +187,10 @@ def _quality(row: dict[str, Any]) -> float:
 def moved_alike(
     session: Session, rows: Sequence[dict[str, Any]], gripper: str, opening: float
 ) -> list[Grasp]:
-    """Return grasps of an object model, moved as trial and error moved them on similar shapes.
+    """Grasps of one object model, moved as trial and error moved them on similar shapes.
 
     Only those that are better for it, by all outcomes, and of families of which none was moved on
-    this object.
-
-    Parameters
-    ----------
-    rows : the stored grasps of one object model, as `semmap.manipulation.reader.actions_on` returns
-        them
-    opening : of the gripper, metres
+    this object. The gripper opens by `opening` metres.
     """
     evidence = evidence_on(session, rows[0]["object_id"], gripper)
     shape = read_shape(session, rows[0]["object_id"])
@@ -232,13 +212,7 @@ def moved_alike(
 
 
 def grasp_of_row(row: dict[str, Any], opening: float) -> Grasp:
-    """Return a stored grasp in the frame of the model.
-
-    Parameters
-    ----------
-    row : as `semmap.manipulation.reader.actions_on` returns it
-    opening : of the gripper, metres
-    """
+    """A stored grasp of `actions_on` in the frame of the model."""
     pose = row["model_pose"].matrix
     before = pose.copy()
     if row["pre_pose"] is not None:

@@ -48,7 +48,6 @@ def actions_on(
     point : (x, y, z) in the map's frame, metres; the object there, or within the tolerance
     gripper : name; the preferred one where None
     kind : grasp, place, push, turn, open or put
-    limit : the most rows
 
     Returns
     -------
@@ -87,7 +86,7 @@ def entities_meant(
     point: Sequence[float] | None = None,
     tolerance: float = 0.05,
 ) -> list[int]:
-    """Return the ids of the objects that a query means; as `actions_on`."""
+    """The ids of the objects that a query means; as `actions_on`."""
     function = function and function_named(session, function)
     meant, values = _meant(name, function, point, tolerance)
     with _suggestions(session, name, function):
@@ -138,13 +137,7 @@ def _suggestions(
 
 
 def function_named(session: Session, word: str) -> str:
-    """Return the function of a word: ``drink`` and ``drinking`` are drinking.
-
-    Raises
-    ------
-    LookupError
-        No type and no object model has it.
-    """
+    """The function of a word: ``drink`` and ``drinking`` are drinking; LookupError without one."""
     exact = "SELECT 1 FROM {} WHERE functions @> ARRAY[%s] LIMIT 1"
     with refusals():
         for table in ("semantic_type", "object_model"):
@@ -176,25 +169,10 @@ def actions_by_shape(
     kind: str = "grasp",
     limit: int = 10,
 ) -> list[Row]:
-    """Return the best stored actions on object models of a similar shape.
+    """The best stored actions on object models of a shape whose sizes differ by the tolerance.
 
-    Parameters
-    ----------
-    shape, size : as a primitive has them, metres
-    tolerance : the most by which each size may differ, metres
-
-    Returns
-    -------
-    list of dict
-        As `actions_on`; `pose`, `pre_pose` and `post_pose` are in the frame of the shape, and
-        `difference` is the largest difference of a size, metres.
-
-    Raises
-    ------
-    LookupError
-        There is no such gripper.
-    ManipulationError
-        Not a shape, a kind or a tolerance.
+    As `actions_on`; `pose`, `pre_pose` and `post_pose` are in the frame of the shape, and
+    `difference` is the largest difference of a size, metres.
     """
     counts = {"sphere": 1, "cylinder": 2, "cone": 2, "cuboid": 3}
     if kind not in KINDS:
@@ -254,22 +232,11 @@ LEFT JOIN device g ON g.id = a.gripper_id LEFT JOIN device s ON s.id = a.sensor_
 
 
 def list_automata(session: Session, can: Sequence[str] = ()) -> list[Row]:
-    """Return the stored robots with what is mounted on them and what they are able to do.
+    """The stored robots with what is mounted on them and what they are able to do.
 
-    Parameters
-    ----------
-    can : kinds of actions, or capabilities (seeing, or see): only robots that are able to do all
-
-    Returns
-    -------
-    list of dict
-        `name`, `robot`, `gripper`, `sensor` (the one that serves manipulation most), `sensors` and
-        `capabilities`.
-
-    Raises
-    ------
-    LookupError
-        Neither a kind of action nor a capability of any device.
+    `can` are kinds of actions, or capabilities (seeing, or see): only robots that are able to do
+    all; LookupError where a word is neither. `sensor` is the one of `sensors` that serves
+    manipulation most.
     """
     rows = _rows(session, AUTOMATA, ())
     known = {c for row in rows for c in row["capabilities"]} | set(ABLE)

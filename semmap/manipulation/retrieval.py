@@ -1,7 +1,7 @@
 """Retrieval before generation: stored grasps, else candidates, which are then stored.
 
-They are ranked by what was learned from them, from similar shapes and from other grippers (Tosello
-et al., section IV-B: the Action Generator works where the knowledge base has nothing).
+Ranked by what was learned from them, from similar shapes and from other grippers (Tosello et al.,
+IV-B: the Action Generator works where the knowledge base has nothing).
 """
 
 from __future__ import annotations
@@ -46,24 +46,12 @@ def find_grasps(
     limit: int = 10,
     check: bool = True,
 ) -> FoundActions:
-    """Return the best grasps of objects; those of models without any are generated and stored.
+    """The best grasps of objects; those of models without any are generated and stored.
 
-    The expected share of successes is that of `semmap.manipulation.ranking.ranked`. Where it is
-    higher for grasps that are moved as those of similar shapes were, these are stored, too. Grasps
-    of linked models (`semmap interlink`) count as stored ones.
-
-    Parameters
-    ----------
-    name, function, point, tolerance, gripper, limit : as `semmap.manipulation.reader.actions_on`
-    check : leave out grasps at which the gripper would touch other objects of the map, or the
-        object itself before it closes
-
-    Raises
-    ------
-    LookupError
-        A name, function or gripper that does not exist, or no object at the point.
-    ManipulationError
-        Not exactly one of `name`, `function` and `point`.
+    The expected share of successes is that of `ranked`. Where it is higher for grasps that are
+    moved as those of similar shapes were, these are stored, too. Grasps of linked models (`semmap
+    interlink`) count as stored ones. `check` leaves out grasps at which the gripper would touch
+    other objects of the map, or the object itself before it closes. Else as `actions_on`.
     """
     asked = {"name": name, "function": function, "point": point, "tolerance": tolerance}
     entities = entities_meant(session, **asked)  # type: ignore[arg-type]
@@ -110,18 +98,7 @@ def find_grasps(
 
 
 def stored_actions(session: Session, *, kind: str, **asked: Any) -> FoundActions:
-    """Return the best stored actions of a kind; none is generated.
-
-    Parameters
-    ----------
-    kind : grasp, place, push, turn, open or put
-    asked : as for `semmap.manipulation.reader.actions_on`
-
-    Raises
-    ------
-    LookupError, ManipulationError
-        As `semmap.manipulation.reader.actions_on`.
-    """
+    """The best stored actions of a kind, as of `actions_on`; none is generated."""
     rows, problems = fitting_rows(session, actions_on(session, kind=kind, **asked))
     if not rows and not problems:
         problems = [f"no {kind} is stored for such an object"]
@@ -137,17 +114,9 @@ def stored_for_shape(
     kind: str = "grasp",
     **options: Any,
 ) -> FoundActions:
-    """Return the best stored actions on objects of a similar shape, in the frame of the shape.
+    """The best stored actions on objects of a similar shape, as of `actions_by_shape`.
 
-    Parameters
-    ----------
-    gripper : name, or a URDF whose gripper is stored first
-    shape, size, kind, options : as for `semmap.manipulation.reader.actions_by_shape`
-
-    Raises
-    ------
-    LookupError, ManipulationError
-        As `semmap.manipulation.reader.actions_by_shape`.
+    The gripper of a URDF is stored first.
     """
     with session.transaction():
         hand = gripper_or_urdf(session, gripper)
@@ -193,12 +162,8 @@ def _misfit(session: Any, entity: str, gripper: str) -> str:
 def generate(session: Session, entity: str, gripper: str | None = None) -> list[int]:
     """Store all candidates for the model of an entity; return their ids.
 
-    Raises
-    ------
-    LookupError
-        There is no such entity or gripper.
-    ManipulationError
-        The entity has no mesh with a volume, or the gripper's URDF is not known.
+    LookupError without the entity or gripper, ManipulationError where the entity has no mesh with a
+    volume, or the gripper's URDF is not known.
     """
     from semmap.manipulation.candidates import grasp_candidates
 
@@ -240,12 +205,8 @@ def register_gripper(
 ) -> str:
     """Store the gripper of a URDF, of a gripper or of a whole robot; return its name.
 
-    Raises
-    ------
-    ManipulationError
-        The URDF has no gripper, such as one without fingers.
-    RobotError
-        The file is not a usable URDF.
+    ManipulationError where it has no gripper, such as one without fingers, RobotError where the
+    file is not a usable URDF.
     """
     from semmap.manipulation.gripper import read_gripper
 
@@ -272,21 +233,16 @@ def is_urdf(given: str | Path) -> bool:
 
 
 def gripper_or_urdf(session: Session, given: str | Path | None) -> str | None:
-    """Return the name of a gripper; that of a URDF is stored first (`register_gripper`)."""
+    """The name of a gripper; that of a URDF is stored first (`register_gripper`)."""
     if given is None or not is_urdf(given):
         return given if given is None else str(given)
     return register_gripper(session, Path(given))
 
 
 def stored_gripper(session: Session, name: str) -> Gripper:
-    """Return a stored gripper with its geometry, read from its URDF.
+    """A stored gripper with its geometry, read from its URDF.
 
-    Raises
-    ------
-    LookupError
-        There is none of this name.
-    ManipulationError
-        Its URDF is not on this machine.
+    LookupError without one of this name, ManipulationError where its URDF is not on this machine.
     """
     row = session.execute(
         "SELECT source FROM device WHERE id = %s", (gripper_id(session, name),)
@@ -315,7 +271,7 @@ ANY_GRIPPER = "SELECT 1 FROM gripper LIMIT 1"
 
 
 def gripper_name(session: Any, name: str | None) -> str:
-    """Return the name of the gripper meant; where there is none at all, the default is stored."""
+    """The name of the gripper meant; where there is none at all, the default is stored."""
     if name is None and not session.execute(ANY_GRIPPER).fetchone():
         with session.transaction():  # another robot may store it at the same time
             session.execute("SELECT pg_advisory_xact_lock(hashtext('semmap default gripper'))")

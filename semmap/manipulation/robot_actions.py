@@ -28,18 +28,10 @@ RANKED = 1000
 
 @dataclass(frozen=True)
 class RobotActions:
-    """A stored robot at a place: what its arm reaches there, and how it moves.
+    """A stored robot that stands at `base`, map's frame: what its arm reaches, and how it moves.
 
-    Attributes
-    ----------
-    session : sees the map
-    name : of the robot
-    gripper : name of its gripper
-    arm : of the robot
-    base : where it stands, map's frame
-    plan : plan the motion of the arm to the first action for which it is free
-    state : positions of joints at the start of the motion; by default as the robot carries
-    limit : the most rows; a motion has one
+    `plan` plans the motion of the arm to the first action for which it is free, from the positions
+    of joints in `state`, by default as the robot carries; then there is one row.
     """
 
     session: Session
@@ -59,19 +51,7 @@ class RobotActions:
         base: Sequence[float] | None = None,
         **options: Any,
     ) -> RobotActions:
-        """Return a stored robot, or that of a URDF, which is stored first.
-
-        Parameters
-        ----------
-        base : x, y (metres, map's frame), yaw (radians) and z; by default the pose of the agent of
-            this name
-        options : `plan`, `state` and `limit`
-
-        Raises
-        ------
-        LookupError, ManipulationError
-            As `semmap.manipulation.automata.stored_arm` and `base_pose`.
-        """
+        """A stored robot, or that of a URDF, stored first; as `stored_arm` and `base_pose`."""
         name = register_robot(session, Path(robot)) if is_urdf(robot) else str(robot)
         gripper, arm = stored_arm(session, name)
         at = base_pose(session, name, base)
@@ -83,7 +63,7 @@ class RobotActions:
         return max(self.limit, PLANNED) if self.plan else self.limit
 
     def grasps(self, **asked: Any) -> FoundActions:
-        """Return the grasps that the arm reaches; arguments as of `find_grasps`."""
+        """The grasps that the arm reaches; arguments as of `find_grasps`."""
         found = find_grasps(self.session, **asked, gripper=self.gripper, limit=RANKED)
         rows = reachable_rows(found.rows, self.arm, self.base, self.count)
         problems = found.problems
@@ -95,7 +75,7 @@ class RobotActions:
         return self._planned(replace(found, rows=rows, problems=problems), plan_grasp, keys)
 
     def places(self, name: str, on: str, towards: Sequence[float] | None = None) -> FoundActions:
-        """Return the places of an object that the arm reaches; arguments as of `find_places`."""
+        """The places of an object that the arm reaches; arguments as of `find_places`."""
         found = find_places(
             self.session,
             name,
@@ -110,7 +90,7 @@ class RobotActions:
         return self._planned(found, plan_place, keys)
 
     def pushes(self, name: str, distance: float = 0.1) -> FoundActions:
-        """Return the pushes of an object that the arm reaches; arguments as of `find_pushes`."""
+        """The pushes of an object that the arm reaches; arguments as of `find_pushes`."""
         found = find_pushes(
             self.session,
             name,

@@ -49,13 +49,9 @@ ENDS = re.compile(r"(_tool|_optical|_frame|_link|_sensor)+$")
 
 @dataclass(frozen=True)
 class Sensor:
-    """A sensor of a robot.
+    """A sensor of a kind of `CAPABILITIES`, fixed to a link.
 
-    Attributes
-    ----------
-    name : as the URDF has it, without endings such as ``_optical_frame``
-    kind : one of `CAPABILITIES`
-    link : to which it is fixed
+    `name` is that in the URDF without endings such as ``_optical_frame``.
     """
 
     name: str
@@ -64,15 +60,10 @@ class Sensor:
 
 
 def read_sensors(urdf: str) -> list[Sensor]:
-    """Return the sensors of the text of a URDF, those that serve manipulation most first.
+    """The sensors of the text of a URDF, those that serve manipulation most first.
 
     Elements `gazebo` tell them. Links tell sensors of kinds that no such element has; a depth
     camera has pictures, too.
-
-    Raises
-    ------
-    ElementTree.ParseError
-        It is not XML.
     """
     root = ElementTree.fromstring(urdf)
     found: dict[str, Sensor] = {}

@@ -16,12 +16,9 @@ def key_file() -> Path:
 
 
 def own_key(path: Path | None = None) -> Any:
-    """Return the signing key, which is made where there is none.
+    """The signing key, which is made where there is none.
 
-    Raises
-    ------
-    ManipulationError
-        The file is not a key, or PyNaCl is not installed.
+    ManipulationError where the file is not a key, or PyNaCl is not installed.
     """
     signing = _library()
     path = key_file() if path is None else path

@@ -1,6 +1,6 @@
 """Solids that objects are modelled as: cuboid, cylinder, sphere, cone, in their own frames.
 
-The origin is the centre, of a cone the centre of its base; z is the axis of cylinder and cone.
+The origin is the centre, of a cone that of its base; z is the axis of cylinder and cone.
 """
 
 from __future__ import annotations
@@ -27,7 +27,10 @@ SIZES = {
 
 
 class PrimitiveShape(Protocol):
-    """A primitive that was fitted to points or to a mesh (`semmap.perception`)."""
+    """A primitive that was fitted to points or to a mesh, of a kind and size as in `SIZES`.
+
+    `pose` (4, 4) is the frame of the solid in that of the model.
+    """
 
     @property
     def kind(self) -> str:
@@ -49,17 +52,8 @@ class PrimitiveShape(Protocol):
 class ConvexSolid:
     """A convex solid: the points p with N p <= b and p A p + k p <= c.
 
-    Attributes
-    ----------
-    kind : str
-    size : tuple of float, metres
-    planes, offsets : (P, 3) and (P,)
-        Outward normals N and b.
-    quadric, linear, level : (3,), (3,) and float
-        The diagonal of A, k and c; all 0 for none.
-    centre : (3,)
-        The centre of mass, of even density.
-    volume : cubic metres
+    `planes` (P, 3) are the outward normals N, `offsets` (P,) b; `quadric` (3,) is the diagonal of
+    A, `linear` (3,) k and `level` c, all 0 for none; `centre` (3,) is that of mass.
     """
 
     kind: str
@@ -80,17 +74,7 @@ class ConvexSolid:
         return np.asarray(inside)
 
     def exits(self, points: Floats, directions: Floats) -> tuple[Floats, Floats]:
-        """Return where rays from inside leave the solid.
-
-        Parameters
-        ----------
-        points, directions : (N, 3), unit directions
-
-        Returns
-        -------
-        distances : (N,) metres
-        normals : (N, 3) outward normals there
-        """
+        """Where rays from inside, unit (N, 3), leave: metres (N,), and outward normals (N, 3)."""
         towards = directions @ self.planes.T
         with np.errstate(divide="ignore", invalid="ignore"):
             flat = np.where(
@@ -133,15 +117,8 @@ class ConvexSolid:
 
 
 def solid_of(kind: str, size: Sequence[float]) -> ConvexSolid:
-    """Return the solid of a kind and its sizes.
+    """The solid of a kind and its sizes; ManipulationError where they give no volume.
 
-    Raises
-    ------
-    ManipulationError
-        The kind is unknown, or the sizes do not give it a volume.
-
-    Examples
-    --------
     >>> solid_of("cylinder", (0.03, 0.1)).exits(np.zeros((1, 3)), np.array([[1.0, 0, 0]]))
     (array([0.03]), array([[1., 0., 0.]]))
     """

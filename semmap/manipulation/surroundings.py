@@ -26,12 +26,7 @@ AT_ONCE = 32
 def obstacles_around(
     session: Session, entity: str, reach: float = REACH, *, without: str | None = None
 ) -> Obstacles:
-    """Return the triangles of all entities within reach of an entity, in the map's frame.
-
-    Parameters
-    ----------
-    without : the entity that is left out; by default `entity` itself
-    """
+    """The triangles of all entities within reach of one, without it or `without`, map's frame."""
     from semmap.manipulation.collision import Obstacles
 
     rows = session.execute(
@@ -49,7 +44,7 @@ def obstacles_around(
 
 
 def entity_triangles(session: Session, entity: str) -> NDArray[np.float64]:
-    """Return the triangles (F, 3, 3) of an entity in the map's frame, metres; none if it has none.
+    """The triangles (F, 3, 3) of an entity in the map's frame, metres; none if it has none.
 
     Visual and collision meshes are both part of it.
     """
@@ -75,20 +70,10 @@ def _placed(session: Any, rows: Sequence[Any]) -> NDArray[np.float64]:
 def free_rows(
     session: Session, rows: Sequence[dict[str, Any]], gripper: Gripper, limit: int
 ) -> list[dict[str, Any]]:
-    """Return the first rows of grasps that the gripper reaches without touching anything else.
+    """The first rows of grasps that the gripper reaches without touching anything else.
 
     The open gripper must not touch the object either on its way, except by grasps that have
-    succeeded: hulls of links are larger than the links.
-
-    Parameters
-    ----------
-    rows : as `semmap.manipulation.reader.actions_on` returns them; their order is kept
-    limit : the most rows
-
-    Raises
-    ------
-    ManipulationError
-        The library for collisions is not installed.
+    succeeded: hulls of links are larger than the links. The order of the rows is kept.
     """
     from semmap.manipulation.candidates import Grasps
     from semmap.manipulation.collision import Obstacles, free_grasps

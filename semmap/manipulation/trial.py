@@ -46,18 +46,9 @@ FORCE = 25.0
 
 @dataclass(frozen=True, eq=False)
 class Body:
-    """An object for a trial: its convex surface in its model's frame, mass and friction.
+    """An object for a trial: its surface, (3,) centre of mass in its model's frame, and kg.
 
-    Attributes
-    ----------
-    mesh : Mesh
-        Its convex hull is simulated.
-    mass : kg
-    friction : coefficient between object and pads
-    centre : (3,) centre of mass
-    solid : Solid, optional
-        A primitive that is simulated in place of the mesh, at `pose`.
-    pose : (4, 4) of the solid in the frame of the model
+    The convex hull of the mesh is simulated, or in its place a primitive at `pose` (4, 4).
     """
 
     mesh: Mesh
@@ -77,18 +68,11 @@ def body_of(
     friction: float = 0.5,
     offset: Sequence[float] = (0.0, 0.0, 0.0),
 ) -> Body:
-    """Return an object for trials.
+    """An object for trials, of `mass` in kg, else of the density in kg/m³.
 
-    Parameters
-    ----------
-    pose : (4, 4) of a solid in the frame of its model
-    mass : kg; by default of the density, kg/m³
-    offset : of the centre of mass from that of even density, metres, in the model's frame
-
-    Raises
-    ------
-    ManipulationError
-        A mesh without a volume, or a mass or friction that is not above 0.
+    The solid lies at `pose` (4, 4) in the frame of its model; the centre of mass is that of even
+    density, moved by `offset`, metres. ManipulationError where a mesh has no volume, or a mass or
+    friction is not above 0.
     """
     pose = np.eye(4) if pose is None else pose
     if isinstance(given, ConvexSolid):
@@ -129,18 +113,12 @@ def _hull_volume(mesh: Mesh) -> tuple[float, Floats]:
 
 @dataclass(frozen=True)
 class TrialOutcome:
-    """What a trial led to, as sensors would tell.
+    """What a trial led to, as sensors would tell; metres and radians.
 
-    Attributes
-    ----------
-    lifted : metres by which the object rose
-    slipped : metres by which it moved in the gripper after the fingers closed
-    pushed : metres by which it moved before the fingers closed
-    grip : metres between the closed fingers, before the lift, beyond their narrowest width
-    width : metres between the pads at the end
-    turned : (3,) rotation vector of its turn in the gripper after the fingers closed, radians, in
-        the grasp frame
-    shift : (3,) by which it moved in the grasp frame while the fingers closed, metres
+    The object rose by `lifted`; it was `pushed` before the fingers closed, moved by `shift` (3,) in
+    the grasp frame while they did, and `slipped` and `turned` (rotation vector, grasp frame) in the
+    gripper after that. `grip` is between the closed fingers before the lift, beyond their narrowest
+    width, `width` between the pads at the end.
     """
 
     lifted: float
@@ -154,13 +132,10 @@ class TrialOutcome:
 
 @dataclass(frozen=True)
 class Rest:
-    """Where an object is when it was put down or pushed.
+    """Where an object is when it was put down or pushed; metres and radians.
 
-    Attributes
-    ----------
-    moved : (3,) by which its centre of mass moved, metres, in the frame of the table
-    tilted : by which its vertical axis turned, radians
-    lifted : metres by which it was lifted before; 0 for a push
+    Its centre of mass `moved` in the frame of the table, its vertical axis `tilted`, and before it
+    was `lifted`; 0 for a push.
     """
 
     moved: tuple[float, float, float]
@@ -169,15 +144,7 @@ class Rest:
 
 
 class Trial:
-    """A gripper and an object on a table, simulated.
-
-    Parameters
-    ----------
-    gripper : Gripper
-    body : Body
-    standing : (4, 4)
-        The pose of the object's model on the table, whose top is at z = 0.
-    """
+    """A gripper and an object, whose model stands at (4, 4) on a table at z = 0, simulated."""
 
     def __init__(self, gripper: Gripper, body: Body, standing: Floats) -> None:
         self.gripper, self.body, self.standing = gripper, body, standing
@@ -364,14 +331,10 @@ class Trial:
         closing: Mapping[str, float] | None = None,
         error: Floats | None = None,
     ) -> TrialOutcome:
-        """Try a grasp and return what happened.
+        """Try a grasp, given in the frame of the object's model, and return what happened.
 
-        Parameters
-        ----------
-        grasp : in the frame of the object's model
-        closing : positions to which the fingers are driven; by default fully closed, until the
-            object stops them
-        error : (4, 4) by which the robot is wrong about the pose of the model
+        The fingers are driven to the positions `closing`, by default fully closed, until the object
+        stops them. The robot is wrong about the pose of the model by `error` (4, 4).
         """
         wrong = np.eye(4) if error is None else error
         goal = self.standing @ wrong @ grasp.pose
@@ -409,12 +372,8 @@ class Trial:
     def put(self, grasp: Grasp, before: Floats, after: Floats) -> Rest:
         """Take the object, put it down where it stood, and return where it is then.
 
-        Parameters
-        ----------
-        grasp : in the frame of the object's model
-        before, after : (4, 4)
-            Where the gripper begins to move down, and where it ends when it has opened, in the
-            frame of the model at its place.
+        The gripper begins to move down at `before` (4, 4) and, opened, ends at `after`, in the
+        frame of the model at its place, as the grasp is.
         """
         opened, shut = grasp.pre_posture, dict(self.gripper.postures[-1])
         goal, down, away = (self.standing @ pose for pose in (grasp.pose, before, after))
@@ -436,13 +395,7 @@ class Trial:
         return self._rest(start, lifted)
 
     def push(self, push: Push, model: Floats) -> Rest:
-        """Push the object, and return where it is when it rests.
-
-        Parameters
-        ----------
-        push : in the frame of the map
-        model : (4, 4) the pose of the object's model in that frame
-        """
+        """Push the object of pose (4, 4), map's frame, and return where it is when it rests."""
         before, contact, end = (
             self.standing @ np.linalg.inv(model) @ pose
             for pose in (push.pre_push, push.pose, push.end)

@@ -12,18 +12,10 @@ from semmap.robot.srdf import read_states
 
 
 def joints_of(robot: Path, state: str | Mapping[str, float] | None) -> dict[str, float]:
-    """Return the joint positions that an option ``--state`` describes, radians or metres.
+    """The joint positions that an option ``--state`` describes, radians or metres.
 
-    Parameters
-    ----------
-    robot : the URDF
-    state : joint positions by name; JSON of them, the name of a file that holds it, or that of a
-        state in the SRDF of the robot; None for none
-
-    Raises
-    ------
-    ValueError
-        The state is neither JSON of numbers, nor a file of it, nor in the robot's SRDF.
+    They are given by name, as JSON, as the name of a file that holds it, or as that of a state in
+    the SRDF of the URDF `robot`; none where None. ValueError where it is none of these.
     """
     if state is None:
         return {}

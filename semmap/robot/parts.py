@@ -19,12 +19,10 @@ from semmap.robot.urdf import Robot
 class Part:
     """A functional unit of a robot: base, arm, pole.
 
-    Attributes
-    ----------
-    interval : lowest and highest z above the ground, metres
-    footprint : (N, 2) the convex hull of its projection, counter-clockwise, in the robot's frame
-    inscribed_radius : from the robot's origin to the hull's border; 0 where it lies outside of it
-    circumscribed_radius : from the robot's origin to the hull's farthest corner
+    `interval` is the lowest and the highest z above the ground, `footprint` (N, 2) the convex hull
+    of its projection, counter-clockwise, in the robot's frame; `inscribed_radius` is that from the
+    robot's origin to the hull's border, 0 where it lies outside of it, `circumscribed_radius` that
+    to the farthest corner; all metres.
     """
 
     name: str

@@ -13,15 +13,11 @@ from semmap.robot.error import RobotError
 
 
 def read_states(urdf: Path) -> dict[str, dict[str, float]]:
-    """Return the joint positions of each named state, radians or metres.
+    """The joint positions of each named state, radians or metres.
 
     Read are the files ``*.srdf`` in the folder of the URDF, and in the folder ``srdf`` beside that.
-    States of the same name, of several groups of joints, are joined.
-
-    Raises
-    ------
-    RobotError
-        An SRDF is not well-formed XML, or a joint's value is not a number.
+    States of the same name, of several groups of joints, are joined. RobotError where an SRDF is
+    not well-formed XML, or a joint's value is not a number.
     """
     states: dict[str, dict[str, float]] = {}
     for folder in (urdf.parent, urdf.parent.parent / "srdf"):

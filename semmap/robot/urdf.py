@@ -52,11 +52,9 @@ class Joint:
 class Robot:
     """A robot as its URDF describes it.
 
-    Attributes
-    ----------
-    base : the link whose frame, moved up or down to the ground, is the robot's frame
-    joints : parents before their children
-    meshes : by link, in the link's frame, metres: collision geometry, else visual geometry
+    The frame of `base`, moved up or down to the ground, is the robot's frame; `joints` have parents
+    before their children; `meshes`, metres in the link's frame, are collision geometry, else
+    visual.
     """
 
     name: str
@@ -82,13 +80,10 @@ class Robot:
     def link_poses(
         self, state: Mapping[str, float], links: Iterable[str] | None = None
     ) -> dict[str, NDArray[np.float64]]:
-        """Return the pose (4, 4) of links in the robot's frame on the ground.
+        """Return the pose (4, 4) of links, by default those with geometry, in the robot's frame.
 
-        Parameters
-        ----------
-        state : joint positions, radians or metres; other joints are at 0, or at
-            the limit that is nearest to 0
-        links : by default those with geometry
+        The frame is on the ground. Other joints than those of `state`, radians or metres, are at 0,
+        or at the limit that is nearest to 0.
 
         Raises
         ------

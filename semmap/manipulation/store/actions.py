@@ -128,10 +128,7 @@ def insert_actions(
 def add_put(session: Session, grasp: int, place: int) -> int:
     """Store the composed action put (a grasp, then a place), if it is not there; return its id.
 
-    Raises
-    ------
-    ManipulationError
-        They are not a grasp and a place of one gripper on one object model.
+    ManipulationError where they are not a grasp and a place of one gripper on one object model.
     """
     rows = {
         row[0]: row

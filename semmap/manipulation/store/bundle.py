@@ -74,25 +74,12 @@ ORDER BY a.kind = 'put', a.id
 def export_bundle(
     session: Session, path: Path, name: str, *, simulated: bool = False, key: Any = None
 ) -> dict[str, int]:
-    """Write the knowledge of this database to a signed bundle.
+    """Write the knowledge of this database to a signed bundle; return how much it has.
 
     Actions that were imported and never tried here are left out: their contributors share them.
-
-    Parameters
-    ----------
-    name : of the contributor, as receivers list it
-    simulated : count the outcomes of simulated robots, too
-    key : signing key; by default that of the user
-
-    Returns
-    -------
-    dict
-        How many `grippers`, `objects` and `actions` it has.
-
-    Raises
-    ------
-    ManipulationError
-        The name is not one for a contributor, or the file cannot be written.
+    Receivers list the contributor by `name`. Outcomes of simulated robots count if `simulated`. The
+    key is by default that of the user. ManipulationError where the name is not one for a
+    contributor, or the file cannot be written.
     """
     if name in RESERVED or not name.strip():
         raise ManipulationError(f"{name!r} is not a name for a contributor: choose another one")
@@ -137,15 +124,8 @@ def export_bundle(
 def trust(session: Session, name: str, key: str, level: float = 1.0) -> None:
     """Trust the bundles of a contributor, so that they can be imported.
 
-    Parameters
-    ----------
-    key : its public key, 64 hexadecimal digits
-    level : how much its outcomes count, 0 to 1; with 0 its bundles are refused
-
-    Raises
-    ------
-    ManipulationError
-        Not a key or a level, or the name or the key belongs to somebody else.
+    `key` are 64 hexadecimal digits, `level` how much its outcomes count, 0 to 1; with 0 its bundles
+    are refused. ManipulationError where they are not, or name or key belongs to somebody else.
     """
     try:
         public = bytes.fromhex(key)
@@ -178,18 +158,10 @@ def trust(session: Session, name: str, key: str, level: float = 1.0) -> None:
 def import_bundle(session: Session, path: Path) -> dict[str, int]:
     """Store the knowledge of a bundle, if somebody who is trusted signed it.
 
-    Outcomes replace those of former bundles of the same contributor; own knowledge stays.
-
-    Returns
-    -------
-    dict
-        How many `grippers`, `objects` and `actions` were new, and how many `outcomes` it has.
-
-    Raises
-    ------
-    ManipulationError
-        The bundle was changed, is of another version, is older than one that was imported before,
-        is signed by nobody who is trusted, or has an entry that cannot be used. Nothing is stored.
+    Outcomes replace those of former bundles of the same contributor; own knowledge stays. Returns
+    how many `grippers`, `objects` and `actions` were new, and how many `outcomes` it has.
+    ManipulationError where it was changed, is of another version, older than one that was imported
+    before, signed by nobody who is trusted, or has an entry that cannot be used; nothing is stored.
     """
     error = partial(_error, path)
     lines, header = _checked_lines(session, path, error)

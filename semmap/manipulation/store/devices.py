@@ -36,18 +36,9 @@ def add_device(
 ) -> int:
     """Store a robot, gripper or sensor, or update the one of this name; return its id.
 
-    Parameters
-    ----------
-    kind : robot, gripper or sensor; a gripper also needs `add_gripper`
-    urdf : text of its URDF
-    source : the file of the URDF, with its meshes
-    joints : limits by name, radians or metres
-    capabilities : by default those of its kind (`CAPABILITIES`)
-
-    Raises
-    ------
-    ManipulationError
-        `kind` is not known, or a device of this name is of another kind.
+    A gripper also needs `add_gripper`. `source` is the file of the URDF, with its meshes, `joints`
+    are limits by name, radians or metres, `capabilities` by default those of its kind.
+    ManipulationError where a device of this name is of another kind.
     """
     if kind not in CAPABILITIES:
         raise ManipulationError(f"{name}: {kind} is not one of {', '.join(CAPABILITIES)}")
@@ -88,16 +79,10 @@ def add_gripper(
 ) -> int:
     """Store a gripper, or update the one of this name; return its id.
 
-    Parameters
-    ----------
-    form : parallel or multi-finger
-    opening, depth : the widest object that it closes on, and how deep its fingers are, metres
-    preferred : meant where a query names no gripper; by default, if none is yet
-
-    Raises
-    ------
-    ManipulationError
-        A size is not positive, or a device of this name is not a gripper.
+    `form` is parallel or multi-finger, `opening` the widest object that it closes on, `depth` how
+    deep its fingers are, metres. Where a query names no gripper, the `preferred` one is meant; by
+    default, if none is yet. ManipulationError where a size is not positive, or a device of this
+    name is not a gripper.
     """
     if not (math.isfinite(opening) and opening > 0):
         raise ManipulationError(f"gripper {name}: its opening is {opening}: give metres above 0")
@@ -130,14 +115,8 @@ def add_automaton(
 ) -> int:
     """Store a robot with a gripper and a sensor, all by their names; return its id.
 
-    Parameters
-    ----------
-    posture : positions of the joints with which it drives, radians or metres; others are at 0
-
-    Raises
-    ------
-    LookupError
-        There is no device of a name.
+    `posture` are positions of the joints with which it drives, radians or metres; others are at 0.
+    LookupError without a device of a name.
     """
     ids: list[int | None] = []
     for kind, device in (("robot", robot), ("gripper", gripper), ("sensor", sensor)):
@@ -161,12 +140,9 @@ def add_automaton(
 
 
 def gripper_id(session: Session, name: str | None = None) -> int:
-    """Return the id of a gripper; without a name, of the preferred one, else of the only one.
+    """The id of a gripper; without a name, of the preferred one, else of the only one.
 
-    Raises
-    ------
-    LookupError
-        There is none of this name, none at all, or several and none is preferred.
+    LookupError without one of this name, without any, or where several are and none is preferred.
     """
     if name is not None:
         known = column(

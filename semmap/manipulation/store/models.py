@@ -16,18 +16,10 @@ from semmap.suggestions import suggestion
 
 
 def object_model_id(session: Session, model: str | int) -> int:
-    """Return the id of an object model: of an entity's mesh, which is made if nothing is known yet.
+    """The id of an object model: of an entity's mesh, which is made if nothing is known yet.
 
-    Parameters
-    ----------
-    model : name of an entity, or id of an object model
-
-    Raises
-    ------
-    LookupError
-        The map has no entity of this name, or there is no object model of this id.
-    ManipulationError
-        The entity has no mesh, so that nothing could be shared with others of its model.
+    LookupError where the map has no entity of this name, or there is no object model of this id.
+    ManipulationError where the entity has no mesh, so that nothing could be shared with others.
     """
     if isinstance(model, int):
         if session.execute("SELECT 1 FROM object_model WHERE id = %s", (model,)).fetchone():
@@ -67,17 +59,8 @@ def add_object(
 ) -> int:
     """Store an object model that no map needs to have, such as a shape alone; return its id.
 
-    Parameters
-    ----------
-    key : the same in all databases
-    functions : its uses, beside the functions of its type
-    primitive : as `set_shape` takes it
-    digests : of its meshes
-
-    Raises
-    ------
-    ManipulationError
-        The type is not known, or the primitive is not one.
+    `key` is the same in all databases, `functions` are its uses beside those of its type, `digests`
+    those of its meshes. ManipulationError where the type is not known or the primitive is not one.
     """
     if (
         type is not None
@@ -104,19 +87,7 @@ def add_object(
 
 
 def set_shape(session: Session, model: str | int, primitive: Any) -> int:
-    """Store the primitive of an object model; return the model's id.
-
-    Parameters
-    ----------
-    model : name of an entity, or id of an object model
-    primitive : with `kind` (sphere, cylinder, cone, cuboid), `size` (metres), `pose` (4, 4) in the
-        model's frame, `inliers` and `deviation`
-
-    Raises
-    ------
-    ManipulationError
-        It is not a primitive.
-    """
+    """Store the primitive of an object model, (4, 4) in its frame; return the model's id."""
     size = [float(v) for v in primitive.size]
     where = f"the shape of {model}"
     if not all(math.isfinite(v) and v > 0 for v in size):

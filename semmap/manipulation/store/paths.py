@@ -22,18 +22,9 @@ def add_path(
 ) -> int:
     """Store the poses that led a robot, or a link of it, through the map; return the path's id.
 
-    Parameters
-    ----------
-    poses : at least two, (4, 4) or seven numbers, in the map's frame
-    link : whose poses they are; empty for the base
-    positions : of an arm's joints by name, at each pose, radians or metres
-
-    Raises
-    ------
-    LookupError
-        There is no such automaton.
-    ManipulationError
-        Fewer than two poses, one that is not a pose, or another number of positions.
+    The poses are at least two, (4, 4) or seven numbers, map's frame; `link` is empty for the base;
+    `positions` are those of an arm's joints by name at each pose, radians or metres. LookupError
+    without the automaton, ManipulationError where a pose is none or there are fewer than two.
     """
     rows = [pose_of(pose, f"pose {n} of the path").row for n, pose in enumerate(poses, 1)]
     if len(rows) < 2:

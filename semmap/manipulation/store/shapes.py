@@ -24,14 +24,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class StoredShape:
-    """A primitive of an object model, as the database has it.
-
-    Attributes
-    ----------
-    kind : sphere, cylinder, cone or cuboid
-    size : metres
-    pose : (4, 4), in the frame of the model
-    """
+    """A primitive of a kind and size as in `SIZES`, at (4, 4) in the model's frame."""
 
     kind: str
     size: tuple[float, ...]
@@ -39,14 +32,9 @@ class StoredShape:
 
 
 def shape_of(session: Session, entity: str) -> StoredShape:
-    """Return the primitive of an entity's model; it is fitted and stored if it is not known.
+    """The primitive of an entity's model; it is fitted and stored if it is not known.
 
-    Raises
-    ------
-    LookupError
-        The map has no such entity.
-    ManipulationError
-        It has no mesh, or one without a volume.
+    LookupError without the entity, ManipulationError without a mesh that has a volume.
     """
     model = object_model_id(session, entity)
     row = read_shape(session, model)
@@ -63,12 +51,9 @@ def shape_of(session: Session, entity: str) -> StoredShape:
 
 
 def model_mesh(session: Session, entity: str) -> trimesh.Trimesh:
-    """Return the visual mesh of an entity, else its collision mesh, in the frame of its model.
+    """The visual mesh of an entity, else its collision mesh, in the frame of its model.
 
-    Raises
-    ------
-    ManipulationError
-        It has none.
+    ManipulationError where it has none.
     """
     import trimesh
 
@@ -94,21 +79,10 @@ def store_shapes(
 ) -> FoundRows:
     """Store the primitives of all meshes of the map that have none yet.
 
-    Parameters
-    ----------
-    names : of entities; by default all objects with a mesh, one of each model
-    progress : called with each name, how many are done and how many there are
-
-    Returns
-    -------
-    FoundRows
-        `entity`, `shape`, `size` (metres) and `inliers` of each model; `problems` says why a mesh
-        has no primitive, such as one without a volume.
-
-    Raises
-    ------
-    LookupError
-        The map has no entity of a name.
+    The names are by default those of all objects with a mesh, one of each model; `progress` is
+    called with each, how many are done and how many there are. Rows have `entity`, `shape`, `size`
+    (metres) and `inliers`; `problems` says why a mesh has no primitive, such as one without a
+    volume. LookupError where the map has no entity of a name.
     """
     for name in names or ():
         entity_id(session, name)

@@ -41,13 +41,7 @@ def refusals() -> Iterator[None]:
 
 
 def contributor_id(session: psycopg.Connection[Any], name: str) -> int:
-    """Return the id of a contributor.
-
-    Raises
-    ------
-    LookupError
-        There is none of this name.
-    """
+    """The id of a contributor; LookupError without one of this name."""
     row = session.execute("SELECT id FROM contributor WHERE name = %s", (name,)).fetchone()
     if row is None:
         known = column(session, "SELECT name FROM contributor")
@@ -59,12 +53,12 @@ def contributor_id(session: psycopg.Connection[Any], name: str) -> int:
 
 
 def column(session: psycopg.Connection[Any], query: str, values: Sequence[Any] = ()) -> list[str]:
-    """Return the first column of a query."""
+    """The first column of a query."""
     return [row[0] for row in session.execute(query.encode(), values).fetchall()]
 
 
 def number(cursor: psycopg.Cursor[Any]) -> int:
-    """Return the only number of a result."""
+    """The only number of a result."""
     row = cursor.fetchone()
     assert row is not None
     return int(row[0])

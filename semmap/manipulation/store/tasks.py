@@ -35,23 +35,12 @@ def add_task(
 ) -> int:
     """Store a task, or an attempt that has ended; return its id.
 
-    Parameters
-    ----------
-    entity, robot : names in the map
-    action : id of the stored action that is used
-    start, goal : of the object, in the map's frame; by default its pose now, and none
-    deadline : with a time zone
-    outcome : to run, running, completed or error; the last two count for the action
-    simulated : the outcome counts for the contributor ``simulation``, which is trusted less
-    assumed : the outcome is that of a simulated robot, and nothing was tried: it is stored for the
-        contributor ``assumed`` and counts for nothing
-
-    Raises
-    ------
-    LookupError
-        The map has no such entity, or the database no such action.
-    ManipulationError
-        A value is not one of those allowed.
+    The object goes from `start` to `goal`, map's frame, by default from where it is now; the
+    deadline has a time zone. The outcome is to run, running, completed or error; the last two count
+    for the action: if `simulated` for the contributor ``simulation``, which is trusted less; if
+    `assumed`, where a robot was simulated and nothing was tried, for ``assumed``, which counts for
+    nothing. LookupError without the entity or action, ManipulationError where a value is not
+    allowed.
     """
     if deadline is not None and deadline.tzinfo is None:
         raise ManipulationError(f"the deadline {deadline.isoformat()} has no time zone: add one")
@@ -108,18 +97,9 @@ def record_task(
 ) -> int:
     """Store an attempt with its outcome (the paper's Effect Evaluator, section IV); return its id.
 
-    Parameters
-    ----------
-    action : id of the action that was tried
-    outcome : completed or error
-    instead_of : id of the action that failed before. If the attempt was completed, `action`
-        replaces it: it is not proposed any more, and its outcomes stay known.
-    values : as for `add_task`
-
-    Raises
-    ------
-    LookupError, ManipulationError
-        As `add_task`; the two actions are not of the same kind, object and gripper.
+    If it was completed, its action replaces `instead_of`, which failed before: that is not proposed
+    any more, and its outcomes stay known. `values` are those of `add_task`; raises as it and
+    `replace_action`.
     """
     with refusals(), session.transaction():
         task = add_task(session, entity, kind, action=action, outcome=outcome, **values)
@@ -131,12 +111,8 @@ def record_task(
 def replace_action(session: Session, failed: int, action: int | None) -> None:
     """Store that an action is proposed in place of one that failed.
 
-    Raises
-    ------
-    LookupError
-        There is no such action.
-    ManipulationError
-        The two actions are not of the same kind, object model and gripper.
+    LookupError without one of them, ManipulationError where they are not of the same kind, object
+    model and gripper.
     """
     for known in (failed, action):
         if known is not None:
