@@ -84,7 +84,7 @@ def upgrade(engine: Engine, revision: str = "head") -> None:
 
 
 def downgrade(engine: Engine, revision: str) -> None:
-    """Take the schema down to a revision (``base``, ``-1``, ``0001``) as `upgrade`; all rows stay."""
+    """Take the schema down to a revision (``base``, ``-1``, ``0001``); all rows stay."""
     with _transaction(engine, "downgraded") as connection:
         _change_tables(connection, command.downgrade, revision)
 
