@@ -118,11 +118,11 @@ def upgrade(
     db: Db = None,
 ) -> None:
     """Bring the schema up to a revision."""
-    from semmap.database import migrate
+    from semmap.database import migrate, revisions
 
     with _as_it_is() as engine:
         migrate.upgrade(engine, revision)
-        print(f"schema at revision {migrate.current(engine)}")
+        print(f"schema at revision {revisions.installed_on(engine)}")
 
 
 @app.command()
@@ -131,11 +131,11 @@ def downgrade(
     db: Db = None,
 ) -> None:
     """Take the schema down to a revision; no row is lost."""
-    from semmap.database import migrate
+    from semmap.database import migrate, revisions
 
     with _as_it_is() as engine:
         migrate.downgrade(engine, revision)
-        print(f"schema at revision {migrate.current(engine) or 'none'}")
+        print(f"schema at revision {revisions.installed_on(engine) or 'none'}")
 
 
 @app.command()

@@ -2,24 +2,23 @@
 
 from __future__ import annotations
 
-import os
+from contextlib import closing
 
-from psycopg.conninfo import make_conninfo
-from psycopg.errors import ConnectionTimeout
 from sqlalchemy import URL, Engine, create_engine, make_url
-from sqlalchemy.exc import ArgumentError, DBAPIError, OperationalError
+from sqlalchemy.exc import ArgumentError, OperationalError
 
 from semmap.database import revisions
 from semmap.database.embedded import Cluster
 from semmap.database.error import DatabaseError
 from semmap.database.parameters import (
     CONNECT_TIMEOUT,
+    FORM,
     SETTINGS,
     connection_parameters,
-    lost_folder,
+    meant,
     unreachable,
 )
-from semmap.database.patience import Patience
+from semmap.database.session import reach
 from semmap.terminal import print_waiting
 
 
@@ -35,26 +34,14 @@ def database_url(url: str | URL | Cluster | None = None) -> URL:
     DatabaseError
         The URL is not one of a PostgreSQL database, or the embedded cluster cannot be had.
     """
-    source = "the database URL"
-    if url is None and os.environ.get("SEMMAP_DB"):
-        url, source = os.environ["SEMMAP_DB"], "SEMMAP_DB"
-    if url is None:
-        url = Cluster()
-    if isinstance(url, Cluster):
-        return url.ensure()
+    chosen, source = meant(url)
+    if isinstance(chosen, Cluster):
+        return chosen.ensure()
+    connection_parameters(url)  # refuses what is none of PostgreSQL
     try:
-        parsed = make_url(url)
+        return make_url(chosen).set(drivername="postgresql+psycopg")
     except (ArgumentError, ValueError) as error:
-        raise DatabaseError(
-            f"{source} cannot be read: {error}. "
-            "It has the form postgresql://user:password@host:5432/database"
-        ) from error
-    if parsed.drivername not in ("postgresql", "postgres", "postgresql+psycopg"):
-        raise DatabaseError(
-            f"{source} names {parsed.drivername}, but the map needs PostgreSQL with PostGIS: "
-            "postgresql://user:password@host:5432/database"
-        )
-    return parsed.set(drivername="postgresql+psycopg")
+        raise DatabaseError(f"{source} cannot be read: {error}. {FORM}") from error
 
 
 def open_engine(
@@ -87,45 +74,23 @@ def open_engine(
     0
     >>> engine.dispose()
     """
+    with closing(reach(url, create=not check)) as session:
+        version = revisions.installed(session)
     if check:
-        connection_parameters(url)
-    address, engine, version = _reach(url)
+        revisions.check_revision(version)
+    address = database_url(url)
+    engine = make_engine(address)
     try:
-        if check:
-            revisions.check_revision(version)
-        elif migrate:
+        if migrate and not check:
             _upgrade(engine, version)
     except OperationalError as error:
         engine.dispose()
-        raise DatabaseError(_unreachable(address, error)) from error
+        where, host = address.render_as_string(), address.query.get("host", address.host)
+        raise DatabaseError(unreachable(where, host, error.orig)) from error
     except BaseException:
         engine.dispose()
         raise
     return engine
-
-
-def _reach(url: str | URL | Cluster | None) -> tuple[URL, Engine, str | None]:
-    """The database's URL, an engine on it, and its revision; a server that starts is waited for."""
-    patience = Patience()
-    while True:
-        address = database_url(url)  # an embedded server that died meanwhile is started again
-        engine = make_engine(address)
-        try:
-            return address, engine, revisions.installed_on(engine)
-        except OperationalError as error:
-            engine.dispose()
-            hopeless = isinstance(error.orig, ConnectionTimeout) or lost_folder(_host(address))
-            if hopeless or not patience.allows_another(_conninfo(engine)):
-                raise DatabaseError(_unreachable(address, error, patience.busy)) from error
-        except BaseException:
-            engine.dispose()
-            raise
-
-
-def _conninfo(engine: Engine) -> str:
-    _, arguments = engine.dialect.create_connect_args(engine.url)
-    arguments.pop("context", None)  # of psycopg, not of the protocol
-    return make_conninfo(**arguments)
 
 
 def _upgrade(engine: Engine, version: str | None) -> None:
@@ -143,25 +108,13 @@ def make_engine(url: URL) -> Engine:
     """An engine whose connections have what `open_engine` says; it reaches for no server."""
     query = dict(url.query)
     given = query.pop("options", "")
-    options = " ".join([*([given] if isinstance(given, str) else given), *_options()]).strip()
+    stated = [given] if isinstance(given, str) else [*given]
+    options = " ".join([*stated, *(f"-c {name}={value}" for name, value in SETTINGS.items())])
     query.setdefault("application_name", "semmap")
     query.setdefault("connect_timeout", CONNECT_TIMEOUT)
     return create_engine(
         url.set(query=query),
-        connect_args={"options": options},
+        connect_args={"options": options.strip()},
         pool_pre_ping=True,
         pool_use_lifo=True,
     )
-
-
-def _options() -> list[str]:
-    return [f"-c {name}={value}" for name, value in SETTINGS.items()]
-
-
-def _unreachable(url: URL, error: DBAPIError, busy: bool = False) -> str:
-    return unreachable(url.render_as_string(hide_password=True), _host(url), error.orig, busy)
-
-
-def _host(url: URL) -> object:
-    """The host of a URL, or the folder of its socket."""
-    return url.query.get("host", url.host)

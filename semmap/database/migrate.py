@@ -24,6 +24,7 @@ from sqlalchemy.exc import DBAPIError
 from semmap.database import revisions
 from semmap.database.error import DatabaseError
 from semmap.database.files import migrations_folder, schema_folder
+from semmap.database.maps import driver_of
 from semmap.database.requirements import check_requirements
 
 if TYPE_CHECKING:
@@ -65,11 +66,6 @@ END $$
 """
 
 
-def current(engine: Engine) -> str | None:
-    """The revision that the database has, as `revisions.installed` tells it."""
-    return revisions.installed_on(engine)
-
-
 def upgrade(engine: Engine, revision: str = "head") -> None:
     """Bring the schema up to a revision, in one transaction; another process waits its turn.
 
@@ -78,7 +74,7 @@ def upgrade(engine: Engine, revision: str = "head") -> None:
     """
     with _transaction(engine, "upgraded") as connection:
         check_requirements(connection)
-        if revision == "head" and _installed(connection) == revisions.newest():
+        if revision == "head" and revisions.installed(driver_of(connection)) == revisions.newest():
             return
         _change_tables(connection, command.upgrade, revision)
 
@@ -113,7 +109,7 @@ def run_sql_files(connection: Connection, *patterns: str) -> None:
         if not files:
             raise DatabaseError(f"{schema_folder()} has no file that fits {pattern}")
         for path in files:
-            _run_sql_file(_driver(connection), path)
+            _run_sql_file(driver_of(connection), path)
 
 
 def _change_tables(
@@ -122,7 +118,7 @@ def _change_tables(
     """Run Alembic's `run` to a revision without code; make the code at the newest one."""
     _drop_code(connection)
     run(_config(connection), revision)
-    if (_installed(connection) or "").split(" ")[0] == revisions.newest():
+    if (revisions.installed(driver_of(connection)) or "").split(" ")[0] == revisions.newest():
         # bodies are not checked here: functions may call those of later files
         connection.exec_driver_sql("SET LOCAL check_function_bodies = off")
         run_sql_files(connection, *(p for p in CODE if any(schema_folder().glob(p))))
@@ -133,16 +129,6 @@ def _drop_code(connection: Connection) -> None:
     connection.exec_driver_sql("SET LOCAL search_path = semmap, public")
     if connection.scalar(text("SELECT to_regnamespace('semmap') IS NOT NULL")):
         connection.execute(text(DROP_CODE))
-
-
-def _installed(connection: Connection) -> str | None:
-    return revisions.installed(_driver(connection))
-
-
-def _driver(connection: Connection) -> psycopg.Connection:
-    driver = connection.connection.driver_connection
-    assert isinstance(driver, psycopg.Connection)
-    return driver
 
 
 def _run_sql_file(connection: psycopg.Connection, path: Path) -> None:

@@ -9,6 +9,8 @@ import psycopg
 from sqlalchemy import Engine
 from sqlalchemy.exc import DBAPIError
 
+from semmap.database.maps import driver_of
+
 
 def notifications(
     engine: Engine, channels: Sequence[str], stop: threading.Event, *, patience: float = 0.2
@@ -22,9 +24,8 @@ def notifications(
     while not stop.is_set():
         try:
             with engine.connect() as connection:
-                driver = connection.connection.driver_connection
+                driver = driver_of(connection)
                 connection.detach()  # closed at the end: no other user of the pool listens
-                assert isinstance(driver, psycopg.Connection)
                 driver.autocommit = True
                 for name in map(psycopg.sql.Identifier, channels):
                     driver.execute(psycopg.sql.SQL("LISTEN {}").format(name))

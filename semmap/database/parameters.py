@@ -26,6 +26,14 @@ CONNECT_TIMEOUT = "10"
 FORM = "It has the form postgresql://user:password@host:5432/database"
 
 
+def meant(url: str | URL | Cluster | None) -> tuple[str | URL | Cluster, str]:
+    """`url`, else ``$SEMMAP_DB``, else the user's cluster; and what messages call it."""
+    if url is not None:
+        return url, "the database URL"
+    stated = os.environ.get("SEMMAP_DB")
+    return (stated, "SEMMAP_DB") if stated else (Cluster(), "the embedded database")
+
+
 def connection_parameters(
     url: str | URL | Cluster | None = None, *, create: bool = False
 ) -> dict[str, Any]:
@@ -35,19 +43,15 @@ def connection_parameters(
     embedded cluster if there is none yet; one that is there is started anyway. DatabaseError where
     the URL is none of PostgreSQL, or there is no embedded cluster.
     """
-    source = "the database URL"
-    if url is None and os.environ.get("SEMMAP_DB"):
-        url, source = os.environ["SEMMAP_DB"], "SEMMAP_DB"
-    if url is None:
-        url = Cluster()
-    if isinstance(url, Cluster):
-        if not (create or url.exists):
+    chosen, source = meant(url)
+    if isinstance(chosen, Cluster):
+        if not (create or chosen.exists):
             raise DatabaseError(
-                f"there is no map yet: the embedded database, {url.home}, has not been made. "
+                f"there is no map yet: the embedded database, {chosen.home}, has not been made. "
                 "semmap import FILE makes it; or name a database: SEMMAP_DB, --db"
             )
-        return dict(url.parameters(url.start()))
-    text = url if isinstance(url, str) else url.render_as_string(hide_password=False)
+        return dict(chosen.parameters(chosen.start()))
+    text = chosen if isinstance(chosen, str) else chosen.render_as_string(hide_password=False)
     scheme, colon, rest = text.partition("://")
     if colon and scheme not in ("postgresql", "postgres", "postgresql+psycopg"):
         raise DatabaseError(

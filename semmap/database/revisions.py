@@ -10,6 +10,7 @@ import psycopg
 
 from semmap.database.error import DatabaseError
 from semmap.database.files import migrations_folder
+from semmap.database.maps import driver_of
 
 if TYPE_CHECKING:
     from sqlalchemy import Engine
@@ -43,9 +44,7 @@ def installed(connection: psycopg.Connection[Any]) -> str | None:
 def installed_on(engine: Engine) -> str | None:
     """The revision of an engine's database; None where there is no schema yet."""
     with engine.connect() as connection:
-        driver = connection.connection.driver_connection
-        assert isinstance(driver, psycopg.Connection)
-        return installed(driver)
+        return installed(driver_of(connection))
 
 
 def newest() -> str:

@@ -46,9 +46,28 @@ def open_session(
     DatabaseError
         The database cannot be reached or used; the message names the command that helps.
     """
+    session = reach(url, create=migrate)
+    try:
+        revisions.check_revision(revisions.installed(session))
+    except revisions.OldSchema:
+        session.close()
+        if not migrate:
+            raise
+        from semmap.database.engine import open_engine  # with Alembic and SQLAlchemy
+
+        open_engine(url).dispose()
+        return open_session(url)
+    except BaseException:
+        session.close()
+        raise
+    return session
+
+
+def reach(url: str | URL | Cluster | None, *, create: bool) -> psycopg.Connection[Any]:
+    """A session with the database as `open_session` opens it, whatever its schema is."""
     patience = Patience()
     while True:
-        parameters = connection_parameters(url, create=migrate)
+        parameters = connection_parameters(url, create=create)  # starts one that died meanwhile
         given = parameters.pop("options", "") or ""
         settings = " ".join(f"-c {name}={value}" for name, value in SETTINGS.items())
         conninfo = make_conninfo(
@@ -56,33 +75,13 @@ def open_session(
             options=f"{given} {settings}".strip(),
         )
         try:
-            session = SharedConnection.connect(conninfo, autocommit=True)
-            break
+            return SharedConnection.connect(conninfo, autocommit=True)
         except psycopg.OperationalError as error:
-            hopeless = isinstance(error, psycopg.errors.ConnectionTimeout)
-            if (
-                hopeless
-                or lost_folder(parameters.get("host"))
-                or not patience.allows_another(conninfo)
-            ):
-                where, host = describe(parameters), parameters.get("host")
-                message = unreachable(where, host, error, patience.busy)
+            host = parameters.get("host")
+            hopeless = isinstance(error, psycopg.errors.ConnectionTimeout) or lost_folder(host)
+            if hopeless or not patience.allows_another(conninfo):
+                message = unreachable(describe(parameters), host, error, patience.busy)
                 raise DatabaseError(message) from error
-    try:
-        revisions.check_revision(revisions.installed(session))
-    except revisions.OldSchema as error:
-        session.close()
-        if not migrate:
-            raise
-        from semmap.database.engine import open_engine  # with Alembic and SQLAlchemy
-
-        open_engine(url).dispose()
-        del error
-        return open_session(url)
-    except BaseException:
-        session.close()
-        raise
-    return session
 
 
 def twin_session(session: psycopg.Connection[Any]) -> psycopg.Connection[Any]:

@@ -123,13 +123,13 @@ def test_up_and_down(engine: Engine) -> None:
         )
         rights = connection.exec_driver_sql(RIGHTS).all()
         names = {*connection.exec_driver_sql(NAMES).scalars()}
-    assert migrate.current(engine) == revisions.newest()
+    assert revisions.installed_on(engine) == revisions.newest()
     migrate.downgrade(engine, "base")
-    assert migrate.current(engine) is None
+    assert revisions.installed_on(engine) is None
     with pytest.raises(ProgrammingError), engine.connect() as connection:
         connection.exec_driver_sql("SELECT count(*) FROM semmap.map")
     migrate.upgrade(engine)
-    assert migrate.current(engine) == revisions.newest()
+    assert revisions.installed_on(engine) == revisions.newest()
     with engine.begin() as connection:
         assert connection.exec_driver_sql("SELECT name FROM map").scalar() == "old"
         assert connection.exec_driver_sql("SELECT name FROM field").scalar() == "space"
@@ -141,7 +141,7 @@ def test_down_to_where_it_is_changes_nothing(engine: Engine) -> None:
     with engine.begin() as connection:
         names = {*connection.exec_driver_sql(NAMES).scalars()}
     migrate.downgrade(engine, revisions.newest())
-    assert migrate.current(engine) == revisions.newest()
+    assert revisions.installed_on(engine) == revisions.newest()
     with engine.begin() as connection:
         assert {*connection.exec_driver_sql(NAMES).scalars()} == names
 
@@ -156,22 +156,22 @@ def test_revisions_change_what_functions_depend_on(engine: Engine) -> None:
     released = revisions.newest()
     with next_revision([to_numeric], [back]) as following:
         open_engine(engine.url).dispose()
-        assert migrate.current(engine) == following
+        assert revisions.installed_on(engine) == following
         migrate.downgrade(engine, released)
-        assert migrate.current(engine) == f"{released} without functions"
+        assert revisions.installed_on(engine) == f"{released} without functions"
         with pytest.raises(OldSchema, match=f"{released} without functions, .* needs {following}"):
             open_engine(engine.url, check=True)
     with pytest.raises(OldSchema, match=f"{released} without functions, .* needs {released}"):
         open_engine(engine.url, check=True)
     open_engine(engine.url).dispose()
-    assert migrate.current(engine) == released
+    assert revisions.installed_on(engine) == released
 
 
 def test_drop_and_install_again(engine: Engine) -> None:
     with engine.begin() as connection:
         connection.exec_driver_sql("INSERT INTO map (name) VALUES ('gone')")
     migrate.drop(engine)
-    assert migrate.current(engine) is None
+    assert revisions.installed_on(engine) is None
     again = open_engine(engine.url)
     with again.connect() as connection:
         assert connection.exec_driver_sql("SELECT count(*) FROM map").scalar() == 0
@@ -180,7 +180,7 @@ def test_drop_and_install_again(engine: Engine) -> None:
 
 def test_without_migrate_nothing_is_changed(empty: URL) -> None:
     engine = open_engine(empty, migrate=False)
-    assert migrate.current(engine) is None
+    assert revisions.installed_on(engine) is None
     with engine.connect() as connection:
         assert connection.exec_driver_sql("SELECT to_regnamespace('semmap')").scalar() is None
     engine.dispose()
@@ -212,7 +212,7 @@ def test_files_run_as_they_stand(empty: URL, own_schema: Path) -> None:
     (own_schema / "schema/tables/1.sql").write_text(COLONS_AND_PERCENTS)
     write_revision(own_schema, "x1", None, "tables/*.sql")
     engine = open_engine(empty)
-    assert migrate.current(engine) == "x1"
+    assert revisions.installed_on(engine) == "x1"
     with engine.connect() as connection:
         asked = "SELECT odd(3), odd(4), extract(hour FROM at)::int FROM times"
         assert connection.exec_driver_sql(asked).one() == (r"3 is 'very':odd \: %", "50%", 10)
@@ -229,7 +229,7 @@ def test_failing_file_is_named_and_nothing_stays(empty: URL, own_schema: Path) -
     with pytest.raises(DatabaseError, match=r'tables/2.sql:4: column "nonsense" does not exist'):
         open_engine(empty)
     engine = open_engine(empty, migrate=False)
-    assert migrate.current(engine) is None
+    assert revisions.installed_on(engine) is None
     with engine.connect() as connection:
         assert connection.exec_driver_sql("SELECT to_regnamespace('semmap')").scalar() is None
     engine.dispose()
@@ -278,7 +278,7 @@ def test_the_named_rights_are_enough_to_install(docker_postgis: Engine, visitor:
         for statement in asked_of_an_administrator(visitor):
             connection.exec_driver_sql(statement)
     engine = open_engine(visitor)
-    assert migrate.current(engine) == revisions.newest()
+    assert revisions.installed_on(engine) == revisions.newest()
     engine.dispose()
 
 

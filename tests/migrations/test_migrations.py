@@ -12,8 +12,8 @@ from sqlalchemy import Engine, create_engine, text
 from sqlalchemy.orm import configure_mappers
 
 from semmap.database import DatabaseError, open_engine
-from semmap.database.migrate import current, downgrade, upgrade
-from semmap.database.revisions import newest, parents
+from semmap.database.migrate import downgrade, upgrade
+from semmap.database.revisions import installed_on, newest, parents
 from semmap.ingest.importer import import_file
 from semmap.model import Base
 from tests.conftest import PASSWORD
@@ -161,10 +161,10 @@ def test_down_to_nothing_and_up_again_loses_no_row(docker_postgis: Engine, dump:
     assert len(before["chunk"]) > 10
 
     downgrade(engine, "base")
-    assert current(engine) is None
+    assert installed_on(engine) is None
     engine.dispose()
     upgrade(engine)
-    assert current(engine) == newest()
+    assert installed_on(engine) == newest()
     assert rows(engine, read) == before
     assert dump() == schema
     assert differences(engine) == []
@@ -183,7 +183,7 @@ def test_the_next_revision_goes_up_and_down_with_data(docker_postgis: Engine, du
 
     with next_revision(UP, DOWN) as following:
         open_engine(engine.url).dispose()
-        assert current(engine) == following
+        assert installed_on(engine) == following
         assert rows(engine, read) == before
         assert len(rows(engine, columns(engine))["weighing"]) == len(before["entity"])
         import_office(engine, "office.sdf")
@@ -191,13 +191,13 @@ def test_the_next_revision_goes_up_and_down_with_data(docker_postgis: Engine, du
         before = rows(engine, read)
         assert len(before["chunk"]) > 10
         downgrade(engine, released)
-        assert current(engine) == f"{released} without functions"
+        assert installed_on(engine) == f"{released} without functions"
         assert rows(engine, read) == before
 
     with pytest.raises(DatabaseError, match=f"{released} without functions.*semmap db upgrade"):
         open_engine(engine.url, check=True)
     open_engine(engine.url).dispose()
-    assert current(engine) == released
+    assert installed_on(engine) == released
     assert rows(engine, read) == before
     assert dump() == schema
     assert differences(engine) == []
