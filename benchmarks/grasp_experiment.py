@@ -33,7 +33,7 @@ from semmap.database import Cluster
 from semmap.geometry.mesh import Mesh
 from semmap.manipulation.candidates import Grasp
 from semmap.manipulation.error import ManipulationError
-from semmap.manipulation.evaluation import Expected
+from semmap.manipulation.evaluation import mismatch
 from semmap.manipulation.practice import practise
 from semmap.manipulation.ranking import grasp_of_row
 from semmap.manipulation.retrieval import find_grasps, generate, register_gripper, stored_gripper
@@ -160,7 +160,7 @@ class Encounter:
                 raise ManipulationError("; ".join(found.problems))
             raise psycopg.Rollback(transaction)
         outcome = self.attempt(grasp_of_row(found.rows[0], self._hand.opening))
-        return Expected().mismatch(outcome) is None
+        return mismatch(outcome) is None
 
     def practise(self, tries: int = 12) -> list[dict[str, Any]]:
         """What `semmap.manipulation.practice.practise` returns."""

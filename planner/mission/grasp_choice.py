@@ -15,7 +15,7 @@ from typing import Any
 from planner.mission.behaviours import Outcome
 from semmap.geometry.pose import Pose
 from semmap.manipulation.arm import Arm
-from semmap.manipulation.arm_motions import ArmMotion, approachable_rows, plan_grasp, plan_place
+from semmap.manipulation.arm_motions import ArmMotion, approachable_rows, plan_action
 from semmap.manipulation.automata import automaton_of, class_automaton, reachable_rows, stored_arm
 from semmap.manipulation.error import ManipulationError
 from semmap.manipulation.places import find_places, place_of
@@ -243,7 +243,7 @@ class GraspChooser:
             grasp = [row for row in stored if row["action_id"] == choice.action]
             near = reachable_rows(grasp, arm, self.base, 1)  # a corrected grasp may be out of reach
             try:
-                motion = plan_grasp(
+                motion = plan_action(
                     self.session, automaton, self.base, near, seconds=min(clock.left, MOTION)
                 )
             except ManipulationError as error:
@@ -278,7 +278,7 @@ class GraspChooser:
                 break
             seconds = min(clock.left, MOTION)
             try:
-                motion = plan_place(self.session, automaton, self.base, [row], seconds=seconds)
+                motion = plan_action(self.session, automaton, self.base, [row], seconds=seconds)
             except ManipulationError as error:  # the arm cannot start from there
                 return Choice(refusal=Outcome("unable", f"{item}: {error}"))
             if motion is not None:

@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from semmap.manipulation.collision import Obstacles, convex_body
+from semmap.manipulation.collision import Obstacles, convex_body, placed, touch
 from semmap.manipulation.error import ManipulationError
-from semmap.manipulation.extra import library
+from semmap.manipulation.extra import library, mujoco_pose
 from semmap.manipulation.gripper import Gripper
 from semmap.robot.urdf import Joint
 
@@ -85,8 +85,6 @@ class Arm:
                 for c, m in zip(corners, self._middles, strict=True)
             ]
         )
-        self._apart: NDArray[np.intp] | None = None
-        self._model: Any = None
         self._moved = local()
 
     def rest(self) -> Floats:
@@ -171,7 +169,7 @@ class Arm:
         """The first joint, (3,) in the robot's frame, and the length of the stretched arm."""
         length = float(np.linalg.norm(self._tool[:3, 3]))
         length += sum(float(np.linalg.norm(before[:3, 3])) for before in self._before[1:])
-        slides = np.array([joint.type == "prismatic" for joint in self.joints])
+        slides = self._axes[0]
         length += float(np.maximum(np.abs(self.low), np.abs(self.high))[slides].sum())
         return (self._root @ self._before[0])[:3, 3], length
 
@@ -235,107 +233,79 @@ class Arm:
         poses = self._link_poses(position, fingers)
         moving = np.flatnonzero(self._carrier)
         bodies = [self._bodies[i] for i in moving]
-        placed = [poses[i] for i in moving]
+        at = [poses[i] for i in moving]
         if held is not None:
             bodies.append(held[0])
-            placed.append(self.grasp_pose(position) @ held[1])
-        if obstacles.touched_by(bodies, placed):
+            at.append(self.grasp_pose(position) @ held[1])
+        if obstacles.touched_by(bodies, at):
             return False
-        if self._touching(poses, self._pairs()).any():
+        if self._touching(poses, self._pairs).any():
             return False
-        return held is None or not self._holds_against_itself(poses, placed[-1], held[0])
+        if held is None:
+            return True
+        item, own = placed(held[0], at[-1]), self.gripper.links
+        others = [i for i, link in enumerate(self._links) if link not in own]
+        return not any(touch(placed(self._bodies[i], poses[i]), item) for i in others)
 
     def _touching(self, poses: Floats, pairs: NDArray[np.intp]) -> NDArray[np.bool_]:
         """(P,) whether the hulls of each of (P, 2) pairs of links touch."""
-        fcl = library("fcl")
         middles = np.einsum("lij,lj->li", poses[:, :3, :3], self._middles) + poses[:, :3, 3]
         a, b = pairs.T
-        far = np.linalg.norm(middles[a] - middles[b], axis=1) > self._radii[a] + self._radii[b]
+        near = np.linalg.norm(middles[a] - middles[b], axis=1) <= self._radii[a] + self._radii[b]
         touching = np.zeros(len(pairs), bool)
-        request = fcl.CollisionRequest()
-        for k in np.flatnonzero(~far):
-            i, j = pairs[k]
-            one = fcl.CollisionObject(
-                self._bodies[i], fcl.Transform(poses[i, :3, :3], poses[i, :3, 3])
-            )
-            two = fcl.CollisionObject(
-                self._bodies[j], fcl.Transform(poses[j, :3, :3], poses[j, :3, 3])
-            )
-            touching[k] = bool(fcl.collide(one, two, request, fcl.CollisionResult()))
+        for k in np.flatnonzero(near):
+            one, two = (placed(self._bodies[i], poses[i]) for i in pairs[k])
+            touching[k] = touch(one, two)
         return touching
 
-    def _holds_against_itself(self, poses: Floats, pose: Floats, body: Any) -> bool:
-        """Whether a held object touches a link that is not of the gripper."""
-        fcl = library("fcl")
-        request = fcl.CollisionRequest()
-        item = fcl.CollisionObject(body, fcl.Transform(pose[:3, :3], pose[:3, 3]))
-        for i, link in enumerate(self._links):
-            if link not in self.gripper.links:
-                one = fcl.Transform(poses[i, :3, :3], poses[i, :3, 3])
-                other = fcl.CollisionObject(self._bodies[i], one)
-                if fcl.collide(other, item, request, fcl.CollisionResult()):
-                    return True
-        return False
-
+    @cached_property
     def _pairs(self) -> NDArray[np.intp]:
         """(P, 2) pairs of links that can touch and do not always: not neighbours, apart at rest.
 
         Convex hulls of links near each other overlap in most positions.
         """
-        if self._apart is None:
-            near = {frozenset((j.parent, j.child)) for j in self.robot.joints}
-            pairs = np.array(
-                [
-                    (i, j)
-                    for (i, a), (j, b) in combinations(enumerate(self._links), 2)
-                    if self._carrier[i] != self._carrier[j]
-                    and frozenset((a, b)) not in near
-                    and not (a in self.gripper.links and b in self.gripper.links)
-                ],
-                np.intp,
-            ).reshape(-1, 2)
-            random = np.random.default_rng(0)
-            positions = random.uniform(self.low, self.high, (20, len(self.low)))
-            often = np.mean([self._touching(self._link_poses(p), pairs) for p in positions], axis=0)
-            at_rest = self._touching(self._link_poses(self.rest()), pairs)
-            self._apart = pairs[(often < 0.7) & ~at_rest]
-        return self._apart
+        near = {frozenset((j.parent, j.child)) for j in self.robot.joints}
+        pairs = np.array(
+            [
+                (i, j)
+                for (i, a), (j, b) in combinations(enumerate(self._links), 2)
+                if self._carrier[i] != self._carrier[j]
+                and frozenset((a, b)) not in near
+                and not (a in self.gripper.links and b in self.gripper.links)
+            ],
+            np.intp,
+        ).reshape(-1, 2)
+        random = np.random.default_rng(0)
+        positions = random.uniform(self.low, self.high, (20, len(self.low)))
+        often = np.mean([self._touching(self._link_poses(p), pairs) for p in positions], axis=0)
+        at_rest = self._touching(self._link_poses(self.rest()), pairs)
+        return pairs[(often < 0.7) & ~at_rest]
 
     def _configuration(self) -> tuple[Any, list[Any]]:
         """The arm as mink moves it, one for each thread, and its limits."""
         if not hasattr(self._moved, "configuration"):
-            mink, model = library("mink"), self._kinematics()
-            self._moved.configuration = mink.Configuration(model)
-            self._moved.limits = [mink.ConfigurationLimit(model)]
+            mink = library("mink")
+            self._moved.configuration = mink.Configuration(self._model)
+            self._moved.limits = [mink.ConfigurationLimit(self._model)]
         return self._moved.configuration, self._moved.limits
 
-    def _kinematics(self) -> Any:
+    @cached_property
+    def _model(self) -> Any:
         """The arm as a model of MuJoCo, whose world is the frame of its root."""
-        if self._model is None:
-            mujoco = library("mujoco")
-            spec = mujoco.MjSpec()
-            spec.compiler.degree = False
-            body = spec.worldbody
-            slide, hinge = mujoco.mjtJoint.mjJNT_SLIDE, mujoco.mjtJoint.mjJNT_HINGE
-            for i, joint in enumerate(self.joints):
-                at = self._before[i]
-                body = body.add_body(pos=at[:3, 3], quat=_quaternion(at), name=joint.child)
-                body.explicitinertial, body.mass, body.inertia = True, 1.0, [0.01] * 3
-                body.add_joint(
-                    name=joint.name,
-                    type=slide if joint.type == "prismatic" else hinge,
-                    axis=joint.axis,
-                    limited=True,
-                    range=[self.low[i], self.high[i]],
-                )
-            body.add_site(name="grasp", pos=self._tool[:3, 3], quat=_quaternion(self._tool))
-            self._model = spec.compile()
-        return self._model
-
-
-def _quaternion(pose: Floats) -> Floats:
-    """The rotation as (w, x, y, z), the order of MuJoCo."""
-    from scipy.spatial.transform import Rotation
-
-    x, y, z, w = Rotation.from_matrix(pose[:3, :3]).as_quat()
-    return np.array([w, x, y, z])
+        mujoco = library("mujoco")
+        spec = mujoco.MjSpec()
+        spec.compiler.degree = False
+        body = spec.worldbody
+        slide, hinge = mujoco.mjtJoint.mjJNT_SLIDE, mujoco.mjtJoint.mjJNT_HINGE
+        for i, joint in enumerate(self.joints):
+            body = body.add_body(name=joint.child, **mujoco_pose(self._before[i]))
+            body.explicitinertial, body.mass, body.inertia = True, 1.0, [0.01] * 3
+            body.add_joint(
+                name=joint.name,
+                type=slide if joint.type == "prismatic" else hinge,
+                axis=joint.axis,
+                limited=True,
+                range=[self.low[i], self.high[i]],
+            )
+        body.add_site(name="grasp", **mujoco_pose(self._tool))
+        return spec.compile()

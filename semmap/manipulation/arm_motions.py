@@ -11,23 +11,30 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import islice
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from semmap.belief.store.beliefs import Session
 from semmap.geometry.pose import Pose
+from semmap.manipulation.arm import Arm
 from semmap.manipulation.automata import stored_arm
+from semmap.manipulation.collision import Obstacles, convex_body
 from semmap.manipulation.error import ManipulationError
+from semmap.manipulation.motion import (
+    STEP,
+    Held,
+    Stroke,
+    free_strokes,
+    is_free,
+    plan_motion,
+    plan_strokes,
+    straight_motions,
+)
 from semmap.manipulation.store.paths import add_path
 from semmap.manipulation.store.shapes import model_mesh
 from semmap.manipulation.surroundings import entity_triangles, obstacles_around
-
-if TYPE_CHECKING:
-    from semmap.manipulation.arm import Arm
-    from semmap.manipulation.collision import Obstacles
-    from semmap.manipulation.motion import Stroke
 
 Floats = NDArray[np.float64]
 
@@ -68,18 +75,16 @@ def approachable_rows(
     """The grasps of one object whose approach some posture of a robot's arm can do, in order.
 
     Nothing is touched from where the approach begins to the grasp. It takes some hundredths of a
-    second a grasp; whether the arm gets there from how it is carried takes seconds (`plan_grasp`).
+    second a grasp; whether the arm gets there from how it is carried takes seconds (`plan_action`).
     """
-    from semmap.manipulation.motion import free_strokes
-
     if not rows:
         return []
     planner = _Planner.of(session, automaton, base, None)
-    strokes = planner.grasping(rows[0]["entity"])
+    strokes, _ = planner.grasp(rows[0])
     return [row for row in rows if any(free_strokes(planner.arm, planner.start, strokes(row)))]
 
 
-def plan_grasp(
+def plan_action(
     session: Session,
     automaton: str,
     base: Pose,
@@ -88,125 +93,34 @@ def plan_grasp(
     state: Mapping[str, float] | None = None,
     seconds: float = 5.0,
 ) -> ArmMotion | None:
-    """A motion of a robot's arm to the first of an object's grasps that it reaches; else None.
+    """A motion of a robot's arm to the first of these actions that it can do; else None.
 
-    A stored path is followed if nothing has moved into its way. Else a motion is planned, for
-    `seconds` at most each, and its path is stored. The convex hull of the object is a part of the
-    robot on the way back. `state` are positions of joints at the start; the others are as the
-    automaton carries. LookupError without the automaton; ManipulationError where the start touches
-    something or the arm lacks a joint of `state`.
+    The rows are grasps, places or pushes of one object, the best first. A stored path is followed
+    if nothing has moved into its way. Else a motion is planned, for `seconds` at most each, and its
+    path is stored. `state` are positions of joints at the start; the others are as the automaton
+    carries. LookupError without the automaton; ManipulationError where the start touches something
+    or the arm lacks a joint of `state`.
     """
-    from semmap.manipulation.collision import convex_body
-    from semmap.manipulation.motion import Held, Stroke
-
     if not rows:
         return None
     planner = _Planner.of(session, automaton, base, state)
-    entity = rows[0]["entity"]
-    around = planner.around(entity)
-    body = convex_body(entity_triangles(planner.session, entity).reshape(-1, 3))
-
-    def back(row: dict[str, Any]) -> list[Stroke]:
-        held = Held(body, np.linalg.inv(row["pose"].matrix), planner.width(row))
-        up = planner.inverse @ row["pose"].matrix
-        up[2, 3] += LIFT
-        closed = planner.arm.gripper.posture(held.width)  # what it holds still touches its support
-        return [Stroke(up, around, closed), Stroke(planner.rest, around, held=held)]
-
-    rows = [row for row in rows if row["entity"] == entity]
-    return planner.first(rows, planner.grasping(entity, around), back, seconds)
+    ways = {"grasp": planner.grasp, "place": planner.place, "push": planner.push}
+    strokes, back = ways[rows[0]["kind"]](rows[0])
+    some = [row for row in rows if row["entity"] == rows[0]["entity"]]
+    return planner.first(some, strokes, back, seconds)
 
 
-def plan_place(
-    session: Session,
-    automaton: str,
-    base: Pose,
-    rows: Sequence[dict[str, Any]],
-    *,
-    state: Mapping[str, float] | None = None,
-    seconds: float = 5.0,
-) -> ArmMotion | None:
-    """A motion that puts an object down at the first place that is possible; else None.
-
-    The object is in the gripper from the start on: the convex hull of its mesh is a part of the
-    robot. It is put down along the place, then the open gripper leaves. As `plan_grasp`.
-    """
-    from semmap.manipulation.collision import convex_body
-    from semmap.manipulation.motion import Held, Stroke
-
-    if not rows:
-        return None
-    planner = _Planner.of(session, automaton, base, state)
-    entity, on = rows[0]["entity"], rows[0]["on"]
-    around = planner.around(on, without=entity)
-    mesh = model_mesh(planner.session, entity)
-    body = convex_body(np.asarray(mesh.vertices))
-
-    def strokes(row: dict[str, Any]) -> list[Stroke]:
-        held = Held(body, np.linalg.inv(row["model_pose"].matrix), planner.width(row))
-        found = [
-            Stroke(planner.inverse @ _begin(row), around, held=held),
-            Stroke(planner.inverse @ row["pose"].matrix, around, held=held),
-        ]
-        if row["post_pose"] is not None:
-            found.append(Stroke(planner.inverse @ row["post_pose"].matrix, around))
-        return found
-
-    def back(row: dict[str, Any]) -> list[Stroke]:
-        corners = row["spot"].apply(mesh.vertices)
-        stands = planner.local(corners[np.asarray(mesh.faces)])
-        return [Stroke(planner.rest, around.joined(stands))]
-
-    return planner.first(rows, strokes, back, seconds)
-
-
-def plan_push(
-    session: Session,
-    automaton: str,
-    base: Pose,
-    rows: Sequence[dict[str, Any]],
-    *,
-    state: Mapping[str, float] | None = None,
-    seconds: float = 5.0,
-) -> ArmMotion | None:
-    """A motion of the closed gripper that does the first push that is possible; else None.
-
-    As `plan_grasp`.
-    """
-    from semmap.manipulation.motion import Stroke
-
-    if not rows:
-        return None
-    planner = _Planner.of(session, automaton, base, state)
-    entity = rows[0]["entity"]
-    around = planner.around(entity)
-    room = planner.with_itself(entity, around)
-    closed = planner.arm.gripper.postures[-1]
-
-    def strokes(row: dict[str, Any]) -> list[Stroke]:
-        fingers = closed | (row["posture"] or {})
-        return [
-            Stroke(planner.inverse @ _begin(row), room, fingers),
-            Stroke(planner.inverse @ row["pose"].matrix, around, fingers),
-            Stroke(planner.inverse @ row["end"].matrix, around, fingers),
-        ]
-
-    return planner.first(rows, strokes, lambda _: [], seconds)
-
-
-def _begin(row: dict[str, Any]) -> Floats:
-    """Where the approach of an action begins, map's frame."""
-    pose: Floats = (row["pre_pose"] or row["pose"]).matrix
-    return pose
-
-
-_Strokes = Callable[[dict[str, Any]], "list[Stroke]"]
+_Strokes = Callable[[dict[str, Any]], list[Stroke]]
 
 
 class _Planner(NamedTuple):
-    """A robot at its place, its arm in a position."""
+    """A robot at its place, its arm in a position.
 
-    session: Any
+    Of the first of some actions on one object, `grasp`, `place` and `push` return what makes the
+    strokes of an action, and those from its end to the start.
+    """
+
+    session: Session
     automaton: str
     arm: Arm
     base: Floats
@@ -216,11 +130,7 @@ class _Planner(NamedTuple):
 
     @classmethod
     def of(
-        cls,
-        session: Session,
-        automaton: str,
-        base: Pose,
-        state: Mapping[str, float] | None,
+        cls, session: Session, automaton: str, base: Pose, state: Mapping[str, float] | None
     ) -> _Planner:
         _, arm = stored_arm(session, automaton)
         joints = [joint.name for joint in arm.joints]
@@ -240,27 +150,73 @@ class _Planner(NamedTuple):
         moved: Floats = triangles @ self.inverse[:3, :3].T + self.inverse[:3, 3]
         return moved
 
+    def pose(self, row: dict[str, Any], key: str) -> Floats:
+        """A pose (4, 4) of an action in the robot's frame; at contact if it has none of the key."""
+        pose: Floats = self.inverse @ (row[key] or row["pose"]).matrix
+        return pose
+
     def around(self, entity: str, without: str | None = None) -> Obstacles:
         """The obstacles around an object, in the robot's frame."""
-        from semmap.manipulation.collision import Obstacles
-
         found = obstacles_around(self.session, entity, AROUND, without=without)
         return Obstacles(self.local(found.triangles))
 
-    def with_itself(self, entity: str, around: Obstacles) -> Obstacles:
-        """The obstacles around an object, and the object, in the robot's frame."""
-        return around.joined(self.local(entity_triangles(self.session, entity)))
+    def grasp(self, first: dict[str, Any]) -> tuple[_Strokes, _Strokes]:
+        """The open gripper takes the object, whose convex hull is a part of it on the way back."""
+        around = self.around(first["entity"])
+        triangles = entity_triangles(self.session, first["entity"])
+        room, body = around.joined(self.local(triangles)), convex_body(triangles.reshape(-1, 3))
 
-    def grasping(self, entity: str, around: Obstacles | None = None) -> _Strokes:
-        """Makes the strokes of a grasp of an object: to where its approach begins, and on."""
-        from semmap.manipulation.motion import Stroke
+        def strokes(row: dict[str, Any]) -> list[Stroke]:
+            return [
+                Stroke(self.pose(row, "pre_pose"), room),
+                Stroke(self.pose(row, "pose"), around),
+            ]
 
-        around = around or self.around(entity)
-        room = self.with_itself(entity, around)
-        return lambda row: [
-            Stroke(self.inverse @ _begin(row), room),
-            Stroke(self.inverse @ row["pose"].matrix, around),
-        ]
+        def back(row: dict[str, Any]) -> list[Stroke]:
+            held = Held(body, np.linalg.inv(row["pose"].matrix), self.width(row))
+            up = self.pose(row, "pose")
+            up[2, 3] += LIFT
+            closed = self.arm.gripper.posture(held.width)  # what it holds still touches its support
+            return [Stroke(up, around, closed), Stroke(self.rest, around, held=held)]
+
+        return strokes, back
+
+    def place(self, first: dict[str, Any]) -> tuple[_Strokes, _Strokes]:
+        """The object in the gripper is put down along the place, then the open gripper leaves.
+
+        From the start on, the convex hull of its mesh is a part of the robot.
+        """
+        around = self.around(first["on"], without=first["entity"])
+        mesh = model_mesh(self.session, first["entity"])
+        body = convex_body(np.asarray(mesh.vertices))
+
+        def strokes(row: dict[str, Any]) -> list[Stroke]:
+            held = Held(body, np.linalg.inv(row["model_pose"].matrix), self.width(row))
+            down = [Stroke(self.pose(row, key), around, held=held) for key in ("pre_pose", "pose")]
+            leave = [] if row["post_pose"] is None else [self.pose(row, "post_pose")]
+            return [*down, *(Stroke(pose, around) for pose in leave)]
+
+        def back(row: dict[str, Any]) -> list[Stroke]:
+            corners = row["spot"].apply(mesh.vertices)
+            stands = self.local(corners[np.asarray(mesh.faces)])
+            return [Stroke(self.rest, around.joined(stands))]
+
+        return strokes, back
+
+    def push(self, first: dict[str, Any]) -> tuple[_Strokes, _Strokes]:
+        """The closed gripper pushes the object, and stays there."""
+        around = self.around(first["entity"])
+        room = around.joined(self.local(entity_triangles(self.session, first["entity"])))
+
+        def strokes(row: dict[str, Any]) -> list[Stroke]:
+            fingers = self.arm.gripper.postures[-1] | (row["posture"] or {})
+            poses = [self.pose(row, key) for key in ("pre_pose", "pose", "end")]
+            return [
+                Stroke(pose, there, fingers)
+                for pose, there in zip(poses, (room, around, around), strict=True)
+            ]
+
+        return strokes, lambda _: []
 
     @property
     def rest(self) -> Floats:
@@ -278,8 +234,6 @@ class _Planner(NamedTuple):
 
         `strokes` and `back` make those of an action, and those from its end to the start.
         """
-        from semmap.manipulation.motion import plan_strokes
-
         every = [(row, strokes(row)) for row in rows]
         for row, ways in every:
             stored = self._stored(ways)
@@ -303,8 +257,6 @@ class _Planner(NamedTuple):
 
     def _back(self, position: Floats, strokes: list[Stroke], seconds: float) -> Floats | None:
         """Positions along straight strokes, and then by any free motion to the start."""
-        from semmap.manipulation.motion import is_free, plan_motion, straight_motions
-
         if not strokes:
             return np.empty((0, len(self.start)))
         *straight, last = strokes
@@ -314,15 +266,7 @@ class _Planner(NamedTuple):
         begin = moved[-1][-1] if moved else position
         if not (is_free(self.arm, begin, last) and is_free(self.arm, self.start, last)):
             return None
-        way = plan_motion(
-            self.arm,
-            begin,
-            self.start,
-            last.obstacles,
-            fingers=last.fingers,
-            held=last.held,
-            seconds=seconds,
-        )
+        way = plan_motion(self.arm, begin, self.start, last, seconds)
         return None if way is None else np.concatenate([*moved, way])
 
     def _motion(
@@ -352,8 +296,6 @@ class _Planner(NamedTuple):
 
     def _stored(self, strokes: Sequence[Stroke]) -> tuple[int, list[Floats]] | None:
         """A stored path, its id, to where the first stroke ends, and then the others; all free."""
-        from semmap.manipulation.motion import STEP, is_free, straight_motions
-
         first, *others = strokes
         here = self._palm(self.arm.grasp_pose(self.start))
         ends = (Pose.from_matrix(here).row, Pose.from_matrix(self._palm(first.pose)).row)

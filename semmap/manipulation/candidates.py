@@ -7,9 +7,9 @@ approaches: along the gripper's own axis, and straight along the nearest axis of
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple, overload
+from typing import Any, NamedTuple, overload
 
 import numpy as np
 from numpy.typing import NDArray
@@ -95,6 +95,21 @@ class Grasps:
     approaches: NDArray[np.str_]
     families: NDArray[np.str_]
 
+    @classmethod
+    def of_rows(
+        cls, gripper: Gripper, rows: Sequence[Mapping[str, Any]], poses: Floats, before: Floats
+    ) -> Grasps:
+        """Stored actions, rows of `actions_on`, whose poses (N, 4, 4) are in a frame of choice."""
+        return cls(
+            gripper,
+            poses,
+            before,
+            np.array([gripper.opening if row["width"] is None else row["width"] for row in rows]),
+            np.array([row["expected"] for row in rows]),
+            np.array([row["approach"] or "" for row in rows]),
+            np.array([row["family"] or "" for row in rows]),
+        )
+
     def __len__(self) -> int:
         return len(self.poses)
 
@@ -123,12 +138,10 @@ class Grasps:
                 self.gripper.posture(width),
                 dict(self.gripper.postures[0]),
             )
+        columns = (self.poses, self.pre_grasps, self.widths, self.qualities)
         return Grasps(
             self.gripper,
-            self.poses[chosen],
-            self.pre_grasps[chosen],
-            self.widths[chosen],
-            self.qualities[chosen],
+            *(column[chosen] for column in columns),
             self.approaches[chosen],
             self.families[chosen],
         )
@@ -164,14 +177,9 @@ def grasp_candidates(
             f"friction is {friction:g} and distance {distance:g}: give numbers above 0"
         )
     solid = solid_of(shape.kind, shape.size)
-    frames = _frames(solid, gripper)
-    if frames is None:
-        return _none(gripper)
-    rotations, targets, offsets = frames
+    rotations, targets, offsets = _frames(solid, gripper)
     held = _contacts(solid, gripper, rotations, targets, friction)
     keep = held.quality > 0
-    if not keep.any():
-        return _none(gripper)
     rotations, offsets = rotations[keep], offsets[keep]
     targets, width, quality = held.target[keep], held.width[keep], held.quality[keep]
     approach = rotations[:, :, 2]
@@ -226,12 +234,7 @@ def signature(grasps: Grasps) -> Floats:
     return np.concatenate([position, before, rotations[:, :, 2], closing], axis=1)
 
 
-def _none(gripper: Gripper) -> Grasps:
-    poses, numbers, texts = np.zeros((0, 4, 4)), np.zeros(0), np.zeros(0, np.str_)
-    return Grasps(gripper, poses, poses, numbers, numbers, texts, texts)
-
-
-def _frames(solid: ConvexSolid, gripper: Gripper) -> tuple[Floats, Floats, NDArray[np.intp]] | None:
+def _frames(solid: ConvexSolid, gripper: Gripper) -> tuple[Floats, Floats, NDArray[np.intp]]:
     """Rotations (N, 3, 3), targets (N, 3) of the pads, and offsets (N,) along y: -1, 0 or 1."""
     closing, approach = [], []
     angle = np.pi / (ANGLES - 1) * np.arange(2 * (ANGLES - 1))
@@ -263,8 +266,6 @@ def _frames(solid: ConvexSolid, gripper: Gripper) -> tuple[Floats, Floats, NDArr
     row, column = np.nonzero(wanted)
     rotations = rotations[row]
     targets = centre[row] + shift[row, column][:, None] * y[row]
-    if not len(row):
-        return None
     # The object must fit between pads and palm: thick ones are held nearer to the gripper.
     near = solid.exits(targets, -rotations[:, :, 2])[0]
     excess = np.maximum(near - max(gripper.depth - 0.005, PAD / 2), 0)
@@ -331,4 +332,4 @@ def _names(
         f"{a} {letters[c]} {round(float(np.degrees(step * e)))} {'-0+'[o + 1]} {k}"
         for a, c, e, o, k in zip(approach, axis, elevation, offsets, kinds, strict=True)
     ]
-    return approach, np.array(family)
+    return approach, np.array(family, np.str_)

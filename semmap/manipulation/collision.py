@@ -7,6 +7,7 @@ the hull of both ends is all that a convex link passes, so it is checked exactly
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import cached_property
 from typing import Any
 from weakref import WeakKeyDictionary
 
@@ -45,6 +46,18 @@ def _body(points: Floats) -> Any:
     return library("fcl").Convex(points, 1, np.array([3, 0, 1, 2], np.int32))
 
 
+def placed(body: Any, pose: Floats) -> Any:
+    """A body of FCL at a pose (4, 4)."""
+    fcl = library("fcl")
+    return fcl.CollisionObject(body, fcl.Transform(pose[:3, :3], pose[:3, 3]))
+
+
+def touch(one: Any, other: Any) -> bool:
+    """Whether two placed bodies touch."""
+    fcl = library("fcl")
+    return bool(fcl.collide(one, other, fcl.CollisionRequest(), fcl.CollisionResult()))
+
+
 class Obstacles:
     """Triangles (F, 3, 3) in the map's frame that a robot must not touch, metres."""
 
@@ -52,7 +65,6 @@ class Obstacles:
         self.triangles = np.ascontiguousarray(triangles, np.float64).reshape(-1, 3, 3)
         by_axis = self.triangles.transpose(2, 1, 0)
         self._low, self._high = by_axis.min(axis=1), by_axis.max(axis=1)  # (3, F) each
-        self._body: Any = None
 
     def __len__(self) -> int:
         return len(self.triangles)
@@ -79,28 +91,20 @@ class Obstacles:
 
     def touched_by(self, bodies: Sequence[Any], poses: Sequence[Floats]) -> bool:
         """Whether any of the bodies, each at its pose (4, 4), touches a triangle."""
-        if not len(self):
-            return False
-        fcl = library("fcl")
-        request, result = fcl.CollisionRequest(), fcl.CollisionResult()
-        triangles = self._object()
-        for body, pose in zip(bodies, poses, strict=True):
-            placed = fcl.CollisionObject(body, fcl.Transform(pose[:3, :3], pose[:3, 3]))
-            if fcl.collide(placed, triangles, request, result):
-                return True
-        return False
+        return len(self) > 0 and any(
+            touch(placed(body, pose), self._body) for body, pose in zip(bodies, poses, strict=True)
+        )
 
-    def _object(self) -> Any:
-        if self._body is None:
-            fcl = library("fcl")
-            corners = self.triangles.reshape(-1, 3)
-            faces = np.arange(len(corners)).reshape(-1, 3)
-            model = fcl.BVHModel()
-            model.beginModel(len(corners), len(faces))
-            model.addSubModel(corners, faces)
-            model.endModel()
-            self._body = fcl.CollisionObject(model)
-        return self._body
+    @cached_property
+    def _body(self) -> Any:
+        fcl = library("fcl")
+        corners = self.triangles.reshape(-1, 3)
+        faces = np.arange(len(corners)).reshape(-1, 3)
+        model = fcl.BVHModel()
+        model.beginModel(len(corners), len(faces))
+        model.addSubModel(corners, faces)
+        model.endModel()
+        return fcl.CollisionObject(model)
 
 
 def free_grasps(

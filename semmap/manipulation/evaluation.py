@@ -6,12 +6,12 @@ is tried. A grasp that works replaces one that failed.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from semmap.manipulation.candidates import Grasp
 from semmap.manipulation.trial import HEIGHT, Rest, TrialOutcome
@@ -19,7 +19,6 @@ from semmap.manipulation.trial import HEIGHT, Rest, TrialOutcome
 Floats = NDArray[np.float64]
 
 Cause = Literal["pushed", "missed", "dropped", "slipped", "turned"]
-RestCause = Literal["toppled", "strayed"]
 
 STEP = 0.03
 """Metres by which a correction moves a grasp."""
@@ -34,53 +33,31 @@ CORRECTIONS = 3
 """Corrections of one grasp before another is tried."""
 
 
-@dataclass(frozen=True)
-class Expected:
-    """The outcome of a successful grasp; metres and radians, the least or the most.
+LIFTED, PUSHED, SLIPPED, TURNED = 0.9 * HEIGHT, 0.01, 0.03, 0.35
+"""Of a successful grasp: the least lift, the most of all others; metres and radians."""
 
-    Attributes
-    ----------
-    lifted : at least; pushed, slipped, turned : at most
-    """
-
-    lifted: float = 0.9 * HEIGHT
-    pushed: float = 0.01
-    slipped: float = 0.03
-    turned: float = 0.35
-
-    def mismatch(self, outcome: TrialOutcome) -> Cause | None:
-        """Return how an outcome differs from the expected one; None for a success."""
-        if outcome.pushed > self.pushed:
-            return "pushed"
-        if outcome.lifted < self.lifted:  # fingers of a hand meet beside what they hold
-            return "missed" if outcome.grip < EMPTY else "dropped"
-        if np.linalg.norm(outcome.turned) > self.turned:
-            return "turned"
-        return "slipped" if outcome.slipped > self.slipped else None
+OFF, TILTED = 0.02, 0.1
+"""The most by which an object rests beside its place, and turned; metres and radians."""
 
 
-@dataclass(frozen=True)
-class ExpectedRest:
-    """Where an object rests that was put down or pushed; metres and radians, the most.
+def mismatch(outcome: TrialOutcome) -> Cause | None:
+    """How the outcome of a grasp differs from the expected one; None for a success."""
+    if outcome.pushed > PUSHED:
+        return "pushed"
+    if outcome.lifted < LIFTED:  # fingers of a hand meet beside what they hold
+        return "missed" if outcome.grip < EMPTY else "dropped"
+    if np.linalg.norm(outcome.turned) > TURNED:
+        return "turned"
+    return "slipped" if outcome.slipped > SLIPPED else None
 
-    Attributes
-    ----------
-    off : of its centre of mass from where it should be; tilted : of its vertical axis
-    """
 
-    off: float = 0.02
-    tilted: float = 0.1
-
-    def mismatch(self, rest: Rest, way: Sequence[float] = (0, 0, 0)) -> RestCause | None:
-        """Return how it rests otherwise; None for a success.
-
-        Parameters
-        ----------
-        way : (3,) by which the object should have moved
-        """
-        if rest.tilted > self.tilted:
-            return "toppled"
-        return "strayed" if np.linalg.norm(np.subtract(rest.moved, way)) > self.off else None
+def rest_mismatch(
+    rest: Rest, way: ArrayLike = (0, 0, 0), off: float = OFF
+) -> Literal["toppled", "strayed"] | None:
+    """How an object rests that should have moved by `way` (3,) metres; None for a success."""
+    if rest.tilted > TILTED:
+        return "toppled"
+    return "strayed" if np.linalg.norm(np.subtract(rest.moved, way)) > off else None
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,19 +71,6 @@ class Attempt:
     outcome: TrialOutcome
     cause: Cause | None
     correction: Floats
-
-
-@dataclass(frozen=True, eq=False)
-class Lesson:
-    """The attempts on an object, in order; the last one succeeded if any did."""
-
-    attempts: tuple[Attempt, ...]
-
-    @property
-    def learned(self) -> Attempt | None:
-        """The attempt to store in place of the others; None where none succeeded."""
-        last = self.attempts[-1] if self.attempts else None
-        return last if last is not None and last.cause is None else None
 
 
 def group_of(family: str) -> str:
@@ -137,12 +101,11 @@ def learn_grasp(
     upright: Callable[[Grasp], Floats],
     *,
     tries: int = 12,
-) -> Lesson:
-    """Try grasps, correct failures, and return the attempts up to the first success.
+) -> list[Attempt]:
+    """Try grasps, correct failures, and return the attempts up to the first success: the last one.
 
     `upright` returns the direction of gravity in the frame of a grasp, (3,).
     """
-    expected = Expected()
     failed: dict[str, int] = {}
     made: list[Attempt] = []
     for grasp in grasps:
@@ -153,12 +116,12 @@ def learn_grasp(
         before: list[Floats] = []
         for _ in range(CORRECTIONS + 1):
             if len(made) == tries:
-                return Lesson(tuple(made))
+                return made
             outcome = attempt(moved)
-            cause = expected.mismatch(outcome)
+            cause = mismatch(outcome)
             made.append(Attempt(moved, outcome, cause, shift))
             if cause is None:
-                return Lesson(tuple(made))
+                return made
             correction = corrected(moved, outcome, cause, upright(moved))
             if correction is None:
                 break
@@ -168,7 +131,7 @@ def learn_grasp(
                 break  # back where it failed
             moved = shifted(grasp, shift)
         failed[group] = failed.get(group, 0) + 1
-    return Lesson(tuple(made))
+    return made
 
 
 def shifted(grasp: Grasp, shift: Floats) -> Grasp:

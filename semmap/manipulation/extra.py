@@ -5,6 +5,10 @@ from __future__ import annotations
 import importlib
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
+from semmap.geometry.pose import Pose
 from semmap.manipulation.error import ManipulationError
 
 
@@ -16,3 +20,9 @@ def library(name: str) -> Any:
         raise ManipulationError(
             f"{name} is not installed; install the extra: pip install 'semmap[manipulation]'"
         ) from error
+
+
+def mujoco_pose(pose: NDArray[np.float64]) -> dict[str, Any]:
+    """A pose (4, 4) as MuJoCo takes it: its quaternions are (w, x, y, z)."""
+    x, y, z, w = Pose.from_matrix(pose)[3:]
+    return {"pos": pose[:3, 3], "quat": (w, x, y, z)}

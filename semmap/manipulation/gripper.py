@@ -70,9 +70,14 @@ class Gripper:
         return float(self.widths[0])
 
     @property
+    def rigid(self) -> frozenset[str]:
+        """The palm and all links that are fixed to it."""
+        return frozenset(_Tree(self.robot).rigid(self.palm))
+
+    @property
     def margins(self) -> frozenset[str]:
         """Links that keep a distance around the hand and are not a part of the gripper."""
-        return frozenset(_Tree(self.robot).rigid(self.palm)) - frozenset(self.links)
+        return self.rigid - frozenset(self.links)
 
     @property
     def joints(self) -> tuple[str, ...]:

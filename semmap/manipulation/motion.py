@@ -57,24 +57,15 @@ class Stroke(NamedTuple):
 
 
 def plan_motion(
-    arm: Arm,
-    start: Floats,
-    goal: Floats,
-    obstacles: Obstacles,
-    *,
-    fingers: Mapping[str, float] | None = None,
-    held: Held | None = None,
-    seconds: float = 5.0,
+    arm: Arm, start: Floats, goal: Floats, stroke: Stroke, seconds: float = 5.0
 ) -> Floats | None:
     """Positions (N, D) from start to goal (D,) that are free of collisions; None if not found.
 
     KPIECE (Şucan and Kavraki) of OMPL for half of the seconds of the processor, then RRT-Connect
     (Kuffner and LaValle), then shortcuts. Neighbouring positions differ by at most `STEP` in each
-    joint, and each of them has been checked. Obstacles are in the robot's frame; `fingers` are by
-    default open, or around what is held. ManipulationError where start or goal touches something,
-    or is beyond the limits of a joint.
+    joint, and each of them has been checked. ManipulationError where start or goal touches
+    something, or is beyond the limits of a joint. The pose of the stroke is not looked at.
     """
-    stroke = Stroke(np.eye(4), obstacles, fingers, held)
 
     def free(position: Floats) -> bool:
         return is_free(arm, position, stroke)
@@ -198,15 +189,6 @@ def plan_strokes(
     Generated are the positions (N, D) of each stroke; None where no free motion to a posture is
     found. ManipulationError where the start touches something.
     """
-    first = strokes[0]
     for before, after in free_strokes(arm, start, strokes):
-        path = plan_motion(
-            arm,
-            start,
-            before,
-            first.obstacles,
-            fingers=first.fingers,
-            held=first.held,
-            seconds=seconds,
-        )
+        path = plan_motion(arm, start, before, strokes[0], seconds)
         yield None if path is None else [path, *after]

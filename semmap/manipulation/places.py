@@ -8,7 +8,7 @@ The spot on the support is found each time, since it depends on the objects ther
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,20 +19,21 @@ from semmap.geometry.mesh import Mesh
 from semmap.geometry.pose import Pose
 from semmap.geometry.surfaces import support_surfaces
 from semmap.manipulation.action_record import ActionRecord
+from semmap.manipulation.arm import Arm
 from semmap.manipulation.automata import facing_first, reachable_rows
+from semmap.manipulation.candidates import Grasps
+from semmap.manipulation.collision import Obstacles, free_places, free_way
 from semmap.manipulation.error import ManipulationError
 from semmap.manipulation.found_actions import FoundActions
+from semmap.manipulation.gripper import Gripper
 from semmap.manipulation.placing import PlacePose, covered, place_candidates, stability
 from semmap.manipulation.ranking import ranked
-from semmap.manipulation.reader import actions_on
+from semmap.manipulation.reader import actions_on, in_model
 from semmap.manipulation.retrieval import find_grasps, gripper_name, stored_gripper
 from semmap.manipulation.store.actions import add_actions
 from semmap.manipulation.store.shapes import model_mesh, shape_of
 from semmap.manipulation.surroundings import entity_triangles, obstacles_around
 from semmap.query.entity_query import entity_id
-
-if TYPE_CHECKING:
-    from semmap.manipulation.arm import Arm
 
 Floats = NDArray[np.float64]
 
@@ -115,7 +116,7 @@ def find_places(
     inside = covered(spots, surfaces, triangles)
     box = triangles.reshape(-1, 3).min(axis=0), triangles.reshape(-1, 3).max(axis=0)
     hand = stored_gripper(session, chosen)
-    free = _FreePlaces(places, hand, obstacles, vertices, Compartments(inside, box))
+    free = _FreePlaces(places, hand, obstacles, vertices, inside, box)
     if towards is None and arm is not None and base is not None:
         ordered = _in_order(spots, (base.x, base.y), room=1.0)
     else:
@@ -141,7 +142,7 @@ def place_of(session: Session, entity: str, grasp: int, gripper: str | None = No
     return int(rows[0]["action_id"]) if rows else None
 
 
-def _upright(session: Any, item: int) -> Floats:
+def _upright(session: Session, item: int) -> Floats:
     """The pose (4, 4) in which an object stands, or stood before a robot took it."""
     row = session.execute(STANDS, {"item": item}).fetchone()
     if row is None or row[0] is None:
@@ -168,7 +169,7 @@ WHERE p.entity_id = entity_id(%s) AND a.gripper_id = gripper_named(%s) ORDER BY 
 
 
 def _grasps(
-    session: Any, entity: str, gripper: str, chosen: Sequence[int] | None
+    session: Session, entity: str, gripper: str, chosen: Sequence[int] | None
 ) -> tuple[list[dict[str, Any]], list[str]]:
     """The grasps, as rows, that a place can end; and why there is none."""
     if chosen is None:
@@ -186,7 +187,7 @@ def _grasps(
 
 
 def _places(
-    session: Any,
+    session: Session,
     entity: str,
     gripper: str,
     grasps: Sequence[dict[str, Any]],
@@ -206,7 +207,7 @@ def _places(
     records = []
     for row in missing:
         pose = row["model_pose"].matrix
-        before, after = pose.copy(), pose @ np.linalg.inv(row["pose"].matrix)
+        before = pose.copy()
         before[:3, 3] += LIFT * up
         family = f"{row['family'] or row['approach'] or 'grasp'}, {side}"
         records.append(
@@ -214,7 +215,7 @@ def _places(
                 "place",
                 row["model_pose"],
                 pre_pose=Pose.from_matrix(before),
-                post_pose=Pose.from_matrix(after @ (row["pre_pose"] or row["pose"]).matrix),
+                post_pose=Pose.from_matrix(in_model(row, "pre_pose")),
                 approach=row["approach"],
                 family=family,
                 width=row["width"],
@@ -228,7 +229,7 @@ def _places(
 
 
 def _stored(
-    session: Any, entity: str, gripper: str, grasps: Sequence[dict[str, Any]], up: Floats
+    session: Session, entity: str, gripper: str, grasps: Sequence[dict[str, Any]], up: Floats
 ) -> list[dict[str, Any]]:
     """The stored places of an object that stands on this side and is held by one of the grasps."""
     rows = actions_on(session, name=entity, gripper=gripper, kind="place", limit=STORED)
@@ -237,7 +238,7 @@ def _stored(
     found = []
     for row in rows:
         pose = row["model_pose"].matrix
-        way = (_in_model(row, "pre_pose") - pose)[:3, 3]
+        way = (in_model(row, "pre_pose") - pose)[:3, 3]
         if way @ up < UPRIGHT * max(float(np.linalg.norm(way)), 1e-9):
             continue
         same = np.flatnonzero(_alike(held, pose))
@@ -254,13 +255,6 @@ def _alike(poses: Floats, pose: Floats) -> NDArray[np.bool_]:
     return same
 
 
-def _in_model(row: dict[str, Any], key: str) -> Floats:
-    """A pose of a row in the frame of the model."""
-    there: Pose = row[key] or row["pose"]
-    pose: Floats = row["model_pose"].matrix @ np.linalg.inv(row["pose"].matrix) @ there.matrix
-    return pose
-
-
 def _side(kind: str, up: Floats) -> str:
     """Which side of a shape is up, such as ``+z up``; a direction across a round one is r."""
     axis = int(np.argmax(np.abs(up).round(6)))
@@ -271,58 +265,43 @@ def _side(kind: str, up: Floats) -> str:
     return f"{'+' if up[axis] > 0 else '-'}{'xyz'[axis]} up"
 
 
-class Compartments(NamedTuple):
-    """The spots below other parts of a support, and its lowest and highest corner, metres."""
-
-    spots: frozenset[PlacePose]
-    box: tuple[Floats, Floats]
-
-
 class _FreePlaces:
-    """The places at which the gripper touches nothing, spot by spot."""
+    """The places at which the gripper touches nothing, spot by spot.
+
+    Spots `inside` are below other parts of the support, whose lowest and highest corner is `box`.
+    """
 
     def __init__(
         self,
         places: Sequence[dict[str, Any]],
-        gripper: Any,
-        obstacles: Any,
+        gripper: Gripper,
+        obstacles: Obstacles,
         vertices: Floats,
-        compartments: Compartments,
+        inside: frozenset[PlacePose],
+        box: tuple[Floats, Floats],
     ) -> None:
-        from semmap.manipulation.candidates import Grasps
-
-        self.compartments = compartments
+        self.inside, self.box = inside, box
         self.places, self.obstacles, self.vertices = places, obstacles, vertices
-        self.ways = Grasps(
-            gripper,
-            np.array([row["model_pose"].matrix for row in places]),
-            np.array([_in_model(row, "post_pose") for row in places]),
-            np.array([gripper.opening if row["width"] is None else row["width"] for row in places]),
-            np.array([row["expected"] for row in places]),
-            np.array([row["approach"] or "" for row in places]),
-            np.array([row["family"] or "" for row in places]),
-        )
-        self.before = np.array([_in_model(row, "pre_pose") for row in places])
+        poses = np.array([row["model_pose"].matrix for row in places])
+        after = np.array([in_model(row, "post_pose") for row in places])
+        self.ways = Grasps.of_rows(gripper, places, poses, after)
+        self.before = np.array([in_model(row, "pre_pose") for row in places])
         self.near = self.met = 0
 
     def at(self, spot: PlacePose) -> list[dict[str, Any]]:
         """The rows of the free places at a spot, the best first."""
-        from semmap.manipulation.collision import free_places
-
         free = free_places(self.ways, self.before, spot.pose, self.obstacles, self.vertices)
-        if spot in self.compartments.spots:
+        if spot in self.inside:
             for i in np.flatnonzero(free):
                 free[i] = self._gets_in(int(i), spot)
         return [_row(self.places[int(i)], spot) for i in np.flatnonzero(free)]
 
     def _gets_in(self, number: int, spot: PlacePose) -> bool:
         """Whether hand and object come straight from outside of the support, and the hand back."""
-        from semmap.manipulation.collision import free_way
-
         before, after = spot.pose @ self.before[number], spot.pose @ self.ways.pre_grasps[number]
         held = np.linalg.inv(self.ways.poses[number])  # the object in the frame of the gripper
         width = float(self.ways.widths[number])
-        gripper, box = self.ways.gripper, self.compartments.box
+        gripper, box = self.ways.gripper, self.box
         return free_way(gripper, width, before, box, self.obstacles, self.vertices, held) and (
             free_way(gripper, gripper.opening, after, box, self.obstacles)
         )
@@ -392,5 +371,5 @@ def _row(place: dict[str, Any], spot: PlacePose) -> dict[str, Any]:
     """A place at a spot: its poses in the map's frame."""
     row = place | {"spot": Pose.from_matrix(spot.pose), "clearance": spot.clearance}
     for key in ("pose", "pre_pose", "post_pose"):
-        row[key] = Pose.from_matrix(spot.pose @ _in_model(place, key))
+        row[key] = Pose.from_matrix(spot.pose @ in_model(place, key))
     return row

@@ -8,11 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 import shapely
 from numpy.typing import NDArray
-from scipy.spatial import ConvexHull
 from shapely import Geometry, Polygon
 
 from semmap.geometry.surfaces import LevelPatch
 from semmap.manipulation.error import ManipulationError
+from semmap.manipulation.solids import solid_hull
 
 Floats = NDArray[np.float64]
 
@@ -152,11 +152,7 @@ def stability(vertices: Floats, upright: Floats) -> float:
     model, which stands in the pose `upright` (4, 4); its density is even.
     """
     standing = vertices @ upright[:3, :3].T
-    solid = ConvexHull(standing)
-    middle = standing[solid.vertices].mean(axis=0)
-    corners = standing[solid.simplices] - middle
-    volumes = np.abs(np.linalg.det(corners))
-    centre = middle + (corners.sum(axis=1) / 4 * volumes[:, None]).sum(axis=0) / volumes.sum()
+    centre = solid_hull(standing)[1]
     lowest = standing[:, 2].min()
     base = shapely.convex_hull(shapely.multipoints(standing[standing[:, 2] < lowest + BASE, :2]))
     point = shapely.Point(centre[:2])

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -13,7 +13,7 @@ from semmap.geometry.mesh import Mesh
 from semmap.geometry.pose import Pose
 from semmap.manipulation.candidates import Grasp
 from semmap.manipulation.error import ManipulationError
-from semmap.manipulation.evaluation import ExpectedRest, Lesson, learn_grasp
+from semmap.manipulation.evaluation import Attempt, learn_grasp, rest_mismatch
 from semmap.manipulation.places import find_places
 from semmap.manipulation.pushes import find_pushes
 from semmap.manipulation.pushing import Push
@@ -23,6 +23,7 @@ from semmap.manipulation.retrieval import find_grasps, gripper_name, stored_grip
 from semmap.manipulation.store.actions import add_actions
 from semmap.manipulation.store.shapes import model_mesh
 from semmap.manipulation.store.tasks import record_task, replace_action
+from semmap.manipulation.surroundings import entity_pose
 from semmap.manipulation.trial import HEIGHT, Rest, Trial, TrialOutcome, body_of
 
 GRASPS = 100
@@ -70,11 +71,11 @@ def practise(
         if not rows:
             raise ManipulationError("; ".join(found.problems) or f"{entity}: has no free grasp")
     name = gripper_name(session, gripper)
-    standing = _standing(session, entity)
+    standing = entity_pose(session, entity).rotation_matrix
     if attempt is None:
         attempt = _trial(session, entity, name, mass, friction).run
     opening = stored_gripper(session, name).opening
-    lesson = learn_grasp(
+    made = learn_grasp(
         [grasp_of_row(row, opening) for row in rows],
         attempt,
         lambda grasp: (standing @ grasp.pose[:3, :3]).T @ np.array([0.0, 0.0, -1.0]),
@@ -82,14 +83,7 @@ def practise(
     )
     with session.transaction():
         return _store(
-            session,
-            entity,
-            name,
-            rows,
-            lesson,
-            counted=counted,
-            robot=robot,
-            simulated=simulated,
+            session, entity, name, rows, made, counted=counted, robot=robot, simulated=simulated
         )
 
 
@@ -117,18 +111,16 @@ def practise_places(
     trial = _trial(session, entity, name, mass, friction)
     stored = actions_on(session, name=entity, gripper=name, limit=STORED)
     known = {row["action_id"]: row for row in stored if row["entity"] == entity}
-    tried: dict[int, dict[str, Any]] = {}
-    for row in found.rows:
-        if row["action_id"] in tried:
-            continue  # at another spot of an even surface, the same happens
-        to_model = np.linalg.inv(row["spot"].matrix)
-        rest, cause = _put(trial, known[row["grasp_id"]], row, to_model)
-        tried[row["action_id"]] = told = _told(row, rest, np.zeros(3), cause)
-        if cause != NOT_HELD:
-            _record(session, entity, "place", told)
-        if cause is None:
-            break
-    return list(tried.values())
+
+    def attempts() -> Iterator[_Attempted]:
+        tried = set[int]()
+        for row in found.rows:  # at another spot of an even surface, the same happens
+            if row["action_id"] not in tried:
+                tried.add(row["action_id"])
+                to_model = np.linalg.inv(row["spot"].matrix)
+                yield row, np.zeros(3), *_put(trial, known[row["grasp_id"]], row, to_model)
+
+    return _until_one_succeeds(session, entity, "place", attempts())
 
 
 def try_place(
@@ -172,7 +164,7 @@ def _put(
     before, after = (to_model @ place[pose].matrix for pose in ("pre_pose", "post_pose"))
     rest = trial.put(grasp_of_row(grasp, trial.gripper.opening), before, after)
     held = rest.lifted > HEIGHT / 2
-    return rest, ExpectedRest().mismatch(rest) if held else NOT_HELD
+    return rest, rest_mismatch(rest) if held else NOT_HELD
 
 
 def practise_pushes(
@@ -193,30 +185,46 @@ def practise_pushes(
     if not found.rows:
         raise ManipulationError("; ".join(found.problems) or f"{entity}: has no free push")
     trial = _trial(session, entity, name, mass, friction)
-    tried = []
-    for row in found.rows:
-        pose, end = row["pose"].matrix, row["end"].matrix
-        way = end[:3, 3] - pose[:3, 3]
-        length = float(np.linalg.norm(way))
-        push = Push(
-            pose,
-            end,
-            (row["pre_pose"] or row["pose"]).matrix,
-            way[:2] / length,
-            length,
-            row["posture"],
-            row["expected"],
+
+    def attempts() -> Iterator[_Attempted]:
+        for row in found.rows:
+            push = Push.of_row(row)
+            rest = trial.push(push, push.pose @ np.linalg.inv(row["model_pose"].matrix))
+            yield row, push.way, rest, rest_mismatch(rest, push.way, STRAY * push.distance)
+
+    return _until_one_succeeds(session, entity, "push", attempts())
+
+
+_Attempted = tuple[dict[str, Any], NDArray[np.float64], Rest, str | None]
+"""An action, the way of the object (3,) that it should lead to, and how it rests, and differs."""
+
+
+def _until_one_succeeds(
+    session: Session, entity: str, kind: str, attempts: Iterator[_Attempted]
+) -> list[dict[str, Any]]:
+    """Store the outcomes of simulated attempts; return them as rows of the answer."""
+    told = []
+    for row, way, rest, cause in attempts:
+        told.append(
+            {
+                "action_id": row["action_id"],
+                "family": row["family"],
+                "off": round(float(np.linalg.norm(np.subtract(rest.moved, way))), 4),
+                "tilted": round(float(np.degrees(rest.tilted)), 1),
+                "outcome": cause or "completed",
+            }
         )
-        rest = trial.push(push, pose @ np.linalg.inv(row["model_pose"].matrix))
-        tried.append(_told(row, rest, way, ExpectedRest(STRAY * length).mismatch(rest, way)))
-        _record(session, entity, "push", tried[-1])
-        if tried[-1]["outcome"] == "completed":
+        if cause != NOT_HELD:
+            outcome = "completed" if cause is None else "error"
+            values = {"outcome": outcome, "simulated": True, "message": cause}
+            record_task(session, entity, kind, action=row["action_id"], **values)
+        if cause is None:
             break
-    return tried
+    return told
 
 
 def _trial(
-    session: Any,
+    session: Session,
     entity: str,
     gripper: str,
     mass: float | None,
@@ -231,61 +239,25 @@ def _trial(
     surface = Mesh(np.asarray(mesh.vertices), np.asarray(mesh.faces, np.int32))
     body = body_of(surface, mass=mass if mass is not None else weight or None, friction=friction)
     standing = np.eye(4)
-    standing[:3, :3] = _standing(session, entity) if stands is None else stands.rotation_matrix
+    standing[:3, :3] = (stands or entity_pose(session, entity)).rotation_matrix
     standing[2, 3] = 5e-4 - (surface.vertices @ standing[:3, :3].T)[:, 2].min()
     return Trial(stored_gripper(session, gripper), body, standing)
 
 
-def _standing(session: Any, entity: str) -> NDArray[np.float64]:
-    """The rotation (3, 3) of an object in the map."""
-    row = session.execute("SELECT pose FROM world WHERE entity_id = entity_id(%s)", (entity,))
-    ((pose,),) = row.fetchall() or ((None,),)
-    if pose is None:
-        raise ManipulationError(f"{entity}: has no pose in the map: semmap put gives it one")
-    return Pose(*pose).rotation_matrix
-
-
-def _told(
-    row: dict[str, Any], rest: Rest, way: NDArray[np.float64], cause: str | None
-) -> dict[str, Any]:
-    """An attempt as a row of the answer."""
-    return {
-        "action_id": row["action_id"],
-        "family": row["family"],
-        "off": round(float(np.linalg.norm(np.subtract(rest.moved, way))), 4),
-        "tilted": round(float(np.degrees(rest.tilted)), 1),
-        "outcome": cause or "completed",
-    }
-
-
-def _record(session: Any, entity: str, kind: str, told: dict[str, Any]) -> None:
-    """Store the outcome of a simulated attempt."""
-    succeeded = told["outcome"] == "completed"
-    record_task(
-        session,
-        entity,
-        kind,
-        action=told["action_id"],
-        outcome="completed" if succeeded else "error",
-        simulated=True,
-        message=None if succeeded else told["outcome"],
-    )
-
-
 def _store(
-    session: Any,
+    session: Session,
     entity: str,
     gripper: str,
     rows: Sequence[dict[str, Any]],
-    lesson: Lesson,
+    made: Sequence[Attempt],
     *,
     counted: bool,
     **values: Any,
 ) -> list[dict[str, Any]]:
-    """Store the attempts of a lesson; failures of corrected grasps count for none."""
+    """Store attempts; failures of corrected grasps count for none."""
     told: list[dict[str, Any]] = []
     tried = -1
-    for attempt in lesson.attempts:
+    for attempt in made:
         moved = float(np.linalg.norm(attempt.correction))
         if moved == 0:
             tried = next(

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import shapely
@@ -16,6 +15,7 @@ from semmap.geometry.mesh import Mesh
 from semmap.geometry.pose import Pose
 from semmap.geometry.surfaces import support_surfaces
 from semmap.manipulation.action_record import ActionRecord
+from semmap.manipulation.arm import Arm
 from semmap.manipulation.automata import reachable_rows
 from semmap.manipulation.collision import Obstacles
 from semmap.manipulation.error import ManipulationError
@@ -26,11 +26,8 @@ from semmap.manipulation.reader import actions_on
 from semmap.manipulation.retrieval import gripper_name, stored_gripper
 from semmap.manipulation.store.actions import add_actions
 from semmap.manipulation.store.shapes import model_mesh, shape_of
-from semmap.manipulation.surroundings import obstacles_around
+from semmap.manipulation.surroundings import entity_pose, obstacles_around
 from semmap.query.entity_query import entity_id
-
-if TYPE_CHECKING:
-    from semmap.manipulation.arm import Arm
 
 Floats = NDArray[np.float64]
 
@@ -72,32 +69,29 @@ def find_pushes(
     chosen = gripper_name(session, gripper)
     hand = stored_gripper(session, chosen)
     vertices = np.asarray(model_mesh(session, entity).vertices)
-    row = session.execute("SELECT pose FROM world WHERE entity_id = entity_id(%s)", (entity,))
-    ((pose,),) = row.fetchall() or ((None,),)
-    if pose is None:
-        raise ManipulationError(f"{entity}: has no pose in the map: semmap put gives it one")
-    model = Pose(*pose).matrix
+    model = entity_pose(session, entity).matrix
     obstacles = obstacles_around(session, entity)
     surface = _surface(entity, vertices, model, obstacles)
     rows, generated = _stored(session, entity, chosen, distance), []
     if not rows:
-        _generate(
-            session, entity, chosen, push_candidates(vertices, model, hand, distance=distance)
-        )
+        pushes = push_candidates(vertices, model, hand, distance=distance)
+        shape = shape_of(session, entity)
+        turned = (model[:3, :3] @ shape.pose[:3, :3]).T
+        records = [_record(push, shape.kind, turned) for push in pushes]
+        add_actions(session, entity, chosen, records, frame="map")
         rows, generated = _stored(session, entity, chosen, distance), [entity]
-    free = free_pushes([r["push"] for r in rows], vertices, model, hand, surface, obstacles)
-    found = [_told(rows[i]) for i in np.flatnonzero(free)]
+    pushes = [Push.of_row(row) for row in rows]
+    free = free_pushes(pushes, vertices, model, hand, surface, obstacles)
+    found = [rows[i] for i in np.flatnonzero(free)]
     if not found:
         problem = f"{entity}: at all {len(rows)} pushes, it or the gripper meets what is around"
         return FoundActions([], [problem], generated)
     if arm is None or base is None:
         return FoundActions(found[:limit], [], generated)
-    reached = reachable_rows(found, arm, base, limit)
-    if reached:
-        return FoundActions(reached, [], generated)
     where = f"the arm at ({base.x:g}, {base.y:g})"
     problem = f"{entity}: {where} reaches none of {len(found)} free pushes"
-    return FoundActions([], [problem], generated)
+    reached = reachable_rows(found, arm, base, limit)
+    return FoundActions(reached, [] if reached else [problem], generated)
 
 
 def _surface(entity: str, vertices: Floats, model: Floats, obstacles: Obstacles) -> Polygon:
@@ -115,50 +109,36 @@ def _surface(entity: str, vertices: Floats, model: Floats, obstacles: Obstacles)
     raise ManipulationError(f"{entity}: stands on nothing level, so it cannot be pushed along it")
 
 
-def _stored(session: Any, entity: str, gripper: str, distance: float) -> list[dict[str, Any]]:
-    """The stored pushes that are level for the object as it stands, with their `push`."""
+def _stored(session: Session, entity: str, gripper: str, distance: float) -> list[dict[str, Any]]:
+    """The stored pushes that are level for the object as it stands, with their ends."""
     rows = actions_on(session, name=entity, gripper=gripper, kind="push", limit=STORED)
     found = []
     for row in ranked(session, rows, gripper, "push"):
         turn = row["pose"].rotation_matrix @ row["model_pose"].rotation_matrix.T
-        way = turn @ np.array(row["motion"])
+        x, y, z = way = turn @ np.array(row["motion"])
         length = float(np.linalg.norm(way))
-        if abs(length - distance) > 1e-3 or abs(way[2]) > LEVEL * length:
-            continue
-        pose = row["pose"].matrix
-        end = pose.copy()
-        end[:3, 3] += way
-        before = (row["pre_pose"] or row["pose"]).matrix
-        push = Push(pose, end, before, way[:2] / length, length, row["posture"], row["expected"])
-        found.append(row | {"push": push})
+        if abs(length - distance) <= 1e-3 and abs(z) <= LEVEL * length:
+            end = row["pose"].matrix.copy()
+            end[:3, 3] += way
+            degrees = round(float(np.degrees(np.arctan2(y, x))) % 360, 1) % 360
+            found.append(row | {"end": Pose.from_matrix(end), "direction": degrees})
     return found
 
 
-def _generate(session: Any, entity: str, gripper: str, pushes: Sequence[Push]) -> None:
-    """Store pushes."""
-    shape = shape_of(session, entity)
-    ((pose,),) = session.execute(
-        "SELECT pose FROM world WHERE entity_id = entity_id(%s)", (entity,)
-    ).fetchall()
-    turned = (Pose(*pose).rotation_matrix @ shape.pose[:3, :3]).T
-    records = []
-    for push in pushes:
-        along = np.append(push.direction, 0)
-        family = _family(shape.kind, turned @ along, turned[:, 2])
-        records.append(
-            ActionRecord(
-                "push",
-                Pose.from_matrix(push.pose),
-                pre_pose=Pose.from_matrix(push.pre_push),
-                motion=tuple((push.distance * along).tolist()),
-                approach="level",
-                family=family,
-                posture=push.posture,
-                pre_posture=push.posture,
-                quality=push.quality,
-            )
-        )
-    add_actions(session, entity, gripper, records, frame="map")
+def _record(push: Push, shape: str, turned: Floats) -> ActionRecord:
+    """A push to store; `turned` (3, 3) leads from the map's frame to that of the shape."""
+    along = np.append(push.direction, 0)
+    return ActionRecord(
+        "push",
+        Pose.from_matrix(push.pose),
+        pre_pose=Pose.from_matrix(push.pre_push),
+        motion=tuple((push.distance * along).tolist()),
+        approach="level",
+        family=_family(shape, turned @ along, turned[:, 2]),
+        posture=push.posture,
+        pre_posture=push.posture,
+        quality=push.quality,
+    )
 
 
 def _family(kind: str, along: Floats, up: Floats) -> str:
@@ -172,11 +152,3 @@ def _family(kind: str, along: Floats, up: Floats) -> str:
     first, second = ((1, 2), (2, 0), (0, 1))[axis]
     angle = np.degrees(np.arctan2(abs(along[second]), abs(along[first])))
     return f"{'xyz'[first]} {STEP * round(angle / STEP):g}, {side} up"
-
-
-def _told(row: dict[str, Any]) -> dict[str, Any]:
-    """A push as a row of the answer."""
-    push: Push = row.pop("push")
-    x, y = push.direction
-    degrees = round(float(np.degrees(np.arctan2(y, x))) % 360, 1) % 360
-    return row | {"end": Pose.from_matrix(push.end), "direction": degrees}

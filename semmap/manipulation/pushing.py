@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 import shapely
@@ -27,18 +28,38 @@ class Push:
     """A push of an object by the closed gripper, straight and level.
 
     `pose` and `end` (4, 4) are the grasp frame where the fingers touch the object and where the
-    push ends, `pre_push` that before the approach; `direction` (2,) is a unit vector in the plane,
-    `distance` metres, `posture` that of the closed fingers. `quality` is how squarely the finger
-    meets the object, and how near to the line through its middle, 0 to 1.
+    push ends, `pre_push` that before the approach, `posture` that of the closed fingers. `quality`
+    is how squarely the finger meets the object, and how near to the line through its middle, 0..1.
     """
 
     pose: Floats
     end: Floats
     pre_push: Floats
-    direction: Floats
-    distance: float
     posture: dict[str, float]
     quality: float
+
+    @classmethod
+    def of_row(cls, row: dict[str, Any]) -> Push:
+        """The push of a row of `find_pushes`, in the map's frame."""
+        before = row["pre_pose"] or row["pose"]
+        poses = (row["pose"].matrix, row["end"].matrix, before.matrix)
+        return cls(*poses, row["posture"], row["expected"])
+
+    @property
+    def way(self) -> Floats:
+        """The way of the object, (3,) metres."""
+        way: Floats = (self.end - self.pose)[:3, 3]
+        return way
+
+    @property
+    def distance(self) -> float:
+        """The length of the way, metres."""
+        return float(np.linalg.norm(self.way))
+
+    @property
+    def direction(self) -> Floats:
+        """The direction of the way in the plane, a unit vector (2,)."""
+        return self.way[:2] / self.distance
 
 
 def push_candidates(
@@ -81,7 +102,7 @@ def push_candidates(
         end[:2, 3] += distance * along
         before[:2, 3] -= safety * along
         posture = dict(gripper.postures[-1])
-        found.append(Push(pose, end, before, along, distance, posture, squarely))
+        found.append(Push(pose, end, before, posture, squarely))
     return sorted(found, key=lambda push: -push.quality)
 
 

@@ -18,7 +18,7 @@ from semmap.belief.store.beliefs import Session
 from semmap.geometry.pose import Pose
 from semmap.manipulation.candidates import Grasp
 from semmap.manipulation.evaluation import group_of, shifted
-from semmap.manipulation.reader import read_shape
+from semmap.manipulation.reader import in_model, read_shape
 
 Floats = NDArray[np.float64]
 
@@ -213,13 +213,9 @@ def moved_alike(
 
 def grasp_of_row(row: dict[str, Any], opening: float) -> Grasp:
     """A stored grasp of `actions_on` in the frame of the model."""
-    pose = row["model_pose"].matrix
-    before = pose.copy()
-    if row["pre_pose"] is not None:
-        before = pose @ np.linalg.inv(row["pose"].matrix) @ row["pre_pose"].matrix
     return Grasp(
-        pose,
-        before,
+        row["model_pose"].matrix,
+        in_model(row, "pre_pose"),
         opening if row["width"] is None else row["width"],
         row["approach"] or "",
         row["family"] or "",

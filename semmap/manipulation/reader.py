@@ -11,7 +11,9 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, nullcontext
 from typing import Any
 
+import numpy as np
 import psycopg
+from numpy.typing import NDArray
 from psycopg.rows import dict_row
 
 from semmap.belief.store.beliefs import Session
@@ -26,6 +28,13 @@ from semmap.suggestions import suggestion
 Row = dict[str, Any]
 
 POSES = ("pose", "pre_pose", "post_pose", "model_pose", "shape_pose")
+
+
+def in_model(row: Row, key: str) -> NDArray[np.float64]:
+    """A pose (4, 4) of a row of `actions_on` in the frame of the model; else that at contact."""
+    there: Pose = row[key] or row["pose"]
+    pose: NDArray[np.float64] = row["model_pose"].matrix @ np.linalg.inv(row["pose"].matrix)
+    return pose @ there.matrix
 
 
 def actions_on(

@@ -2,22 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from semmap.belief.store.beliefs import Session
 from semmap.geometry.pose import Pose
-from semmap.manipulation.arm_motions import ArmMotion, plan_grasp, plan_place, plan_push
+from semmap.manipulation.arm import Arm
+from semmap.manipulation.arm_motions import plan_action
 from semmap.manipulation.automata import base_pose, reachable_rows, register_robot, stored_arm
 from semmap.manipulation.found_actions import FoundActions
 from semmap.manipulation.places import find_places
 from semmap.manipulation.pushes import find_pushes
 from semmap.manipulation.retrieval import find_grasps, is_urdf
-
-if TYPE_CHECKING:
-    from semmap.manipulation.arm import Arm
 
 PLANNED = 40
 """Actions within reach among which one is chosen whose motion is free."""
@@ -71,54 +69,37 @@ class RobotActions:
             where = f"{self.base.x:g}, {self.base.y:g}"
             problem = f"{self.name} reaches none of {len(found.rows)} free grasps from ({where})"
             problems = [*problems, problem]
-        keys = ("to_pre_grasp", "approach_positions", "retreat_positions")
-        return self._planned(replace(found, rows=rows, problems=problems), plan_grasp, keys)
+        return self._planned(
+            replace(found, rows=rows, problems=problems), "to_pre_grasp", "retreat_positions"
+        )
 
     def places(self, name: str, on: str, towards: Sequence[float] | None = None) -> FoundActions:
         """The places of an object that the arm reaches; arguments as of `find_places`."""
-        found = find_places(
-            self.session,
-            name,
-            on,
-            gripper=self.gripper,
-            towards=towards,
-            arm=self.arm,
-            base=self.base,
-            limit=self.count,
-        )
-        keys = ("to_pre_place", "approach_positions", "retreat_positions")
-        return self._planned(found, plan_place, keys)
+        reach: dict[str, Any] = {"arm": self.arm, "base": self.base, "limit": self.count}
+        found = find_places(self.session, name, on, gripper=self.gripper, towards=towards, **reach)
+        return self._planned(found, "to_pre_place", "retreat_positions")
 
     def pushes(self, name: str, distance: float = 0.1) -> FoundActions:
         """The pushes of an object that the arm reaches; arguments as of `find_pushes`."""
-        found = find_pushes(
-            self.session,
-            name,
-            gripper=self.gripper,
-            distance=distance,
-            arm=self.arm,
-            base=self.base,
-            limit=self.count,
-        )
-        keys = ("to_pre_push", "approach_positions", "push_positions")
-        return self._planned(found, plan_push, keys)
+        reach: dict[str, Any] = {"arm": self.arm, "base": self.base, "limit": self.count}
+        found = find_pushes(self.session, name, gripper=self.gripper, distance=distance, **reach)
+        return self._planned(found, "to_pre_push", "push_positions")
 
-    def _planned(
-        self, found: FoundActions, planner: Callable[..., ArmMotion | None], keys: Sequence[str]
-    ) -> FoundActions:
-        """The action of a motion, its positions under these keys; or why there is none."""
+    def _planned(self, found: FoundActions, before: str, after: str) -> FoundActions:
+        """The action of a motion, its positions before and after the approach under these keys."""
         if not self.plan or not found.rows:
             return found
-        motion = planner(self.session, self.name, self.base, found.rows, state=self.state)
+        motion = plan_action(self.session, self.name, self.base, found.rows, state=self.state)
         if motion is None:
             count = len(found.rows)
             problem = f"{self.name}: no motion to one of {count} within reach was found"
             return replace(found, rows=[], problems=[*found.problems, problem])
-        pieces = (motion.to_pre_grasp, motion.approach, motion.after, motion.back)
-        moved = {
-            key: positions.tolist()
-            for key, positions in zip((*keys, "back_positions"), pieces, strict=True)
-            if len(positions)
+        pieces = {
+            before: motion.to_pre_grasp,
+            "approach_positions": motion.approach,
+            after: motion.after,
+            "back_positions": motion.back,
         }
+        moved = {key: positions.tolist() for key, positions in pieces.items() if len(positions)}
         row = motion.row | {"joints": list(motion.joints), "path": motion.path} | moved
         return replace(found, rows=[row], motion=motion)

@@ -11,6 +11,7 @@ from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import ConvexHull, QhullError
 
 from semmap.geometry.mesh import Mesh
 from semmap.manipulation.error import ManipulationError
@@ -133,35 +134,43 @@ def solid_of(kind: str, size: Sequence[float]) -> ConvexSolid:
             f"{kind}: its sizes {', '.join(f'{s:g}' for s in sizes)} give no volume; "
             f"give {', '.join(names)} above 0 m"
         )
-    none = np.zeros(3)
+    radius, height = sizes[0], sizes[-1]
+    none, disc, slope = np.zeros(3), np.array([1.0, 1, 0]), radius / height
+    ends, round_ = np.array([[0.0, 0, 1], [0, 0, -1]]), np.pi * radius**2
     if kind == "cuboid":
-        normals = np.concatenate([np.eye(3), -np.eye(3)])
-        offsets = np.tile(np.array(sizes) / 2, 2)
-        return ConvexSolid(
-            kind, sizes, normals, offsets, none, none, 0.0, none, float(np.prod(sizes))
-        )
-    radius = sizes[0]
+        sides, half = np.concatenate([np.eye(3), -np.eye(3)]), np.tile(np.array(sizes) / 2, 2)
+        return ConvexSolid(kind, sizes, sides, half, none, none, 0, none, float(np.prod(sizes)))
     if kind == "sphere":
-        nothing = np.zeros((0, 3)), np.zeros(0)
-        volume = 4 / 3 * np.pi * radius**3
-        return ConvexSolid(kind, sizes, *nothing, np.ones(3), none, radius**2, none, float(volume))
-    height = sizes[1]
-    if kind == "cylinder":
-        ends = np.array([[0.0, 0, 1], [0, 0, -1]])
-        volume = np.pi * radius**2 * height
-        disc = np.array([1.0, 1, 0])
-        half = np.full(2, height / 2)
-        return ConvexSolid(kind, sizes, ends, half, disc, none, radius**2, none, float(volume))
-    # (x, y) within r (1 - z / h): x² + y² - (r/h)² z² + 2 (r²/h) z <= r²
-    slope = radius / height
+        faces, quadric, linear, centre = ends[:0], np.ones(3), none, none
+        offsets, volume = np.zeros(0), 4 / 3 * radius * round_
+    elif kind == "cylinder":
+        faces, quadric, linear, centre = ends, disc, none, none
+        offsets, volume = np.full(2, height / 2), height * round_
+    else:  # (x, y) within r (1 - z / h): x² + y² - (r/h)² z² + 2 (r²/h) z <= r²
+        faces, quadric, linear = ends, disc - [0, 0, slope**2], np.array([0, 0, 2 * slope * radius])
+        centre, volume = np.array([0, 0, height / 4]), height * round_ / 3
+        offsets = np.array([height * (1 + 1e-6), 0.0])  # above the tip
     return ConvexSolid(
-        kind,
-        sizes,
-        np.array([[0.0, 0, -1], [0, 0, 1]]),
-        np.array([0.0, height * (1 + 1e-6)]),  # above the tip
-        np.array([1.0, 1, -(slope**2)]),
-        np.array([0, 0, 2 * slope * radius]),
-        radius**2,
-        np.array([0, 0, height / 4]),
-        float(np.pi * radius**2 * height / 3),
+        kind, sizes, faces, offsets, quadric, linear, radius**2, centre, float(volume)
     )
+
+
+def solid_hull(points: Floats) -> tuple[float, Floats]:
+    """The volume and the centre of mass (3,) of the convex hull of points, of even density.
+
+    ManipulationError where they are no solid.
+    """
+    try:
+        hull = ConvexHull(points)
+    except (QhullError, ValueError):
+        hull = None
+    size = float(np.ptp(points, axis=0).max()) if len(points) else 0.0
+    if hull is None or hull.volume < 1e-6 * size**3 or hull.volume == 0:
+        raise ManipulationError(
+            "object: its mesh has no volume; give a mesh of a solid, or fit a shape to its points"
+        )
+    middle = points[hull.vertices].mean(axis=0)
+    corners = points[hull.simplices] - middle
+    volumes = np.abs(np.linalg.det(corners))
+    centre = middle + (corners.sum(axis=1) / 4 * volumes[:, None]).sum(axis=0) / volumes.sum()
+    return float(hull.volume), centre

@@ -3,18 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from semmap.belief.store.beliefs import Session
 from semmap.geometry.pose import Pose
+from semmap.manipulation.candidates import Grasps
+from semmap.manipulation.collision import Obstacles, free_grasps
+from semmap.manipulation.error import ManipulationError
+from semmap.manipulation.gripper import Gripper
 from semmap.query.meshes import models_triangles
-
-if TYPE_CHECKING:
-    from semmap.manipulation.collision import Obstacles
-    from semmap.manipulation.gripper import Gripper
 
 REACH = 0.6
 """How far from an object its surroundings are obstacles, metres: a gripper and its approach."""
@@ -27,8 +27,6 @@ def obstacles_around(
     session: Session, entity: str, reach: float = REACH, *, without: str | None = None
 ) -> Obstacles:
     """The triangles of all entities within reach of one, without it or `without`, map's frame."""
-    from semmap.manipulation.collision import Obstacles
-
     rows = session.execute(
         "SELECT DISTINCT o.entity_id, c.model_id, o.pose FROM entity e "
         "JOIN world w ON w.entity_id = e.id "
@@ -41,6 +39,16 @@ def obstacles_around(
         (without or entity, reach, reach, entity),
     ).fetchall()
     return Obstacles(_placed(session, rows))
+
+
+def entity_pose(session: Session, entity: str) -> Pose:
+    """The pose of an entity in the map; ManipulationError where it has none."""
+    row = session.execute(
+        "SELECT pose FROM world WHERE entity_id = entity_id(%s)", (entity,)
+    ).fetchone()
+    if row is None or row[0] is None:
+        raise ManipulationError(f"{entity}: has no pose in the map: semmap put gives it one")
+    return Pose(*row[0])
 
 
 def entity_triangles(session: Session, entity: str) -> NDArray[np.float64]:
@@ -75,34 +83,25 @@ def free_rows(
     The open gripper must not touch the object either on its way, except by grasps that have
     succeeded: hulls of links are larger than the links. The order of the rows is kept.
     """
-    from semmap.manipulation.candidates import Grasps
-    from semmap.manipulation.collision import Obstacles, free_grasps
-
     around: dict[str, tuple[Obstacles, Obstacles]] = {}
     found: list[dict[str, Any]] = []
     for start in range(0, len(rows), AT_ONCE):
-        for entity in dict.fromkeys(row["entity"] for row in rows[start : start + AT_ONCE]):
-            some = [row for row in rows[start : start + AT_ONCE] if row["entity"] == entity]
+        batch = rows[start : start + AT_ONCE]
+        poses = np.array([row["pose"].matrix for row in batch])
+        before = np.array([(row["pre_pose"] or row["pose"]).matrix for row in batch])
+        grasps = Grasps.of_rows(gripper, batch, poses, before)
+        proven = np.array([row["successes"] > 0 for row in batch])
+        names = np.array([row["entity"] for row in batch])
+        free = np.zeros(len(batch), bool)
+        for entity in dict.fromkeys(names.tolist()):
             if entity not in around:
                 item = Obstacles(entity_triangles(session, entity))
                 around[entity] = obstacles_around(session, entity), item
             obstacles, item = around[entity]
-            widths = [gripper.opening if row["width"] is None else row["width"] for row in some]
-            grasps = Grasps(
-                gripper,
-                np.array([row["pose"].matrix for row in some]),
-                np.array([(row["pre_pose"] or row["pose"]).matrix for row in some]),
-                np.array(widths),
-                np.array([row["expected"] for row in some]),
-                np.array([row["approach"] or "" for row in some]),
-                np.array([row["family"] or "" for row in some]),
-            )
-            free = np.zeros(len(some), bool)
-            proven = np.array([row["successes"] > 0 for row in some])
-            free[proven] = free_grasps(grasps[proven], np.eye(4), obstacles)
-            free[~proven] = free_grasps(grasps[~proven], np.eye(4), obstacles, item=item)
-            found += [row for row, is_free in zip(some, free, strict=True) if is_free]
+            for some, untouched in ((proven, None), (~proven, item)):
+                chosen = some & (names == entity)
+                free[chosen] = free_grasps(grasps[chosen], np.eye(4), obstacles, item=untouched)
+        found += [row for row, is_free in zip(batch, free, strict=True) if is_free]
         if len(found) >= limit:
             break
-    order = {(row["entity"], row["action_id"]): number for number, row in enumerate(rows)}
-    return sorted(found, key=lambda row: order[row["entity"], row["action_id"]])[:limit]
+    return found[:limit]

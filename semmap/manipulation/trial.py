@@ -11,17 +11,19 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import trimesh
 from numpy.typing import NDArray
+from scipy.spatial import QhullError
 from scipy.spatial.transform import Rotation
 
 from semmap.geometry.mesh import Mesh
 from semmap.manipulation.candidates import Grasp
 from semmap.manipulation.error import ManipulationError
-from semmap.manipulation.extra import library
+from semmap.manipulation.extra import library, mujoco_pose
 from semmap.manipulation.gripper import Gripper
 from semmap.manipulation.placing import ABOVE
 from semmap.manipulation.pushing import Push
-from semmap.manipulation.solids import ConvexSolid
+from semmap.manipulation.solids import ConvexSolid, solid_hull
 
 Floats = NDArray[np.float64]
 
@@ -81,7 +83,7 @@ def body_of(
         volume, centre = given.volume, pose[:3, :3] @ given.centre + pose[:3, 3]
     else:
         mesh = given
-        volume, centre = _hull_volume(mesh)
+        volume, centre = solid_hull(mesh.used)
     mass = density * volume if mass is None else mass
     if not (mass > 0 and friction > 0):
         raise ManipulationError(
@@ -89,26 +91,6 @@ def body_of(
         )
     solid = given if isinstance(given, ConvexSolid) else None
     return Body(mesh, mass, friction, centre + np.array(offset), solid, pose)
-
-
-def _hull_volume(mesh: Mesh) -> tuple[float, Floats]:
-    from scipy.spatial import ConvexHull, QhullError
-
-    points = mesh.used
-    try:
-        hull = ConvexHull(points)
-    except (QhullError, ValueError):
-        hull = None
-    size = float(np.ptp(points, axis=0).max()) if len(points) else 0.0
-    if hull is None or hull.volume < 1e-6 * size**3 or hull.volume == 0:
-        raise ManipulationError(
-            "object: its mesh has no volume; give a mesh of a solid, or fit a shape to its points"
-        )
-    middle = points[hull.vertices].mean(axis=0)
-    corners = points[hull.simplices] - middle
-    volumes = np.abs(np.linalg.det(corners)) / 6
-    centre = middle + (corners.sum(axis=1) / 4 * volumes[:, None]).sum(axis=0) / volumes.sum()
-    return float(hull.volume), centre
 
 
 @dataclass(frozen=True)
@@ -168,9 +150,7 @@ class Trial:
 
     def _add_object(self, spec: Any) -> None:
         mujoco, body = self._mujoco, self.body
-        item = spec.worldbody.add_body(
-            name="object", pos=self.standing[:3, 3], quat=_quaternion(self.standing)
-        )
+        item = spec.worldbody.add_body(name="object", **mujoco_pose(self.standing))
         item.add_freejoint()
         size = np.ptp(body.mesh.used, axis=0)
         item.explicitinertial, item.mass = True, body.mass
@@ -190,9 +170,7 @@ class Trial:
                 "cylinder": (sizes[0], sizes[-1] / 2, 0),
             }[solid.kind]
             pose = np.eye(4) if body.pose is None else body.pose
-            shape = item.add_geom(
-                type=kinds[solid.kind], size=half, pos=pose[:3, 3], quat=_quaternion(pose)
-            )
+            shape = item.add_geom(type=kinds[solid.kind], size=half, **mujoco_pose(pose))
         else:
             mesh = spec.add_mesh(name="object")
             mesh.uservert = body.mesh.vertices.ravel().tolist()
@@ -224,7 +202,8 @@ class Trial:
         weld.solref = [0.01, 1.0]
         bodies = {gripper.palm: palm}
         inverse = np.asarray(np.linalg.inv(gripper.frame), np.float64)
-        rigid = [k for k in gripper.links if k not in {n for f in self._moved() for n in f}]
+        fixed = gripper.rigid
+        rigid = [link for link in gripper.links if link in fixed]
         for link in rigid:
             pose = gripper.poses[0, gripper.links.index(link)]
             self._add_link(spec, palm, link, pose)
@@ -242,9 +221,7 @@ class Trial:
                     self._add_link(spec, bodies[joint.child], joint.child, below[joint.child])
                 continue
             at = below[joint.parent] @ step
-            part = bodies[joint.parent].add_body(
-                name=joint.child, pos=at[:3, 3], quat=_quaternion(at)
-            )
+            part = bodies[joint.parent].add_body(name=joint.child, **mujoco_pose(at))
             part.explicitinertial, part.mass, part.inertia = True, 0.05, [1e-4] * 3
             part.gravcomp = 1.0
             slides = joint.type == "prismatic"
@@ -285,41 +262,20 @@ class Trial:
         spec.add_exclude(bodyname1="palm", bodyname2="world")
         return {link: body.name for link, body in bodies.items()}
 
-    def _moved(self) -> list[tuple[str, ...]]:
-        """The links that hang on moving joints below the palm."""
-        robot = self.gripper.robot
-        moved: list[str] = []
-        below = {self.gripper.palm: False}
-        for joint in robot.joints:
-            if joint.parent in below:
-                below[joint.child] = below[joint.parent] or joint.moves
-                if below[joint.child]:
-                    moved.append(joint.child)
-        return [tuple(moved)]
-
     def _add_link(self, spec: Any, body: Any, link: str, pose: Floats) -> None:
         if link not in self.gripper.robot.meshes:
             return
         mujoco = self._mujoco
-        from scipy.spatial import ConvexHull, QhullError
-
         points = self.gripper.robot.hull(link) @ pose[:3, :3].T + pose[:3, 3]
         try:
-            hull = ConvexHull(points)
+            hull = trimesh.convex.convex_hull(points)
         except QhullError:
             return
         if hull.volume < 1e-10:
             return
         mesh = spec.add_mesh(name=f"hull of {link}")
-        number = np.zeros(len(points), int)
-        number[hull.vertices] = np.arange(len(hull.vertices))
-        corners = points[hull.vertices]
-        faces = number[hull.simplices]
-        a, b, c = np.moveaxis(corners[faces], 1, 0)
-        turned = np.einsum("ni,ni->n", np.cross(b - a, c - a), a - corners.mean(axis=0)) < 0
-        faces = np.where(turned[:, None], faces[:, ::-1], faces)
-        mesh.uservert = corners.ravel().tolist()
-        mesh.userface = faces.ravel().tolist()
+        mesh.uservert = hull.vertices.ravel().tolist()
+        mesh.userface = hull.faces.ravel().tolist()
         shape = body.add_geom(type=mujoco.mjtGeom.mjGEOM_MESH, meshname=f"hull of {link}")
         shape.condim = 4
         shape.mass = 0.0
@@ -419,7 +375,7 @@ class Trial:
                 multiplier, offset = robot.mimicry(joint)
                 data.joint(joint.name).qpos[0] = multiplier * opened[joint.mimics] + offset
         self._hold(before)
-        data.joint("palm").qpos[:] = [*before[:3, 3], *_quaternion(before)]
+        data.joint("palm").qpos[:] = np.concatenate([*mujoco_pose(before).values()])
         self._drive(opened, opened, before, before, SETTLE)
 
     def _rest(self, start: Floats, lifted: float = 0.0) -> Rest:
@@ -443,8 +399,8 @@ class Trial:
         return pose
 
     def _hold(self, pose: Floats) -> None:
-        self.data.mocap_pos[0] = pose[:3, 3]
-        self.data.mocap_quat[0] = _quaternion(pose)
+        at = mujoco_pose(pose)
+        self.data.mocap_pos[0], self.data.mocap_quat[0] = at["pos"], at["quat"]
 
     def _drive(
         self,
@@ -471,9 +427,3 @@ class Trial:
                 early = min(1.0, 2 * share)
                 self.data.ctrl[actuator] = opened[name] + early * (shut[name] - opened[name])
             self._mujoco.mj_step(self.model, self.data)
-
-
-def _quaternion(pose: Floats) -> Floats:
-    """The rotation as (w, x, y, z), the order of MuJoCo."""
-    x, y, z, w = Rotation.from_matrix(pose[:3, :3]).as_quat()
-    return np.array([w, x, y, z])

@@ -13,7 +13,7 @@ from planner.mission.behaviours import Outcome
 from planner.mission.command import Command
 from planner.mission.store.grasp_memory import GraspMemory
 from semmap.geometry.pose import Pose
-from semmap.manipulation.arm_motions import plan_grasp, plan_place
+from semmap.manipulation.arm_motions import plan_action
 from semmap.manipulation.automata import (
     automaton_of,
     base_pose,
@@ -68,10 +68,10 @@ def test_what_is_reached_is_where_forward_kinematics_lead(panda):
 def test_a_path_is_followed_again_until_something_moves_into_its_way(cups, panda):
     _, arm = stored_arm(panda, "panda")
     _, rows = reached(panda)
-    first = plan_grasp(panda, "panda", BASE, rows, state=READY, seconds=20)
+    first = plan_action(panda, "panda", BASE, rows, state=READY, seconds=20)
     assert first is not None
     assert not first.reused
-    again = plan_grasp(panda, "panda", BASE, rows, state=READY, seconds=20)
+    again = plan_action(panda, "panda", BASE, rows, state=READY, seconds=20)
     assert again is not None
     assert again.reused
     assert again.path == first.path
@@ -215,13 +215,13 @@ def test_a_held_object_is_put_down_by_the_grasp_that_holds_it(panda):
     arm = stored_arm(panda, "panda")[1]
     found = find_places(panda, "cup1", "table", gripper="panda_gripper", arm=arm, base=BASE)
     assert {row["grasp_id"] for row in found.rows} == {grasp}
-    motion = plan_place(panda, "panda", BASE, found.rows, state=READY, seconds=20)
+    motion = plan_action(panda, "panda", BASE, found.rows, state=READY, seconds=20)
     assert motion is not None
     put = BASE.matrix @ arm.grasp_pose(motion.approach[-1])
     in_hand = np.linalg.inv(motion.row["model_pose"].matrix)
     np.testing.assert_allclose(put @ in_hand, motion.row["spot"].matrix, atol=1e-2)
     with pytest.raises(ManipulationError, match="its arm has no joint elbow"):
-        plan_place(panda, "panda", BASE, found.rows, state={"elbow": 1})
+        plan_action(panda, "panda", BASE, found.rows, state={"elbow": 1})
 
 
 def test_the_commands_of_a_robot(cup_map):

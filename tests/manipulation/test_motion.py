@@ -23,6 +23,11 @@ READY = np.array([0, -0.8, 0, -2.2, 0, 1.6, 0.8])
 """The Panda with its gripper before it."""
 
 
+def through(obstacles, held=None):
+    """Any free motion."""
+    return Stroke(np.eye(4), obstacles, held=held)
+
+
 @functools.cache
 def panda():
     return Arm(real_gripper("panda"))
@@ -89,8 +94,8 @@ def test_a_motion_leads_round_a_wall_with_the_held_object(tmp_path):
     item = solid_of("cylinder", (0.02, 0.2)).mesh(12)
     corners = item.vertices + np.array((0, 0, 0.09))  # hangs from the pads
     held = Held(convex_body(corners), np.eye(4), 0.04)
-    assert len(plan_motion(arm, start, goal, wall)) == 29  # the hand alone passes above
-    path = plan_motion(arm, start, goal, wall, held=held, seconds=30)
+    assert len(plan_motion(arm, start, goal, through(wall))) == 29  # the hand alone passes above
+    path = plan_motion(arm, start, goal, through(wall, held), 30)
     assert path is not None
     np.testing.assert_allclose(path[[0, -1]], [start, goal], atol=1e-9)
     assert np.abs(np.diff(path, axis=0)).max() <= STEP + 1e-9
@@ -133,9 +138,9 @@ def test_ends_that_touch_are_refused():
     grip = arm.grasp_pose(READY)[:3, 3]
     block = Obstacles(box_mesh(tuple(grip - 0.05), tuple(grip + 0.05)).triangles)
     with pytest.raises(ManipulationError, match="start of the motion: the arm touches"):
-        plan_motion(arm, READY, READY + 0.1, block)
+        plan_motion(arm, READY, READY + 0.1, through(block))
     with pytest.raises(ManipulationError, match="joint panda_joint4 is beyond"):
-        plan_motion(arm, READY, READY + 3 * np.eye(7)[3], NOTHING)
+        plan_motion(arm, READY, READY + 3 * np.eye(7)[3], through(NOTHING))
 
 
 class Point:
@@ -156,7 +161,7 @@ def test_a_motion_that_was_found_is_not_lost_on_the_way_out(width):
     start, goal = np.array([-0.8, 0.1]), np.array([0.8, -0.1])
     for k in range(12):
         point = Point(0.013 * k, 0.15 * k - 0.9, width)
-        path = plan_motion(point, start, goal, NOTHING, seconds=2)
+        path = plan_motion(point, start, goal, through(NOTHING), 2)
         assert path is not None
         np.testing.assert_array_equal(path[[0, -1]], [start, goal])
         assert np.abs(np.diff(path, axis=0)).max() <= STEP + 1e-9

@@ -7,7 +7,7 @@ import psycopg
 import pytest
 
 from semmap.manipulation.error import ManipulationError
-from semmap.manipulation.evaluation import Expected
+from semmap.manipulation.evaluation import mismatch
 from semmap.manipulation.practice import practise, practise_places, practise_pushes
 from semmap.manipulation.ranking import grasp_of_row
 from semmap.manipulation.reader import actions_on, list_tasks
@@ -103,7 +103,7 @@ def test_a_correction_replaces_what_failed_and_is_carried_over_to_similar_shapes
             session.execute("UPDATE contributor SET trust = 0")
             blind = find_grasps(session, name=name, gripper=gripper).rows[0]
             raise psycopg.Rollback(transaction)
-        assert Expected().mismatch(attempt(grasp_of_row(blind, 0.08))) is not None
+        assert mismatch(attempt(grasp_of_row(blind, 0.08))) is not None
         (tried,) = practise(session, name, gripper, attempt=attempt)
         best = find_grasps(session, name=name, gripper=gripper).rows[0]
         assert (tried["outcome"], tried["action_id"]) == ("completed", best["action_id"])
