@@ -3,27 +3,14 @@
 from __future__ import annotations
 
 from datetime import datetime
-from typing import Any
+from typing import Annotated, Any
 
-from sqlalchemy import BigInteger, DateTime, Dialect, MetaData, Text
+from sqlalchemy import BigInteger, DateTime, Dialect, ForeignKey, Identity, MetaData, Text
 from sqlalchemy.dialects.postgresql import ARRAY, DOUBLE_PRECISION, JSONB
-from sqlalchemy.orm import DeclarativeBase
+from sqlalchemy.orm import DeclarativeBase, mapped_column
 from sqlalchemy.types import TypeDecorator
 
 from semmap.geometry.pose import Pose
-
-
-class Base(DeclarativeBase):
-    """Declarative base; every table lies in the schema `semmap`."""
-
-    metadata = MetaData(schema="semmap")
-    type_annotation_map = {  # noqa: RUF012
-        str: Text(),
-        float: DOUBLE_PRECISION(),
-        datetime: DateTime(timezone=True),
-        dict[str, Any]: JSONB(),
-        list[int]: ARRAY(BigInteger()),
-    }
 
 
 class PoseColumn(TypeDecorator[Pose]):
@@ -39,3 +26,29 @@ class PoseColumn(TypeDecorator[Pose]):
     def process_result_value(self, value: Any, dialect: Dialect) -> Pose | None:
         """A pose on its way out."""
         return None if value is None else Pose(*value)
+
+
+class Base(DeclarativeBase):
+    """Declarative base; every table lies in the schema `semmap`."""
+
+    metadata = MetaData(schema="semmap")
+    type_annotation_map = {  # noqa: RUF012
+        str: Text(),
+        float: DOUBLE_PRECISION(),
+        datetime: DateTime(timezone=True),
+        dict[str, Any]: JSONB(),
+        list[int]: ARRAY(BigInteger()),
+        list[float]: ARRAY(DOUBLE_PRECISION()),
+        list[str]: ARRAY(Text()),
+        Pose: PoseColumn(),
+    }
+
+
+EntityKey = Annotated[
+    int,
+    mapped_column(BigInteger, ForeignKey("semmap.entity.id", ondelete="CASCADE"), primary_key=True),
+]
+"""The key of a table with a row for each of some entities."""
+
+RowId = Annotated[int, mapped_column(BigInteger, Identity(), primary_key=True)]
+"""A key that the database counts."""

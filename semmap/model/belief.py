@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from datetime import datetime
 
-from sqlalchemy import BigInteger, ForeignKey, Identity, Index, text
-from sqlalchemy.dialects.postgresql import ARRAY, DOUBLE_PRECISION
+from sqlalchemy import ForeignKey, Index, text
 from sqlalchemy.orm import Mapped, mapped_column, relationship
 
-from semmap.model.base import Base
+from semmap.model.base import Base, RowId
 from semmap.model.entity import Entity
 
 
@@ -26,13 +25,13 @@ class Observation(Base):
         Index("observation_observer", "observer_id"),
     )
 
-    id: Mapped[int] = mapped_column(BigInteger, Identity(), primary_key=True)
+    id: Mapped[RowId]
     entity_id: Mapped[int] = mapped_column(ForeignKey(Entity.id, ondelete="CASCADE"))
     place_id: Mapped[int] = mapped_column(ForeignKey(Entity.id, ondelete="CASCADE"))
     at: Mapped[datetime] = mapped_column(server_default=text("clock_timestamp()"))
     seen: Mapped[bool]
     inside: Mapped[bool] = mapped_column(server_default=text("false"))
-    position: Mapped[list[float] | None] = mapped_column(ARRAY(DOUBLE_PRECISION()))
+    position: Mapped[list[float] | None]
     visible: Mapped[float] = mapped_column(server_default=text("1"))
     hit: Mapped[float | None]
     false_alarm: Mapped[float | None]
@@ -57,7 +56,7 @@ class Belief(Base):
         Index("belief_place", "place_id"),
     )
 
-    id: Mapped[int] = mapped_column(BigInteger, Identity(), primary_key=True)
+    id: Mapped[RowId]
     entity_id: Mapped[int] = mapped_column(ForeignKey(Entity.id, ondelete="CASCADE"))
     place_id: Mapped[int | None] = mapped_column(ForeignKey(Entity.id, ondelete="CASCADE"))
     prior: Mapped[float]

@@ -14,7 +14,6 @@ from sqlalchemy import (
     Index,
     Integer,
     PrimaryKeyConstraint,
-    Text,
     UniqueConstraint,
     exists,
     text,
@@ -25,7 +24,7 @@ from sqlalchemy.ext.mutable import MutableDict
 from sqlalchemy.orm import Mapped, mapped_column, relationship
 
 from semmap.geometry.pose import Pose
-from semmap.model.base import Base, PoseColumn
+from semmap.model.base import Base, EntityKey, RowId
 from semmap.model.geometry import EntityModel, GeometricModel
 from semmap.model.placement import Placement, WorldPlacement
 from semmap.model.semantics import SemanticType
@@ -74,7 +73,7 @@ class Entity(Base):
     )
     __mapper_args__ = {"polymorphic_on": "kind"}  # noqa: RUF012
 
-    id: Mapped[int] = mapped_column(BigInteger, Identity(), primary_key=True)
+    id: Mapped[RowId]
     map_id: Mapped[int] = mapped_column(ForeignKey(StoredMap.id, ondelete="CASCADE"))
     kind: Mapped[str]
     name: Mapped[str]
@@ -147,9 +146,7 @@ class Storey(Entity):
     __tablename__ = "storey"
     __mapper_args__ = {"polymorphic_identity": "storey"}  # noqa: RUF012
 
-    entity_id: Mapped[int] = mapped_column(
-        BigInteger, ForeignKey(Entity.id, ondelete="CASCADE"), primary_key=True
-    )
+    entity_id: Mapped[EntityKey]
     elevation: Mapped[float] = mapped_column(server_default="0", default=0.0)
     height: Mapped[float | None]
 
@@ -160,9 +157,7 @@ class Elevator(Entity):
     __tablename__ = "elevator"
     __mapper_args__ = {"polymorphic_identity": "elevator"}  # noqa: RUF012
 
-    entity_id: Mapped[int] = mapped_column(
-        BigInteger, ForeignKey(Entity.id, ondelete="CASCADE"), primary_key=True
-    )
+    entity_id: Mapped[EntityKey]
     cabins: Mapped[list[Room]] = relationship(
         back_populates="elevator",
         primaryjoin=lambda: Elevator.entity_id == Room.elevator_id,
@@ -221,17 +216,15 @@ class Connector(Entity):
     place_b_id: Mapped[int | None] = mapped_column(
         "place_b", ForeignKey(Entity.id, ondelete="CASCADE")
     )
-    pose_a: Mapped[Pose] = mapped_column(PoseColumn)
-    pose_b: Mapped[Pose] = mapped_column(PoseColumn)
+    pose_a: Mapped[Pose]
+    pose_b: Mapped[Pose]
     direction: Mapped[str] = mapped_column(server_default="both", default="both")
     state: Mapped[str] = mapped_column(server_default="open", default="open")
     behaviour: Mapped[str] = mapped_column(server_default="pass_door", default="pass_door")
     width: Mapped[float | None]
     height: Mapped[float | None]
     step: Mapped[float] = mapped_column(server_default="0", default=0.0)
-    permissions: Mapped[list[str]] = mapped_column(
-        ARRAY(Text), server_default=text("'{}'"), default=list
-    )
+    permissions: Mapped[list[str]] = mapped_column(server_default=text("'{}'"), default=list)
     seen_at: Mapped[datetime | None]
     __mapper_args__ = {  # noqa: RUF012
         "polymorphic_identity": "connector",

@@ -5,10 +5,10 @@ from __future__ import annotations
 from typing import Any
 
 from geoalchemy2 import Geometry
-from sqlalchemy import BigInteger, ForeignKey, Identity, Index
+from sqlalchemy import ForeignKey, Index
 from sqlalchemy.orm import Mapped, mapped_column
 
-from semmap.model.base import Base
+from semmap.model.base import Base, EntityKey, RowId
 
 
 class GeometricModel(Base):
@@ -20,7 +20,7 @@ class GeometricModel(Base):
 
     __tablename__ = "model"
 
-    id: Mapped[int] = mapped_column(BigInteger, Identity(), primary_key=True)
+    id: Mapped[RowId]
     digest: Mapped[str] = mapped_column(unique=True)
     kind: Mapped[str]
     uri: Mapped[str | None]
@@ -36,8 +36,6 @@ class EntityModel(Base):
     __tablename__ = "entity_model"
     __table_args__ = (Index("entity_model_model", "model_id"),)
 
-    entity_id: Mapped[int] = mapped_column(
-        ForeignKey("semmap.entity.id", ondelete="CASCADE"), primary_key=True
-    )
+    entity_id: Mapped[EntityKey]
     model_id: Mapped[int] = mapped_column(ForeignKey(GeometricModel.id), primary_key=True)
     role: Mapped[str] = mapped_column(server_default="visual", default="visual", primary_key=True)

@@ -10,7 +10,7 @@ from sqlalchemy.dialects.postgresql import TSTZRANGE, Range
 from sqlalchemy.orm import Mapped, mapped_column
 
 from semmap.geometry.pose import Pose
-from semmap.model.base import Base, PoseColumn
+from semmap.model.base import Base
 
 
 class EntityHistory(Base):
@@ -48,7 +48,7 @@ class PlacementHistory(Base):
 
     entity_id: Mapped[int] = mapped_column(BigInteger)
     holder_id: Mapped[int | None] = mapped_column(BigInteger)
-    pose: Mapped[Pose] = mapped_column(PoseColumn)
+    pose: Mapped[Pose]
     relation: Mapped[str]
     confidence: Mapped[float | None]
     during: Mapped[Range[datetime]] = mapped_column(TSTZRANGE)

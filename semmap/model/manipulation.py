@@ -7,22 +7,18 @@ from typing import Any
 from uuid import UUID
 
 from sqlalchemy import (
-    ARRAY,
-    BigInteger,
     Computed,
     ForeignKey,
     Identity,
     Index,
     Integer,
     LargeBinary,
-    Text,
     text,
 )
-from sqlalchemy.dialects.postgresql import DOUBLE_PRECISION
 from sqlalchemy.orm import Mapped, mapped_column, relationship
 
 from semmap.geometry.pose import Pose
-from semmap.model.base import Base, PoseColumn
+from semmap.model.base import Base, EntityKey, RowId
 from semmap.model.entity import Entity, StoredMap
 from semmap.model.semantics import SemanticType
 
@@ -57,7 +53,7 @@ class Device(Base):
     urdf: Mapped[str | None]
     source: Mapped[str | None]
     joints: Mapped[dict[str, Any]] = mapped_column(server_default=EMPTY)
-    capabilities: Mapped[list[str]] = mapped_column(ARRAY(Text), server_default=EMPTY)
+    capabilities: Mapped[list[str]] = mapped_column(server_default=EMPTY)
 
 
 class StoredGripper(Base):
@@ -92,18 +88,18 @@ class ObjectModel(Base):
         Index("object_model_shape", "shape", text("(size[1])")),
     )
 
-    id: Mapped[int] = mapped_column(BigInteger, Identity(), primary_key=True)
+    id: Mapped[RowId]
     key: Mapped[str] = mapped_column(unique=True)
     name: Mapped[str | None]
     type: Mapped[str | None] = mapped_column(
         ForeignKey(SemanticType.name, onupdate="CASCADE", ondelete="SET NULL")
     )
-    functions: Mapped[list[str]] = mapped_column(ARRAY(Text), server_default=EMPTY)
+    functions: Mapped[list[str]] = mapped_column(server_default=EMPTY)
     shape: Mapped[str | None]
-    size: Mapped[list[float] | None] = mapped_column(ARRAY(DOUBLE_PRECISION()))
-    shape_pose: Mapped[Pose | None] = mapped_column(PoseColumn)
+    size: Mapped[list[float] | None]
+    shape_pose: Mapped[Pose | None]
     inliers: Mapped[float | None]
-    deviation: Mapped[list[float] | None] = mapped_column(ARRAY(DOUBLE_PRECISION()))
+    deviation: Mapped[list[float] | None]
     contributor_id: Mapped[int] = mapped_column(ForeignKey(Contributor.id), server_default=OWN)
 
     actions: Mapped[list[StoredAction]] = relationship(back_populates="object")
@@ -115,9 +111,7 @@ class EntityObject(Base):
     __tablename__ = "entity_object"
     __table_args__ = (Index("entity_object_object", "object_id"),)
 
-    entity_id: Mapped[int] = mapped_column(
-        ForeignKey(Entity.id, ondelete="CASCADE"), primary_key=True
-    )
+    entity_id: Mapped[EntityKey]
     object_id: Mapped[int] = mapped_column(ForeignKey(ObjectModel.id, ondelete="CASCADE"))
 
 
@@ -154,15 +148,15 @@ class StoredAction(Base):
         Index("action_tried", "object_id", "kind", postgresql_where=text("attempts > 0")),
     )
 
-    id: Mapped[int] = mapped_column(BigInteger, Identity(), primary_key=True)
+    id: Mapped[RowId]
     key: Mapped[UUID] = mapped_column(unique=True, server_default=text("gen_random_uuid()"))
     kind: Mapped[str]
     object_id: Mapped[int] = mapped_column(ForeignKey(ObjectModel.id, ondelete="CASCADE"))
     gripper_id: Mapped[int] = mapped_column(ForeignKey(StoredGripper.device_id, ondelete="CASCADE"))
-    pose: Mapped[Pose | None] = mapped_column(PoseColumn)
-    pre_pose: Mapped[Pose | None] = mapped_column(PoseColumn)
-    post_pose: Mapped[Pose | None] = mapped_column(PoseColumn)
-    motion: Mapped[list[float] | None] = mapped_column(ARRAY(DOUBLE_PRECISION()))
+    pose: Mapped[Pose | None]
+    pre_pose: Mapped[Pose | None]
+    post_pose: Mapped[Pose | None]
+    motion: Mapped[list[float] | None]
     approach: Mapped[str | None]
     family: Mapped[str | None]
     width: Mapped[float | None]
@@ -177,7 +171,7 @@ class StoredAction(Base):
     replaced_by: Mapped[int | None] = mapped_column(
         ForeignKey("semmap.action.id", ondelete="SET NULL")
     )
-    shift: Mapped[list[float] | None] = mapped_column(ARRAY(DOUBLE_PRECISION()))
+    shift: Mapped[list[float] | None]
     contributor_id: Mapped[int] = mapped_column(ForeignKey(Contributor.id), server_default=OWN)
     created_at: Mapped[datetime] = mapped_column(server_default=NOW)
 
@@ -197,14 +191,14 @@ class ManipulationTask(Base):
         Index("task_action", "action_id"),
     )
 
-    id: Mapped[int] = mapped_column(BigInteger, Identity(), primary_key=True)
+    id: Mapped[RowId]
     map_id: Mapped[int] = mapped_column(ForeignKey(StoredMap.id, ondelete="CASCADE"))
     robot_id: Mapped[int | None] = mapped_column(ForeignKey(Entity.id, ondelete="SET NULL"))
     kind: Mapped[str]
     entity_id: Mapped[int | None] = mapped_column(ForeignKey(Entity.id, ondelete="SET NULL"))
     action_id: Mapped[int | None] = mapped_column(ForeignKey(StoredAction.id, ondelete="SET NULL"))
-    start: Mapped[Pose | None] = mapped_column(PoseColumn)
-    goal: Mapped[Pose | None] = mapped_column(PoseColumn)
+    start: Mapped[Pose | None]
+    goal: Mapped[Pose | None]
     deadline: Mapped[datetime | None]
     outcome: Mapped[str] = mapped_column(server_default=text("'to run'"))
     message: Mapped[str | None]

@@ -5,11 +5,10 @@ from __future__ import annotations
 from datetime import datetime
 from typing import Any
 
-from sqlalchemy import BigInteger, ForeignKey, Identity, Index, Text, text
-from sqlalchemy.dialects.postgresql import ARRAY
+from sqlalchemy import ForeignKey, Index, text
 from sqlalchemy.orm import Mapped, mapped_column
 
-from semmap.model.base import Base
+from semmap.model.base import Base, RowId
 from semmap.model.entity import Entity, StoredMap
 
 
@@ -28,7 +27,7 @@ class Mission(Base):
         ),
     )
 
-    id: Mapped[int] = mapped_column(BigInteger, Identity(), primary_key=True)
+    id: Mapped[RowId]
     map_id: Mapped[int] = mapped_column(ForeignKey(StoredMap.id, ondelete="CASCADE"))
     robot_id: Mapped[int] = mapped_column(ForeignKey(Entity.id, ondelete="CASCADE"))
     goal: Mapped[str]
@@ -58,7 +57,7 @@ class MissionStep(Base):
     )
     number: Mapped[int] = mapped_column(primary_key=True)
     action: Mapped[str]
-    arguments: Mapped[list[str]] = mapped_column(ARRAY(Text))
+    arguments: Mapped[list[str]]
     command: Mapped[dict[str, Any]]
     state: Mapped[str] = mapped_column(server_default="planned", default="planned")
     started_at: Mapped[datetime | None]

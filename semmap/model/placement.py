@@ -10,7 +10,7 @@ from sqlalchemy import BigInteger, ForeignKey, Index, event, inspect, text
 from sqlalchemy.orm import Mapped, mapped_column, relationship
 
 from semmap.geometry.pose import IDENTITY, Pose
-from semmap.model.base import Base, PoseColumn
+from semmap.model.base import Base, EntityKey
 
 if TYPE_CHECKING:
     from semmap.model.entity import Entity
@@ -33,18 +33,16 @@ class Placement(Base):
         ),
     )
 
-    entity_id: Mapped[int] = mapped_column(
-        ForeignKey("semmap.entity.id", ondelete="CASCADE"), primary_key=True
-    )
+    entity_id: Mapped[EntityKey]
     holder_id: Mapped[int | None] = mapped_column(ForeignKey("semmap.entity.id"))
-    pose: Mapped[Pose] = mapped_column(
-        PoseColumn, server_default="{0,0,0,0,0,0,1}", default=IDENTITY
-    )
+    pose: Mapped[Pose] = mapped_column(server_default="{0,0,0,0,0,0,1}", default=IDENTITY)
     relation: Mapped[str] = mapped_column(server_default="in", default="in")
     confidence: Mapped[float | None]
     since: Mapped[datetime] = mapped_column(server_default=text("statement_timestamp()"))
 
-    entity: Mapped[Entity] = relationship(foreign_keys=entity_id, back_populates="placement")
+    entity: Mapped[Entity] = relationship(
+        foreign_keys="Placement.entity_id", back_populates="placement"
+    )
     holder: Mapped[Entity | None] = relationship(foreign_keys=holder_id)
 
 
@@ -81,6 +79,6 @@ class WorldPlacement(Base):
     )
     map_id: Mapped[int]
     storey_id: Mapped[int | None] = mapped_column(BigInteger)
-    pose: Mapped[Pose] = mapped_column(PoseColumn)
+    pose: Mapped[Pose]
     box: Mapped[Any] = mapped_column(Geometry("LINESTRINGZ", dimension=3, spatial_index=False))
     footprint: Mapped[Any | None] = mapped_column(Geometry("MULTIPOLYGON", spatial_index=False))

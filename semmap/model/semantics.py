@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from sqlalchemy import ARRAY, DOUBLE_PRECISION, ForeignKey, Text, text
+from sqlalchemy import ForeignKey, text
 from sqlalchemy.orm import Mapped, mapped_column, relationship
 
 from semmap.model.base import Base
@@ -20,10 +20,10 @@ class SemanticType(Base):
     iri: Mapped[str | None] = mapped_column(unique=True)
     comment: Mapped[str | None]
     origin: Mapped[str] = mapped_column(server_default="import")
-    typical_size: Mapped[list[float] | None] = mapped_column(ARRAY(DOUBLE_PRECISION()))
-    found_in: Mapped[list[str]] = mapped_column(ARRAY(Text), server_default=text("'{}'"))
+    typical_size: Mapped[list[float] | None]
+    found_in: Mapped[list[str]] = mapped_column(server_default=text("'{}'"))
     keeps: Mapped[float | None]
-    functions: Mapped[list[str]] = mapped_column(ARRAY(Text), server_default=text("'{}'"))
+    functions: Mapped[list[str]] = mapped_column(server_default=text("'{}'"))
     properties: Mapped[dict[str, Any]] = mapped_column(server_default=text("'{}'"))
 
     parents: Mapped[list[SemanticType]] = relationship(
