@@ -12,17 +12,7 @@ from navgrid.slabs import occupancy
 
 
 def area_cells(outline: shapely.Geometry, grid: Grid) -> NDArray[np.bool_]:
-    """Return the cells whose half-open square meets a polygon.
-
-    Parameters
-    ----------
-    outline : Polygon or MultiPolygon, metres
-    grid : Grid
-
-    Returns
-    -------
-    (rows, columns) bool
-    """
+    """Return the (rows, columns) bool cells whose half-open square meets polygons, metres."""
     triangles = flat_triangles(outline)
     if not len(triangles):
         return np.zeros(grid.shape, np.bool_)

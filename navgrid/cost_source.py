@@ -27,7 +27,6 @@ class CostSource:
 
     Attributes
     ----------
-    part, layer : str
     entities : tuple of str
         The names of the nearest entities of the layer.
     distance : float
@@ -53,16 +52,7 @@ class CostSource:
 def cost_sources(costmap: Costmap, row: int, column: int) -> list[CostSource]:
     """Return the causes of the cost of a cell, the highest cost first.
 
-    Parameters
-    ----------
-    costmap : Costmap
-    row, column : int
-        A cell of its grid.
-
-    Returns
-    -------
-    list of CostSource
-        For each part and layer within reach, the nearest occupied cells and the entities there.
+    For each part and layer within reach, these are the entities at the nearest occupied cells.
     """
     grid = costmap.grid
     outer = grown((slice(row, row + 1), slice(column, column + 1)), costmap.reach, grid)

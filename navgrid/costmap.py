@@ -43,10 +43,7 @@ if TYPE_CHECKING:  # fields need OpenVDB, a costmap without them does not
 class Inflation:
     """How costs fall off around obstacles, as in the inflation layer of costmap_2d.
 
-    Attributes
-    ----------
-    inflation_radius : float, metres
-    cost_scaling_factor : float, 1/metre
+    The inflation radius is in metres, the factor of scaling in 1/metre.
     """
 
     inflation_radius: float = 0.55
@@ -82,10 +79,9 @@ class Costmap:
     parts : sequence of Part
         The parts of the robot, from `semmap.robot.robot_parts`.
     grid : Grid
-        From `navgrid.grid.scene_grid`, for example.
+        From `navgrid.scene_grid`, for example.
     policy : Policy, optional
         Which entity goes on which layer; by default that of ``navgrid/policy.yaml``.
-    inflation : Inflation, optional
     limits : DriveLimits, optional
         The steps and slopes that the robot drives over.
     static : mapping of (rows, columns) bool arrays, optional
@@ -239,17 +235,10 @@ class Costmap:
         return [(max(low, step), high) for low, high in (part.interval for part in self.parts)]
 
     def section(self, height: float) -> NDArray[np.bool_]:
-        """Return the cells that a laser at a height would see, the localisation map.
+        """Return the (rows, columns) bool cells that a laser would see, the localisation map.
 
-        Parameters
-        ----------
-        height : float, metres above the floor
-
-        Returns
-        -------
-        (rows, columns) bool
-            The cells in which a plane at this height cuts entities, and the inside of closed ones
-            (Deeken et al., section 4.2).
+        These are cells in which the plane `height` metres above the floor cuts entities, and the
+        inside of closed ones (Deeken et al., section 4.2).
         """
         found: NDArray[np.bool_] = self.obstacles.solids([(height, height)])[0]
         return found
@@ -267,13 +256,7 @@ class Costmap:
     def hits(self, part: int, window: Window, motion: Motion = "stand") -> NDArray[np.uint16]:
         """Return where a part meets obstacles of a window, by heading, as `navgrid.headings.hits`.
 
-        Parameters
-        ----------
-        part : int
-            Its number.
-        window : (rows, columns)
-            Only obstacles in it count.
-        motion : "stand", "step" or "turn"
+        The part is given by its number. Only obstacles in the window count.
         """
         found = np.zeros(self.unknown[window].shape, np.uint16)
         for padding in {layer.padding for layer in self.layers}:
@@ -317,18 +300,8 @@ class Costmap:
         """Replace or add entities, remove others, and compute the costs near them again.
 
         The result equals that of a new costmap. If floors or rooms changed, everything is computed.
-
-        Parameters
-        ----------
-        entities : iterable of SceneEntity
-            New and changed ones.
-        gone : iterable of int
-            The ids of removed ones.
-
-        Returns
-        -------
-        Window or None
-            The rows and columns whose costs were computed; None if no cell is affected.
+        `gone` has the ids of removed ones. Returns the rows and columns whose costs were computed;
+        None if no cell is affected.
         """
         change = self.obstacles.update(entities, gone)
         if change.floors:
@@ -346,15 +319,8 @@ class Costmap:
     def set_field(self, name: str, field: RepresentationMap | FieldVoxels | None) -> Window | None:
         """Add or replace the field of a name, or remove it with None.
 
-        Returns
-        -------
-        Window or None
-            The rows and columns whose costs were computed; None if no cell is affected.
-
-        Raises
-        ------
-        ValueError
-            Another layer has this name.
+        Returns the rows and columns whose costs were computed; None if no cell is affected.
+        ValueError if another layer has this name.
         """
         if name in self.static or name in {layer.name for layer in self.policy.layers}:
             raise _name_is_taken("field", name)
@@ -435,22 +401,10 @@ class Costmap:
         return self.plot().png
 
     def explain(self, x: float, y: float) -> list[CostSource]:
-        """Return the causes of the cost at a point, the highest cost first.
+        """Return the causes of the cost at a point of the map, metres, the highest cost first.
 
-        Parameters
-        ----------
-        x, y : float, metres in the map's frame
-
-        Returns
-        -------
-        list of CostSource
-            For each part and layer within reach, the nearest occupied cells and the entities there;
-            empty for a cell without cost.
-
-        Raises
-        ------
-        ValueError
-            The point is not on the grid.
+        For each part and layer within reach, these are the entities at the nearest occupied cells;
+        none for a cell without cost. ValueError for a point that is not on the grid.
         """
         return cost_sources(self, *self.grid.cell(x, y))
 

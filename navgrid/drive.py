@@ -19,16 +19,10 @@ STEP = 3
 
 
 class DriveSpace(NamedTuple):
-    """Where a robot fits, by heading: bit h is heading h of `navgrid.headings.HEADINGS`.
+    """Where a robot fits, by heading: bit h of the uint16 of a cell is heading h of `HEADINGS`.
 
-    Attributes
-    ----------
-    fits : (rows, columns) uint16
-        Standing in the middle of a cell.
-    steps : (rows, columns) uint16
-        Along the heading from a cell to that of its step.
-    turns : (rows, columns) uint16
-        On the spot from a heading to the next.
+    `fits`: standing in its middle. `steps`: along the heading to the cell of its step. `turns`: on
+    the spot from a heading to the next.
     """
 
     fits: NDArray[np.uint16]
@@ -62,33 +56,12 @@ def drive(
     slow: float = 1.0,
     threads: int = 1,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the price and the length of the cheapest ways from cells to cells.
+    """Return the (k, m) prices and lengths of the cheapest ways between cells; infinity: none.
 
     The robot drives along its heading, ahead or back, by the steps of `navgrid.travel`, and turns
-    on the spot. All that its parts pass is free. A turn costs nothing, a step as in `travel`. Ways
-    begin and end at any heading, so that they are the same back.
-
-    Parameters
-    ----------
-    costs : (rows, columns) uint8
-        With the meaning of costmap_2d; the robot's origin must not be in cells of 255.
-    space : DriveSpace
-        Of the same cells.
-    resolution : float, metres
-    cells, targets : (k, 2) and (m, 2) integers
-        Rows and columns.
-    slow : float
-        The extra cost of a metre on the most expensive cells.
-
-    Returns
-    -------
-    prices, metres : (k, m) float64
-        Infinity where there is no way.
-
-    Raises
-    ------
-    ValueError
-        An array has a wrong shape or type, or a cell is outside of the costmap.
+    on the spot. All that its parts pass is free. A turn costs nothing, a step as in `travel`; its
+    origin must not be in cells of 255. Ways begin and end at any heading, so that they are the same
+    back. Cells are rows and columns; ValueError for one that is outside.
     """
     starts, goals = (
         np.ascontiguousarray(c, dtype=np.int64).reshape(-1, 2) for c in (cells, targets)

@@ -27,20 +27,10 @@ if TYPE_CHECKING:  # fields need OpenVDB, a costmap without them does not
 
 @dataclass(frozen=True, eq=False)
 class FieldVoxels:
-    """A field as plain data.
+    """A field as plain data: the name of its property, such as ``containsPerson``, and its voxels.
 
-    Attributes
-    ----------
-    property : str
-        The name of its property, such as ``containsPerson``.
-    voxels : Voxels
-    values : (N,) float32, optional
-        Numbers, where the field has some.
-    entities : (N,) integers, optional
-        Keys of `legend`, where the voxels state entities.
-    legend : mapping of int to str
-    about : str, optional
-        The entity that the whole field is about.
+    `values`: (N,) numbers, where the field has some. `entities`: (N,) keys of the legend, where the
+    voxels state entities. `about`: the entity that the whole field is about.
     """
 
     property: str
@@ -52,13 +42,7 @@ class FieldVoxels:
 
     @classmethod
     def of_map(cls, map: RepresentationMap) -> FieldVoxels:
-        """Return the voxels of a representation map.
-
-        Raises
-        ------
-        ValueError
-            A value is not finite.
-        """
+        """Return the voxels of a representation map; ValueError for a value that is not finite."""
         return field_voxels(map.grid, map.property.name, map.about, map.legend)
 
 
@@ -70,19 +54,8 @@ def field_voxels(
 ) -> FieldVoxels:
     """Return the voxels of a grid of `semmap_vdb` in the map's frame.
 
-    Parameters
-    ----------
-    grid : BoolGrid, Int32Grid or FloatGrid
-        A grid in another frame is resampled: each voxel gets the value at its centre.
-    property : str
-    about : str, optional
-    legend : mapping of int to str, optional
-        The entity of each value of an Int32Grid.
-
-    Raises
-    ------
-    ValueError
-        A value is not finite.
+    A grid in another frame is resampled: each voxel gets the value at its centre. The legend has
+    the entity of each value of an Int32Grid. ValueError for a value that is not finite.
     """
     from semmap.fields.maps.grids import lattice_of
     from semmap.fields.maps.lattice import Lattice
@@ -109,18 +82,9 @@ def field_voxels(
 
 @dataclass(frozen=True, eq=False)
 class FieldLayer:
-    """A field on a layer of a costmap.
+    """A field on a layer of a costmap: one of the policy, with its padding (metres), or `SOCIAL`.
 
-    Attributes
-    ----------
-    name : str
-        Of the field.
-    layer : str
-        A layer of the policy, whose padding applies; or `SOCIAL`.
-    padding : float, metres
-    field : FieldVoxels
-    is_ground : bool
-        It shows floors, too: its voxels within one voxel of a floor are not obstacles.
+    `is_ground`: it shows floors, too: its voxels within one voxel of a floor are not obstacles.
     """
 
     name: str
@@ -137,18 +101,9 @@ class FieldLayer:
     def values(
         self, levels: Sequence[FloorLevel], intervals: Sequence[tuple[float, float]], grid: Grid
     ) -> NDArray[np.float32]:
-        """Return the largest value above each cell, by interval of heights.
+        """Return the largest value above each cell: (intervals, rows, columns) float32.
 
-        Parameters
-        ----------
-        levels : sequence of FloorLevel
-            The floor of each cell.
-        intervals : sequence of (low, high), metres above the floor
-        grid : Grid
-
-        Returns
-        -------
-        (len(intervals), rows, columns) float32
+        `levels` are the floors of the cells, intervals metres above them.
         """
         found = np.zeros((len(intervals), *grid.shape), np.float32)
         for level in levels:
@@ -172,14 +127,7 @@ class FieldLayer:
         grid: Grid,
         cells: NDArray[np.int64],
     ) -> tuple[str, ...]:
-        """Return the entities of the voxels above some cells; the field's name if it names none.
-
-        Parameters
-        ----------
-        levels, interval, grid
-            As for `values`.
-        cells : (n, 2) rows and columns
-        """
+        """Return the entities of the voxels above (n, 2) cells; the field's name if it has none."""
         field = self.field
         if field.entities is None:
             return (field.about or self.name,)
@@ -212,11 +160,6 @@ def sort_fields(
     """Return the fields that a policy puts on layers, and the names of those that have no rule.
 
     Fields on the layer `NONE` are in neither.
-
-    Parameters
-    ----------
-    fields : mapping of FieldVoxels, by name
-    policy : Policy
     """
     padding = {layer.name: layer.padding for layer in policy.layers}
     found: dict[str, FieldLayer] = {}
@@ -239,14 +182,7 @@ def social_costs(values: NDArray[np.float32]) -> NDArray[np.uint8]:
 
 
 def field_lists(layers: Iterable[FieldLayer], without_rule: Iterable[str]) -> dict[str, object]:
-    """Return for JSON the layer of each field as ``fields``, and ``fields_without_rule``.
-
-    Parameters
-    ----------
-    layers : iterable of FieldLayer
-    without_rule : iterable of str
-        The names of fields whose property the policy does not name.
-    """
+    """Return for JSON the layer of each field as ``fields``, and ``fields_without_rule``."""
     return {
         "fields": {each.name: each.layer for each in layers},
         "fields_without_rule": [*without_rule],
@@ -254,7 +190,7 @@ def field_lists(layers: Iterable[FieldLayer], without_rule: Iterable[str]) -> di
 
 
 def field_notes(layers: Iterable[FieldLayer], without_rule: Iterable[str]) -> list[str]:
-    """Return sentences about the fields in a grid or costmap; parameters as for `field_lists`."""
+    """Return sentences about the fields in a grid or costmap, and those without a rule."""
     notes = []
     by_layer: dict[str, list[str]] = {}
     for each in layers:

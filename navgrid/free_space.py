@@ -20,17 +20,7 @@ class NoFreeCellError(Error, ValueError):
 
 
 def check_free(costmap: Costmap) -> None:
-    """Check that the robot can be in at least one cell.
-
-    Parameters
-    ----------
-    costmap : Costmap
-
-    Raises
-    ------
-    NoFreeCellError
-        Every cell of the master is inscribed, lethal or unknown.
-    """
+    """Raise `NoFreeCellError` unless the robot can be in at least one cell."""
     if not (costmap.master < INSCRIBED).any():
         storey = costmap.scene.storey
         raise NoFreeCellError(f"storey {storey}: no cell of the costmap is free: {_cause(costmap)}")

@@ -59,11 +59,7 @@ class Grid:
     def around(cls, low: tuple[float, float], high: tuple[float, float], resolution: float) -> Grid:
         """Return the grid of whole cells that covers a rectangle, aligned to the resolution.
 
-        Parameters
-        ----------
-        low, high : (x, y)
-            Opposite corners, metres.
-        resolution : float, metres
+        `low` and `high` are opposite corners (x, y), metres.
         """
         _check_resolution(resolution)
         first = [math.floor(v / resolution) for v in low]
@@ -72,13 +68,7 @@ class Grid:
         return cls((first[0] * resolution, first[1] * resolution), resolution, shape)
 
     def cell(self, x: float, y: float) -> tuple[int, int]:
-        """Return the row and column of the cell at a point.
-
-        Raises
-        ------
-        ValueError
-            The point is not on the grid.
-        """
+        """Return the row and column of the cell at a point; ValueError where the grid has none."""
         column, row = (
             math.floor((v - o) / self.resolution) for v, o in zip((x, y), self.origin, strict=True)
         )
@@ -94,8 +84,6 @@ def scene_grid(
 
     Parameters
     ----------
-    scene : StoreyScene
-    resolution : float, metres
     bounds : (x0, y0, x1, y1), optional
         Cover this rectangle instead, metres.
     margin : float

@@ -18,15 +18,7 @@ if TYPE_CHECKING:
 
 
 def write_grid(made: StoreyGrid, folder: Path, *, picture: bool = True) -> dict[str, Any]:
-    """Write ``map.yaml``, ``map.pgm`` and ``plan.png`` into a folder; return a description of them.
-
-    Parameters
-    ----------
-    made : StoreyGrid
-    folder : Path
-    picture : bool
-        Draw the plan.
-    """
+    """Write ``map.yaml``, ``map.pgm`` and ``plan.png`` into a folder; return what they have."""
     path = write_map(made.grid, made.cells, folder / "map", comments=made.notes)
     rows, columns = made.grid.shape
     found: dict[str, Any] = {

@@ -2,8 +2,7 @@
 
 Deeken et al. (section 4.3) take each part for a disc. Here each part has its exact footprint,
 turned to each of n headings, after Hornung et al.: a long robot fits lengthwise through a gap in
-which its disc does not fit. Robots drive on the headings of
-the steps of `navgrid.drive`.
+which its disc does not fit. Robots drive on the headings of the steps of `navgrid.drive`.
 """
 
 from __future__ import annotations
@@ -38,24 +37,10 @@ Motion = Literal["stand", "step", "turn"]
 
 
 def collisions(costmap: Costmap, headings: int = 16) -> NDArray[np.bool_]:
-    """Return where any part of a robot would collide, by heading.
+    """Return where any part of a robot would collide, by heading: (headings, rows, columns) bool.
 
-    Parameters
-    ----------
-    costmap : Costmap
-    headings : int
-        Heading i is ``2 * pi * i / headings`` radians.
-
-    Returns
-    -------
-    (headings, rows, columns) bool
-        For the robot's origin in the middle of each cell. Cells beyond the grid and unknown cells
-        are not obstacles.
-
-    Raises
-    ------
-    ValueError
-        There is less than one heading.
+    Heading i is ``2 * pi * i / headings`` radians, the robot's origin in the middle of the cell.
+    Cells beyond the grid and unknown cells are not obstacles.
     """
     found = np.zeros((headings, *costmap.grid.shape), np.bool_)
     for number, part in enumerate(costmap.parts):
@@ -69,24 +54,10 @@ def collisions(costmap: Costmap, headings: int = 16) -> NDArray[np.bool_]:
 def part_collisions(
     occupied: NDArray[np.bool_], footprint: ArrayLike, resolution: float, headings: int
 ) -> NDArray[np.bool_]:
-    """Return where a footprint meets occupied cells, by heading.
+    """Return where a footprint meets occupied cells, by heading: (headings, rows, columns) bool.
 
-    Parameters
-    ----------
-    occupied : (rows, columns) bool
-    footprint : (N, 2)
-        A convex polygon in the robot's frame, metres; x points ahead.
-    resolution : float, metres
-    headings : int
-
-    Returns
-    -------
-    (headings, rows, columns) bool
-
-    Raises
-    ------
-    ValueError
-        There is less than one heading.
+    The footprint is a convex (N, 2) polygon in the robot's frame, metres; x points ahead.
+    ValueError for less than one heading.
     """
     if headings < 1:
         raise ValueError(f"headings is {headings}; give 1 or more")
@@ -119,23 +90,12 @@ def hits(
     motion: Motion = "stand",
     padding: float = 0.0,
 ) -> NDArray[np.uint16]:
-    """Return where a footprint meets occupied cells, by heading and in a motion.
+    """Return where a footprint meets (rows, columns) bool cells, by heading and in a motion.
 
-    Parameters
-    ----------
-    occupied : (rows, columns) bool
-        Cells beyond the grid are not occupied.
-    footprint : (N, 2)
-        A convex polygon in the robot's frame, metres; x points ahead.
-    resolution, padding : float, metres
-        The footprint is larger by the padding on all sides.
-    motion : "stand", "step" or "turn"
-        All that the footprint passes counts; of a turn, the convex hull.
-
-    Returns
-    -------
-    (rows, columns) uint16
-        Bit h is set if it meets one at heading h of `HEADINGS`, in the middle of the cell.
+    The footprint is a convex (N, 2) polygon in the robot's frame, metres, x ahead; the padding
+    makes it larger on all sides. All that it passes in the motion counts; of a turn, the convex
+    hull. Bit h of a cell's uint16 is set for heading h of `HEADINGS`, in the middle of the cell.
+    Cells beyond the grid are not occupied.
     """
     corners = np.ascontiguousarray(footprint, dtype=np.float64)
     runs = _runs(corners.tobytes(), resolution, motion, padding)
@@ -177,13 +137,9 @@ def _turned(corners: NDArray[np.float64], heading: float) -> NDArray[np.float64]
 def footprint_cells(
     footprint: ArrayLike, heading: float, resolution: float
 ) -> tuple[NDArray[np.bool_], tuple[int, int]]:
-    """Return the cells that a turned footprint meets, and the row and column of the robot's cell.
+    """Return the cells that a (N, 2) footprint, turned by a heading in radians, meets.
 
-    Parameters
-    ----------
-    footprint : (N, 2), metres in the robot's frame
-    heading : float, radians
-    resolution : float, metres
+    And the row and column of the robot's cell.
     """
     turned = _turned(np.asarray(footprint, dtype=np.float64), heading)
     cells, at = _cells_of(shapely.Polygon(turned), resolution)

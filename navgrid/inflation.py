@@ -41,16 +41,11 @@ def inflate(
     Parameters
     ----------
     occupied : (rows, columns) bool
-    resolution : float
-        The side of a cell, metres.
-    inscribed_radius, inflation_radius : float, metres
+    resolution, inscribed_radius, inflation_radius : float, metres
     cost_scaling_factor : float, 1/metre
-        How fast costs fall off.
     unknown : (rows, columns) bool, optional
         These cells keep 255 unless they are within the inscribed radius, as in costmap_2d's
-        inflation layer.
-    inflate_unknown : bool
-        Give unknown cells any cost above 0.
+        inflation layer; with `inflate_unknown`, unless their cost is above 0.
     variant : "baseline", "avx2" or "avx512", optional
         The instructions to use, by default the fastest available; the result is the same.
 
@@ -99,19 +94,10 @@ def costs_by_distance(
     cost_scaling_factor: float,
     farthest: int | None = None,
 ) -> NDArray[np.uint8]:
-    """Return the cost at each squared distance in cells, up to the inflation radius.
+    """Return the cost at each squared distance in cells, up to the inflation radius of `inflate`.
 
-    Parameters
-    ----------
-    resolution, inscribed_radius, inflation_radius, cost_scaling_factor
-        As for `inflate`.
-    farthest : int, optional
-        The longer side of the grid, cells: larger distances are left out.
-
-    Returns
-    -------
-    (n**2 + 1,) uint8
-        n is ``ceil(inflation_radius / resolution)``.
+    (n**2 + 1,) uint8 for a radius of n cells. `farthest` is the longer side of the grid, cells:
+    larger distances are left out.
     """
     _positive("resolution", resolution)
     for name, value in (

@@ -16,16 +16,9 @@ from semmap.query.storey_scene import Bounds, SceneEntity, StoreyScene
 
 @dataclass
 class LayerChange:
-    """The extent of a change of entities.
+    """The ground rectangles, metres, that changed entities covered or cover, and their layers.
 
-    Attributes
-    ----------
-    bounds : list of (x0, y0, x1, y1)
-        The ground rectangles, metres, that the entities covered before or cover now.
-    layers : set of str
-        The layers that they were or are on.
-    floors : bool
-        A floor changed, and with it the heights above it.
+    `floors`: a floor changed, and with it the heights above it.
     """
 
     bounds: list[Bounds] = field(default_factory=list)
@@ -38,20 +31,8 @@ class LayerMembers:
 
     Floors and the meshes of rooms are divided: a robot drives on the faces that are level enough
     and connected to a room's floor; their other faces, such as walls, are obstacles. Of voxels, the
-    floor is those that a room's floor passes through.
-
-    Parameters
-    ----------
-    scene : StoreyScene
-    policy : Policy
-    limits : DriveLimits
-
-    Attributes
-    ----------
-    layers : dict
-        By layer, its entities by id.
-    ramps : (F, 3, 3) float64
-        The drivable faces that are not level with a floor of the scene.
+    floor is those that a room's floor passes through. `layers` has by layer its entities by id;
+    `ramps` the (F, 3, 3) drivable faces that are not level with a floor of the scene.
     """
 
     def __init__(self, scene: StoreyScene, policy: Policy, limits: DriveLimits) -> None:

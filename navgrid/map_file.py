@@ -68,10 +68,8 @@ def write_map(
 
     Parameters
     ----------
-    grid : Grid
     cells : (rows, columns) int8
         Row 0 is the lowest y. -1 is unknown, 0 to 100 is the occupancy in percent.
-    path_stem : path without suffix
     mode : "trinary", "scale" or "raw"
         `trinary` writes cells at or below the free threshold as free, cells at or above the
         occupied threshold as occupied, and all others as unknown.
@@ -142,17 +140,10 @@ def write_map(
 
 
 def read_map(path: Path | str) -> tuple[Grid, NDArray[np.int8]]:
-    """Return the grid of a map file and its cells, as map_server reads them.
+    """Return the grid of a map file (YAML) and its cells, as map_server reads them.
 
-    Parameters
-    ----------
-    path : of the YAML file
-
-    Returns
-    -------
-    grid : Grid
-    cells : (rows, columns) int8
-        Row 0 is the lowest y. -1 is unknown, 0 to 100 is the occupancy in percent.
+    The cells are (rows, columns) int8, row 0 at the lowest y: -1 is unknown, 0 to 100 is the
+    occupancy in percent.
 
     Raises
     ------
@@ -368,8 +359,6 @@ def folder_of(storey: str, folder: Path, storeys: int) -> Path:
 def file_name(name: str) -> str:
     """Return a storey's or part's name in characters that file names may have.
 
-    Examples
-    --------
     >>> file_name("Level 1/B")
     'Level_1_B'
     """

@@ -26,14 +26,7 @@ KEEPOUT, SPEED_PERCENT, SPEED_ABSOLUTE = 0, 1, 2
 
 @dataclass(frozen=True, eq=False)
 class Mask:
-    """A filter mask.
-
-    Attributes
-    ----------
-    cells : (rows, columns) int8
-    type : int, of the filter
-    base, multiplier : float, of the filter
-    """
+    """A filter mask: cells, the type of the filter, and its base and multiplier."""
 
     cells: NDArray[np.int8]
     type: int
@@ -42,14 +35,7 @@ class Mask:
 
 
 def keepout_mask(entities: Iterable[SceneEntity], grid: Grid) -> Mask | None:
-    """Return a mask that is 100 in blocked regions and 0 elsewhere; None without such regions.
-
-    Parameters
-    ----------
-    entities : iterable of SceneEntity
-        Those for which `SceneEntity.is_blocked_region` is true count.
-    grid : Grid
-    """
+    """Return a mask that is 100 in blocked regions and 0 elsewhere; None without such regions."""
     cells = np.zeros(grid.shape, np.int8)
     for region in entities:
         if region.is_blocked_region and region.footprint is not None:
@@ -60,19 +46,10 @@ def keepout_mask(entities: Iterable[SceneEntity], grid: Grid) -> Mask | None:
 def speed_mask(entities: Iterable[SceneEntity], grid: Grid) -> Mask | None:
     """Return the speed limits of speed zones, the lowest where several meet; None without zones.
 
-    A zone's property ``speed_limit`` is in m/s, ``speed_percent`` in percent of the robot's highest
-    speed. Limits in m/s are rounded down to a hundredth of the highest one.
-
-    Parameters
-    ----------
-    entities : iterable of SceneEntity
-        Regions of the type ``speed_zone`` or with the property ``speed_limit`` count.
-    grid : Grid
-
-    Raises
-    ------
-    ValueError
-        A zone has no limit or one that is not a speed, or the zones have limits of both units.
+    Zones are regions of the type ``speed_zone`` or with the property ``speed_limit``, in m/s;
+    ``speed_percent`` is in percent of the robot's highest speed. Limits in m/s are rounded down to
+    a hundredth of the highest one. ValueError for a zone without a usable limit, and for both
+    units.
     """
     limits: list[tuple[float, bool, SceneEntity]] = []
     for region in entities:

@@ -33,18 +33,10 @@ Files: TypeAlias = dict[str, Any]
 
 
 def as_occupancy(costs: NDArray[np.uint8]) -> NDArray[np.int8]:
-    """Return costs as values of an occupancy grid, as a static layer reads them back.
+    """Return costs of costmap_2d as values of an occupancy grid, as a static layer reads them back.
 
-    Parameters
-    ----------
-    costs : uint8 array
-        With the meaning of costmap_2d.
-
-    Returns
-    -------
-    int8 array of the same shape
-        100 for the costs 253 and 254, where a robot without footprint must not be; lower costs as
-        ``cost * 100 / 254``, at least 1 above 0; -1 for unknown.
+    100 for the costs 253 and 254, where a robot without footprint must not be; lower costs as
+    ``cost * 100 / 254``, at least 1 above 0; -1 for unknown. Arrays of one shape, int8.
     """
     found: NDArray[np.int8] = np.ceil(costs * (100 / LETHAL)).clip(0, 99).astype(np.int8)
     found[costs >= INSCRIBED] = 100
@@ -55,8 +47,6 @@ def as_occupancy(costs: NDArray[np.uint8]) -> NDArray[np.int8]:
 def frame_name(storey: str) -> str:
     """Return the name of the frame in which a storey's maps are, a valid name for tf.
 
-    Examples
-    --------
     >>> frame_name("floor-1st")
     'map_floor_1st'
     """
@@ -66,18 +56,8 @@ def frame_name(storey: str) -> str:
 def write_nav2(costmap: Costmap, folder: Path, *, laser_height: float = 0.25) -> Files:
     """Write all maps of a costmap, ``nav2_params.yaml`` and ``costmap.json`` into a folder.
 
-    Parameters
-    ----------
-    costmap : Costmap
-    folder : Path
-        Made if it does not exist.
-    laser_height : float
-        The height of the localisation map, metres above the floor.
-
-    Returns
-    -------
-    dict
-        The content of ``costmap.json``.
+    The localisation map is the section `laser_height` metres above the floor. Returns the content
+    of ``costmap.json``.
     """
     folder.mkdir(parents=True, exist_ok=True)
     grid, frame = costmap.grid, frame_name(costmap.scene.storey)

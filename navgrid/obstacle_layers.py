@@ -29,22 +29,10 @@ ROUNDING = 1e-9
 
 
 class ObstacleLayers:
-    """The occupied cells of each layer on a grid.
+    """The occupied cells of each layer on a grid, at heights above the floor of each cell.
 
-    Heights are measured from the floor of each cell: that of the room or ramp it lies in.
-
-    Parameters
-    ----------
-    members : LayerMembers
-    grid : Grid
-    threads : int, optional
-        By default one a processor.
-
-    Attributes
-    ----------
-    unknown : (rows, columns) bool
-        The cells outside of every room and doorway.
-    levels : list of FloorLevel
+    That floor is that of the room or ramp it lies in. `unknown` (rows, columns) has the cells
+    outside of every room and doorway, `levels` the heights of the floor.
     """
 
     def __init__(self, members: LayerMembers, grid: Grid, *, threads: int | None = None) -> None:
@@ -69,19 +57,9 @@ class ObstacleLayers:
     def cells(
         self, layer: str, intervals: Sequence[Interval], window: Window | None = None
     ) -> NDArray[np.bool_]:
-        """Return the cells of a window that a layer occupies, by interval.
+        """Return the cells of a window that a layer occupies: (intervals, rows, columns) bool.
 
-        Parameters
-        ----------
-        layer : str
-        intervals : sequence of (low, high), metres above the floor
-        window : optional
-            By default the whole grid.
-
-        Returns
-        -------
-        (len(intervals), rows, columns) bool
-            An area is occupied in every interval: that of a region on the layer.
+        Intervals are metres above the floor. A region on the layer is occupied in all of them.
         """
         members = self.members.layers[layer]
         chosen = members.values() if window is None else self._near(members.values(), window)
@@ -92,18 +70,10 @@ class ObstacleLayers:
         return self._areas(self.members.layers[layer].values(), whole(self.grid))
 
     def solids(self, intervals: Sequence[Interval], *, fill: bool = True) -> NDArray[np.bool_]:
-        """Return the cells that meshes and voxels of all layers occupy, without areas of regions.
+        """Return the (intervals, rows, columns) bool cells that meshes and voxels occupy.
 
-        Parameters
-        ----------
-        intervals : sequence of (low, high), metres above the floor
-            (h, h) is the plane at h.
-        fill : bool
-            Count the inside of closed meshes.
-
-        Returns
-        -------
-        (len(intervals), rows, columns) bool
+        Without areas of regions; `fill` counts the inside of closed meshes. Intervals are metres
+        above the floor; (h, h) is the plane at h.
         """
         entities, window = self.members.obstacles(), whole(self.grid)
         found = self._slabs(_solids(entities), intervals, window, fill=fill)
@@ -112,13 +82,9 @@ class ObstacleLayers:
     def occupants(
         self, layer: str, interval: Interval, cells: NDArray[np.int64]
     ) -> list[tuple[SceneEntity, int]]:
-        """Return the entities of a layer that occupy some of the given cells, and how many.
+        """Return the entities of a layer that occupy some (n, 2) cells, and how many of them.
 
-        Parameters
-        ----------
-        layer : str
-        interval : (low, high), metres above the floor
-        cells : (n, 2) rows and columns
+        The interval is in metres above the floor.
         """
         (r0, c0), (r1, c1) = cells.min(axis=0), cells.max(axis=0)
         window = (slice(int(r0), int(r1) + 1), slice(int(c0), int(c1) + 1))

@@ -1,7 +1,6 @@
 """The occupancy grid of a storey for an interval of heights (Deeken et al., section 4.2).
 
-It has the obstacles of the layered costmap (`navgrid.costmap`), for one interval instead of the
-parts of a robot.
+It has the obstacles of the layered costmap, for one interval instead of the parts of a robot.
 """
 
 from __future__ import annotations
@@ -36,8 +35,6 @@ class StoreyGrid:
 
     Attributes
     ----------
-    scene : StoreyScene
-    grid : Grid
     cells : (rows, columns) int8
         Row 0 is the lowest y: 0 free, 100 occupied, -1 unknown.
     fields : tuple of FieldLayer
@@ -81,13 +78,8 @@ class StoreyGrid:
 def plane_heights(interval: tuple[float, float], increment: float) -> list[float]:
     """Return the heights from the lower to the upper end of an interval, at most `increment` apart.
 
-    Raises
-    ------
-    ValueError
-        The interval is upside down, or the increment is not above 0.
+    ValueError for an interval that is upside down, or an increment that is not above 0.
 
-    Examples
-    --------
     >>> plane_heights((0.0, 0.25), 0.1)
     [0.0, 0.1, 0.2, 0.25]
     """
@@ -117,7 +109,6 @@ def storey_grid(
 
     Parameters
     ----------
-    scene : StoreyScene
     interval : (low, high)
         Closed, metres above the floor of the room that a cell lies in.
     resolution : float
@@ -129,10 +120,8 @@ def storey_grid(
     free_outside : bool
         Make cells outside of rooms and doorways free. By default they are unknown, in maps that
         have rooms.
-    policy : Policy, optional
-        Which entity is an obstacle; by default that of ``navgrid/policy.yaml``.
-    limits : DriveLimits, optional
-        The steps and slopes of floors that are not obstacles.
+    policy, limits : optional
+        Which entity is an obstacle; the steps and slopes of floors that are not.
     grid : Grid, optional
         By default it covers the rooms and the obstacles, with a margin of `navgrid.grid.MARGIN`.
     fields : mapping of FieldVoxels, optional

@@ -34,14 +34,7 @@ class PolicyError(Error, ValueError):
 
 @dataclass(frozen=True)
 class Layer:
-    """A layer of each part's costmap.
-
-    Attributes
-    ----------
-    name : str
-    padding : float
-        Metres that are added to the inscribed and the inflation radius.
-    """
+    """A layer of each part's costmap; the padding, metres, is added to the part's radii."""
 
     name: str
     padding: float = 0.0
@@ -49,20 +42,10 @@ class Layer:
 
 @dataclass(frozen=True)
 class PolicyRule:
-    """The conditions under which an entity goes on a layer; all of them have to hold.
+    """The conditions under which an entity goes on a layer, `NONE` or `FLOOR`; all have to hold.
 
-    Attributes
-    ----------
-    layer : str
-        The name of a layer, or `NONE` or `FLOOR`.
-    kind : str, optional
-        "room", "object", "region", "connector" or "agent".
-    types : tuple of str
-        One of them is the entity's type or a supertype of it. Empty: any type.
-    properties : tuple of (name, value)
-        The entity has all of them. Empty: any properties.
-    state : "open", "closed" or "locked", optional
-        That of a connector.
+    One of `types` is the entity's type or a supertype of it; it has all the `properties`, (name,
+    value). The state, "open", "closed" or "locked", is that of a connector. Empty or None: any.
     """
 
     layer: str
@@ -83,16 +66,9 @@ class PolicyRule:
 
 @dataclass(frozen=True)
 class FieldRule:
-    """The layer of the fields of some properties.
+    """The layer, or `NONE`, `FLOOR`, `SOCIAL`, of fields by property, such as ``containsPerson``.
 
-    Attributes
-    ----------
-    properties : tuple of str
-        Names of properties, such as ``containsPerson``.
-    layer : str
-        The name of a layer, or `NONE`, `FLOOR` or `SOCIAL`.
-    kept : float
-        Seconds for which the answer of a query that was kept counts; by default none does.
+    `kept`: seconds for which the answer of a query that was kept counts; by default none does.
     """
 
     properties: tuple[str, ...]
@@ -135,30 +111,12 @@ class Policy:
 
     @classmethod
     def read(cls, path: Path | str) -> Policy:
-        """Return the policy of a file.
-
-        Raises
-        ------
-        PolicyError
-            The file cannot be read, or is not a policy.
-        """
+        """Return the policy of a file; `PolicyError` if it cannot be read, or is not a policy."""
         return cls.parse(read_text(path, "a policy file", PolicyError), str(path))
 
     @classmethod
     def parse(cls, text: str, file: str = "policy") -> Policy:
-        """Return the policy of a YAML text.
-
-        Parameters
-        ----------
-        text : str
-        file : str
-            The name of the file, for errors.
-
-        Raises
-        ------
-        PolicyError
-            The text is not a policy.
-        """
+        """Return the policy of a YAML text; `PolicyError`, which names the file, if it is none."""
         document = _mapping(
             parse_yaml(text, file, PolicyError), file, "document", {"layers", "rules", "fields"}
         )

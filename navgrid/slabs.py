@@ -45,7 +45,6 @@ def occupancy(
     intervals : iterable of (low, high), metres
         Closed, in any order; they may overlap. A plane is [h, h]: a face that lies in it is
         occupied as a whole.
-    grid : Grid
     solid : (F,) integers, optional
         The number of the solid to which each face belongs; by default all belong to one.
     fill : bool or (S,) bool, optional
@@ -54,12 +53,11 @@ def occupancy(
         other, vertices with equal coordinates being one. Others stay hollow. The shell of a room
         encloses air: do not fill it.
     threads : int, optional
-        By default one a processor, and 1 for small meshes.
+        By default one a processor, and 1 for small meshes; the result is the same.
 
     Returns
     -------
     (len(intervals), rows, columns) bool
-        The same for any number of threads and any order of faces.
 
     Raises
     ------

@@ -15,23 +15,10 @@ _LESS = 1e-6  # of a cell: a cell that only touches another does not occupy it
 
 
 def map_layer(path: Path | str, grid: Grid, threshold: int = 65) -> NDArray[np.bool_]:
-    """Return the cells of a grid that occupied cells of a map file overlap.
+    """Return the (rows, columns) bool cells of a grid that occupied cells of a map file overlap.
 
-    Parameters
-    ----------
-    path : of the map's YAML file
-    grid : Grid
-    threshold : int
-        Percent from which a cell of the file is occupied; unknown cells are not.
-
-    Returns
-    -------
-    (rows, columns) bool
-
-    Raises
-    ------
-    MapFileError
-        The file is not a map.
+    Those are occupied that have at least `threshold` percent; unknown cells are not. Raises
+    `MapFileError`.
     """
     found, cells = read_map(path)
     return resampled(found, cells >= threshold, grid)

@@ -1,8 +1,7 @@
 """The floor that a robot drives on, and its height in each cell.
 
 A robot drives on faces that are not steeper than it climbs and that are connected to the floor of a
-room by steps not higher than it takes, such as thresholds and ramps. These faces are not obstacles;
-intervals of heights are measured from them.
+room by steps not higher than it takes, such as thresholds and ramps: they are not obstacles.
 """
 
 from __future__ import annotations
@@ -28,14 +27,7 @@ THINNEST = 0.005
 
 @dataclass(frozen=True)
 class DriveLimits:
-    """The terrain that a robot drives over.
-
-    Attributes
-    ----------
-    max_step : float
-        The highest step, metres.
-    max_slope : float
-        The steepest slope, radians.
+    """The highest step, metres, and the steepest slope, radians, that a robot drives over.
 
     Raises
     ------
@@ -61,14 +53,7 @@ class DriveLimits:
 
 @dataclass(frozen=True, eq=False)
 class FloorLevel:
-    """The cells of one height of the floor.
-
-    Attributes
-    ----------
-    floor : float
-        The z up to which the floor reaches in these cells, metres.
-    cells : (rows, columns) bool
-    """
+    """The (rows, columns) bool cells in which the floor reaches up to a height z, metres."""
 
     floor: float
     cells: NDArray[np.bool_]
@@ -77,20 +62,10 @@ class FloorLevel:
 def drivable(
     triangles: NDArray[np.float64], floors: Sequence[float], limits: DriveLimits
 ) -> NDArray[np.bool_]:
-    """Return which faces of floors and ramps a robot drives on.
+    """Return which of the (F, 3, 3) faces of floors and ramps a robot drives on, (F,) bool.
 
-    Parameters
-    ----------
-    triangles : (F, 3, 3), metres
-    floors : sequence of float
-        The heights z of the rooms' floors. A face within a step of one of them is ground.
-    limits : DriveLimits
-
-    Returns
-    -------
-    (F,) bool
-        True for faces within `max_slope` that are connected to a floor by steps of at most
-        `max_step`.
+    These are the faces within `max_slope` that are connected by steps of at most `max_step` to one
+    of the rooms' floors, of which the heights z are given, and those within a step of one.
     """
     low, high = triangles[:, :, 2].min(axis=1), triangles[:, :, 2].max(axis=1)
     found = walked_faces(triangles, floors, limits.max_step, limits.max_slope)
@@ -109,17 +84,8 @@ def floor_levels(
     """Return the floor's height in each cell, as one level for each height.
 
     A slope is divided into levels a quarter of a step thick; on it, an obstacle that is up to a
-    quarter higher than a step counts as a step.
-
-    Parameters
-    ----------
-    areas : sequence of FloorArea
-        Rooms and doorways; outside of all of them the floor is at `elevation`.
-    ramps : (F, 3, 3)
-        Drivable faces above or below these floors, metres.
-    elevation : float, z in metres
-    limits : DriveLimits
-    grid : Grid
+    quarter higher than a step counts as a step. Outside of all rooms and doorways the floor is at
+    `elevation`, z in metres. `ramps` are the (F, 3, 3) drivable faces above or below these floors.
     """
     flat: dict[float, NDArray[np.bool_]] = {}
     inside = np.zeros(grid.shape, np.bool_)

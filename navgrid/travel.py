@@ -23,43 +23,17 @@ def travel(
     targets: ArrayLike | None = None,
     threads: int | None = None,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the cost and the length of the cheapest paths between cells of a costmap.
+    """Return the (k, m) costs and lengths of the cheapest paths between cells; infinity: no path.
 
     A step leads to one of 16 neighbours: the 8 around a cell and the 8 at a knight's move. It is
     passable if both its cells and the two cells beside its line are below 253 (unknown, 255, is
-    not). It costs its metres times the mean of ``1 + slow * cost / 252`` over its two cells. Costs
-    are exact, in double precision: Dijkstra over buckets as wide as the cheapest step (Denardo and
-    Fox, Shortest-route methods 1, Operations Research 27, 1979).
+    not). It costs its metres times the mean of ``1 + slow * cost / 252`` over its two cells, with
+    `slow` from 0 to `DEAREST`: divided by a speed, costs are seconds. They are exact, in double
+    precision: Dijkstra over buckets as wide as the cheapest step (Denardo and Fox, Shortest-route
+    methods 1, Operations Research 27, 1979). Cells and targets (by default the cells) are rows and
+    columns; ValueError for one that is outside. Threads, by default one a processor, change
+    nothing.
 
-    Parameters
-    ----------
-    costs : (rows, columns) uint8
-        With the meaning of costmap_2d.
-    resolution : float
-        The side of a cell, metres.
-    cells : (k, 2) integers
-        The rows and columns at which paths begin.
-    slow : float
-        The extra cost of a metre on the most expensive passable cells, 0 to `DEAREST`.
-    targets : (m, 2) integers, optional
-        The rows and columns at which paths end; by default `cells`.
-    threads : int, optional
-        By default one a processor. The result is the same for any number.
-
-    Returns
-    -------
-    prices, metres : (k, m) float64
-        Infinity where there is no path or a cell is not passable. Prices are metres of free cells:
-        divided by a speed they are seconds.
-
-    Raises
-    ------
-    ValueError
-        An array has a wrong shape or type, a cell is outside of the costmap, or a number is out of
-        range.
-
-    Examples
-    --------
     >>> costs = np.array([[0, 0, 0], [0, 254, 0]], dtype=np.uint8)
     >>> prices, metres = travel(costs, 0.5, [(1, 0), (1, 2)])
     >>> metres[0]
@@ -85,24 +59,7 @@ def way(
     *,
     slow: float = 1.0,
 ) -> NDArray[np.int64] | None:
-    """Return the cells of the cheapest path between two cells, with the costs of `travel`.
-
-    Parameters
-    ----------
-    costs, resolution, slow
-        As for `travel`.
-    start, goal : (row, column)
-
-    Returns
-    -------
-    (N, 2) int64 or None
-        Rows and columns from start to goal; None if there is no path.
-
-    Raises
-    ------
-    ValueError
-        As for `travel`.
-    """
+    """Return the (N, 2) cells of the cheapest path of `travel` between two; None without one."""
     ground = _costs(costs)
     _check(resolution, slow)
     ends = (

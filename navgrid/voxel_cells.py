@@ -17,27 +17,14 @@ _SLACK = 1e-9  # of a cell: a voxel that only touches the border of a cell is no
 
 
 def voxels_between(voxels: Voxels, interval: tuple[float, float]) -> NDArray[np.bool_]:
-    """Return which voxels meet a closed interval of heights z: (N,) bool.
-
-    Parameters
-    ----------
-    voxels : Voxels
-    interval : (low, high), metres
-    """
+    """Return which voxels meet a closed interval of heights z, metres: (N,) bool."""
     bottom = voxels.indices[:, 2] * voxels.size
     found: NDArray[np.bool_] = (bottom <= interval[1]) & (bottom + voxels.size >= interval[0])
     return found
 
 
 def voxels_over(voxels: Voxels, cells: NDArray[np.bool_], grid: Grid) -> Voxels:
-    """Return the voxels that may be above cells: those over the rectangle around them.
-
-    Parameters
-    ----------
-    voxels : Voxels
-    cells : (rows, columns) bool
-    grid : Grid
-    """
+    """Return the voxels that may be above (rows, columns) bool cells: over their rectangle."""
     rows, columns = (np.flatnonzero(cells.any(axis=axis)) for axis in (1, 0))
     if not len(rows):
         return Voxels(voxels.size, voxels.indices[:0])
@@ -54,21 +41,9 @@ def voxel_cells(
     grid: Grid,
     values: NDArray[np.float32] | None = None,
 ) -> NDArray[np.float32]:
-    """Return for each cell the largest value of the voxels above it.
+    """Return for each cell the largest of the voxels' (N,) values above it, by default 1; else 0.
 
-    Parameters
-    ----------
-    voxels : Voxels
-    interval : (low, high)
-        Heights z, metres; closed: voxels that meet it count.
-    grid : Grid
-    values : (N,) float32, optional
-        Of the voxels; by default 1.
-
-    Returns
-    -------
-    (rows, columns) float32
-        0 where there is no voxel.
+    Voxels count that meet the closed interval of heights z, metres. (rows, columns) float32.
     """
     reached = voxels_between(voxels, interval)
     cells = np.full(grid.shape, -np.inf, np.float32)

@@ -31,12 +31,7 @@ def grown(window: Window, cells: int, grid: Grid) -> Window:
 
 
 def window_around(rectangles: Iterable[Bounds], grid: Grid) -> Window | None:
-    """Return the cells that rectangles may meet; None where they meet none.
-
-    Parameters
-    ----------
-    rectangles : iterable of (x0, y0, x1, y1), metres
-    """
+    """Return the cells that rectangles (x0, y0, x1, y1), metres, may meet; None for no cell."""
     corners = [*rectangles]
     if not corners:
         return None

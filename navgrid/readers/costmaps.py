@@ -38,34 +38,10 @@ def read_costmaps(
 ) -> list[Costmap]:
     """Return the costmaps of a robot, one per storey of the current map, the lowest first.
 
-    Parameters
-    ----------
-    seen : a state of the map
-    parts : sequence of Part
-    storey : str, optional
-        Only this storey.
-    rooms : sequence of str, optional
-        Only these rooms and their doorways.
-    bounds : (x0, y0, x1, y1), optional
-        Only this rectangle, metres.
-    resolution : float, metres
-    policy, inflation, limits
-        As for `Costmap`.
-    static_map : Path, optional
-        The YAML file of a map, such as one from SLAM, for a further layer ``static_map``.
-    moment : datetime, optional
-        Leave out regions that do not hold then.
-    fields : mapping of FieldVoxels, optional
-        Fields by name, from `navgrid.readers.fields.read_fields`.
-    voxels : mapping of Voxels by id, optional
-        The geometry of objects, in place of their meshes: `navgrid.readers.fields.read_mirror`.
-    assume_sizes : bool
-        Give objects without geometry a typical box for their type.
-
-    Raises
-    ------
-    LookupError
-        There is no such storey or room, or nothing stands there.
+    All are of the storey, rooms (with their doorways) and `bounds` (x0, y0, x1, y1) that are given.
+    `static_map` is a map file, such as one from SLAM, for a further layer. Regions that do not hold
+    at `moment` are left out. `voxels` by id (`read_mirror`) stand in place of the meshes of
+    objects. LookupError if there is no such storey or room, or nothing stands there.
     """
     policy, inflation = policy or Policy.default(), inflation or Inflation()
     # A part of a storey has the costs of the whole: what is within reach of it is read, too.

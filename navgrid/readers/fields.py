@@ -79,13 +79,11 @@ def read_fields(
 
     Parameters
     ----------
-    seen : a state of the map
     names : sequence of str, optional
         Only these, live or ended; by default all that are stored or live, and of the kept answers
         of queries those that the policy lets count.
     live : bool
         Take the fields of sources, too.
-    policy : Policy, optional
 
     Raises
     ------
@@ -126,22 +124,11 @@ def read_fields(
 def read_mirror(source: MapSource, voxel_size: float = 0.05) -> dict[int, Voxels]:
     """Return the voxels of a map's objects, walls and doors by id: conservative ones, for grids.
 
-    They contain each voxel that a mesh meets, and the inside of closed meshes: their cells contain
-    those of `navgrid.slabs`, and exceed them by at most one voxel. Point clouds, and voxels that
-    were stated in place of a mesh, are those of the mirror, which continues from the state that it
-    stored last.
-
-    Parameters
-    ----------
-    source : a `semmap.Map`, or another handle of a map
-    voxel_size : float, metres
-
-    Raises
-    ------
-    LookupError
-        OpenVDB is not installed.
-    ValueError
-        Objects, walls or doors have more voxels than limits allow.
+    They contain each voxel of `voxel_size` metres that a mesh meets, and the inside of closed
+    meshes: their cells contain those of `navgrid.slabs`, and exceed them by at most one voxel.
+    Point clouds, and voxels that were stated in place of a mesh, are those of the mirror, which
+    continues from the state that it stored last. LookupError without OpenVDB, ValueError for too
+    many voxels.
     """
     with _openvdb("the mirror has the voxels of the map", "take their meshes (no --from-voxels)"):
         from semmap.fields.regions.region_map import RegionMap
