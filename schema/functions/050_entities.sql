@@ -117,9 +117,10 @@ BEGIN
     RETURN OLD;
 END $$;
 
-CREATE FUNCTION connector_gone()
+CREATE FUNCTION part_gone()
 RETURNS trigger LANGUAGE plpgsql SECURITY DEFINER SET search_path = semmap, public, pg_temp AS $$
--- A connector is deleted with a place that it joins: its row by the foreign key, its entity here.
+-- A connector is deleted with a place that it joins, a region with the room or object that it is a part of: its row by
+-- the foreign key, its entity here.
 BEGIN
     DELETE FROM semmap.entity e USING former o WHERE e.id = o.entity_id;
     RETURN NULL;
@@ -192,4 +193,6 @@ CREATE TRIGGER link_added AFTER INSERT ON link REFERENCING NEW TABLE AS touched
 CREATE TRIGGER link_removed AFTER DELETE ON link REFERENCING OLD TABLE AS touched
     FOR EACH STATEMENT EXECUTE FUNCTION links_changed();
 CREATE TRIGGER connector_gone AFTER DELETE ON connector REFERENCING OLD TABLE AS former
-    FOR EACH STATEMENT EXECUTE FUNCTION connector_gone();
+    FOR EACH STATEMENT EXECUTE FUNCTION part_gone();
+CREATE TRIGGER region_gone AFTER DELETE ON region REFERENCING OLD TABLE AS former
+    FOR EACH STATEMENT EXECUTE FUNCTION part_gone();

@@ -156,20 +156,17 @@ CREATE FUNCTION check_holders(ids bigint[])
 RETURNS void LANGUAGE plpgsql
 SET plan_cache_mode = force_generic_plan SET enable_seqscan = off SET search_path = semmap, public, pg_temp AS $$
 DECLARE
-    wrong text;
+    wrong record;
 BEGIN
-    SELECT e.name INTO wrong
+    SELECT e.name, h.map_id <> e.map_id AS is_foreign INTO wrong
     FROM semmap.placement p JOIN semmap.entity e ON e.id = p.entity_id JOIN semmap.entity h ON h.id = p.holder_id
-    WHERE p.entity_id = ANY (ids) AND h.map_id <> e.map_id LIMIT 1;
-    IF wrong IS NOT NULL THEN
-        RAISE EXCEPTION 'the holder of % is in another map', wrong
+    LEFT JOIN semmap.placement k ON k.entity_id = p.holder_id
+    WHERE p.entity_id = ANY (ids) AND (h.map_id <> e.map_id OR k.entity_id IS NULL) ORDER BY is_foreign DESC LIMIT 1;
+    IF wrong.is_foreign THEN
+        RAISE EXCEPTION 'the holder of % is in another map', wrong.name
             USING ERRCODE = 'check_violation', HINT = 'A holder is an entity of the same map.';
-    END IF;
-    SELECT e.name INTO wrong
-    FROM semmap.placement p JOIN semmap.entity e ON e.id = p.entity_id LEFT JOIN semmap.placement h ON h.entity_id = p.holder_id
-    WHERE p.entity_id = ANY (ids) AND p.holder_id IS NOT NULL AND h.entity_id IS NULL LIMIT 1;
-    IF wrong IS NOT NULL THEN
-        RAISE EXCEPTION 'the holder of % has no placement', wrong
+    ELSIF FOUND THEN
+        RAISE EXCEPTION 'the holder of % has no placement', wrong.name
             USING ERRCODE = 'check_violation', HINT = 'Place the holder first.';
     END IF;
     WITH RECURSIVE up (start, id) AS (
@@ -178,8 +175,8 @@ BEGIN
         SELECT up.start, p.holder_id FROM up JOIN semmap.placement p ON p.entity_id = up.id
         WHERE p.holder_id IS NOT NULL AND up.id <> up.start)
     SELECT e.name INTO wrong FROM up JOIN semmap.entity e ON e.id = up.start WHERE up.id = up.start LIMIT 1;
-    IF wrong IS NOT NULL THEN
-        RAISE EXCEPTION '% would hold itself', wrong
+    IF FOUND THEN
+        RAISE EXCEPTION '% would hold itself', wrong.name
             USING ERRCODE = 'check_violation', HINT = 'A holder must not stand in what it holds.';
     END IF;
 END $$;

@@ -1,4 +1,4 @@
--- Regions: the triangles of a region that is a set of faces, and the deletion of regions with their owner.
+-- The triangles of a region that is a set of faces.
 
 CREATE FUNCTION model_faces(of_model bigint, wanted integer[])
 RETURNS geometry LANGUAGE sql STABLE STRICT PARALLEL SAFE SET search_path = semmap, public, pg_temp AS $$
@@ -16,14 +16,3 @@ JOIN semmap.chunk c ON c.id = a.id
 CROSS JOIN LATERAL ST_Dump(c.geom) part
 WHERE part.path[1] = ANY (a.places)
 $$;
-
-CREATE FUNCTION region_gone()
-RETURNS trigger LANGUAGE plpgsql SECURITY DEFINER SET search_path = semmap, public, pg_temp AS $$
--- A region is deleted with the room or object that it is a part of: its row by the foreign key, its entity here.
-BEGIN
-    DELETE FROM semmap.entity e USING former o WHERE e.id = o.entity_id;
-    RETURN NULL;
-END $$;
-
-CREATE TRIGGER region_gone AFTER DELETE ON region REFERENCING OLD TABLE AS former
-    FOR EACH STATEMENT EXECUTE FUNCTION region_gone();

@@ -88,13 +88,19 @@ BEGIN
             around := (semmap.room_at(place.map_id, semmap.ground_of(place), (ST_ZMin(place.box) + ST_ZMax(place.box)) / 2)).room_id;
         END IF;
     END IF;
-    RETURN coalesce(around, (
-        WITH RECURSIVE up (id, depth) AS (
-            SELECT thing, 0
-          UNION ALL
-            SELECT (SELECT p.holder_id FROM semmap.placement p WHERE p.entity_id = up.id), depth + 1 FROM up WHERE up.id IS NOT NULL)
-        SELECT r.entity_id FROM up JOIN semmap.room r ON r.entity_id = up.id ORDER BY depth LIMIT 1));
+    RETURN coalesce(around, semmap.holding_room(thing));
 END $$;
+
+CREATE FUNCTION holding_room(thing bigint)
+RETURNS bigint LANGUAGE sql STABLE PARALLEL SAFE
+BEGIN ATOMIC
+-- An entity if it is a room, else the nearest room among its holders.
+WITH RECURSIVE up (id, depth) AS (
+    SELECT thing, 0
+  UNION ALL
+    SELECT (SELECT p.holder_id FROM semmap.placement p WHERE p.entity_id = up.id), depth + 1 FROM up WHERE up.id IS NOT NULL)
+SELECT r.entity_id FROM up JOIN semmap.room r ON r.entity_id = up.id ORDER BY depth LIMIT 1;
+END;
 
 CREATE FUNCTION level_hull(thing bigint, heading double precision)
 RETURNS box3d LANGUAGE sql STABLE PARALLEL SAFE

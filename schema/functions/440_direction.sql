@@ -67,93 +67,39 @@ BEGIN
     RETURN semmap.side_of(a, b, gaze + pi(), gaze + pi() / 2, side);
 END $$;
 
-CREATE FUNCTION is_left_of(a bigint, b bigint, frame text DEFAULT 'object')
+DO $$
+-- Four relations, each in a frame ('object', which is b, or 'map'), as an entity sees it that looks at b from where it is
+-- (false where it is not placed in their map), and from a pose of the map (x, y, ...). See above and side_of. No contact
+-- tolerance.
+DECLARE
+    relation text;
+    side text;
+BEGIN
+    FOR relation, side IN VALUES
+        ('is_left_of', 'left'), ('is_right_of', 'right'), ('is_in_front_of', 'front'), ('is_behind', 'behind')
+    LOOP
+        EXECUTE format($def$
+CREATE FUNCTION %1$I(a bigint, b bigint, frame text DEFAULT 'object')
 RETURNS boolean LANGUAGE sql STABLE PARALLEL SAFE COST 1000
 BEGIN ATOMIC
--- a is left of b in the frame 'object' (of b) or 'map': see above and side_of. No contact tolerance.
-SELECT semmap.side_in_frame(a, b, frame, 'left');
+SELECT semmap.side_in_frame(a, b, frame, %2$L);
 END;
 
-CREATE FUNCTION is_left_of(a bigint, b bigint, observer bigint)
+CREATE FUNCTION %1$I(a bigint, b bigint, observer bigint)
 RETURNS boolean LANGUAGE sql STABLE PARALLEL SAFE COST 1000
 BEGIN ATOMIC
--- a is left of b as an entity sees it that looks at b from where it is; false where it is not placed in their map.
 SELECT coalesce(semmap.side_as_seen(a, b, (SELECT o.pose FROM semmap.world o JOIN semmap.world w ON w.map_id = o.map_id
-                                    WHERE o.entity_id = observer AND w.entity_id = b), 'left'), false);
+                                    WHERE o.entity_id = observer AND w.entity_id = b), %2$L), false);
 END;
 
-CREATE FUNCTION is_left_of(a bigint, b bigint, observer double precision[])
+CREATE FUNCTION %1$I(a bigint, b bigint, observer double precision[])
 RETURNS boolean LANGUAGE sql STABLE PARALLEL SAFE COST 1000
 BEGIN ATOMIC
--- a is left of b as seen from a pose of the map (x, y, ...) by an observer that looks at b.
-SELECT semmap.side_as_seen(a, b, observer, 'left');
+SELECT semmap.side_as_seen(a, b, observer, %2$L);
 END;
-
-CREATE FUNCTION is_right_of(a bigint, b bigint, frame text DEFAULT 'object')
-RETURNS boolean LANGUAGE sql STABLE PARALLEL SAFE COST 1000
-BEGIN ATOMIC
--- a is right of b in the frame 'object' (of b) or 'map': see above and side_of. No contact tolerance.
-SELECT semmap.side_in_frame(a, b, frame, 'right');
-END;
-
-CREATE FUNCTION is_right_of(a bigint, b bigint, observer bigint)
-RETURNS boolean LANGUAGE sql STABLE PARALLEL SAFE COST 1000
-BEGIN ATOMIC
--- a is right of b as an entity sees it that looks at b from where it is; false where it is not placed in their map.
-SELECT coalesce(semmap.side_as_seen(a, b, (SELECT o.pose FROM semmap.world o JOIN semmap.world w ON w.map_id = o.map_id
-                                    WHERE o.entity_id = observer AND w.entity_id = b), 'right'), false);
-END;
-
-CREATE FUNCTION is_right_of(a bigint, b bigint, observer double precision[])
-RETURNS boolean LANGUAGE sql STABLE PARALLEL SAFE COST 1000
-BEGIN ATOMIC
--- a is right of b as seen from a pose of the map (x, y, ...) by an observer that looks at b.
-SELECT semmap.side_as_seen(a, b, observer, 'right');
-END;
-
-CREATE FUNCTION is_in_front_of(a bigint, b bigint, frame text DEFAULT 'object')
-RETURNS boolean LANGUAGE sql STABLE PARALLEL SAFE COST 1000
-BEGIN ATOMIC
--- a is in front of b in the frame 'object' (of b) or 'map': see above and side_of. No contact tolerance.
-SELECT semmap.side_in_frame(a, b, frame, 'front');
-END;
-
-CREATE FUNCTION is_in_front_of(a bigint, b bigint, observer bigint)
-RETURNS boolean LANGUAGE sql STABLE PARALLEL SAFE COST 1000
-BEGIN ATOMIC
--- a is in front of b as an entity sees it that looks at b from where it is; false where it is not placed in their map.
-SELECT coalesce(semmap.side_as_seen(a, b, (SELECT o.pose FROM semmap.world o JOIN semmap.world w ON w.map_id = o.map_id
-                                    WHERE o.entity_id = observer AND w.entity_id = b), 'front'), false);
-END;
-
-CREATE FUNCTION is_in_front_of(a bigint, b bigint, observer double precision[])
-RETURNS boolean LANGUAGE sql STABLE PARALLEL SAFE COST 1000
-BEGIN ATOMIC
--- a is in front of b as seen from a pose of the map (x, y, ...) by an observer that looks at b.
-SELECT semmap.side_as_seen(a, b, observer, 'front');
-END;
-
-CREATE FUNCTION is_behind(a bigint, b bigint, frame text DEFAULT 'object')
-RETURNS boolean LANGUAGE sql STABLE PARALLEL SAFE COST 1000
-BEGIN ATOMIC
--- a is behind b in the frame 'object' (of b) or 'map': see above and side_of. No contact tolerance.
-SELECT semmap.side_in_frame(a, b, frame, 'behind');
-END;
-
-CREATE FUNCTION is_behind(a bigint, b bigint, observer bigint)
-RETURNS boolean LANGUAGE sql STABLE PARALLEL SAFE COST 1000
-BEGIN ATOMIC
--- a is behind b as an entity sees it that looks at b from where it is; false where it is not placed in their map.
-SELECT coalesce(semmap.side_as_seen(a, b, (SELECT o.pose FROM semmap.world o JOIN semmap.world w ON w.map_id = o.map_id
-                                    WHERE o.entity_id = observer AND w.entity_id = b), 'behind'), false);
-END;
-
-CREATE FUNCTION is_behind(a bigint, b bigint, observer double precision[])
-RETURNS boolean LANGUAGE sql STABLE PARALLEL SAFE COST 1000
-BEGIN ATOMIC
--- a is behind b as seen from a pose of the map (x, y, ...) by an observer that looks at b.
-SELECT semmap.side_as_seen(a, b, observer, 'behind');
-END;
+$def$, relation, side);
+    END LOOP;
+END $$;
 
 CREATE FUNCTION is_between(a bigint, b bigint, c bigint, tolerance double precision DEFAULT 0.01)
 RETURNS boolean LANGUAGE plpgsql STABLE PARALLEL SAFE COST 10000 SET search_path = semmap, public, pg_temp AS $$

@@ -4,12 +4,7 @@ CREATE FUNCTION place_of(thing bigint)
 RETURNS bigint LANGUAGE sql STABLE PARALLEL SAFE
 BEGIN ATOMIC
 -- The room of an entity: itself if it is a room, else the nearest room among its holders, else itself.
-WITH RECURSIVE up (id, depth) AS (
-    SELECT thing, 0
-  UNION ALL
-    SELECT p.holder_id, up.depth + 1 FROM up JOIN semmap.placement p ON p.entity_id = up.id
-    WHERE p.holder_id IS NOT NULL)
-SELECT coalesce((SELECT up.id FROM up JOIN semmap.room r ON r.entity_id = up.id ORDER BY up.depth LIMIT 1), thing);
+SELECT coalesce(semmap.holding_room(thing), thing);
 END;
 
 CREATE FUNCTION reachable_from(place bigint)

@@ -1,63 +1,34 @@
 -- All entities in a relation to one entity: the spatial index selects candidates, so that a query for
 -- everything on the table does not scan the map. Each function returns the ids for which the relation is true.
 
-CREATE FUNCTION things_on(b bigint, tolerance double precision DEFAULT 0.01)
+DO $$
+-- things_R(b): what is in the relation is_R to b; supports_of(a): what a is on. Over and under, heights do not count.
+DECLARE
+    name text;
+    relation text;
+    pair text;
+    reach text;
+    heights text;
+BEGIN
+    FOR name, relation, pair, reach, heights IN VALUES
+        ('things_on', 'is_on', 'wo.entity_id, thing', 'tolerance double precision DEFAULT 0.01', '&&&'),
+        ('supports_of', 'is_on', 'thing, wo.entity_id', 'tolerance double precision DEFAULT 0.01', '&&&'),
+        ('things_above', 'is_above', 'wo.entity_id, thing', 'tolerance double precision DEFAULT 0.01', '&&'),
+        ('things_under', 'is_under', 'wo.entity_id, thing', 'tolerance double precision DEFAULT 0.01', '&&'),
+        ('things_touching', 'is_touching', 'wo.entity_id, thing', 'tolerance double precision DEFAULT 0.01', '&&&'),
+        ('things_near', 'is_near', 'wo.entity_id, thing', 'distance double precision', '&&&')
+    LOOP
+        EXECUTE format($def$
+CREATE FUNCTION %1$I(thing bigint, %4$s)
 RETURNS SETOF bigint LANGUAGE sql STABLE PARALLEL SAFE ROWS 10 COST 100000
 BEGIN ATOMIC
--- What is on b: see is_on.
 SELECT wo.entity_id FROM semmap.world wg JOIN semmap.world wo ON wo.map_id = wg.map_id
-  AND wo.box && semmap.grown(wg.box, tolerance)
-  AND wo.box &&& semmap.grown(wg.box, tolerance)
-WHERE wg.entity_id = b AND semmap.is_on(wo.entity_id, b, tolerance);
+  AND wo.box && semmap.grown(wg.box, $2) AND wo.box %5$s semmap.grown(wg.box, $2)
+WHERE wg.entity_id = thing AND semmap.%2$I(%3$s, $2);
 END;
-
-CREATE FUNCTION supports_of(a bigint, tolerance double precision DEFAULT 0.01)
-RETURNS SETOF bigint LANGUAGE sql STABLE PARALLEL SAFE ROWS 10 COST 100000
-BEGIN ATOMIC
--- What a is on: the converse of things_on.
-SELECT wo.entity_id FROM semmap.world wg JOIN semmap.world wo ON wo.map_id = wg.map_id
-  AND wo.box && semmap.grown(wg.box, tolerance)
-  AND wo.box &&& semmap.grown(wg.box, tolerance)
-WHERE wg.entity_id = a AND semmap.is_on(a, wo.entity_id, tolerance);
-END;
-
-CREATE FUNCTION things_above(b bigint, tolerance double precision DEFAULT 0.01)
-RETURNS SETOF bigint LANGUAGE sql STABLE PARALLEL SAFE ROWS 10 COST 100000
-BEGIN ATOMIC
--- What is above b: see is_above.
-SELECT wo.entity_id FROM semmap.world wg JOIN semmap.world wo ON wo.map_id = wg.map_id
-  AND wo.box && semmap.grown(wg.box, tolerance)
-WHERE wg.entity_id = b AND semmap.is_above(wo.entity_id, b, tolerance);
-END;
-
-CREATE FUNCTION things_under(b bigint, tolerance double precision DEFAULT 0.01)
-RETURNS SETOF bigint LANGUAGE sql STABLE PARALLEL SAFE ROWS 10 COST 100000
-BEGIN ATOMIC
--- What is under b: see is_under.
-SELECT wo.entity_id FROM semmap.world wg JOIN semmap.world wo ON wo.map_id = wg.map_id
-  AND wo.box && semmap.grown(wg.box, tolerance)
-WHERE wg.entity_id = b AND semmap.is_under(wo.entity_id, b, tolerance);
-END;
-
-CREATE FUNCTION things_touching(b bigint, tolerance double precision DEFAULT 0.01)
-RETURNS SETOF bigint LANGUAGE sql STABLE PARALLEL SAFE ROWS 10 COST 100000
-BEGIN ATOMIC
--- What touches b: see is_touching.
-SELECT wo.entity_id FROM semmap.world wg JOIN semmap.world wo ON wo.map_id = wg.map_id
-  AND wo.box && semmap.grown(wg.box, tolerance)
-  AND wo.box &&& semmap.grown(wg.box, tolerance)
-WHERE wg.entity_id = b AND semmap.is_touching(wo.entity_id, b, tolerance);
-END;
-
-CREATE FUNCTION things_near(b bigint, distance double precision)
-RETURNS SETOF bigint LANGUAGE sql STABLE PARALLEL SAFE ROWS 10 COST 100000
-BEGIN ATOMIC
--- What is near b: see is_near.
-SELECT wo.entity_id FROM semmap.world wg JOIN semmap.world wo ON wo.map_id = wg.map_id
-  AND wo.box && semmap.grown(wg.box, distance)
-  AND wo.box &&& semmap.grown(wg.box, distance)
-WHERE wg.entity_id = b AND semmap.is_near(wo.entity_id, b, distance);
-END;
+$def$, name, relation, pair, reach, heights);
+    END LOOP;
+END $$;
 
 CREATE FUNCTION things_held(b bigint)
 RETURNS SETOF bigint LANGUAGE sql STABLE PARALLEL SAFE ROWS 100
