@@ -22,6 +22,16 @@ constexpr py::ssize_t kAny = -1;
 // Beyond it nothing is computed for one call: 2^34 numbers.
 constexpr double kMostNumbers = 17179869184.0;
 
+// An array of another type is refused.
+inline py::arg exact(const char* name) { return py::arg(name).noconvert(); }
+
+// What `work` returns, while other threads of Python run.
+template <typename Work>
+auto unlocked(Work&& work) {
+    const py::gil_scoped_release release;
+    return work();
+}
+
 // The text is built before the check: in loops over many values, throw from an `if` instead.
 template <typename Text>
 void expect(bool holds, const Text& text) {

@@ -16,14 +16,14 @@
 
 #include "checks.hpp"
 #include "semmap/collisions.hpp"
-#include "semmap/drive.hpp"
 #include "semmap/graph.hpp"
 #include "semmap/inflation.hpp"
 #include "semmap/occupancy.hpp"
-#include "semmap/travel.hpp"
-#include "shapes_binding.hpp"
+#include "semmap/ways.hpp"
 
 namespace py = pybind11;
+
+void define_shapes(py::module_& module);  // in shapes_binding.cpp
 
 namespace {
 
@@ -51,6 +51,15 @@ void say(semmap::Flaw flaw, const Array<double>& vertices) {
     }
 }
 
+template <typename T>
+std::size_t length(const Array<T>& array, int axis) {
+    return static_cast<std::size_t>(array.shape(axis));
+}
+
+const std::uint8_t* bytes(const Array<bool>& array) {
+    return reinterpret_cast<const std::uint8_t*>(array.data());
+}
+
 // One result has no more numbers than that: 2 GB of doubles.
 constexpr double kMostResults = 268435456.0;
 
@@ -65,14 +74,13 @@ semmap::MeshView<Index> view(const Array<double>& vertices, const Array<Index>& 
         expect_shape(*solids, "solids", {faces.shape(0)}, "an (F,) array, one number a face");
         expect_indices(*solids, "solids", solid_count);
     }
-    return {vertices.data(), static_cast<std::size_t>(vertices.shape(0)), faces.data(),
-            static_cast<std::size_t>(faces.shape(0)), solids ? solids->data() : nullptr};
+    return {vertices.data(), length(vertices, 0), faces.data(), length(faces, 0),
+            solids ? solids->data() : nullptr};
 }
 
 semmap::Fill filling(bool any, const Marks& filled, std::int64_t solid_count) {
     if (filled) expect_shape(*filled, "filled", {solid_count}, "an (S,) array, one a solid");
-    const auto* marks = filled ? reinterpret_cast<const std::uint8_t*>(filled->data()) : nullptr;
-    return {any, marks, static_cast<std::size_t>(solid_count)};
+    return {any, filled ? bytes(*filled) : nullptr, static_cast<std::size_t>(solid_count)};
 }
 
 std::vector<semmap::Interval> intervals_of(const Ends& ends) {
@@ -113,9 +121,8 @@ Array<bool> occupancy(const Array<double>& vertices, const Array<Index>& faces, 
     Array<bool> cells({static_cast<py::ssize_t>(intervals.size()), py::ssize_t{grid.rows},
                        py::ssize_t{grid.columns}});
     auto* data = reinterpret_cast<std::uint8_t*>(cells.mutable_data());
-    semmap::Flaw flaw = semmap::Flaw::none;
-    {
-        const py::gil_scoped_release release;
+    const auto draw = [&] {
+        semmap::Flaw flaw = semmap::Flaw::none;
         for (std::size_t i = 0; i < intervals.size() && flaw == semmap::Flaw::none;
              i += semmap::kMostIntervals) {
             const auto first = intervals.begin() + static_cast<std::ptrdiff_t>(i);
@@ -123,8 +130,9 @@ Array<bool> occupancy(const Array<double>& vertices, const Array<Index>& faces, 
             flaw = semmap::occupancy(mesh, {first, first + static_cast<std::ptrdiff_t>(count)},
                                      grid, inside, team, data + i * grid.cells());
         }
-    }
-    say(flaw, vertices);
+        return flaw;
+    };
+    say(unlocked(draw), vertices);
     return cells;
 }
 
@@ -136,12 +144,8 @@ Array<bool> closed_solids(const Array<double>& vertices, const Array<Index>& fac
     const unsigned team = threads(thread_count);
     Array<bool> closed(static_cast<py::ssize_t>(solid_count));
     auto* data = reinterpret_cast<std::uint8_t*>(closed.mutable_data());
-    semmap::Flaw flaw;
-    {
-        const py::gil_scoped_release release;
-        flaw = semmap::closed_solids(mesh, static_cast<std::size_t>(solid_count), team, data);
-    }
-    say(flaw, vertices);
+    const auto count = static_cast<std::size_t>(solid_count);
+    say(unlocked([&] { return semmap::closed_solids(mesh, count, team, data); }), vertices);
     return closed;
 }
 
@@ -156,12 +160,10 @@ Array<std::uint8_t> inflate(const Array<bool>& occupied, std::int64_t radius,
                  "a cost for each squared distance from 0 to radius^2");
     Array<std::uint8_t> inflated({occupied.shape(0), occupied.shape(1)});
     const semmap::CostsByDistance table{static_cast<int>(radius), costs.data()};
-    const auto* source = reinterpret_cast<const std::uint8_t*>(occupied.data());
     std::uint8_t* target = inflated.mutable_data();
-    const auto rows = static_cast<std::size_t>(occupied.shape(0));
-    const auto columns = static_cast<std::size_t>(occupied.shape(1));
     const py::gil_scoped_release release;
-    semmap::inflate(source, rows, columns, table, *found, target);
+    semmap::inflate(bytes(occupied), length(occupied, 0), length(occupied, 1), table, *found,
+                    target);
     return inflated;
 }
 
@@ -169,8 +171,10 @@ semmap::Terrain terrain(const Array<std::uint8_t>& costs, double resolution, dou
     expect_shape(costs, "costs", {kAny, kAny}, "a (rows, columns) array");
     positive(resolution, "resolution");
     expect(slow >= 0 && slow <= 1e6, "slow is " + std::to_string(slow) + ": give 0 to 1e6");
-    return {costs.data(), static_cast<std::size_t>(costs.shape(0)),
-            static_cast<std::size_t>(costs.shape(1)), resolution, slow};
+    // Cells and a margin of two are numbered in 32 bits.
+    expect(static_cast<double>(costs.shape(0) + 4) * static_cast<double>(costs.shape(1) + 4) < 4e9,
+           "costs has too many cells: take a coarser resolution");
+    return {costs.data(), length(costs, 0), length(costs, 1), resolution, slow};
 }
 
 std::vector<semmap::Cell> cells_of(const Array<std::int64_t>& array, const char* name,
@@ -179,7 +183,8 @@ std::vector<semmap::Cell> cells_of(const Array<std::int64_t>& array, const char*
     std::vector<semmap::Cell> cells;
     for (py::ssize_t i = 0; i < array.shape(0); ++i) {
         const semmap::Cell cell{array.at(i, 0), array.at(i, 1)};
-        if (cell.row < 0 || cell.column < 0 || static_cast<std::size_t>(cell.row) >= ground.rows ||
+        // Numbers below 0 are large without a sign.
+        if (static_cast<std::size_t>(cell.row) >= ground.rows ||
             static_cast<std::size_t>(cell.column) >= ground.columns) {
             throw py::value_error(std::string(name) + ": (" + std::to_string(cell.row) + ", " +
                                   std::to_string(cell.column) +
@@ -190,49 +195,61 @@ std::vector<semmap::Cell> cells_of(const Array<std::int64_t>& array, const char*
     return cells;
 }
 
+void expect_few_pairs(double count, const char* what) {
+    expect(count <= kMostResults,
+           std::string(what) + " make more than 2^28 pairs: ask for parts of them");
+}
+
+// What `compute` writes for each pair of starts and goals: prices and lengths of ways.
+template <typename Compute>
+std::pair<Array<double>, Array<double>> all_ways(std::size_t starts, std::size_t goals,
+                                                 Compute&& compute) {
+    expect_few_pairs(static_cast<double>(starts) * static_cast<double>(goals), "cells and targets");
+    const auto k = static_cast<py::ssize_t>(starts), m = static_cast<py::ssize_t>(goals);
+    Array<double> prices({k, m}), metres({k, m});
+    double* price = prices.mutable_data();
+    double* metre = metres.mutable_data();
+    if (!unlocked([&] { return compute(price, metre); })) throw std::bad_alloc();
+    return {prices, metres};
+}
+
+// The cells of a way that `find` finds between two, with `width` numbers each: row, column,
+// heading.
+template <typename Find>
+Array<std::int64_t> one_way(const Array<std::int64_t>& ends, const semmap::Terrain& ground,
+                            py::ssize_t width, Find&& find) {
+    expect_shape(ends, "ends", {2, 2}, "the cells of both ends, a (2, 2) array");
+    const std::vector<semmap::Cell> cells = cells_of(ends, "ends", ground);
+    const auto found = unlocked([&] { return find(cells[0], cells[1]); });
+    Array<std::int64_t> array({static_cast<py::ssize_t>(found.size()), width});
+    std::int64_t* data = array.mutable_data();
+    for (const auto& [cell, heading] : found) {
+        *data++ = cell.row;
+        *data++ = cell.column;
+        if (width == 3) *data++ = heading;
+    }
+    return array;
+}
+
 std::pair<Array<double>, Array<double>> travel(const Array<std::uint8_t>& costs, double resolution,
                                                const Array<std::int64_t>& cells, double slow,
                                                const std::optional<Array<std::int64_t>>& targets,
                                                std::int64_t thread_count) {
     const semmap::Terrain ground = terrain(costs, resolution, slow);
-    const std::vector<semmap::Cell> starts = cells_of(cells, "cells", ground);
-    const std::vector<semmap::Cell> goals =
-        targets ? cells_of(*targets, "targets", ground) : starts;
+    const auto starts = cells_of(cells, "cells", ground);
+    const auto goals = targets ? cells_of(*targets, "targets", ground) : starts;
     const unsigned team = threads(thread_count);
-    const py::ssize_t k = cells.shape(0);
-    const py::ssize_t m = targets ? targets->shape(0) : k;
-    expect(static_cast<double>(k) * static_cast<double>(m) <= kMostResults,
-           "cells and targets make more than 2^28 pairs: ask for parts of them");
-    Array<double> prices({k, m}), metres({k, m});
-    double* price = prices.mutable_data();
-    double* metre = metres.mutable_data();
-    bool done;
-    {
-        const py::gil_scoped_release release;
-        done = targets ? semmap::travel(ground, starts, goals, team, price, metre)
-                       : semmap::travel(ground, starts, team, price, metre);
-    }
-    if (!done) throw std::bad_alloc();
-    return {prices, metres};
+    return all_ways(starts.size(), goals.size(), [&](double* prices, double* metres) {
+        return semmap::travel(ground, starts, goals, !targets, team, prices, metres);
+    });
 }
 
 Array<std::int64_t> way(const Array<std::uint8_t>& costs, double resolution,
                         const Array<std::int64_t>& ends, double slow) {
     const semmap::Terrain ground = terrain(costs, resolution, slow);
-    expect_shape(ends, "ends", {2, 2}, "the cells of both ends, a (2, 2) array");
-    const std::vector<semmap::Cell> cells = cells_of(ends, "ends", ground);
-    std::vector<semmap::Cell> found;
-    {
-        const py::gil_scoped_release release;
-        found = semmap::way(ground, cells[0], cells[1]);
-    }
-    Array<std::int64_t> array({static_cast<py::ssize_t>(found.size()), py::ssize_t{2}});
-    std::int64_t* data = array.mutable_data();
-    for (const auto& [row, column] : found) {
-        *data++ = row;
-        *data++ = column;
-    }
-    return array;
+    return one_way(ends, ground, 2, [&](semmap::Cell start, semmap::Cell goal) {
+        return semmap::way(ground, start, goal);
+    });
 }
 
 Array<std::uint16_t> collisions(const Array<bool>& occupied, const Array<std::int32_t>& runs) {
@@ -250,11 +267,8 @@ Array<std::uint16_t> collisions(const Array<bool>& occupied, const Array<std::in
     }
     Array<std::uint16_t> bits({occupied.shape(0), occupied.shape(1)});
     std::uint16_t* target = bits.mutable_data();
-    const auto* source = reinterpret_cast<const std::uint8_t*>(occupied.data());
-    const auto rows = static_cast<std::size_t>(occupied.shape(0));
-    const auto columns = static_cast<std::size_t>(occupied.shape(1));
     const py::gil_scoped_release release;
-    semmap::collisions(source, rows, columns, found, target);
+    semmap::collisions(bytes(occupied), length(occupied, 0), length(occupied, 1), found, target);
     return bits;
 }
 
@@ -278,44 +292,21 @@ std::pair<Array<double>, Array<double>> drive(const Array<std::uint8_t>& costs, 
                                               const Array<std::int64_t>& targets, double slow,
                                               std::int64_t thread_count) {
     const semmap::Space where = space(costs, fits, steps, turns, resolution, slow);
-    const std::vector<semmap::Cell> starts = cells_of(cells, "cells", where.terrain);
-    const std::vector<semmap::Cell> goals = cells_of(targets, "targets", where.terrain);
+    const auto starts = cells_of(cells, "cells", where.terrain);
+    const auto goals = cells_of(targets, "targets", where.terrain);
     const unsigned team = threads(thread_count);
-    const py::ssize_t k = cells.shape(0);
-    const py::ssize_t m = targets.shape(0);
-    expect(static_cast<double>(k) * static_cast<double>(m) <= kMostResults,
-           "cells and targets make more than 2^28 pairs: ask for parts of them");
-    Array<double> prices({k, m}), metres({k, m});
-    double* price = prices.mutable_data();
-    double* metre = metres.mutable_data();
-    bool done;
-    {
-        const py::gil_scoped_release release;
-        done = semmap::drive(where, starts, goals, team, price, metre);
-    }
-    if (!done) throw std::bad_alloc();
-    return {prices, metres};
+    return all_ways(starts.size(), goals.size(), [&](double* prices, double* metres) {
+        return semmap::drive(where, starts, goals, team, prices, metres);
+    });
 }
 
 Array<std::int64_t> drive_way(const Array<std::uint8_t>& costs, const Bits& fits, const Bits& steps,
                               const Bits& turns, double resolution, const Array<std::int64_t>& ends,
                               double slow) {
     const semmap::Space where = space(costs, fits, steps, turns, resolution, slow);
-    expect_shape(ends, "ends", {2, 2}, "the cells of both ends, a (2, 2) array");
-    const std::vector<semmap::Cell> cells = cells_of(ends, "ends", where.terrain);
-    std::vector<semmap::Stand> found;
-    {
-        const py::gil_scoped_release release;
-        found = semmap::drive_way(where, cells[0], cells[1]);
-    }
-    Array<std::int64_t> array({static_cast<py::ssize_t>(found.size()), py::ssize_t{3}});
-    std::int64_t* data = array.mutable_data();
-    for (const auto& [cell, heading] : found) {
-        *data++ = cell.row;
-        *data++ = cell.column;
-        *data++ = heading;
-    }
-    return array;
+    return one_way(ends, where.terrain, 3, [&](semmap::Cell start, semmap::Cell goal) {
+        return semmap::drive_way(where, start, goal);
+    });
 }
 
 using Ids = std::vector<std::uint32_t>;
@@ -378,16 +369,11 @@ void define_graph(py::module_& module) {
                                                 weights_of(least, "least", tails.size()),
                                                 static_cast<std::uint32_t>(nodes));
              }),
-             py::arg("tails").noconvert(), py::arg("heads").noconvert(),
-             py::arg("weights").noconvert(), py::arg("least").noconvert(), py::arg("nodes"))
+             exact("tails"), exact("heads"), exact("weights"), exact("least"), py::arg("nodes"))
         .def("prepare", &Graph::prepare, Unlocked())
         .def("weights",
              [](const Graph& graph) {
-                 std::vector<double> weights;
-                 {
-                     const py::gil_scoped_release release;
-                     weights = graph.weights();
-                 }
+                 const std::vector<double> weights = unlocked([&] { return graph.weights(); });
                  return Array<double>(static_cast<py::ssize_t>(weights.size()), weights.data());
              })
         .def(
@@ -398,18 +384,14 @@ void define_graph(py::module_& module) {
                 const py::gil_scoped_release release;
                 graph.set_weights(ids, numbers);
             },
-            py::arg("edges").noconvert(), py::arg("weights").noconvert())
+            exact("edges"), exact("weights"))
         .def(
             "shortest",
             [](const Graph& graph, const EndList& sources,
                const EndList& targets) -> std::optional<py::tuple> {
                 const auto from = ends_of(graph, sources, "sources");
                 const auto to = ends_of(graph, targets, "targets");
-                std::optional<semmap::Route> route;
-                {
-                    const py::gil_scoped_release release;
-                    route = graph.shortest(from, to);
-                }
+                const auto route = unlocked([&] { return graph.shortest(from, to); });
                 if (!route) return std::nullopt;
                 return answer(*route);
             },
@@ -421,13 +403,12 @@ void define_graph(py::module_& module) {
                 within(count, 0, 1 << 20, "count");
                 const auto from = ends_of(graph, sources, "sources");
                 const auto to = ends_of(graph, targets, "targets");
-                std::vector<semmap::Route> routes;
-                {
-                    const py::gil_scoped_release release;
-                    routes = graph.alternatives(from, to, static_cast<std::size_t>(count));
-                }
+                const auto most = static_cast<std::size_t>(count);
                 py::list answers;
-                for (const semmap::Route& route : routes) answers.append(answer(route));
+                for (const auto& route :
+                     unlocked([&] { return graph.alternatives(from, to, most); })) {
+                    answers.append(answer(route));
+                }
                 return answers;
             },
             py::arg("sources"), py::arg("targets"), py::arg("count"))
@@ -438,32 +419,27 @@ void define_graph(py::module_& module) {
                 const Ids from = ids_of(sources, "sources", graph.nodes());
                 const Ids to = ids_of(targets, "targets", graph.nodes());
                 const unsigned team = threads(thread_count);
-                expect(static_cast<double>(from.size()) * static_cast<double>(to.size()) <=
-                           kMostResults,
-                       "sources and targets make more than 2^28 pairs: ask for parts of them");
+                expect_few_pairs(static_cast<double>(from.size()) * static_cast<double>(to.size()),
+                                 "sources and targets");
                 Array<double> costs({sources.size(), targets.size()});
                 double* data = costs.mutable_data();
-                bool done;
-                {
-                    const py::gil_scoped_release release;
-                    done = graph.distances(from, to, team, data);
+                if (!unlocked([&] { return graph.distances(from, to, team, data); })) {
+                    throw std::bad_alloc();
                 }
-                if (!done) throw std::bad_alloc();
                 return costs;
             },
-            py::arg("sources").noconvert(), py::arg("targets").noconvert(), py::arg("threads"));
+            exact("sources"), exact("targets"), py::arg("threads"));
 }
 
 template <typename Index>
 void define_for(py::module_& module) {
     using py::arg;
-    module.def("occupancy", &occupancy<Index>, arg("vertices").noconvert(),
-               arg("faces").noconvert(), arg("intervals"), arg("origin_x"), arg("origin_y"),
-               arg("resolution"), arg("rows"), arg("columns"), arg("solids").none(true),
-               arg("solid_count"), arg("fill"), arg("filled").none(true), arg("threads"));
-    module.def("closed_solids", &closed_solids<Index>, arg("vertices").noconvert(),
-               arg("faces").noconvert(), arg("solids").none(true), arg("solid_count"),
+    module.def("occupancy", &occupancy<Index>, exact("vertices"), exact("faces"), arg("intervals"),
+               arg("origin_x"), arg("origin_y"), arg("resolution"), arg("rows"), arg("columns"),
+               arg("solids").none(true), arg("solid_count"), arg("fill"), arg("filled").none(true),
                arg("threads"));
+    module.def("closed_solids", &closed_solids<Index>, exact("vertices"), exact("faces"),
+               arg("solids").none(true), arg("solid_count"), arg("threads"));
 }
 
 }  // namespace
@@ -473,23 +449,18 @@ PYBIND11_MODULE(semmap_native, module) {
         "Meshes on grids, costs around what is occupied, ways over them, routes; shapes of points.";
     define_for<std::int32_t>(module);
     define_for<std::int64_t>(module);
-    module.def("inflate", &inflate, py::arg("occupied").noconvert(), py::arg("radius"),
-               py::arg("costs").noconvert(), py::arg("variant").none(true) = py::none());
+    module.def("inflate", &inflate, exact("occupied"), py::arg("radius"), exact("costs"),
+               py::arg("variant").none(true) = py::none());
     module.def("inflation_variants", &semmap::inflation_variants);
     define_graph(module);
-    module.def("travel", &travel, py::arg("costs").noconvert(), py::arg("resolution"),
-               py::arg("cells").noconvert(), py::arg("slow"), py::arg("targets").none(true),
+    module.def("travel", &travel, exact("costs"), py::arg("resolution"), exact("cells"),
+               py::arg("slow"), py::arg("targets").none(true), py::arg("threads"));
+    module.def("collisions", &collisions, exact("occupied"), exact("runs"));
+    module.def("drive", &drive, exact("costs"), exact("fits"), exact("steps"), exact("turns"),
+               py::arg("resolution"), exact("cells"), exact("targets"), py::arg("slow"),
                py::arg("threads"));
-    module.def("collisions", &collisions, py::arg("occupied").noconvert(),
-               py::arg("runs").noconvert());
-    module.def("drive", &drive, py::arg("costs").noconvert(), py::arg("fits").noconvert(),
-               py::arg("steps").noconvert(), py::arg("turns").noconvert(), py::arg("resolution"),
-               py::arg("cells").noconvert(), py::arg("targets").noconvert(), py::arg("slow"),
-               py::arg("threads"));
-    module.def("drive_way", &drive_way, py::arg("costs").noconvert(), py::arg("fits").noconvert(),
-               py::arg("steps").noconvert(), py::arg("turns").noconvert(), py::arg("resolution"),
-               py::arg("ends").noconvert(), py::arg("slow"));
-    module.def("way", &way, py::arg("costs").noconvert(), py::arg("resolution"),
-               py::arg("ends").noconvert(), py::arg("slow"));
+    module.def("drive_way", &drive_way, exact("costs"), exact("fits"), exact("steps"),
+               exact("turns"), py::arg("resolution"), exact("ends"), py::arg("slow"));
+    module.def("way", &way, exact("costs"), py::arg("resolution"), exact("ends"), py::arg("slow"));
     define_shapes(module);
 }

@@ -1,5 +1,3 @@
-#include "shapes_binding.hpp"
-
 #include <pybind11/numpy.h>
 #include <pybind11/stl.h>
 
@@ -103,11 +101,9 @@ std::optional<py::tuple> fit_shape(const std::string& kind, const Floats& rotati
     positive(noise, "noise");
     within(turns, 1, 16, "turns");
     const auto plane = plane_of(table);
-    std::optional<semmap::shapes::FittedShape> fit;
-    {
-        const py::gil_scoped_release release;
-        fit = semmap::shapes::fit_shape(rough, cloud, all, noise, plane, static_cast<int>(turns));
-    }
+    const auto fit = unlocked([&] {
+        return semmap::shapes::fit_shape(rough, cloud, all, noise, plane, static_cast<int>(turns));
+    });
     if (!fit) return std::nullopt;
     const PlacedShape& shape = fit->shape;
     Floats axes({3, 3});
@@ -170,5 +166,5 @@ void define_shapes(py::module_& module) {
                arg("bounds"), arg("points"));
     module.def("shape_cost", &shape_cost, arg("kind"), arg("rotation"), arg("origin"),
                arg("bounds"), arg("points"), arg("normals"), arg("tolerance"));
-    module.def("local_planes", &local_planes, arg("points"), arg("near").noconvert());
+    module.def("local_planes", &local_planes, arg("points"), exact("near"));
 }
