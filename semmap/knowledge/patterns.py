@@ -81,12 +81,9 @@ def parse_pattern(statement: str, map_name: str) -> ClientPattern:
         )
     except QueryError as error:
         raise ValueError(f"{statement!r}: {error.reason}: write a string in quotes") from error
-    node = parsed.algebra
-    while node.name in ("SelectQuery", "Project"):
-        node = node.p
-    if node.name != "BGP" or len(node.triples) != 1:
+    if parsed.triple is None:
         raise ValueError(f"{statement!r}: this is more than one statement: give a list of them")
-    return ClientPattern(*map(_plain, node.triples[0]))
+    return ClientPattern(*map(_plain, parsed.triple))
 
 
 def _word(word: str, prefix: str) -> str:

@@ -25,7 +25,7 @@ from semmap.knowledge.sparql.kept_queries import PLANNER, KeptQueries, Row, Sess
 from semmap.knowledge.sparql.scope import NOTHING_INFERRED, Chosen
 from semmap.knowledge.unknown_names import unknown_names
 from semmap.knowledge.vocabulary import prefixes
-from semmap.knowledge.whole_graph import without_warnings
+from semmap.knowledge.whole_graph import with_prefixes, without_warnings
 from semmap.language.parser import ParsedText
 from semmap.language.syntax_tree import nodes_in
 from semmap.limits import QUERY_ROWS, QUERY_SECONDS
@@ -136,7 +136,7 @@ def _made(
         return Answer("SELECT", names, tuple(found), **about)
     if parsed.form == "AskQuery":
         return Answer("ASK", truth=bool(found), **about)
-    graph = _empty_graph(map_name)
+    graph = with_prefixes(rdflib.Graph(), map_name)
     for row in found:
         graph += filled(_template(parsed), dict(zip(names, row, strict=True)))
     return Answer("CONSTRUCT", graph=graph, **about)
@@ -200,7 +200,7 @@ def _described(view: MapView, parsed: ParsedText, most: int) -> Answer:
         _refuse_too_many(len(rows), most)
         for row in rows:
             found |= dict.fromkeys(t for t in row if isinstance(t, rdflib.URIRef))
-    graph = _empty_graph(view.name)
+    graph = with_prefixes(rdflib.Graph(), view.name)
     for resource in found:
         graph += view.triples((resource, None, None))
     return Answer("DESCRIBE", graph=graph, explanation=tuple(view.statements))
@@ -237,13 +237,6 @@ def _by_rdflib(view: MapView, parsed: ParsedText, error: UntranslatedError, most
         found.get("graph"),
         (reason, *view.statements),
     )
-
-
-def _empty_graph(map_name: str) -> rdflib.Graph:
-    graph = rdflib.Graph()
-    for prefix, space in prefixes(map_name).items():
-        graph.bind(prefix, space, replace=True)
-    return graph
 
 
 @contextmanager

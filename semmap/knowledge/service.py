@@ -44,8 +44,7 @@ from semmap.knowledge.shacl import BrokenShapeError
 from semmap.knowledge.sparql.kept_queries import Session
 from semmap.knowledge.sparql.scope import Chosen
 from semmap.knowledge.updates import update
-from semmap.knowledge.vocabulary import prefixes
-from semmap.knowledge.whole_graph import facts, serialized
+from semmap.knowledge.whole_graph import facts, serialized, with_prefixes
 from semmap.language.error import QueryError
 
 Connect = Callable[[], Session]
@@ -149,10 +148,8 @@ class SparqlEndpoint:
 
     def _read_graph(self, named: str | None, role: str | None, accept: str) -> Response:
         format_ = _chosen(accept, GRAPH_FORMATS)
-        dataset = rdflib.Dataset()
         with self._limited(role, write=False) as session:
-            for prefix, space in prefixes(MapView.of(session).name).items():
-                dataset.bind(prefix, space, replace=True)
+            dataset = with_prefixes(rdflib.Dataset(), MapView.of(session).name)
             inferences = named == INFERRED_GRAPH
             for s, p, o, graph in facts(session, inferences=inferences):
                 if (None if graph is None else str(graph)) == named:

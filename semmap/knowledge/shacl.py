@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import hashlib
 import re
 from collections.abc import Iterable
 from dataclasses import dataclass
-from functools import partial
+from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -19,8 +18,9 @@ from semmap.error import Error
 from semmap.ingest.world import WorldError
 from semmap.knowledge.map_view import MapView
 from semmap.knowledge.queries import limited_view
+from semmap.knowledge.results import shown
 from semmap.knowledge.sparql.kept_queries import Session
-from semmap.knowledge.vocabulary import prefixes, short
+from semmap.knowledge.vocabulary import prefixes
 from semmap.knowledge.whole_graph import without_warnings
 from semmap.limits import TEXT_BYTES
 
@@ -185,16 +185,9 @@ def binding_shapes(view: MapView) -> list[Shapes]:
     return [_kept(name, turtle) for name, turtle in rows.fetchall()]
 
 
-_KEPT: dict[str, Shapes] = {}
-
-
+@lru_cache(maxsize=8)
 def _kept(name: str, turtle: str) -> Shapes:
-    key = name + hashlib.sha256(turtle.encode()).hexdigest()
-    if key not in _KEPT:
-        if len(_KEPT) > 7:
-            _KEPT.clear()
-        _KEPT[key] = _parsed(name, turtle, Path(name))
-    return _KEPT[key]
+    return _parsed(name, turtle, Path(name))
 
 
 class BrokenShapeError(Error, ValueError):
@@ -289,11 +282,6 @@ def _conforms(
 def _report(view: MapView, report: rdflib.Graph) -> Iterable[Violation]:
     known = prefixes(view.name)
 
-    def shown(term: Any) -> str:
-        if term is None:
-            return ""
-        return short(str(term), known) if isinstance(term, rdflib.URIRef) else str(term)
-
     for result in report.subjects(RDF.type, SH.ValidationResult):
         path = report.value(result, SH.resultPath)
         if isinstance(path, rdflib.BNode):
@@ -303,10 +291,10 @@ def _report(view: MapView, report: rdflib.Graph) -> Iterable[Violation]:
         value = report.value(result, SH.value)
         node = report.value(result, SH.focusNode)
         yield Violation(
-            shown(node),
+            shown(node, known) or "",
             messages[0] if messages else "does not conform",
-            shown(path),
-            "" if value == node else shown(value),
+            shown(path, known) or "",
+            "" if value == node else shown(value, known) or "",
             severity,
         )
 

@@ -6,7 +6,7 @@ import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from io import BytesIO
-from typing import Any
+from typing import Any, TypeVar
 
 import rdflib
 from rdflib.plugins.serializers.trig import TrigSerializer
@@ -18,6 +18,8 @@ from semmap.knowledge.sparql.kept_queries import Session, term_of
 from semmap.knowledge.sparql.values import tag_of, text_of
 from semmap.knowledge.triple_map import OWN_LETTERS, TripleMap
 from semmap.knowledge.vocabulary import prefixes
+
+Graph = TypeVar("Graph", bound=rdflib.Graph)
 
 
 def facts(session: Session, *, inferences: bool = False) -> Iterator[tuple[Any, Any, Any, Any]]:
@@ -41,13 +43,18 @@ def facts(session: Session, *, inferences: bool = False) -> Iterator[tuple[Any, 
 
 def dump(session: Session, *, inferences: bool = False) -> rdflib.Dataset:
     """Return the map that a session sees with its named graphs; one has the inferences."""
-    dataset = rdflib.Dataset()
-    for prefix, space in prefixes(MapView.of(session).name).items():
-        dataset.bind(prefix, space, replace=True)
+    dataset = with_prefixes(rdflib.Dataset(), MapView.of(session).name)
     for subject, verb, object_, graph in facts(session, inferences=inferences):
         target = dataset.default_graph if graph is None else dataset.graph(graph)
         target.add((subject, verb, object_))
     return dataset
+
+
+def with_prefixes(graph: Graph, map_name: str) -> Graph:
+    """Bind the prefixes of a map in a graph; return it."""
+    for prefix, space in prefixes(map_name).items():
+        graph.bind(prefix, space, replace=True)
+    return graph
 
 
 @contextmanager

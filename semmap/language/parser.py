@@ -49,6 +49,14 @@ class ParsedText:
     # what a back end has made of the text, by its own keys
     kept: dict[Any, Any] = field(default_factory=dict, compare=False, repr=False)
 
+    @property
+    def triple(self) -> tuple[Any, Any, Any] | None:
+        """The one triple pattern that a query consists of; None where it has more or others."""
+        node = self.algebra
+        while node.name in ("SelectQuery", "AskQuery", "Project"):
+            node = node.p
+        return node.triples[0] if node.name == "BGP" and len(node.triples) == 1 else None
+
     def error(self, reason: str, at: object) -> QueryError:
         """Return an error at a term, at a part of the tree, or at a position."""
         position = at if isinstance(at, int) else position_of(at)

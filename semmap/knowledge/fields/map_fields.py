@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import re
 import threading
-from collections import OrderedDict
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from functools import lru_cache
 
 from sqlalchemy import URL
 from sqlalchemy.exc import DBAPIError
@@ -27,7 +27,6 @@ from semmap.query.snapshot import open_snapshot
 
 VOXEL_SIZE = 0.05  # metres; the same as by default of `semmap fields`
 
-_MOST = 4  # how many maps a process keeps the voxels of
 
 _UNSEEN = """
 SELECT EXISTS (SELECT FROM change WHERE map_id = (SELECT current_map())
@@ -126,17 +125,11 @@ class _Kept:
         return mirror
 
 
-_kept: OrderedDict[tuple[str, str], _Kept] = OrderedDict()
-_lock = threading.Lock()
+_kept = lru_cache(maxsize=4)(_Kept)
 
 
 @contextmanager
 def _mirror_of(url: URL, map_name: str) -> Iterator[VoxelMirror]:
-    key = (url.render_as_string(hide_password=False), map_name)
-    with _lock:
-        kept = _kept.setdefault(key, _Kept(url, map_name))
-        _kept.move_to_end(key)
-        while len(_kept) > _MOST:
-            _kept.popitem(last=False)
+    kept = _kept(url, map_name)
     with kept.lock:
         yield kept.caught_up()

@@ -58,12 +58,9 @@ def why(session: Session, text: str) -> Why:
     with limited(session, None):
         view, facts = _facts(session)
         parsed = view.parsed(f"ASK {{ {text} }}")
-        tree = parsed.algebra
-        while tree.name in ("AskQuery", "Project"):
-            tree = tree.p
-        if getattr(tree, "name", "") != "BGP" or len(tree.triples) != 1:
+        terms = parsed.triple
+        if terms is None:
             raise parsed.error("this is not one triple: give subject, property and object", 0)
-        terms = tree.triples[0]
         if not all(isinstance(t, (rdflib.URIRef, rdflib.Literal)) for t in terms):
             raise parsed.error("a fact has no variables: give subject, property and object", 0)
         words = Words(view)
@@ -74,7 +71,7 @@ def why(session: Session, text: str) -> Why:
         proof = _proof(facts, words, (subject, verb, node))
         if proof is not None:
             return proof
-        if not view.run(view.statement(tree, [], 1)):
+        if not view.run(view.statement(parsed.algebra.p, [], 1)):
             raise LookupError(f"{text.strip()} is not a fact of the map {view.name}")
         return Why(words.fact((subject, verb, node)))
 

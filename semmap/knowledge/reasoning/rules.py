@@ -159,13 +159,13 @@ def compile_rules(
     *,
     built_in: frozenset[tuple[Node, Node]] = frozenset(),
     single: Callable[[str], bool] = lambda iri: False,
-    same: bool | None = None,
+    same: bool,
 ) -> Compiled:
     """Return the rules of axioms; `show` names their terms in texts.
 
     Types are told with the `built_in` pairs of a class and a superclass already. All values of a
     `single` property are entities or literals, so that two are never one resource. `same`: with the
-    rules of equality; None: if a rule infers ``owl:sameAs``.
+    rules of equality.
     """
     facts = Facts()
     given = set(axioms)
@@ -180,7 +180,7 @@ def compile_rules(
     direct |= _steps(facts, given)
     made = _Compiler(facts, show, direct, built_in, single)
     rules = list(made.rules())
-    if any(rule.head[1] == SAME_AS for rule in rules) if same is None else same:
+    if same:
         rules += (
             Rule(name, _atoms(body), _atoms(head)[0], "the same resource", apart)
             for name, body, head, apart in _EQUALITY

@@ -24,7 +24,6 @@ from semmap.knowledge.sparql.scope import NOTHING_INFERRED
 from semmap.knowledge.standing.changes import Changes, Touched, ask
 from semmap.knowledge.standing.evaluation import Evaluation, Job, Regions
 from semmap.knowledge.standing.index import PatternIndex, Triples
-from semmap.knowledge.standing.joins import has_all, joined, may_match
 from semmap.knowledge.standing.parts import (
     PartPattern,
     Quad,
@@ -39,7 +38,7 @@ from semmap.knowledge.standing.templates import (
     TemplateShape,
     template_of,
 )
-from semmap.knowledge.standing.triples import TripleLists
+from semmap.knowledge.standing.triples import TripleLists, has_all, joined, may_match
 from semmap.knowledge.triple_map import Form
 from semmap.knowledge.vocabulary import KNOWLEDGE_CORE, encode
 from semmap.language.terms import local_name
