@@ -92,7 +92,7 @@ class MapView:
         """Translate a pattern, for at most `limit` rows; `kept` has translations to use again."""
         kept = {} if kept is None else kept
         basis = basis or self.basis(algebra, kept)
-        constants = basis.lookup.constants(basis.rows)
+        constants = basis.constants
         columns = tuple(names)
         key = (columns, limit, self.number, self.name, self.chosen, self.inferred, constants.key)
         if key not in kept:

@@ -86,27 +86,18 @@ def _answer(view: MapView, parsed: ParsedText, most: int, key: tuple[Any, ...]) 
     """Answer a query by one statement, and keep its translation if that does not take long."""
     names, limit = _wanted(parsed, most)
     basis = view.basis(parsed.algebra.p, parsed.kept)
-    if view.inferred is not NOTHING_INFERRED and basis.inferred is not None:
-        view.inferred = basis.inferred
+    if view.inferred is not NOTHING_INFERRED and basis.map is not None:
+        view.inferred = basis.map[2]
     statement = view.statement(parsed.algebra.p, names, limit, parsed.kept, basis)
     # What they are told of follows from the basis, so that the answer may be kept with it.
-    unknown = unknown_names(view, basis.lookup.constants(basis.rows), parsed.algebra.p)
+    unknown = unknown_names(view, basis.constants, parsed.algebra.p)
     start = time.monotonic()
     found = view.run(statement)
     seconds = time.monotonic() - start
     explanation = tuple(view.statements)
     answer = partial(_made, parsed, view.name, tuple(names), most, explanation, tuple(unknown))
     if len(explanation) == 1 and not view.notes:
-        KEPT.keep(
-            view.session,
-            key,
-            basis,
-            statement.sql,
-            statement.parameters,
-            len(names),
-            answer,
-            seconds,
-        )
+        KEPT.keep(view.session, key, basis, statement, answer, seconds)
     view.notes += unknown
     return answer(found)
 

@@ -12,8 +12,8 @@ import time
 from collections import OrderedDict
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
-from typing import Any
+from functools import cached_property, lru_cache
+from typing import TYPE_CHECKING, Any
 from weakref import WeakKeyDictionary
 
 import psycopg
@@ -23,9 +23,12 @@ from psycopg.adapt import PyFormat, Transformer
 from psycopg.pq import ConnStatus, ExecStatus, PipelineStatus, TransactionStatus
 from psycopg.pq.abc import PGconn, PGresult
 
-from semmap.knowledge.sparql.constants import Found, Lookup
+from semmap.knowledge.sparql.constants import Constants, Found, Lookup
 from semmap.knowledge.sparql.scope import Inferred
 from semmap.knowledge.vocabulary import XSD
+
+if TYPE_CHECKING:
+    from semmap.knowledge.sparql.translator import SqlStatement
 
 Session = psycopg.Connection[Any]
 Term = rdflib.term.Identifier
@@ -79,22 +82,19 @@ class Basis:
         rows = session.execute(_basis(lookup).encode(), parameters).fetchall()
         return cls(lookup, frozenset(rows))
 
-    @property
-    def map(self) -> tuple[str, int] | None:
-        """The name and the number of the map; None where the session names none."""
-        row = self._map_row()
-        return None if row is None else (str(row[1]), int(row[2] or 0))
+    @cached_property
+    def constants(self) -> Constants:
+        """What the IRIs of the text stand for."""
+        return self.lookup.constants(self.rows)
 
-    @property
-    def inferred(self) -> Inferred | None:
-        """What the map has of inferences."""
-        row = self._map_row()
-        if row is None:
-            return None
-        return Inferred(*(frozenset(each or ()) for each in json.loads(row[3] or "[]")))
-
-    def _map_row(self) -> Found | None:
-        return next((row for row in self.rows if row[0] == "map"), None)
+    @cached_property
+    def map(self) -> tuple[str, int, Inferred] | None:
+        """Name, number and inferences of the map; None where the session names none."""
+        for kind, name, number, inferred in self.rows:
+            if kind == "map":
+                parts = (frozenset(each or ()) for each in json.loads(inferred or "[]"))
+                return str(name), int(number or 0), Inferred(*parts)
+        return None
 
 
 def _basis(lookup: Lookup) -> str:
@@ -172,16 +172,14 @@ class KeptQueries:
         session: Session,
         key: tuple[Any, ...],
         basis: Basis,
-        sql: str,
-        parameters: dict[str, Any],
-        width: int,
+        statement: SqlStatement,
         answer: Callable[[list[Row]], Any],
         seconds: float,
     ) -> None:
         """Keep a translation, with what makes the answer of its solutions.
 
-        The key is what its meaning follows from besides the basis. The statement has two columns,
-        text and tag, for each of `width` variables; it took `seconds`, planned for its values.
+        The key is what its meaning follows from besides the basis. The statement took `seconds`,
+        planned for its values.
         """
         found = basis.map
         if found is None or seconds > SHORT:
@@ -191,8 +189,8 @@ class KeptQueries:
             kept = _KeptQuery(
                 Prepared(_basis(lookup), {**lookup.parameters, "map": found[1]}),
                 basis.rows,
-                Prepared(sql, parameters, lookup.constants(basis.rows).types()),
-                width,
+                Prepared(statement.sql, statement.parameters, basis.constants.types()),
+                len(statement.names),
                 answer,
                 seconds,
             )
@@ -201,13 +199,7 @@ class KeptQueries:
         if len(self._queries) >= _MOST_QUERIES:
             self._queries.clear()
         self._queries[(*key, found[0])] = kept
-        self._state(session).map_name = found[0]
-
-    def _state(self, session: Session) -> _State:
-        state = self._states.get(session)
-        if state is None:
-            state = self._states[session] = _State()
-        return state
+        self._states.setdefault(session, _State()).map_name = found[0]
 
     def ask(self, session: Session, key: tuple[Any, ...], seconds: float) -> Any | None:
         """Return the answer of a query; None if it is not kept, or has to be translated again."""
