@@ -370,16 +370,19 @@ TRIPLES: tuple[TripleMap, ...] = (
 )
 """The facts of the graph, besides `STATEMENTS`."""
 
-_SF = {  # GeoSPARQL 1.1, section 9; what PostGIS has a function of
-    "sfEquals": "ST_Equals({a}, {b})",
-    "sfDisjoint": "ST_Disjoint({a}, {b})",
-    "sfIntersects": "ST_Intersects({a}, {b})",
-    "sfTouches": "ST_Touches({a}, {b})",
-    "sfCrosses": "ST_Crosses({a}, {b})",
-    "sfWithin": "ST_Within({a}, {b})",
-    "sfContains": "ST_Contains({a}, {b})",
-    "sfOverlaps": "ST_Overlaps({a}, {b})",
-}
+_SIMPLE = [
+    "Equals",
+    "Disjoint",
+    "Intersects",
+    "Touches",
+    "Crosses",
+    "Within",
+    "Contains",
+    "Overlaps",
+]
+_SF = {f"sf{name}": f"ST_{name}({{a}}, {{b}})" for name in _SIMPLE}
+"""GeoSPARQL 1.1, section 9; what PostGIS has a function of."""
+
 _EH = {  # DE-9IM patterns of tables 5 and 6, with the condition that the index answers
     "ehEquals": ("{a} && {b}", "TFFFTFFFT"),
     "ehDisjoint": ("", "FF*FF****"),

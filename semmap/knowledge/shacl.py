@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable
 from dataclasses import dataclass
-from functools import lru_cache, partial
+from functools import cached_property, lru_cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +26,7 @@ from semmap.limits import TEXT_BYTES
 
 MANY = 2_000  # from so many nodes on, the whole map is validated
 _ENDS = (SH.targetSubjectsOf, SH.targetObjectsOf, SH.equals, SH.disjoint, SH.lessThan)
+_OF_CLASSES = {RDF.type, RDFS.subClassOf}
 _REPEATED = (SH.zeroOrMorePath, SH.oneOrMorePath)
 
 
@@ -53,19 +54,19 @@ class Shapes:
     turtle: str  # its text
     graph: rdflib.Graph  # the shapes
 
-    @property
+    @cached_property
     def inverse(self) -> frozenset[rdflib.URIRef]:
         """The properties that paths follow against their direction."""
         return frozenset(
             o for o in self.graph.objects(None, SH.inversePath) if isinstance(o, rdflib.URIRef)
         )
 
-    @property
+    @cached_property
     def properties(self) -> frozenset[rdflib.URIRef] | None:
         """The properties that the shapes are about; None for all."""
         if self.needs_everything:
             return None
-        found = {RDF.type, RDFS.subClassOf, *self.inverse}
+        found = {*_OF_CLASSES, *self.inverse}
         for end in (SH.path, SH.alternativePath, SH.zeroOrOnePath, *_REPEATED, *_ENDS):
             for node in self.graph.objects(None, end):
                 found |= {p for p in self._members(node) if isinstance(p, rdflib.URIRef)}
@@ -83,7 +84,7 @@ class Shapes:
         """Whether the shapes may look at all facts: by SPARQL, or because they are closed."""
         return any((None, p, None) in self.graph for p in (SH.sparql, SH.select, SH.closed, SH.js))
 
-    @property
+    @cached_property
     def reach(self) -> int | None:
         """How many facts away from its node a shape looks at most; None without a limit."""
         if self.needs_everything or any((None, p, None) in self.graph for p in _REPEATED):
@@ -156,7 +157,7 @@ def validate(
 def bind_shapes(session: Session, shapes: Shapes) -> None:
     """Let shapes bind the map that a session sees: an update that breaks them is refused."""
     with limited_view(session, None) as view:
-        _refuse(view, _violations(view, shapes), "the map does not conform to the shapes", "")
+        _refuse(_violations(view, shapes), "the map does not conform to the shapes")
         session.execute(
             "INSERT INTO binding_shapes (map_id, name, turtle) VALUES (%s, %s, %s) "
             "ON CONFLICT (map_id, name) DO UPDATE SET turtle = excluded.turtle, "
@@ -211,17 +212,15 @@ def check_binding(view: MapView, since: int) -> None:
     nodes = {rdflib.URIRef(iri) for (iri,) in rows if iri is not None}
     nodes |= {node for node in view.touched if isinstance(node, rdflib.URIRef)}
     for each in shapes:
-        found = _violations(view, each, nodes)
-        _refuse(
-            view, found, "it breaks the shapes", f" {each.name}, which bind the map {view.name}"
-        )
+        what = f"it breaks the shapes {each.name}, which bind the map {view.name}"
+        _refuse(_violations(view, each, nodes), what)
 
 
-def _refuse(view: MapView, found: list[Violation], what: str, which: str) -> None:
+def _refuse(found: list[Violation], what: str) -> None:
     wrong = [each.shown() for each in found if each.severity == "violation"]
     if wrong:
         more = f"; and {len(wrong) - 5} more" if len(wrong) > 5 else ""
-        raise BrokenShapeError(f"{what}{which}: {'; '.join(wrong[:5])}{more}")
+        raise BrokenShapeError(f"{what}: {'; '.join(wrong[:5])}{more}")
 
 
 def _violations(
@@ -229,15 +228,14 @@ def _violations(
 ) -> list[Violation]:
     """Return what does not conform; of some nodes and what leads to them, or of all."""
     focus: set[rdflib.URIRef] | None = None
-    reach, properties = shapes.reach, shapes.properties
-    if nodes is not None and reach is not None and properties is not None:
-        focus = _leading_to(view, nodes, properties, shapes.inverse, reach)
-    if focus is None or reach is None or properties is None:
-        data = _whole(view, properties)
+    if nodes is not None and shapes.reach is not None:
+        focus = _leading_to(view, shapes, nodes)
+    if focus is None:
+        data = _whole(view, shapes.properties)
     elif not focus:
         return []
     else:
-        data = _around(view, focus, properties, shapes.inverse, reach)
+        data = _around(view, shapes, focus)
     return sorted(
         _report(view, _conforms(shapes, data, Path(shapes.name), focus)),
         key=lambda v: (v.severity, v.name, v.message),
@@ -306,25 +304,17 @@ def _whole(view: MapView, properties: frozenset[rdflib.URIRef] | None) -> rdflib
     return graph
 
 
-def _around(
-    view: MapView,
-    nodes: set[rdflib.URIRef],
-    properties: frozenset[rdflib.URIRef],
-    inverse: frozenset[rdflib.URIRef],
-    reach: int,
-) -> rdflib.Graph:
+def _around(view: MapView, shapes: Shapes, nodes: set[rdflib.URIRef]) -> rdflib.Graph:
     """Return the facts that shapes of some nodes look at."""
     graph = rdflib.Graph()
     done: set[Any] = set()
     new: set[Any] = set(nodes)
-    for _ in range(reach):
+    for _ in range(shapes.reach or 0):
         done |= new
-        found = [
-            *_facts(view, new, properties, "s"),
-            *_facts(view, {n for n in new if inverse}, inverse, "o"),
-        ]
+        found = _facts(view, new, shapes.properties or (), "s")
+        found += _facts(view, new, shapes.inverse, "o")
         graph += found
-        new = {t for s, p, o in found if p not in (RDF.type, RDFS.subClassOf) for t in (s, o)}
+        new = {t for s, p, o in found if p not in _OF_CLASSES for t in (s, o)}
         new = {t for t in new - done if isinstance(t, rdflib.URIRef)}
         if not new:
             break
@@ -334,18 +324,14 @@ def _around(
 
 
 def _leading_to(
-    view: MapView,
-    nodes: set[rdflib.URIRef],
-    properties: frozenset[rdflib.URIRef],
-    inverse: frozenset[rdflib.URIRef],
-    reach: int,
+    view: MapView, shapes: Shapes, nodes: set[rdflib.URIRef]
 ) -> set[rdflib.URIRef] | None:
     """Return some nodes, and those whose shapes look at them; None where there are too many."""
-    followed = properties - {RDF.type, RDFS.subClassOf}
+    followed = (shapes.properties or frozenset()) - _OF_CLASSES
     found, new = set(nodes), set(nodes)
-    for _ in range(reach - 1):
+    for _ in range((shapes.reach or 0) - 1):
         there = {s for s, _, _ in _facts(view, new, followed, "o")}
-        there |= {o for _, _, o in _facts(view, new, inverse, "s")}
+        there |= {o for _, _, o in _facts(view, new, shapes.inverse, "s")}
         new = {t for t in there - found if isinstance(t, rdflib.URIRef)}
         found |= new
         if len(found) > MANY:

@@ -184,12 +184,11 @@ def _innermost(tree: Any) -> Any:
 def _take_clauses(text: NormalisedText, tree: CompValue) -> list[CompValue]:
     """Remove the clauses STORE, AT and DURING from the tree, and return them."""
     clauses: list[CompValue] = tree.pop("clause") if "clause" in tree else []
-    keywords = {"Store": "STORE", "At": "AT", "During": "DURING"}
     seen: list[str] = []
     for clause in clauses:
         position = position_of(clause) or 0
         if clause.name in seen:
-            raise text.error(f"{keywords[clause.name]} is given twice: give it once", position)
+            raise text.error(f"{clause.name.upper()} is given twice: give it once", position)
         if clause.name != "Store" and {"At", "During"} & set(seen):
             raise text.error("AT and DURING are both given: give one of them", position)
         if clause.name == "Store" and tree.name == "AskQuery":

@@ -31,17 +31,9 @@ SIDES = (0, 2)  # where subject and object are in a triple
 
 Solution = dict[str, Term]  # terms of variables
 
-_KEYS = {
-    "entity": "{a}.id",
-    "object_type": "{a}.id",
-    "world": "{a}.entity_id",
-    "placement": "{a}.entity_id",
-    "connector": "{a}.entity_id",
-    "room": "{a}.entity_id",
-    "storey": "{a}.entity_id",
-    "region": "{a}.entity_id",
-    "link": "{a}.from_id",
-}
+_KEYS = {"entity": "{a}.id", "object_type": "{a}.id", "link": "{a}.from_id"} | dict.fromkeys(
+    ("world", "placement", "connector", "room", "storey", "region"), "{a}.entity_id"
+)
 """Tables of which the change log names the changed rows, by this column."""
 
 _STATIC = frozenset({"semantic_type", "type_parent"})
