@@ -380,7 +380,7 @@ _SIMPLE = [
     "Contains",
     "Overlaps",
 ]
-_SF = {f"sf{name}": f"ST_{name}({{a}}, {{b}})" for name in _SIMPLE}
+_SF = {f"sf{name}": f"ST_{name}({{a}}, {{b}})" for name in _SFA}
 """GeoSPARQL 1.1, section 9; what PostGIS has a function of."""
 
 _EH = {  # DE-9IM patterns of tables 5 and 6, with the condition that the index answers
