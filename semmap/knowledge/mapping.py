@@ -370,16 +370,7 @@ TRIPLES: tuple[TripleMap, ...] = (
 )
 """The facts of the graph, besides `STATEMENTS`."""
 
-_SIMPLE = [
-    "Equals",
-    "Disjoint",
-    "Intersects",
-    "Touches",
-    "Crosses",
-    "Within",
-    "Contains",
-    "Overlaps",
-]
+_SFA = ("Equals", "Disjoint", "Intersects", "Touches", "Crosses", "Within", "Contains", "Overlaps")
 _SF = {f"sf{name}": f"ST_{name}({{a}}, {{b}})" for name in _SFA}
 """GeoSPARQL 1.1, section 9; what PostGIS has a function of."""
 
