@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from rdflib.plugins.sparql import prepareQuery
 from rdflib.plugins.sparql.sparql import Query
 
-from semmap.knowledge.sparql.solution_counts import count_solutions
+from semmap.knowledge.sparql.translator import count_solutions
 from semmap.language.syntax_tree import parts_of
 
 NODES = [rdflib.URIRef(f"urn:{name}") for name in "abc"]

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from semmap.interlinking.k_medoids import best_k_medoids, k_medoids, silhouette
+from semmap.interlinking.correspondences import best_k_medoids, k_medoids, silhouette
 
 
 def distances(points) -> np.ndarray:
