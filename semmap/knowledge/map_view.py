@@ -12,7 +12,7 @@ import rdflib
 from rdflib.plugins.sparql.parserutils import CompValue
 
 from semmap.database.maps import pick_map
-from semmap.knowledge.fields.properties import FieldRows
+from semmap.knowledge.fields.rows import FieldRows
 from semmap.knowledge.sparql.constants import Constants, Lookup, iris_in, resolve
 from semmap.knowledge.sparql.kept_queries import Basis, Row, Session, term_of
 from semmap.knowledge.sparql.scope import NOTHING_INFERRED, Chosen, Inferred, MapGraph

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from semmap.knowledge.triple_map import Value
 
 if TYPE_CHECKING:
-    from semmap.knowledge.fields.properties import FieldRows
+    from semmap.knowledge.fields.rows import FieldRows
     from semmap.knowledge.sparql.constants import Constants
 
 Part = str | Value  # a variable by its name, or a constant
