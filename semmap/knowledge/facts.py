@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import datetime
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import psycopg
 import rdflib
@@ -30,9 +30,6 @@ from semmap.knowledge.vocabulary import (
     prefixes,
     short,
 )
-
-if TYPE_CHECKING:
-    from semmap.knowledge.map_view import MapView
 
 SKOLEM = "urn:semmap:blank:"  # blank nodes of updates and files get an IRI (RDF 1.1, section 3.5)
 
