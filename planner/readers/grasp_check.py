@@ -56,8 +56,8 @@ def _misfit(session: Any, item: str, name: str, gripper: Gripper) -> str | None:
     from semmap.manipulation.candidates import grasp_candidates
     from semmap.manipulation.error import ManipulationError
     from semmap.manipulation.store.shapes import model_mesh
-    from semmap.perception.error import PerceptionError
     from semmap.perception.mesh_shapes import mesh_primitive
+    from semmap.perception.point_cloud import PerceptionError
 
     if session.execute(_KNOWN, {"item": item, "gripper": name}).fetchone()[0]:
         return None

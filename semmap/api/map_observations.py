@@ -145,7 +145,7 @@ class MapObservations(MapQuestions):
             if cloud is None:
                 return observe_view(now, camera, looked_for, detected, **options)
             from semmap.belief.cloud_looks import observe_cloud
-            from semmap.perception.cloud_file import read_cloud
+            from semmap.perception.point_cloud import read_cloud
 
             points = read_cloud(Path(cloud)) if isinstance(cloud, str | Path) else cloud
             return observe_cloud(now, camera, points, looked_for, without=without, **options)

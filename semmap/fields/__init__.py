@@ -10,8 +10,7 @@ if TYPE_CHECKING:
     from semmap.fields.maps.lattice import Lattice
     from semmap.fields.maps.map_buffer import MapBuffer
     from semmap.fields.maps.representation_map import RepresentationMap
-    from semmap.fields.regions.measures import Memory, Overlap
-    from semmap.fields.regions.region_map import RegionMap
+    from semmap.fields.regions.region_map import Memory, Overlap, RegionMap
     from semmap.fields.regions.shapes import (
         Box,
         Cone,
@@ -54,8 +53,8 @@ _HOMES = {
     "Hull": "semmap.fields.regions.shapes",
     "Lattice": "semmap.fields.maps.lattice",
     "MapBuffer": "semmap.fields.maps.map_buffer",
-    "Memory": "semmap.fields.regions.measures",
-    "Overlap": "semmap.fields.regions.measures",
+    "Memory": "semmap.fields.regions.region_map",
+    "Overlap": "semmap.fields.regions.region_map",
     "Property": "semmap.language.schema",
     "Region": "semmap.fields.regions.shapes",
     "RegionMap": "semmap.fields.regions.region_map",

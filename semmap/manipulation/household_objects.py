@@ -227,8 +227,8 @@ def _primitive(model: str, meshes: Mapping[str, _Mesh], scale: float) -> Any:
     """The primitive of a scaled model; None without a mesh."""
     import trimesh
 
-    from semmap.perception.error import PerceptionError
     from semmap.perception.mesh_shapes import mesh_primitive
+    from semmap.perception.point_cloud import PerceptionError
 
     if model not in meshes:
         return None

@@ -12,10 +12,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.spatial import ConvexHull, QhullError
 
-from semmap.perception.error import PerceptionError
 from semmap.perception.fitted_shapes import Fit, Placed, refined, size_of
 from semmap.perception.hypotheses import hypotheses, smallest_box
-from semmap.perception.point_cloud import Floats, Surfels, surfels
+from semmap.perception.point_cloud import Floats, PerceptionError, Surfels, surfels
 from semmap.perception.primitives import Primitive, primitive_of
 
 if TYPE_CHECKING:

@@ -16,9 +16,8 @@ from scipy.spatial import ConvexHull, cKDTree
 
 from semmap.draw.depth_camera import DepthCamera, look_at
 from semmap.geometry.mesh import Mesh
-from semmap.perception.error import PerceptionError
 from semmap.perception.hypotheses import frame_with_axis
-from semmap.perception.point_cloud import Floats, surfels, voxel_downsample
+from semmap.perception.point_cloud import Floats, PerceptionError, surfels, voxel_downsample
 from semmap.perception.registration import IcpTarget
 
 VOXEL = 0.004

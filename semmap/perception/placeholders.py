@@ -12,8 +12,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial import cKDTree
 
-from semmap.perception.error import PerceptionError
-from semmap.perception.point_cloud import Floats, checked_points, surfels, voxel_downsample
+from semmap.perception.point_cloud import (
+    Floats,
+    PerceptionError,
+    checked_points,
+    surfels,
+    voxel_downsample,
+)
 from semmap.perception.registration import IcpTarget, OrientedPairs, moved
 
 PAIRS = 1500

@@ -7,8 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from semmap.perception.error import PerceptionError
-from semmap.perception.point_cloud import Floats
+from semmap.perception.point_cloud import Floats, PerceptionError
 
 TRIES = 300
 SCORED = 2000

@@ -1,15 +1,17 @@
-"""Point clouds: checks, downsampling, normals and noise."""
+"""Point clouds: files, checks, downsampling, normals and noise."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial import cKDTree
 
 import semmap_native
-from semmap.perception.error import PerceptionError
+from semmap.error import Error
 
 Floats = NDArray[np.float64]
 
@@ -18,6 +20,38 @@ FARTHEST = 1e6
 
 NEIGHBOURS = 20
 """Points of a local plane."""
+
+
+class PerceptionError(Error, ValueError):
+    """A cloud or mesh that cannot be used: the text says what, where and the fix."""
+
+
+def read_cloud(path: Path) -> Floats:
+    """Return the points (n, 3) of a PLY file, or the array of a NumPy file, metres.
+
+    Raises PerceptionError: the file is missing, of another format, or has no points.
+    """
+    if not path.is_file():
+        raise PerceptionError(f"{path} does not exist: give a PLY or NPY file with points")
+    try:
+        if path.suffix.lower() == ".npy":
+            points = np.load(path, allow_pickle=False)
+        else:
+            import trimesh
+
+            loaded: Any = trimesh.load(path, process=False, file_type="ply")
+            points = loaded.vertices
+        points = np.asarray(points, np.float64)
+    except Exception as error:  # third-party loaders raise anything on broken bytes
+        reason = " ".join(str(error).split())[:160] or type(error).__name__
+        raise PerceptionError(
+            f"{path} cannot be read as a point cloud ({reason}): export it as PLY or NPY"
+        ) from error
+    if points.ndim not in (2, 3) or points.shape[-1] != 3 or not points.size:
+        raise PerceptionError(
+            f"{path} has an array of shape {points.shape}: give (n, 3) or (height, width, 3)"
+        )
+    return points
 
 
 def checked_points(points: ArrayLike, least: int, what: str = "the cloud") -> Floats:

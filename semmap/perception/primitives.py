@@ -15,11 +15,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 import semmap_native
-from semmap.perception.error import PerceptionError
 from semmap.perception.fitted_shapes import SHAPES, Fit, Placed, refined, size_of
 from semmap.perception.hypotheses import SLIMMEST, WIDEST, hypotheses
 from semmap.perception.plane import Plane
-from semmap.perception.point_cloud import Floats, Surfels, checked_points, surfels
+from semmap.perception.point_cloud import Floats, PerceptionError, Surfels, checked_points, surfels
 
 FEWEST = 30
 """Points that a fit needs."""

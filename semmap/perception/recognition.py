@@ -14,11 +14,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial import cKDTree
 
-from semmap.perception.error import PerceptionError
 from semmap.perception.models import VOXEL, KnownObject, ModelView, PointView, describe
 from semmap.perception.placeholders import Placeholder, subtract_placeholder
 from semmap.perception.plane import unit_vector
-from semmap.perception.point_cloud import Floats, checked_points, voxel_downsample
+from semmap.perception.point_cloud import Floats, PerceptionError, checked_points, voxel_downsample
 from semmap.perception.registration import moved
 from semmap.perception.tabletop import euclidean_clusters, segment_tabletop
 

@@ -6,8 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from semmap.perception.error import PerceptionError
-from semmap.perception.point_cloud import Floats, Surfels
+from semmap.perception.point_cloud import Floats, PerceptionError, Surfels
 
 
 def _small_gicp() -> Any:

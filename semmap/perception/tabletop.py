@@ -10,9 +10,8 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import ConvexHull, QhullError, cKDTree
 
-from semmap.perception.error import PerceptionError
 from semmap.perception.plane import Plane, find_plane
-from semmap.perception.point_cloud import Floats, checked_points, voxel_downsample
+from semmap.perception.point_cloud import Floats, PerceptionError, checked_points, voxel_downsample
 
 FEWEST = 100
 """Finite points that a tabletop needs."""

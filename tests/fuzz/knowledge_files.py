@@ -18,8 +18,7 @@ from semmap.interlinking.link_file import read_alignment, read_labels
 from semmap.interlinking.records import InterlinkingError
 from semmap.knowledge.rdf_file import parse_facts
 from semmap.knowledge.whole_graph import without_warnings
-from semmap.perception.cloud_file import read_cloud
-from semmap.perception.error import PerceptionError
+from semmap.perception.point_cloud import PerceptionError, read_cloud
 from semmap.perception.primitives import fit_primitive
 from semmap.perception.tabletop import segment_tabletop
 from tests.fuzz.kind import Kind

@@ -9,8 +9,8 @@ import pytest
 import trimesh
 
 from semmap.ingest.meshes.mesh_file import read_mesh
-from semmap.perception.error import PerceptionError
 from semmap.perception.mesh_shapes import mesh_primitive
+from semmap.perception.point_cloud import PerceptionError
 from tests.perception.views import solid
 
 TILTED = trimesh.transformations.rotation_matrix(0.7, (1, 2, 0.5))

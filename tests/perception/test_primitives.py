@@ -8,9 +8,9 @@ import trimesh
 from hypothesis import Phase, given, settings
 from hypothesis import strategies as st
 
-from semmap.perception.error import PerceptionError
 from semmap.perception.fitted_shapes import SHAPES
 from semmap.perception.plane import Plane
+from semmap.perception.point_cloud import PerceptionError
 from semmap.perception.primitives import Primitive, fit_primitive
 from tests.perception.views import cloud_of, solid
 

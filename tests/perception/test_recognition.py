@@ -12,10 +12,9 @@ from benchmarks.recognition import trial, ycb_meshes
 from semmap.draw.depth_camera import DepthCamera, look_at
 from semmap.geometry.mesh import Mesh, join
 from semmap.ingest.meshes.mesh_file import read_mesh
-from semmap.perception.cloud_file import read_cloud
-from semmap.perception.error import PerceptionError
 from semmap.perception.models import KnownObject, depth_points, train_model
 from semmap.perception.placeholders import Placeholder, subtract_placeholder
+from semmap.perception.point_cloud import PerceptionError, read_cloud
 from semmap.perception.recognition import Scene, recognise, recognise_cluster
 from tests.perception.views import cloud_of, solid
 

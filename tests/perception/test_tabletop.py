@@ -10,10 +10,9 @@ from hypothesis import strategies as st
 
 from semmap.draw.depth_camera import DepthCamera, look_at
 from semmap.geometry.mesh import box_mesh, join
-from semmap.perception.error import PerceptionError
 from semmap.perception.models import depth_points
 from semmap.perception.plane import find_plane
-from semmap.perception.point_cloud import voxel_downsample
+from semmap.perception.point_cloud import PerceptionError, voxel_downsample
 from semmap.perception.primitives import fit_primitive
 from semmap.perception.tabletop import euclidean_clusters, segment_tabletop
 from tests.perception.views import solid

@@ -13,7 +13,7 @@ from semmap.fields.maps.lattice import Lattice
 from semmap.fields.maps.map_buffer import MapBuffer, SourceUpdate
 from semmap.fields.maps.representation_map import RepresentationMap
 from semmap.fields.maps.vocabulary import Vocabulary
-from semmap.fields.queries.map_relations import (
+from semmap.fields.queries.relations import (
     EntityMapRelation,
     FreeSpaceRelation,
     NumberMapRelation,

@@ -7,7 +7,6 @@ next, so that a chain of lazy maps is computed for these alone.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from functools import singledispatch
 from typing import Any
 
 import numpy as np
@@ -69,14 +68,45 @@ def evaluate(pattern: Pattern, context: Context, limits: Limits | None = None) -
         return _evaluate(pattern, context, limits or {})
 
 
-@singledispatch
 def _evaluate(pattern: Pattern, context: Context, limits: Limits) -> Table:
-    raise TypeError(f"{type(pattern).__name__} cannot be evaluated")
-
-
-@_evaluate.register
-def _(pattern: BasicGraphPattern, context: Context, limits: Limits) -> Table:
-    return _basic(pattern, context, limits, ())
+    match pattern:
+        case BasicGraphPattern():
+            return _basic(pattern, context, limits, ())
+        case Filter(of=BasicGraphPattern() as of):
+            return _basic(of, context, limits, pattern.conditions)
+        case Filter():
+            return _filtered(pattern.conditions, context, evaluate(pattern.of, context, limits))
+        case Union():
+            sides = (pattern.left, pattern.right)
+            return union([evaluate(side, context, limits) for side in sides])
+        case Join() | LeftJoin() | Minus():
+            return _combined(pattern, context, limits)
+        case Extend():
+            inside = {name: keys for name, keys in limits.items() if name != pattern.name}
+            table = evaluate(pattern.of, context, inside)
+            column = evaluate_expression(pattern.value, context, table)
+            return Table(table.rows, {**table.columns, pattern.name: column})
+        case InlineData():
+            columns = {
+                name: _inline_column(pattern.kinds[name], values, context)
+                for name, values in pattern.values.items()
+            }
+            return Table(pattern.count, columns)
+        case Project():
+            inside = {name: keys for name, keys in limits.items() if name in pattern.variables}
+            return evaluate(pattern.of, context, inside).only(pattern.variables)
+        case Distinct():
+            return evaluate(pattern.of, context, limits).distinct()
+        case SolutionSlice():
+            table = evaluate(pattern.of, context)
+            stop = table.rows
+            if pattern.length is not None:
+                stop = min(stop, pattern.start + pattern.length)
+            return table.take(np.arange(min(pattern.start, stop), stop))
+        case OrderBy():
+            return _ordered(pattern, evaluate(pattern.of, context, limits), context)
+        case GroupPattern():
+            return _grouped(pattern, context)
 
 
 def _basic(
@@ -181,20 +211,19 @@ def _narrowed(pattern: Pattern, table: Table, limits: Limits) -> Limits:
     return found
 
 
-@_evaluate.register
-def _(pattern: Join, context: Context, limits: Limits) -> Table:
+def _combined(pattern: Join | LeftJoin | Minus, context: Context, limits: Limits) -> Table:
     left = evaluate(pattern.left, context, limits)
     if left.rows == 0:
         return EMPTY
-    return join(left, evaluate(pattern.right, context, _narrowed(pattern.right, left, limits)))
+    joined = isinstance(pattern, Join)
+    inside = _narrowed(pattern.right, left, limits if joined else {})
+    right = evaluate(pattern.right, context, inside)
+    if isinstance(pattern, LeftJoin):
+        return _left_join(pattern, left, right, context)
+    return join(left, right) if joined else minus(left, right)
 
 
-@_evaluate.register
-def _(pattern: LeftJoin, context: Context, limits: Limits) -> Table:
-    left = evaluate(pattern.left, context, limits)
-    if left.rows == 0:
-        return EMPTY
-    right = evaluate(pattern.right, context, _narrowed(pattern.right, left, {}))
+def _left_join(pattern: LeftJoin, left: Table, right: Table, context: Context) -> Table:
     if right.rows == 0:
         return left
     rows = compatible_pairs(left, right)
@@ -208,42 +237,6 @@ def _(pattern: LeftJoin, context: Context, limits: Limits) -> Table:
     return union([found, left.take(alone)]) if alone.any() else found
 
 
-@_evaluate.register
-def _(pattern: Minus, context: Context, limits: Limits) -> Table:
-    left = evaluate(pattern.left, context, limits)
-    if left.rows == 0:
-        return EMPTY
-    return minus(left, evaluate(pattern.right, context, _narrowed(pattern.right, left, {})))
-
-
-@_evaluate.register
-def _(pattern: Union, context: Context, limits: Limits) -> Table:
-    return union([evaluate(each, context, limits) for each in (pattern.left, pattern.right)])
-
-
-@_evaluate.register
-def _(pattern: Filter, context: Context, limits: Limits) -> Table:
-    if isinstance(pattern.of, BasicGraphPattern):
-        return _basic(pattern.of, context, limits, pattern.conditions)
-    return _filtered(pattern.conditions, context, evaluate(pattern.of, context, limits))
-
-
-@_evaluate.register
-def _(pattern: Extend, context: Context, limits: Limits) -> Table:
-    table = evaluate(pattern.of, context, {n: k for n, k in limits.items() if n != pattern.name})
-    column = evaluate_expression(pattern.value, context, table)
-    return Table(table.rows, {**table.columns, pattern.name: column})
-
-
-@_evaluate.register
-def _(pattern: InlineData, context: Context, limits: Limits) -> Table:
-    columns = {
-        name: _inline_column(pattern.kinds[name], values, context)
-        for name, values in pattern.values.items()
-    }
-    return Table(pattern.count, columns)
-
-
 def _inline_column(kind: ValueKind, values: tuple[Any, ...], context: Context) -> TermColumn:
     bound = np.array([value is not None for value in values], np.bool_)
     if kind == "entity":
@@ -255,29 +248,7 @@ def _inline_column(kind: ValueKind, values: tuple[Any, ...], context: Context) -
     return TermColumn(kind, column, bound)
 
 
-@_evaluate.register
-def _(pattern: Project, context: Context, limits: Limits) -> Table:
-    inside = {name: keys for name, keys in limits.items() if name in pattern.variables}
-    return evaluate(pattern.of, context, inside).only(pattern.variables)
-
-
-@_evaluate.register
-def _(pattern: Distinct, context: Context, limits: Limits) -> Table:
-    return evaluate(pattern.of, context, limits).distinct()
-
-
-@_evaluate.register
-def _(pattern: SolutionSlice, context: Context, limits: Limits) -> Table:
-    table = evaluate(pattern.of, context)
-    stop = table.rows
-    if pattern.length is not None:
-        stop = min(stop, pattern.start + pattern.length)
-    return table.take(np.arange(min(pattern.start, stop), stop))
-
-
-@_evaluate.register
-def _(pattern: OrderBy, context: Context, limits: Limits) -> Table:
-    table = evaluate(pattern.of, context, limits)
+def _ordered(pattern: OrderBy, table: Table, context: Context) -> Table:
     if table.rows < 2:
         return table
     ranks = []
@@ -297,8 +268,7 @@ def _ranks(column: TermColumn, context: Context) -> NDArray[np.int64]:
     return np.where(column.is_bound, places, -1)
 
 
-@_evaluate.register
-def _(pattern: GroupPattern, context: Context, limits: Limits) -> Table:
+def _grouped(pattern: GroupPattern, context: Context) -> Table:
     counted = _counted(pattern, context)
     if counted is not None:
         return counted

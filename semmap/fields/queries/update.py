@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable, Sequence
+from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from datetime import datetime
 from typing import Any
 
 import numpy as np
@@ -14,22 +15,41 @@ from rdflib.plugins.sparql.parserutils import CompValue
 from semmap.fields.queries.evaluate import evaluate
 from semmap.fields.queries.expressions import Context
 from semmap.fields.queries.query_result import UpdateResult
-from semmap.fields.queries.region_catalogue import RegionCatalogue, is_occupies
-from semmap.fields.queries.statements import Catalogue, UnknownError
+from semmap.fields.queries.statements import (
+    ALL,
+    Catalogue,
+    Demand,
+    Entities,
+    StatementRelation,
+    Statements,
+    UnknownError,
+    VoxelColumn,
+)
 from semmap.fields.queries.table import UNIT, LimitError, Table
-from semmap.fields.queries.voxel_functions import centres
+from semmap.fields.queries.voxel_functions import VOXEL_FUNCTIONS, centres
 from semmap.fields.regions.region_map import RegionMap
 from semmap.fields.regions.region_text import read_region
 from semmap.fields.regions.shapes import Region, shape_of
-from semmap.geometry.voxel_keys import sorted_unique
+from semmap.geometry.voxel_keys import keys_of, sorted_unique
 from semmap.language.checker import Checker
 from semmap.language.error import TOO_DEEP
 from semmap.language.parser import ParsedText, parse_update
-from semmap.language.schema import ValueKind, with_article
-from semmap.language.terms import name_of, position_of
+from semmap.language.schema import Function, Property, ValueKind, with_article
+from semmap.language.terms import PAPER_NAMESPACE, name_of, position_of
 from semmap_vdb import BoolGrid
 
 Keys = NDArray[np.int64]
+
+OCCUPIES = Property(
+    PAPER_NAMESPACE + "occupies",
+    "occupies",
+    domain=None,
+    range=None,
+    subject="entity",
+    object="voxel",
+    same_as=("urn:semmap:ontology#occupies",),
+)
+"""The property of region maps: an entity has a voxel."""
 
 
 def update(regions: RegionMap, text: str, catalogue: Catalogue | None = None) -> UpdateResult:
@@ -250,3 +270,78 @@ class _Template:
             return read_region(str(literal))
         except ValueError as error:
             raise self.parsed.error(str(error), literal) from error
+
+
+def is_occupies(iri: str) -> bool:
+    """Return whether an IRI is that of :occupies."""
+    return iri in (OCCUPIES.iri, *OCCUPIES.same_as)
+
+
+class RegionCatalogue:
+    """A region map, and the properties of another catalogue of the same voxel size."""
+
+    functions: Mapping[str, Function] = VOXEL_FUNCTIONS
+
+    def __init__(self, regions: RegionMap, catalogue: Catalogue | None = None) -> None:
+        self.voxel_size = regions.voxel_size
+        self._regions = regions
+        self._catalogue = catalogue
+
+    def find_property(self, iri: str) -> Property:
+        """Return the property of an IRI."""
+        if is_occupies(iri):
+            return OCCUPIES
+        if self._catalogue is None:
+            raise LookupError(f"there is no property {iri}: a region map has :occupies only")
+        return self._catalogue.find_property(iri)
+
+    def properties(self) -> Iterator[Property]:
+        """Yield all properties."""
+        yield OCCUPIES
+        if self._catalogue is not None:
+            yield from self._catalogue.properties()
+
+    def find_entities(self, name: str, range_: str | None) -> frozenset[str]:
+        """Return what a constant stands for, entities of the region map included."""
+        is_known = any(str(each) == name for each in self._regions.entities())
+        own = frozenset({name} if is_known and range_ is None else ())
+        if self._catalogue is None:
+            if not own:
+                raise LookupError(f"the region map has no entity {name}")
+            return own
+        try:
+            return own | self._catalogue.find_entities(name, range_)
+        except LookupError:
+            if own:
+                return own
+            raise
+
+    def relation(self, property: Property) -> StatementRelation:
+        """Return the relation that states a property."""
+        if property == OCCUPIES:
+            return _OccupiesRelation(self._regions)
+        assert self._catalogue is not None
+        return self._catalogue.relation(property)
+
+    def during(self, begin: datetime, end: datetime) -> Catalogue:
+        """Raise LookupError: a region map has no history."""
+        raise LookupError("a region map has no history: leave out the time")
+
+
+class _OccupiesRelation:
+    """States `entity :occupies voxel`, from a region map."""
+
+    property = OCCUPIES
+
+    def __init__(self, regions: RegionMap) -> None:
+        self._regions = regions
+
+    def statements(self, wanted: Demand = ALL) -> Statements:
+        there, subjects = self._regions.entities(), wanted.subjects
+        entities = [each for each in there if subjects is None or str(each) in subjects]
+        keys = [keys_of(self._regions.voxels(each)) for each in entities]
+        codes = np.repeat(np.arange(len(keys), dtype=np.int32), [len(each) for each in keys])
+        return Statements(
+            Entities(codes, tuple(map(str, entities))),
+            VoxelColumn(np.concatenate([*keys, np.zeros(0, np.int64)])),
+        )

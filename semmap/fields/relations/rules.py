@@ -7,8 +7,7 @@ from collections.abc import Hashable
 from dataclasses import dataclass
 from typing import Literal
 
-from semmap.fields.regions.measures import Neighbour
-from semmap.fields.regions.region_map import RegionMap
+from semmap.fields.regions.region_map import Neighbour, RegionMap
 
 Kind = Literal["body", "space", "view"]
 """An entity with a body; a part of space, such as a room or zone; the field of view of an agent."""

@@ -13,8 +13,7 @@ from collections.abc import Container, Hashable, Iterable, Mapping
 from datetime import UTC, datetime
 from typing import Any
 
-from semmap.fields.regions.measures import Neighbour
-from semmap.fields.regions.region_map import NamedRegionMap, RegionMap
+from semmap.fields.regions.region_map import NamedRegionMap, Neighbour, RegionMap
 from semmap.fields.relations.facts import RelationEvent, RelationFact
 from semmap.fields.relations.rules import RULES, Kind, PairGeometry, RelationRule
 

@@ -13,7 +13,6 @@ from semmap.found_rows import FoundRows
 from semmap.manipulation.error import ManipulationError
 from semmap.manipulation.reader import read_shape
 from semmap.manipulation.store.models import object_model_id, set_shape
-from semmap.perception.error import PerceptionError
 from semmap.query.entity_query import entity_id
 from semmap.query.meshes import models_triangles
 
@@ -40,6 +39,7 @@ def shape_of(session: Session, entity: str) -> StoredShape:
     row = read_shape(session, model)
     if row is None:
         from semmap.perception.mesh_shapes import mesh_primitive  # SciPy is slow to load
+        from semmap.perception.point_cloud import PerceptionError
 
         try:
             set_shape(session, model, mesh_primitive(model_mesh(session, entity)))

@@ -21,7 +21,7 @@ from semmap.fields import Box, Cone, RegionMap, Sphere, voxels_of
 from semmap.fields.maps.map_buffer import MapBuffer
 from semmap.fields.maps.vocabulary import read_vocabulary
 from semmap.fields.queries.catalogue import FieldCatalogue
-from semmap.fields.queries.entity_relation import EntityRelation
+from semmap.fields.queries.relations import EntityRelation
 from semmap.fields.queries.statements import Demand
 from semmap.fields.regions.shapes import Region
 from semmap.fields.relations.facts import RelationEvent, RelationFact
