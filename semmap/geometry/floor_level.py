@@ -8,11 +8,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-LEVEL = math.radians(6)
-"""Slope up to which a face is level."""
-
-THICKNESS = 0.02
-"""Metres of height within which level faces make one surface."""
+LEVEL = math.radians(6)  # slope up to which a face is level
+THICKNESS = 0.02  # metres of height within which level faces make one surface
 
 LOWEST_CEILING = 1.5
 """Metres above a surface within which a surface of the same width is the top of the same slab."""
@@ -20,8 +17,7 @@ LOWEST_CEILING = 1.5
 DEEPEST = 0.5
 """Metres above the lowest point of all within which a surface may be a floor, without ground."""
 
-SAME_WIDTH = 0.9
-"""Share of the lower surface's area that the top of a slab has."""
+SAME_WIDTH = 0.9  # share of the lower surface's area that the top of a slab has
 
 
 def floor_level(

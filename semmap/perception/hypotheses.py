@@ -16,14 +16,9 @@ from scipy.spatial.distance import cdist
 from semmap.perception.fitted_shapes import Placed
 from semmap.perception.point_cloud import Floats, Surfels
 
-TRIES = 120
-"""Hypotheses of each kind."""
-
-SCORED = 200
-"""Points that score them."""
-
-SLIMMEST, WIDEST = 0.09, 5.7
-"""Slopes of cones: 5 and 80 degrees from the axis."""
+TRIES = 120  # hypotheses of each kind
+SCORED = 200  # points that score them
+SLIMMEST, WIDEST = 0.09, 5.7  # slopes of cones: 5 and 80 degrees from the axis
 
 
 def hypotheses(

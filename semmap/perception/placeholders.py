@@ -21,20 +21,11 @@ from semmap.perception.point_cloud import (
 )
 from semmap.perception.registration import IcpTarget, OrientedPairs, moved
 
-PAIRS = 1500
-"""Pairs of the scene that suggest poses."""
-
-POOL = 20_000
-"""Pairs of the model among which they look."""
-
-SAME = 4
-"""Pairs of the model that each may be."""
-
-ALIGNED = 2000
-"""Points of the scene that ICP aligns."""
-
-PRIOR = 0.2
-"""Share of the points that the largest shift costs."""
+PAIRS = 1500  # pairs of the scene that suggest poses
+POOL = 20_000  # pairs of the model among which they look
+SAME = 4  # pairs of the model that each may be
+ALIGNED = 2000  # points of the scene that ICP aligns
+PRIOR = 0.2  # share of the points that the largest shift costs
 
 LEAST_SHARE = 0.3
 """Share of the points near the believed pose that must be on the aligned furniture."""

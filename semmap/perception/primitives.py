@@ -20,29 +20,14 @@ from semmap.perception.hypotheses import SLIMMEST, WIDEST, hypotheses
 from semmap.perception.plane import Plane
 from semmap.perception.point_cloud import Floats, PerceptionError, Surfels, checked_points, surfels
 
-FEWEST = 30
-"""Points that a fit needs."""
-
-FITTED = 800
-"""Points that are fitted: more make the result no better than their common errors."""
-
-ALONE = 2.0
-"""Points whose neighbours are so many times farther than usual are outliers."""
-
-SELECTED = 300
-"""Points that select among hypotheses."""
-
-CLOSE = 0.05
-"""Hypotheses whose costs differ less are both refined."""
-
-SAME = 0.002
-"""Hypotheses of one kind whose costs differ less are one shape that was found twice."""
-
-LEVEL = 1e-3
-"""Of the unit axis of a shape, a component that counts as none."""
-
-PRICE = 0.004
-"""Of each bound of a shape, as a share of the points."""
+FEWEST = 30  # points that a fit needs
+FITTED = 800  # points that are fitted: more make the result no better than their common errors
+ALONE = 2.0  # points whose neighbours are so many times farther than usual are outliers
+SELECTED = 300  # points that select among hypotheses
+CLOSE = 0.05  # hypotheses whose costs differ less are both refined
+SAME = 0.002  # hypotheses of one kind whose costs differ less are one shape that was found twice
+LEVEL = 1e-3  # of the unit axis of a shape, a component that counts as none
+PRICE = 0.004  # of each bound of a shape, as a share of the points
 
 
 @dataclass(frozen=True, eq=False)

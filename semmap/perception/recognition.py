@@ -21,31 +21,19 @@ from semmap.perception.point_cloud import Floats, PerceptionError, checked_point
 from semmap.perception.registration import moved
 from semmap.perception.tabletop import euclidean_clusters, segment_tabletop
 
-SUGGESTED = 8
-"""Views of each model whose descriptors are nearest."""
-
-ROLLS = 3
-"""Angles about the line of sight of each view."""
-
-ALIGNED, SCORED = 6, 2
-"""Poses of each model that ICP refines with few points, and with all."""
-
-NEAR = 0.006
-"""Points nearer to a surface are on it, metres."""
-
-LEAST_SCORE = 0.9
-"""An answer of less is unknown."""
+SUGGESTED = 8  # views of each model whose descriptors are nearest
+ROLLS = 3  # angles about the line of sight of each view
+ALIGNED, SCORED = 6, 2  # poses of each model that ICP refines with few points, and with all
+NEAR = 0.006  # points nearer to a surface are on it, metres
+LEAST_SCORE = 0.9  # an answer of less is unknown
 
 LEAST_COVERED = 0.25
 """Share of a model's view that the cluster has to cover: less may be a part of anything."""
 
 FEWEST = 30
 
-GAP = 0.015
-"""Metres between clusters of what remains without furniture."""
-
-HEADROOM = 0.5
-"""Metres above furniture in which objects stand on it."""
+GAP = 0.015  # metres between clusters of what remains without furniture
+HEADROOM = 0.5  # metres above furniture in which objects stand on it
 
 RATES = (0.91, 0.011)
 """P(answered | it is this object in view), P(answered | it is another one): docs/perception.md."""

@@ -20,14 +20,9 @@ from numpy.typing import NDArray
 from semmap.fields.sources.percepts import Gaze, People, PersonMotion, RobotState, Segmentation
 from semmap.geometry.pose import Pose
 
-BUFFER = 10.0
-"""Seconds for which a transform holds, as in the buffer of tf2."""
-
-TOGETHER = 0.05
-"""Seconds between the stamps of a depth image and of its labels, at most."""
-
-STEADY = 1.0
-"""Seconds between two poses of a person, at most, for a velocity."""
+BUFFER = 10.0  # seconds for which a transform holds, as in the buffer of tf2
+TOGETHER = 0.05  # seconds between the stamps of a depth image and of its labels, at most
+STEADY = 1.0  # seconds between two poses of a person, at most, for a velocity
 
 TRANSFORMS = ("/tf", "/tf_static")
 
