@@ -71,7 +71,8 @@ def overlap(
     counts = (int(size[0] / spacing) + 1, int(size[1] / spacing) + 1)
     start = low[:2] + np.array([0.0031, 0.0047])  # off the round numbers of edges
     one, two = (_solid_parts(t, start, counts, spacing) for t in (first, second))
-    count, begin = _matches(one[0], two[0])
+    begin = np.searchsorted(two[0], one[0], "left")
+    count = np.searchsorted(two[0], one[0], "right") - begin
     left = np.repeat(np.arange(len(one[0])), count)
     right = np.arange(len(left)) - np.repeat(np.cumsum(count) - count, count)
     right += np.repeat(begin, count)
@@ -126,9 +127,3 @@ def _solid_parts(
     shut = np.repeat(depth[last] == 0, np.diff([*first, len(line)]))
     solid = np.flatnonzero(shut[:-1] & (depth[:-1] != 0) & (line[1:] == line[:-1]))
     return line[solid], z[solid], z[solid + 1]
-
-
-def _matches(lines: Ints, others: Ints) -> tuple[Ints, Ints]:
-    """How many of the others are on each line, and where they begin; both are in order."""
-    begin = np.searchsorted(others, lines, "left")
-    return np.searchsorted(others, lines, "right") - begin, begin

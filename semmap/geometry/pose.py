@@ -146,11 +146,5 @@ class Pose(NamedTuple):
         p: NDArray[np.float64] = np.asarray(points, dtype=float) @ self.rotation_matrix.T
         return p + self.translation
 
-    def is_finite(self) -> bool:
-        """True where no number is NaN or infinite."""
-        return all(
-            math.isfinite(v) for v in (self.x, self.y, self.z, self.qx, self.qy, self.qz, self.qw)
-        )
-
 
 IDENTITY = Pose()

@@ -109,7 +109,11 @@ def _layers(
     shapes: NDArray[np.object_],
     level: float,
 ) -> list[_Layer]:
-    """Return the faces by height, the lowest first."""
+    """Return the faces in groups whose heights have no gap wider than `level`, the lowest first."""
+    if not len(faces):
+        return []
+    ordered = faces[np.argsort(heights[faces], kind="stable")]
+    gaps = np.flatnonzero(np.diff(heights[ordered]) > level) + 1
     return [
         _Layer(
             float(heights[group].min()),
@@ -117,7 +121,7 @@ def _layers(
             without_gaps(shapely.union_all(shapes[group]), level),
             group,
         )
-        for group in _by_height(faces, heights, level)
+        for group in np.split(ordered, gaps)
     ]
 
 
@@ -146,14 +150,3 @@ def _free_above(
             free = free.difference(met)
         unseen = unseen.difference(met)
     return free
-
-
-def _by_height(
-    faces: NDArray[np.intp], heights: NDArray[np.float64], level: float
-) -> list[NDArray[np.intp]]:
-    """Return the faces in groups whose heights have no gap wider than `level`."""
-    if not len(faces):
-        return []
-    ordered = faces[np.argsort(heights[faces], kind="stable")]
-    gaps = np.flatnonzero(np.diff(heights[ordered]) > level) + 1
-    return np.split(ordered, gaps)

@@ -19,7 +19,7 @@ import semmap
 from semmap import Map
 from semmap.database.files import schema_folder
 from semmap.fields.maps.map_buffer import MapBuffer
-from semmap.fields.sources.gaze import GazeSource
+from semmap.fields.sources.people import GazeSource
 from semmap.fields.sources.percepts import Gaze
 from semmap.fields.store.names import read_map_vocabulary
 from semmap.fields.store.source_history import SourceHistory

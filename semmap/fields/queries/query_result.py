@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from semmap.fields.maps.grids import empty_grid
+from semmap.fields.maps.grids import ValueType, empty_grid
 from semmap.fields.maps.lattice import Lattice
 from semmap.fields.maps.representation_map import RepresentationMap
 from semmap.fields.queries.statements import Entities, Numbers, Statements, VoxelColumn
@@ -109,22 +109,21 @@ class StoreResult:
 
     def to_map(self, time: datetime | None = None) -> RepresentationMap:
         """Return the statements as a map; of a voxel's entities, the last by name counts."""
-        lattice = Lattice(self.voxel_size)
         voxels, objects = self.voxels, self.statements.object
+        kind: ValueType = "bool"
+        values: NDArray[Any] = np.ones(len(voxels), np.bool_)
+        legend = None
         if isinstance(objects, Numbers):
-            numbers: Any = empty_grid("float32", lattice)
-            numbers.set(voxels, objects.values.astype(np.float32))
-            return RepresentationMap(self.property, numbers, time=time)
-        if self.about is not None or not isinstance(objects, Entities) or not len(voxels):
-            region: Any = empty_grid("bool", lattice)
-            region.set(voxels, np.ones(len(voxels), np.bool_))
-            return RepresentationMap(self.property, region, about=self.about, time=time)
-        rank = np.argsort(np.argsort(np.array(objects.names)))
-        order = np.argsort(rank[objects.codes], kind="stable")
-        entities: Any = empty_grid("int32", lattice)
-        entities.set(np.ascontiguousarray(voxels[order]), objects.codes[order] + 1)
-        legend = {code + 1: name for code, name in enumerate(objects.names)}
-        return RepresentationMap(self.property, entities, legend=legend, time=time)
+            kind, values = "float32", objects.values.astype(np.float32)
+        elif isinstance(objects, Entities) and self.about is None and len(voxels):
+            rank = np.argsort(np.argsort(np.array(objects.names)))
+            order = np.argsort(rank[objects.codes], kind="stable")
+            kind, values = "int32", objects.codes[order] + 1
+            voxels = np.ascontiguousarray(voxels[order])
+            legend = {code + 1: name for code, name in enumerate(objects.names)}
+        grid: Any = empty_grid(kind, Lattice(self.voxel_size))
+        grid.set(voxels, values)
+        return RepresentationMap(self.property, grid, about=self.about, legend=legend, time=time)
 
 
 @dataclass(frozen=True)

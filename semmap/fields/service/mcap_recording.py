@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 from datetime import datetime
 from functools import partial
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -244,15 +244,6 @@ def _matrix(x: float, y: float, z: float, q: Any) -> Matrix:
         raise ValueError(f"a pose in the recording is wrong: {error}") from None
 
 
-class _Reader(Protocol):
-    topics: dict[str, str]
-    """Topics beside those of transforms, with what they have: a key of `_TYPES`."""
-
-    def on_transforms(self, frames: _Frames, time: float) -> Make | None: ...
-
-    def on_message(self, topic: str, message: Any, frames: _Frames, time: float) -> Make | None: ...
-
-
 class _PosesReader(ABC):
     """A percept whenever a pose of named agents changes, of topics (begin with /) or frames."""
 
@@ -261,6 +252,7 @@ class _PosesReader(ABC):
             raise ValueError(f"agents is {agents!r}: give NAME: /topic or NAME: frame")
         self._names = {str(where): str(name) for name, where in agents.items()}
         self._prefix = prefix
+        # Topics beside those of transforms, with what they have: a key of `_TYPES`.
         self.topics = {where: "pose" for where in self._names if where.startswith("/")}
         self._now: dict[str, tuple[Matrix, float]] = {}
 
@@ -405,6 +397,8 @@ def _pixels(image: Any) -> NDArray[Any]:
     rows = rows.reshape(image.height, image.step)[:, : image.width * kind.itemsize]
     return np.ascontiguousarray(rows).view(kind)
 
+
+_Reader = _PosesReader | _ImageReader
 
 _KINDS: dict[str, Callable[..., _Reader]] = {
     "gaze": _GazeReader,

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 from semmap.lazy_names import load_on_use
 
 if TYPE_CHECKING:
-    from semmap.fields.sources.gaze import GazeSource
     from semmap.fields.sources.manager import SourceManager, SourceStatus
+    from semmap.fields.sources.people import GazeSource, PersonalSpaceSource, StandingPeopleSource
     from semmap.fields.sources.percepts import (
         Gaze,
         People,
@@ -18,11 +18,9 @@ if TYPE_CHECKING:
         Zone,
         Zones,
     )
-    from semmap.fields.sources.personal_space import PersonalSpaceSource
     from semmap.fields.sources.robot_body import RobotBodySource
     from semmap.fields.sources.segmentation import ObjectSource, PeopleSource
     from semmap.fields.sources.source import Source, installed_sources, make_source
-    from semmap.fields.sources.standing_people import StandingPeopleSource
     from semmap.fields.sources.zones import ZoneSource
 
 __all__ = [
@@ -49,19 +47,19 @@ __all__ = [
 
 _HOMES = {
     "Gaze": "semmap.fields.sources.percepts",
-    "GazeSource": "semmap.fields.sources.gaze",
+    "GazeSource": "semmap.fields.sources.people",
     "PersonMotion": "semmap.fields.sources.percepts",
     "ObjectSource": "semmap.fields.sources.segmentation",
     "People": "semmap.fields.sources.percepts",
     "PeopleSource": "semmap.fields.sources.segmentation",
-    "PersonalSpaceSource": "semmap.fields.sources.personal_space",
+    "PersonalSpaceSource": "semmap.fields.sources.people",
     "RobotBodySource": "semmap.fields.sources.robot_body",
     "RobotState": "semmap.fields.sources.percepts",
     "Segmentation": "semmap.fields.sources.percepts",
     "Source": "semmap.fields.sources.source",
     "SourceManager": "semmap.fields.sources.manager",
     "SourceStatus": "semmap.fields.sources.manager",
-    "StandingPeopleSource": "semmap.fields.sources.standing_people",
+    "StandingPeopleSource": "semmap.fields.sources.people",
     "Zone": "semmap.fields.sources.percepts",
     "ZoneSource": "semmap.fields.sources.zones",
     "Zones": "semmap.fields.sources.percepts",

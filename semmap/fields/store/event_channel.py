@@ -36,9 +36,9 @@ class EventPublisher:
         Raises TypeError or ValueError, and sends none: a subject or object is neither a text nor an
         integer, or too long. Give the tracker names of entities.
         """
-        messages = []
-        for number, event in enumerate(events, self._number + 1):
-            messages.append(_message(number, event))
+        messages = [
+            _message(number, event) for number, event in enumerate(events, self._number + 1)
+        ]
         self._number += len(messages)
         self._waiting += messages
         if not self._waiting:

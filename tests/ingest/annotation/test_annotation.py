@@ -643,7 +643,7 @@ def assert_sound(world: World) -> None:
         assert entry.name != "outside"
         if entry.holder in {e.name for e in world.entries}:
             assert entry.holder in seen
-        assert entry.pose is None or entry.pose.is_finite()
+        assert entry.pose is None or np.isfinite(entry.pose).all()
         json.dumps(entry.properties, allow_nan=False).encode()
         for shape in entry.shapes:
             assert shape.outline is None or shape.outline.is_valid
