@@ -6,8 +6,9 @@ unknown. Sources state what they kept.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager
+from dataclasses import dataclass
 from datetime import datetime
 from functools import cache
 from typing import Any
@@ -176,15 +177,15 @@ class _PastEntities(NamedRegionMap):
         return moved
 
 
+@dataclass(frozen=True)
 class _Held:
     """The facts that were true at any time, as `RelationTracker.holding` returns them."""
 
-    def __init__(self, rules: tuple[RelationRule, ...], facts: Iterable[RelationFact]) -> None:
-        self.rules = rules
-        self._facts = set(facts)
+    rules: tuple[RelationRule, ...]
+    facts: set[RelationFact]
 
     def holding(self, relation: str | None = None) -> dict[RelationFact, None]:
-        return {fact: None for fact in self._facts if relation in (None, fact.relation)}
+        return {fact: None for fact in self.facts if relation in (None, fact.relation)}
 
 
 def _held(

@@ -43,7 +43,12 @@ class StoreChecker(Checker):
     def check_query(self) -> Pattern:
         """Return the checked query; raise QueryError if its result is no map of the property."""
         pattern = self.check(self.parsed.algebra)
-        self._check_property()
+        if self.property.subject != "voxel":
+            raise self.error(
+                f"STORE makes a map, but :{self.property.name} is a property of entities, not of "
+                "voxels",
+                self.parsed.store,
+            )
         self._check_projection()
         if len(self.parsed.names) == 1:
             self._check_object(pattern)
@@ -107,14 +112,6 @@ class StoreChecker(Checker):
             )
         self._objects = before + max(of_left, of_right, key=len)
         return Union(left, right)
-
-    def _check_property(self) -> None:
-        if self.property.subject != "voxel":
-            raise self.error(
-                f"STORE makes a map, but :{self.property.name} is a property of entities, not of "
-                "voxels",
-                self.parsed.store,
-            )
 
     def _check_projection(self) -> None:
         names, property = self.parsed.names, self.property

@@ -23,7 +23,8 @@ _APART = Neighbour(0, math.inf)
 class RelationTracker:
     """The relations that are true between the entities of a region map.
 
-    A symmetric relation, `touching` or `near`, is two facts. Safe for several threads.
+    A symmetric relation, `touching` or `near`, is two facts. Safe for several threads. `views`,
+    `spaces` and `names` are read at each update: pass it the entities that they concern.
 
     Parameters
     ----------
@@ -32,11 +33,6 @@ class RelationTracker:
     names : of entities in facts; the entity itself where it has none. A name is read when a fact
         begins, since a removed entity may have lost its name when the fact ends
     rules : at most one rule for each name and pair of kinds
-
-    Notes
-    -----
-    `views`, `spaces` and `names` are read at each update: change them before it, and pass the
-    entities that they concern to it.
 
     Examples
     --------

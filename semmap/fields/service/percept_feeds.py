@@ -63,6 +63,7 @@ class Replay:
             raise ValueError(f"speed is {speed!r}: give a number above 0")
         self._recorded, self._speed, self._loop = recorded, speed, loop
         self._percept: Percept | None = None
+        self._next: tuple[float, Callable[[datetime], Percept]] | None
         self._start(begin or datetime.now(UTC))
 
     def __call__(self) -> Percept | None:
@@ -71,7 +72,7 @@ class Replay:
         due = None
         while self._next is not None and self._time <= now:
             due = self._next, self._time
-            self._advance()
+            self._next = next(self._rest, None)
         if due is not None:
             (_, make), time = due
             self._percept = make(time)
@@ -84,9 +85,6 @@ class Replay:
     def _start(self, begin: datetime) -> None:
         self._begin = begin
         self._rest: Iterator[tuple[float, Callable[[datetime], Percept]]] = iter(self._recorded)
-        self._advance()
-
-    def _advance(self) -> None:
         self._next = next(self._rest, None)
 
     @property

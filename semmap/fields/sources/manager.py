@@ -52,23 +52,16 @@ class SourceManager:
         rate: float = 10.0,
         timeout: float | None = None,
     ) -> None:
-        """Start a source.
+        """Start a source; raise ValueError if one of that name is running, or for a wrong rate.
 
         If `percepts` has a method `wait(seconds)` that returns when a percept arrives, the source
         runs at once then, at most `rate` times per second.
 
         Parameters
         ----------
-        percepts : returns the newest percept, with its `time`, or None; the same one makes no new
-            maps
-        rate : calls of `percepts` per second
-        timeout : seconds without a new percept after which what the source provides is unknown, if
-            given
-
-        Raises
-        ------
-        ValueError
-            A source of that name is running, or the rate is not above 0.
+        percepts : returns the newest percept, with its `time`, or None
+        rate : calls of `percepts` per second, above 0; the same percept makes no new maps
+        timeout : seconds without a percept until what the source provides is unknown; None for ever
         """
         if not rate > 0:
             raise ValueError(f"rate is {rate!r}: give updates per second, above 0")

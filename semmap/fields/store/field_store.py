@@ -81,8 +81,7 @@ def save(
     LookupError
         There is no map.
     ValueError
-        The field is stored with another property, entity, type or voxel size, or an argument is
-        wrong.
+        The field is stored as another one, or an argument is wrong.
     """
     value_type = value_type_of(grid)
     if not name or not property:
