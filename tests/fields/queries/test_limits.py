@@ -99,7 +99,7 @@ def test_open_quotation_marks_are_found_quickly(text: str) -> None:
 
 
 NESTED = {
-    "unions": "SELECT ?v { " + " UNION ".join(["{ ?v :occupiedBy ?o }"] * 450) + " }",
+    "unions": "SELECT ?v { " + " UNION ".join(["{ ?v :occupiedBy ?o }"] * 350) + " }",
     "groups": "SELECT ?v " + "{ " * 200 + "?v :occupiedBy ?o " + "} " * 200,
     "brackets": "SELECT ?v { ?v :free ?o FILTER(" + "(" * 200 + "1 > 0" + ")" * 200 + ") }",
     "negations": "SELECT ?v { ?v :free ?o FILTER(" + "!(" * 200 + "1 > 0" + ")" * 200 + ") }",
