@@ -124,14 +124,6 @@ BEGIN
     ORDER BY a.expected DESC, a.id LIMIT most;
 END $$;
 
-CREATE FUNCTION objects_for(use text)
-RETURNS SETOF bigint LANGUAGE sql STABLE ROWS 100
-BEGIN ATOMIC
--- The object models that are used for a function, by their type or by themselves.
-SELECT id FROM semmap.object_model WHERE type = ANY (semmap.types_for(use))
-UNION SELECT id FROM semmap.object_model WHERE functions @> ARRAY[use];
-END;
-
 CREATE FUNCTION known_actions(use text, gripper text DEFAULT NULL, of_kind text DEFAULT 'grasp', most integer DEFAULT 10)
 RETURNS TABLE (action_id bigint, object_id bigint, expected double precision) LANGUAGE plpgsql STABLE ROWS 10 COST 1000 SET search_path = semmap, public, pg_temp AS $$
 -- The best stored actions on all object models for a function, in any map or none: usually among the best of the gripper.
@@ -150,7 +142,9 @@ BEGIN
         RETURN QUERY SELECT a.id, a.object_id, a.expected FROM semmap.action a WHERE a.id = ANY (found_ids) ORDER BY a.expected DESC, a.id;
         RETURN;
     END IF;
-    RETURN QUERY SELECT * FROM semmap.best_actions(ARRAY(SELECT o FROM semmap.objects_for(use) o), chosen, of_kind, most);
+    RETURN QUERY SELECT * FROM semmap.best_actions(ARRAY(
+        SELECT o.id FROM semmap.object_model o WHERE o.type = ANY (types)
+        UNION SELECT o.id FROM semmap.object_model o WHERE o.functions @> ARRAY[use]), chosen, of_kind, most);
 END $$;
 
 CREATE FUNCTION linked_objects(entities bigint[])
@@ -335,14 +329,6 @@ BEGIN
     ORDER BY a.expected DESC, s.difference, a.id;
 END $$;
 
-CREATE FUNCTION approach_outcomes(object bigint, of_kind text DEFAULT 'grasp')
-RETURNS TABLE (approach text, attempts double precision, successes double precision) LANGUAGE sql STABLE ROWS 10
-BEGIN ATOMIC
--- How often each approach to an object model succeeded with any gripper: what one gripper learns is a prior for others.
-SELECT a.approach, sum(a.attempts), sum(a.successes) FROM semmap.action a
-WHERE a.object_id = object AND a.kind = of_kind AND a.attempts > 0 AND a.approach IS NOT NULL GROUP BY 1;
-END;
-
 CREATE FUNCTION similar_outcomes(object bigint, gripper text, of_kind text DEFAULT 'grasp')
 RETURNS TABLE (family text, own boolean, attempts double precision, successes double precision, shift double precision[],
                pose double precision[], extent double precision) LANGUAGE sql STABLE ROWS 100
@@ -462,26 +448,19 @@ FROM (SELECT i.id, coalesce(sum(c.trust * e.attempts), 0) AS attempts, coalesce(
 WHERE a.id = s.id AND (a.attempts, a.successes) IS DISTINCT FROM (s.attempts, s.successes)
 $$;
 
-CREATE FUNCTION experience_added()
+CREATE FUNCTION experience_changed()
 RETURNS trigger LANGUAGE plpgsql SECURITY DEFINER SET search_path = semmap, public, pg_temp AS $$
 BEGIN
-    PERFORM semmap.weigh_experience(ARRAY(SELECT action_id FROM fresh));
+    PERFORM semmap.weigh_experience(ARRAY(SELECT action_id FROM changed));
     RETURN NULL;
 END $$;
 
-CREATE FUNCTION experience_removed()
-RETURNS trigger LANGUAGE plpgsql SECURITY DEFINER SET search_path = semmap, public, pg_temp AS $$
-BEGIN
-    PERFORM semmap.weigh_experience(ARRAY(SELECT action_id FROM gone));
-    RETURN NULL;
-END $$;
-
-CREATE TRIGGER experience_inserted AFTER INSERT ON experience REFERENCING NEW TABLE AS fresh
-    FOR EACH STATEMENT EXECUTE FUNCTION experience_added();
-CREATE TRIGGER experience_updated AFTER UPDATE ON experience REFERENCING NEW TABLE AS fresh
-    FOR EACH STATEMENT EXECUTE FUNCTION experience_added();
-CREATE TRIGGER experience_deleted AFTER DELETE ON experience REFERENCING OLD TABLE AS gone
-    FOR EACH STATEMENT EXECUTE FUNCTION experience_removed();
+CREATE TRIGGER experience_inserted AFTER INSERT ON experience REFERENCING NEW TABLE AS changed
+    FOR EACH STATEMENT EXECUTE FUNCTION experience_changed();
+CREATE TRIGGER experience_updated AFTER UPDATE ON experience REFERENCING NEW TABLE AS changed
+    FOR EACH STATEMENT EXECUTE FUNCTION experience_changed();
+CREATE TRIGGER experience_deleted AFTER DELETE ON experience REFERENCING OLD TABLE AS changed
+    FOR EACH STATEMENT EXECUTE FUNCTION experience_changed();
 
 CREATE FUNCTION trust_changed()
 RETURNS trigger LANGUAGE plpgsql SECURITY DEFINER SET search_path = semmap, public, pg_temp AS $$

@@ -16,9 +16,8 @@ from semmap.database import configuration
 from semmap.database.account import Account, caller, server_account
 from semmap.database.error import DatabaseError
 from semmap.database.folder import Folder, check_home, open_folder, read_file
-from semmap.database.leftovers import clear_leftovers, remove_stale, servers_in
+from semmap.database.leftovers import clear_leftovers, read_pid_file, remove_stale, servers_in
 from semmap.database.patience import BUSY_SECONDS
-from semmap.database.pid_file import read_pid_file
 from semmap.database.programs import Programs, find_programs
 from semmap.database.rights import LIMIT_RIGHTS
 from semmap.database.sockets import PORT, answers, lock_file, make_socket_folder

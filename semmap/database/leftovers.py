@@ -7,12 +7,15 @@ import os
 import signal
 import time
 from pathlib import Path
+from typing import NamedTuple
 
 from semmap.database.account import server_account
 from semmap.database.error import DatabaseError
+from semmap.database.folder import read_file
 from semmap.database.patience import BUSY_SECONDS
-from semmap.database.pid_file import NAME, read_pid_file
 from semmap.database.sockets import answers
+
+NAME = "postmaster.pid"
 
 GRACE = 0.5
 """Seconds in which orphans may end by themselves, as idle ones do at once."""
@@ -21,6 +24,29 @@ STUBBORN = 5.0
 """Seconds after which orphans are killed, as PostgreSQL itself does after a crash."""
 
 SERVER_PROGRAMS = ("postgres", "postmaster")
+
+
+class PidFile(NamedTuple):
+    """What a server writes about itself: its process ID, the folder of its socket, its state.
+
+    The state is ``starting``, ``ready``, ``standby`` or ``stopping``; empty before it is written.
+    """
+
+    pid: int
+    socket_folder: Path
+    state: str
+
+
+def read_pid_file(data: Path) -> PidFile | None:
+    """The content of ``postmaster.pid`` in a data directory; None if there is none to be read.
+
+    PermissionError where the directory is closed to this process, DatabaseError where it is a link.
+    """
+    try:
+        lines = read_file(data / NAME).splitlines()
+        return PidFile(int(lines[0]), Path(lines[4]), lines[7].strip() if len(lines) > 7 else "")
+    except (FileNotFoundError, ValueError, IndexError):
+        return None
 
 
 def clear_leftovers(data: Path) -> bool:

@@ -8,7 +8,7 @@ approaches: along the gripper's own axis, and straight along the nearest axis of
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
 from typing import Any, NamedTuple, overload
 
 import numpy as np
@@ -138,13 +138,8 @@ class Grasps:
                 self.gripper.posture(width),
                 dict(self.gripper.postures[0]),
             )
-        columns = (self.poses, self.pre_grasps, self.widths, self.qualities)
-        return Grasps(
-            self.gripper,
-            *(column[chosen] for column in columns),
-            self.approaches[chosen],
-            self.families[chosen],
-        )
+        columns = [each.name for each in fields(self) if each.name != "gripper"]
+        return replace(self, **{name: getattr(self, name)[chosen] for name in columns})
 
 
 def grasp_candidates(

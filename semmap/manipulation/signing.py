@@ -8,20 +8,16 @@ from typing import Any
 
 from semmap.data_folder import default_home
 from semmap.manipulation.error import ManipulationError
-
-
-def key_file() -> Path:
-    """Return the file of the private key; only its owner reads it."""
-    return default_home() / "manipulation.key"
+from semmap.manipulation.extra import library
 
 
 def own_key(path: Path | None = None) -> Any:
-    """The signing key, which is made where there is none.
+    """The signing key, made where there is none in a file that only its owner reads.
 
     ManipulationError where the file is not a key, or PyNaCl is not installed.
     """
-    signing = _library()
-    path = key_file() if path is None else path
+    signing = library("nacl.signing")
+    path = default_home() / "manipulation.key" if path is None else path
     if not path.exists():
         path.parent.mkdir(parents=True, exist_ok=True)
         with os.fdopen(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "w") as file:
@@ -46,21 +42,9 @@ def sign(key: Any, content: bytes) -> bytes:
 
 def is_signed(content: bytes, signature: bytes, key: bytes) -> bool:
     """Return whether a signature of a content is by the owner of a public key."""
-    signing = _library()
-    from nacl.exceptions import BadSignatureError
-
+    signing, refused = library("nacl.signing"), library("nacl.exceptions").BadSignatureError
     try:
         signing.VerifyKey(key).verify(content, signature)
-    except (BadSignatureError, ValueError, TypeError):
+    except (refused, ValueError, TypeError):
         return False
     return True
-
-
-def _library() -> Any:
-    try:
-        from nacl import signing
-    except ImportError as error:
-        raise ManipulationError(
-            "bundles need PyNaCl, which is not installed: pip install 'semmap[manipulation]'"
-        ) from error
-    return signing

@@ -9,8 +9,7 @@ import pytest
 
 from semmap.robot import Part, load_robot, robot_parts
 from semmap.robot.error import RobotError
-from semmap.robot.joint_positions import joints_of
-from semmap.robot.srdf import read_states
+from semmap.robot.joint_positions import joints_of, read_states
 from tests.robot.robots import by_hand
 
 SRDF = """<robot name="by_hand">
