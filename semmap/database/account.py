@@ -36,11 +36,7 @@ class Account:
         environment: Mapping[str, str] | None = None,
         **options: Any,
     ) -> subprocess.CompletedProcess[str]:
-        """Run a program as this user; what it says is caught, in English.
-
-        It gets the variables of `environment` where this process has none of the name.
-        DatabaseError where this process may not become that user.
-        """
+        """Run a program as this user; `environment` is used where ours lacks a name. In English."""
         kept = {k: v for k, v in os.environ.items() if not k.startswith(("PG", "LC_", "LANG"))}
         if not self.is_caller:
             options |= {"user": self.uid, "group": self.gid, "extra_groups": []}

@@ -31,10 +31,7 @@ ROOMY_SHM = 1024 * MB
 
 
 def server_settings(programs: Programs, socket_folder: Path, home: Path) -> dict[str, str]:
-    """Settings by name, as they stand in ``postgresql.conf``.
-
-    There is no other way in than the socket's folder; `home` has ``hba.conf`` and ``ident.conf``.
-    """
+    """Settings for ``postgresql.conf``; `home` has the files that say who may log in."""
     memory = _memory()
     shm = Path("/dev/shm")
     small_shm = not shm.is_dir() or shutil.disk_usage(shm).total < ROOMY_SHM

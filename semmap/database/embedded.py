@@ -34,10 +34,7 @@ INCLUDES = "include '../semmap.conf'\ninclude_if_exists '../local.conf'\n"
 
 @dataclass(frozen=True)
 class Cluster:
-    """A cluster in the folder `home`.
-
-    ``data/`` in it is PostgreSQL's; settings in a ``local.conf`` beside it override the usual ones.
-    """
+    """A cluster in the folder `home`; ``local.conf`` in it overrides the usual settings."""
 
     home: Path = field(default_factory=default_home)
 

@@ -61,10 +61,7 @@ def open_folder(path: Path) -> Iterator[Folder]:
 
 @dataclass(frozen=True)
 class Folder:
-    """An open folder: what is made in it is made there, whatever its path means by then.
-
-    `number` is its file descriptor; `path`, where it was found, is for messages.
-    """
+    """An open folder, by its descriptor: what is made in it is there, whatever its path means."""
 
     path: Path
     number: int
@@ -88,10 +85,7 @@ class Folder:
             ) from error
 
     def open_lock(self, name: str) -> int:
-        """The descriptor of a file to lock, which is made at need for the folder's owner.
-
-        DatabaseError where it is not a file of this folder, OSError where it cannot be had.
-        """
+        """The descriptor of a file to lock, not of a link; made at need for the folder's owner."""
         flags = os.O_RDWR | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC
         try:
             lock = os.open(name, flags | os.O_CREAT | os.O_EXCL, 0o600, dir_fd=self.number)
@@ -136,10 +130,7 @@ class Folder:
 
 
 def read_file(path: Path, last: int | None = None) -> str:
-    """The text, or the last bytes, of a regular file that is not behind a link.
-
-    DatabaseError where it is a link, a folder, a pipe, ...; OSError where it cannot be read.
-    """
+    """The text, or the last bytes, of a regular file; DatabaseError where it is none or a link."""
     try:
         file = os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC)
     except OSError as error:

@@ -27,10 +27,7 @@ SERVER_PROGRAMS = ("postgres", "postmaster")
 
 
 class PidFile(NamedTuple):
-    """What a server writes about itself: its process ID, the folder of its socket, its state.
-
-    The state is ``starting``, ``ready``, ``standby`` or ``stopping``; empty before it is written.
-    """
+    """What a server writes of itself; its state is starting, ready, standby, stopping, or empty."""
 
     pid: int
     socket_folder: Path
@@ -38,10 +35,7 @@ class PidFile(NamedTuple):
 
 
 def read_pid_file(data: Path) -> PidFile | None:
-    """The content of ``postmaster.pid`` in a data directory; None if there is none to be read.
-
-    PermissionError where the directory is closed to this process, DatabaseError where it is a link.
-    """
+    """What ``postmaster.pid`` in a data directory says; None if there is none to be read."""
     try:
         lines = read_file(data / NAME).splitlines()
         return PidFile(int(lines[0]), Path(lines[4]), lines[7].strip() if len(lines) > 7 else "")

@@ -47,10 +47,7 @@ def pick_map(connection: Connection | psycopg.Connection[Any], name: str | None 
 def see_map(
     connection: Connection | psycopg.Connection[Any], name: str | None, *, lasting: bool = False
 ) -> str:
-    """Let a connection see the map of a name, that of `pick_map` where None; return its name.
-
-    It does until it closes if `lasting`, else for the rest of the transaction.
-    """
+    """Let a connection see a map, else that of `pick_map`, for a transaction or `lasting`."""
     if name is None:
         name = pick_map(connection)
     driver_of(connection).execute("SELECT set_config('semmap.map', %s, %s)", (name, not lasting))

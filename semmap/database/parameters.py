@@ -74,10 +74,7 @@ def describe(parameters: dict[str, Any]) -> str:
 
 
 def unreachable(where: str, host: object, error: object, busy: bool = False) -> str:
-    """Why there is no connection to the database `where`, by the driver's error, and what to do.
-
-    `host` may be the folder of the socket; `busy` says that the server starts, recovers or stops.
-    """
+    """Why there is no connection to `where`, and what to do; `host` may be a socket's folder."""
     cause = str(error).strip().splitlines()
     if folder := lost_folder(host):
         hint = f"There is no socket directory {folder}."

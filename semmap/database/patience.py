@@ -16,10 +16,7 @@ PAUSE = 0.1
 
 
 class Patience:
-    """Decides after each failed connection to a database whether to try again.
-
-    `busy` says that the server starts, recovers or stops.
-    """
+    """Decides after each failed connection whether to try again; a `busy` one starts or stops."""
 
     def __init__(self) -> None:
         self._begin = self._heard = time.monotonic()

@@ -27,10 +27,7 @@ FOLDERS = (
 
 @dataclass(frozen=True)
 class Programs:
-    """One installed PostgreSQL: the folder of `initdb`, `postgres` and `pg_ctl`, its major version.
-
-    `postgis` says whether PostGIS is installed for it, `lz4` whether it was built with lz4.
-    """
+    """One installed PostgreSQL: its folder and major version, and whether with PostGIS and lz4."""
 
     folder: Path
     version: int

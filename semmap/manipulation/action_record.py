@@ -164,10 +164,7 @@ def _hash(content: list[Any]) -> UUID:
 
 
 def pose_of(given: ArrayLike | Pose, where: str) -> Pose:
-    """A pose from (4, 4), seven numbers (x, y, z, qx, qy, qz, qw) or a pose.
-
-    ManipulationError where it is not finite, or not a rotation with a translation.
-    """
+    """A pose from (4, 4), (x, y, z, qx, qy, qz, qw) or a pose; ManipulationError for others."""
     try:
         numbers = np.asarray(given, dtype=np.float64)
     except (TypeError, ValueError):

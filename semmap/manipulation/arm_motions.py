@@ -182,10 +182,7 @@ class _Planner(NamedTuple):
         return strokes, back
 
     def place(self, first: dict[str, Any]) -> tuple[_Strokes, _Strokes]:
-        """The object in the gripper is put down along the place, then the open gripper leaves.
-
-        From the start on, the convex hull of its mesh is a part of the robot.
-        """
+        """The held object, by its convex hull, is put down, then the open gripper leaves."""
         around = self.around(first["on"], without=first["entity"])
         mesh = model_mesh(self.session, first["entity"])
         body = convex_body(np.asarray(mesh.vertices))
@@ -230,10 +227,7 @@ class _Planner(NamedTuple):
     def first(
         self, rows: Sequence[dict[str, Any]], strokes: _Strokes, back: _Strokes, seconds: float
     ) -> ArmMotion | None:
-        """The motion to the first action for which a stored path, else a planned one, is free.
-
-        `strokes` and `back` make those of an action, and those from its end to the start.
-        """
+        """The motion to the first action for which a stored path, else a planned one, is free."""
         every = [(row, strokes(row)) for row in rows]
         for row, ways in every:
             stored = self._stored(ways)

@@ -118,11 +118,7 @@ def class_gripper(session: Session, robot_class: str) -> Gripper | None:
 
 
 def class_automaton(session: Session, robot_class: str) -> tuple[str, str] | None:
-    """The automaton and gripper of a class of robots, after they were stored from its URDF.
-
-    None without a URDF, where the URDF has no gripper that an arm moves, or where this login may
-    not store robots.
-    """
+    """The automaton and gripper of a class's URDF, stored first; None where it cannot be."""
     path = _class_urdf(session, robot_class)
     if path is None or class_gripper(session, robot_class) is None:
         return None
@@ -152,11 +148,7 @@ def _gripper_of(path: Path, changed: int) -> Gripper | None:
 
 
 def stored_arm(session: Session, automaton: str) -> tuple[str, Arm]:
-    """The gripper's name and the arm of a stored automaton.
-
-    LookupError without such an automaton with a gripper, ManipulationError where its URDF is not on
-    this machine or is that of the gripper alone.
-    """
+    """The gripper's name and the arm of an automaton; LookupError without, or without its URDF."""
     found = automaton_of(session, automaton)
     if found is None:
         rows = session.execute("SELECT name FROM automaton").fetchall()
@@ -223,11 +215,7 @@ def facing_first(rows: Sequence[dict[str, Any]], base: Pose) -> list[dict[str, A
 def reachable_rows(
     rows: Sequence[dict[str, Any]], arm: Arm, base: Pose, limit: int
 ) -> list[dict[str, Any]]:
-    """The first actions all of whose poses an arm reaches, in the order of `facing_first`.
-
-    `base` is that of the robot, map's frame. Rows get `position`: of the joints where the approach
-    begins, by name, radians or metres.
-    """
+    """The actions that an arm at a base reaches, with `position` of its joints; `facing_first`."""
     inverse = np.linalg.inv(base.matrix)
     names = [joint.name for joint in arm.joints]
     found: list[dict[str, Any]] = []

@@ -82,10 +82,7 @@ class Grasp:
 
 @dataclass(frozen=True, eq=False)
 class Grasps:
-    """Grasps of one model by one gripper as columns; `grasps[i]` is a `Grasp`.
-
-    `poses` and `pre_grasps` are (N, 4, 4), all others (N,).
-    """
+    """Grasps of a model by a gripper: poses (N, 4, 4), others (N,); `grasps[i]` is a `Grasp`."""
 
     gripper: Gripper
     poses: Floats
@@ -207,10 +204,7 @@ def grasp_candidates(
 
 
 def without_duplicates(grasps: Grasps) -> Grasps:
-    """Grasps without those that equal an earlier one, half a turn of the gripper included.
-
-    Two are equal if their poses and their approaches are, within 1e-6 m and rad.
-    """
+    """Grasps without those that equal an earlier one by `signature`, within 1e-6 m and rad."""
     if len(grasps) < 2:
         return grasps
     pairs = cKDTree(signature(grasps)).query_pairs(1e-6, output_type="ndarray")

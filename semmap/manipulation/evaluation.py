@@ -62,10 +62,7 @@ def rest_mismatch(
 
 @dataclass(frozen=True, eq=False)
 class Attempt:
-    """One trial: the grasp, its outcome, and the cause of its failure, None for a success.
-
-    `correction` (3,) moved it from the candidate: metres, in the frame of the grasp.
-    """
+    """One trial of a grasp; `correction` (3,) moved it from the candidate, metres in its frame."""
 
     grasp: Grasp
     outcome: TrialOutcome
@@ -102,10 +99,7 @@ def learn_grasp(
     *,
     tries: int = 12,
 ) -> list[Attempt]:
-    """Try grasps, correct failures, and return the attempts up to the first success: the last one.
-
-    `upright` returns the direction of gravity in the frame of a grasp, (3,).
-    """
+    """Try and correct grasps until one succeeds; `upright` tells gravity (3,) in their frames."""
     failed: dict[str, int] = {}
     made: list[Attempt] = []
     for grasp in grasps:

@@ -112,11 +112,7 @@ class Gripper:
 
 
 def read_gripper(path: Path | str, palm: str | None = None) -> Gripper:
-    """The gripper of a URDF, or of a whole robot; the first one, or that on the link `palm`.
-
-    ManipulationError where no link holds fingers that open, or `palm` does not; RobotError where
-    the file is not a usable URDF.
-    """
+    """The gripper of a URDF on the link `palm`, else the first; ManipulationError for none."""
     robot = load_robot(path)
     found = find_grippers(robot, None if palm is None else (palm,))
     if not found:

@@ -98,10 +98,7 @@ def import_household_grasps(
 
 
 def read_rows(path: Path) -> Iterator[Row]:
-    """The rows of a file: CSV, JSON, or the sections ``COPY ... FROM stdin`` of pg_dump.
-
-    ManipulationError where it cannot be read.
-    """
+    """The rows of a file: CSV, JSON, or the sections ``COPY ... FROM stdin`` of pg_dump."""
     try:
         TEXT_BYTES.check(
             path.stat().st_size,

@@ -134,10 +134,7 @@ def _planned(arm: Arm, start: Floats, goal: Floats, is_free: Any, seconds: float
 
 
 def straight_motion(arm: Arm, start: Floats, pose: Floats) -> Floats | None:
-    """Positions (N, D) that move the gripper straight to a pose without turning it; else None.
-
-    The pose (4, 4) is that of the grasp frame, in the robot's frame, turned as at the start (D,).
-    """
+    """Positions (N, D) that move the gripper straight to a pose (4, 4) without turning it."""
     begin = arm.grasp_pose(start)
     found = [start]
     for share in np.linspace(0, 1, 11)[1:]:
@@ -165,10 +162,7 @@ def straight_motions(arm: Arm, start: Floats, strokes: Sequence[Stroke]) -> list
 def free_strokes(
     arm: Arm, start: Floats, strokes: Sequence[Stroke]
 ) -> Iterator[tuple[Floats, list[Floats]]]:
-    """Generate postures of the arm in which some strokes are free.
-
-    They are the position (D,) at the end of the first stroke, and those (N, D) of each other one.
-    """
+    """Postures in which strokes are free: the end (D,) of the first, (N, D) of each other one."""
     first, *others = strokes
     for seed in range(POSTURES):
         before = arm.reach(first.pose, start if seed == 0 else None, seed=seed)

@@ -131,10 +131,7 @@ def find_places(
 
 
 def place_of(session: Session, entity: str, grasp: int, gripper: str | None = None) -> int | None:
-    """The id of the best stored place of an object that a grasp holds; None without one.
-
-    LookupError without the entity, gripper or grasp.
-    """
+    """The id of the best stored place of an object that a grasp holds; None without one."""
     chosen = gripper_name(session, gripper)
     grasps, _ = _grasps(session, entity, chosen, [grasp])
     up = _upright(session, entity_id(session, entity))[2, :3]
@@ -266,10 +263,7 @@ def _side(kind: str, up: Floats) -> str:
 
 
 class _FreePlaces:
-    """The places at which the gripper touches nothing, spot by spot.
-
-    Spots `inside` are below other parts of the support, whose lowest and highest corner is `box`.
-    """
+    """The places where the gripper is free; spots `inside` are below parts of the `box`."""
 
     def __init__(
         self,

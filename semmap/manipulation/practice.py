@@ -157,10 +157,7 @@ def try_place(
 def _put(
     trial: Trial, grasp: dict[str, Any], place: dict[str, Any], to_model: NDArray[np.float64]
 ) -> tuple[Rest, str | None]:
-    """Where an object rests that was taken and put down, and how that differs from its place.
-
-    `to_model` leads from the frame of the poses of the place to that of the model.
-    """
+    """How an object rests, and differs from its place; `to_model` leads from the place's frame."""
     before, after = (to_model @ place[pose].matrix for pose in ("pre_pose", "post_pose"))
     rest = trial.put(grasp_of_row(grasp, trial.gripper.opening), before, after)
     held = rest.lifted > HEIGHT / 2
@@ -176,10 +173,7 @@ def practise_pushes(
     mass: float | None = None,
     friction: float = 0.5,
 ) -> list[dict[str, Any]]:
-    """Try pushes of an object until one moves it along its direction; store each outcome.
-
-    Returns and raises as `practise_places`.
-    """
+    """Try pushes of an object until one moves it along its direction, as `practise_places`."""
     name = gripper_name(session, gripper)
     found = find_pushes(session, entity, gripper=name, limit=tries)
     if not found.rows:

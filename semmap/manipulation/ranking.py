@@ -102,11 +102,7 @@ class Evidence:
     def expected(
         self, family: str, quality: float, tried: Tally = NONE, *, moved: bool = False
     ) -> float:
-        """The expected share of successes of an action of a predicted quality on the object.
-
-        `tried` are outcomes of the action itself, a part of `own`; trial and error `moved` it or
-        not.
-        """
+        """The expected share of successes of an action; its outcomes `tried` are in `own`."""
         key = group_of(family), moved
         prior = self.alike.groups.get(key, NONE).expected(self.alike.every.expected(1) * quality)
         near = NONE.plus(self.own.groups.get(key, NONE).plus(tried, -1), NEIGHBOUR)
@@ -129,10 +125,7 @@ class Evidence:
 
 
 def evidence_on(session: Session, object_id: int, gripper: str, kind: str = "grasp") -> Evidence:
-    """The outcomes on an object model and on those of a similar shape.
-
-    They are those of the SQL function ``similar_outcomes``: outcomes of other grippers count half.
-    """
+    """The outcomes on an object model and on similar shapes, by ``similar_outcomes`` in SQL."""
     found = Evidence()
     rows = session.execute(
         "SELECT family, own, attempts, successes, shift, pose, extent "

@@ -114,10 +114,7 @@ def stored_for_shape(
     kind: str = "grasp",
     **options: Any,
 ) -> FoundActions:
-    """The best stored actions on objects of a similar shape, as of `actions_by_shape`.
-
-    The gripper of a URDF is stored first.
-    """
+    """The stored actions of `actions_by_shape`; the gripper of a URDF is stored first."""
     with session.transaction():
         hand = gripper_or_urdf(session, gripper)
         rows = actions_by_shape(session, shape, size, gripper=hand, kind=kind, **options)
@@ -160,11 +157,7 @@ def _misfit(session: Any, entity: str, gripper: str) -> str:
 
 
 def generate(session: Session, entity: str, gripper: str | None = None) -> list[int]:
-    """Store all candidates for the model of an entity; return their ids.
-
-    LookupError without the entity or gripper, ManipulationError where the entity has no mesh with a
-    volume, or the gripper's URDF is not known.
-    """
+    """Store all candidates for the model of an entity; return their ids."""
     from semmap.manipulation.candidates import grasp_candidates
 
     chosen = gripper_name(session, gripper)
@@ -203,11 +196,7 @@ def register_gripper(
     palm: str | None = None,
     preferred: bool | None = None,
 ) -> str:
-    """Store the gripper of a URDF, of a gripper or of a whole robot; return its name.
-
-    ManipulationError where it has no gripper, such as one without fingers, RobotError where the
-    file is not a usable URDF.
-    """
+    """Store the gripper of a URDF; return its name. ManipulationError where it has none."""
     from semmap.manipulation.gripper import read_gripper
 
     gripper = read_gripper(path, palm)
@@ -240,10 +229,7 @@ def gripper_or_urdf(session: Session, given: str | Path | None) -> str | None:
 
 
 def stored_gripper(session: Session, name: str) -> Gripper:
-    """A stored gripper with its geometry, read from its URDF.
-
-    LookupError without one of this name, ManipulationError where its URDF is not on this machine.
-    """
+    """A stored gripper, from its URDF; ManipulationError where that is not on this machine."""
     row = session.execute(
         "SELECT source FROM device WHERE id = %s", (gripper_id(session, name),)
     ).fetchone()

@@ -49,10 +49,7 @@ ENDS = re.compile(r"(_tool|_optical|_frame|_link|_sensor)+$")
 
 @dataclass(frozen=True)
 class Sensor:
-    """A sensor of a kind of `CAPABILITIES`, fixed to a link.
-
-    `name` is that in the URDF without endings such as ``_optical_frame``.
-    """
+    """A sensor on a link; its name lacks endings such as ``_optical_frame``."""
 
     name: str
     kind: str
@@ -60,11 +57,7 @@ class Sensor:
 
 
 def read_sensors(urdf: str) -> list[Sensor]:
-    """The sensors of the text of a URDF, those that serve manipulation most first.
-
-    Elements `gazebo` tell them. Links tell sensors of kinds that no such element has; a depth
-    camera has pictures, too.
-    """
+    """The sensors of a URDF, by its elements `gazebo`, else its links; the most useful first."""
     root = ElementTree.fromstring(urdf)
     found: dict[str, Sensor] = {}
     for element in root.iter("gazebo"):

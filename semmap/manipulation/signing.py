@@ -12,10 +12,7 @@ from semmap.manipulation.extra import library
 
 
 def own_key(path: Path | None = None) -> Any:
-    """The signing key, made where there is none in a file that only its owner reads.
-
-    ManipulationError where the file is not a key, or PyNaCl is not installed.
-    """
+    """The signing key, made where there is none, in a file that only its owner reads."""
     signing = library("nacl.signing")
     path = default_home() / "manipulation.key" if path is None else path
     if not path.exists():

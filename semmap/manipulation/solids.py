@@ -28,10 +28,7 @@ SIZES = {
 
 
 class PrimitiveShape(Protocol):
-    """A primitive that was fitted to points or to a mesh, of a kind and size as in `SIZES`.
-
-    `pose` (4, 4) is the frame of the solid in that of the model.
-    """
+    """A fitted primitive as in `SIZES`; `pose` (4, 4) is its frame in that of the model."""
 
     @property
     def kind(self) -> str:
@@ -156,10 +153,7 @@ def solid_of(kind: str, size: Sequence[float]) -> ConvexSolid:
 
 
 def solid_hull(points: Floats) -> tuple[float, Floats]:
-    """The volume and the centre of mass (3,) of the convex hull of points, of even density.
-
-    ManipulationError where they are no solid.
-    """
+    """The volume and the centre of mass (3,) of the convex hull of points (N, 3)."""
     try:
         hull = ConvexHull(points)
     except (QhullError, ValueError):

@@ -52,10 +52,7 @@ def entity_pose(session: Session, entity: str) -> Pose:
 
 
 def entity_triangles(session: Session, entity: str) -> NDArray[np.float64]:
-    """The triangles (F, 3, 3) of an entity in the map's frame, metres; none if it has none.
-
-    Visual and collision meshes are both part of it.
-    """
+    """The triangles (F, 3, 3) of all meshes of an entity in the map's frame, metres."""
     rows = session.execute(
         "SELECT DISTINCT w.entity_id, c.model_id, w.pose FROM world w "
         "JOIN entity_chunk ec ON ec.entity_id = w.entity_id JOIN chunk c ON c.id = ec.chunk_id "

@@ -48,10 +48,7 @@ FORCE = 25.0
 
 @dataclass(frozen=True, eq=False)
 class Body:
-    """An object for a trial: its surface, (3,) centre of mass in its model's frame, and kg.
-
-    The convex hull of the mesh is simulated, or in its place a primitive at `pose` (4, 4).
-    """
+    """An object for a trial, in kg: its convex hull, or a solid at `pose` (4, 4)."""
 
     mesh: Mesh
     mass: float
@@ -114,11 +111,7 @@ class TrialOutcome:
 
 @dataclass(frozen=True)
 class Rest:
-    """Where an object is when it was put down or pushed; metres and radians.
-
-    Its centre of mass `moved` in the frame of the table, its vertical axis `tilted`, and before it
-    was `lifted`; 0 for a push.
-    """
+    """How an object rests: its centre of mass `moved`, after it was `lifted`; metres, radians."""
 
     moved: tuple[float, float, float]
     tilted: float

@@ -126,10 +126,7 @@ def insert_actions(
 
 
 def add_put(session: Session, grasp: int, place: int) -> int:
-    """Store the composed action put (a grasp, then a place), if it is not there; return its id.
-
-    ManipulationError where they are not a grasp and a place of one gripper on one object model.
-    """
+    """The id of the composed action put: a grasp, then a place of one gripper and object."""
     rows = {
         row[0]: row
         for row in session.execute(

@@ -113,11 +113,7 @@ def add_automaton(
     sensor: str | None = None,
     posture: Mapping[str, float] | None = None,
 ) -> int:
-    """Store a robot with a gripper and a sensor, all by their names; return its id.
-
-    `posture` are positions of the joints with which it drives, radians or metres; others are at 0.
-    LookupError without a device of a name.
-    """
+    """Store a robot with a gripper, a sensor and its driving posture; return its id."""
     ids: list[int | None] = []
     for kind, device in (("robot", robot), ("gripper", gripper), ("sensor", sensor)):
         row = session.execute(
@@ -140,10 +136,7 @@ def add_automaton(
 
 
 def gripper_id(session: Session, name: str | None = None) -> int:
-    """The id of a gripper; without a name, of the preferred one, else of the only one.
-
-    LookupError without one of this name, without any, or where several are and none is preferred.
-    """
+    """The id of a gripper, by default of the preferred or the only one; LookupError for none."""
     if name is not None:
         known = column(
             session, "SELECT d.name FROM device d JOIN gripper g ON g.device_id = d.id ORDER BY 1"

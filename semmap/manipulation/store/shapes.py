@@ -31,10 +31,7 @@ class StoredShape:
 
 
 def shape_of(session: Session, entity: str) -> StoredShape:
-    """The primitive of an entity's model; it is fitted and stored if it is not known.
-
-    LookupError without the entity, ManipulationError without a mesh that has a volume.
-    """
+    """The primitive of an entity's model, fitted at need; ManipulationError without a volume."""
     model = object_model_id(session, entity)
     row = read_shape(session, model)
     if row is None:
@@ -51,10 +48,7 @@ def shape_of(session: Session, entity: str) -> StoredShape:
 
 
 def model_mesh(session: Session, entity: str) -> trimesh.Trimesh:
-    """The visual mesh of an entity, else its collision mesh, in the frame of its model.
-
-    ManipulationError where it has none.
-    """
+    """The visual mesh of an entity, else its collision mesh, in the frame of its model."""
     import trimesh
 
     row = session.execute(

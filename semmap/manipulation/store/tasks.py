@@ -109,11 +109,7 @@ def record_task(
 
 
 def replace_action(session: Session, failed: int, action: int | None) -> None:
-    """Store that an action is proposed in place of one that failed.
-
-    LookupError without one of them, ManipulationError where they are not of the same kind, object
-    model and gripper.
-    """
+    """Store that an action is proposed in place of a failed one of its kind, object and gripper."""
     for known in (failed, action):
         if known is not None:
             _check_action(session, known)
