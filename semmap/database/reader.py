@@ -12,7 +12,7 @@ from psycopg.conninfo import make_conninfo
 from semmap.database.configuration import READER, SUPERUSER
 from semmap.database.embedded import Cluster
 from semmap.database.error import DatabaseError
-from semmap.database.rights import excess_rights, limit_rights
+from semmap.database.rights import LIMIT_RIGHTS, excess_rights
 from semmap.database.shared_engine import SharedConnection
 
 if TYPE_CHECKING:
@@ -106,6 +106,6 @@ def _cluster(session: psycopg.Connection[Any]) -> Cluster | None:
 def _prepare(cluster: Cluster, session: psycopg.Connection[Any]) -> None:
     """Make the login, take from everybody what it must not have, and let it in."""
     with session.transaction():
-        limit_rights(session)
+        session.execute(LIMIT_RIGHTS)  # as it stands: its percent signs are its own
     cluster.write_user_map()
     session.execute("SELECT pg_reload_conf()")

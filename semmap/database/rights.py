@@ -102,11 +102,6 @@ UNION ALL SELECT 'CREATE in public' WHERE has_schema_privilege('public', 'CREATE
 """
 
 
-def limit_rights(session: psycopg.Connection[Any]) -> None:
-    """Run `LIMIT_RIGHTS` on a database, as superuser."""
-    session.execute(LIMIT_RIGHTS)  # as it stands: its percent signs are its own
-
-
 def excess_rights(session: psycopg.Connection[Any]) -> list[str]:
     """The rights of a session's login that a reader must not have."""
     return [row[0] for row in session.execute(_EXCESS)]

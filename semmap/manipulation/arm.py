@@ -92,12 +92,6 @@ class Arm:
         given = [self.state.get(j.name, 0.0) for j in self.joints]
         return np.clip(given, self.low, self.high)
 
-    def poses(
-        self, position: Floats, fingers: Mapping[str, float] | None = None
-    ) -> dict[str, Floats]:
-        """The poses (4, 4) of the links with geometry in the robot's frame."""
-        return dict(zip(self._links, self._link_poses(position, fingers), strict=True))
-
     def grasp_pose(self, position: Floats) -> Floats:
         """The pose (4, 4) of the grasp frame in the robot's frame."""
         pose: Floats = self._frames(position)[-1] @ self._tool

@@ -5,22 +5,21 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from functools import lru_cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from semmap.belief.store.beliefs import Session
 from semmap.geometry.pose import Pose
+from semmap.manipulation.arm import Arm
+from semmap.manipulation.carrying import carrying_posture
 from semmap.manipulation.error import ManipulationError
+from semmap.manipulation.gripper import Gripper, read_gripper
 from semmap.manipulation.retrieval import register_gripper, stored_gripper
 from semmap.manipulation.sensors import CAPABILITIES, read_sensors
 from semmap.manipulation.store.devices import add_automaton, add_device
+from semmap.robot.urdf import Robot
 from semmap.suggestions import suggestion
-
-if TYPE_CHECKING:
-    from semmap.manipulation.arm import Arm
-    from semmap.manipulation.gripper import Gripper
-    from semmap.robot.urdf import Robot
 
 TRIED = 200
 """Actions whose reach is computed, at most."""
@@ -53,10 +52,6 @@ def register_robot(
     near the robot is found. ManipulationError where it has no gripper that a joint moves, or cannot
     take the posture; RobotError where the file is not a usable URDF.
     """
-    from semmap.manipulation.arm import Arm
-    from semmap.manipulation.carrying import carrying_posture
-    from semmap.manipulation.gripper import read_gripper
-
     found = read_gripper(urdf, palm)
     _check_posture(found.robot, posture or {})
     arm = Arm(found, posture)
@@ -139,8 +134,6 @@ def _class_urdf(session: Session, robot_class: str) -> Path | None:
 
 @lru_cache(maxsize=8)
 def _gripper_of(path: Path, changed: int) -> Gripper | None:
-    from semmap.manipulation.gripper import read_gripper
-
     try:
         return read_gripper(path)
     except ManipulationError:
@@ -163,8 +156,6 @@ def stored_arm(session: Session, automaton: str) -> tuple[str, Arm]:
 
 @lru_cache(maxsize=4)
 def _arm(gripper: Gripper, posture: tuple[tuple[str, float], ...]) -> Arm:
-    from semmap.manipulation.arm import Arm
-
     return Arm(gripper, dict(posture))
 
 

@@ -200,27 +200,26 @@ def grasp_candidates(
         names[order],
         families[order],
     )
-    return without_duplicates(found)
+    return _without_duplicates(found)
 
 
-def without_duplicates(grasps: Grasps) -> Grasps:
-    """Grasps without those that equal an earlier one by `signature`, within 1e-6 m and rad."""
+def _without_duplicates(grasps: Grasps) -> Grasps:
+    """Grasps without those that equal an earlier one, half a turn of the gripper included.
+
+    Two are equal if their poses and their approaches are, within 1e-6 m and rad.
+    """
     if len(grasps) < 2:
         return grasps
-    pairs = cKDTree(signature(grasps)).query_pairs(1e-6, output_type="ndarray")
-    keep = np.ones(len(grasps), bool)
-    keep[pairs.max(axis=1)] = False
-    return grasps[keep]
-
-
-def signature(grasps: Grasps) -> Floats:
-    """Numbers (N, F), equal for grasps that are equal under the gripper's symmetry."""
     rotations, position = grasps.poses[:, :3, :3], grasps.poses[:, :3, 3]
     closing = rotations[:, :, 0]
     if grasps.gripper.is_symmetric:
         closing = np.einsum("ni,nj->nij", closing, closing).reshape(-1, 9)
     before = grasps.pre_grasps[:, :3, 3]
-    return np.concatenate([position, before, rotations[:, :, 2], closing], axis=1)
+    compared = np.concatenate([position, before, rotations[:, :, 2], closing], axis=1)
+    pairs = cKDTree(compared).query_pairs(1e-6, output_type="ndarray")
+    keep = np.ones(len(grasps), bool)
+    keep[pairs.max(axis=1)] = False
+    return grasps[keep]
 
 
 def _frames(solid: ConvexSolid, gripper: Gripper) -> tuple[Floats, Floats, NDArray[np.intp]]:

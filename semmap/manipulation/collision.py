@@ -77,14 +77,6 @@ class Obstacles:
             met = met[self._high[axis, met] >= low[axis]]
         return Obstacles(self.triangles[met])
 
-    def searched(self, low: Floats, high: Floats) -> Obstacles:
-        """Obstacles to search for contacts within a box: these, or few of them.
-
-        FCL prepares triangles before it searches them, which is done once for each `Obstacles`.
-        """
-        near = self.within(low, high)
-        return near if len(near) < len(self) / 4 else self
-
     def joined(self, triangles: Floats) -> Obstacles:
         """These and more obstacles."""
         return Obstacles(np.concatenate([self.triangles, triangles.reshape(-1, 3, 3)]))
@@ -125,18 +117,20 @@ def free_grasps(
     item : the object, which only the closed fingers may touch
     """
     gripper = grasps.gripper
-    chosen = range(len(gripper.links))
+    links = range(len(gripper.links))
     poses = model @ grasps.poses
     inverse = np.linalg.inv(grasps.poses)
     back = _way((inverse @ grasps.pre_grasps)[:, :3, 3])
     if not len(grasps):
         return np.zeros(0, bool)
-    near = obstacles.searched(*_box(gripper, poses, back))
+    near = obstacles.within(*_box(gripper, poses, back))
+    if len(near) >= len(obstacles) / 4:
+        near = obstacles  # which FCL has prepared for searches, or prepares once
     there = [near] if item is None else [near, item]
-    moved = [k for k in chosen if any(gripper.links[k] in f for f in gripper.fingers)]
+    moved = [k for k in links if any(gripper.links[k] in f for f in gripper.fingers)]
     free = np.ones(len(grasps), bool)
     for i, pose in enumerate(poses):
-        way = [swept_link(gripper, 0, link, back[i]) for link in chosen]
+        way = [swept_link(gripper, 0, link, back[i]) for link in links]
         free[i] = not any(each.touched_by(way, [pose] * len(way)) for each in there)
         if free[i]:
             posture = gripper.index(float(grasps.widths[i]))

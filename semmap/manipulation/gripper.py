@@ -91,10 +91,6 @@ class Gripper:
         a, b = self.postures[low], self.postures[low + 1]
         return {name: a[name] + (at - low) * (b[name] - a[name]) for name in a}
 
-    def reach(self, width: float) -> float:
-        """Z of the middle of the pads in the grasp frame at a width between them."""
-        return float(np.interp(-width, -self.widths, self.reaches))
-
     def index(self, width: float) -> int:
         """The number of the narrowest posture that is at least this wide."""
         return int(np.floor(self._at(width) + 1e-9))
@@ -171,6 +167,14 @@ class _Tree:
                 return None
             chain.append(below[0])
 
+    def poses(self, palm: str, posture: Mapping[str, float]) -> dict[str, Floats]:
+        """The poses of all links that hang on a palm, in its frame."""
+        poses = {palm: np.eye(4)}
+        for joint in self.robot.joints:
+            if joint.parent in poses:
+                poses[joint.child] = poses[joint.parent] @ self.robot.transform(joint, posture)
+        return poses
+
     def palms(self) -> list[str]:
         """Links with at least two moving chains, none of which branches."""
         found = []
@@ -202,17 +206,15 @@ def _gripper(robot: Robot, tree: _Tree, palm: str) -> Gripper | None:
             fingers.append(_Finger(chain, links, points))
     if len(fingers) < 2:
         return None
-    opened, closed = _ends(robot, palm, fingers)
+    opened, closed = _ends(tree, palm, fingers)
     if opened == closed:
         return None
     middle = {name: (opened[name] + closed[name]) / 2 for name in opened}
-    poses = _poses(robot, palm, middle, fingers)
-    roots = [poses[f.joints[0].child][:3, 3] for f in fingers]
-    tips = np.array([_tip(f, poses) for f in fingers])
-    lengths = [float(np.linalg.norm(t - r)) for t, r in zip(tips, roots, strict=True)]
-    if max(lengths) > FINGER:
+    poses = tree.poses(palm, middle)
+    tips, roots = _tips(fingers, poses), _roots(fingers, poses)
+    if np.linalg.norm(tips - roots, axis=1).max() > FINGER:
         return None
-    along = (tips - np.mean(roots, axis=0)) @ _unit(np.mean(tips - np.array(roots), axis=0))
+    along = (tips - roots.mean(axis=0)) @ _unit(np.mean(tips - roots, axis=0))
     kept = [f for f, far in zip(fingers, along, strict=True) if far > 0.7 * along.max()]
     if len(kept) < 2:
         return None
@@ -222,17 +224,18 @@ def _gripper(robot: Robot, tree: _Tree, palm: str) -> Gripper | None:
         {name: opened[name] + s * (closed[name] - opened[name]) for name in opened}
         for s in fractions
     ]
-    frame, sides = _frame(robot, palm, kept, postures, hand)
+    placed = [tree.poses(palm, posture) for posture in postures]
+    frame, sides = _frame(kept, placed[STEPS // 4 if hand else 0], hand)
     inverse = np.linalg.inv(frame)
-    measured = []
-    for posture in postures:
-        placed = _poses(robot, palm, posture, kept)
-        measured.append(_measure(kept, sides, {k: inverse @ p for k, p in placed.items()}))
+    measured = [
+        _measure(kept, sides, {k: inverse @ pose for k, pose in poses.items()}) for poses in placed
+    ]
     widths = [m.width for m in measured]
     first, last = _closing(widths)
     if widths[first] - widths[last] < 5e-3:
         return None
-    postures, measured = postures[first : last + 1], measured[first : last + 1]
+    chosen = slice(first, last + 1)
+    postures, measured, placed = postures[chosen], measured[chosen], placed[chosen]
     opened_at, ends = measured[0], np.array([m.end for m in measured])
     middle_y = float(np.mean(opened_at.across))
     frame[:3, 3] += frame[:3, :3] @ [opened_at.middle, middle_y, ends[0] - PAD / 2]
@@ -243,12 +246,7 @@ def _gripper(robot: Robot, tree: _Tree, palm: str) -> Gripper | None:
     rigid = tuple(k for k in rigid if not _is_margin(robot, k, placed_at[k]))
     moved = tuple(link for f in fingers for link in f.links if link in robot.meshes)
     links, fixed = rigid + moved, [placed_at[link] for link in rigid]
-    poses_all = np.array(
-        [
-            [*fixed, *(inverse @ p for p in _link_poses(robot, palm, posture, moved).values())]
-            for posture in postures
-        ]
-    )
+    poses_all = np.array([[*fixed, *(inverse @ poses[k] for k in moved)] for poses in placed])
     front = _front(robot, rigid, poses_all[0], opened_at.width)
     beside = np.array(opened_at.across)[np.array(sides) > 0] - middle_y
     return Gripper(
@@ -302,24 +300,6 @@ def _surface(mesh: Mesh) -> Floats:
     return np.concatenate([a + u[:, None] * (b - a) + v[:, None] * (c - a), mesh.used])
 
 
-def _link_poses(
-    robot: Robot, palm: str, posture: Mapping[str, float], links: Sequence[str]
-) -> dict[str, Floats]:
-    """The poses of links that hang on the palm, in its frame."""
-    poses = {palm: np.eye(4)}
-    for joint in robot.joints:
-        if joint.parent in poses:
-            poses[joint.child] = poses[joint.parent] @ robot.transform(joint, posture)
-    return {link: poses[link] for link in links}
-
-
-def _poses(
-    robot: Robot, palm: str, posture: Mapping[str, float], fingers: Sequence[_Finger]
-) -> dict[str, Floats]:
-    """The poses of the fingers' links in the frame of the palm."""
-    return _link_poses(robot, palm, posture, [link for f in fingers for link in f.links])
-
-
 def _placed(finger: _Finger, poses: Mapping[str, Floats]) -> Floats:
     return np.concatenate(
         [points @ poses[k][:3, :3].T + poses[k][:3, 3] for k, points in finger.points.items()]
@@ -335,17 +315,17 @@ def _tip(finger: _Finger, poses: Mapping[str, Floats]) -> Floats:
 
 
 def _ends(
-    robot: Robot, palm: str, fingers: Sequence[_Finger]
+    tree: _Tree, palm: str, fingers: Sequence[_Finger]
 ) -> tuple[dict[str, float], dict[str, float]]:
     """The open and the closed positions of the joints that do not mimic others."""
-    known = {joint.name: joint for joint in robot.joints}
+    known = {joint.name: joint for joint in tree.robot.joints}
     names = list(dict.fromkeys(j.mimics or j.name for f in fingers for j in f.joints))
     limits = {name: known[name].limits for name in names}
     rest = {name: min(max(0.0, low), high) for name, (low, high) in limits.items()}
     opened, closed = dict(rest), dict(rest)
     single = all(len({j.mimics or j.name for j in f.joints}) == 1 for f in fingers)
     middle = {name: (low + high) / 2 for name, (low, high) in limits.items()}
-    outward = _tips(robot, palm, middle, fingers)
+    outward = _tips(fingers, tree.poses(palm, middle))
     outward -= outward.mean(axis=0)
     for name, (low, high) in limits.items():
         if not np.isfinite((low, high)).all():
@@ -353,7 +333,7 @@ def _ends(
         if single:
             gaps = []
             for end in (low, high):
-                tips = _tips(robot, palm, middle | {name: end}, fingers)
+                tips = _tips(fingers, tree.poses(palm, middle | {name: end}))
                 gaps.append(float(np.sum((tips - tips.mean(axis=0)) * outward)))
             opened[name], closed[name] = (low, high) if gaps[0] > gaps[1] else (high, low)
         elif high > -2 * low or -low > 2 * high:  # bends; else it spreads the fingers
@@ -366,25 +346,19 @@ def _ends(
     return opened, closed
 
 
-def _tips(
-    robot: Robot, palm: str, posture: Mapping[str, float], fingers: Sequence[_Finger]
-) -> Floats:
-    poses = _poses(robot, palm, posture, fingers)
+def _tips(fingers: Sequence[_Finger], poses: Mapping[str, Floats]) -> Floats:
     return np.array([_tip(f, poses) for f in fingers])
 
 
+def _roots(fingers: Sequence[_Finger], poses: Mapping[str, Floats]) -> Floats:
+    return np.array([poses[f.joints[0].child][:3, 3] for f in fingers])
+
+
 def _frame(
-    robot: Robot,
-    palm: str,
-    fingers: Sequence[_Finger],
-    postures: Sequence[Mapping[str, float]],
-    hand: bool,
+    fingers: Sequence[_Finger], poses: Mapping[str, Floats], hand: bool
 ) -> tuple[Floats, list[int]]:
     """The axes of the grasp frame in the palm's frame, and the side (-1 or 1) of each finger."""
-    posture = postures[STEPS // 4 if hand else 0]
-    poses = _poses(robot, palm, posture, fingers)
-    tips = np.array([_tip(f, poses) for f in fingers])
-    roots = np.array([poses[f.joints[0].child][:3, 3] for f in fingers])
+    tips, roots = _tips(fingers, poses), _roots(fingers, poses)
     if hand:
         apart = [np.linalg.norm(t - np.delete(tips, i, 0).mean(axis=0)) for i, t in enumerate(tips)]
         thumb = int(np.argmax(apart))

@@ -13,6 +13,7 @@ import csv
 import json
 import math
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -27,6 +28,7 @@ from semmap.manipulation.error import ManipulationError
 from semmap.manipulation.store.actions import add_actions
 from semmap.manipulation.store.devices import gripper_id
 from semmap.manipulation.store.models import add_object
+from semmap.manipulation.store.statements import column
 
 Row = dict[str, Any]
 
@@ -67,7 +69,7 @@ def import_household_grasps(
         if "grasp_id" not in row and "grasp_grasp_position" not in row:
             continue
         where = f"{path}: grasp {row.get('grasp_id') or number}"
-        missing = [column for column in NEEDED if not str(row.get(column) or "").strip()]
+        missing = [column for column in NEEDED if not _has(row, column)]
         if missing:
             raise ManipulationError(f"{where}: has no {missing[0]}: add that column")
         hand = (grippers or {}).get(str(row["hand_name"]), str(row["hand_name"]))
@@ -82,12 +84,11 @@ def import_household_grasps(
     with session.transaction():
         for (model, hand), group in groups.items():
             name = names.get(model)
-            guess = guess_type(name) if name else None
             object_ = add_object(
                 session,
                 f"household_objects:{model}",
                 name=name,
-                type=_known(session, guess.type if guess else None),
+                type=_type(session, name),
                 primitive=_primitive(model, meshes, scale),
             )
             add_actions(session, object_, hand, _ranked(group))
@@ -186,7 +187,7 @@ def _meshes(rows: Sequence[tuple[Path, int, Row]]) -> dict[str, _Mesh]:
     """The meshes by scaled model: their own, or scaled ones of the original models."""
     own: dict[tuple[str, str], _Mesh] = {}
     for path, number, row in rows:
-        if all(str(row.get(column) or "").strip() for column in MESH):
+        if all(_has(row, column) for column in MESH):
             key = next((k for k in ("scaled_model_id", "original_model_id") if row.get(k)), None)
             where = f"{path}: mesh {row.get(key) if key else number}"
             if key is None:
@@ -222,7 +223,7 @@ def _mesh(vertices: Any, faces: Any, where: str) -> _Mesh:
 
 def _primitive(model: str, meshes: Mapping[str, _Mesh], scale: float) -> Any:
     """The primitive of a scaled model; None without a mesh."""
-    import trimesh
+    import trimesh  # slow to load, as what fits primitives
 
     from semmap.perception.mesh_shapes import mesh_primitive
     from semmap.perception.point_cloud import PerceptionError
@@ -236,7 +237,7 @@ def _primitive(model: str, meshes: Mapping[str, _Mesh], scale: float) -> Any:
         raise ManipulationError(f"{mesh.where}: {error}") from error
 
 
-def _joints(session: Any, hand: str) -> list[str]:
+def _joints(session: Session, hand: str) -> list[str]:
     """The joints of a stored gripper, in the order of its URDF."""
     id_ = gripper_id(session, hand)
     row = session.execute("SELECT joints FROM device WHERE id = %s", (id_,)).fetchone()
@@ -244,34 +245,24 @@ def _joints(session: Any, hand: str) -> list[str]:
 
 
 def _record(row: Row, names: Sequence[str], tool: Pose, scale: float, where: str) -> ActionRecord:
-    pose = _pose(row["grasp_grasp_position"], scale, f"{where}: grasp_grasp_position")
+    pose = _pose(row, "grasp_grasp_position", scale, where)
     before = row.get("grasp_pregrasp_position")
-    quality = 0.5
-    for column in QUALITIES:
-        if str(row.get(column) or "").strip():
-            quality = _number(row[column], f"{where}: {column}")
-            break
+    stated = next((column for column in QUALITIES if _has(row, column)), None)
+    quality = 0.5 if stated is None else _number(row[stated], f"{where}: {stated}")
     return ActionRecord(
         "grasp",
         pose @ tool,
-        None if not before else _pose(before, scale, f"{where}: grasp_pregrasp_position") @ tool,
-        posture=_posture(row.get("grasp_grasp_joints"), names, f"{where}: grasp_grasp_joints"),
-        pre_posture=_posture(
-            row.get("grasp_pregrasp_joints"), names, f"{where}: grasp_pregrasp_joints"
-        ),
+        None if not before else _pose(row, "grasp_pregrasp_position", scale, where) @ tool,
+        posture=_posture(row, "grasp_grasp_joints", names, where),
+        pre_posture=_posture(row, "grasp_pregrasp_joints", names, where),
         quality=min(max(quality, 0.0), 1.0),
     ).checked(where)
 
 
 def _ranked(group: Sequence[tuple[Row, ActionRecord]]) -> list[ActionRecord]:
     """The records; without a quality, by the rank of their energy."""
-    from dataclasses import replace
-
     energies = [row.get(ENERGY) for row, _ in group]
-    if (
-        any(str(row.get(c) or "").strip() for row, _ in group for c in QUALITIES)
-        or None in energies
-    ):
+    if None in energies or any(_has(row, c) for row, _ in group for c in QUALITIES):
         return [record for _, record in group]
     values = np.array([_number(energy, ENERGY) for energy in energies])
     ranks = np.searchsorted(np.sort(values), values, side="left") / len(values)
@@ -279,6 +270,10 @@ def _ranked(group: Sequence[tuple[Row, ActionRecord]]) -> list[ActionRecord]:
         replace(record, quality=float(1 - rank))
         for (_, record), rank in zip(group, ranks, strict=True)
     ]
+
+
+def _has(row: Row, column: str) -> bool:
+    return bool(str(row.get(column) or "").strip())
 
 
 def _array(given: Any, where: str) -> list[float]:
@@ -301,8 +296,9 @@ def _number(given: Any, where: str) -> float:
     return number
 
 
-def _pose(given: Any, scale: float, where: str) -> Pose:
-    numbers = _array(given, where)
+def _pose(row: Row, column: str, scale: float, where: str) -> Pose:
+    where = f"{where}: {column}"
+    numbers = _array(row[column], where)
     if len(numbers) != 7:
         raise ManipulationError(
             f"{where}: has {len(numbers)} numbers: give {{x, y, z, qw, qx, qy, qz}}"
@@ -311,17 +307,18 @@ def _pose(given: Any, scale: float, where: str) -> Pose:
     return pose_of([x * scale, y * scale, z * scale, *q, w], where)
 
 
-def _posture(given: Any, names: Sequence[str], where: str) -> dict[str, float]:
+def _posture(row: Row, column: str, names: Sequence[str], where: str) -> dict[str, float]:
     """Joint positions by name; a gripper without the names has joint1, joint2, ..."""
-    if given is None or given == "":
+    if row.get(column) in (None, ""):
         return {}
-    positions = _array(given, where)
+    positions = _array(row[column], f"{where}: {column}")
     if len(names) != len(positions):
         names = [f"joint{n}" for n in range(1, len(positions) + 1)]
     return dict(zip(names, positions, strict=True))
 
 
-def _known(session: Any, type_: str | None) -> str | None:
-    """A type, if the database has it."""
-    row = session.execute("SELECT name FROM semantic_type WHERE name = %s", (type_,)).fetchone()
-    return None if row is None else str(row[0])
+def _type(session: Session, name: str | None) -> str | None:
+    """The type that a name tells, if the database has it."""
+    guess = guess_type(name) if name else None
+    known = column(session, "SELECT name FROM semantic_type")
+    return guess.type if guess is not None and guess.type in known else None

@@ -21,8 +21,9 @@ from semmap.finite_number import finite_numbers, is_finite_number
 from semmap.geometry.pose import Pose
 from semmap.manipulation.action_record import KINDS
 from semmap.manipulation.error import ManipulationError
+from semmap.manipulation.solids import SIZES
 from semmap.manipulation.store.devices import ABLE, gripper_id
-from semmap.manipulation.store.statements import refusals
+from semmap.manipulation.store.statements import column, refusals
 from semmap.suggestions import suggestion
 
 Row = dict[str, Any]
@@ -75,11 +76,10 @@ def actions_on(
     ManipulationError
         Not exactly one of `name`, `function` and `point`, or a kind that is not known.
     """
-    if kind not in KINDS:
-        raise ManipulationError(f"{kind} is not one of {', '.join(KINDS)}")
+    _check_kind(kind)
     function = function and function_named(session, function)
     meant, values = _meant(name, function, point, tolerance)
-    with _suggestions(session, name, function, gripper):
+    with _suggestions(session, name, gripper):
         return _rows(
             session,
             f"SELECT * FROM actions_on({meant}, %s, %s, %s)",
@@ -98,10 +98,8 @@ def entities_meant(
     """The ids of the objects that a query means; as `actions_on`."""
     function = function and function_named(session, function)
     meant, values = _meant(name, function, point, tolerance)
-    with _suggestions(session, name, function):
-        row = session.execute(f"SELECT {meant}".encode(), values).fetchone()
-    assert row is not None
-    return list(row[0])
+    with _suggestions(session, name):
+        return column(session, f"SELECT unnest({meant})", values)
 
 
 def _meant(
@@ -118,18 +116,12 @@ def _meant(
     numbers = finite_numbers(point, 3)
     if numbers is None:
         raise ManipulationError(f"a point is x, y, z in metres, not {point}")
-    if not (is_finite_number(tolerance) and tolerance >= 0):
-        raise ManipulationError(f"the tolerance is {tolerance}: give metres, at least 0")
+    _check_tolerance(tolerance)
     return "ARRAY[entity_at(%s, %s, %s, %s)]", (*numbers, tolerance)
 
 
 @contextmanager
-def _suggestions(
-    session: psycopg.Connection[Any],
-    name: str | None = None,
-    function: str | None = None,
-    gripper: str | None = None,
-) -> Iterator[None]:
+def _suggestions(session: Session, name: str | None, gripper: str | None = None) -> Iterator[None]:
     """Name similar names where one is unknown; they are looked up only then."""
     inside = session.info.transaction_status != psycopg.pq.TransactionStatus.IDLE
     try:
@@ -139,9 +131,7 @@ def _suggestions(
         if gripper is not None:
             gripper_id(session, gripper)
         if name is not None:
-            _name_meant(session, name)
-        if function is not None:
-            function_named(session, function)
+            _check_name(session, name)
         raise
 
 
@@ -152,13 +142,11 @@ def function_named(session: Session, word: str) -> str:
         for table in ("semantic_type", "object_model"):
             if session.execute(exact.format(table).encode(), (word,)).fetchone():
                 return word
-    known = [
-        row[0]
-        for row in session.execute(
-            "SELECT DISTINCT unnest(functions) FROM semantic_type "
-            "UNION SELECT DISTINCT unnest(functions) FROM object_model ORDER BY 1"
-        ).fetchall()
-    ]
+    known = column(
+        session,
+        "SELECT DISTINCT unnest(functions) FROM semantic_type "
+        "UNION SELECT DISTINCT unnest(functions) FROM object_model ORDER BY 1",
+    )
     begun = [function for function in known if function.startswith(word) and len(word) > 2]
     if len(begun) == 1:
         return str(begun[0])
@@ -183,17 +171,14 @@ def actions_by_shape(
     As `actions_on`; `pose`, `pre_pose` and `post_pose` are in the frame of the shape, and
     `difference` is the largest difference of a size, metres.
     """
-    counts = {"sphere": 1, "cylinder": 2, "cone": 2, "cuboid": 3}
-    if kind not in KINDS:
-        raise ManipulationError(f"{kind} is not one of {', '.join(KINDS)}")
-    numbers = finite_numbers(size, counts.get(shape, -1))
+    _check_kind(kind)
+    numbers = finite_numbers(size, len(SIZES[shape])) if shape in SIZES else None
     if numbers is None or min(numbers) <= 0:
-        known = ", ".join(f"{name} ({count} sizes)" for name, count in counts.items())
+        known = ", ".join(f"{name} ({len(sizes)} sizes)" for name, sizes in SIZES.items())
         raise ManipulationError(
             f"{shape} {list(size)} is not a shape: give one of {known}, sizes in metres above 0"
         )
-    if not (is_finite_number(tolerance) and tolerance >= 0):
-        raise ManipulationError(f"the tolerance is {tolerance}: give metres, at least 0")
+    _check_tolerance(tolerance)
     return _rows(
         session,
         "SELECT * FROM actions_by_shape(%s, %s::float8[], %s, %s, %s, %s)",
@@ -290,24 +275,30 @@ def list_tasks(session: Session, limit: int = 20) -> list[Row]:
     )
 
 
-def _name_meant(session: psycopg.Connection[Any], name: str) -> str:
-    """A name that is an entity or a type."""
-    names = [
-        row[0]
-        for row in session.execute(
-            "SELECT name FROM entity WHERE map_id = current_map() "
-            "UNION SELECT name FROM semantic_type"
-        ).fetchall()
-    ]
+def _check_kind(kind: str) -> None:
+    if kind not in KINDS:
+        raise ManipulationError(f"{kind} is not one of {', '.join(KINDS)}")
+
+
+def _check_tolerance(tolerance: float) -> None:
+    if not (is_finite_number(tolerance) and tolerance >= 0):
+        raise ManipulationError(f"the tolerance is {tolerance}: give metres, at least 0")
+
+
+def _check_name(session: Session, name: str) -> None:
+    """LookupError where a name is neither an entity nor a type."""
+    names = column(
+        session,
+        "SELECT name FROM entity WHERE map_id = current_map() UNION SELECT name FROM semantic_type",
+    )
     if name not in names:
         raise LookupError(
             f"the map has neither an object nor a type {name}"
             f"{suggestion(name, names, 'semmap ls and semmap types list them')}"
         )
-    return name
 
 
-def _rows(session: psycopg.Connection[Any], query: str, values: Sequence[Any]) -> list[Row]:
+def _rows(session: Session, query: str, values: Sequence[Any]) -> list[Row]:
     with refusals(), session.cursor(row_factory=dict_row) as cursor:
         rows = cursor.execute(query.encode(), values).fetchall()
     for row in rows:

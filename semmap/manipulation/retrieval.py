@@ -9,11 +9,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from functools import lru_cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from semmap.belief.store.beliefs import Session
+from semmap.manipulation.candidates import grasp_candidates
 from semmap.manipulation.error import ManipulationError
 from semmap.manipulation.found_actions import FoundActions
+from semmap.manipulation.gripper import Gripper, read_gripper
 from semmap.manipulation.linked import fitting_rows, prepare_links
 from semmap.manipulation.ranking import best_first, moved_alike, ranked
 from semmap.manipulation.reader import actions_by_shape, actions_on, entities_meant
@@ -21,9 +23,6 @@ from semmap.manipulation.store.actions import add_actions
 from semmap.manipulation.store.devices import add_gripper, gripper_id
 from semmap.manipulation.store.shapes import shape_of
 from semmap.manipulation.surroundings import free_rows
-
-if TYPE_CHECKING:
-    from semmap.manipulation.gripper import Gripper
 
 DEFAULT_GRIPPER = Path(__file__).with_name("parallel_gripper.urdf")
 """The gripper of maps whose robots have none."""
@@ -143,13 +142,19 @@ ORDER BY coalesce(object_of(e.id)::text, m.digest), e.name
 """One entity of each model that has no stored grasp; without those for which links give some."""
 
 
+def _opening(session: Session, gripper: str) -> float:
+    """How wide a stored gripper opens, metres."""
+    ((opening,),) = session.execute(
+        "SELECT opening FROM gripper WHERE device_id = %s", (gripper_id(session, gripper),)
+    )
+    return float(opening)
+
+
 def _misfit(session: Any, entity: str, gripper: str) -> str:
     """Why no grasp of an entity was generated."""
     shape = shape_of(session, entity)
     sizes = " x ".join(f"{size:.3g}" for size in shape.size)
-    opening = session.execute(
-        "SELECT opening FROM gripper WHERE device_id = %s", (gripper_id(session, gripper),)
-    ).fetchone()[0]
+    opening = _opening(session, gripper)
     return (
         f"{entity}: no grasp fits its shape ({shape.kind} {sizes} m); "
         f"gripper {gripper} opens {opening:.3g} m"
@@ -158,8 +163,6 @@ def _misfit(session: Any, entity: str, gripper: str) -> str:
 
 def generate(session: Session, entity: str, gripper: str | None = None) -> list[int]:
     """Store all candidates for the model of an entity; return their ids."""
-    from semmap.manipulation.candidates import grasp_candidates
-
     chosen = gripper_name(session, gripper)
     with session.transaction():
         shape = shape_of(session, entity)
@@ -174,18 +177,12 @@ def _move_alike(session: Any, rows: Sequence[dict[str, Any]], gripper: str) -> i
     """Store grasps that are moved as those of similar shapes were; return how many there are."""
     if not rows or not session.execute(MAY_STORE).fetchone()[0]:
         return 0
-    ((opening,),) = session.execute(
-        "SELECT opening FROM gripper WHERE device_id = %s", (gripper_id(session, gripper),)
-    ).fetchall()
-    count = 0
+    opening, count = _opening(session, gripper), 0
     for number in dict.fromkeys(row["object_id"] for row in rows):
         of_model = {row["action_id"]: row for row in rows if row["object_id"] == number}
         grasps = moved_alike(session, list(of_model.values()), gripper, opening)
         count += len(add_actions(session, number, gripper, grasps) if grasps else ())
     return count
-
-
-# -- grippers -------------------------------------------------------------------------------------
 
 
 def register_gripper(
@@ -197,8 +194,6 @@ def register_gripper(
     preferred: bool | None = None,
 ) -> str:
     """Store the gripper of a URDF; return its name. ManipulationError where it has none."""
-    from semmap.manipulation.gripper import read_gripper
-
     gripper = read_gripper(path, palm)
     chosen = name or gripper.name
     limits = {j.name: j.limits for j in gripper.robot.joints if j.name in gripper.joints}
@@ -230,10 +225,9 @@ def gripper_or_urdf(session: Session, given: str | Path | None) -> str | None:
 
 def stored_gripper(session: Session, name: str) -> Gripper:
     """A stored gripper, from its URDF; ManipulationError where that is not on this machine."""
-    row = session.execute(
+    ((source,),) = session.execute(
         "SELECT source FROM device WHERE id = %s", (gripper_id(session, name),)
-    ).fetchone()
-    source = row[0] if row else None
+    )
     path, _, palm = (source or "").rpartition("#")
     if name == DEFAULT_GRIPPER.stem and not Path(path).is_file():
         path = str(DEFAULT_GRIPPER)  # semmap was installed elsewhere since
@@ -246,11 +240,7 @@ def stored_gripper(session: Session, name: str) -> Gripper:
     return _read(path, palm)
 
 
-@lru_cache(maxsize=8)
-def _read(path: str, palm: str) -> Gripper:
-    from semmap.manipulation.gripper import read_gripper
-
-    return read_gripper(path, palm)
+_read = lru_cache(maxsize=8)(read_gripper)
 
 
 ANY_GRIPPER = "SELECT 1 FROM gripper LIMIT 1"
@@ -263,7 +253,7 @@ def gripper_name(session: Any, name: str | None) -> str:
             session.execute("SELECT pg_advisory_xact_lock(hashtext('semmap default gripper'))")
             if not session.execute(ANY_GRIPPER).fetchone():
                 return register_gripper(session, DEFAULT_GRIPPER, preferred=False)
-    row = session.execute(
+    ((found,),) = session.execute(
         "SELECT name FROM device WHERE id = %s", (gripper_id(session, name),)
-    ).fetchone()
-    return str(row[0])
+    )
+    return str(found)

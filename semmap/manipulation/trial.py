@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import combinations
 from typing import Any
 
 import numpy as np
@@ -136,7 +137,7 @@ class Trial:
         )
         floor.friction = [0.5, 0.005, 1e-4]
         self._add_object(spec)
-        self._links = self._add_gripper(spec)
+        self._add_gripper(spec)
         self.model = spec.compile()
         self.data = mujoco.MjData(self.model)
         self._actuators = [self.model.actuator(name).id for name in gripper.joints]
@@ -149,21 +150,16 @@ class Trial:
         item.explicitinertial, item.mass = True, body.mass
         item.ipos = body.centre
         item.inertia = body.mass / 12 * ((size**2).sum() - size**2)
-        kinds = {
-            "cuboid": mujoco.mjtGeom.mjGEOM_BOX,
-            "sphere": mujoco.mjtGeom.mjGEOM_SPHERE,
-            "cylinder": mujoco.mjtGeom.mjGEOM_CYLINDER,
-        }
         solid = body.solid
-        if solid is not None and solid.kind in kinds:
-            sizes = solid.size
-            half = {
-                "cuboid": tuple(s / 2 for s in sizes),
-                "sphere": (sizes[0], 0, 0),
-                "cylinder": (sizes[0], sizes[-1] / 2, 0),
+        if solid is not None and solid.kind != "cone":
+            geom = mujoco.mjtGeom
+            type_, half = {
+                "cuboid": (geom.mjGEOM_BOX, [s / 2 for s in solid.size]),
+                "sphere": (geom.mjGEOM_SPHERE, [solid.size[0], 0, 0]),
+                "cylinder": (geom.mjGEOM_CYLINDER, [solid.size[0], solid.size[-1] / 2, 0]),
             }[solid.kind]
             pose = np.eye(4) if body.pose is None else body.pose
-            shape = item.add_geom(type=kinds[solid.kind], size=half, **mujoco_pose(pose))
+            shape = item.add_geom(type=type_, size=half, **mujoco_pose(pose))
         else:
             mesh = spec.add_mesh(name="object")
             mesh.uservert = body.mesh.vertices.ravel().tolist()
@@ -174,7 +170,7 @@ class Trial:
         shape.friction = [body.friction, 0.005 * body.friction, 0.001]
         shape.priority = 1  # its friction holds against pads and table
 
-    def _add_gripper(self, spec: Any) -> dict[str, str]:
+    def _add_gripper(self, spec: Any) -> None:
         """Add the palm, which moves as it is told, and the fingers, which are driven."""
         mujoco, gripper = self._mujoco, self.gripper
         robot = gripper.robot
@@ -198,8 +194,7 @@ class Trial:
         fixed = gripper.rigid
         rigid = [link for link in gripper.links if link in fixed]
         for link in rigid:
-            pose = gripper.poses[0, gripper.links.index(link)]
-            self._add_link(spec, palm, link, pose)
+            self._add_link(spec, palm, link, gripper.poses[0, gripper.links.index(link)])
         below: dict[str, Floats] = {gripper.palm: inverse}
         driven = set(gripper.joints)
         names, followers = set[str](), []
@@ -210,7 +205,7 @@ class Trial:
             if not joint.moves:
                 below[joint.child] = below[joint.parent] @ step
                 bodies[joint.child] = bodies[joint.parent]
-                if joint.child in robot.meshes and joint.child not in rigid:
+                if joint.child not in rigid:
                     self._add_link(spec, bodies[joint.child], joint.child, below[joint.child])
                 continue
             at = below[joint.parent] @ step
@@ -229,8 +224,7 @@ class Trial:
             )
             names.add(joint.name)
             bodies[joint.child], below[joint.child] = part, np.eye(4)
-            if joint.child in robot.meshes:
-                self._add_link(spec, part, joint.child, np.eye(4))
+            self._add_link(spec, part, joint.child, np.eye(4))
             if joint.mimics is not None:
                 followers.append(joint)
             elif joint.name in driven:
@@ -248,12 +242,9 @@ class Trial:
                     type=mujoco.mjtEq.mjEQ_JOINT, name1=joint.name, name2=joint.mimics
                 )
                 equal.data[:5] = [offset, multiplier, 0, 0, 0]
-        parts = sorted({b.name for b in bodies.values()})
-        for i, one in enumerate(parts):
-            for other in parts[i + 1 :]:
-                spec.add_exclude(bodyname1=one, bodyname2=other)
+        for one, other in combinations(sorted({b.name for b in bodies.values()}), 2):
+            spec.add_exclude(bodyname1=one, bodyname2=other)
         spec.add_exclude(bodyname1="palm", bodyname2="world")
-        return {link: body.name for link, body in bodies.items()}
 
     def _add_link(self, spec: Any, body: Any, link: str, pose: Floats) -> None:
         if link not in self.gripper.robot.meshes:

@@ -82,7 +82,7 @@ def test_contacts_are_antipodal_within_the_friction_cone(shape, name, friction):
         return
     made = solid_of(shape.kind, shape.size).mesh(128)
     mesh = trimesh.Trimesh(made.vertices, made.faces).apply_transform(shape.pose)
-    reach = [gripper.reach(w) for w in grasps.widths]
+    reach = [np.interp(-w, -gripper.widths, gripper.reaches) for w in grasps.widths]
     middle = grasps.poses[:, :3, 3] + np.array(reach)[:, None] * grasps.poses[:, :3, 2]
     found = []
     for side in (-1.0, 1.0):

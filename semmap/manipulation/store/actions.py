@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from typing import Any
+from uuid import UUID
 
-import psycopg
 from psycopg.types.json import Jsonb
 
 from semmap.belief.store.beliefs import Session
@@ -72,7 +72,10 @@ def add_actions(
                     f"{row[2]:g} m: correct the width, or name another gripper"
                 )
         keys = [action_key(record, row[0], row[1]) for record in records]
-        insert_actions(session, records, keys, object_, of_gripper, contributor)
+        rows = [
+            (key, record, object_, of_gripper) for key, record in zip(keys, records, strict=True)
+        ]
+        insert_actions(session, rows, contributor)
         found = dict(
             session.execute("SELECT key, id FROM action WHERE key = ANY (%s)", (keys,)).fetchall()
         )
@@ -88,14 +91,11 @@ ON CONFLICT (key) DO NOTHING
 
 
 def insert_actions(
-    session: psycopg.Connection[Any],
-    records: Sequence[ActionRecord],
-    keys: Sequence[Any],
-    object_: int,
-    gripper: int,
+    session: Session,
+    actions: Iterable[tuple[UUID, ActionRecord, int, int]],
     contributor: str = OWN,
 ) -> None:
-    """Insert the rows of checked actions; those that are there stay as they are."""
+    """Insert checked actions, with key, object model and gripper; those that are there stay."""
     source = None if contributor == OWN else contributor_id(session, contributor)
     statement = INSERT.format(
         column="" if source is None else ", contributor_id", value="" if source is None else ", %s"
@@ -119,7 +119,7 @@ def insert_actions(
             None if record.shift is None else list(record.shift),
             *(() if source is None else (source,)),
         )
-        for key, record in zip(keys, records, strict=True)
+        for key, record, object_, gripper in actions
     ]
     with session.cursor() as cursor:
         cursor.executemany(statement, rows)
@@ -158,7 +158,7 @@ def add_put(session: Session, grasp: int, place: int) -> int:
     return whole
 
 
-def _frame(session: psycopg.Connection[Any], model: str | int, frame: str) -> Pose | None:
+def _frame(session: Session, model: str | int, frame: str) -> Pose | None:
     """The pose of a frame in the frame of a model; None where they are the same."""
     if frame == "model":
         return None

@@ -28,7 +28,7 @@ from semmap.manipulation.error import ManipulationError
 from semmap.manipulation.signing import is_signed, own_key, public_key, sign
 from semmap.manipulation.store.actions import insert_actions
 from semmap.manipulation.store.devices import add_gripper
-from semmap.manipulation.store.statements import refusals
+from semmap.manipulation.store.statements import number, refusals
 
 FORMAT = "semmap manipulation knowledge"
 
@@ -257,21 +257,21 @@ class _Import:
     header: Mapping[str, Any]
 
     def store(self, lines: list[dict[str, Any]]) -> dict[str, int]:
-        row = self.session.execute(
-            "UPDATE contributor SET latest = %s WHERE name = %s RETURNING id",
-            (self.header["at"], self.header["contributor"]),
-        ).fetchone()
-        assert row is not None
-        self.contributor = int(row[0])
+        self.contributor = number(
+            self.session.execute(
+                "UPDATE contributor SET latest = %s WHERE name = %s RETURNING id",
+                (self.header["at"], self.header["contributor"]),
+            )
+        )
         self.grippers: dict[str, int] = {}
         self.objects: dict[str, int] = {}
         self.keys: set[UUID] = set()
         counts = {"grippers": 0, "objects": 0, "actions": 0, "outcomes": 0}
         actions = []
-        for number, line in enumerate(lines, 2):
+        for at, line in enumerate(lines, 2):
             kind, content = next(iter(line.items()), ("", None))
             if len(line) != 1 or not isinstance(content, dict):
-                raise self.error(f"line {number} is not an entry", "export it again")
+                raise self.error(f"line {at} is not an entry", "export it again")
             try:
                 check_entry(kind, content)
                 if kind == "gripper":
@@ -279,24 +279,24 @@ class _Import:
                 elif kind == "object":
                     counts["objects"] += self._object(content)
                 else:
-                    actions.append(self._action(content, f"line {number}"))
+                    actions.append(self._action(content, f"line {at}"))
             except (TypeError, ValueError) as problem:
-                raise self.error(f"line {number}: {problem}", "export it again") from problem
+                raise self.error(f"line {at}: {problem}", "export it again") from problem
         counts["actions"] = self._store_actions(actions)
         counts["outcomes"] = self._count([content for _, content in actions])
         return counts
 
     def _gripper(self, given: dict[str, Any]) -> bool:
-        name = str(given["name"])
+        name = given["name"]
         own = self.session.execute(
             "SELECT d.id, g.form, g.opening FROM device d JOIN gripper g ON g.device_id = d.id "
             "WHERE d.name = %s",
             (name,),
         ).fetchone()
         if own is not None:
-            if own[1] != given["form"] or abs(own[2] - float(given["opening"])) > 1e-3:
+            if own[1] != given["form"] or abs(own[2] - given["opening"]) > 1e-3:
                 raise ManipulationError(
-                    f"gripper {name} opens {float(given['opening']):g} m there and {own[2]:g} m "
+                    f"gripper {name} opens {given['opening']:g} m there and {own[2]:g} m "
                     "here: they are different grippers, so one of them needs another name"
                 )
             self.grippers[name] = int(own[0])
@@ -304,9 +304,9 @@ class _Import:
         self.grippers[name] = add_gripper(
             self.session,
             name,
-            form=str(given["form"]),
-            opening=float(given["opening"]),
-            depth=float(given["depth"]),
+            form=given["form"],
+            opening=given["opening"],
+            depth=given["depth"],
             urdf=given.get("urdf"),
             joints=given.get("joints") or {},
             preferred=False,
@@ -321,31 +321,26 @@ class _Import:
             "WHERE name = %s), %s, %s, %s::float8[], %s::float8[], %s, %s) "
             "ON CONFLICT (key) DO NOTHING RETURNING id",
             (
-                str(given["key"]),
+                given["key"],
                 given.get("name"),
                 given.get("type"),
-                [str(f) for f in given.get("functions") or ()],
+                given.get("functions") or [],
                 given.get("shape"),
-                None if given.get("size") is None else [float(v) for v in given["size"]],
+                given.get("size"),
                 None if pose is None else pose_of(pose, "shape_pose").row,
                 given.get("inliers"),
                 self.contributor,
             ),
         ).fetchone()
-        new = row is not None
-        if row is None:
-            row = self.session.execute(
-                "SELECT id FROM object_model WHERE key = %s", (given["key"],)
-            ).fetchone()
-        assert row is not None
-        self.objects[str(given["key"])] = int(row[0])
+        found = self.session.execute("SELECT id FROM object_model WHERE key = %s", (given["key"],))
+        self.objects[given["key"]] = number(found)
         for digest in given.get("meshes") or ():
             self.session.execute(
                 "INSERT INTO object_mesh (digest, object_id) VALUES (%s, %s) "
                 "ON CONFLICT DO NOTHING",
-                (str(digest), row[0]),
+                (digest, self.objects[given["key"]]),
             )
-        return new
+        return row is not None
 
     def _action(
         self, given: dict[str, Any], where: str
@@ -374,25 +369,25 @@ class _Import:
         return record, given
 
     def _store_actions(self, actions: list[tuple[ActionRecord | None, dict[str, Any]]]) -> int:
-        count = self._number("SELECT count(*) FROM action")
-        groups: dict[tuple[str, str], list[tuple[ActionRecord, UUID]]] = {}
-        for record, given in actions:
-            if record is not None:
-                group = groups.setdefault((given["object"], given["gripper"]), [])
-                group.append((record, given["key"]))
-        for (object_, gripper), group in groups.items():
-            insert_actions(
-                self.session,
-                [record for record, _ in group],
-                [key for _, key in group],
-                self.objects[object_],
-                self.grippers[gripper],
-                str(self.header["contributor"]),
-            )
+        count = number(self.session.execute("SELECT count(*) FROM action"))
+        insert_actions(
+            self.session,
+            [
+                (
+                    given["key"],
+                    record,
+                    self.objects[given["object"]],
+                    self.grippers[given["gripper"]],
+                )
+                for record, given in actions
+                if record is not None
+            ],
+            str(self.header["contributor"]),
+        )
         for record, given in actions:
             if record is None:
                 self._put(given)
-        return self._number("SELECT count(*) FROM action") - count
+        return number(self.session.execute("SELECT count(*) FROM action")) - count
 
     def _put(self, given: dict[str, Any]) -> None:
         row = self.session.execute(
@@ -437,8 +432,3 @@ class _Import:
                     REPLACE, {"old": given["key"], "new": UUID(str(given["replaced_by"]))}
                 )
         return sum(a["attempts"] for a in tried)
-
-    def _number(self, query: str) -> int:
-        row = self.session.execute(query.encode()).fetchone()
-        assert row is not None
-        return int(row[0])

@@ -43,26 +43,20 @@ def add_device(
     if kind not in CAPABILITIES:
         raise ManipulationError(f"{name}: {kind} is not one of {', '.join(CAPABILITIES)}")
     limits = {joint: list(pair) for joint, pair in (joints or {}).items()}
+    able = list(CAPABILITIES[kind] if capabilities is None else capabilities)
     with refusals(), session.transaction():
-        row = session.execute("SELECT id, kind FROM device WHERE name = %s", (name,)).fetchone()
-        if row is not None and row[1] != kind:
-            raise ManipulationError(f"{name}: there is a {row[1]} of this name: choose another one")
-        values = (
-            kind,
-            urdf,
-            None if source is None else str(source),
-            Jsonb(limits),
-            list(CAPABILITIES[kind] if capabilities is None else capabilities),
-            name,
+        row = session.execute("SELECT kind FROM device WHERE name = %s", (name,)).fetchone()
+        if row is not None and row[0] != kind:
+            raise ManipulationError(f"{name}: there is a {row[0]} of this name: choose another one")
+        return number(
+            session.execute(
+                "INSERT INTO device (name, kind, urdf, source, joints, capabilities) "
+                "VALUES (%s, %s, %s, %s, %s, %s) ON CONFLICT (name) DO UPDATE SET "
+                "urdf = excluded.urdf, source = excluded.source, joints = excluded.joints, "
+                "capabilities = excluded.capabilities RETURNING id",
+                (name, kind, urdf, None if source is None else str(source), Jsonb(limits), able),
+            )
         )
-        statement = (
-            "INSERT INTO device (kind, urdf, source, joints, capabilities, name) "
-            "VALUES (%s, %s, %s, %s, %s, %s) RETURNING id"
-            if row is None
-            else "UPDATE device SET kind = %s, urdf = %s, source = %s, joints = %s, "
-            "capabilities = %s WHERE name = %s RETURNING id"
-        )
-        return number(session.execute(statement, values))
 
 
 def add_gripper(

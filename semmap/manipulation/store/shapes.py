@@ -28,6 +28,7 @@ class StoredShape:
     kind: str
     size: tuple[float, ...]
     pose: NDArray[np.float64]
+    inliers: float = 1.0
 
 
 def shape_of(session: Session, entity: str) -> StoredShape:
@@ -44,7 +45,7 @@ def shape_of(session: Session, entity: str) -> StoredShape:
             raise ManipulationError(f"{entity}: {error}") from error
         row = read_shape(session, model)
         assert row is not None
-    return StoredShape(row["shape"], tuple(row["size"]), row["shape_pose"].matrix)
+    return StoredShape(row["shape"], tuple(row["size"]), row["shape_pose"].matrix, row["inliers"])
 
 
 def model_mesh(session: Session, entity: str) -> trimesh.Trimesh:
@@ -94,14 +95,11 @@ def store_shapes(
         progress(name, done, len(found))
         try:
             with session.transaction():
-                shape_of(session, name)
+                shape = shape_of(session, name)
         except ManipulationError as error:
             problems.append(str(error))
-            continue
-        row = session.execute(
-            "SELECT shape, size, inliers FROM object_model WHERE id = %s",
-            (object_model_id(session, name),),
-        ).fetchone()
-        assert row is not None
-        rows.append({"entity": name, "shape": row[0], "size": row[1], "inliers": row[2]})
+        else:
+            size = list(shape.size)
+            found_row = {"entity": name, "shape": shape.kind, "size": size}
+            rows.append(found_row | {"inliers": shape.inliers})
     return FoundRows(rows, problems)

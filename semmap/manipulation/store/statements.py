@@ -52,7 +52,7 @@ def contributor_id(session: psycopg.Connection[Any], name: str) -> int:
     return int(row[0])
 
 
-def column(session: psycopg.Connection[Any], query: str, values: Sequence[Any] = ()) -> list[str]:
+def column(session: psycopg.Connection[Any], query: str, values: Sequence[Any] = ()) -> list[Any]:
     """The first column of a query."""
     return [row[0] for row in session.execute(query.encode(), values).fetchall()]
 
