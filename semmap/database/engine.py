@@ -25,14 +25,8 @@ from semmap.terminal import print_waiting
 def database_url(url: str | URL | Cluster | None = None) -> URL:
     """Which database is meant: `url`, else ``$SEMMAP_DB``, else the embedded cluster, started.
 
-    Parameters
-    ----------
-    url : ``postgresql://user:password@host:port/name``, as psql takes it, or an embedded cluster
-
-    Raises
-    ------
-    DatabaseError
-        The URL is not one of a PostgreSQL database, or the embedded cluster cannot be had.
+    The URL has the form ``postgresql://user:password@host:port/name``, as psql takes it.
+    DatabaseError where it is not one of PostgreSQL, or the embedded cluster cannot be had.
     """
     chosen, source = meant(url)
     if isinstance(chosen, Cluster):

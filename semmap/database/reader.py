@@ -55,17 +55,7 @@ def reading_session(session: psycopg.Connection[Any]) -> psycopg.Connection[Any]
 
 
 def as_reader(engine: Engine) -> Engine | None:
-    """An engine on the same embedded database, with the login of `reading_session`.
-
-    Returns
-    -------
-    None if the database is not an embedded one
-
-    Raises
-    ------
-    DatabaseError
-        As of `reading_session`.
-    """
+    """An engine on the same database with the login of `reading_session`; None as of that."""
     from semmap.database.engine import make_engine
     from semmap.database.maps import driver_of
 

@@ -28,14 +28,12 @@ ROUND = 6
 
 @dataclass(frozen=True)
 class ActionRecord:
-    """An action of a gripper on an object model (section III: grasp, push, place and their data).
+    """An action of a gripper on an object model (section III), in its frame; metres and radians.
 
-    `pose` is that of the grasp frame in the model's frame at contact; the approach begins at
-    `pre_pose`, the retreat ends at `post_pose`. `motion` is x, y, z of a push, and a point of the
-    axis, its direction and the angle of a turn or an opening, in the model's frame. `width` is
-    between the fingers at contact. `posture` and `pre_posture` are positions of joints at contact
-    and before (of a place, after). Trial and error moved it by `shift` in its own frame. Metres and
-    radians.
+    `pose` is that of the grasp frame at contact, between `pre_pose` and `post_pose`. `motion` is
+    the way of a push, and a point of the axis, its direction and the angle of a turn or an opening.
+    `width` is between the fingers; `posture` and `pre_posture` are those of joints at contact and
+    before (of a place, after). Trial and error moved it by `shift` in its own frame.
     """
 
     kind: str

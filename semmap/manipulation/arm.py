@@ -273,7 +273,8 @@ class Arm:
         positions = random.uniform(self.low, self.high, (20, len(self.low)))
         often = np.mean([self._touching(self._link_poses(p), pairs) for p in positions], axis=0)
         at_rest = self._touching(self._link_poses(self.rest()), pairs)
-        return pairs[(often < 0.7) & ~at_rest]
+        apart: NDArray[np.intp] = pairs[(often < 0.7) & ~at_rest]
+        return apart
 
     def _configuration(self) -> tuple[Any, list[Any]]:
         """The arm as mink moves it, one for each thread, and its limits."""

@@ -50,12 +50,11 @@ LIFT = 0.1
 
 @dataclass(frozen=True)
 class ArmMotion:
-    """A motion of an arm that does the action `row`; positions (N, D) of `joints`.
+    """A motion of an arm that does the action `row`: positions (N, D) of `joints`.
 
-    `to_pre_grasp` leads to where the approach begins, `approach` to the contact, of a place down to
-    where the object stands; `after` is the retreat of a place or the way of a push, else empty;
-    `back` leads to the posture at the start, after a push it is empty. `path` is the id of the
-    stored path of `to_pre_grasp`, which was there before if `reused`; `seconds` were spent.
+    `to_pre_grasp` leads to where the approach begins, `after` is the retreat of a place or the way
+    of a push, `back` leads to the posture at the start; both may be empty. `path` is the id of the
+    stored path of `to_pre_grasp`.
     """
 
     row: dict[str, Any]

@@ -45,12 +45,10 @@ def register_robot(
 ) -> str:
     """Store a robot with its gripper and sensors, as an automaton; return its name.
 
-    The sensors are devices ROBOT/SENSOR; the first one that finds objects is that of the automaton.
-    `palm` is the link that holds the fingers, where it has several grippers; the gripper is by
-    default that of the robot and ``_gripper``. `posture` are positions of the joints with which it
-    drives, and carries what it took, radians or metres, others at 0; by default, one that stays
-    near the robot is found. ManipulationError where it has no gripper that a joint moves, or cannot
-    take the posture; RobotError where the file is not a usable URDF.
+    Its sensors are devices ROBOT/SENSOR; the first one that finds objects is that of the automaton.
+    `palm` tells its gripper, by default named as it is and ``_gripper``. It drives with the joints
+    in `posture`, radians or metres, by default `carrying_posture`. ManipulationError where it has
+    no gripper that a joint moves, or cannot take the posture.
     """
     found = read_gripper(urdf, palm)
     _check_posture(found.robot, posture or {})

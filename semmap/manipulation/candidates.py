@@ -59,14 +59,13 @@ PASSES: dict[str, tuple[Pass, ...]] = {
 
 @dataclass(frozen=True, eq=False)
 class Grasp:
-    """A grasp of a model by a gripper.
+    """A grasp of a model by a gripper; metres.
 
-    `pose` and `pre_grasp` (4, 4) are the grasp frame in the model's frame, at the grasp and before
-    the approach, `width` metres between the pads at contact; `approach` is "top", "above", "side",
-    "below" or "bottom", by the z axis of the shape. `family` is what it has in common with grasps
-    of similar shapes: approach; closing axis x, y or z, or r across a round shape; degrees above
-    the side; offset; kind of approach. `shift` (3,) moved it from the candidate, metres in its own
-    frame.
+    `pose` and `pre_grasp` (4, 4) are the grasp frame in the model's frame, `width` is between the
+    pads, `approach` "top", "above", "side", "below" or "bottom" by the z axis of the shape.
+    `family` is what it has in common with grasps of similar shapes: approach; closing axis x, y or
+    z, or r across a round shape; degrees above the side; offset; kind of approach. `shift` (3,)
+    moved it from the candidate, in its own frame.
     """
 
     pose: Floats

@@ -144,10 +144,8 @@ def free_places(
 ) -> NDArray[np.bool_]:
     """Whether the gripper puts an object down at each place (N,) without touching an obstacle.
 
-    The closed gripper and the object, `item` (V, 3) in its model's frame, move straight from
-    `before` (N, 4, 4) to the pose; the open gripper moves straight to the pre-grasps, the way of a
-    grasp reversed. `model` (4, 4) is where the object is put, in the frame of the obstacles, which
-    have its support.
+    Gripper and object (V, 3) move straight from `before` (N, 4, 4) to the pose, the open gripper on
+    to the pre-grasp. `model` (4, 4) is where the object is put; the obstacles have its support.
     """
     gripper = places.gripper
     free = free_grasps(places, model, obstacles)
@@ -178,11 +176,10 @@ def free_way(
     item: Floats | None = None,
     held: Floats | None = None,
 ) -> bool:
-    """Whether a gripper comes straight along its approach from outside of a box to a pose.
+    """Whether a gripper comes straight along its approach from outside of a box to a pose (4, 4).
 
-    The box has its lowest and highest corner in the frame of the pose (4, 4) of the grasp frame and
-    of the obstacles; `width` is between the pads, metres. It may hold an item of (V, 3) vertices in
-    its model's frame, which is `held` (4, 4) in the grasp frame.
+    The box is the lowest and highest corner; the item (V, 3) that it may hold is `held` (4, 4) in
+    the grasp frame; `width` is between the pads, metres.
     """
     out = -pose[:3, 2]
     with np.errstate(divide="ignore", invalid="ignore"):

@@ -52,10 +52,9 @@ def import_household_grasps(
 ) -> dict[str, int]:
     """Store the grasps of files, all or none; return how many `models` and `grasps` there are.
 
-    `grippers` are names of stored ones by ``hand_name``, by default the same; `tool` is the grasp
-    frame (x, y, z, qx, qy, qz, qw) in that of the hand, by default the same; `scale` is metres per
-    unit: 0.001 for older databases. ManipulationError names the file, the row and the fix,
-    LookupError the hand that is not stored.
+    Stored `grippers` are named by ``hand_name``; `tool` is the grasp frame (x, y, z, qx, qy, qz,
+    qw) in that of the hand; `scale` is metres per unit: 0.001 for older databases.
+    ManipulationError names the file, the row and the fix, LookupError the hand that is not stored.
     """
     if not (math.isfinite(scale) and scale > 0):
         raise ManipulationError(f"scale is {scale}: give metres per unit, above 0")

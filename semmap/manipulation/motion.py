@@ -62,9 +62,9 @@ def plan_motion(
     """Positions (N, D) from start to goal (D,) that are free of collisions; None if not found.
 
     KPIECE (Şucan and Kavraki) of OMPL for half of the seconds of the processor, then RRT-Connect
-    (Kuffner and LaValle), then shortcuts. Neighbouring positions differ by at most `STEP` in each
-    joint, and each of them has been checked. ManipulationError where start or goal touches
-    something, or is beyond the limits of a joint. The pose of the stroke is not looked at.
+    (Kuffner and LaValle), then shortcuts; each position has been checked, and a joint moves by at
+    most `STEP` between them. ManipulationError where start or goal touches something or is beyond
+    limits.
     """
 
     def free(position: Floats) -> bool:
@@ -177,12 +177,7 @@ def free_strokes(
 def plan_strokes(
     arm: Arm, start: Floats, strokes: Sequence[Stroke], *, seconds: float = 5.0
 ) -> Iterator[list[Floats] | None]:
-    """Plan the motion to each posture of the arm in which some strokes are free.
-
-    The way to the end of the first stroke is planned (`plan_motion`), the others are straight.
-    Generated are the positions (N, D) of each stroke; None where no free motion to a posture is
-    found. ManipulationError where the start touches something.
-    """
+    """The motions (N, D) of strokes to each posture where they are free; None if not found."""
     for before, after in free_strokes(arm, start, strokes):
         path = plan_motion(arm, start, before, strokes[0], seconds)
         yield None if path is None else [path, *after]

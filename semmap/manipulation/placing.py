@@ -26,6 +26,9 @@ ABOVE = 0.003
 FIRM = np.radians(20)
 """An object that falls over at this tilt stands firmly."""
 
+MARGIN = 0.01
+"""The least distance to edges and obstacles, metres."""
+
 LEAST = 0.05
 """The least stability."""
 
@@ -37,8 +40,8 @@ BASE = 0.003
 class PlacePose:
     """A pose (4, 4) of an object's model on a surface, in the frame of the surfaces.
 
-    `spot` is the middle of its outline from above, `surface` a number, `clearance` the metres to
-    the nearest edge or obstacle; `quality` is that by the radius of the object, at most 1.
+    `spot` is the middle of its outline; `clearance` the metres to the nearest edge or obstacle, and
+    `quality` that by the radius of the object, at most 1.
     """
 
     pose: Floats
@@ -54,22 +57,15 @@ def place_candidates(
     surfaces: Sequence[LevelPatch],
     obstacles: Floats,
     *,
-    margin: float = 0.01,
     spacing: float = 0.04,
     all_headings: bool = False,
 ) -> list[PlacePose]:
     """Poses at which an object stands free on a surface, the ones with most room first.
 
     The object is (N, 3) vertices in its model's frame, which stands in the pose `upright` (4, 4);
-    its place and heading are chosen here. `obstacles` (F, 3, 3) are triangles of all else, `margin`
-    the least distance to them and to edges, `spacing` that of spots that are tried, metres.
-    `all_headings` returns those of a spot, too, where the object is free in any. ManipulationError
-    where a number is not above 0 or the object has no extent.
+    its place and heading are chosen here. It stays `MARGIN` from edges and `obstacles`, triangles
+    (F, 3, 3) of all else. `all_headings` returns those of a spot, too, where any is free.
     """
-    if not (margin >= 0 and spacing > 0):
-        raise ManipulationError(
-            f"margin is {margin:g} and spacing {spacing:g}: give at least 0, and above 0"
-        )
     standing = vertices @ upright[:3, :3].T
     low, high = standing.min(axis=0), standing.max(axis=0)
     hull = shapely.convex_hull(shapely.multipoints(standing[:, :2]))
@@ -86,7 +82,7 @@ def place_candidates(
     for number, surface in enumerate(surfaces):
         if surface.area < hull.area:
             continue
-        bottom, top = surface.height + ABOVE, surface.height + ABOVE + high[2] - low[2] + margin
+        bottom, top = surface.height + ABOVE, surface.height + ABOVE + high[2] - low[2] + MARGIN
         x0, y0, x1, y1 = surface.outline.bounds
         flat = obstacles[..., :2]
         near = (highest > bottom) & (lowest < top)
@@ -101,12 +97,12 @@ def place_candidates(
         spots = spots[shapely.contains_xy(edge, spots)]
         tried = np.ones((len(spots), TURNS), bool)
         if not all_headings:
-            tried[_room(shapely.points(spots), edge, blocked) >= radius + margin, 1:] = False
+            tried[_room(shapely.points(spots), edge, blocked) >= radius + MARGIN, 1:] = False
         which, turn = np.nonzero(tried)
         areas = shapely.polygons(turned[turn] + spots[which, None])
         inside = np.flatnonzero(shapely.contains(edge, areas))
         gaps = _room(areas[inside], edge, blocked)
-        for i, gap in zip(inside[gaps >= margin], gaps[gaps >= margin], strict=True):
+        for i, gap in zip(inside[gaps >= MARGIN], gaps[gaps >= MARGIN], strict=True):
             at, angle = spots[which[i]], float(angles[turn[i]])
             pose = _turned(upright, angle, middle, at, bottom - low[2])
             share = min(1.0, float(gap) / radius)
@@ -146,11 +142,7 @@ def _room(areas: NDArray[np.object_], edge: Polygon, blocked: Geometry) -> Float
 
 
 def stability(vertices: Floats, upright: Floats) -> float:
-    """How firmly an object stands, by the tilt at which it falls over: 1 from `FIRM` on.
-
-    At least `LEAST`, as meshes of round bottoms stand, too. The vertices (N, 3) are those of the
-    model, which stands in the pose `upright` (4, 4); its density is even.
-    """
+    """How firmly vertices (N, 3) stand in a pose (4, 4), by the tilt of a fall, up to `FIRM`."""
     standing = vertices @ upright[:3, :3].T
     centre = solid_hull(standing)[1]
     lowest = standing[:, 2].min()

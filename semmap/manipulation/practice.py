@@ -99,10 +99,8 @@ def practise_places(
 ) -> list[dict[str, Any]]:
     """Try places of an object on another one until it rests there; store each outcome.
 
-    The gripper takes the object, puts it down on an even surface, and moves away. A place whose
-    grasp does not hold the object has no outcome. Each attempt has `action_id`, `family`, `off`
-    (metres from where the object should be), `tilted` (degrees) and `outcome`. Raises as
-    `practise`.
+    Each attempt has `action_id`, `family`, `off` (metres from where the object should be), `tilted`
+    (degrees) and `outcome`; a place whose grasp does not hold the object has none. As `practise`.
     """
     name = gripper_name(session, gripper)
     found = find_places(session, entity, on, gripper=name, limit=tries)
@@ -131,14 +129,11 @@ def try_place(
     place: int,
     *,
     stands: Pose,
-    mass: float | None = None,
-    friction: float = 0.5,
 ) -> str | None:
     """How a place fails in simulation after a grasp, None for a success; nothing is stored.
 
-    ``toppled``, ``strayed``, or `NOT_HELD`: the grasp failed, which says nothing of the place. The
-    object `stands` so in the map's frame before it is taken. LookupError without the entity,
-    gripper or action, ManipulationError without a mesh with a volume.
+    ``toppled``, ``strayed``, or `NOT_HELD`, which says nothing of the place. The object `stands` so
+    in the map before it is taken. LookupError without the actions.
     """
     name = gripper_name(session, gripper)
     found = {}
@@ -148,7 +143,7 @@ def try_place(
         if number not in known:
             raise LookupError(f"{entity}: there is no {kind} {number} of it by gripper {name}")
         found[kind] = known[number]
-    trial = _trial(session, entity, name, mass, friction, stands)
+    trial = _trial(session, entity, name, stands=stands)
     row = found["place"]
     to_model = row["model_pose"].matrix @ np.linalg.inv(row["pose"].matrix)
     return _put(trial, found["grasp"], row, to_model)[1]
@@ -210,7 +205,7 @@ def _until_one_succeeds(
         )
         if cause != NOT_HELD:
             outcome = "completed" if cause is None else "error"
-            values = {"outcome": outcome, "simulated": True, "message": cause}
+            values: dict[str, Any] = {"outcome": outcome, "simulated": True, "message": cause}
             record_task(session, entity, kind, action=row["action_id"], **values)
         if cause is None:
             break
@@ -221,8 +216,8 @@ def _trial(
     session: Session,
     entity: str,
     gripper: str,
-    mass: float | None,
-    friction: float,
+    mass: float | None = None,
+    friction: float = 0.5,
     stands: Pose | None = None,
 ) -> Trial:
     """A trial of an object as it stands in the map, or at a pose."""

@@ -19,6 +19,9 @@ from semmap.manipulation.gripper import Gripper
 
 Floats = NDArray[np.float64]
 
+SAFETY = 0.05
+"""Metres between pre-push and push."""
+
 DIRECTIONS = 16
 """Directions of pushes."""
 
@@ -69,19 +72,12 @@ def push_candidates(
     *,
     distance: float = 0.1,
     height: float = 0.5,
-    safety: float = 0.05,
 ) -> list[Push]:
     """Pushes of an object in all directions of the plane that it stands on, best first.
 
-    The object is (N, 3) vertices in its model's frame, whose pose is `model` (4, 4), z up. It is
-    pushed by `distance` metres, touched at a `height` that is a share of its own; `safety` is the
-    metres from pre-push to push. ManipulationError where a number is not above 0.
+    The object is (N, 3) vertices in its model's frame, whose pose is `model` (4, 4), z up, pushed
+    by `distance` metres at a `height` that is a share of its own.
     """
-    if not (distance > 0 and safety > 0 and 0 < height < 1):
-        raise ManipulationError(
-            f"distance {distance:g}, safety {safety:g}, height {height:g}: give numbers above 0, "
-            "and a height below 1"
-        )
     placed = vertices @ model[:3, :3].T + model[:3, 3]
     hull = shapely.convex_hull(shapely.multipoints(placed[:, :2]))
     if not isinstance(hull, Polygon) or hull.area == 0:
@@ -100,7 +96,7 @@ def push_candidates(
         pose[:3, 3] = [*(contact - tip * along), level]
         end, before = pose.copy(), pose.copy()
         end[:2, 3] += distance * along
-        before[:2, 3] -= safety * along
+        before[:2, 3] -= SAFETY * along
         posture = dict(gripper.postures[-1])
         found.append(Push(pose, end, before, posture, squarely))
     return sorted(found, key=lambda push: -push.quality)
@@ -114,11 +110,7 @@ def free_pushes(
     surface: Polygon | MultiPolygon,
     obstacles: Obstacles,
 ) -> NDArray[np.bool_]:
-    """Whether an object stays on its surface in each push (N,), and nothing else is touched.
-
-    All is in the frame of the obstacles, which have the surface on which the object stands but not
-    the object; `vertices` and `model` as `push_candidates` takes them.
-    """
+    """Whether an object stays on its surface in each push (N,), and nothing else is touched."""
     placed = vertices @ model[:3, :3].T + model[:3, 3]
     lifted = placed + np.array((0, 0, GAP))  # free of what it stands on
     free = np.zeros(len(pushes), bool)

@@ -84,11 +84,7 @@ class Evidence:
         pose: Pose | None = None,
         extent: float | None = None,
     ) -> None:
-        """Take in outcomes of a family, or of an action that was moved by `shift` (3,) metres.
-
-        The shift is in the frame of the action, `pose` is that in the frame of the shape, and
-        `extent` the largest size of the shape.
-        """
+        """Take in outcomes of a family, moved by (3,) metres at a pose in the shape's frame."""
         group = group_of(family)
         (self.own if own else self.alike).add((group, shift is not None), outcomes)
         if shift is None or pose is None or extent is None or own or not outcomes.successes:
@@ -109,11 +105,7 @@ class Evidence:
         return tried.expected(near.expected(prior))
 
     def shift(self, grasp: Grasp, shape_pose: Floats, extent: float) -> Floats | None:
-        """How grasps of this family were moved on similar shapes, (3,) metres in the grasp's frame.
-
-        The shape has a pose (4, 4) in the frame of the model and a largest size. None where none
-        was moved and succeeded, or by nearly nothing.
-        """
+        """How this family was moved on similar shapes, (3,) metres in the grasp's frame."""
         known = self.shifts.get(group_of(grasp.family))
         if not known:
             return None

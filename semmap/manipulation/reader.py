@@ -166,11 +166,7 @@ def actions_by_shape(
     kind: str = "grasp",
     limit: int = 10,
 ) -> list[Row]:
-    """The best stored actions on object models of a shape whose sizes differ by the tolerance.
-
-    As `actions_on`; `pose`, `pre_pose` and `post_pose` are in the frame of the shape, and
-    `difference` is the largest difference of a size, metres.
-    """
+    """The best stored actions on models of a shape, sizes within the tolerance, in its frame."""
     _check_kind(kind)
     numbers = finite_numbers(size, len(SIZES[shape])) if shape in SIZES else None
     if numbers is None or min(numbers) <= 0:

@@ -47,10 +47,9 @@ def find_grasps(
 ) -> FoundActions:
     """The best grasps of objects; those of models without any are generated and stored.
 
-    The expected share of successes is that of `ranked`. Where it is higher for grasps that are
-    moved as those of similar shapes were, these are stored, too. Grasps of linked models (`semmap
-    interlink`) count as stored ones. `check` leaves out grasps at which the gripper would touch
-    other objects of the map, or the object itself before it closes. Else as `actions_on`.
+    They are ranked (`ranked`), and moved as those of similar shapes were. Grasps of linked models
+    count as stored ones. `check` leaves out those at which the gripper touches what is around, or
+    the object before it closes. Else as `actions_on`.
     """
     asked = {"name": name, "function": function, "point": point, "tolerance": tolerance}
     entities = entities_meant(session, **asked)  # type: ignore[arg-type]

@@ -77,8 +77,8 @@ def free_rows(
 ) -> list[dict[str, Any]]:
     """The first rows of grasps that the gripper reaches without touching anything else.
 
-    The open gripper must not touch the object either on its way, except by grasps that have
-    succeeded: hulls of links are larger than the links. The order of the rows is kept.
+    The object must not be touched either on the way, except by grasps that have succeeded: hulls of
+    links are larger than the links.
     """
     around: dict[str, tuple[Obstacles, Obstacles]] = {}
     found: list[dict[str, Any]] = []

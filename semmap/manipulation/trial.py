@@ -70,9 +70,7 @@ def body_of(
 ) -> Body:
     """An object for trials, of `mass` in kg, else of the density in kg/m³.
 
-    The solid lies at `pose` (4, 4) in the frame of its model; the centre of mass is that of even
-    density, moved by `offset`, metres. ManipulationError where a mesh has no volume, or a mass or
-    friction is not above 0.
+    A solid lies at `pose` (4, 4); `offset` moves the centre of mass, metres, in the model's frame.
     """
     pose = np.eye(4) if pose is None else pose
     if isinstance(given, ConvexSolid):
@@ -264,23 +262,13 @@ class Trial:
         shape.condim = 4
         shape.mass = 0.0
 
-    def run(
-        self,
-        grasp: Grasp,
-        *,
-        closing: Mapping[str, float] | None = None,
-        error: Floats | None = None,
-    ) -> TrialOutcome:
-        """Try a grasp, given in the frame of the object's model, and return what happened.
-
-        The fingers are driven to the positions `closing`, by default fully closed, until the object
-        stops them. The robot is wrong about the pose of the model by `error` (4, 4).
-        """
+    def run(self, grasp: Grasp, *, error: Floats | None = None) -> TrialOutcome:
+        """Try a grasp, in the model's frame, whose pose the robot has wrong by `error` (4, 4)."""
         wrong = np.eye(4) if error is None else error
         goal = self.standing @ wrong @ grasp.pose
         before = self.standing @ wrong @ grasp.pre_grasp
         opened = grasp.pre_posture
-        shut = dict(self.gripper.postures[-1]) if closing is None else dict(closing)
+        shut = dict(self.gripper.postures[-1])
         self._reset(opened, before)
         start = self._pose()
         self._drive(opened, opened, before, goal, APPROACH)
@@ -310,10 +298,10 @@ class Trial:
         )
 
     def put(self, grasp: Grasp, before: Floats, after: Floats) -> Rest:
-        """Take the object, put it down where it stood, and return where it is then.
+        """Take the object, put it down where it stood, and return how it rests.
 
-        The gripper begins to move down at `before` (4, 4) and, opened, ends at `after`, in the
-        frame of the model at its place, as the grasp is.
+        The gripper begins to move down at `before` (4, 4) and, opened, ends at `after`, model's
+        frame.
         """
         opened, shut = grasp.pre_posture, dict(self.gripper.postures[-1])
         goal, down, away = (self.standing @ pose for pose in (grasp.pose, before, after))

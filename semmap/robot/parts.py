@@ -38,17 +38,11 @@ def robot_parts(
     state: Mapping[str, float],
     grouping: Path | str | Sequence[LinkGroup] | None = None,
 ) -> list[Part]:
-    """Return the parts of a robot in a joint state.
+    """Return the parts of a robot in a joint state; other joints, radians or metres, are at 0.
 
-    Parameters
-    ----------
-    state : joint positions, radians or metres; other joints are at 0
-    grouping : a YAML file (`read_groups`), or groups; by default they are found (`find_groups`)
-
-    Raises
-    ------
-    RobotError
-        The robot cannot take the state, or the grouping does not fit it.
+    The grouping is a YAML file (`read_groups`), or groups; by default they are found
+    (`find_groups`). RobotError where the robot cannot take the state, or the grouping does not fit
+    it.
     """
     if grouping is None:
         groups: Sequence[LinkGroup] = find_groups(robot)

@@ -77,9 +77,7 @@ def export_bundle(
     """Write the knowledge of this database to a signed bundle; return how much it has.
 
     Actions that were imported and never tried here are left out: their contributors share them.
-    Receivers list the contributor by `name`. Outcomes of simulated robots count if `simulated`. The
-    key is by default that of the user. ManipulationError where the name is not one for a
-    contributor, or the file cannot be written.
+    ManipulationError where the name is not one for a contributor, or the file cannot be written.
     """
     if name in RESERVED or not name.strip():
         raise ManipulationError(f"{name!r} is not a name for a contributor: choose another one")
@@ -156,12 +154,10 @@ def trust(session: Session, name: str, key: str, level: float = 1.0) -> None:
 
 
 def import_bundle(session: Session, path: Path) -> dict[str, int]:
-    """Store the knowledge of a bundle, if somebody who is trusted signed it.
+    """Store the knowledge of a bundle, if somebody who is trusted signed it; return what was new.
 
-    Outcomes replace those of former bundles of the same contributor; own knowledge stays. Returns
-    how many `grippers`, `objects` and `actions` were new, and how many `outcomes` it has.
-    ManipulationError where it was changed, is of another version, older than one that was imported
-    before, signed by nobody who is trusted, or has an entry that cannot be used; nothing is stored.
+    Outcomes replace those of former bundles of the same contributor; own knowledge stays.
+    ManipulationError where it cannot be trusted or used; nothing is stored.
     """
     error = partial(_error, path)
     lines, header = _checked_lines(session, path, error)

@@ -36,9 +36,7 @@ def add_device(
 ) -> int:
     """Store a robot, gripper or sensor, or update the one of this name; return its id.
 
-    A gripper also needs `add_gripper`. `source` is the file of the URDF, with its meshes, `joints`
-    are limits by name, radians or metres, `capabilities` by default those of its kind.
-    ManipulationError where a device of this name is of another kind.
+    `source` is the file of the URDF, `joints` are limits by name, radians or metres.
     """
     if kind not in CAPABILITIES:
         raise ManipulationError(f"{name}: {kind} is not one of {', '.join(CAPABILITIES)}")
@@ -73,10 +71,8 @@ def add_gripper(
 ) -> int:
     """Store a gripper, or update the one of this name; return its id.
 
-    `form` is parallel or multi-finger, `opening` the widest object that it closes on, `depth` how
-    deep its fingers are, metres. Where a query names no gripper, the `preferred` one is meant; by
-    default, if none is yet. ManipulationError where a size is not positive, or a device of this
-    name is not a gripper.
+    `opening` is the widest object that it closes on, `depth` how deep its fingers are, metres. The
+    `preferred` one is meant where a query names none; by default, if none is yet.
     """
     if not (math.isfinite(opening) and opening > 0):
         raise ManipulationError(f"gripper {name}: its opening is {opening}: give metres above 0")

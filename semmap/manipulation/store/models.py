@@ -57,11 +57,7 @@ def add_object(
     primitive: Any = None,
     digests: Sequence[str] = (),
 ) -> int:
-    """Store an object model that no map needs to have, such as a shape alone; return its id.
-
-    `key` is the same in all databases, `functions` are its uses beside those of its type, `digests`
-    those of its meshes. ManipulationError where the type is not known or the primitive is not one.
-    """
+    """Store an object model, such as a shape alone, by a key for all databases; return its id."""
     if (
         type is not None
         and not session.execute("SELECT 1 FROM semantic_type WHERE name = %s", (type,)).fetchone()

@@ -72,12 +72,10 @@ def store_shapes(
     names: Sequence[str] | None = None,
     progress: Callable[[str, int, int], None] = lambda name, done, total: None,
 ) -> FoundRows:
-    """Store the primitives of all meshes of the map that have none yet.
+    """Store the primitives of all meshes of the map, or those of some entities, that have none yet.
 
-    The names are by default those of all objects with a mesh, one of each model; `progress` is
-    called with each, how many are done and how many there are. Rows have `entity`, `shape`, `size`
-    (metres) and `inliers`; `problems` says why a mesh has no primitive, such as one without a
-    volume. LookupError where the map has no entity of a name.
+    Rows have `entity`, `shape`, `size` (metres) and `inliers`; `problems` says why a mesh has none.
+    `progress` is called with each name, how many are done and how many there are.
     """
     for name in names or ():
         entity_id(session, name)
