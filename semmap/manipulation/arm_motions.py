@@ -32,7 +32,7 @@ from semmap.manipulation.motion import (
     plan_strokes,
     straight_motions,
 )
-from semmap.manipulation.store.paths import add_path
+from semmap.manipulation.store.devices import add_path
 from semmap.manipulation.store.shapes import model_mesh
 from semmap.manipulation.surroundings import entity_triangles, obstacles_around
 

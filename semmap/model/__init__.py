@@ -10,6 +10,8 @@ from semmap.model.entity import (
     Connector,
     Elevator,
     Entity,
+    EntityModel,
+    GeometricModel,
     Link,
     Object,
     ObjectType,
@@ -18,7 +20,6 @@ from semmap.model.entity import (
     StoredMap,
     Storey,
 )
-from semmap.model.geometry import EntityModel, GeometricModel
 from semmap.model.history import EntityHistory, PlacementHistory
 from semmap.model.manipulation import (
     Contributor,
