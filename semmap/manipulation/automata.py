@@ -187,11 +187,7 @@ def base_pose(session: Session, name: str, given: Sequence[float] | None = None)
 
 
 def facing_first(rows: Sequence[dict[str, Any]], base: Pose) -> list[dict[str, Any]]:
-    """Actions in order: of equally good ones, those that face away from a robot first.
-
-    An arm reaches objects before it most easily. Expected shares of successes that differ by less
-    than 0.01 are equal.
-    """
+    """Actions by expected share, to 0.01, then those first that face away from a robot."""
 
     def order(row: dict[str, Any]) -> tuple[float, float]:
         pose = row["pose"].matrix

@@ -24,8 +24,7 @@ def carrying_posture(arm: Arm) -> dict[str, float]:
     """Positions of an arm's joints with which a robot can drive, by name, radians or metres.
 
     Of random postures in which the arm, with a ball in its gripper, touches nothing of the robot,
-    it is the one that stays nearest to the robot's vertical axis; at rest where all touch
-    something.
+    the one nearest to the robot's vertical axis; at rest where all touch something.
     """
     random = np.random.default_rng(0)
     drawn = random.uniform(arm.low, arm.high, (DRAWN, len(arm.low)))

@@ -1,8 +1,4 @@
-"""The effect evaluator: did a grasp go as expected, and which is next (Tosello et al., IV-C).
-
-A failure has a cause, and a cause a correction; where that does not help, a grasp of another kind
-is tried. A grasp that works replaces one that failed.
-"""
+"""The effect evaluator: did a grasp go as expected, and which is next (Tosello et al., IV-C)."""
 
 from __future__ import annotations
 

@@ -13,11 +13,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class FoundActions(FoundRows):
-    """Actions on objects, rows as of `actions_on`, the best first; `problems` say why none is.
-
-    `generated` are entities whose models had no stored action of the kind before; `motion` is that
-    of a robot's arm that does the first action.
-    """
+    """Actions as of `actions_on`, the best first; `generated` are entities that had none before."""
 
     generated: list[str] = field(default_factory=list)
     motion: ArmMotion | None = None

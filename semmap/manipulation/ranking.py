@@ -172,11 +172,7 @@ def _quality(row: dict[str, Any]) -> float:
 def moved_alike(
     session: Session, rows: Sequence[dict[str, Any]], gripper: str, opening: float
 ) -> list[Grasp]:
-    """Grasps of one object model, moved as trial and error moved them on similar shapes.
-
-    Only those that are better for it, by all outcomes, and of families of which none was moved on
-    this object. The gripper opens by `opening` metres.
-    """
+    """Grasps of one object model that get better by moving them as those of similar shapes were."""
     evidence = evidence_on(session, rows[0]["object_id"], gripper)
     shape = read_shape(session, rows[0]["object_id"])
     if not evidence.shifts or shape is None:

@@ -26,11 +26,7 @@ RANKED = 1000
 
 @dataclass(frozen=True)
 class RobotActions:
-    """A stored robot that stands at `base`, map's frame: what its arm reaches, and how it moves.
-
-    `plan` plans the motion of the arm to the first action for which it is free, from the positions
-    of joints in `state`, by default as the robot carries; then there is one row.
-    """
+    """A stored robot at `base`, map's frame: what its arm reaches, and if to `plan` motions."""
 
     session: Session
     name: str

@@ -120,10 +120,9 @@ def export_bundle(
 
 
 def trust(session: Session, name: str, key: str, level: float = 1.0) -> None:
-    """Trust the bundles of a contributor, so that they can be imported.
+    """Trust the bundles of a contributor, by its key of 64 hexadecimal digits.
 
-    `key` are 64 hexadecimal digits, `level` how much its outcomes count, 0 to 1; with 0 its bundles
-    are refused. ManipulationError where they are not, or name or key belongs to somebody else.
+    `level` is how much its outcomes count, 0 to 1; with 0 its bundles are refused.
     """
     try:
         public = bytes.fromhex(key)

@@ -16,11 +16,7 @@ from semmap.suggestions import suggestion
 
 
 def object_model_id(session: Session, model: str | int) -> int:
-    """The id of an object model: of an entity's mesh, which is made if nothing is known yet.
-
-    LookupError where the map has no entity of this name, or there is no object model of this id.
-    ManipulationError where the entity has no mesh, so that nothing could be shared with others.
-    """
+    """The id of an object model, or of that of an entity's mesh, which is made at need."""
     if isinstance(model, int):
         if session.execute("SELECT 1 FROM object_model WHERE id = %s", (model,)).fetchone():
             return model
