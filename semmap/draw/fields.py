@@ -15,6 +15,7 @@ from semmap.draw.palette import INK, PAPER
 from semmap.draw.rasteriser import Camera, nearest_triangles, quarters
 from semmap.draw.shading import Surfaces, shade
 from semmap.draw.sheet import rendered_sheet, save_sheet
+from semmap.geometry.mesh import voxel_mesh
 
 Floats = NDArray[np.float64]
 
@@ -32,18 +33,9 @@ class FieldView:
 
 def voxel_faces(voxels: NDArray[np.int32], size: float) -> Floats:
     """Return the (F, 3, 3) triangles of those faces of cubes that no other cube covers, metres."""
-    shifted = voxels.astype(np.int64) + (1 << 20)
-    keys = (shifted[:, 0] << 42) | (shifted[:, 1] << 21) | shifted[:, 2]
-    parts = [np.zeros((0, 3, 3))]
-    for axis in range(3):
-        for side in (0, 1):
-            step = (1 if side else -1) << (42 - 21 * axis)
-            free = voxels[~np.isin(keys + step, keys)].astype(float)
-            free[:, axis] += side
-            u, v = np.eye(3)[[(axis + 1) % 3, (axis + 2) % 3]]
-            for second, third in ((u, u + v), (u + v, v)):
-                parts.append(np.stack([free, free + second, free + third], axis=1))
-    return np.concatenate(parts) * size
+    if not len(voxels):
+        return np.zeros((0, 3, 3))
+    return voxel_mesh(voxels.astype(np.int64)).triangles * size
 
 
 def fields_picture(

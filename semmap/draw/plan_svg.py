@@ -6,7 +6,6 @@ import html
 from collections.abc import Iterable, Mapping
 from typing import Any
 
-import numpy as np
 import shapely
 
 from semmap.draw.palette import HIDDEN, INK, PAPER, PATH, STATES, object_colour, room_colour
@@ -79,40 +78,35 @@ def _shape(
     kind, name = row["kind"], row["name"]
     above = types.get(row["type"], ())
     if kind == "connector":
-        colour = STATES.get(row["state"], PATH)
-        style = f'fill="none" stroke="{colour}" stroke-width="{5 * thin:.4f}"'
+        fill, stroke, width = "none", STATES.get(row["state"], PATH), 5.0
     elif kind == "region":
-        style = (
-            f'fill="{PATH}" fill-opacity="0.06" stroke="{PATH}" stroke-width="{thin:.4f}" '
-            f'stroke-dasharray="{4 * thin:.4f}"'
-        )
+        fill, stroke, width = PATH, PATH, 1.0
     elif kind == "room":
-        style = f'fill="{room_colour(above, name)}" stroke="{INK}" stroke-width="{2 * thin:.4f}"'
+        fill, stroke, width = room_colour(above, name), INK, 2.0
     else:
-        style = f'fill="{object_colour(above)}" stroke="{INK}" stroke-width="{0.7 * thin:.4f}"'
+        fill, stroke, width = object_colour(above), INK, 0.7
+    style = f'fill="{fill}" stroke="{stroke}" stroke-width="{width * thin:.4f}"'
+    if kind == "region":
+        style += f' fill-opacity="0.06" stroke-dasharray="{4 * thin:.4f}"'
     if marked:
         style += f' paint-order="stroke" style="stroke:{PATH};stroke-width:{4 * thin:.4f}"'
     kind_of = " ".join(filter(None, (row["type"] or kind, name)))
     tip = f"<title>{html.escape(kind_of)}</title>" if titled else ""
-    geometry = row["geometry"]
-    simple = (
-        geometry.simplify(0.5 * thin) if len(shapely.get_coordinates(geometry)) > 50 else geometry
-    )
-    return f'<path d="{_path(simple)}" fill-rule="evenodd" {style}>{tip}</path>'
+    shown = row["geometry"]
+    if len(shapely.get_coordinates(shown)) > 50:
+        shown = shown.simplify(0.5 * thin)
+    return f'<path d="{_path(shown)}" fill-rule="evenodd" {style}>{tip}</path>'
 
 
 def _path(geometry: shapely.Geometry) -> str:
     """The data of a path; y points down in SVG."""
-    rings = []
+    paths = []
     for part in shapely.get_parts(geometry):
-        if isinstance(part, shapely.Polygon):
-            rings += [(ring, "Z") for ring in (part.exterior, *part.interiors)]
-        else:
-            rings.append((part, ""))
-    return "".join(
-        "M" + "L".join(f"{x:.3f},{-y:.3f}" for x, y in np.asarray(ring.coords)[:, :2]) + end
-        for ring, end in rings
-    )
+        is_area = isinstance(part, shapely.Polygon)
+        for ring in (part.exterior, *part.interiors) if is_area else (part,):
+            points = "L".join(f"{x:.3f},{-y:.3f}" for x, y in shapely.get_coordinates(ring))
+            paths.append(f"M{points}{'Z' if is_area else ''}")
+    return "".join(paths)
 
 
 def _word(row: Mapping[str, Any], thin: float) -> str:

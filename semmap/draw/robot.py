@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from itertools import cycle
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +13,7 @@ from matplotlib.patches import Circle
 from matplotlib.patches import Polygon as Patch
 from matplotlib.ticker import MultipleLocator
 
+from semmap.draw.labels import Style
 from semmap.draw.palette import INK, PAPER, PART_COLOURS
 from semmap.draw.scene3d import scene3d
 from semmap.draw.sheet import save_sheet
@@ -29,16 +31,10 @@ def robot_views(
     `meshes` are those of links, in the robot's frame.
     """
     found = []
-    for number, part in enumerate(parts):
+    for part, colour in zip(parts, cycle(PART_COLOURS)):
         mesh = join([meshes[link] for link in part.links if link in meshes])
-        found.append(
-            ObjectView(
-                part.name,
-                ("robot",),
-                mesh if pose is None else mesh.moved(pose),
-                colour=PART_COLOURS[number % len(PART_COLOURS)],
-            )
-        )
+        shown = mesh if pose is None else mesh.moved(pose)
+        found.append(ObjectView(part.name, ("robot",), shown, colour=colour))
     return found
 
 
@@ -56,52 +52,38 @@ def footprints_picture(parts: Sequence[Part], path: Path | str, title: str = "")
     """Draw the heights and footprints of parts (Figure 7); return the path of the picture."""
     figure = Figure(figsize=(11, 6.2), dpi=150, facecolor=PAPER, layout="constrained")
     side, above = figure.subplots(1, 2, width_ratios=(1, 1.35))
-    for number, part in enumerate(parts):
-        colour = PART_COLOURS[number % len(PART_COLOURS)]
+    beside: Style = {"textcoords": "offset points", "va": "center", "fontsize": 9, "color": INK}
+    for part, colour in zip(parts, cycle(PART_COLOURS)):
         low, high = part.interval
         x0, x1 = part.footprint[:, 0].min(), part.footprint[:, 0].max()
         side.add_patch(
             Patch([(x0, low), (x1, low), (x1, high), (x0, high)], fc=colour, ec=colour, alpha=0.45)
         )
-        side.annotate(
-            f"{part.name}\n{abs(low) if abs(low) < 5e-3 else low:.2f} to {high:.2f} m",
-            (x1, (low + high) / 2),
-            (6, 0),
-            textcoords="offset points",
-            va="center",
-            fontsize=9,
-            color=INK,
-        )
+        text = f"{part.name}\n{abs(low) if abs(low) < 5e-3 else low:.2f} to {high:.2f} m"
+        side.annotate(text, (x1, (low + high) / 2), (6, 0), **beside)
         above.add_patch(Patch(part.footprint, fc=colour, ec=colour, alpha=0.35, lw=1.5))
         above.add_patch(Patch(part.footprint, fc="none", ec=colour, lw=1.8))
         radii = part.inscribed_radius, part.circumscribed_radius
         label = f"{part.name}: {radii[0]:.2f} to {radii[1]:.2f} m"
-        above.add_patch(
-            Circle((0, 0), radii[1], fc="none", ec=colour, lw=1.2, ls="--", label=label)
-        )
+        ring = Circle((0, 0), radii[1], fc="none", ec=colour, lw=1.2, ls="--", label=label)
+        above.add_patch(ring)
     above.plot([0], [0], marker="+", color=INK, ms=12)
     above.annotate("", (0.12, 0), (0, 0), arrowprops={"arrowstyle": "->", "color": INK})
     reach = max(p.circumscribed_radius for p in parts) * 1.12
-    top = max(p.interval[1] for p in parts)
-    _frame(side, (-reach, reach + 0.35), (-0.05, top * 1.06), "x, metres", "z, metres")
-    _frame(above, (-reach, reach), (-reach, reach), "x, metres", "y, metres")
-    side.set_title("intervals of height", fontsize=10, loc="left", color=INK)
-    above.set_title(
-        "footprints, and the radius that inflates each layer", fontsize=10, loc="left", color=INK
-    )
+    heights = -0.05, max(p.interval[1] for p in parts) * 1.06
+    _frame(side, (-reach, reach + 0.35), heights, "z, metres", "intervals of height")
+    inflated = "footprints, and the radius that inflates each layer"
+    _frame(above, (-reach, reach), (-reach, reach), "y, metres", inflated)
     above.legend(loc="upper left", fontsize=8, frameon=True)
     figure.suptitle(title, x=0.02, ha="left", fontsize=13, weight="bold", color=INK)
     return save_sheet(figure, path)
 
 
-def _frame(
-    axes: Axes, x: tuple[float, float], y: tuple[float, float], across: str, up: str
-) -> None:
-    axes.set_xlim(*x)
-    axes.set_ylim(*y)
-    axes.set_aspect("equal")
-    axes.set_xlabel(across, fontsize=9)
+def _frame(axes: Axes, x: tuple[float, float], y: tuple[float, float], up: str, title: str) -> None:
+    axes.set(xlim=x, ylim=y, aspect="equal")
+    axes.set_xlabel("x, metres", fontsize=9)
     axes.set_ylabel(up, fontsize=9)
+    axes.set_title(title, fontsize=10, loc="left", color=INK)
     step = 0.2 if np.ptp(x) < 3 else 0.5
     axes.xaxis.set_major_locator(MultipleLocator(step))
     axes.yaxis.set_major_locator(MultipleLocator(step))

@@ -94,6 +94,33 @@ def box_mesh(low: tuple[float, float, float], high: tuple[float, float, float]) 
     return Mesh(corners, np.array(faces, dtype=np.int32))
 
 
+def voxel_mesh(voxels: NDArray[np.int64]) -> Mesh:
+    """Two triangles for each side of a voxel (N, 3) that no other covers; vertices in voxels."""
+    low, shape = voxels.min(axis=0) - 1, np.ptp(voxels, axis=0) + 3
+
+    def number(at: NDArray[np.int64]) -> NDArray[np.int64]:
+        x, y, z = (at - low).T
+        return np.asarray((x * shape[1] + y) * shape[2] + z)
+
+    occupied = np.sort(number(voxels))
+    corners: list[NDArray[np.int64]] = []
+    for axis in range(3):
+        one = np.eye(3, dtype=np.int64)[axis]
+        u, v = np.roll(one, 1), np.roll(one, 2)
+        for outward in (1, -1):
+            beside = number(voxels + outward * one)
+            at = np.searchsorted(occupied, beside)
+            taken = occupied[np.minimum(at, len(occupied) - 1)] == beside
+            base = voxels[~taken] + (one if outward > 0 else 0)
+            ring = [base, base + u, base + u + v, base + v]
+            corners.append(np.stack(ring if outward > 0 else ring[::-1], axis=1))
+    squares = np.concatenate(corners)
+    vertices, where = np.unique(squares.reshape(-1, 3), axis=0, return_inverse=True)
+    a, b, c, d = where.reshape(-1, 4).T
+    faces = np.concatenate([np.stack([a, b, c], axis=1), np.stack([a, c, d], axis=1)])
+    return Mesh(vertices.astype(np.float64), faces.astype(np.int32))
+
+
 def prism_mesh(outline: Polygon | MultiPolygon, low: float, high: float) -> Mesh:
     """Return the closed surface of an area (holes allowed) extruded from z `low` to `high`."""
     import shapely

@@ -59,7 +59,6 @@ class FloorPlan:
     openings: list[Opening] = field(default_factory=list)  # can be walked through
     floorless: list[Polygon] = field(default_factory=list)  # large: shafts, voids, courtyards
     solid: list[Polygon] = field(default_factory=list)  # without a door: columns, ducts
-    cracks: list[Polygon] = field(default_factory=list)  # too small or too thin
 
 
 class Sides(NamedTuple):
@@ -115,9 +114,9 @@ def enclose(
     barriers = [*walls, *doors, *cabin_doors]
 
     faces = list(shapely.polygonize([noded]).geoms)
-    faces, cracks = _fill_cracks(faces, [*barriers, *bridges])
-    plan = FloorPlan(cracks=cracks)
-    faces, around_cabins = _without_cabins(faces, cabins, plan)
+    faces = _fill_cracks(faces, [*barriers, *bridges])
+    plan = FloorPlan()
+    faces, around_cabins = _without_cabins(faces, cabins)
     faces = _on_floors(faces, floors, plan)
     faces.sort(key=_reading_order)
 
@@ -186,9 +185,7 @@ def _reading_order(face: Polygon) -> tuple[float, float]:
     return (-round(middle.y + 0.0337, 1), round(middle.x, 3))
 
 
-def _fill_cracks(
-    faces: list[Polygon], barriers: Sequence[LineString]
-) -> tuple[list[Polygon], list[Polygon]]:
+def _fill_cracks(faces: list[Polygon], barriers: Sequence[LineString]) -> list[Polygon]:
     """Join each crack to the room with which it shares the longest border that is not solid."""
     solid = shapely.union_all([b.buffer(10 * GRID) for b in barriers])
     rooms = [f for f in faces if _is_roomy(f)]
@@ -217,11 +214,11 @@ def _fill_cracks(
             else:
                 left += own
         cracks = left
-    return rooms, cracks
+    return rooms
 
 
 def _without_cabins(
-    faces: list[Polygon], cabins: Sequence[Polygon], plan: FloorPlan
+    faces: list[Polygon], cabins: Sequence[Polygon]
 ) -> tuple[list[Polygon], list[Polygon]]:
     """Cut the cabins out of the faces; returns all that is left, and the parts that were cut."""
     if not cabins:
@@ -229,9 +226,7 @@ def _without_cabins(
     taken = shapely.union_all(cabins)
     rest = [face for face in faces if not face.intersects(taken)]
     met = [face.difference(taken) for face in faces if face.intersects(taken)]
-    parts = [part for face in met for part in polygons(face) if part.area]
-    plan.cracks += [part for part in parts if not _is_roomy(part)]
-    cut = [part for part in parts if _is_roomy(part)]
+    cut = [part for face in met for part in polygons(face) if _is_roomy(part)]
     return rest + cut, cut
 
 

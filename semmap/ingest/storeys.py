@@ -7,6 +7,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from semmap.geometry.mesh import Mesh
 from semmap.geometry.pose import IDENTITY, Pose
 from semmap.ingest.world import Entry, StoreyDetail
 
@@ -39,31 +40,27 @@ def found_storeys(entries: Sequence[Entry]) -> tuple[list[Entry], list[str]]:
     where there are two of these, `APART` or more. Where things stand above each other and no floors
     are seen, a note asks for storeys.
     """
-    boxes = np.array([box for entry in entries for box in _bounds(entry)]).reshape(-1, 2, 3)
+    boxes = np.array([box for entry in entries for box in _box(entry)]).reshape(-1, 2, 3)
     sizes = boxes[:, 1] - boxes[:, 0]
     furniture = boxes[(sizes[:, 2] >= FURNITURE) & (sizes[:, :2].min(axis=1) < APART)]
     bottoms = np.sort(furniture[:, 0, 2])
     floors = np.sort([level for entry in entries for level in _floors(entry)])
-    used = [z for z in floors if np.abs(bottoms - z).min(initial=np.inf) <= CONTACT]
-    levels = _apart(used)
+    levels = _apart([z for z in floors if np.abs(bottoms - z).min(initial=np.inf) <= CONTACT])
     if len(levels) > 1:
-        heights = [*np.diff(levels), None]
-        storeys = [
-            Entry(
-                f"storey_{number}",
-                "storey",
-                pose=Pose(z=level),
-                properties={FOUND: True},
-                detail=StoreyDetail(level, height),
+        storeys = []
+        for number, (level, height) in enumerate(
+            zip(levels, [*np.diff(levels), None], strict=True)
+        ):
+            detail, pose = StoreyDetail(level, height), Pose(z=level)
+            found = {FOUND: True}
+            storeys.append(
+                Entry(f"storey_{number}", "storey", pose=pose, properties=found, detail=detail)
             )
-            for number, (level, height) in enumerate(zip(levels, heights, strict=True))
-        ]
         return storeys, [
             f"{len(levels)} storeys are found, with floors at {_metres(levels)} m: state storeys "
             "in a GeoJSON file to name them, or to correct their heights"
         ]
-    crowded = [z for z in bottoms if (np.abs(bottoms - z) <= CONTACT / 2).sum() >= MANY]
-    levels = _apart(crowded)
+    levels = _apart([z for z in bottoms if (np.abs(bottoms - z) <= CONTACT / 2).sum() >= MANY])
     if len(levels) > 1:
         return [], [
             f"things stand at {_metres(levels)} m, and the file states no storeys: all are on one. "
@@ -72,32 +69,26 @@ def found_storeys(entries: Sequence[Entry]) -> tuple[list[Entry], list[str]]:
     return [], []
 
 
-def _bounds(entry: Entry) -> Iterator[NDArray[np.float64]]:
-    """(2, 3): the box of an object in the world, if it has a mesh."""
-    if entry.kind == "object" and (corners := _corners(entry)):
-        yield np.array([np.min(corners, axis=0), np.max(corners, axis=0)])
-
-
-def _corners(entry: Entry) -> list[NDArray[np.float64]]:
-    """The lowest and the highest corner of each mesh of an entry, in the world."""
+def _box(entry: Entry) -> list[NDArray[np.float64]]:
+    """The (2, 3) box of an object in the world, if it has a mesh."""
     pose = entry.pose or IDENTITY
-    return [
-        extreme(pose.apply(shape.mesh.used), axis=0)
-        for shape in entry.shapes
-        if shape.mesh is not None and len(shape.mesh.faces)
-        for extreme in (np.min, np.max)
-    ]
+    points = [pose.apply(mesh.used) for mesh in _meshes(entry)]
+    ends = [(p.min(axis=0), p.max(axis=0)) for p in points]
+    return [np.array([np.min(ends, axis=(0, 1)), np.max(ends, axis=(0, 1))])] if ends else []
+
+
+def _meshes(entry: Entry) -> list[Mesh]:
+    """The meshes of an object."""
+    meshes = [shape.mesh for shape in entry.shapes if shape.mesh is not None]
+    return [mesh for mesh in meshes if len(mesh.faces) and entry.kind == "object"]
 
 
 def _floors(entry: Entry) -> Iterator[float]:
     """The heights at which an entry has level faces, up, of `WALKED` square metres in all."""
-    for box in _bounds(entry):
-        if np.prod(box[1, :2] - box[0, :2]) < WALKED:
-            return
-    for shape in entry.shapes:
-        if entry.kind != "object" or shape.mesh is None or not len(shape.mesh.faces):
-            continue
-        a, b, c = np.moveaxis((entry.pose or IDENTITY).apply(shape.mesh.triangles), 1, 0)
+    if any(np.prod(high[:2] - low[:2]) < WALKED for low, high in _box(entry)):
+        return
+    for mesh in _meshes(entry):
+        a, b, c = np.moveaxis((entry.pose or IDENTITY).apply(mesh.triangles), 1, 0)
         normals = np.cross(b - a, c - a)
         double = np.linalg.norm(normals, axis=1)
         level = np.abs(normals[:, 2]) >= 0.999 * np.maximum(double, 1e-12)

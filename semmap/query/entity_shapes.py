@@ -120,19 +120,21 @@ def read_mesh(session: Session, entity: int) -> trimesh.Trimesh | None:
     return trimesh.Trimesh(corners, np.arange(len(corners)).reshape(-1, 3))
 
 
+def geojson_feature(
+    geometry: shapely.Geometry | None, properties: Mapping[str, Any]
+) -> dict[str, Any]:
+    """A GeoJSON Feature (RFC 7946, but metres in the map's frame)."""
+    shown = None if geometry is None else shapely.geometry.mapping(geometry)
+    return {"type": "Feature", "geometry": shown, "properties": properties}
+
+
 def feature(row: Mapping[str, Any]) -> dict[str, Any]:
     """The Feature of a row of `read_shapes`; free properties come along."""
     shown = {k: v for k, v in row.items() if k not in ("id", "geometry", "properties")}
     if row["kind"] != "connector":
         del shown["state"]
-    geometry = row["geometry"]
-    return {
-        "type": "Feature",
-        "id": row["id"],
-        "geometry": None if geometry is None else shapely.geometry.mapping(geometry),
-        "properties": {**row["properties"], **shown},
-        **({} if geometry is None else {"bbox": geometry.bounds}),
-    }
+    made = geojson_feature(row["geometry"], {**row["properties"], **shown}) | {"id": row["id"]}
+    return made if row["geometry"] is None else made | {"bbox": row["geometry"].bounds}
 
 
 def feature_collection(rows: Iterable[Mapping[str, Any]]) -> dict[str, Any]:

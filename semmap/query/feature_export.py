@@ -12,7 +12,7 @@ import psycopg
 import shapely
 from psycopg.rows import dict_row
 
-from semmap.query.entity_shapes import read_shapes
+from semmap.query.entity_shapes import geojson_feature, read_shapes
 
 Feature = tuple[shapely.Geometry | None, dict[str, Any]]
 
@@ -89,19 +89,14 @@ def _layers(session: psycopg.Connection[Any]) -> dict[str, list[Feature]]:
         shapes = {row["id"]: row for row in read_shapes(session)}
         layers: dict[str, list[Feature]] = {}
         for layer, statement in LAYERS.items():
-            rows = cursor.execute(f"{statement} ORDER BY 3").fetchall()
-            for row in rows:
+            for row in cursor.execute(f"{statement} ORDER BY 3").fetchall():
                 shown = shapes[row.pop("fid")]
                 kept = {k: v for k, v in row.items() if v is not None}
-                feature = _drawn(row["kind"], shown["geometry"]), {**shown["properties"], **kept}
-                layers.setdefault(layer, []).append(feature)
+                drawn = shown["geometry"]
+                if layer == "storeys" and isinstance(drawn, shapely.Point):
+                    drawn = None  # a storey without an outline is not drawn
+                layers.setdefault(layer, []).append((drawn, {**shown["properties"], **kept}))
     return layers
-
-
-def _drawn(kind: str, geometry: shapely.Geometry | None) -> shapely.Geometry | None:
-    """The geometry of a feature: a storey without an outline is not drawn."""
-    undrawn = kind == "storey" and isinstance(geometry, shapely.Point)
-    return None if undrawn else geometry
 
 
 def _write_geojson(
@@ -112,15 +107,8 @@ def _write_geojson(
             "SELECT crs, easting, northing, height, rotation FROM map WHERE id = current_map() "
             "AND crs IS NOT NULL"
         ).fetchone()
-    features = [
-        {
-            "type": "Feature",
-            "geometry": None if geometry is None else shapely.geometry.mapping(geometry),
-            "properties": properties,
-        }
-        for features in layers.values()
-        for geometry, properties in features
-    ]
+    every = [feature for features in layers.values() for feature in features]
+    features = [geojson_feature(geometry, properties) for geometry, properties in every]
     collection: dict[str, Any] = {"type": "FeatureCollection", "name": name, "features": features}
     if georeference is not None:
         collection["georeference"] = georeference

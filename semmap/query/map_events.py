@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from datetime import datetime
@@ -14,6 +15,9 @@ from semmap.geometry.pose import Pose
 from semmap.query.entity_query import SETTLE, check_cursor
 
 Session = psycopg.Connection[Any]
+
+Names = defaultdict[int | None, tuple[str | None, str | None]]
+"""Of entities by their ids, with their kinds; None of no entity."""
 
 MOVED, CARRIED = "moved itself", "carried by its holder"
 STATED, DERIVED = "given another holder", "holder derived again"
@@ -168,24 +172,24 @@ def _move(
     return _Move((old, new), (placed[0], placed[1]), reason)
 
 
-def _events(draft: _Draft, names: Mapping[int, tuple[str, str]], cursor: str) -> Iterator[MapEvent]:
+def _events(draft: _Draft, names: Names, cursor: str) -> Iterator[MapEvent]:
     """The events of one entity: what is added or removed does not move or change besides."""
     whats = draft.whats
     alone = "removed" if "removed" in whats else "added" if "added" in whats else None
     if {"added", "removed"} <= whats.keys():
         return
-    name, kind = names.get(draft.id, (None, None)) if draft.id is not None else (None, None)
+    name, kind = names[draft.id]
     for what, at in whats.items():
         if alone and what in ("moved", "changed", "state", "reshaped", "added") and what != alone:
             continue
         given: dict[str, Any] = {}
         if what in ("moved", "added", "removed") and draft.move is not None:
-            poses, holders = draft.move.poses, draft.move.holders
+            former, present = (None if p is None else Pose(*p) for p in draft.move.poses)
             given = {
-                "from_pose": None if poses[0] is None else Pose(*poses[0]),
-                "to_pose": None if poses[1] is None else Pose(*poses[1]),
-                "from_holder": _name(holders[0], names),
-                "to_holder": _name(holders[1], names),
+                "from_pose": former,
+                "to_pose": present,
+                "from_holder": names[draft.move.holders[0]][0],
+                "to_holder": names[draft.move.holders[1]][0],
                 "reason": draft.move.reason if what == "moved" else None,
             }
         elif what in ("changed", "state"):
@@ -194,20 +198,16 @@ def _events(draft: _Draft, names: Mapping[int, tuple[str, str]], cursor: str) ->
         yield MapEvent(what, name, kind, draft.id, at, cursor, **given)
 
 
-def _name(number: int | None, names: Mapping[int, tuple[str, str]]) -> str | None:
-    return None if number is None else names.get(number, (None, None))[0]
-
-
-def _names(session: Session, drafts: Iterable[_Draft]) -> dict[int, tuple[str, str]]:
+def _names(session: Session, drafts: Iterable[_Draft]) -> Names:
     """Names and kinds of the entities and holders; of those that are gone, the last ones."""
     wanted: set[int | None] = set()
     for draft in drafts:
         wanted |= {draft.id, *(draft.move.holders if draft.move else ())}
-    ids = [number for number in wanted if number is not None]
     rows = session.execute(
         "SELECT h.entity_id, h.name, h.kind FROM entity_history h "
         "WHERE h.entity_id = ANY (%(ids)s) AND h.ended "
         "UNION ALL SELECT id, name, kind FROM entity WHERE id = ANY (%(ids)s)",
-        {"ids": ids},
+        {"ids": [number for number in wanted if number is not None]},
     ).fetchall()
-    return {number: (name, kind) for number, name, kind in rows}
+    found: Names = defaultdict(lambda: (None, None))
+    return found | {number: (name, kind) for number, name, kind in rows}

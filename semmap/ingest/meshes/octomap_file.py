@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from semmap.geometry.mesh import Mesh
+from semmap.geometry.mesh import Mesh, voxel_mesh
 from semmap.ingest.meshes.mesh_size import MeshFileError
 from semmap.limits import TRIANGLES
 
@@ -44,11 +44,10 @@ def read_octomap(path: Path) -> Mesh:
     a damaged file or one without an occupied voxel.
     """
     header = _read_header(path.read_bytes())
-    leaves = _binary_leaves(header) if header.binary else _full_leaves(header)
-    voxels = _voxels(list(leaves))
+    voxels = _voxels(list(_leaves(header)))
     if not len(voxels):
         raise ValueError("no voxel is occupied")
-    mesh = _surface(voxels)
+    mesh = voxel_mesh(voxels)
     return Mesh(mesh.vertices * header.resolution, mesh.faces)
 
 
@@ -67,43 +66,34 @@ def _read_header(content: bytes) -> _Header:
     return _Header("binary" in lines[0].lower(), nodes, resolution, data)
 
 
-def _binary_leaves(header: _Header) -> Iterator[Leaf]:
-    """Yield the occupied leaves of a .bt file: two bytes an inner node, parents before children."""
+def _leaves(header: _Header) -> Iterator[Leaf]:
+    """Yield the occupied leaves of a file, in which parents stand before children.
+
+    An inner node of a .bt file has two bits for each child, a node of an .ot file log-odds and a
+    bit for each child.
+    """
     half = 1 << (DEPTH - 1)
     todo: list[Leaf] = [(-half, -half, -half, 2 * half)] if header.nodes else []
-    records = struct.iter_unpack("<H", header.data[: len(header.data) // 2 * 2])
-    while todo:
+    record = struct.Struct("<H" if header.binary else "<fB")
+    for start in range(0, len(header.data) - record.size + 1, record.size):
+        if not todo:
+            return
         cube = todo.pop()
-        states = next(records, None)
-        if states is None:
-            raise ValueError("it ends before its last node")
-        children = [(states[0] >> 2 * i & 3, child) for i, child in enumerate(_children(cube))]
-        yield from (child for state, child in children if state == OCCUPIED)
-        inner = [child for state, child in children if state == INNER]
-        if inner and cube[3] == 2:
-            raise ValueError(f"its tree is deeper than {DEPTH} levels")
-        todo.extend(reversed(inner))
-
-
-def _full_leaves(header: _Header) -> Iterator[Leaf]:
-    """Yield the occupied leaves of an .ot file: log-odds and a bit for each child of a node."""
-    half = 1 << (DEPTH - 1)
-    todo: list[Leaf] = [(-half, -half, -half, 2 * half)] if header.nodes else []
-    records = struct.iter_unpack("<fB", header.data[: len(header.data) // 5 * 5])
-    while todo:
-        cube = todo.pop()
-        record = next(records, None)
-        if record is None:
-            raise ValueError("it ends before its last node")
-        log_odds, bits = record
-        if not bits:
-            if log_odds > 0:
+        values = record.unpack_from(header.data, start)
+        if header.binary:
+            states = [(values[0] >> 2 * i & 3, child) for i, child in enumerate(_children(cube))]
+            yield from (child for state, child in states if state == OCCUPIED)
+            inner = [child for state, child in states if state == INNER]
+        else:
+            log_odds, bits = values
+            inner = [child for i, child in enumerate(_children(cube)) if bits >> i & 1]
+            if log_odds > 0 and not bits:
                 yield cube
-            continue
-        if cube[3] == 1:
+        if inner and inner[0][3] < (2 if header.binary else 1):
             raise ValueError(f"its tree is deeper than {DEPTH} levels")
-        inner = [child for i, child in enumerate(_children(cube)) if bits >> i & 1]
         todo.extend(reversed(inner))
+    if todo:
+        raise ValueError("it ends before its last node")
 
 
 def _children(cube: Leaf) -> Iterator[Leaf]:
@@ -126,30 +116,3 @@ def _voxels(leaves: list[Leaf]) -> NDArray[np.int64]:
         inside = np.indices((edge, edge, edge)).reshape(3, -1).T
         parts.append((np.array(corners)[:, None] + inside).reshape(-1, 3))
     return np.concatenate(parts)
-
-
-def _surface(voxels: NDArray[np.int64]) -> Mesh:
-    """Two triangles for each side of a voxel beyond which there is no voxel; vertices in voxels."""
-    low, shape = voxels.min(axis=0) - 1, np.ptp(voxels, axis=0) + 3
-
-    def number(at: NDArray[np.int64]) -> NDArray[np.int64]:
-        x, y, z = (at - low).T
-        return np.asarray((x * shape[1] + y) * shape[2] + z)
-
-    occupied = np.sort(number(voxels))
-    corners: list[NDArray[np.int64]] = []
-    for axis in range(3):
-        one = np.eye(3, dtype=np.int64)[axis]
-        u, v = np.roll(one, 1), np.roll(one, 2)
-        for outward in (1, -1):
-            beside = number(voxels + outward * one)
-            at = np.searchsorted(occupied, beside)
-            taken = occupied[np.minimum(at, len(occupied) - 1)] == beside
-            base = voxels[~taken] + (one if outward > 0 else 0)
-            ring = [base, base + u, base + u + v, base + v]
-            corners.append(np.stack(ring if outward > 0 else ring[::-1], axis=1))
-    squares = np.concatenate(corners)
-    vertices, where = np.unique(squares.reshape(-1, 3), axis=0, return_inverse=True)
-    a, b, c, d = where.reshape(-1, 4).T
-    faces = np.concatenate([np.stack([a, b, c], axis=1), np.stack([a, c, d], axis=1)])
-    return Mesh(vertices.astype(np.float64), faces.astype(np.int32))

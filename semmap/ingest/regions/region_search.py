@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from functools import partial
 from typing import Any
 
 import psycopg
@@ -19,8 +18,12 @@ from semmap.ingest.regions.extraction import (
 )
 from semmap.query import entity_query
 
-SORTS: dict[str, str] = {"surfaces": "object", "floor": "room", "observation": "object"}
-"""The kind of the entities that have regions of a sort."""
+SORTS: dict[str, tuple[str, Callable[..., int | list[int]]]] = {
+    "surfaces": ("object", find_support_surfaces),
+    "floor": ("room", find_walkable_floor),
+    "observation": ("object", find_observation_area),
+}
+"""The kind of the entities that have regions of a sort, and what finds them."""
 
 
 def find_regions(
@@ -36,36 +39,29 @@ def find_regions(
     `list_regions`; `problems` has the reasons for those of the type without any. Errors name an
     unknown entity, type or sort, and an entity of `names` without such a region.
     """
-    seek: dict[str, Callable[[Connection, int], int | list[int]]] = {
-        "surfaces": find_support_surfaces,
-        "floor": partial(find_walkable_floor, **options),
-        "observation": partial(find_observation_area, **options),
-    }
-    if sort not in seek:
-        raise ValueError(f"the sort of regions {sort} is not one of {', '.join(seek)}")
+    if sort not in SORTS:
+        raise ValueError(f"the sort of regions {sort} is not one of {', '.join(SORTS)}")
+    kind, seek = SORTS[sort]
     session = driver_of(connection)
     found: list[int] = []
     problems: list[str] = []
+
+    def search(entity: int) -> None:
+        made = seek(connection, entity, **options)
+        found.extend(made if isinstance(made, list) else [made])
+
     for name in names:
-        made = seek[sort](connection, entity_query.entity_id(session, name))
-        found += made if isinstance(made, list) else [made]
-    for entity in _of_type(session, type, SORTS[sort]) if type is not None else []:
+        search(entity_query.entity_id(session, name))
+    for entity in _of_type(session, type, kind) if type is not None else []:
         try:
             with connection.begin_nested():
-                made = seek[sort](connection, entity)
+                search(entity)
         except (ValueError, DBAPIError) as error:  # some of many may have none
             problems.append(str(error.orig if isinstance(error, DBAPIError) else error))
-            continue
-        found += made if isinstance(made, list) else [made]
     return FoundRows(entity_query.list_regions(session, found), problems)
 
 
 def _of_type(session: psycopg.Connection[Any], type: str, kind: str) -> list[int]:
     """The ids of the placed entities of a kind and type, by name."""
-    names = [row["name"] for row in entity_query.find(session, type=type) if row["kind"] == kind]
-    rows = session.execute(
-        "SELECT e.id FROM entity e JOIN world w ON w.entity_id = e.id "
-        "WHERE e.map_id = current_map() AND e.name = ANY (%s) ORDER BY e.name",
-        (names,),
-    )
-    return [row[0] for row in rows.fetchall()]
+    rows = [row for row in entity_query.find(session, type=type) if row["kind"] == kind]
+    return [row["id"] for row in rows if row["x"] is not None]

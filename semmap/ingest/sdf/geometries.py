@@ -13,6 +13,7 @@ import trimesh
 from numpy.typing import NDArray
 
 from semmap.geometry.mesh import Mesh, box_mesh, join, prism_mesh
+from semmap.geometry.morphology import polygons
 from semmap.geometry.pose import IDENTITY
 from semmap.ingest.meshes.mesh_file import read_mesh
 from semmap.ingest.meshes.mesh_size import MeshFileError
@@ -46,11 +47,8 @@ class Geometries:
         elif shape.tag in _SOLIDS:
             mesh = _SOLIDS[shape.tag](shape, f"{where}: {shape.tag}")
         else:
-            raise Unusable(
-                where,
-                f"<{shape.tag}> is not a supported surface",
-                f"Use one of mesh, polyline, {', '.join(_SOLIDS)}.",
-            )
+            known = f"Use one of mesh, polyline, {', '.join(_SOLIDS)}."
+            raise Unusable(where, f"<{shape.tag}> is not a supported surface", known)
         if not len(mesh.faces):
             raise Unusable(where, "it is too small to have a surface", "Correct size or scale.")
         _check_extent(float(np.abs(mesh.vertices).max()), where)
@@ -148,17 +146,14 @@ def _polylines(shapes: list[Element], where: str) -> Mesh:
         VERTICES.check(len(points), partial(Unusable, where), "Simplify it.", "an outline has")
         ring = shapely.Polygon(points) if len(points) > 2 else shapely.Polygon()
         if not ring.is_valid or ring.area == 0 or EXTENT.exceeded_by(max(map(abs, ring.bounds))):
-            raise Unusable(
-                where,
-                "an outline needs three points, a finite area, and may not cross itself",
-                "Correct its points.",
-            )
+            problem = "an outline needs three points, a finite area, and may not cross itself"
+            raise Unusable(where, problem, "Correct its points.")
         outline = shapely.symmetric_difference(outline, ring)
     height = _size(shapes[0], "height", where)
-    polygons = [p for p in shapely.get_parts(outline) if p.geom_type == "Polygon" and p.area > 0]
-    if not polygons:
+    areas = [p for p in polygons(outline) if p.area > 0]
+    if not areas:
         raise Unusable(where, "its outlines cancel out", "Remove the repeated outline.")
-    return join([prism_mesh(polygon, 0.0, height) for polygon in polygons])
+    return join([prism_mesh(area, 0.0, height) for area in areas])
 
 
 _SOLIDS: dict[str, Callable[[Element, str], Mesh]] = {

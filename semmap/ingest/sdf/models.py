@@ -71,12 +71,12 @@ class _Part:
 
 @dataclass
 class SdfModel:
-    """The content of a `<model>`, shared by its instances."""
+    """A `<model>` where it is placed; placed elsewhere, it shares its content."""
 
     name: str
     source: str  # name of its model file; of an inline model, its own
     frames: Frames
-    pose: Pose = IDENTITY
+    pose: Pose = IDENTITY  # in the scope around it, relative to a frame of it
     relative_to: str = ""
     static: bool = False
     parts: list[_Part] = field(default_factory=list)
@@ -92,20 +92,9 @@ class SdfModel:
         return model, pose
 
 
-@dataclass(frozen=True)
-class Instance:
-    """A model, and its pose in the scope around it (the world, an outer model)."""
-
-    name: str
-    model: SdfModel
-    pose: Pose
-    relative_to: str
-    static: bool
-
-
-def _mass(model: Element, nested: Sequence[Instance]) -> float | None:
+def _mass(model: Element, nested: Sequence[SdfModel]) -> float | None:
     """Return the mass that the links of a model and its inner models state; None if none does."""
-    masses = [i.model.mass for i in nested if i.model.mass is not None]
+    masses = [inner.mass for inner in nested if inner.mass is not None]
     for stated in model.iterfind("link/inertial/mass"):
         with suppress(ValueError):
             mass = float(stated.text or "")
@@ -123,33 +112,29 @@ class Models:
         self._files: dict[Path, SdfModel | Unusable | None] = {}
         self._baked: dict[tuple[tuple[int, Pose], ...], Mesh | None] = {}
 
-    def instances(self, scope: Element, frames: Frames, source: SdfFile) -> list[Instance]:
+    def placed(self, scope: Element, frames: Frames, source: SdfFile) -> list[SdfModel]:
         """Return the models and includes in a scope; add their frames under unique names."""
         found = []
         for element in scope:
             if element.tag not in ("model", "include"):
                 continue
             with leaving_out(self._world.skipped):
-                read = self._inline if element.tag == "model" else self._include
-                instance: Instance | None = read(element, source)
-                if instance is None:
+                read = self._read if element.tag == "model" else self._include
+                model: SdfModel | None = read(element, source)
+                if model is None:
                     continue
-                name = unique_name(instance.name, frames)
-                if name != instance.name:
-                    self._world.notes.append(f"{source}another {instance.name} is called {name}")
-                frames.add(name, instance.pose, instance.relative_to, instance.model.frames)
+                name = unique_name(model.name, frames)
+                if name != model.name:
+                    self._world.notes.append(f"{source}another {model.name} is called {name}")
+                frames.add(name, model.pose, model.relative_to, model.frames)
                 if flag(element.get("merge")):
-                    for inner in instance.model.frames.names():
+                    for inner in model.frames.names():
                         if inner not in frames:
                             frames.add(inner, IDENTITY, f"{name}::{inner}")
-                found.append(replace(instance, name=name))
+                found.append(replace(model, name=name))
         return found
 
-    def _inline(self, element: Element, source: SdfFile) -> Instance:
-        model = self._read(element, source)
-        return Instance(model.name, model, model.pose, model.relative_to, model.static)
-
-    def _include(self, element: Element, source: SdfFile) -> Instance | None:
+    def _include(self, element: Element, source: SdfFile) -> SdfModel | None:
         """Return the model that an include places; None for a light."""
         uri = (element.findtext("uri") or "").strip()
         given = (element.findtext("name") or "").strip()
@@ -169,12 +154,12 @@ class Models:
             local, relative_to = local_pose(element, where)
             placement = element.findtext("placement_frame") or element.get("placement_frame")
             pose = _placed(local, model.frames, placement)
-        return Instance(
-            given or model.name,
+        return replace(
             model,
-            pose,
-            relative_to,
-            model.static if static is None else static,
+            name=given or model.name,
+            pose=pose,
+            relative_to=relative_to,
+            static=model.static if static is None else static,
         )
 
     def _file(self, uri: str, source: SdfFile, where: str) -> SdfModel | None:
@@ -187,12 +172,9 @@ class Models:
             raise
         key = path.resolve()
         if key in (*source.chain, source.path.resolve()):
-            raise WorldError(
-                source.path,
-                where,
-                f"{uri} leads back to {path.name}, which includes this file",
-                "Remove one of the includes in the circle.",
-            )
+            problem = f"{uri} leads back to {path.name}, which includes this file"
+            fix = "Remove one of the includes in the circle."
+            raise WorldError(source.path, where, problem, fix)
         if key not in self._files:
             try:
                 self._files[key] = self._included(path, uri, source, where)
@@ -222,19 +204,19 @@ class Models:
         refused = partial(WorldError, source.path, where)
         NESTING.check(source.depth, refused, "Nest models less deeply.", "nests models:")
         frames = Frames(source.path, where, MODEL_FRAME)
-        nested = self.instances(element, frames, source)
+        nested = self.placed(element, frames, source)
         links = self.add_frames(element, frames, where)
         frames.check()
         parts = self._parts(links, frames, source.path, where)
         wrapped: tuple[SdfModel, Pose] | None = None
-        count = len(parts) + sum(len(n.model.parts) for n in nested)
+        count = len(parts) + sum(len(inner.parts) for inner in nested)
         PARTS.check(count, refused, "Split it, or nest fewer models.")
-        for instance in nested:
+        for inner in nested:
             with leaving_out(self._world.skipped):
-                stands = frames.pose(instance.name, f"{where}: model {instance.name}")
-                parts += [replace(p, pose=stands @ p.pose) for p in instance.model.parts]
+                stands = frames.pose(inner.name, f"{where}: model {inner.name}")
+                parts += [replace(p, pose=stands @ p.pose) for p in inner.parts]
                 if len(nested) == 1 and not links:
-                    wrapped = (instance.model, stands)
+                    wrapped = (inner, stands)
         static = flag(element.findtext("static"))
         pose, relative_to = local_pose(element, where)
         return SdfModel(
@@ -319,16 +301,13 @@ class Models:
         key = tuple((id(part.geometry), part.pose) for part in parts)
         if key not in self._baked:
             surfaces, faces = [], 0
+            fix = "Split the model, or simplify its meshes."
             for part in parts:
                 with leaving_out(skipped):
                     surface = self._surface(part)
                     faces += len(surface.faces)
-                    TRIANGLES.check(
-                        faces,
-                        partial(Unusable, part.where),
-                        "Split the model, or simplify its meshes.",
-                        "with it the model has",
-                    )
+                    refused = partial(Unusable, part.where)
+                    TRIANGLES.check(faces, refused, fix, "with it the model has")
                     surfaces.append(surface)
             self._baked[key] = join(surfaces) if len(surfaces) > 1 else next(iter(surfaces), None)
         return self._baked[key]
@@ -337,12 +316,9 @@ class Models:
         mesh = self._geometries.mesh(part.geometry, part.path, part.where)
         if part.pose != IDENTITY:
             mesh = mesh.moved(part.pose)
-        EXTENT.check(
-            float(np.abs(mesh.vertices).max()),
-            partial(Unusable, part.where),
-            "Correct its pose, size or scale.",
-            "from its model's origin it reaches",
-        )
+        reach, refused = float(np.abs(mesh.vertices).max()), partial(Unusable, part.where)
+        fix = "Correct its pose, size or scale."
+        EXTENT.check(reach, refused, fix, "from its model's origin it reaches")
         return mesh
 
     def _note(self, note: str) -> None:

@@ -50,23 +50,17 @@ class Resources:
             scheme, rest = "", uri.strip()
         rest = unquote(rest)
         if scheme in ("http", "https", "fuel"):
-            raise Unusable(
-                where,
-                f"{uri} is on the network",
-                "Download it, and refer to it with model:// or file://.",
-            )
+            fix = "Download it, and refer to it with model:// or file://."
+            raise Unusable(where, f"{uri} is on the network", fix)
         if not rest or not rest.isprintable() or len(rest) > _LONGEST_PATH:
             raise Unusable(where, f"{uri[:80]!r} does not name a file", "Correct the URI.")
         candidates = list(self._candidates(scheme, rest, named_in))
         for candidate in candidates:
             if os.path.exists(candidate):  # noqa: PTH110 - False where a name is too long
                 return candidate
-        raise Unusable(
-            where,
-            f"{uri} is not found",
-            _other_case(candidates)
-            or "Restore it, or give the folder that holds it with --model-path.",
-        )
+        fix = next(filter(None, map(other_case, candidates)), "")
+        fix = fix or "Restore it, or give the folder that holds it with --model-path."
+        raise Unusable(where, f"{uri} is not found", fix)
 
     def model_file(self, uri: str, named_in: Path, where: str) -> Path:
         """Return the SDF file that an `<include>` names, of several versions the highest."""
@@ -96,11 +90,6 @@ class Resources:
         yield from (root / relative for root in roots)
         if scheme in ("model", "package") and "/" in relative:
             yield from (root / relative.partition("/")[2] for root in roots)
-
-
-def _other_case(candidates: list[Path]) -> str:
-    """Return a fix if one of them exists under a name that differs in case only."""
-    return next(filter(None, map(other_case, candidates)), "")
 
 
 def _newest_sdf(config: Path) -> str:

@@ -22,7 +22,7 @@ from semmap.ingest.georeference import utm_crs
 from semmap.ingest.naming import give_type, unique_name
 from semmap.ingest.sdf.elements import Unusable, leaving_out, local_pose, numbers, read_root
 from semmap.ingest.sdf.frames import Frames
-from semmap.ingest.sdf.models import Instance, Models, Role, SdfFile
+from semmap.ingest.sdf.models import Models, Role, SdfFile, SdfModel
 from semmap.ingest.sdf.resources import Resources
 from semmap.ingest.world import Entry, Skipped, World, WorldError
 from semmap.limits import EXTENT
@@ -63,13 +63,13 @@ def read_sdf(path: Path, *, geometry: Role = "visual", model_path: Sequence[Path
 
     models = Models(world, Resources(model_path))
     frames = Frames(path, where, "world")
-    instances = models.instances(scope, frames, SdfFile(path))
+    placed = models.placed(scope, frames, SdfFile(path))
     models.add_frames(scope, frames, where)
     frames.check()
 
-    for instance in instances:
+    for model in placed:
         with leaving_out(world.skipped):
-            world.entries.append(_object(instance, frames, models, geometry))
+            world.entries.append(_object(model, frames, models, geometry))
     for element in scope.iterfind("actor"):
         with leaving_out(world.skipped):
             world.entries.append(_actor(element, frames))
@@ -96,30 +96,24 @@ def _scope(root: Element, world: World) -> Element:
             world.georeference = _georeference(worlds[0])
         return worlds[0]
     if root.find("model") is None:
-        raise WorldError(
-            world.source,
-            "sdf",
-            "it contains no <world> and no <model>",
-            "Give a world or model file.",
-        )
+        problem = "it contains no <world> and no <model>"
+        raise WorldError(world.source, "sdf", problem, "Give a world or model file.")
     return root
 
 
 def _georeference(world: Element) -> dict[str, object] | None:
-    element = world.find("spherical_coordinates")
+    where = "spherical_coordinates"
     values = {
-        tag: numbers(element.find(tag), 1, f"spherical_coordinates: {tag}")[0]
+        tag: numbers(element, 1, f"{where}: {tag}")[0]
         for tag in ("latitude_deg", "longitude_deg", "elevation", "heading_deg")
-        if element is not None and element.find(tag) is not None
+        if (element := world.find(f"{where}/{tag}")) is not None
     }
     if not any(values.values()):
         return None  # Gazebo writes zeros by default
-    where = "spherical_coordinates"
     surface = (world.findtext(f"{where}/surface_model") or "EARTH_WGS84").strip()
     if surface != "EARTH_WGS84":
-        raise Unusable(
-            where, f"{surface} is not the surface of the earth", "Use EARTH_WGS84, or leave it out."
-        )
+        problem = f"{surface} is not the surface of the earth"
+        raise Unusable(where, problem, "Use EARTH_WGS84, or leave it out.")
     try:
         utm_crs(values.get("latitude_deg", 0.0), values.get("longitude_deg", 0.0))
     except ValueError as error:
@@ -127,21 +121,16 @@ def _georeference(world: Element) -> dict[str, object] | None:
     return {**values}
 
 
-def _object(instance: Instance, frames: Frames, models: Models, geometry: Role) -> Entry:
-    where = f"model {instance.name}"
-    model, inside = instance.model.unwrapped()
-    pose = _in_world(frames.pose(instance.name, where) @ inside, where)
-    shape = models.shape(model, geometry)
-    source, mass = instance.model.source, instance.model.mass
-    properties = {"model": source, "static": instance.static}
-    entry = Entry(
-        instance.name,
-        kind="object",
-        properties=properties if mass is None else {**properties, "mass": mass},
-        pose=pose,
-        shapes=[] if shape is None else [shape],
-    )
-    give_type(entry, (source, instance.name))
+def _object(model: SdfModel, frames: Frames, models: Models, geometry: Role) -> Entry:
+    where = f"model {model.name}"
+    innermost, inside = model.unwrapped()
+    pose = _in_world(frames.pose(model.name, where) @ inside, where)
+    shape = models.shape(innermost, geometry)
+    entry = Entry(model.name, "object", pose=pose, shapes=[] if shape is None else [shape])
+    entry.properties = {"model": model.source, "static": model.static}
+    if model.mass is not None:
+        entry.properties["mass"] = model.mass
+    give_type(entry, (model.source, model.name))
     return entry
 
 

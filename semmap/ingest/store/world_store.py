@@ -17,13 +17,15 @@ from psycopg.types.json import Jsonb
 
 from semmap.ingest.georeference import on_utm
 from semmap.ingest.store.copy_rows import copy_rows
-from semmap.ingest.store.detail_store import id_of, store_details
 from semmap.ingest.store.model_store import Progress, shape_digest, store_models
 from semmap.ingest.world import (
+    OUTSIDE,
     ConnectorDetail,
     Entry,
     PlaceDetail,
+    StoreyDetail,
     World,
+    WorldError,
 )
 
 
@@ -85,7 +87,7 @@ def store_world(
         ids |= _insert_entities(cursor, map_id, fresh, source, digests, progress)
         _update_entities(cursor, changed, ids, digests)
         _annotate(cursor, annotations, ids, stored)
-        store_details(cursor, fresh + changed, ids, world)
+        _store_details(cursor, fresh + changed, ids, world)
         _give_models(cursor, fresh, changed, ids, models)
         _place(cursor, fresh, changed, ids, world, progress)
         _link(cursor, map_id, world, ids, source)
@@ -241,6 +243,57 @@ def _annotate(
             stored.notes.append(f"{e.name}: annotated")
 
 
+def _store_details(
+    cursor: psycopg.Cursor[Any], entries: Sequence[Entry], ids: dict[str, int], world: World
+) -> None:
+    """Store the rows of each kind's table, elevators before cabins, rooms before doors."""
+    for kind in ("storey", "elevator", "room", "connector", "region"):
+        for e in (e for e in entries if e.kind == kind):
+            columns = _detail(e, ids, world)
+            names, marks = ", ".join(columns), ", ".join(["%s"] * (1 + len(columns)))
+            updates = ", ".join(f"{name} = excluded.{name}" for name in columns)
+            action = f"UPDATE SET {updates}" if columns else "NOTHING"
+            statement = (
+                f"INSERT INTO {kind} (entity_id{', ' if columns else ''}{names}) VALUES ({marks}) "
+                f"ON CONFLICT (entity_id) DO {action}"
+            )
+            cursor.execute(statement.encode(), [ids[e.name], *columns.values()])
+
+
+def _detail(entry: Entry, ids: dict[str, int], world: World) -> dict[str, Any]:
+    match entry.detail:
+        case StoreyDetail() as level:
+            return {"elevation": level.elevation, "height": level.height}
+        case PlaceDetail() as place:
+            cabin_of = _id_of(ids, place.elevator, entry, world) if place.elevator else None
+            return {"floor": place.floor, "ceiling": place.ceiling, "elevator_id": cabin_of}
+        case ConnectorDetail() as c:
+            a, b = c.places
+            same = ("direction", "state", "behaviour", "width", "height", "step")
+            return {
+                "form": c.type,
+                "place_a": _id_of(ids, a, entry, world),
+                "place_b": None if b == OUTSIDE else _id_of(ids, b, entry, world),
+                "pose_a": c.poses[0].row,
+                "pose_b": c.poses[1].row,
+                "permissions": list(c.permissions),
+                **{name: getattr(c, name) for name in same},
+            }
+    if entry.kind == "connector":
+        problem = "does not join two places"
+        raise WorldError(world.source, entry.name, problem, "Name the places it joins.")
+    return {}
+
+
+def _id_of(ids: dict[str, int], name: str, entry: Entry, world: World) -> int:
+    """Return the id of an entity that an entry names, in the file or in the map."""
+    if name not in ids:
+        problem = f"names {name}, which is neither in the file nor in the map"
+        fix = "Import what it names first, or correct the name."
+        raise WorldError(world.source, entry.name, problem, fix)
+    return ids[name]
+
+
 def _give_models(
     cursor: psycopg.Cursor[Any],
     fresh: Sequence[Entry],
@@ -276,7 +329,7 @@ def _place(
         return [
             (
                 ids[e.name],
-                id_of(ids, e.holder, e, world) if e.holder else None,
+                _id_of(ids, e.holder, e, world) if e.holder else None,
                 e.pose.row,
                 "on" if e.properties.get("relation") == "on" else "in",
             )
