@@ -96,35 +96,19 @@ class StoreyView:
 def storey_view(scene: StoreyScene) -> StoreyView:
     """Return the inventory of a storey, which `read_storeys` fills, as pictures show it."""
     view = StoreyView(scene.storey, scene.elevation)
-    for entity in scene.inventory:
-        _add(view, entity)
+    for e in scene.inventory:
+        outline = e.footprint
+        if e.kind in ("object", "agent"):
+            view.objects.append(ObjectView(e.name, e.types, _mesh(e), outline))
+        elif e.kind == "connector" and e.sides is not None:
+            form, state = e.form or "door", e.state or "open"
+            view.doors.append(DoorView(e.name, e.sides, e.width, form, state))
+        elif e.kind == "region" and outline is not None:
+            view.regions.append(RegionView(e.name, outline, e.types, e.is_blocked_region))
+        elif e.kind == "room" and outline is not None and e.floor is not None:
+            high = e.floor if e.ceiling is None else e.ceiling
+            view.rooms.append(RoomView(e.name, outline, e.floor, high, e.types, e.label))
     return view
-
-
-def _add(view: StoreyView, entity: SceneEntity) -> None:
-    outline = entity.footprint
-    match entity.kind:
-        case "room" if outline is not None and entity.floor is not None:
-            high = entity.floor if entity.ceiling is None else entity.ceiling
-            view.rooms.append(
-                RoomView(entity.name, outline, entity.floor, high, entity.types, entity.label)
-            )
-        case "object" | "agent":
-            view.objects.append(ObjectView(entity.name, entity.types, _mesh(entity), outline))
-        case "region" if outline is not None:
-            view.regions.append(
-                RegionView(entity.name, outline, entity.types, entity.is_blocked_region)
-            )
-        case "connector" if entity.sides is not None:
-            view.doors.append(
-                DoorView(
-                    entity.name,
-                    entity.sides,
-                    entity.width,
-                    entity.form or "door",
-                    entity.state or "open",
-                )
-            )
 
 
 def _mesh(entity: SceneEntity) -> Mesh | None:

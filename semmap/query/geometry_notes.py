@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 
-from sqlalchemy import text
-
 from semmap.query.snapshot import Snapshot
 from semmap.query.storey_scene import SceneEntity
 
@@ -39,9 +37,14 @@ def geometry_notes(entities: Iterable[SceneEntity]) -> list[str]:
 
 def names_note(names: Sequence[str], key: str = "no_geometry") -> str:
     """Return a sentence about objects without geometry; `key` is one of `_NOTES`."""
+    objects = f"{len(names)} object{'s' if len(names) > 1 else ''}"
+    return f"{objects} with {_NOTES[key]}: {listed(names)}"
+
+
+def listed(names: Sequence[str]) -> str:
+    """Return the first `SHOWN` names, and how many more there are."""
     more = f" and {len(names) - SHOWN} more" if len(names) > SHOWN else ""
-    listed = ", ".join(names[:SHOWN]) + more
-    return f"{len(names)} object{'s' if len(names) > 1 else ''} with {_NOTES[key]}: {listed}"
+    return ", ".join(names[:SHOWN]) + more
 
 
 def read_names_without_geometry(
@@ -53,17 +56,17 @@ def read_names_without_geometry(
     without a typical size.
     """
     values = {"places": None if places is None else [*places], "assume_sizes": assume_sizes}
-    return [*seen.connection.execute(text(_NAMES), values).scalars()]
+    return [name for (name,) in seen.session.execute(_NAMES, values).fetchall()]
 
 
 _NAMES = """
 WITH RECURSIVE held (id) AS (
-    SELECT id FROM entity WHERE map_id = current_map() AND kind = 'room' AND name = ANY(:places)
+    SELECT id FROM entity WHERE map_id = current_map() AND kind = 'room' AND name = ANY(%(places)s)
     UNION SELECT p.entity_id FROM held JOIN placement p ON p.holder_id = held.id
 )
 SELECT e.name FROM entity e WHERE e.map_id = current_map() AND e.kind = 'object'
-AND (CAST(:places AS text[]) IS NULL OR e.id IN (SELECT id FROM held))
-AND NOT (:assume_sizes AND EXISTS (
+AND (%(places)s::text[] IS NULL OR e.id IN (SELECT id FROM held))
+AND NOT (%(assume_sizes)s AND EXISTS (
     SELECT FROM type_closure c JOIN semantic_type t ON t.name = c.super
     WHERE c.sub = e.type AND t.typical_size IS NOT NULL))
 AND NOT EXISTS (SELECT FROM entity_model em JOIN model m ON m.id = em.model_id

@@ -106,13 +106,9 @@ class DraftWorld:
         waiting = {draft.name: draft for draft in self.drafts if draft.kind == kind}
         ready: list[Draft] = []
         while waiting:
-            free = [
-                draft
-                for draft in waiting.values()
-                if str(draft.feature.properties.get("holder")) not in waiting
-            ]
-            for draft in free or list(waiting.values()):
-                ready.append(waiting.pop(draft.name))
+            held = {name: str(d.feature.properties.get("holder")) for name, d in waiting.items()}
+            free = [name for name, holder in held.items() if holder not in waiting]
+            ready += [waiting.pop(name) for name in free or held]
         return ready
 
     def add(self, draft: Draft, pose: Pose | None, holder: str | None, **parts: Any) -> None:
@@ -122,19 +118,21 @@ class DraftWorld:
         must have, and whose origin is the map's.
         """
         feature = draft.feature
-        outer: Pose | None = None
+        own = pose
         if pose is not None and holder is not None:
             outer = self.poses.get(holder, IDENTITY)
             if outer is None:
                 raise Refused(f"its holder {holder} has no place", "Draw the holder, too.")
+            own = outer.inverse() @ pose
+        used = USED_PROPERTIES[draft.kind]
         entry = Entry(
             draft.name,
             draft.kind,
             draft.type,
             text(feature, "label"),
-            {k: v for k, v in feature.properties.items() if k not in USED_PROPERTIES[draft.kind]},
+            {k: v for k, v in feature.properties.items() if k not in used},
             holder if pose is not None else None,
-            outer.inverse() @ pose if outer is not None and pose is not None else pose,
+            own,
             front=number(feature, "front") or 0.0,
             **parts,
         )
@@ -145,20 +143,25 @@ class DraftWorld:
         """Return whether the file has a feature of this name that cannot be used."""
         return name in self.file.lost and name not in self.poses
 
+    def _named(self, feature: Feature, kind: Kind) -> str | None:
+        """Return the storey or elevator that a feature names."""
+        given = text(feature, kind)
+        if given is not None and self.kinds.get(given, kind) != kind:
+            problem = f"its {kind} {given} is a {self.kinds[given]}"
+            raise Refused(problem, f"Name a feature of kind {kind}.")
+        return given
+
     def storey_of(self, feature: Feature) -> str | None:
         """Return the storey that a feature names, else the only one, else None."""
-        given = text(feature, "storey")
-        if self.is_left_out(given):
-            raise Refused(f"its storey {given} is left out", "Correct that feature.")
-        if given is not None and self.kinds.get(given, "storey") != "storey":
-            raise Refused(f"its storey {given} is a {self.kinds[given]}", "Name a storey.")
+        if self.is_left_out(text(feature, "storey")):
+            problem = f"its storey {text(feature, 'storey')} is left out"
+            raise Refused(problem, "Correct that feature.")
+        given = self._named(feature, "storey")
         if given is None and len(self.storeys) == 1:
             return next(iter(self.storeys))
         if given is None and self.storeys:
-            raise Refused(
-                f"it names no storey, and the file has {len(self.storeys)}",
-                "Add the property storey.",
-            )
+            problem = f"it names no storey, and the file has {len(self.storeys)}"
+            raise Refused(problem, "Add the property storey.")
         return given
 
     def elevation(self, storey: str | None) -> float:
@@ -167,9 +170,7 @@ class DraftWorld:
 
     def elevator_of(self, feature: Feature) -> str | None:
         """Return the elevator that a feature names; one that nothing draws is added."""
-        given = text(feature, "elevator")
-        if given is not None and self.kinds.get(given, "elevator") != "elevator":
-            raise Refused(f"its elevator {given} is a {self.kinds[given]}", "Name an elevator.")
+        given = self._named(feature, "elevator")
         if given is not None and given not in self.poses:
             self.out.notes.append(f"{feature.where}: elevator {given} is added, nothing draws it")
             self._names.add(given)
@@ -181,10 +182,8 @@ class DraftWorld:
         """Return the holder that a feature names."""
         holder = text(feature, "holder")
         if holder is not None and holder not in self.poses:
-            raise Refused(
-                f"its holder {holder} is not a feature of this file",
-                "Name a feature that can be used.",
-            )
+            problem = f"its holder {holder} is not a feature of this file"
+            raise Refused(problem, "Name a feature that can be used.")
         return holder
 
     def room(self, name: str) -> RoomArea | None:

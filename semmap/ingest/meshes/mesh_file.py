@@ -6,7 +6,8 @@ import io
 import os
 import re
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Literal
 from xml.etree.ElementTree import ParseError
@@ -52,22 +53,10 @@ def read_mesh(
     """
     if not os.path.isfile(path):  # noqa: PTH113 - False where a name is too long
         raise MeshFileError("does not exist", other_case(path) or "Restore it.")
-    with warnings.catch_warnings(), np.errstate(all="ignore"):
-        warnings.simplefilter("ignore")  # what a loader warns of either shows below or is harmless
-        read = _READERS.get(path.suffix.lower(), _read_any)
-        try:
-            parts = read(path, dae_up_axis)
-        except MeshFileError:
-            raise
-        except Exception as error:  # third-party loaders raise anything on broken bytes
-            reason = " ".join(str(error).split())[:160] or type(error).__name__
-            raise MeshFileError(
-                f"cannot be read as {path.suffix.lstrip('.').upper() or 'a mesh'} ({reason})",
-                "The file may be truncated or of another format: export it again.",
-            ) from error
-    if part is not None:
-        parts = [p for p in parts if part in p[0]]
-    meshes = [mesh for _, mesh in parts if len(mesh.faces)]
+    read = _READERS.get(path.suffix.lower(), _read_any)
+    with _loading(path.suffix.lstrip(".").upper() or "a mesh"), np.errstate(all="ignore"):
+        parts = read(path, dae_up_axis)
+    meshes = [mesh for names, mesh in parts if len(mesh.faces) and part in (None, *names)]
     if not meshes:
         missing = "has no faces" if part is None else f"has no faces in a part named {part!r}"
         raise MeshFileError(missing, "Export it as a triangle mesh.")
@@ -75,6 +64,23 @@ def read_mesh(
     if center:
         mesh = Mesh(mesh.vertices - mesh.bounds.mean(axis=0), mesh.faces)
     return mesh
+
+
+@contextmanager
+def _loading(format_: str) -> Iterator[None]:
+    """Refuse a file at which a third-party loader fails, with whatever exception."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # what a loader warns of either shows below or is harmless
+        try:
+            yield
+        except MeshFileError:
+            raise
+        except Exception as error:  # loaders raise anything on broken bytes
+            reason = " ".join(str(error).split())[:160] or type(error).__name__
+            raise MeshFileError(
+                f"cannot be read as {format_} ({reason})",
+                "The file may be truncated or of another format: export it again.",
+            ) from error
 
 
 def read_mesh_world(
@@ -130,14 +136,9 @@ def _read_points(path: Path, scale: float) -> Mesh | None:
     TRIANGLES.check(int(counts[b"vertex"]), MeshFileError, "Export fewer points.")
     import trimesh
 
-    try:
+    with _loading("a point cloud"):
         found = trimesh.load(path, process=False)
         points = scale * np.asarray(getattr(found, "vertices", ()), float).reshape(-1, 3)
-    except Exception as error:  # third-party loaders raise anything on broken bytes
-        raise MeshFileError(
-            f"cannot be read as a point cloud ({' '.join(str(error).split())[:160]})",
-            "The file may be truncated: export it again.",
-        ) from error
     if not len(points):
         return None
     return _checked(Mesh(np.unique(points, axis=0), np.empty((0, 3), np.int32)))

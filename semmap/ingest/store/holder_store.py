@@ -9,6 +9,7 @@ from typing import Any
 
 import psycopg
 import shapely
+from psycopg.rows import dict_row
 
 from semmap.geometry.surfaces import support_surfaces
 from semmap.geometry.tin import to_mesh
@@ -32,16 +33,13 @@ def recognise_parts(connection: psycopg.Connection[Any], map_id: int) -> list[di
         "SELECT id FROM entity WHERE map_id = %s AND kind = 'object'))",
         (map_id,),
     )
-    rows = connection.execute(
-        "SELECT name, properties -> 'type_guess' FROM entity WHERE map_id = %s AND kind = 'object' "
-        "AND properties -> 'type_guess' ->> 'from' = 'shape' "
-        "AND type = properties -> 'type_guess' ->> 'type'",
-        (map_id,),
-    )
-    return [
-        {"name": name, "type": guess["type"], "confidence": guess["confidence"]}
-        for name, guess in rows
-    ]
+    with connection.cursor(row_factory=dict_row) as cursor:
+        return cursor.execute(
+            "SELECT name, type, (guess ->> 'confidence')::float8 AS confidence FROM entity "
+            "CROSS JOIN LATERAL (SELECT properties -> 'type_guess') g (guess) WHERE map_id = %s "
+            "AND kind = 'object' AND guess ->> 'from' = 'shape' AND type = guess ->> 'type'",
+            (map_id,),
+        ).fetchall()
 
 
 def derive_inventories(connection: psycopg.Connection[Any], map_id: int) -> int:

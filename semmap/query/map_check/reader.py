@@ -22,22 +22,14 @@ Floats = NDArray[np.float64]
 class CheckedEntity:
     """An entity as its placement, models and outline have it; metres in the map's frame."""
 
+    name: str
+    kind: str
     row: dict[str, Any]  # the columns of the statement
-    pose: Pose | None  # composed of the placements of its holders; None without a placement
+    pose: Pose | None = None  # composed of those of its holders; None without a placement
     holder: CheckedEntity | None = None
     triangles: Floats = field(default_factory=lambda: np.empty((0, 3, 3)))
     hull: Floats = field(default_factory=lambda: np.empty((0, 3)))
     outline: shapely.Geometry | None = None
-
-    @property
-    def name(self) -> str:
-        """Its name."""
-        return str(self.row["name"])
-
-    @property
-    def kind(self) -> str:
-        """Its kind: room, object, connector, ..."""
-        return str(self.row["kind"])
 
     @cached_property
     def low(self) -> Floats:
@@ -106,7 +98,7 @@ def read_checked_entities(session: psycopg.Connection[Any]) -> list[CheckedEntit
     """Return the entities of the current map, by name."""
     with session.cursor(row_factory=dict_row) as cursor:
         rows = cursor.execute(_ENTITIES).fetchall()
-    by_id = {row["id"]: CheckedEntity(row, None) for row in rows}
+    by_id = {row["id"]: CheckedEntity(row["name"], row["kind"], row) for row in rows}
     for entity in by_id.values():
         entity.holder = by_id.get(entity.row["holder_id"])
         if entity.row["pose"] is not None:

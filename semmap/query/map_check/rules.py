@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from semmap.geometry.contact import overlap
 from semmap.geometry.pose import Pose
+from semmap.query.geometry_notes import listed
 from semmap.query.map_check.building import CONTACT, FASTENED, STEP, WALL, CheckedBuilding
 from semmap.query.map_check.reader import CheckedEntity, read_checked_entities
 from semmap.query.snapshot import Snapshot
@@ -33,9 +34,6 @@ CONTENT = 0.95
 
 LOST = 1000.0
 """Metres above or below all rooms at which no building has a thing."""
-
-SHOWN = 5
-"""Names in a sentence; the finding has all of them."""
 
 Floats = NDArray[np.float64]
 
@@ -147,7 +145,7 @@ def _one_point(building: CheckedBuilding) -> Found:
                 if holder is not None and holder.kind == "object"
                 else f"map[{names[-1]!r}].move_to(x, y, {z:.3f}), or .delete() if it is the same"
             )
-            yield names, f"{_list(names)} are at one point: {x:.3f}, {y:.3f}, {z:.3f}", fix
+            yield names, f"{listed(names)} are at one point: {x:.3f}, {y:.3f}, {z:.3f}", fix
 
 
 def _outside(building: CheckedBuilding) -> Found:
@@ -166,7 +164,7 @@ def _outside(building: CheckedBuilding) -> Found:
             outdoors.append(entity.name)
     if outdoors:
         count = f"{len(outdoors)} object{'s are' if len(outdoors) > 1 else ' is'} outside"
-        text = f"{count} of the building: {_list(outdoors)}"
+        text = f"{count} of the building: {listed(outdoors)}"
         yield tuple(outdoors), text, "map.add_room(...) where robots are to reach them"
 
 
@@ -249,7 +247,7 @@ def _shapeless(building: CheckedBuilding) -> Found:
     names = tuple(e.name for e in building.objects if e.outline is None)
     if names:
         count = f"{len(names)} object{'s have' if len(names) > 1 else ' has'}"
-        text = f"{count} no geometry, so grids take them as free: {_list(names)}"
+        text = f"{count} no geometry, so grids take them as free: {listed(names)}"
         yield names, text, "--assume-sizes, or import their meshes"
 
 
@@ -327,11 +325,6 @@ def _wrong_holder(building: CheckedBuilding) -> Found:
             )
             fix = f"SELECT derive_again(ARRAY[{entity.row['id']}])"
             yield (entity.name, holder.name), text, fix
-
-
-def _list(names: list[str] | tuple[str, ...]) -> str:
-    more = f" and {len(names) - SHOWN} more" if len(names) > SHOWN else ""
-    return ", ".join(names[:SHOWN]) + more
 
 
 def _move(entity: CheckedEntity, dx: float, dy: float, dz: float) -> str:
