@@ -22,10 +22,7 @@ class DepthCamera:
     nearest: float = 0.1  # metres ahead, within which nothing is seen
 
     def project(self, points: Floats) -> Floats:
-        """Return (..., 3) of points ahead: pixels from the left and from the top, and 1 / depth.
-
-        1 / depth is linear across the picture of a triangle, and larger for nearer points.
-        """
+        """Return (..., 3) of points ahead: pixels from left and top, and 1 / depth."""
         fx, fy, cx, cy = self.intrinsics
         x, y, z = np.moveaxis((points - self.pose[:3, 3]) @ self.pose[:3, :3], -1, 0)
         return np.stack([fx * x / z + cx + 0.5, fy * y / z + cy + 0.5, 1 / z], axis=-1)

@@ -1,7 +1,6 @@
 """A z-buffer in NumPy: the triangle that each pixel shows.
 
-It needs neither a display nor a graphics card. A fragment is one number with the depth in its upper
-bits and the triangle in its lower bits, so that the nearest fragment is the maximum.
+A fragment is one number with the depth in its upper bits and the triangle in its lower bits.
 
 Why: docs/decisions/3d_pictures_come_from_a_software_renderer_of_our_own_not_from_pyvista.md
 """
@@ -21,17 +20,14 @@ _FRAGMENTS_AT_ONCE = 4_000_000
 
 
 class Projection(Protocol):
-    """Projects points (..., 3) to pixels from the left and the top, and a depth, larger if nearer.
-
-    All three are linear across a triangle's picture.
-    """
+    """Projects points (..., 3) to pixels from left and top and a depth, linear on a triangle."""
 
     @property
     def size(self) -> tuple[int, int]:
         """(width, height) of the picture, pixels."""
 
     def project(self, points: Floats) -> Floats:
-        """Return (..., 3)."""
+        """Return (..., 3); the depth is larger where a point is nearer."""
 
 
 @dataclass(frozen=True)

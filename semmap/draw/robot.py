@@ -26,10 +26,7 @@ from semmap.robot.parts import Part
 def robot_views(
     parts: Sequence[Part], meshes: Mapping[str, Mesh], pose: Pose | None = None
 ) -> list[ObjectView]:
-    """Return one object per part, in the part's colour, at the robot's pose in the map's frame.
-
-    `meshes` are those of links, in the robot's frame.
-    """
+    """Return one object per part, at the robot's pose; meshes are by link, in the robot's frame."""
     found = []
     for part, colour in zip(parts, cycle(PART_COLOURS)):
         mesh = join([meshes[link] for link in part.links if link in meshes])

@@ -18,10 +18,7 @@ Outline: TypeAlias = Polygon | MultiPolygon
 
 @dataclass(frozen=True)
 class RoomView:
-    """A room from z `low` to `high`; `types` are its type and supertypes, the nearest first.
-
-    `label` is its function, such as kitchen.
-    """
+    """A room from z `low` to `high`, with its type and supertypes; `label` is its function."""
 
     name: str
     outline: Outline

@@ -50,10 +50,7 @@ class Opening:
 
 @dataclass
 class FloorPlan:
-    """The faces that the lines of one storey enclose.
-
-    Rooms are polygons in metres, disjoint to 0.1 mm, from top to bottom and left to right.
-    """
+    """The faces that lines enclose; rooms from top to bottom and left to right, metres."""
 
     rooms: list[Polygon] = field(default_factory=list)
     openings: list[Opening] = field(default_factory=list)  # can be walked through
@@ -71,10 +68,7 @@ class Sides(NamedTuple):
 def bridge_gaps(
     lines: Sequence[LineString], gap: float, ends: Sequence[LineString] | None = None
 ) -> list[LineString]:
-    """Return lines that close gaps of at most `gap` metres between ends of lines and others.
-
-    The ends are those of `ends`, of `lines` where None.
-    """
+    """Return lines that close gaps of at most `gap` metres from `ends` (`lines`) to `lines`."""
     tree = STRtree(lines)
     corners = shapely.points(
         np.unique(

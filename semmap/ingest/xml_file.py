@@ -1,8 +1,4 @@
-"""Untrusted XML files: no entities, no DTD, and errors that name the line and the fix.
-
-Gazebo and ROS read XML with TinyXML2, which accepts more than the standard allows. A file that is
-not well-formed only in these ways is read as they read it (see `_as_tinyxml_reads`).
-"""
+"""Untrusted XML files, without entities and DTD; what TinyXML2 accepts is read as it reads it."""
 
 from __future__ import annotations
 
@@ -32,11 +28,7 @@ QUOTED = re.compile(rb"\"[^\"]*\"|'[^']*'")
 
 
 def read_xml(path: Path, roots: Collection[str] | None = None) -> Element:
-    """Return the root element of an XML file; it is one of `roots`, where they are given.
-
-    A WorldError refuses a file that is absent, not well-formed, or declares a DTD or entities (an
-    XML bomb).
-    """
+    """Return the root element of an XML file, one of `roots`; a WorldError refuses a DTD, too."""
     data = read_bytes(path)
     try:
         try:

@@ -1,7 +1,4 @@
-"""The change feed of a map: what wakes a follower, and what changed since it last looked.
-
-A notification only wakes. What changed is read from the table `change` by a cursor, a transaction
-snapshot: no change is skipped, whenever its transaction was committed.
+"""The change feed of a map: a notification wakes, the table `change` says what changed.
 
 Why: docs/decisions/a_reader_s_cursor_is_on_disk_before_it_is_used.md
 """

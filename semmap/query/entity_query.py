@@ -63,10 +63,7 @@ def list_guessed_types(session: Session) -> list[Row]:
 
 
 def list_regions(session: Session, ids: Sequence[int] | None = None) -> list[Row]:
-    """The regions of the map, or those with these ids; area in square metres, z in metres.
-
-    `of` is the entity that each is a part of; `faces` is their number.
-    """
+    """The regions of the map, or those with these ids; area in square metres, z in metres."""
     rows = _rows(
         session,
         "SELECT e.name, e.type, r.origin, o.name AS of, h.name AS holder, "

@@ -94,10 +94,7 @@ def read_size(session: Session, entity: int) -> tuple[float, float, float] | Non
 
 
 def read_mesh(session: Session, entity: int) -> trimesh.Trimesh | None:
-    """The triangles of an entity in the map's frame; of a region that is a part, those faces of it.
-
-    None where it has none or no placement.
-    """
+    """The triangles of an entity in the map's frame; of a region that is a part, those faces."""
     import trimesh
 
     rows = session.execute(

@@ -1,8 +1,7 @@
-"""Read the contents of storeys from the database: the one reader for pictures, grids and fields.
+"""Read the contents of storeys: the one reader for pictures, grids and fields.
 
-A storey contains what reaches into its heights, whichever storey its holder is on: a shelf that
-stands on the ground floor and passes through the ceiling is an obstacle on the floor above. A map
-without storeys is read as one storey that has the map's name.
+A storey contains what reaches into its heights, whichever storey its holder is on: a shelf through
+the ceiling is an obstacle above. A map without storeys is one storey that has the map's name.
 """
 
 from __future__ import annotations
@@ -228,10 +227,7 @@ def read_entities(
 
 @dataclass(frozen=True)
 class _Storey:
-    """A storey, the z of its floor, and the heights z that belong to it.
-
-    Without an id, it is the whole of a map without storeys.
-    """
+    """A storey, or the whole of a map without any; its floor and the heights z that are its own."""
 
     name: str
     id: int | None = None

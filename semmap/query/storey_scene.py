@@ -1,8 +1,4 @@
-"""The contents of a storey as plain data: entities with their geometry, and the floor below them.
-
-All coordinates are in the map's frame, in metres. `semmap.query.storey_reader` reads scenes from
-the database; pictures, grids and fields are made from them.
-"""
+"""The contents of a storey as plain data, in the map's frame, metres."""
 
 from __future__ import annotations
 

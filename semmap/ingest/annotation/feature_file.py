@@ -80,10 +80,7 @@ class FeatureFile:
 
 
 def read_features(path: Path) -> FeatureFile:
-    """Return all features of a file; coordinates are metres of the map, whatever CRS is stated.
-
-    A WorldError refuses one that is not there, is malformed, or is neither GeoJSON nor GeoPackage.
-    """
+    """Return all features of a file; coordinates are metres of the map, whatever CRS is stated."""
     ending = path.suffix.lower()
     if ending not in ENDINGS:
         problem = f"{path.suffix!r} is not the ending of an annotation"

@@ -1,7 +1,6 @@
 """OctoMap files, .bt and .ot: occupied voxels as a closed surface.
 
-Source of the format: Hornung et al., "OctoMap: An Efficient Probabilistic 3D Mapping Framework
-Based on Octrees", 2013, section 3.5.
+Source: Hornung et al., "OctoMap", 2013, section 3.5.
 """
 
 from __future__ import annotations
@@ -67,11 +66,7 @@ def _read_header(content: bytes) -> _Header:
 
 
 def _leaves(header: _Header) -> Iterator[Leaf]:
-    """Yield the occupied leaves of a file, in which parents stand before children.
-
-    An inner node of a .bt file has two bits for each child, a node of an .ot file log-odds and a
-    bit for each child.
-    """
+    """Yield the occupied leaves of a file: two bits a child, or log-odds and a bit a child."""
     half = 1 << (DEPTH - 1)
     todo: list[Leaf] = [(-half, -half, -half, 2 * half)] if header.nodes else []
     record = struct.Struct("<H" if header.binary else "<fB")

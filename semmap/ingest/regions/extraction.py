@@ -1,8 +1,6 @@
-"""Regions of the map: drawn, parts of a model's surface, or found in geometry.
+"""Regions of the map: drawn, parts of a model's surface, or found (Deeken et al., section 3.4).
 
-Deeken et al., section 3.4: a region is a part of a room's or object's geometry with its own
-meaning. That room or object holds it, so they move together. A region of the same name is updated,
-not duplicated; one that is up to date is not changed.
+The room or object of which it is a part holds a region. One of the same name is updated.
 """
 
 from __future__ import annotations
@@ -316,11 +314,7 @@ def _standing_in(connection: Connection, room: Owner) -> list[tuple[Mesh, bool]]
 def _surfaces(
     connection: Connection, owner: Owner, frame: Pose
 ) -> list[tuple[int, float, Polygon, list[int]]]:
-    """Model, height, outline and faces of the surfaces level in `frame`, highest first.
-
-    Those that are level in the models' own frame are kept with the models; what lies on its side
-    has others, which are looked for here.
-    """
+    """Model, height, outline and faces of the surfaces level in `frame`, highest first."""
     models = _models(connection, owner)
     if not models:
         raise ValueError(f"{owner.name} has no triangles: import its mesh first")

@@ -1,8 +1,4 @@
-"""Open-RMF ``building.yaml`` as its editor wrote it: checked, typed, still in its own units.
-
-Parameters stand in the file as ``[type, value]``; here only the value is left. In the coordinate
-system ``reference_image`` vertices are pixels with y down; here y is already up.
-"""
+"""Open-RMF ``building.yaml`` as its editor wrote it: checked, typed, in its own units, y up."""
 
 from __future__ import annotations
 

@@ -1,9 +1,4 @@
-"""Route graphs drawn for Nav2's route server (GeoJSON), as regions and links.
-
-Each node is a region of type waypoint, held by the room that it lies in; each edge is a link
-`nav2_edge` from node to node with its cost and its other properties. A node at which a robot
-stands before a connector has a link `stands_before` to that connector.
-"""
+"""Route graphs drawn for Nav2's route server (GeoJSON): waypoints and links `nav2_edge`."""
 
 from __future__ import annotations
 

@@ -1,8 +1,7 @@
 """The named frames of an SDF scope (a model or a world), and their poses in it.
 
-Pose semantics of SDFormat 1.7 and later (http://sdformat.org/tutorials?tut=pose_frame_semantics):
-a pose is given relative to a named frame of the same scope; a nested model opens its own
-scope, whose frames the outer scope calls ``model::frame``.
+As of SDFormat 1.7 (http://sdformat.org/tutorials?tut=pose_frame_semantics). A nested model opens
+its own scope, whose frames the outer scope calls ``model::frame``.
 """
 
 from __future__ import annotations

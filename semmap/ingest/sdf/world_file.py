@@ -1,9 +1,5 @@
 """Gazebo worlds and models in SDF (http://sdformat.org/spec), as entries of a world.
 
-No SDF parser on PyPI is maintained well (the bindings of sdformat need its C++ libraries), so this
-package reads the part of the format that places models: this module the world, `models` its
-models, `frames` their poses, `geometries` their surfaces; `resources` finds the files.
-
 Why: docs/decisions/sdf_is_read_by_own_code.md
 """
 

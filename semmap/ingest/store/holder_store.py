@@ -1,7 +1,4 @@
-"""The inventories of a map, derived from its geometry (Deeken et al., section 3.4, "Objects").
-
-The rules are those of the function `derived_holders` in the schema, which each move applies, too.
-"""
+"""The inventories of a map, by `derived_holders` of the schema (Deeken et al., section 3.4)."""
 
 from __future__ import annotations
 
@@ -24,10 +21,7 @@ def postpone_derivation(connection: psycopg.Connection[Any]) -> None:
 
 
 def recognise_parts(connection: psycopg.Connection[Any], map_id: int) -> list[dict[str, Any]]:
-    """Find floors, walls and ceilings among objects without a stated type, by their shape.
-
-    Returns name, type and confidence of each that the map has.
-    """
+    """Find floors, walls and ceilings among objects by their shape; return all such of the map."""
     connection.execute(
         "SELECT recognise_parts(ARRAY("
         "SELECT id FROM entity WHERE map_id = %s AND kind = 'object'))",
@@ -59,10 +53,7 @@ def derive_inventories(connection: psycopg.Connection[Any], map_id: int) -> int:
 def find_surfaces(
     connection: psycopg.Connection[Any], map_id: int, entity: int | None = None
 ) -> None:
-    """Store the support surfaces of the models of a map, or of one entity; each is searched once.
-
-    A trigger derives what stands on them.
-    """
+    """Store the support surfaces of models of a map, or of an entity; each is searched once."""
     with connection.cursor() as cursor:
         cursor.execute(
             "SELECT DISTINCT m.id FROM model m JOIN entity_model em ON em.model_id = m.id "

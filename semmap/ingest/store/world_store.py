@@ -1,8 +1,4 @@
-"""A `World` into the database, in one transaction, with COPY.
-
-A repeated import leaves unchanged entities of the same source alone, updates changed ones, and
-removes those that the source no longer has.
-"""
+"""A `World` into the database; of a repeated import, what its source changed, added or removed."""
 
 from __future__ import annotations
 
@@ -49,10 +45,7 @@ def store_world(
     source: str | None = None,
     progress: Progress = lambda stage, done, total: None,
 ) -> StoreSummary:
-    """Store a world in a map, within the caller's transaction.
-
-    `source` is the name by which a repeated import finds its entities; None: they are new.
-    """
+    """Store a world in a map; without a source, a repeated import does not find its entities."""
     stored = StoreSummary(notes=list(world.notes))
     with connection.cursor() as cursor:
         cursor.execute("SELECT pg_advisory_xact_lock(hashtext('semmap.import'))")

@@ -205,10 +205,7 @@ def _box(triangles: Floats) -> tuple[Floats, Floats]:
 
 
 def _gap(points: Floats, under: Floats, support: Floats) -> float:
-    """Metres of air between an underside and a support, at corners and middles of faces of either.
-
-    Infinite where it is beside or above; a board on a pole is on it.
-    """
+    """Metres of air between an underside and a support; infinite where it is beside or above."""
     if not len(support):
         return float(np.inf)
     low, high = _box(under)
