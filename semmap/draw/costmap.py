@@ -15,7 +15,6 @@ from semmap.draw.sheet import draw_title, save_sheet
 
 _LETHAL, _INSCRIBED, _UNKNOWN = 254, 253, 255
 
-
 LONGER_SIDE = 11.0
 """Of a picture, inches."""
 
@@ -23,8 +22,7 @@ LONGER_SIDE = 11.0
 def colours(costs: NDArray[np.uint8]) -> NDArray[np.uint8]:
     """The RGB that RViz gives costs of costmap_2d, (..., 3) uint8: free white, lethal purple."""
     share = np.arange(256) / 252
-    table = np.empty((256, 3))
-    table[:, 0], table[:, 1], table[:, 2] = 255 * share, 0, 255 * (1 - share)
+    table = 255 * np.column_stack([share, np.zeros(256), 1 - share])
     # Low costs fade into white, so that their border shows no edge.
     fade = np.clip(np.arange(256) / 60, 0, 1)[:, None]
     table = 255 * (1 - fade) + table * fade

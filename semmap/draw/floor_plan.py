@@ -46,7 +46,6 @@ _COVERED = 0.1
 """The share of a name that others may cover; names of large rooms come first."""
 _DOUBLE, _OPENING = 1.3, 2.4  # widths beyond which a door has two leaves, or none, metres
 
-
 _KITE = [[0.13, 0, 0], [-0.09, 0.085, 0], [-0.045, 0, 0], [-0.09, -0.085, 0]]
 """The sign of a pose, metres in its frame."""
 

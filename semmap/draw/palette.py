@@ -120,7 +120,6 @@ BOX_COLOURS = (
     "#8e44ad",
 )
 
-
 PART_COLOURS = ("#2e9e4f", "#d6372c", "#2f6fd0", "#e0a21b", "#8a4fc0", "#2aa3a3")
 """Colours of a robot's parts in their order: base green, arm red, pole blue, as in Figure 6."""
 

@@ -151,10 +151,7 @@ def _render(camera: Camera, storey: Surfaces, picture: NDArray[np.float32], dept
 def _shifts(
     storeys: Sequence[StoreyView], azimuth: float, elevation: float, tall: float
 ) -> list[Floats]:
-    """The offsets that lift each storey so that it hides no part of the storey below.
-
-    Each clears the longest line across the ground in the direction of view, and `tall` metres.
-    """
+    """The offsets that lift each storey, `tall` with its boxes, so that it hides nothing below."""
     shifts = [np.zeros(3)]
     bounds = [b for s in storeys if (b := _ground(s)) is not None]
     if bounds:

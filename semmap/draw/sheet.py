@@ -46,10 +46,7 @@ def save_sheet(figure: Figure, path: Path | str) -> Path:
 def draw_title(
     figure: Figure, title: str, y: float, size: float, left: float = 0.025, right: float = 0.975
 ) -> Text:
-    """Draw a bold title of `size` points, or smaller where it would reach over `right`.
-
-    `y` of its middle, `left` and `right` are parts of the figure's height and width.
-    """
+    """Draw a bold title of at most `size` points from `left` to `right`, parts of the width."""
     text = figure.text(left, y, title, fontsize=size, weight="bold", color=INK, va="center")
     width = text.get_window_extent().width
     room = (right - left) * figure.bbox.width

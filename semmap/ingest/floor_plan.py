@@ -24,7 +24,6 @@ NARROWEST = 0.4
 DOORWAY = 0.5
 """A border without wall or door is an opening from this length (metres) on."""
 
-
 GAP, CABIN_GAP = 0.05, 0.5
 """Metres by which lines may miss each other, and elevator doors their shaft."""
 

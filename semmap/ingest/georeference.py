@@ -35,13 +35,11 @@ def on_utm(
 ) -> dict[str, float]:
     """Return the pose of a level frame at a place on the earth, on the UTM grid of that place.
 
-    Latitude and longitude are WGS 84, degrees; the elevation is metres. `heading` is the degrees by
-    which the frame is turned from east-north-up about the downward axis, as `heading_deg` of SDF's
-    ``spherical_coordinates``: at 90 its x axis points south.
-
-    The pose is `crs` (EPSG code), `easting`, `northing`, `height` (metres) and `rotation` of its x
-    axis from the grid's east, radians in [-pi, pi], counter-clockwise; the grid's convergence is
-    allowed for, its scale, within 0.1 % of 1, is not.
+    Latitude, longitude (WGS 84) and `heading` are degrees: the heading turns the frame from
+    east-north-up about the downward axis, as of SDF's ``spherical_coordinates``: at 90 its x axis
+    points south. Of the pose, `crs` is an EPSG code; `easting`, `northing` and `height` are metres;
+    `rotation` is of the x axis from the grid's east, radians in [-pi, pi], counter-clockwise, with
+    the grid's convergence, but not its scale, within 0.1 % of 1.
     """
     crs = utm_crs(latitude, longitude)
     cursor.execute(

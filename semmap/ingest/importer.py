@@ -24,6 +24,7 @@ from semmap.ingest.rmf import read_rmf
 from semmap.ingest.route_graph.graph_file import EDGE, is_route_graph, read_route_graph
 from semmap.ingest.route_graph.node_store import check_names, settle_nodes
 from semmap.ingest.sdf import read_sdf
+from semmap.ingest.sdf.models import Role
 from semmap.ingest.store.holder_store import (
     derive_inventories,
     postpone_derivation,
@@ -37,7 +38,6 @@ from semmap.limits import ENTRIES, NAME_CHARACTERS
 from semmap.query.geometry_notes import names_note, read_names_without_geometry
 from semmap.query.snapshot import Snapshot
 
-Geometry = Literal["visual", "collision"]
 MeshAs = Literal["object", "room"]
 
 SDF, RMF, FEATURES = (".sdf", ".world"), (".yaml", ".yml"), (".geojson", ".json", ".gpkg")
@@ -47,7 +47,7 @@ MESHES = (".3mf", ".bt", ".dae", ".glb", ".gltf", ".obj", ".off", ".ot", ".ply",
 
 def read_world(
     path: Path,
-    geometry: Geometry = "visual",
+    geometry: Role = "visual",
     mesh_as: MeshAs = "object",
     *,
     model_path: Sequence[Path] = (),
@@ -142,7 +142,7 @@ def import_file(
     path: Path,
     *,
     map_name: str | None = None,
-    geometry: Geometry = "visual",
+    geometry: Role = "visual",
     mesh_as: MeshAs = "object",
     strict: bool = False,
     source: str | None = None,

@@ -1,9 +1,9 @@
-"""Names of models and instances: the semantic type that they suggest, and unique names."""
+"""The semantic types that names of models and instances suggest."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Container, Iterable
+from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cache
 from itertools import product
@@ -42,7 +42,6 @@ TYPE_WORDS: dict[str, str] = {
 """Words in names of models for a type, beside its label and synonyms in the T-Box.
 
 The model of a door is an object, its leaf; the door that a robot passes is a connector."""
-
 
 TRAILING = frozenset(
     word
@@ -93,11 +92,7 @@ SURE = 0.8
 
 @dataclass(frozen=True)
 class TypeGuess:
-    """A semantic type that a name suggests; its confidence is a rank, not a measured share.
-
-    It is 0.9 if the name is nothing but a phrase for the type, 0.8 if it ends in a phrase of
-    several words, 0.6 if only its last word is known.
-    """
+    """A type that a name suggests; confidence ranks whole phrases (0.9), endings (0.8) and words (0.6)."""
 
     type: str
     confidence: float
@@ -163,17 +158,3 @@ def _phrases() -> dict[tuple[str, ...], str]:
                 known[tuple(words(phrase))] = record.name
     known.pop((), None)
     return known
-
-
-def unique_name(name: str, taken: Container[str]) -> str:
-    """Return `name`, with the first free suffix `_2`, `_3`, ... if it is taken.
-
-    >>> unique_name("chair", {"chair", "chair_2"})
-    'chair_3'
-    """
-    if name not in taken:
-        return name
-    number = 2
-    while f"{name}_{number}" in taken:
-        number += 1
-    return f"{name}_{number}"

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Container
 from dataclasses import dataclass, field
+from itertools import chain, count
 from pathlib import Path
 from typing import Any, Literal
 
@@ -31,11 +33,6 @@ class WorldError(Error):
         super().__init__(f"{path}: {element}: {problem}. {fix}")
 
 
-def _printable(given: str) -> str:
-    """Return text that every terminal and database accepts."""
-    return given.replace("\0", "\ufffd").encode("utf-8", "replace").decode()
-
-
 class Refused(Exception):
     """An element of a file that cannot be used: what is wrong, and how to fix it."""
 
@@ -53,8 +50,9 @@ class Skipped:
     fix: str
 
     def __post_init__(self) -> None:
-        for name, given in vars(self).items():
-            object.__setattr__(self, name, _printable(given))
+        for name, given in vars(self).items():  # text that every terminal and database accepts
+            printable = given.replace("\0", "\ufffd").encode("utf-8", "replace").decode()
+            object.__setattr__(self, name, printable)
 
 
 @dataclass
@@ -155,3 +153,13 @@ class World:
     skipped: list[Skipped] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
     georeference: dict[str, Any] | None = None
+
+
+def unique_name(name: str, taken: Container[str]) -> str:
+    """Return `name`, with the first free suffix `_2`, `_3`, ... if it is taken.
+
+    >>> unique_name("chair", {"chair", "chair_2"})
+    'chair_3'
+    """
+    suffixed = (f"{name}_{number}" for number in count(2))
+    return next(free for free in chain([name], suffixed) if free not in taken)

@@ -33,7 +33,10 @@ _HOLDER = (
 _HELD_BY_PLACES = _HOLDER.format("'room', 'storey'")
 _HELD = _HOLDER.format("'room', 'storey', 'object'")
 
-_HERE = "WHERE v.map = (SELECT name FROM map WHERE id = current_map())"
+_VIEW = (
+    "FROM {} v JOIN entity e ON e.id = v.fid LEFT JOIN world w ON w.entity_id = v.fid "
+    f"{_BASE} WHERE v.map = (SELECT name FROM map WHERE id = current_map())"
+)
 
 LAYERS = {
     "storeys": "SELECT e.id AS fid, 'storey' AS kind, e.name, e.type, e.label, e.front, "
@@ -43,27 +46,21 @@ LAYERS = {
     "pose_yaw(w.pose) AS heading FROM elevator l JOIN entity e ON e.id = l.entity_id "
     "LEFT JOIN world w ON w.entity_id = e.id WHERE e.map_id = current_map()",
     "rooms": "SELECT v.fid, 'room' AS kind, v.name, v.type, v.label, v.storey, e.front, "
-    "l.name AS elevator, pose_yaw(w.pose) AS heading, w.pose[3] + v.floor - base.z AS floor, "
-    "w.pose[3] + v.ceiling - base.z AS ceiling FROM gis_room v JOIN entity e ON e.id = v.fid "
-    "LEFT JOIN world w ON w.entity_id = v.fid JOIN room r ON r.entity_id = v.fid "
-    f"LEFT JOIN entity l ON l.id = r.elevator_id {_BASE} {_HERE}",
+    "(SELECT l.name FROM room r JOIN entity l ON l.id = r.elevator_id WHERE r.entity_id = v.fid) "
+    "AS elevator, pose_yaw(w.pose) AS heading, w.pose[3] + v.floor - base.z AS floor, "
+    f"w.pose[3] + v.ceiling - base.z AS ceiling {_VIEW.format('gis_room')}",
     "doors": "SELECT v.fid, 'connector' AS kind, v.name, CASE WHEN v.form = 'door' OR EXISTS ("
     "SELECT FROM type_closure t WHERE t.sub = v.type AND t.super = v.form) THEN v.type "
     "ELSE v.form END AS type, e.label, v.storey, e.front, v.place_a || ',' || v.place_b AS joins, "
-    "v.direction, v.state, v.behaviour, v.width, v.height, v.step, "
-    "NULLIF(v.permissions, '') AS permissions, w.pose[3] - base.z AS floor "
-    "FROM gis_connector v JOIN entity e ON e.id = v.fid "
-    f"LEFT JOIN world w ON w.entity_id = v.fid {_BASE} {_HERE}",
+    "v.direction, v.state, v.behaviour, v.width, v.height, v.step, NULLIF(v.permissions, '') "
+    f"AS permissions, w.pose[3] - base.z AS floor {_VIEW.format('gis_connector')}",
     "regions": "SELECT v.fid, 'region' AS kind, v.name, v.type, v.label, v.storey, e.front, "
-    f"{_HELD_BY_PLACES} AS holder, pose_yaw(w.pose) AS heading, "
-    "v.low - base.z AS floor, greatest(v.high, v.low + 1e-5) - base.z AS ceiling "
-    "FROM gis_region v JOIN entity e ON e.id = v.fid "
-    f"LEFT JOIN world w ON w.entity_id = v.fid {_BASE} {_HERE}",
+    f"{_HELD_BY_PLACES} AS holder, pose_yaw(w.pose) AS heading, v.low - base.z AS floor, "
+    f"greatest(v.high, v.low + 1e-5) - base.z AS ceiling {_VIEW.format('gis_region')}",
     "objects": "SELECT v.fid, e.kind, v.name, v.type, v.label, v.storey, e.front, "
-    f"{_HELD} AS holder, pose_yaw(w.pose) AS heading, "
-    "v.low - base.z AS floor, CASE WHEN v.high - v.low > 1e-6 THEN v.high - v.low END AS height "
-    "FROM gis_object v JOIN entity e ON e.id = v.fid "
-    f"LEFT JOIN world w ON w.entity_id = v.fid {_BASE} {_HERE}",
+    f"{_HELD} AS holder, pose_yaw(w.pose) AS heading, v.low - base.z AS floor, "
+    "CASE WHEN v.high - v.low > 1e-6 THEN v.high - v.low END AS height "
+    f"{_VIEW.format('gis_object')}",
 }
 """The layers of a file, each with the statement of its columns."""
 

@@ -48,10 +48,7 @@ class Snapshot:
 
 @contextmanager
 def open_snapshot(session: psycopg.Connection[Any], name: str) -> Iterator[Snapshot]:
-    """See one state of a map; what is written in the block is committed at its end.
-
-    In a transaction that `session` has begun, it is the state that this transaction sees.
-    """
+    """See one state of a map; unless a transaction has begun, what is written is committed here."""
     begun = session.info.transaction_status != psycopg.pq.TransactionStatus.IDLE
     with session.transaction():
         if not begun:

@@ -24,7 +24,6 @@ SUPERUSER_NOTE = (
     "to read what others wrote, log in as a reader (docs/semmap.md)"
 )
 
-
 READING = ("SELECT", "WITH", "VALUES", "TABLE", "EXPLAIN", "SHOW")
 """Statements that return rows and, in a transaction that only reads, change nothing."""
 

@@ -11,9 +11,9 @@ from hypothesis import strategies as st
 
 from semmap.geometry.mesh import box_mesh
 from semmap.geometry.pose import IDENTITY, Pose
-from semmap.ingest.naming import SIZES, TYPE_WORDS, give_type, guess_type, unique_name
+from semmap.ingest.naming import SIZES, TYPE_WORDS, give_type, guess_type
 from semmap.ingest.ontology.tbox import read_tbox
-from semmap.ingest.world import Entry, Shape
+from semmap.ingest.world import Entry, Shape, unique_name
 
 ONTOLOGY = sorted(Path(__file__).parents[2].joinpath("schema", "ontology").glob("*.ttl"))
 OBJECTS = {r.name: r.label for r in read_tbox(ONTOLOGY) if r.kind == "object" != r.name}

@@ -15,8 +15,7 @@ from semmap.geometry.pose import IDENTITY, Pose
 from semmap.ingest.annotation.feature_file import Feature, read_features
 from semmap.ingest.annotation.feature_values import kind_of, number, text, type_of
 from semmap.ingest.floor_plan import middle_of
-from semmap.ingest.naming import unique_name
-from semmap.ingest.world import OUTSIDE, Entry, Kind, Refused, StoreyDetail, World
+from semmap.ingest.world import OUTSIDE, Entry, Kind, Refused, StoreyDetail, World, unique_name
 
 _COMMON = {"name", "kind", "type", "label", "storey", "holder", "heading", "heading_deg", "front"}
 _HEIGHTS = {"floor", "ceiling"}
@@ -55,11 +54,7 @@ class Draft:
 
 
 class DraftWorld:
-    """A world that grows kind by kind, each holder before what it holds.
-
-    `poses` of its entries are in the map, None without a place; `kinds` are those of all usable
-    features, `storeys` and `rooms` those in `out`, the world so far.
-    """
+    """A world that grows kind by kind, each holder before what it holds; `poses` are in the map."""
 
     def __init__(self, path: Path) -> None:
         self.file = read_features(path)

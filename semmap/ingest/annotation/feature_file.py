@@ -38,7 +38,6 @@ STYLE_LAYERS = frozenset({"layer_styles", "qgis_projects"})
 
 CRS_IGNORED = "the CRS is ignored: coordinates are metres of the map's own frame"
 
-
 EARTH = 1e8
 """Largest coordinate of a projection of the earth, and largest EPSG code."""
 

@@ -31,7 +31,6 @@ Y_UP = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])
 X_UP = np.array([[0.0, -1, 0], [0, 0, -1], [1, 0, 0]])
 """Rotation from coordinates with x up (COLLADA: right -y, towards the viewer z) to z up."""
 
-
 _Part = tuple[frozenset[str], Mesh]
 """A piece of a file with its names, in the file's frame and metres."""
 

@@ -15,7 +15,6 @@ from semmap.yaml_file import FAST, check_structure
 
 IS_IT_ONE = "Is it a building.yaml of the traffic editor?"
 
-
 LARGEST = 1e9
 """Pixels, metres or radians; also excludes NaN and infinity."""
 

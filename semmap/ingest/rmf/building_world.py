@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 from semmap.geometry.pose import Pose
-from semmap.ingest.naming import unique_name
 from semmap.ingest.rmf.alignment import align
 from semmap.ingest.rmf.building_file import Building, LevelPlan, Lift
-from semmap.ingest.world import OUTSIDE, Entry, Kind, Skipped, World
+from semmap.ingest.world import OUTSIDE, Entry, Kind, Skipped, World, unique_name
 
 WALL_HEIGHT = 2.5
 """The height at which the traffic editor's own world generator builds walls, metres."""

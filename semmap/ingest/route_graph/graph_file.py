@@ -14,17 +14,14 @@ from semmap.ingest.annotation.feature_file import (
     checked_property,
     parse_json,
 )
-from semmap.ingest.naming import unique_name
-from semmap.ingest.world import Entry, Refused, Skipped, World, WorldError, WorldLink
+from semmap.ingest.world import Entry, Refused, Skipped, World, WorldError, WorldLink, unique_name
 from semmap.limits import EXTENT, TEXT_BYTES
 
 EDGE = "nav2_edge"
 """The relation of a link that is an edge."""
 
-
 MOST_IDS = 65_535
 """Nav2's messages hold ids as uint16."""
-
 
 LINES = ("LineString", "MultiLineString")
 TRIGGERS = ("NODE", "ON_ENTER", "ON_EXIT")

@@ -7,7 +7,6 @@ from collections.abc import Mapping
 from typing import Any
 
 import psycopg
-from psycopg.types.json import Jsonb
 
 from semmap.ingest.world import World, WorldError
 
@@ -32,12 +31,9 @@ def check_names(
         (map_id, numbered, source),
     ).fetchone()
     if row is not None:
-        raise WorldError(
-            world.source,
-            row[0],
-            f"is in the map already, from {row[1]}",
-            f"Rename this file, or import it with --source {row[1]} to replace that graph.",
-        )
+        name, other = row
+        fix = f"Rename this file, or import it with --source {other} to replace that graph."
+        raise WorldError(world.source, name, f"is in the map already, from {other}", fix)
 
 
 def settle_nodes(
@@ -125,8 +121,10 @@ def _join_connectors(connection: psycopg.Connection[Any], map_id: int, source: s
         "AND e.source = %(source)s AND l.relation = %(relation)s",
         values,
     )
-    found = connection.execute(
-        "SELECT e.id, c.entity_id, s.side FROM entity e JOIN world w ON w.entity_id = e.id "
+    connection.execute(
+        "INSERT INTO link (from_id, relation, to_id, properties) "
+        "SELECT e.id, %(relation)s, c.entity_id, jsonb_build_object('side', s.side) "
+        "FROM entity e JOIN world w ON w.entity_id = e.id "
         "JOIN placement p ON p.entity_id = e.id, connector c "
         "JOIN entity ce ON ce.id = c.entity_id JOIN world cw ON cw.entity_id = c.entity_id, "
         "LATERAL (VALUES (0, pose_compose(cw.pose, c.pose_a), c.place_a), "
@@ -136,9 +134,4 @@ def _join_connectors(connection: psycopg.Connection[Any], map_id: int, source: s
         "AND ST_DWithin(ST_Point(w.pose[1], w.pose[2]), ST_Point(s.pose[1], s.pose[2]), %(near)s) "
         "AND abs(w.pose[3] - s.pose[3]) <= 1.0",
         values,
-    ).fetchall()
-    with connection.cursor() as cursor:
-        cursor.executemany(
-            "INSERT INTO link (from_id, relation, to_id, properties) VALUES (%s, %s, %s, %s)",
-            [(node, STANDS_BEFORE, c, Jsonb({"side": side})) for node, c, side in found],
-        )
+    )

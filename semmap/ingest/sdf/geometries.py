@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
+from typing import Any
 from xml.etree.ElementTree import Element
 
 import numpy as np
@@ -108,22 +109,16 @@ def _ellipsoid(shape: Element, where: str) -> Mesh:
     return _ball(_positive(numbers(shape.find("radii"), 3, f"{where}: radii"), where))
 
 
-def _cylinder(shape: Element, where: str) -> Mesh:
-    r, h = _size(shape, "radius", where), _size(shape, "length", where)
-    return _of(trimesh.creation.cylinder(radius=r, height=h, sections=SECTIONS))
+def _round(make: Callable[..., trimesh.Trimesh], **smooth: Any) -> Callable[[Element, str], Mesh]:
+    """What makes a solid of a radius and a length along z, about the origin."""
 
+    def solid(shape: Element, where: str) -> Mesh:
+        r, h = _size(shape, "radius", where), _size(shape, "length", where)
+        made = _of(make(radius=r, height=h, **smooth))
+        middle = made.bounds[:, 2].mean()
+        return Mesh(made.vertices - (0, 0, middle), made.faces)
 
-def _cone(shape: Element, where: str) -> Mesh:
-    r, h = _size(shape, "radius", where), _size(shape, "length", where)
-    cone = _of(trimesh.creation.cone(radius=r, height=h, sections=SECTIONS))
-    return Mesh(cone.vertices - (0, 0, h / 2), cone.faces)
-
-
-def _capsule(shape: Element, where: str) -> Mesh:
-    r, h = _size(shape, "radius", where), _size(shape, "length", where)
-    capsule = _of(trimesh.creation.capsule(height=h, radius=r, count=[SECTIONS, SECTIONS]))
-    ends = np.stack([capsule.vertices.min(axis=0), capsule.vertices.max(axis=0)])
-    return Mesh(capsule.vertices - ends.mean(axis=0), capsule.faces)
+    return solid
 
 
 def _plane(shape: Element, where: str) -> Mesh:
@@ -158,11 +153,11 @@ def _polylines(shapes: list[Element], where: str) -> Mesh:
 
 _SOLIDS: dict[str, Callable[[Element, str], Mesh]] = {
     "box": _box,
-    "cylinder": _cylinder,
+    "cylinder": _round(trimesh.creation.cylinder, sections=SECTIONS),
     "sphere": _sphere,
     "ellipsoid": _ellipsoid,
-    "capsule": _capsule,
-    "cone": _cone,
+    "capsule": _round(trimesh.creation.capsule, count=[SECTIONS, SECTIONS]),
+    "cone": _round(trimesh.creation.cone, sections=SECTIONS),
     "plane": _plane,
 }
 """The shapes that are not read from files, by element."""

@@ -15,12 +15,11 @@ import numpy as np
 
 from semmap.geometry.mesh import Mesh, join
 from semmap.geometry.pose import IDENTITY, Pose
-from semmap.ingest.naming import unique_name
 from semmap.ingest.sdf.elements import Unusable, flag, leaving_out, local_pose, read_root
 from semmap.ingest.sdf.frames import Frames
 from semmap.ingest.sdf.geometries import Geometries
 from semmap.ingest.sdf.resources import Resources, model_name
-from semmap.ingest.world import Shape, Skipped, World, WorldError
+from semmap.ingest.world import Shape, Skipped, World, WorldError, unique_name
 from semmap.limits import EXTENT, NESTING, PARTS, TRIANGLES
 
 Role = Literal["visual", "collision"]

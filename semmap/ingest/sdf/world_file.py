@@ -15,12 +15,12 @@ import numpy as np
 
 from semmap.geometry.pose import Pose
 from semmap.ingest.georeference import utm_crs
-from semmap.ingest.naming import give_type, unique_name
+from semmap.ingest.naming import give_type
 from semmap.ingest.sdf.elements import Unusable, leaving_out, local_pose, numbers, read_root
 from semmap.ingest.sdf.frames import Frames
 from semmap.ingest.sdf.models import Models, Role, SdfFile, SdfModel
 from semmap.ingest.sdf.resources import Resources
-from semmap.ingest.world import Entry, Skipped, World, WorldError
+from semmap.ingest.world import Entry, Skipped, World, WorldError, unique_name
 from semmap.limits import EXTENT
 
 MADE_AT_RUN_TIME = ("population", "road")

@@ -35,7 +35,7 @@ def _names(columns: Sequence[str]) -> sql.Composed:
 def writable_table(
     cursor: psycopg.Cursor[Any], table: str, columns: Sequence[str]
 ) -> Iterator[str]:
-    """Yield a table to COPY into: a temporary one, copied at the end, where row policies forbid it."""
+    """Yield a table to COPY into: a temporary one, copied at the end, where policies forbid it."""
     cursor.execute("SELECT row_security_active(%s)", (f"semmap.{table}",))
     (checked,) = cursor.fetchone() or (False,)
     if not checked:

@@ -22,6 +22,7 @@ from semmap.ingest.world import (
     StoreyDetail,
     World,
     WorldError,
+    unique_name,
 )
 
 
@@ -114,24 +115,16 @@ def _unique_names(
     source: str | None,
     stored: StoreSummary,
 ) -> list[Entry]:
-    """Return the entries under names that no other source has; rename references to them.
-
-    An entry without geometry annotates the entity of its name and kind of another source.
-    """
-    known = _known(cursor, map_id)
+    """Return the entries under names that no other source has, unless they annotate its entity."""
+    others = {n: old for n, old in _known(cursor, map_id).items() if old.source != source}
     renamed: dict[str, str] = {}
-    taken = {entry.name for entry in world.entries}
+    taken = {entry.name for entry in world.entries} | others.keys()
     for entry in world.entries:
-        old = known.get(entry.name)
-        if old is None or old.source == source or (not entry.shapes and old.kind == entry.kind):
+        old = others.get(entry.name)
+        if old is None or (not entry.shapes and old.kind == entry.kind):
             continue
-        number = 2
-        while (name := f"{entry.name}_{number}") in taken or (
-            name in known and known[name].source != source
-        ):
-            number += 1
+        name = renamed[entry.name] = unique_name(entry.name, taken)
         taken.add(name)
-        renamed[entry.name] = name
         stored.notes.append(f"{entry.name}: the map has one already; this one is {name}")
     if renamed:
         for entry in world.entries:

@@ -86,14 +86,8 @@ class CheckedBuilding:
     def distance_to_rooms(self, entity: CheckedEntity) -> float:
         """Metres from an entity's ground to the nearest room at its height."""
         middle = float(entity.low[2] + entity.high[2]) / 2
-        return min(
-            (
-                float(entity.ground.distance(room.outline))
-                for room in self.rooms
-                if self.floor(room) - STEP <= middle <= self.ceiling(room) + STEP
-            ),
-            default=np.inf,
-        )
+        level = [r for r in self.rooms if self.floor(r) - STEP <= middle <= self.ceiling(r) + STEP]
+        return min((float(entity.ground.distance(r.outline)) for r in level), default=np.inf)
 
     @cached_property
     def built_over(self) -> shapely.Geometry:
