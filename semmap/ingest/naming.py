@@ -92,7 +92,7 @@ SURE = 0.8
 
 @dataclass(frozen=True)
 class TypeGuess:
-    """A type that a name suggests; confidence ranks whole phrases (0.9), endings (0.8) and words (0.6)."""
+    """A type that a name suggests: whole phrases (0.9) rank over endings (0.8) and words (0.6)."""
 
     type: str
     confidence: float
