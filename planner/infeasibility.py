@@ -28,8 +28,10 @@ def infeasibility(graph: RoutingGraph, start: Endpoint, goal: Endpoint) -> str:
         if not len(graph.nodes.get(place, ())):
             return f"{message}: {place} has no door; add a connector that joins it"
     for endpoint in (start, goal):
-        if np.isinf(endpoint.seconds).all():
-            return f"{message}: {_enclosed(graph, endpoint)}"
+        if endpoint.pose is not None and np.isinf(endpoint.seconds).all():
+            x, y = endpoint.pose.x, endpoint.pose.y
+            there = f"from ({x:.2f}, {y:.2f}) in {endpoint.place}"
+            return f"{message}: {there} {robot.name} reaches none of its doors"
     blocked = _blocked_edges(graph)
     weights = graph.base.copy()
     for edge, (_, more) in blocked.items():
@@ -67,11 +69,3 @@ def _blocked_edges(graph: RoutingGraph) -> dict[int, tuple[str, float]]:
         before, more = blocked.get(edge, (reason, 0.0))
         blocked[edge] = before, more + _BLOCKED
     return blocked
-
-
-def _enclosed(graph: RoutingGraph, endpoint: Endpoint) -> str:
-    assert endpoint.pose is not None
-    x, y = endpoint.pose.x, endpoint.pose.y
-    return (
-        f"from ({x:.2f}, {y:.2f}) in {endpoint.place} {graph.robot.name} reaches none of its doors"
-    )

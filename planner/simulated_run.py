@@ -149,26 +149,12 @@ class SimulatedRun:
                     number = store.add(robot, goal)
                     if self.world is None:
                         sim_world.move(_WORLDS / f"{original}-{number}.sqlite")
-                runner = Runner(
-                    store,
-                    body,
-                    planner,
-                    speed=self.speed,
-                    tick=min(0.05, 1.0 / self.speed),
-                    on_event=self.on_event,
-                )
+                times = {"speed": self.speed, "tick": min(0.05, 1.0 / self.speed)}
+                runner = Runner(store, body, planner, on_event=self.on_event, **times)
                 result = runner.run(number)
-            return SimulatedMission(
-                result.mission,
-                result.state,
-                result.reason,
-                store.steps(number),
-                sim_world.path,
-                happens_in,
-                original,
-                found,
-                assumed,
-            )
+            ended = result.mission, result.state, result.reason, store.steps(number)
+            where = sim_world.path, happens_in, original
+            return SimulatedMission(*ended, *where, found, assumed)
 
     def _check(self, seen: Snapshot, rules: Sequence[FailureRule]) -> None:
         """Raise LookupError for options that name what the map does not have."""
@@ -238,12 +224,7 @@ class SimulatedRun:
         except ManipulationError as error:
             self.say(f"motions of arms are not planned: {error}")
             seconds = None
-        return GraspMemory(
-            self.gripper,
-            simulated=True,
-            trial=trial,
-            motion_seconds=seconds,
-        )
+        return GraspMemory(self.gripper, simulated=True, trial=trial, motion_seconds=seconds)
 
 
 def _resumed(missions: MissionList, mission: int | None) -> int:

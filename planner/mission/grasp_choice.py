@@ -220,14 +220,8 @@ class GraspChooser:
 
     def _record(self, item: str, action: int) -> None:
         """Store that a grasp succeeded in a trial, where the mission uses another one."""
-        record_task(
-            self.session,
-            item,
-            action=action,
-            outcome="completed",
-            robot=self.robot,
-            simulated=True,
-        )
+        done = {"outcome": "completed", "robot": self.robot, "simulated": True}
+        record_task(self.session, item, action=action, **done)
 
     def _moved(self, item: str, choices: Iterator[Choice], arm: Arm) -> Choice:
         """The first grasp to which the arm moves without touching anything; its path is stored."""

@@ -13,8 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planner.live_topology import LiveTopology
-from planner.mission.store.observations import read_missing
-from planner.mission.store.robot_placement import read_robot
+from planner.mission.store.observations import read_missing, read_robot
 from planner.plan import Action, Plan
 from planner.route_search import find_route
 from planner.routing_graph import Endpoint, RoutingGraph

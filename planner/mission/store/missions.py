@@ -24,11 +24,11 @@ from planner.mission.store.observations import (
     find_placement,
     read_missing,
     read_objects,
+    read_robot,
     write_door,
     write_execution,
     write_observation,
 )
-from planner.mission.store.robot_placement import read_home, read_robot, write_robot
 from planner.plan import Plan
 from planner.readers.topology import read_topology
 from planner.topology import Topology
@@ -120,7 +120,19 @@ class MissionStore(MissionList):
         another kind has this name, or there is no such place.
         """
         with self._begin() as connection:
-            write_robot(connection, name, place, pose, robot_class)
+            kind = connection.execute(text(_KIND), {"name": name}).scalar()
+            if kind not in (None, "agent"):
+                raise MissionError(
+                    f"{name} is of kind {kind}, not agent; give the robot another name"
+                )
+            if connection.execute(text(_KIND), {"name": place}).scalar() != "room":
+                raise MissionError(f"there is no place named {place} for {name}")
+            if kind is None:
+                connection.execute(text(_ADD_AGENT), {"name": name})
+            if robot_class is not None:
+                connection.execute(text(_CLASS), {"name": name, "class": robot_class})
+            values = {"name": name, "place": place, "pose": pose.row}
+            connection.execute(text(_ADD_PLACEMENT), values)
 
     def robot(self, name: str) -> tuple[str, Pose] | None:
         """The place and the pose, in the map's frame, of an agent; None if there is none."""
@@ -128,9 +140,13 @@ class MissionStore(MissionList):
             return read_robot(seen, name)
 
     def home(self) -> str | None:
-        """The room of a home region, where the map has no agent yet; None without one."""
-        with self._snapshot() as seen:
-            return read_home(seen)
+        """The room of the first home region, by name; None without one.
+
+        None, too, where the map has an agent: a name that it does not have may be a typing error.
+        """
+        with self._begin() as connection:
+            found = connection.execute(text(_HOME)).scalar()
+            return None if found is None else str(found)
 
     def take(self, mission: int, wait: float = 5.0) -> TakenMission:
         """Begin a mission, or continue it if its runner has died.
@@ -403,4 +419,29 @@ WITH renewed AS (
     UPDATE reservation SET expires = clock_timestamp() + make_interval(secs => :seconds)
     WHERE robot_id = :robot RETURNING resource_id)
 SELECT e.name FROM renewed r JOIN entity e ON e.id = r.resource_id
+"""
+
+_KIND = "SELECT kind FROM entity WHERE map_id = current_map() AND name = :name"
+
+_ADD_AGENT = "INSERT INTO entity (map_id, kind, name) VALUES (current_map(), 'agent', :name)"
+
+_CLASS = """
+UPDATE entity SET properties = properties || jsonb_build_object('robot_class', CAST(:class AS text))
+WHERE id = entity_id(:name) AND properties->>'robot_class' IS DISTINCT FROM :class
+"""
+
+_ADD_PLACEMENT = """
+INSERT INTO placement AS p (entity_id, holder_id, pose)
+SELECT entity_id(:name), r.entity_id, pose_compose(pose_inverse(r.pose), CAST(:pose AS float8[]))
+FROM world r WHERE r.entity_id = entity_id(:place)
+ON CONFLICT (entity_id) DO UPDATE SET holder_id = excluded.holder_id, pose = excluded.pose
+"""
+
+_HOME = """
+SELECT r.name FROM entity e JOIN placement p ON p.entity_id = e.id
+JOIN entity r ON r.id = p.holder_id AND r.kind = 'room'
+WHERE e.map_id = current_map() AND e.kind = 'region'
+  AND (e.type = ANY (subtypes('home_region')) OR e.properties->>'home' = 'true')
+  AND NOT EXISTS (SELECT FROM entity a WHERE a.map_id = e.map_id AND a.kind = 'agent')
+ORDER BY e.name LIMIT 1
 """

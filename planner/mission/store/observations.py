@@ -115,6 +115,12 @@ def find_placement(seen: Snapshot, item: str, target: str, towards: Pose) -> Pos
     return Pose.planar(found[0], found[1], yaw, (row.floor if is_room else row.top) + size.above)
 
 
+def read_robot(seen: Snapshot, name: str) -> tuple[str, Pose] | None:
+    """The place and the pose, in the map's frame, of an agent; None if there is none."""
+    row = seen.connection.execute(text(_ROBOT), {"name": name}).one_or_none()
+    return None if row is None else (row.place, Pose(*row.pose))
+
+
 def read_missing(connection: Connection, names: Iterable[str]) -> list[str]:
     """Those of some names that the map does not have, or has no more, in order."""
     return list(connection.execute(text(_MISSING), {"names": [*names]}).scalars())
@@ -166,6 +172,13 @@ WHERE e.map_id = current_map() AND e.name = s.item AND e.kind = 'object'
   AND (p.holder_id IS DISTINCT FROM h.entity_id OR p.relation <> s.relation
        OR abs(w.pose[1] - s.pose[1]) > 0.01 OR abs(w.pose[2] - s.pose[2]) > 0.01
        OR abs(w.pose[3] - s.pose[3]) > 0.01)
+"""
+
+_ROBOT = """
+SELECT r.name AS place, w.pose
+FROM entity e JOIN placement p ON p.entity_id = e.id JOIN world w ON w.entity_id = e.id
+     JOIN entity r ON r.id = p.holder_id AND r.kind = 'room'
+WHERE e.map_id = current_map() AND e.name = :name AND e.kind = 'agent'
 """
 
 _MISSING = """
