@@ -13,12 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planner.duration import Durations
+from planner.graph import Floats, Ints
 from planner.robot_class import RobotClass
 from planner.topology import OUTSIDE, PlaceConnector
 from semmap.geometry.pose import Pose
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 
 class Travel(NamedTuple):

@@ -14,9 +14,8 @@ from navgrid.costmap import Costmap
 from navgrid.grid import Grid
 from navgrid.headings import footprint_cells
 from navgrid.inflation import INSCRIBED
+from navgrid.window import Window
 from planner.robot_class import RobotClass
-
-Window = tuple[slice, slice]
 
 WALLS = "room_geometry"  # the costmap layer that has the walls
 

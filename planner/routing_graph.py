@@ -15,10 +15,9 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from planner.duration import Durations
-from planner.graph import Graph, PathEnd
+from planner.graph import Floats, Graph, Ints, PathEnd
 from planner.graph_edges import (
     Penalties,
     StraightTravelCost,
@@ -34,8 +33,6 @@ from planner.robot_class import RobotClass
 from planner.topology import OUTSIDE, PlaceConnector, PlaceRegion, Topology
 from semmap.geometry.pose import Pose
 
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 Edges = Sequence[int] | Ints
 
 

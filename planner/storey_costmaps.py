@@ -22,7 +22,7 @@ from navgrid.drive import STEP, DriveSpace, drive, drive_space, drive_way
 from navgrid.field_layer import FieldVoxels
 from navgrid.grid import Grid, scene_grid
 from navgrid.inflation import INSCRIBED, LETHAL, UNKNOWN
-from navgrid.window import grown
+from navgrid.window import Window, grown
 from planner.graph_edges import StraightTravelCost, Travel
 from planner.robot_class import RobotClass
 from planner.room_ground import RoomGround
@@ -35,8 +35,6 @@ SNAP = 0.5
 
 BELOW, TOP = 0.5, 3.0
 """Metres below and above a place's floor within which a field may be on its storey."""
-
-Window = tuple[slice, slice]
 
 
 class RoomCostmap:

@@ -60,12 +60,7 @@ def open_world(
 
 
 def simulated_robot(
-    live: LiveTopology,
-    world: SimWorld,
-    name: str,
-    *,
-    speed: float,
-    seed: int = 0,
+    live: LiveTopology, world: SimWorld, name: str, *, speed: float, seed: int = 0
 ) -> SimulatedRobot:
     """A robot of the class of a live topology, on its costmaps; `speed` is that of its clock."""
     options = body_options(live, speed=speed, seed=seed)

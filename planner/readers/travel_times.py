@@ -145,10 +145,7 @@ def read_travel_times(seen: Snapshot, robot_class: int) -> NDArray[Any]:
 
 
 def store_travel_times(
-    seen: Snapshot,
-    robot_class: int,
-    travel: Iterable[MeasuredTravel],
-    digests: dict[int, str],
+    seen: Snapshot, robot_class: int, travel: Iterable[MeasuredTravel], digests: dict[int, str]
 ) -> None:
     """Replace the travel times in the places, by id, that have these digests."""
     places = {"robot": robot_class, "places": [*digests]}
@@ -247,11 +244,7 @@ class TravelTimeStore:
         return bool(self._unstored) or self._compared
 
     def store(
-        self,
-        seen: Snapshot,
-        graph: RoutingGraph,
-        cursor: str,
-        but: Collection[str] = (),
+        self, seen: Snapshot, graph: RoutingGraph, cursor: str, but: Collection[str] = ()
     ) -> None:
         """Store the travel in all places that were added, as measured up to a cursor.
 
