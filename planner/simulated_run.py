@@ -149,8 +149,8 @@ class SimulatedRun:
                     number = store.add(robot, goal)
                     if self.world is None:
                         sim_world.move(_WORLDS / f"{original}-{number}.sqlite")
-                times = {"speed": self.speed, "tick": min(0.05, 1.0 / self.speed)}
-                runner = Runner(store, body, planner, on_event=self.on_event, **times)
+                runner = Runner(store, body, planner, speed=self.speed, on_event=self.on_event)
+                runner.tick = min(0.05, 1.0 / self.speed)
                 result = runner.run(number)
             ended = result.mission, result.state, result.reason, store.steps(number)
             where = sim_world.path, happens_in, original

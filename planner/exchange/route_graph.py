@@ -193,7 +193,7 @@ def with_waypoints(
             k: v for k, v in region.properties.items() if isinstance(v, bool | int | float | str)
         }
         number, at = len(nodes), (float(point.x), float(point.y), place.floor)
-        about = {"region": region.name, "params": params | given}
+        about: dict[str, Any] = {"region": region.name, "params": params | given}
         nodes.append(RouteNode(str(name), place.name, storey, at, place.elevator, **about))
         names.add(str(name))
         near = sorted(here, key=lambda n: math.dist(nodes[n].point[:2], at[:2]))

@@ -220,7 +220,7 @@ class GraspChooser:
 
     def _record(self, item: str, action: int) -> None:
         """Store that a grasp succeeded in a trial, where the mission uses another one."""
-        done = {"outcome": "completed", "robot": self.robot, "simulated": True}
+        done: dict[str, Any] = {"outcome": "completed", "robot": self.robot, "simulated": True}
         record_task(self.session, item, action=action, **done)
 
     def _moved(self, item: str, choices: Iterator[Choice], arm: Arm) -> Choice:
