@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -102,6 +103,11 @@ def scene_grid(
         raise ValueError(
             f"storey {scene.storey} has neither rooms nor objects with geometry; import some"
         )
+    return grid_around(rectangles, resolution, margin)
+
+
+def grid_around(rectangles: Sequence[Bounds], resolution: float, margin: float) -> Grid:
+    """Return the grid that covers rectangles (x0, y0, x1, y1) and a margin around them, metres."""
     low, high = np.min(rectangles, axis=0)[:2] - margin, np.max(rectangles, axis=0)[2:] + margin
     return Grid.around((float(low[0]), float(low[1])), (float(high[0]), float(high[1])), resolution)
 

@@ -61,26 +61,18 @@ def part_collisions(
     """
     if headings < 1:
         raise ValueError(f"headings is {headings}; give 1 or more")
-    rows, columns = occupied.shape
-    found = np.zeros((headings, rows, columns), np.bool_)
-    sums = np.zeros((rows, columns + 1), np.int32)
-    np.cumsum(occupied, axis=1, out=sums[:, 1:])
-    for i in range(headings):
-        cells, (row, column) = footprint_cells(footprint, 2 * math.pi * i / headings, resolution)
-        for k, line in enumerate(cells):
-            covered = np.flatnonzero(line)
-            if not len(covered):
-                continue
-            # Line k lies in row r + k - row for a robot in row r. A convex footprint has one run.
-            shift = k - row
-            seen = slice(max(0, shift), min(rows, rows + shift))
-            robot = slice(seen.start - shift, seen.stop - shift)
-            first, last = (int(c) - column for c in (covered[0], covered[-1]))
-            begin = np.clip(np.arange(columns) + first, 0, columns)
-            end = np.clip(np.arange(columns) + last + 1, 0, columns)
-            if seen.start < seen.stop:
-                found[i, robot] |= sums[seen][:, end] > sums[seen][:, begin]
-    return found
+    found = []
+    for first in range(0, headings, len(MOVES)):
+        here = range(min(headings - first, len(MOVES)))
+        runs = []
+        for k in here:
+            heading = 2 * math.pi * (first + k) / headings
+            cells, (at, _) = footprint_cells(footprint, heading, resolution)
+            runs += _runs_of(cells, at, k)
+        numbers = np.array(runs, np.int32).reshape(-1, 4)
+        bits = semmap_native.collisions(np.ascontiguousarray(occupied), numbers)
+        found += [(bits >> k & 1).astype(np.bool_) for k in here]
+    return np.array(found)
 
 
 def hits(
@@ -120,12 +112,20 @@ def _runs(footprint: bytes, resolution: float, motion: Motion, padding: float) -
             between = _turned(corners, (here + after) / 2) / math.cos((after - here) / 2)
             passed = np.concatenate([passed, between, _turned(corners, after)])
         cells, at = _cells_of(shapely.MultiPoint(passed).convex_hull, resolution)
-        for row in np.flatnonzero(cells.any(axis=1)):
-            columns_ = np.flatnonzero(cells[row])
-            found.append((h, row - at, columns_[0] - at, columns_[-1] - at))
+        found += _runs_of(cells, at, h)
     runs = np.array(found, np.int32).reshape(-1, 4)
     runs.flags.writeable = False
     return runs
+
+
+def _runs_of(cells: NDArray[np.bool_], at: int, shape: int) -> list[tuple[int, int, int, int]]:
+    """The runs of a convex shape, one a row, relative to the robot's cell: row and column `at`."""
+    rows = np.flatnonzero(cells.any(axis=1)).tolist()
+    ends = [np.flatnonzero(cells[row])[[0, -1]].tolist() for row in rows]
+    return [
+        (shape, row - at, first - at, last - at)
+        for row, (first, last) in zip(rows, ends, strict=True)
+    ]
 
 
 def _turned(corners: NDArray[np.float64], heading: float) -> NDArray[np.float64]:

@@ -99,13 +99,15 @@ def costs_by_distance(
     (n**2 + 1,) uint8 for a radius of n cells. `farthest` is the longer side of the grid, cells:
     larger distances are left out.
     """
-    _positive("resolution", resolution)
+    if not (math.isfinite(resolution) and resolution > 0):
+        raise ValueError(f"resolution is {resolution}; give a finite number above 0")
     for name, value in (
         ("inscribed_radius", inscribed_radius),
         ("inflation_radius", inflation_radius),
         ("cost_scaling_factor", cost_scaling_factor),
     ):
-        _not_negative(name, value)
+        if not (math.isfinite(value) and value >= 0):
+            raise ValueError(f"{name} is {value}; give a finite number, 0 or more")
     reach = inflation_radius / resolution - _SAME
     if farthest is not None:
         reach = min(reach, 1.5 * farthest)  # the diagonal
@@ -133,13 +135,3 @@ def _mask(name: str, value: ArrayLike) -> NDArray[np.bool_]:
             f"{name} is {mask.dtype} of shape {mask.shape}; give a (rows, columns) array of bool"
         )
     return np.ascontiguousarray(mask)
-
-
-def _positive(name: str, value: float) -> None:
-    if not (math.isfinite(value) and value > 0):
-        raise ValueError(f"{name} is {value}; give a finite number above 0")
-
-
-def _not_negative(name: str, value: float) -> None:
-    if not (math.isfinite(value) and value >= 0):
-        raise ValueError(f"{name} is {value}; give a finite number, 0 or more")

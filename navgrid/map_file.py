@@ -134,7 +134,7 @@ def write_map(
     )
     # Without a description, no reader combines the former origin with the new image.
     description.unlink(missing_ok=True)
-    _replace(image, _pgm(pixels) if image_format == "pgm" else _png(pixels))
+    _replace(image, _encoded(pixels, "PPM" if image_format == "pgm" else "PNG"))
     _replace(description, text.encode())
     return description
 
@@ -325,14 +325,9 @@ def _text(value: str) -> str:
     return value if re.fullmatch(r"[A-Za-z][A-Za-z0-9_.-]*", value) else json.dumps(value)
 
 
-def _pgm(pixels: NDArray[np.uint8]) -> bytes:
-    rows, columns = pixels.shape
-    return b"P5\n%d %d\n255\n" % (columns, rows) + np.ascontiguousarray(pixels).tobytes()
-
-
-def _png(pixels: NDArray[np.uint8]) -> bytes:
+def _encoded(pixels: NDArray[np.uint8], form: str) -> bytes:
     buffer = BytesIO()
-    Image.fromarray(np.ascontiguousarray(pixels)).save(buffer, format="PNG")
+    Image.fromarray(np.ascontiguousarray(pixels)).save(buffer, format=form)
     return buffer.getvalue()
 
 

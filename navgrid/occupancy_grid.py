@@ -6,7 +6,7 @@ It has the obstacles of the layered costmap, for one interval instead of the par
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -15,14 +15,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from navgrid.field_layer import FieldLayer, FieldVoxels, field_notes, sort_fields
-from navgrid.grid import MARGIN, Grid
+from navgrid.grid import MARGIN, Grid, grid_around
 from navgrid.layer_members import LayerMembers
 from navgrid.obstacle_layers import ObstacleLayers
 from navgrid.policy import Policy
 from navgrid.terrain import DriveLimits
 from semmap.draw.picture import Picture
 from semmap.query.geometry_notes import geometry_notes
-from semmap.query.storey_scene import Bounds, SceneEntity, StoreyScene
+from semmap.query.storey_scene import SceneEntity, StoreyScene
 
 FREE, OCCUPIED, UNKNOWN = 0, 100, -1
 
@@ -170,22 +170,15 @@ def storey_grid(
 def _grid_around(members: LayerMembers, interval: tuple[float, float], resolution: float) -> Grid:
     """The grid around the rooms, the regions that are obstacles, and what is in the interval."""
     low, high = members.floors[0] + interval[0], members.floors[-1] + interval[1]
-    rectangles = [e.bounds for e in members.scene.entities if e.kind == "room"]
-    rectangles += [e.bounds for e in members.obstacles() if _reaches(e, low, high)]
-    corners = _known(rectangles)
+    entities = [e for e in members.scene.entities if e.kind == "room"]
+    entities += [e for e in members.obstacles() if _reaches(e, low, high)]
+    corners = [entity.bounds for entity in entities if entity.bounds is not None]
     if not corners:
         raise ValueError(
             f"storey {members.scene.storey} has neither rooms nor obstacles; import walls, "
             "furniture or rooms"
         )
-    first, last = np.min(corners, axis=0)[:2] - MARGIN, np.max(corners, axis=0)[2:] + MARGIN
-    return Grid.around(
-        (float(first[0]), float(first[1])), (float(last[0]), float(last[1])), resolution
-    )
-
-
-def _known(rectangles: Sequence[Bounds | None]) -> list[Bounds]:
-    return [rectangle for rectangle in rectangles if rectangle is not None]
+    return grid_around(corners, resolution, MARGIN)
 
 
 def _reaches(entity: SceneEntity, low: float, high: float) -> bool:

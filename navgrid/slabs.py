@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Iterable
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -18,11 +18,8 @@ from numpy.typing import ArrayLike, NDArray
 import semmap_native
 from navgrid.grid import Grid
 
-LARGEST = 2**34
-"""The most cells of a result, over all layers."""
-
 FARTHEST = 1e30
-"""The largest coordinate, metres."""
+"""The largest end of an interval, metres."""
 
 _FEW_FACES = 20_000  # per thread: with fewer, a second thread takes longer
 
@@ -63,7 +60,7 @@ def occupancy(
     ------
     ValueError
         An array has a wrong shape, a number is not finite, a face has an unknown vertex, an
-        interval is upside down, or the result has more than `LARGEST` cells.
+        interval is upside down, or the result has more than 2**34 cells.
 
     Examples
     --------
@@ -78,33 +75,31 @@ def occupancy(
     about a cell that the surface does not meet. This suffices: a column that no surface meets
     within the interval is inside as a whole or not at all.
     """
-    vertices, faces = _checked_mesh(mesh)
-    ends = _checked_intervals(intervals)
-    _check_size(grid, len(ends))
-    numbers, count = _checked_solid(solid, len(faces))
+    numbers = None if solid is None else _integers("solid", solid)
+    count = 1 if numbers is None or not numbers.size else int(numbers.max()) + 1
     any_filled, filled = _checked_fill(fill, count)
-    solids = count if filled is None else len(filled)
-    workers = _threads(threads, len(faces))
-    return semmap_native.occupancy(
-        vertices, faces, ends, *_frame(grid), numbers, solids, any_filled, filled, workers
+    faces = _integers("faces", mesh[1])
+    return semmap_native.occupancy(  # checks shapes and numbers
+        np.ascontiguousarray(mesh[0], dtype=np.float64),
+        faces if faces.dtype == np.int32 else faces.astype(np.int64, copy=False),
+        _checked_intervals(intervals),
+        float(grid.origin[0]),
+        float(grid.origin[1]),
+        float(grid.resolution),
+        *map(int, grid.shape),
+        None if numbers is None else numbers.astype(np.int32, copy=False),
+        count if filled is None else len(filled),
+        any_filled,
+        filled,
+        _threads(len(faces)) if threads is None else threads,
     )
 
 
-def _checked_mesh(
-    mesh: tuple[ArrayLike, ArrayLike],
-) -> tuple[NDArray[np.float64], NDArray[np.int32] | NDArray[np.int64]]:
-    """Contiguous arrays for the native module, which checks their numbers."""
-    vertices = np.ascontiguousarray(mesh[0], dtype=np.float64)
-    faces: NDArray[Any] = np.asarray(mesh[1])
-    if vertices.ndim != 2 or vertices.shape[1] != 3:
-        raise ValueError(f"vertices have the shape {vertices.shape}; give (V, 3)")
-    if faces.ndim != 2 or faces.shape[1] != 3:
-        raise ValueError(f"faces have the shape {faces.shape}; give (F, 3)")
-    if faces.size and faces.dtype.kind not in "iu":
-        raise ValueError(f"faces are {faces.dtype}; give integers")
-    if faces.dtype == np.int32:
-        return vertices, np.ascontiguousarray(faces)
-    return vertices, np.ascontiguousarray(faces, dtype=np.int64)
+def _integers(name: str, value: ArrayLike) -> NDArray[Any]:
+    found: NDArray[Any] = np.ascontiguousarray(value)
+    if found.size and found.dtype.kind not in "iu":
+        raise ValueError(f"{name} are {found.dtype}; give integers")
+    return found
 
 
 def _checked_intervals(intervals: Iterable[tuple[float, float]]) -> list[tuple[float, float]]:
@@ -126,33 +121,6 @@ def _checked_intervals(intervals: Iterable[tuple[float, float]]) -> list[tuple[f
     return ends
 
 
-def _check_size(grid: Grid, layers: int) -> None:
-    rows, columns = grid.shape
-    if rows * columns * layers > LARGEST:
-        raise ValueError(
-            f"{layers} layers of {rows} x {columns} cells are more than {LARGEST}; "
-            "give fewer intervals, a smaller part or a coarser resolution"
-        )
-
-
-def _checked_solid(
-    solid: ArrayLike | None, face_count: int
-) -> tuple[NDArray[np.int32] | None, int]:
-    if solid is None:
-        return None, 1
-    numbers = np.asarray(solid)
-    if numbers.shape != (face_count,):
-        raise ValueError(f"solid has the shape {numbers.shape}; give ({face_count},), one per face")
-    if numbers.size == 0:
-        return np.zeros(0, np.int32), 1
-    if numbers.dtype.kind not in "iu":
-        raise ValueError(f"solid is {numbers.dtype}; give integers")
-    highest = int(numbers.max())
-    if numbers.min() < 0 or highest > 2**31 - 2:
-        raise ValueError(f"solid is {numbers.min()} to {highest}; give 0 to {2**31 - 2}")
-    return np.ascontiguousarray(numbers, dtype=np.int32), highest + 1
-
-
 def _checked_fill(
     fill: bool | ArrayLike | None, solid_count: int
 ) -> tuple[bool, NDArray[np.bool_] | None]:
@@ -170,30 +138,7 @@ def _checked_fill(
     return bool(filled.any()), np.ascontiguousarray(filled)
 
 
-class _Frame(NamedTuple):
-    origin_x: float
-    origin_y: float
-    resolution: float
-    rows: int
-    columns: int
-
-
-def _frame(grid: Grid) -> _Frame:
-    x, y = grid.origin
-    if not (abs(x) <= FARTHEST and abs(y) <= FARTHEST):
-        raise ValueError(f"the grid's origin is {grid.origin}; give one within {FARTHEST:g} m")
-    if not 1 / FARTHEST <= grid.resolution <= FARTHEST:
-        raise ValueError(
-            f"the grid's resolution is {grid.resolution} m; give {1 / FARTHEST:g} to {FARTHEST:g} m"
-        )
-    return _Frame(float(x), float(y), float(grid.resolution), *map(int, grid.shape))
-
-
-def _threads(threads: int | None, face_count: int) -> int:
-    if threads is None:
-        if face_count < _FEW_FACES:
-            return 1
-        return min(len(os.sched_getaffinity(0)), math.ceil(face_count / _FEW_FACES), 16)
-    if threads < 1 or threads > 256:
-        raise ValueError(f"threads is {threads}; give 1 to 256")
-    return int(threads)
+def _threads(face_count: int) -> int:
+    if face_count < _FEW_FACES:
+        return 1
+    return min(len(os.sched_getaffinity(0)), math.ceil(face_count / _FEW_FACES), 16)

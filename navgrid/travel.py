@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import os
 
 import numpy as np
@@ -40,9 +39,9 @@ def travel(
     array([0., 2.])
     """
     ground = _costs(costs)
-    _check(resolution, slow)
-    starts = _cells("cells", cells, ground)
-    goals = None if targets is None else _cells("targets", targets, ground)
+    _check_slow(slow)
+    starts = _cells("cells", cells)
+    goals = None if targets is None else _cells("targets", targets)
     if threads is None:
         threads = len(os.sched_getaffinity(0))
     if threads < 1:
@@ -61,9 +60,9 @@ def way(
 ) -> NDArray[np.int64] | None:
     """Return the (N, 2) cells of the cheapest path of `travel` between two; None without one."""
     ground = _costs(costs)
-    _check(resolution, slow)
+    _check_slow(slow)
     ends = (
-        _cells(name, np.asarray(cell)[np.newaxis], ground)
+        _cells(name, np.asarray(cell)[np.newaxis])
         for name, cell in (("start", start), ("goal", goal))
     )
     found = semmap_native.way(ground, resolution, np.concatenate([*ends]), slow)
@@ -79,7 +78,7 @@ def _costs(value: ArrayLike) -> NDArray[np.uint8]:
     return np.ascontiguousarray(costs)
 
 
-def _cells(name: str, value: ArrayLike, costs: NDArray[np.uint8]) -> NDArray[np.int64]:
+def _cells(name: str, value: ArrayLike) -> NDArray[np.int64]:
     cells = np.asarray(value)
     if cells.size == 0:
         return np.empty((0, 2), np.int64)
@@ -87,18 +86,9 @@ def _cells(name: str, value: ArrayLike, costs: NDArray[np.uint8]) -> NDArray[np.
         raise ValueError(
             f"{name} is {cells.dtype} of shape {cells.shape}; give (n, 2) whole numbers"
         )
-    outside = ((cells < 0) | (cells >= costs.shape)).any(axis=1)
-    if outside.any():
-        row, column = cells[outside.argmax()].tolist()
-        raise ValueError(
-            f"{name}: ({row}, {column}) is outside of the costmap of {costs.shape[0]} rows and "
-            f"{costs.shape[1]} columns; leave it out or take a larger costmap"
-        )
     return np.ascontiguousarray(cells, dtype=np.int64)
 
 
-def _check(resolution: float, slow: float) -> None:
-    if not (math.isfinite(resolution) and resolution > 0):
-        raise ValueError(f"resolution is {resolution}; give a finite number above 0")
+def _check_slow(slow: float) -> None:
     if not 0 <= slow <= DEAREST:
         raise ValueError(f"slow is {slow}; give 0 to {DEAREST:g}")
