@@ -2,7 +2,6 @@
 #pragma once
 
 #include <algorithm>
-#include <cstddef>
 #include <cstdint>
 #include <vector>
 
@@ -11,9 +10,11 @@ namespace semmap {
 struct Entry {
     double key;
     std::uint32_t node;
+
+    friend bool operator<(const Entry& a, const Entry& b) { return a.key > b.key; }
 };
 
-// A heap with four children a node, the least on top.
+// A std::priority_queue that keeps its memory when it is cleared.
 class Heap {
   public:
     bool empty() const { return entries_.empty(); }
@@ -21,34 +22,13 @@ class Heap {
     const Entry& top() const { return entries_.front(); }
 
     void push(Entry entry) {
-        std::size_t at = entries_.size();
         entries_.push_back(entry);
-        while (at > 0) {
-            const std::size_t parent = (at - 1) / 4;
-            if (entries_[parent].key <= entry.key) break;
-            entries_[at] = entries_[parent];
-            at = parent;
-        }
-        entries_[at] = entry;
+        std::push_heap(entries_.begin(), entries_.end());
     }
 
     void pop() {
-        const Entry last = entries_.back();
+        std::pop_heap(entries_.begin(), entries_.end());
         entries_.pop_back();
-        const std::size_t count = entries_.size();
-        if (count == 0) return;
-        std::size_t at = 0;
-        for (std::size_t child = 1; child < count; child = 4 * at + 1) {
-            const std::size_t end = std::min(child + 4, count);
-            std::size_t least = child;
-            for (std::size_t i = child + 1; i < end; ++i) {
-                if (entries_[i].key < entries_[least].key) least = i;
-            }
-            if (entries_[least].key >= last.key) break;
-            entries_[at] = entries_[least];
-            at = least;
-        }
-        entries_[at] = last;
     }
 
   private:
