@@ -57,7 +57,7 @@ def at(
     json_: cli.Json = False,
 ) -> None:
     """Show which entities have the voxel at a point: objects, rooms, regions and agents."""
-    place = numbers(point, "the point X,Y,Z", 3)
+    place = numbers(point, "give X,Y,Z: the point", 3)
     with chosen_fields(map_name, voxel_size) as found:
         rows = found.at(*place)
     cli.show_rows(["name", "kind"], rows, json_)
