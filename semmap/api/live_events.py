@@ -22,12 +22,8 @@ Callback = Callable[[Event], Any] | None
 class LiveEvents(Generic[Item]):
     """Events, in a loop over this; use it in a ``with`` statement, or close it.
 
-    Parameters
-    ----------
-    count : how much is true already, which is no event
-    events : ends when `close` was called
-    seconds : close after this time; by default never
-    callback : gets the events, in a thread of this; a loop then has nothing
+    `count` says how much is true already, which is no event. It is closed after `seconds`; None:
+    never. A `callback` gets the events in a thread of this; a loop then has nothing.
     """
 
     def __init__(

@@ -23,13 +23,9 @@ if TYPE_CHECKING:
 class MapEntity:
     """A room, object, region, agent, connector or storey of a map, read at each access.
 
-    Two of them are equal if they are the same entity of the same database.
-
-    Attributes
-    ----------
-    id : its number in the database, which never changes
-    kind : ``room``, ``object``, ``region``, ``agent``, ``connector``, ``storey``, ``elevator``;
-        never changes
+    Its `id`, a number in the database, and its `kind` (``room``, ``object``, ``region``, ``agent``,
+    ``connector``, ``storey``, ``elevator``) never change. Two are equal if they are the same entity
+    of the same database.
     """
 
     def __init__(self, map: Map, id: int, kind: str, name: str) -> None:

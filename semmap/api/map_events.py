@@ -21,10 +21,8 @@ LOOK = 0.5
 class MapSubscription:
     """A thread that calls a function with each change of a map; stop it, or use it in ``with``.
 
-    Attributes
-    ----------
-    cursor : after the last event that the function has taken
-    error : what ended it: raised by the function, or since changes after the cursor are not kept
+    `cursor` is after the last event that the function has taken; `error` is what ended it: raised
+    by the function, or since changes after the cursor are not kept.
     """
 
     def __init__(

@@ -87,10 +87,8 @@ class MapRoute(Route):
 class MapPlan(Plan):
     """A `planner.Plan` that `Map.plan` made.
 
-    Attributes
-    ----------
-    reasons : why a search goes where it goes, a sentence for each object that is searched for
-    assumed : the objects of the plan for which the typical box of their type was assumed
+    `reasons` has a sentence for each object that is searched for: why it goes where it goes.
+    `assumed` are the objects of the plan for which the typical box of their type was assumed.
     """
 
     assumed: tuple[str, ...] = field(default=(), kw_only=True)
@@ -121,10 +119,8 @@ class MapPlan(Plan):
 class ObjectSearch:
     """Where to look for an object, and why (O'Neill, section 4.4.2).
 
-    Attributes
-    ----------
-    problem : places, viewpoints, travel times and rates
-    decision : what to do next, and the tour while nothing is found
+    `problem` has places, viewpoints, travel times and rates; `decision` says what to do next, and
+    the tour while nothing is found.
     """
 
     name: str

@@ -25,7 +25,8 @@ def infer(
 ) -> NDArray[np.float64]:
     """Return the probability of each place for each object.
 
-    The result of some observations is a prior for the others: the order does not matter.
+    The result of some observations is a prior for the others: the order does not matter. Returns
+    (objects, places) float64; rows sum to 1 within 1e-12.
 
     Parameters
     ----------
@@ -33,11 +34,6 @@ def infer(
         *elsewhere*, is a column like the others
     observations : ages are relative to the time of the belief
     mobility : (objects,) at least 0; sightings of an object of mobility 0 do not lose value
-
-    Returns
-    -------
-    numpy.ndarray
-        (objects, places) float64; rows sum to 1 within 1e-12.
 
     Raises
     ------

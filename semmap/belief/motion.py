@@ -63,18 +63,14 @@ def infer_with_motion(
     """Return the probability of each place now, for objects that may have moved meanwhile.
 
     An observation is evidence of the object's place at its time; what has happened since is the
-    motion's part. So all observations have the rates of new ones.
+    motion's part. So all observations have the rates of new ones. Returns (objects, places)
+    float64; rows sum to 1 within 1e-12.
 
     Parameters
     ----------
     prior, observations, mobility, model : as of `semmap.belief.inference.infer`; the prior is that
         before the first observation
     destinations : (objects, places) where an object is put when it is moved; the prior by default
-
-    Returns
-    -------
-    numpy.ndarray
-        (objects, places) float64; rows sum to 1 within 1e-12.
 
     Raises
     ------

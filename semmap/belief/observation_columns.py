@@ -84,6 +84,12 @@ class Observations:
     def __len__(self) -> int:
         return len(self.object)
 
+    def take(self, rows: ArrayLike) -> Observations:
+        """Observations of the given rows, which are indices or a mask."""
+        columns = {name: getattr(self, name) for name in COLUMNS}
+        chosen = np.asarray(rows)
+        return Observations(**{n: None if c is None else c[chosen] for n, c in columns.items()})
+
 
 def observation_rates(
     observations: Observations, mobility: NDArray[np.float64], model: SightingRates

@@ -46,7 +46,7 @@ def infer_with_occlusion(
 
     An object that shares its place with objects of more volume is behind them with probability
     `hides`, in all looks; then each look sees it with probability `hidden`. Two objects of the same
-    volume do not hide each other.
+    volume do not hide each other. Returns (objects, places) float64; rows sum to 1 within 1e-12.
 
     Parameters
     ----------
@@ -54,11 +54,6 @@ def infer_with_occlusion(
     volume : (objects,) above 0, in any unit
     hides : P(behind | larger objects at the same place), in [0, 1]
     hidden : P(seen | behind), strictly between 0 and 1
-
-    Returns
-    -------
-    numpy.ndarray
-        (objects, places) float64; rows sum to 1 within 1e-12.
 
     Raises
     ------
