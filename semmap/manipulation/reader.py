@@ -170,7 +170,8 @@ def actions_by_shape(
     _check_kind(kind)
     numbers = finite_numbers(size, len(SIZES[shape])) if shape in SIZES else None
     if numbers is None or min(numbers) <= 0:
-        known = ", ".join(f"{name} ({len(sizes)} sizes)" for name, sizes in SIZES.items())
+        by_count = sorted(SIZES.items(), key=lambda item: len(item[1]))
+        known = ", ".join(f"{name} ({len(sizes)} sizes)" for name, sizes in by_count)
         raise ManipulationError(
             f"{shape} {list(size)} is not a shape: give one of {known}, sizes in metres above 0"
         )

@@ -19,10 +19,10 @@ from semmap.manipulation.error import ManipulationError
 Floats = NDArray[np.float64]
 
 SIZES = {
-    "sphere": ("radius",),
-    "cylinder": ("radius", "height"),
-    "cone": ("radius", "height"),
     "cuboid": ("x", "y", "z"),
+    "cylinder": ("radius", "height"),
+    "sphere": ("radius",),
+    "cone": ("radius", "height"),
 }
 """The sizes of each kind, metres."""
 
