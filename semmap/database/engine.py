@@ -69,7 +69,7 @@ def open_engine(
     >>> engine.dispose()
     """
     with closing(reach(url, create=not check)) as session:
-        version = revisions.installed(session) if migrate or check else None
+        version = revisions.installed(session)
     if check:
         revisions.check_revision(version)
     address = database_url(url)

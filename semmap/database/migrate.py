@@ -116,15 +116,8 @@ def _change_tables(
     connection: Connection, run: Callable[[Config, str], None], revision: str
 ) -> None:
     """Run Alembic's `run` to a revision without code; make the code at the newest one."""
-    kept = "SELECT coalesce(to_regnamespace('semmap'), to_regnamespace('semmap_kept')) IS NOT NULL"
-    known = connection.scalar(text(kept))
     _drop_code(connection)
     run(_config(connection), revision)
-    if not known:
-        connection.exec_driver_sql(
-            f"COMMENT ON TABLE {revisions.VERSION_SCHEMA}.{revisions.VERSION_TABLE} "
-            f"IS '{revisions.first_tables()}'"
-        )
     if (revisions.installed(driver_of(connection)) or "").split(" ")[0] == revisions.newest():
         # bodies are not checked here: functions may call those of later files
         connection.exec_driver_sql("SET LOCAL check_function_bodies = off")

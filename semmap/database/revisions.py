@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import ast
-import hashlib
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import psycopg
 
 from semmap.database.error import DatabaseError
-from semmap.database.files import migrations_folder, schema_folder
+from semmap.database.files import migrations_folder
 from semmap.database.maps import driver_of
 
 if TYPE_CHECKING:
@@ -25,33 +24,21 @@ def installed(connection: psycopg.Connection[Any]) -> str | None:
     """The revision that the database has; None where there is no schema yet.
 
     A downgrade drops the functions: without them, a revision is told as ``0001 without functions``,
-    which is never the newest. DatabaseError where the user has no right to read it, or the tables
-    are those of an unreleased semmap.
+    which is never the newest. DatabaseError where the user has no right to read it.
     """
     try:
         with connection.transaction():
             row = connection.execute(
                 "SELECT version_num || CASE WHEN EXISTS (SELECT FROM pg_proc "
                 "WHERE pronamespace = to_regnamespace('semmap')) "
-                "THEN '' ELSE ' without functions' END, obj_description(tableoid, 'pg_class') "
+                "THEN '' ELSE ' without functions' END "
                 f"FROM {VERSION_SCHEMA}.{VERSION_TABLE}"
             ).fetchone()
     except psycopg.errors.UndefinedTable:
         return None
     except psycopg.ProgrammingError as error:
         raise DatabaseError(f"the schema's revision cannot be read: {error}") from error
-    if row is not None and row[1] != first_tables():
-        raise DatabaseError(
-            "the tables of the database are those of an unreleased semmap, which this one cannot "
-            "use. Make them anew: semmap db drop, then semmap import FILE"
-        )
     return None if row is None else str(row[0])
-
-
-def first_tables() -> str:
-    """A digest of `schema/tables`, which a database keeps beside its revision from the first on."""
-    texts = (path.read_bytes() for path in sorted((schema_folder() / "tables").glob("*.sql")))
-    return hashlib.sha256(b"".join(texts)).hexdigest()
 
 
 def installed_on(engine: Engine) -> str | None:

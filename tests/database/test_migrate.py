@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from functools import partial
 from pathlib import Path
 from typing import Any
 from uuid import uuid4
@@ -14,7 +13,7 @@ from alembic.script import ScriptDirectory
 from sqlalchemy import URL, Engine, create_engine
 from sqlalchemy.exc import NotSupportedError, ProgrammingError
 
-from semmap.database import DatabaseError, migrate, open_engine, open_session, revisions
+from semmap.database import DatabaseError, migrate, open_engine, revisions
 from semmap.database.files import migrations_folder
 from semmap.database.revisions import OldSchema
 from tests.conftest import administrator
@@ -206,26 +205,6 @@ def test_unknown_revision(engine: Engine, revision: str, check: bool) -> None:
         migrate.upgrade(engine)
     with engine.connect() as connection:
         assert connection.exec_driver_sql("SELECT count(*) FROM object").scalar() == 0
-
-
-@pytest.mark.parametrize("stated", ["NULL", "'of another state'"])
-def test_tables_of_an_unreleased_semmap_are_refused_until_they_are_made_anew(
-    engine: Engine, stated: str
-) -> None:
-    with engine.begin() as connection:
-        connection.exec_driver_sql(f"COMMENT ON TABLE public.semmap_version IS {stated}")
-    for use in (open_engine, partial(open_engine, check=True), open_session):
-        with pytest.raises(DatabaseError, match=r"of an unreleased semmap.*: semmap db drop, then"):
-            use(engine.url)
-    with pytest.raises(DatabaseError, match="of an unreleased semmap"):
-        migrate.upgrade(engine)
-    migrate.downgrade(engine, "base")  # keeps the tables as they are
-    with pytest.raises(DatabaseError, match="of an unreleased semmap"):
-        migrate.upgrade(engine)
-    as_it_is = open_engine(engine.url, migrate=False)
-    migrate.drop(as_it_is)
-    as_it_is.dispose()
-    open_session(engine.url, migrate=True).close()
 
 
 def test_files_run_as_they_stand(empty: URL, own_schema: Path) -> None:
