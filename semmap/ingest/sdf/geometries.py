@@ -115,8 +115,8 @@ def _round(make: Callable[..., trimesh.Trimesh], **smooth: Any) -> Callable[[Ele
     def solid(shape: Element, where: str) -> Mesh:
         r, h = _size(shape, "radius", where), _size(shape, "length", where)
         made = _of(make(radius=r, height=h, **smooth))
-        middle = made.bounds[:, 2].mean()
-        return Mesh(made.vertices - (0, 0, middle), made.faces)
+        z = made.vertices[:, 2]
+        return Mesh(made.vertices - (0, 0, (z.min() + z.max()) / 2), made.faces)
 
     return solid
 
