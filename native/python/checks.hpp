@@ -19,6 +19,15 @@ using Array = py::array_t<T, py::array::c_style>;
 
 constexpr py::ssize_t kAny = -1;
 
+template <typename T>
+std::size_t length(const Array<T>& array, int axis) {
+    return static_cast<std::size_t>(array.shape(axis));
+}
+
+inline const std::uint8_t* bytes(const Array<bool>& array) {
+    return reinterpret_cast<const std::uint8_t*>(array.data());
+}
+
 // Beyond it nothing is computed for one call: 2^34 numbers.
 constexpr double kMostNumbers = 17179869184.0;
 

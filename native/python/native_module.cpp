@@ -51,15 +51,6 @@ void say(semmap::Flaw flaw, const Array<double>& vertices) {
     }
 }
 
-template <typename T>
-std::size_t length(const Array<T>& array, int axis) {
-    return static_cast<std::size_t>(array.shape(axis));
-}
-
-const std::uint8_t* bytes(const Array<bool>& array) {
-    return reinterpret_cast<const std::uint8_t*>(array.data());
-}
-
 // One result has no more numbers than that: 2 GB of doubles.
 constexpr double kMostResults = 268435456.0;
 
@@ -152,8 +143,8 @@ Array<bool> closed_solids(const Array<double>& vertices, const Array<Index>& fac
 Array<std::uint8_t> inflate(const Array<bool>& occupied, std::int64_t radius,
                             const Array<std::uint8_t>& costs,
                             const std::optional<std::string>& variant) {
-    const auto found = semmap::inflation_variant(variant.value_or(""));
-    if (!found) throw py::value_error("this processor has no variant " + *variant);
+    const semmap::Family family =
+        variant ? semmap::family_named(*variant) : semmap::families().back();
     expect_shape(occupied, "occupied", {kAny, kAny}, "a (rows, columns) array");
     within(radius, 0, 8192, "radius");
     expect_shape(costs, "costs", {radius * radius + 1},
@@ -162,7 +153,7 @@ Array<std::uint8_t> inflate(const Array<bool>& occupied, std::int64_t radius,
     const semmap::CostsByDistance table{static_cast<int>(radius), costs.data()};
     std::uint8_t* target = inflated.mutable_data();
     const py::gil_scoped_release release;
-    semmap::inflate(bytes(occupied), length(occupied, 0), length(occupied, 1), table, *found,
+    semmap::inflate(bytes(occupied), length(occupied, 0), length(occupied, 1), table, family,
                     target);
     return inflated;
 }
@@ -451,7 +442,7 @@ PYBIND11_MODULE(semmap_native, module) {
     define_for<std::int64_t>(module);
     module.def("inflate", &inflate, exact("occupied"), py::arg("radius"), exact("costs"),
                py::arg("variant").none(true) = py::none());
-    module.def("inflation_variants", &semmap::inflation_variants);
+    module.def("inflation_variants", &semmap::family_names);
     define_graph(module);
     module.def("travel", &travel, exact("costs"), py::arg("resolution"), exact("cells"),
                py::arg("slow"), py::arg("targets").none(true), py::arg("threads"));

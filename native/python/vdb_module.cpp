@@ -14,7 +14,7 @@
 #include <vector>
 
 #include "checks.hpp"
-#include "family.hpp"
+#include "convex.hpp"
 #include "semmap/fields/blocks.hpp"
 #include "semmap/fields/grid.hpp"
 #include "semmap/fields/operators.hpp"
@@ -23,6 +23,9 @@
 
 namespace py = pybind11;
 namespace fields = semmap::fields;
+
+// pybind11 would convert a std::variant; a shape stays one object.
+PYBIND11_MAKE_OPAQUE(fields::Shape);
 
 namespace {
 
@@ -77,24 +80,19 @@ Array<std::int32_t> rows_of(const fields::Voxels& voxels) {
     return rows;
 }
 
-// pybind11 would convert a std::variant; a shape stays one object.
-struct ShapeHolder {
-    fields::Shape shape;
-};
-
-ShapeHolder ball(const fields::Vector& center, double radius) {
-    return {fields::Ball{vector(center, "center"), positive(radius, "radius")}};
+fields::Shape ball(const fields::Vector& center, double radius) {
+    return fields::Ball{vector(center, "center"), positive(radius, "radius")};
 }
 
-ShapeHolder cylinder(const fields::Vector& center, const fields::Vector& axis, double radius,
-                     double height) {
+fields::Shape cylinder(const fields::Vector& center, const fields::Vector& axis, double radius,
+                       double height) {
     expect(height >= 0, "height is " + std::to_string(height) + ": give at least 0");
     return {fields::Cylinder{vector(center, "center"), direction(axis, "axis"),
                              positive(radius, "radius"), finite(height, "height")}};
 }
 
-ShapeHolder cone(const fields::Vector& apex, const fields::Vector& axis, double half_angle,
-                 double height) {
+fields::Shape cone(const fields::Vector& apex, const fields::Vector& axis, double half_angle,
+                   double height) {
     positive(half_angle, "half_angle");
     expect(half_angle < M_PI / 2,
            "half_angle is " + std::to_string(half_angle) + ": give radians below pi / 2");
@@ -102,8 +100,8 @@ ShapeHolder cone(const fields::Vector& apex, const fields::Vector& axis, double 
                          positive(height, "height")}};
 }
 
-ShapeHolder polytope(const Array<double>& corners, const Array<double>& normals,
-                     const Array<double>& edges) {
+fields::Shape polytope(const Array<double>& corners, const Array<double>& normals,
+                       const Array<double>& edges) {
     fields::Polytope made{vectors(corners, "corners"), vectors(normals, "normals"),
                           vectors(edges, "edges")};
     expect(!made.corners.empty(), "corners is empty: give at least one");
@@ -111,16 +109,14 @@ ShapeHolder polytope(const Array<double>& corners, const Array<double>& normals,
     return {std::move(made)};
 }
 
-ShapeHolder points(const Array<double>& rows) { return {fields::Points{vectors(rows, "points")}}; }
+fields::Shape points(const Array<double>& rows) {
+    return {fields::Points{vectors(rows, "points")}};
+}
 
-ShapeHolder solid(const Array<double>& vertices, const Array<std::int32_t>& faces) {
+fields::Shape solid(const Array<double>& vertices, const Array<std::int32_t>& faces) {
     fields::Solid solid{vectors(vertices, "vertices"), {}};
     solid.faces = triangles(faces, solid.vertices.size());
-    std::size_t open;
-    {
-        const py::gil_scoped_release release;
-        open = fields::weld(solid.vertices, solid.faces);
-    }
+    const std::size_t open = unlocked([&] { return fields::weld(solid.vertices, solid.faces); });
     if (open > 0) {
         throw py::value_error(
             "the mesh is not closed: " + std::to_string(open) +
@@ -130,31 +126,26 @@ ShapeHolder solid(const Array<double>& vertices, const Array<std::int32_t>& face
     return {std::move(solid)};
 }
 
-ShapeHolder surface(const Array<double>& vertices, const Array<std::int32_t>& faces) {
+fields::Shape surface(const Array<double>& vertices, const Array<std::int32_t>& faces) {
     fields::Surface surface{vectors(vertices, "vertices"), {}};
     surface.faces = triangles(faces, surface.vertices.size());
     return {std::move(surface)};
 }
 
-Array<std::int32_t> voxels_of(const ShapeHolder& holder, double voxel_size) {
+Array<std::int32_t> voxels_of(const fields::Shape& shape, double voxel_size) {
     voxel(voxel_size);
-    fields::Voxels voxels;
-    {
-        const py::gil_scoped_release release;
-        voxels = fields::rasterise(holder.shape, voxel_size);
-    }
-    return rows_of(voxels);
+    return rows_of(unlocked([&] { return fields::rasterise(shape, voxel_size); }));
 }
 
-Array<std::int32_t> look_up(const fields::RegionMap& map, const Array<double>& rows) {
+// What a map of regions or a grid has at points.
+template <typename Value, typename Where>
+Array<Value> look_up(const Where& where, const Array<double>& rows) {
     expect_columns(rows, "points");
-    Array<std::int32_t> numbers(rows.shape(0));
-    const double* data = rows.data();
-    std::int32_t* out = numbers.mutable_data();
-    const auto count = static_cast<std::size_t>(rows.shape(0));
+    Array<Value> values(rows.shape(0));
+    Value* out = values.mutable_data();
     const py::gil_scoped_release release;
-    map.look_up(data, count, out);
-    return numbers;
+    where.look_up(rows.data(), length(rows, 0), out);
+    return values;
 }
 
 Array<std::int32_t> voxels_in(const fields::RegionMap& map, std::int32_t entity) {
@@ -163,15 +154,11 @@ Array<std::int32_t> voxels_in(const fields::RegionMap& map, std::int32_t entity)
 
 std::vector<std::string> insert_many(fields::RegionMap& map,
                                      const std::vector<std::int32_t>& entities,
-                                     const std::vector<const ShapeHolder*>& holders,
+                                     const std::vector<const fields::Shape*>& shapes,
                                      std::int64_t thread_count, bool others) {
-    expect(entities.size() == holders.size(), "entities and shapes differ in length");
+    expect(entities.size() == shapes.size(), "entities and shapes differ in length");
     const auto team = static_cast<int>(threads(thread_count));
-    std::vector<const fields::Shape*> shapes;
-    for (const ShapeHolder* holder : holders) {
-        expect(holder != nullptr, "shapes holds None");
-        shapes.push_back(&holder->shape);
-    }
+    for (const auto* shape : shapes) expect(shape != nullptr, "shapes holds None");
     for (const std::int32_t entity : entities) {
         within(entity, 0, fields::kMostEntities - 1, "entities");
     }
@@ -205,32 +192,17 @@ fields::Placement rigid(const fields::Placement& placement) {
     return placement;
 }
 
-ShapeHolder depth_image(const Array<float>& depth, const std::optional<Array<bool>>& mask,
-                        const std::array<double, 4>& intrinsics, const Matrix& pose,
-                        double farthest) {
+fields::Shape depth_image(const Array<float>& depth, const std::optional<Array<bool>>& mask,
+                          const std::array<double, 4>& intrinsics, const Matrix& pose,
+                          double farthest) {
     expect_shape(depth, "depth", {kAny, kAny}, "an (H, W) array");
     if (mask) {
         expect_shape(*mask, "mask", {depth.shape(0), depth.shape(1)}, "the shape of depth");
     }
     const fields::Camera camera = camera_of(intrinsics, pose);
-    const auto* pixels = mask ? reinterpret_cast<const std::uint8_t*>(mask->data()) : nullptr;
-    const float* data = depth.data();
-    const auto rows = static_cast<std::size_t>(depth.shape(0));
-    const auto columns = static_cast<std::size_t>(depth.shape(1));
     const py::gil_scoped_release release;
-    return {fields::points_of_depth(data, pixels, rows, columns, camera, farthest)};
-}
-
-template <typename Value>
-Array<Value> grid_look_up(const fields::Grid<Value>& grid, const Array<double>& rows) {
-    expect_columns(rows, "points");
-    Array<Value> values(rows.shape(0));
-    const double* data = rows.data();
-    Value* out = values.mutable_data();
-    const auto count = static_cast<std::size_t>(rows.shape(0));
-    const py::gil_scoped_release release;
-    grid.look_up(data, count, out);
-    return values;
+    return {fields::points_of_depth(depth.data(), mask ? bytes(*mask) : nullptr, length(depth, 0),
+                                    length(depth, 1), camera, farthest)};
 }
 
 template <typename Value>
@@ -238,11 +210,8 @@ void grid_set(fields::Grid<Value>& grid, const Array<std::int32_t>& voxels,
               const Array<Value>& values) {
     expect_columns(voxels, "voxels");
     expect_shape(values, "values", {voxels.shape(0)}, "one value a voxel");
-    const std::int32_t* at = voxels.data();
-    const Value* data = values.data();
-    const auto count = static_cast<std::size_t>(voxels.shape(0));
     const py::gil_scoped_release release;
-    grid.set(at, data, count);
+    grid.set(voxels.data(), values.data(), length(voxels, 0));
 }
 
 template <typename Value>
@@ -304,12 +273,9 @@ fields::Grid<std::int32_t> labelled(const Array<float>& depth, const Array<std::
     expect_shape(labels, "labels", {depth.shape(0), depth.shape(1)}, "the shape of depth");
     voxel(voxel_size);
     const fields::Camera camera = camera_of(intrinsics, pose);
-    const float* data = depth.data();
-    const std::int32_t* of_pixels = labels.data();
-    const auto rows = static_cast<std::size_t>(depth.shape(0));
-    const auto columns = static_cast<std::size_t>(depth.shape(1));
     const py::gil_scoped_release release;
-    return fields::labelled(data, of_pixels, rows, columns, camera, farthest, voxel_size);
+    return fields::labelled(depth.data(), labels.data(), length(depth, 0), length(depth, 1), camera,
+                            farthest, voxel_size);
 }
 
 // Operators.
@@ -349,8 +315,7 @@ void define_operators(py::class_<fields::Grid<Value>>& grid) {
             },
             arg("voxel_size"), arg("placement"));
     if constexpr (std::is_same_v<Value, std::int32_t>) {
-        grid.def("among", &fields::among, arg("values"), Release())
-            .def("renumbered", &fields::renumbered, arg("pairs"), Release())
+        grid.def("renumbered", &fields::renumbered, arg("pairs"), Release())
             .def_static("of_labels", &labelled, arg("depth"), arg("labels"), arg("intrinsics"),
                         arg("pose"), arg("farthest"), arg("voxel_size"));
     }
@@ -360,11 +325,7 @@ using BlocksInPython = std::map<std::tuple<std::int32_t, std::int32_t, std::int3
 
 template <typename Value>
 BlocksInPython grid_blocks(const fields::Grid<Value>& grid, int edge) {
-    fields::Blocks blocks;
-    {
-        const py::gil_scoped_release release;
-        blocks = fields::blocks_of(grid, edge);
-    }
+    const fields::Blocks blocks = unlocked([&] { return fields::blocks_of(grid, edge); });
     BlocksInPython found;
     for (const auto& [cube, bytes] : blocks) found[{cube.x, cube.y, cube.z}] = py::bytes(bytes);
     return found;
@@ -405,21 +366,13 @@ void define_grid(py::module_& module, const char* name) {
                 return self.placed(rigid(placement));
             },
             arg("placement"))
-        .def(
-            "fill",
-            [](Grid& self, const ShapeHolder& shape, Value value) {
-                self.fill(shape.shape, value);
-            },
-            arg("shape"), arg("value"), Release())
-        .def(
-            "clear", [](Grid& self, const ShapeHolder& shape) { self.clear(shape.shape); },
-            arg("shape"), Release())
+        .def("fill", &Grid::fill, arg("shape"), arg("value"), Release())
+        .def("clear", &Grid::clear, arg("shape"), Release())
         .def("set", &grid_set<Value>, arg("voxels"), arg("values"))
-        .def("at", &grid_look_up<Value>, arg("points"))
+        .def("at", &look_up<Value, Grid>, arg("points"))
         .def("read", &grid_read<Value>)
         .def("read_box", &grid_read_box<Value>, arg("low"), arg("shape"))
         .def("prune", &Grid::prune, Release())
-        .def("bytes", &Grid::bytes, Release())
         .def("__len__", &Grid::size, Release())
         .def("write", &Grid::write, arg("path"), arg("name"), Release());
     grid.def("blocks", &grid_blocks<Value>, arg("edge"))
@@ -442,7 +395,7 @@ PYBIND11_MODULE(semmap_vdb, module) {
     using py::arg;
     using Release = py::call_guard<py::gil_scoped_release>;
 
-    py::class_<ShapeHolder>(module, "Shape")
+    py::class_<fields::Shape>(module, "Shape")
         .def_static("ball", &ball, arg("center"), arg("radius"))
         .def_static("cylinder", &cylinder, arg("center"), arg("axis"), arg("radius"), arg("height"))
         .def_static("cone", &cone, arg("apex"), arg("axis"), arg("half_angle"), arg("height"))
@@ -459,32 +412,17 @@ PYBIND11_MODULE(semmap_vdb, module) {
                  return std::make_unique<fields::RegionMap>(voxel(voxel_size));
              }),
              arg("voxel_size"))
-        .def(
-            "insert",
-            [](fields::RegionMap& self, std::int32_t entity, const ShapeHolder& region) {
-                self.insert(entity, region.shape);
-            },
-            arg("entity"), arg("shape"), Release())
+        .def("insert", &fields::RegionMap::insert, arg("entity"), arg("shape"), Release())
         .def("remove", &fields::RegionMap::remove, arg("entity"), Release())
-        .def(
-            "move",
-            [](fields::RegionMap& self, std::int32_t entity, const ShapeHolder& region) {
-                self.move(entity, region.shape);
-            },
-            arg("entity"), arg("shape"), Release())
+        .def("move", &fields::RegionMap::move, arg("entity"), arg("shape"), Release())
         .def("insert_many", &insert_many, arg("entities"), arg("shapes"), arg("threads"),
              arg("others") = false)
-        .def("set_numbers_at", &look_up, arg("points"))
+        .def("set_numbers_at", &look_up<std::int32_t, fields::RegionMap>, arg("points"))
         .def("members", &fields::RegionMap::members, arg("numbers"), Release())
         .def("voxels", &voxels_in, arg("entity"))
         .def("size", &fields::RegionMap::size, arg("entity"), Release())
         .def("has", &fields::RegionMap::has, arg("entity"), Release())
-        .def(
-            "entities_in",
-            [](const fields::RegionMap& self, const ShapeHolder& region) {
-                return self.entities_in(region.shape);
-            },
-            arg("shape"), Release())
+        .def("entities_in", &fields::RegionMap::entities_in, arg("shape"), Release())
         .def("overlap", &fields::RegionMap::overlap, arg("a"), arg("b"), Release())
         .def(
             "neighbours",
@@ -527,8 +465,11 @@ PYBIND11_MODULE(semmap_vdb, module) {
             fields::region_limits().blocks = blocks;
         },
         arg("voxels"), arg("blocks"));
-    module.def("variants", &fields::family_names);
-    module.def("choose_variant", &fields::choose_family, arg("name"));
+    module.def("variants", &semmap::family_names);
+    module.def(
+        "choose_variant",
+        [](const std::string& name) { fields::used_family() = semmap::family_named(name); },
+        arg("name"));
 
     define_grid<bool>(module, "BoolGrid");
     define_grid<std::int32_t>(module, "Int32Grid");

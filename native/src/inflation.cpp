@@ -60,9 +60,6 @@ constexpr int kMostInShort = 181;  // 181^2 < 65535 - 181^2
 #define SEMMAP_TARGET
 #define SEMMAP_BYTES 16
 #include "inflation_tile.inc"
-#undef SEMMAP_FAMILY
-#undef SEMMAP_TARGET
-#undef SEMMAP_BYTES
 
 #if defined(__x86_64__)
 #define SEMMAP_FAMILY avx2
@@ -70,25 +67,17 @@ constexpr int kMostInShort = 181;  // 181^2 < 65535 - 181^2
 #define SEMMAP_BYTES 32
 #define SEMMAP_SHUFFLE(table, at) ((Bytes)_mm256_shuffle_epi8((__m256i)(table), (__m256i)(at)))
 #include "inflation_tile.inc"
-#undef SEMMAP_FAMILY
-#undef SEMMAP_TARGET
-#undef SEMMAP_BYTES
-#undef SEMMAP_SHUFFLE
 
 #define SEMMAP_FAMILY avx512
 #define SEMMAP_TARGET __attribute__((target("avx512f,avx512bw,avx512vl,avx512dq")))
 #define SEMMAP_BYTES 64
 #define SEMMAP_SHUFFLE(table, at) ((Bytes)_mm512_shuffle_epi8((__m512i)(table), (__m512i)(at)))
 #include "inflation_tile.inc"
-#undef SEMMAP_FAMILY
-#undef SEMMAP_TARGET
-#undef SEMMAP_BYTES
-#undef SEMMAP_SHUFFLE
 #endif
 
 template <typename Word>
 void inflate_tiles(const std::uint8_t* occupied, std::size_t rows, std::size_t columns,
-                   const CostsByDistance& table, InflationVariant variant, std::uint8_t* costs) {
+                   const CostsByDistance& table, Family family, std::uint8_t* costs) {
     Scratch<Word> scratch(table);
     for (std::size_t row = 0; row < rows; row += kTileRows) {
         for (std::size_t column = 0; column < columns; column += kTileColumns) {
@@ -102,16 +91,16 @@ void inflate_tiles(const std::uint8_t* occupied, std::size_t rows, std::size_t c
                             std::min(kTileColumns, columns - column),
                             table.radius};
 #if defined(__x86_64__)
-            if (variant == InflationVariant::avx512) {
+            if (family == Family::avx512) {
                 avx512::cost_tile(tile, scratch);
                 continue;
             }
-            if (variant == InflationVariant::avx2) {
+            if (family == Family::avx2) {
                 avx2::cost_tile(tile, scratch);
                 continue;
             }
 #endif
-            static_cast<void>(variant);
+            static_cast<void>(family);
             baseline::cost_tile(tile, scratch);
         }
     }
@@ -176,56 +165,14 @@ void inflate_far(const std::uint8_t* occupied, std::size_t rows, std::size_t col
     }
 }
 
-bool runs(InflationVariant variant) {
-    switch (variant) {
-        case InflationVariant::baseline:
-            return true;
-#if defined(__x86_64__)
-        case InflationVariant::avx2:
-            return __builtin_cpu_supports("avx2") != 0;
-        case InflationVariant::avx512:
-            return __builtin_cpu_supports("avx512bw") != 0 &&
-                   __builtin_cpu_supports("avx512vl") != 0 &&
-                   __builtin_cpu_supports("avx512dq") != 0;
-#endif
-        default:
-            return false;
-    }
-}
-
-struct Named {
-    const char* name;
-    InflationVariant variant;
-};
-
-constexpr Named kVariants[] = {{"baseline", InflationVariant::baseline},
-                               {"avx2", InflationVariant::avx2},
-                               {"avx512", InflationVariant::avx512}};
-
 }  // namespace
 
-std::vector<std::string> inflation_variants() {
-    std::vector<std::string> names;
-    for (const Named& each : kVariants) {
-        if (runs(each.variant)) names.emplace_back(each.name);
-    }
-    return names;
-}
-
-std::optional<InflationVariant> inflation_variant(const std::string& name) {
-    std::optional<InflationVariant> found;
-    for (const Named& each : kVariants) {
-        if ((name.empty() || name == each.name) && runs(each.variant)) found = each.variant;
-    }
-    return found;
-}
-
 void inflate(const std::uint8_t* occupied, std::size_t rows, std::size_t columns,
-             const CostsByDistance& table, InflationVariant variant, std::uint8_t* costs) {
+             const CostsByDistance& table, Family family, std::uint8_t* costs) {
     if (table.radius <= kMostInByte) {
-        inflate_tiles<std::uint8_t>(occupied, rows, columns, table, variant, costs);
+        inflate_tiles<std::uint8_t>(occupied, rows, columns, table, family, costs);
     } else if (table.radius <= kMostInShort) {
-        inflate_tiles<std::uint16_t>(occupied, rows, columns, table, variant, costs);
+        inflate_tiles<std::uint16_t>(occupied, rows, columns, table, family, costs);
     } else {
         inflate_far(occupied, rows, columns, table, costs);
     }

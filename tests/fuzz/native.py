@@ -580,12 +580,10 @@ def grid_steps(kind: str) -> dict[str, Good]:
         "placed": lambda r: {"placement": POSE},
         "place": lambda r: {"placement": r.choice((POSE, [[*row[:3], 0.0] for row in POSE]))},
         "prune": lambda r: {},
-        "bytes": lambda r: {},
         "blocks": lambda r: {"edge": r.choice((8, 16, 32, 64, 128))},
         "put_blocks": lambda r: {"blocks": cubes(r), "edge": r.choice((8, 32, 128))},
     }
     if kind == "Int32Grid":
-        found["among"] = lambda r: {"values": [3, r.randrange(9)]}
         found["renumbered"] = lambda r: {"pairs": {"pairs": [[3, 4], [r.randrange(9), 1]]}}
         found["of_labels"] = lambda r: {
             **{key: arg for key, arg in depth(r).items() if key != "mask"},

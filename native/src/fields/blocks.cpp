@@ -24,15 +24,12 @@ static_assert(__BYTE_ORDER__ == __ORDER_LITTLE_ENDIAN__, "bytes are kept as they
 static_assert(sizeof(bool) == 1 && sizeof(Words) == 64);
 
 constexpr char kFormat = 1;
-constexpr std::size_t kVoxels = 512;
 enum Kind : char { on, off, one, each, all };
 
 template <typename Value>
 bool same(const Value& a, const Value& b) {
     return std::memcmp(&a, &b, sizeof a) == 0;
 }
-
-openvdb::Coord coord(const Origin& o) { return {o.x, o.y, o.z}; }
 
 void expect_edge(int edge) {
     for (int known = 8; known <= 128; known *= 2) {
@@ -53,29 +50,6 @@ struct Record {
 };
 
 template <typename Value>
-struct Content {
-    Words active;
-    std::array<Value, kVoxels> values;
-};
-
-template <typename Value>
-Content<Value> content_of(const typename Grid<Value>::Tree::LeafNodeType& leaf) {
-    Content<Value> content;
-    for (openvdb::Index x = 0; x < 8; ++x) {
-        content.active[x] = leaf.valueMask().template getWord<std::uint64_t>(x);
-    }
-    if constexpr (std::is_same_v<Value, bool>) {
-        for (openvdb::Index i = 0; i < kVoxels; ++i) content.values[i] = leaf.getValue(i);
-    } else {
-        const Value* data = leaf.buffer().data();
-        std::copy(data, data + kVoxels, content.values.begin());
-    }
-    return content;
-}
-
-bool is_on(const Words& words, std::size_t i) { return (words[i / 64] >> (i % 64) & 1) != 0; }
-
-template <typename Value>
 class Writer {
   public:
     explicit Writer(Value background) : background_(background) {}
@@ -85,7 +59,8 @@ class Writer {
             add_run(record.number, record.run, record.value, record.active);
             return;
         }
-        const Content<Value> content = content_of<Value>(*record.leaf);
+        Content<Value> content;
+        read_leaf(*record.leaf, content);
         const Words& active = content.active;
         const auto& values = content.values;
         const bool none = is_empty(active);
@@ -277,15 +252,10 @@ Blocks blocks_of(const Grid<Value>& grid, int edge) {
         const openvdb::CoordBBox box = tile.getBoundingBox();
         const bool small = box.dim().x() < edge;
         const int step = small ? kBlock : edge;
-        for (openvdb::Int32 x = box.min().x(); x <= box.max().x(); x += step) {
-            for (openvdb::Int32 y = box.min().y(); y <= box.max().y(); y += step) {
-                for (openvdb::Int32 z = box.min().z(); z <= box.max().z(); z += step) {
-                    const openvdb::Coord at(x, y, z);
-                    add({cube_of(at), number_of(at), small ? std::uint16_t{1} : whole, nullptr,
-                         value, active});
-                }
-            }
-        }
+        each_cube(box, step, [&](const openvdb::Coord& at) {
+            add({cube_of(at), number_of(at), small ? std::uint16_t{1} : whole, nullptr, value,
+                 active});
+        });
     }
     std::sort(records.begin(), records.end(), [](const auto& a, const auto& b) {
         return std::tie(a.cube, a.number) < std::tie(b.cube, b.number);

@@ -4,8 +4,6 @@
 #include <cmath>
 #include <limits>
 
-#include "family.hpp"
-
 namespace semmap::fields {
 namespace {
 
@@ -29,21 +27,15 @@ struct Columns {
 #define SEMMAP_FAMILY baseline
 #define SEMMAP_TARGET
 #include "columns.inc"
-#undef SEMMAP_FAMILY
-#undef SEMMAP_TARGET
 
 #if defined(__x86_64__)
 #define SEMMAP_FAMILY avx2
 #define SEMMAP_TARGET __attribute__((target("avx2")))
 #include "columns.inc"
-#undef SEMMAP_FAMILY
-#undef SEMMAP_TARGET
 
 #define SEMMAP_FAMILY avx512
 #define SEMMAP_TARGET __attribute__((target("avx512f,avx512bw,avx512vl,avx512dq")))
 #include "columns.inc"
-#undef SEMMAP_FAMILY
-#undef SEMMAP_TARGET
 #endif
 
 struct Kernels {
@@ -55,11 +47,12 @@ struct Kernels {
 
 Kernels kernels() {
 #if defined(__x86_64__)
-    if (used_family() == Family::avx512) {
+    const Family family = used_family();
+    if (family == Family::avx512) {
         return {avx512::ball_columns, avx512::round_columns, avx512::block_words,
                 avx512::voxel_indices};
     }
-    if (used_family() == Family::avx2) {
+    if (family == Family::avx2) {
         return {avx2::ball_columns, avx2::round_columns, avx2::block_words, avx2::voxel_indices};
     }
 #endif

@@ -1,16 +1,24 @@
-// Convex solids in voxel units: one interval of z per column.
+// How solids become voxels: convex ones in voxel units, with one interval of z per column; meshes.
 #pragma once
 
 #include <array>
+#include <atomic>
 #include <cstdint>
 #include <vector>
 
+#include "semmap/family.hpp"
 #include "semmap/fields/shapes.hpp"
 #include "semmap/fields/voxels.hpp"
 
 namespace semmap::fields {
 
 constexpr double kTolerance = 1e-9;
+
+// The fastest of this processor, until another is chosen.
+inline std::atomic<Family>& used_family() {
+    static std::atomic<Family> used{families().back()};
+    return used;
+}
 
 // n . p <= d
 struct HalfSpace {
@@ -57,6 +65,10 @@ void rasterise_convex(const Convex& solid, VoxelCollector& into);
 double work_of(const Convex& solid);
 // Throws BadRegion where that is more than a region of the largest size may take.
 void expect_little(double work);
+
+// Triangle meshes.
+Voxels solid_voxels(const Solid& solid, double voxel_size);
+Voxels surface_voxels(const Surface& surface, double voxel_size);
 
 // In voxels, checked against what a grid can hold.
 std::int32_t checked_index(double voxel);

@@ -12,8 +12,6 @@ namespace {
 constexpr const char* kVoxelSize = "semmap_voxel_size";
 constexpr const char* kPlacement = "semmap_placement";
 
-openvdb::Coord coord(const Origin& o) { return {o.x, o.y, o.z}; }
-
 openvdb::Mat4d matrix(const Placement& p) {
     // OpenVDB multiplies rows.
     openvdb::Mat4d m = openvdb::Mat4d::identity();
@@ -69,12 +67,9 @@ void Grid<Value>::fill(const Shape& shape, Value value) {
             continue;
         }
         auto* leaf = accessor.touchLeaf(origin);
-        for (std::size_t x = 0; x < 8; ++x) {
-            for (std::uint64_t w = voxels.words[i][x]; w != 0; w &= w - 1) {
-                const auto bit = static_cast<openvdb::Index>(__builtin_ctzll(w));
-                leaf->setValueOn(static_cast<openvdb::Index>(64 * x) + bit, value);
-            }
-        }
+        each_voxel(voxels.words[i], [&](std::size_t voxel) {
+            leaf->setValueOn(static_cast<openvdb::Index>(voxel), value);
+        });
     }
 }
 
@@ -94,12 +89,9 @@ void Grid<Value>::clear(const Shape& shape) {
             continue;
         }
         auto* leaf = accessor.touchLeaf(origin);
-        for (std::size_t x = 0; x < 8; ++x) {
-            for (std::uint64_t w = voxels.words[i][x]; w != 0; w &= w - 1) {
-                const auto bit = static_cast<openvdb::Index>(__builtin_ctzll(w));
-                leaf->setValueOff(static_cast<openvdb::Index>(64 * x) + bit, background);
-            }
-        }
+        each_voxel(voxels.words[i], [&](std::size_t voxel) {
+            leaf->setValueOff(static_cast<openvdb::Index>(voxel), background);
+        });
     }
     prune();
 }

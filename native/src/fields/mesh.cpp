@@ -1,4 +1,5 @@
-#include "mesh.hpp"
+#include <openvdb/math/Mat3.h>
+#include <openvdb/openvdb.h>
 
 #include <algorithm>
 #include <cmath>
@@ -86,47 +87,23 @@ std::array<double, 3> principal_widths(const std::vector<Vector>& corners) {
     for (const Vector& p : corners) {
         for (std::size_t k = 0; k < 3; ++k) mean[k] += p[k] / static_cast<double>(corners.size());
     }
-    double m[3][3] = {};
+    openvdb::Mat3d spread = openvdb::Mat3d::zero(), axes;
+    openvdb::Vec3d lengths;
     for (const Vector& p : corners) {
         const Vector d = minus(p, mean);
-        for (std::size_t i = 0; i < 3; ++i) {
-            for (std::size_t j = 0; j < 3; ++j) m[i][j] += d[i] * d[j];
-        }
-    }
-    // Jacobi's rotations.
-    double v[3][3] = {{1, 0, 0}, {0, 1, 0}, {0, 0, 1}};
-    for (int sweep = 0; sweep < 32; ++sweep) {
-        for (const auto& [p, q] : {std::pair{0, 1}, std::pair{0, 2}, std::pair{1, 2}}) {
-            if (std::abs(m[p][q]) < 1e-300) continue;
-            const double turn = std::atan2(2 * m[p][q], m[q][q] - m[p][p]) / 2;
-            const double c = std::cos(turn);
-            const double s = std::sin(turn);
-            for (auto& row : m) {
-                const double a = row[p];
-                const double b = row[q];
-                row[p] = c * a - s * b;
-                row[q] = s * a + c * b;
-            }
-            for (int k = 0; k < 3; ++k) {
-                const double a = m[p][k];
-                const double b = m[q][k];
-                m[p][k] = c * a - s * b;
-                m[q][k] = s * a + c * b;
-            }
-            for (auto& row : v) {
-                const double a = row[p];
-                const double b = row[q];
-                row[p] = c * a - s * b;
-                row[q] = s * a + c * b;
+        for (int i = 0; i < 3; ++i) {
+            for (int j = 0; j < 3; ++j) {
+                spread(i, j) += d[static_cast<std::size_t>(i)] * d[static_cast<std::size_t>(j)];
             }
         }
     }
+    openvdb::math::diagonalizeSymmetricMatrix(spread, axes, lengths);
     std::array<double, 3> widths{};
     for (std::size_t k = 0; k < 3; ++k) {
         double low = std::numeric_limits<double>::infinity();
         double high = -low;
         for (const Vector& p : corners) {
-            const double at = v[0][k] * p[0] + v[1][k] * p[1] + v[2][k] * p[2];
+            const double at = axes.col(static_cast<int>(k)).dot({p[0], p[1], p[2]});
             low = std::min(low, at);
             high = std::max(high, at);
         }

@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <cmath>
 #include <unordered_map>
-#include <unordered_set>
 
 #include "convex.hpp"
 #include "spread.hpp"
@@ -11,31 +10,11 @@
 namespace semmap::fields {
 namespace {
 
-constexpr std::size_t kVoxels = 512;
-
-openvdb::Coord coord(const Origin& o) { return {o.x, o.y, o.z}; }
-
 // The voxels of one block of a grid: of a leaf, of a tile or of nothing.
 template <typename Value>
-struct Block {
-    Words active;
-    std::array<Value, kVoxels> values;
+struct Block : Content<Value> {
     bool uniform;  // all active and of values[0]
 };
-
-template <typename Value>
-void take(const typename Grid<Value>::Tree::LeafNodeType& leaf, Block<Value>& block) {
-    const auto& mask = leaf.valueMask();
-    for (openvdb::Index x = 0; x < 8; ++x)
-        block.active[x] = mask.template getWord<std::uint64_t>(x);
-    if constexpr (std::is_same_v<Value, bool>) {
-        for (openvdb::Index i = 0; i < kVoxels; ++i) block.values[i] = leaf.getValue(i);
-    } else {
-        const Value* data = leaf.buffer().data();
-        std::copy(data, data + kVoxels, block.values.begin());
-    }
-    block.uniform = false;
-}
 
 template <typename Value>
 void take_tile(Value value, Block<Value>& block) {
@@ -55,7 +34,8 @@ class Reader {
         if (const auto* leaf =
                 accessor_.template probeConstNode<typename Grid<Value>::Tree::LeafNodeType>(
                     origin)) {
-            take(*leaf, block);
+            read_leaf(*leaf, static_cast<Content<Value>&>(block));
+            block.uniform = false;
             return !is_empty(block.active);
         }
         Value value;
@@ -105,14 +85,7 @@ void each_origin(const Grid<Value>& grid, Found&& found) {
         if (!leaf->isEmpty()) found(leaf->origin());
     }
     for (auto tile = tiles(); tile; ++tile) {
-        const openvdb::CoordBBox box = tile.getBoundingBox();
-        for (openvdb::Int32 x = box.min().x(); x <= box.max().x(); x += kBlock) {
-            for (openvdb::Int32 y = box.min().y(); y <= box.max().y(); y += kBlock) {
-                for (openvdb::Int32 z = box.min().z(); z <= box.max().z(); z += kBlock) {
-                    found(openvdb::Coord(x, y, z));
-                }
-            }
-        }
+        each_cube(tile.getBoundingBox(), kBlock, found);
     }
 }
 
@@ -161,12 +134,9 @@ class Writer {
         }
         using Leaf = typename Grid<Value>::Tree::LeafNodeType;
         auto* leaf = new Leaf(origin, grid_.background(), false);
-        for (std::size_t x = 0; x < 8; ++x) {
-            for (std::uint64_t w = block.active[x]; w != 0; w &= w - 1) {
-                const std::size_t i = 64 * x + static_cast<std::size_t>(__builtin_ctzll(w));
-                leaf->setValueOn(static_cast<openvdb::Index>(i), block.values[i]);
-            }
-        }
+        each_voxel(block.active, [&](std::size_t i) {
+            leaf->setValueOn(static_cast<openvdb::Index>(i), block.values[i]);
+        });
         accessor_.addLeaf(leaf);
     }
 
@@ -254,8 +224,6 @@ Value both(Value a, Value b, Join how) {
     }
 }
 
-bool is_on(const Words& words, std::size_t i) { return (words[i / 64] >> (i % 64) & 1) != 0; }
-
 }  // namespace
 
 template <typename Value>
@@ -322,12 +290,6 @@ Grid<bool> between(const Grid<Value>& grid, Value low, Value high) {
     return where(grid, [=](Value v) { return low <= v && v <= high; });
 }
 
-Grid<bool> among(const Grid<std::int32_t>& grid, const std::vector<std::int32_t>& values) {
-    if (values.size() == 1) return between(grid, values[0], values[0]);
-    const std::unordered_set<std::int32_t> wanted(values.begin(), values.end());
-    return where(grid, [&](std::int32_t v) { return wanted.count(v) > 0; });
-}
-
 Grid<std::int32_t> renumbered(const Grid<std::int32_t>& grid,
                               const std::vector<std::pair<std::int32_t, std::int32_t>>& pairs) {
     const std::unordered_map<std::int32_t, std::int32_t> to(pairs.begin(), pairs.end());
@@ -355,15 +317,13 @@ Grid<Value> cropped(const Grid<Value>& grid, const Index& low, const Index& high
         const openvdb::CoordBBox here(origin, origin.offsetBy(kBlock - 1));
         if (!box.hasOverlap(here) || !reader.read(origin, block)) return;
         if (!box.isInside(here)) {
-            for (int x = 0; x < kBlock; ++x) {
-                for (int y = 0; y < kBlock; ++y) {
-                    for (int z = 0; z < kBlock; ++z) {
-                        if (box.isInside(origin.offsetBy(x, y, z))) continue;
-                        block.active[static_cast<std::size_t>(x)] &=
-                            ~(std::uint64_t{1} << (8 * y + z));
-                    }
-                }
+            Words inside{};
+            for (int i = 0; i < static_cast<int>(kVoxels); ++i) {
+                const auto at = origin.offsetBy(i >> 6, i >> 3 & 7, i & 7);
+                inside[static_cast<std::size_t>(i / 64)] |= std::uint64_t{box.isInside(at)}
+                                                            << i % 64;
             }
+            for (std::size_t x = 0; x < 8; ++x) block.active[x] &= inside[x];
             block.uniform = false;
         }
         out.write(origin, block);
@@ -377,13 +337,7 @@ Grid<Value> cropped(const Grid<Value>& grid, const Index& low, const Index& high
         each_origin(grid, at);
         return out.finish();
     }
-    for (openvdb::Int32 x = block_floor(from[0]); x <= to[0]; x += kBlock) {
-        for (openvdb::Int32 y = block_floor(from[1]); y <= to[1]; y += kBlock) {
-            for (openvdb::Int32 z = block_floor(from[2]); z <= to[2]; z += kBlock) {
-                at(openvdb::Coord(x, y, z));
-            }
-        }
-    }
+    each_cube({box.min() & ~(kBlock - 1), box.max()}, kBlock, at);
     return out.finish();
 }
 
@@ -423,8 +377,9 @@ Grid<Value> resampled(const Grid<Value>& grid, double voxel_size, const Placemen
     each_origin(grid, [&](const openvdb::Coord& origin) {
         if (!reader.read_mask(origin, active)) return;
         const auto [first, last] = active_box(active);
-        std::array<std::int32_t, 3> low;
-        std::array<std::int32_t, 3> high;
+        openvdb::CoordBBox box;
+        const auto blocks = static_cast<double>(candidates.origins().size());
+        double met = 1;
         for (std::size_t j = 0; j < 3; ++j) {
             double q =
                 0;  // turn is a rotation by 1 / scale: its inverse is its transpose by scale^2
@@ -435,24 +390,16 @@ Grid<Value> resampled(const Grid<Value>& grid, double voxel_size, const Placemen
                 q += back * (middle - shift[i]);
                 reach += std::abs(back) * (last[i] + 1 - first[i]) / 2.0;
             }
-            low[j] = block_floor(checked_index(std::floor(q - reach)));
-            high[j] = checked_index(std::floor(q + reach));
+            const auto k = static_cast<int>(j);
+            box.min()[k] = block_floor(checked_index(std::floor(q - reach)));
+            box.max()[k] = checked_index(std::floor(q + reach));
+            met *= (static_cast<double>(box.max()[k]) - box.min()[k]) / kBlock + 1;
         }
-        double blocks = 1;
-        for (std::size_t j = 0; j < 3; ++j) {
-            blocks *= (static_cast<double>(high[j]) - low[j]) / kBlock + 1;
-        }
-        blocks += static_cast<double>(candidates.origins().size());
-        if (blocks > static_cast<double>(kMostBlocks)) {
+        if (blocks + met > static_cast<double>(kMostBlocks)) {
             throw BadRegion("the grid has too many voxels of that size: take larger ones");
         }
-        for (std::int32_t x = low[0]; x <= high[0]; x += kBlock) {
-            for (std::int32_t y = low[1]; y <= high[1]; y += kBlock) {
-                for (std::int32_t z = low[2]; z <= high[2]; z += kBlock) {
-                    candidates.number({x, y, z});
-                }
-            }
-        }
+        each_cube(box, kBlock,
+                  [&](const openvdb::Coord& at) { candidates.number({at.x(), at.y(), at.z()}); });
     });
     Writer<Value> out(frame, grid.background());
     out.expect_near(candidates.origins());

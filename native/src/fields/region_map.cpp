@@ -32,8 +32,6 @@ constexpr std::uint64_t kAll = ~std::uint64_t{0};
 
 static_assert(Leaf::DIM == kBlock, "blocks are leaves");
 
-openvdb::Coord coord(const Origin& o) { return {o.x, o.y, o.z}; }
-
 std::uint64_t& active_word(Leaf& leaf, std::size_t x) {
     return leaf.getValueMask().getWord<std::uint64_t>(static_cast<openvdb::Index>(x));
 }
@@ -569,12 +567,8 @@ std::map<std::int32_t, std::int64_t> RegionMap::counts_over(const Voxels& voxels
             continue;
         }
         const std::int32_t* values = leaf->buffer().data();
-        for (std::size_t x = 0; x < 8; ++x) {
-            for (std::uint64_t w = voxels.words[i][x]; w != 0; w &= w - 1) {
-                const auto bit = static_cast<std::size_t>(__builtin_ctzll(w));
-                ++by_set[static_cast<std::size_t>(values[64 * x + bit])];
-            }
-        }
+        each_voxel(voxels.words[i],
+                   [&](std::size_t voxel) { ++by_set[static_cast<std::size_t>(values[voxel])]; });
     }
     std::map<std::int32_t, std::int64_t> by_entity;
     for (std::int32_t set = 1; set < sets_.end(); ++set) {
@@ -677,13 +671,8 @@ void RegionMap::restore(const Grid<std::int32_t>& grid, const Sets& sets) {
     for (; tile; ++tile) large.push_back(tile.getBoundingBox());
     std::vector<Origin> origins;
     for (const openvdb::CoordBBox& box : large) {
-        for (openvdb::Int32 x = box.min().x(); x <= box.max().x(); x += Lower::DIM) {
-            for (openvdb::Int32 y = box.min().y(); y <= box.max().y(); y += Lower::DIM) {
-                for (openvdb::Int32 z = box.min().z(); z <= box.max().z(); z += Lower::DIM) {
-                    tree.addTile(1, {x, y, z}, tree.getValue({x, y, z}), true);
-                }
-            }
-        }
+        each_cube(box, Lower::DIM,
+                  [&](const openvdb::Coord& at) { tree.addTile(1, at, tree.getValue(at), true); });
     }
     for (auto leaf = tree.cbeginLeaf(); leaf; ++leaf) {
         const openvdb::Coord at = leaf->origin();

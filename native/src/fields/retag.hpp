@@ -3,7 +3,7 @@
 
 #include <cstdint>
 
-#include "family.hpp"
+#include "semmap/family.hpp"
 #include "semmap/fields/voxels.hpp"
 
 #if defined(__x86_64__)
@@ -16,26 +16,17 @@ namespace semmap::fields {
 #define SEMMAP_TARGET
 #define SEMMAP_LANES 1
 #include "retag.inc"
-#undef SEMMAP_FAMILY
-#undef SEMMAP_TARGET
-#undef SEMMAP_LANES
 
 #if defined(__x86_64__)
 #define SEMMAP_FAMILY avx2
 #define SEMMAP_TARGET __attribute__((target("avx2,bmi,popcnt")))
 #define SEMMAP_LANES 8
 #include "retag.inc"
-#undef SEMMAP_FAMILY
-#undef SEMMAP_TARGET
-#undef SEMMAP_LANES
 
 #define SEMMAP_FAMILY avx512
 #define SEMMAP_TARGET __attribute__((target("avx512f,avx512bw,avx512vl,avx512dq,bmi,popcnt")))
 #define SEMMAP_LANES 16
 #include "retag.inc"
-#undef SEMMAP_FAMILY
-#undef SEMMAP_TARGET
-#undef SEMMAP_LANES
 #endif
 
 template <typename Step>

@@ -15,6 +15,12 @@ std::uint64_t key(std::int32_t entity) {
     return z ^ (z >> 31);
 }
 
+std::uint64_t hash_of(const std::vector<std::int32_t>& members) {
+    std::uint64_t hash = 0;
+    for (const std::int32_t entity : members) hash ^= key(entity);
+    return hash;
+}
+
 }  // namespace
 
 void toggle(std::vector<std::int32_t>& members, std::int32_t entity) {
@@ -26,8 +32,6 @@ void toggle(std::vector<std::int32_t>& members, std::int32_t entity) {
     }
 }
 
-Register::Register() : sets_(1), counts_(1), slots_(256, 0) {}
-
 std::int32_t Register::toggled(std::int32_t set, std::int32_t entity) {
     const Set& from = sets_[static_cast<std::size_t>(set)];
     scratch_ = from.members;
@@ -36,19 +40,19 @@ std::int32_t Register::toggled(std::int32_t set, std::int32_t entity) {
 }
 
 std::int32_t Register::number(const std::vector<std::int32_t>& members) {
-    std::uint64_t hash = 0;
-    for (const std::int32_t entity : members) hash ^= key(entity);
-    return number(hash, members);
+    return number(hash_of(members), members);
+}
+
+std::int32_t Register::find(std::uint64_t hash, const std::vector<std::int32_t>& of) const {
+    const auto [first, last] = by_hash_.equal_range(hash);
+    const auto found =
+        std::find_if(first, last, [&](const auto& each) { return members(each.second) == of; });
+    return found == last ? 0 : found->second;
 }
 
 std::int32_t Register::number(std::uint64_t hash, const std::vector<std::int32_t>& members) {
     if (members.empty()) return 0;
-    if (2 * (used_ + 1) >= slots_.size()) grow();
-    const std::size_t most = slots_.size() - 1;
-    for (std::size_t i = hash & most; slots_[i] != 0; i = (i + 1) & most) {
-        const Set& here = sets_[static_cast<std::size_t>(slots_[i])];
-        if (here.hash == hash && here.members == members) return slots_[i];
-    }
+    if (const std::int32_t known = find(hash, members)) return known;
     std::int32_t made;
     if (free_.empty()) {
         made = end();
@@ -58,49 +62,19 @@ std::int32_t Register::number(std::uint64_t hash, const std::vector<std::int32_t
         made = free_.back();
         free_.pop_back();
     }
-    Set& set = sets_[static_cast<std::size_t>(made)];
-    set.hash = hash;
-    set.members = members;
-    ++used_;
-    put(made);
+    sets_[static_cast<std::size_t>(made)] = {hash, members};
+    by_hash_.emplace(hash, made);
     return made;
-}
-
-void Register::put(std::int32_t set) {
-    const std::size_t most = slots_.size() - 1;
-    std::size_t i = sets_[static_cast<std::size_t>(set)].hash & most;
-    while (slots_[i] != 0) i = (i + 1) & most;
-    slots_[i] = set;
-}
-
-void Register::grow() {
-    const std::vector<std::int32_t> before = slots_;
-    slots_.assign(2 * before.size(), 0);
-    for (const std::int32_t set : before) {
-        if (set != 0) put(set);
-    }
 }
 
 void Register::free_if_unused(std::int32_t set) {
     if (set == 0 || counts_[static_cast<std::size_t>(set)] != 0) return;
     Set& freed = sets_[static_cast<std::size_t>(set)];
     if (freed.members.empty()) return;  // freed already
-    const std::size_t most = slots_.size() - 1;
-    std::size_t hole = freed.hash & most;
-    while (slots_[hole] != set) hole = (hole + 1) & most;
-    // Later entries move up unless they would pass the place where their search begins.
-    for (std::size_t i = (hole + 1) & most; slots_[i] != 0; i = (i + 1) & most) {
-        const std::size_t home = sets_[static_cast<std::size_t>(slots_[i])].hash & most;
-        if (((i - home) & most) >= ((i - hole) & most)) {
-            slots_[hole] = slots_[i];
-            hole = i;
-        }
-    }
-    slots_[hole] = 0;
-    freed.members = {};
-    freed.hash = 0;
+    const auto [first, last] = by_hash_.equal_range(freed.hash);
+    by_hash_.erase(std::find_if(first, last, [&](const auto& each) { return each.second == set; }));
+    freed = {};
     free_.push_back(set);
-    --used_;
 }
 
 bool Register::restore(std::int32_t set, const std::vector<std::int32_t>& members) {
@@ -111,20 +85,14 @@ bool Register::restore(std::int32_t set, const std::vector<std::int32_t>& member
     }
     const auto n = static_cast<std::size_t>(set);
     if (n < sets_.size() && !sets_[n].members.empty()) return false;
-    std::uint64_t hash = 0;
-    for (const std::int32_t entity : members) hash ^= key(entity);
-    const std::size_t most = slots_.size() - 1;
-    for (std::size_t i = hash & most; slots_[i] != 0; i = (i + 1) & most) {
-        if (sets_[static_cast<std::size_t>(slots_[i])].members == members) return false;
-    }
+    const std::uint64_t hash = hash_of(members);
+    if (find(hash, members) != 0) return false;
     if (n >= sets_.size()) {
         sets_.resize(n + 1);
         counts_.resize(n + 1);
     }
-    sets_[n].hash = hash;
-    sets_[n].members = members;
-    if (2 * (++used_ + 1) >= slots_.size()) grow();
-    put(set);
+    sets_[n] = {hash, members};
+    by_hash_.emplace(hash, set);
     return true;
 }
 
@@ -137,7 +105,8 @@ void Register::finish_restoring() {
 
 std::size_t Register::bytes() const {
     std::size_t total = sets_.capacity() * sizeof(Set) + counts_.capacity() * sizeof(std::int64_t) +
-                        (free_.capacity() + slots_.capacity()) * sizeof(std::int32_t);
+                        free_.capacity() * sizeof(std::int32_t) +
+                        (by_hash_.bucket_count() + by_hash_.size() * 4) * sizeof(std::uint64_t);
     for (const Set& set : sets_) total += set.members.capacity() * sizeof(std::int32_t);
     return total;
 }

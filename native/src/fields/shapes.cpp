@@ -4,7 +4,6 @@
 #include <cmath>
 
 #include "convex.hpp"
-#include "mesh.hpp"
 
 namespace semmap::fields {
 namespace {

@@ -45,14 +45,11 @@ std::size_t Voxels::bytes() const {
 
 void Voxels::write(std::int32_t* out) const {
     for (std::size_t i = 0; i < origins.size(); ++i) {
-        for (std::int32_t x = 0; x < kBlock; ++x) {
-            for (std::uint64_t w = words[i][static_cast<std::size_t>(x)]; w != 0; w &= w - 1) {
-                const int bit = __builtin_ctzll(w);
-                *out++ = origins[i].x + x;
-                *out++ = origins[i].y + bit / kBlock;
-                *out++ = origins[i].z + bit % kBlock;
-            }
-        }
+        each_voxel(words[i], [&](std::size_t voxel) {
+            *out++ = origins[i].x + static_cast<std::int32_t>(voxel >> 6);
+            *out++ = origins[i].y + static_cast<std::int32_t>(voxel >> 3 & 7);
+            *out++ = origins[i].z + static_cast<std::int32_t>(voxel & 7);
+        });
     }
 }
 

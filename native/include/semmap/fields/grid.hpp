@@ -3,10 +3,12 @@
 
 #include <openvdb/openvdb.h>
 
+#include <algorithm>
 #include <array>
 #include <cstddef>
 #include <cstdint>
 #include <string>
+#include <type_traits>
 #include <vector>
 
 #include "semmap/fields/shapes.hpp"
@@ -50,7 +52,6 @@ class Grid {
     void read_box(const std::array<std::int32_t, 3>& low, const std::array<std::int32_t, 3>& shape,
                   Value* values) const;
     void prune();
-    std::size_t bytes() const { return static_cast<std::size_t>(grid_->memUsage()); }
 
     void write(const std::string& path, const std::string& name) const;
 
@@ -59,6 +60,41 @@ class Grid {
     double voxel_size_;
     Placement placement_ = kUnmoved;
 };
+
+inline openvdb::Coord coord(const Origin& o) { return {o.x, o.y, o.z}; }
+
+constexpr std::size_t kVoxels = 512;  // of a block
+
+template <typename Value>
+struct Content {
+    Words active;
+    std::array<Value, kVoxels> values;
+};
+
+template <typename Value>
+void read_leaf(const typename Grid<Value>::Tree::LeafNodeType& leaf, Content<Value>& content) {
+    for (openvdb::Index x = 0; x < 8; ++x) {
+        content.active[x] = leaf.valueMask().template getWord<std::uint64_t>(x);
+    }
+    if constexpr (std::is_same_v<Value, bool>) {
+        for (openvdb::Index i = 0; i < kVoxels; ++i) content.values[i] = leaf.getValue(i);
+    } else {
+        const Value* data = leaf.buffer().data();
+        std::copy(data, data + kVoxels, content.values.begin());
+    }
+}
+
+// Calls each(corner) for the cubes of an edge that fill a box, in whose lowest corner one begins.
+template <typename Each>
+void each_cube(const openvdb::CoordBBox& box, int edge, Each&& each) {
+    for (openvdb::Int32 x = box.min().x(); x <= box.max().x(); x += edge) {
+        for (openvdb::Int32 y = box.min().y(); y <= box.max().y(); y += edge) {
+            for (openvdb::Int32 z = box.min().z(); z <= box.max().z(); z += edge) {
+                each(openvdb::Coord(x, y, z));
+            }
+        }
+    }
+}
 
 extern template class Grid<bool>;
 extern template class Grid<std::int32_t>;

@@ -33,9 +33,6 @@ Grid<bool> active(const Grid<Value>& grid);
 template <typename Value>
 Grid<bool> between(const Grid<Value>& grid, Value low, Value high);
 
-// Returns true where the value is one of these.
-Grid<bool> among(const Grid<std::int32_t>& grid, const std::vector<std::int32_t>& values);
-
 // Replaces the first value of each pair by the second; keeps other values.
 Grid<std::int32_t> renumbered(const Grid<std::int32_t>& grid,
                               const std::vector<std::pair<std::int32_t, std::int32_t>>& pairs);

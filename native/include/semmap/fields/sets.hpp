@@ -3,6 +3,7 @@
 
 #include <cstddef>
 #include <cstdint>
+#include <unordered_map>
 #include <vector>
 
 namespace semmap::fields {
@@ -11,7 +12,7 @@ namespace semmap::fields {
 // the empty set. Numbers of freed sets are used again.
 class Register {
   public:
-    Register();
+    Register() : sets_(1), counts_(1) {}
 
     // Returns the set with `entity` inserted if it is not a member, else removed.
     std::int32_t toggled(std::int32_t set, std::int32_t entity);
@@ -23,7 +24,7 @@ class Register {
     // All numbers are below this.
     std::int32_t end() const { return static_cast<std::int32_t>(sets_.size()); }
     // The number of sets, without the empty set.
-    std::int64_t size() const { return static_cast<std::int64_t>(used_); }
+    std::int64_t size() const { return static_cast<std::int64_t>(by_hash_.size()); }
     // The number of voxels of a set; the caller updates it.
     std::int64_t& count(std::int32_t set) { return counts_[static_cast<std::size_t>(set)]; }
     std::int64_t count(std::int32_t set) const { return counts_[static_cast<std::size_t>(set)]; }
@@ -41,14 +42,13 @@ class Register {
     };
 
     std::int32_t number(std::uint64_t hash, const std::vector<std::int32_t>& members);
-    void put(std::int32_t set);
-    void grow();
+    // Its number if it is there, else 0.
+    std::int32_t find(std::uint64_t hash, const std::vector<std::int32_t>& members) const;
 
     std::vector<Set> sets_;
     std::vector<std::int64_t> counts_;
     std::vector<std::int32_t> free_;
-    std::vector<std::int32_t> slots_;  // open addressing by hash; 0: none
-    std::size_t used_ = 0;
+    std::unordered_multimap<std::uint64_t, std::int32_t> by_hash_;
     std::vector<std::int32_t> scratch_;
 };
 

@@ -30,6 +30,20 @@ inline std::int32_t block_floor(std::int32_t voxel) { return voxel & ~(kBlock - 
 // One word per slice x; bit 8 y + z is voxel (x, y, z).
 using Words = std::array<std::uint64_t, 8>;
 
+// Calls each(i) for each voxel (i >> 6, i >> 3 & 7, i & 7) of a block.
+template <typename Each>
+void each_voxel(const Words& words, Each&& each) {
+    for (std::size_t x = 0; x < 8; ++x) {
+        for (std::uint64_t w = words[x]; w != 0; w &= w - 1) {
+            each(64 * x + static_cast<std::size_t>(__builtin_ctzll(w)));
+        }
+    }
+}
+
+inline bool is_on(const Words& words, std::size_t i) {
+    return (words[i / 64] >> (i % 64) & 1) != 0;
+}
+
 int count(const Words& words);
 bool is_full(const Words& words);
 bool is_empty(const Words& words);
