@@ -303,7 +303,7 @@ class MapEntity:
 
     def _repr_html_(self) -> str:
         """A card: what it is, where it is, and a plan of its room with it."""
-        from semmap.api.map_drawing import room_svg
+        from semmap.api.map_pictures import room_svg
 
         known = self.describe()
         rows = {
