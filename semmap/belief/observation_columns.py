@@ -86,9 +86,11 @@ class Observations:
 
     def take(self, rows: ArrayLike) -> Observations:
         """Observations of the given rows, which are indices or a mask."""
-        columns = {name: getattr(self, name) for name in COLUMNS}
-        chosen = np.asarray(rows)
-        return Observations(**{n: None if c is None else c[chosen] for n, c in columns.items()})
+        chosen, taken = np.asarray(rows), {}
+        for name in COLUMNS:
+            column: Any = getattr(self, name)
+            taken[name] = None if column is None else column[chosen]
+        return Observations(**taken)
 
 
 def observation_rates(
