@@ -86,9 +86,10 @@ class Observations:
 
     def take(self, rows: ArrayLike) -> Observations:
         """Observations of the given rows, which are indices or a mask."""
-        chosen, taken = np.asarray(rows), {}
+        chosen = np.asarray(rows)
+        taken: dict[str, Any] = {}
         for name in COLUMNS:
-            column: Any = getattr(self, name)
+            column = getattr(self, name)
             taken[name] = None if column is None else column[chosen]
         return Observations(**taken)
 
