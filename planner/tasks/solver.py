@@ -17,8 +17,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import clingo
+import numpy as np
 from clingo import Function, Number, String, Symbol
 
+from planner.infeasibility import infeasibility
 from planner.plan import Plan
 from planner.routing_graph import RoutingGraph
 from planner.tasks.goal import ROBOT, Goal, parse_goal
@@ -67,14 +69,14 @@ def find_plan(
     if isinstance(goal, str):
         goal = parse_goal(goal, domain.relations if domain else ())
     problem = build_problem(graph, world, state, goal, domain=domain, approach_pose=approach_pose)
-    events, meant, proven = solve(problem, patience)
+    events, meant, proven = solve(problem, patience, graph)
     plan = expand_plan(graph, problem, events, meant)
     bound = plan.seconds if proven else min(lower_bound(problem), plan.seconds)
     return Plan(goal.text, plan.actions, plan.seconds, bound)
 
 
 def solve(
-    problem: Problem, patience: float = PATIENCE
+    problem: Problem, patience: float, graph: RoutingGraph
 ) -> tuple[list[TaskEvent], dict[str, str], bool]:
     """Events in order, the goal's words by object, and whether the solution is optimal."""
     control = clingo.Control(["--warn=none"])
@@ -99,7 +101,7 @@ def solve(
             raise NoPlanError(
                 f"no plan was found within {patience:g} s; split the goal, or allow more time"
             )
-        raise NoPlanError(_why_none(problem))
+        raise NoPlanError(_why_none(problem, graph))
     return *_read(best, problem), bool(result.exhausted)
 
 
@@ -201,19 +203,25 @@ def _read(shown: list[Symbol], problem: Problem) -> tuple[list[TaskEvent], dict[
     return [*events, finish] if finish else events, names
 
 
-def _why_none(problem: Problem) -> str:
+def _why_none(problem: Problem, graph: RoutingGraph) -> str:
     """A likely reason why there is no plan."""
-    for on, names in problem.takes.items():
-        for name in names:
-            if name not in problem.spots:
-                continue
-            here, there = problem.spots[name], problem.spots.get(on)
-            if there is not None and problem.seconds[here, there] == float("inf"):
-                places = [problem.sites[i].place for i in (here, there)]
-                return (
-                    f"{name} cannot be brought from {places[0]} to {places[1]}: "
-                    "no route leads there"
-                )
+    spots, sites = problem.spots, problem.sites
+    ways = [
+        (f"{name} cannot be brought", spots[name], [spots[on]])
+        for on, names in problem.takes.items()
+        for name in names
+        if name in spots and on in spots
+    ]
+    ends = [number for number, _ in problem.finals]
+    placed = [spots[on] for on in problem.takes if on in spots]
+    ways += [("the robot cannot go on", spot, ends) for spot in placed]
+    lifted = [[spots[name]] for name in problem.limits if name in spots]
+    ways += [("the robot cannot go on", spot, there) for spot in placed for there in lifted]
+    for what, here, there in ways:
+        if there and np.isinf(problem.seconds[here, there]).all():
+            a, b = sites[here], sites[there[0]]
+            reason = infeasibility(graph, a, b).partition(": ")[2]
+            return f"{what} from {a.place} to {b.place}: {reason}"
     if problem.held:
         return (
             f"no order of actions reaches {problem.goal.text}: the robot already carries "

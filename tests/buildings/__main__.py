@@ -10,6 +10,7 @@ from pathlib import Path
 
 from semmap.database import Cluster
 from tests.buildings.building import random_building
+from tests.buildings.clouds import scanned
 from tests.buildings.judges import JUDGES, stored
 
 parser = argparse.ArgumentParser(prog="python -m tests.buildings", description=__doc__)
@@ -24,7 +25,7 @@ with tempfile.TemporaryDirectory() as folder:
     Path(folder).chmod(0o755)  # another user runs the server where root began it
     cluster = Cluster(Path(folder) / "data")
     for seed in range(given.first, given.first + given.count):
-        building = random_building(seed)
+        building = scanned(random_building(seed))
         with stored(building, cluster, Path(folder)) as place:
             for judge in JUDGES:
                 start = time.perf_counter()

@@ -1,4 +1,7 @@
-"""Random buildings: storeys, rooms, doors, slabs, walls and things, under names in no list."""
+"""Random buildings: storeys, rooms, doors, slabs, walls and things, under names in no list.
+
+Doors are of all kinds, with a lift and stairs from storey to storey (`tests.buildings.ways`).
+"""
 
 from __future__ import annotations
 
@@ -6,10 +9,12 @@ import json
 import math
 import random
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
+import numpy as np
 import shapely
+from numpy.typing import NDArray
 from shapely import Polygon
 
 FLOORS = [
@@ -53,10 +58,28 @@ FURNITURE = [
     "bloc",
     "zzp",
 ]
+DOORS = {
+    "door": 5,
+    "opening": 2,
+    "sliding_door": 2,
+    "folding_door": 1,
+    "revolving_door": 1,
+    "double_door": 1,
+    "fire_door": 1,
+    "gate": 1,
+}
+"""The types of doors inside of a storey, and how often they occur."""
+
+CABIN = 1.7
+"""Metres of the sides of a lift's cabin."""
+
 SMALL = ["mug", "plate", "Tasse", "Teller", "Dose", "assiette", "bol", "gobelet", "item", "qq"]
 
 SIDES = 2.4
 """Least side of a room, metres."""
+
+OUTSIDE = "outside"
+"""The place beyond the building."""
 
 
 @dataclass(frozen=True)
@@ -71,6 +94,8 @@ class Item:
     centre: tuple[float, float]
     size: tuple[float, float]
     on: str | None = None
+    points: NDArray[np.float64] | None = None
+    """(N, 3) in the map's frame, of what was scanned: it has no mesh."""
 
 
 @dataclass(frozen=True)
@@ -82,15 +107,37 @@ class Room:
     outline: Polygon
     floor: float
     ceiling: float
+    elevator: str | None = None
 
 
 @dataclass(frozen=True)
 class Door:
-    """A gap in the wall between two rooms of a storey."""
+    """What joins two rooms, or a room and the outside: a door, an opening, stairs, a ramp.
+
+    Stairs and ramps lead from the first end, in the first room, to the second; other ends are the
+    posts. `step` is the height of the threshold, `height` that of the clear opening, metres.
+    """
 
     name: str
     rooms: tuple[str, str]
     ends: tuple[tuple[float, float], tuple[float, float]]
+    type: str = "door"
+    state: str = "open"
+    direction: str = "both"
+    permission: str | None = None
+    height: float | None = None
+    step: float = 0.0
+    behaviour: str = "pass_door"
+
+    @property
+    def climbs(self) -> bool:
+        """Whether it leads from one storey to another."""
+        return self.type in ("stairs", "escalator", "ramp")
+
+    @property
+    def width(self) -> float:
+        """Metres from end to end."""
+        return math.dist(*self.ends)
 
 
 @dataclass
@@ -140,13 +187,18 @@ class Building:
         self.items.append(item)
         return item
 
+    def room(self, name: str) -> Room:
+        """The room of a name."""
+        return next(room for room in self.rooms if room.name == name)
+
     def write(self, folder: Path) -> tuple[Path, Path]:
         """Write the building as an SDF world and its rooms as GeoJSON; return both paths."""
         folder.mkdir(parents=True, exist_ok=True)
         world, rooms = folder / f"b{self.seed}.sdf", folder / f"b{self.seed}_rooms.geojson"
         world.write_text(
-            f'<sdf version="1.7"><world name="b{self.seed}">{"".join(map(self._model, self.items))}'
-            "</world></sdf>"
+            f'<sdf version="1.7"><world name="b{self.seed}">'
+            + "".join(self._model(item) for item in self.items if item.points is None)
+            + "</world></sdf>"
         )
         rooms.write_text(
             json.dumps({"type": "FeatureCollection", "features": list(self._features())})
@@ -172,12 +224,27 @@ class Building:
                 kind="room",
                 name=room.name,
                 storey=room.storey,
+                elevator=room.elevator,
             )
         for door in self.doors:
-            line = {"type": "LineString", "coordinates": door.ends}
-            storey = next(r.storey for r in self.rooms if r.name == door.rooms[0])
-            joins = ",".join(door.rooms)
-            yield _feature(line, kind="connector", name=door.name, joins=joins, storey=storey)
+            yield _feature(
+                {"type": "LineString", "coordinates": door.ends},
+                kind="connector",
+                type=door.type,
+                name=door.name,
+                joins=",".join(door.rooms),
+                storey=self.room(door.rooms[0]).storey,
+                state=door.state,
+                direction=door.direction,
+                permissions=door.permission,
+                height=door.height,
+                step=door.step,
+                behaviour=None if door.type in OWN_BEHAVIOUR else door.behaviour,
+            )
+
+
+OWN_BEHAVIOUR = ("opening", "elevator_door", "stairs", "escalator", "ramp")
+"""The types whose behaviour follows from the type; doors state theirs."""
 
 
 def _feature(geometry: object, **properties: object) -> dict[str, object]:
@@ -195,10 +262,15 @@ def random_building(seed: int) -> Building:
     width, depth = chance.uniform(7, 16), chance.uniform(6, 12)
     thick, height = chance.uniform(0.08, 0.3), chance.uniform(2.6, 3.2)
     bottom = chance.choice([0.0, 0.0, chance.uniform(-4, 20)])
-    for number in range(chance.choice([1, 1, 2, 3, 4])):
+    count = chance.choice([1, 1, 2, 3, 4])
+    kinds = random.Random(f"doors of {seed}")  # of its own: what else there is stays the same
+    lift = kinds.uniform(0.1, depth - CABIN - 0.1) if count > 1 and kinds.random() < 0.7 else None
+    for number in range(count):
         elevation = bottom + number * (height + 0.3)
         building.storeys.append((f"s{number}", elevation, height))
-        _add_storey(building, chance, number, (0.0, 0.0, width, depth), thick)
+        _add_storey(building, chance, kinds, number, (0.0, 0.0, width, depth), thick, lift)
+    for number in range(count - 1):
+        _add_stairs(building, kinds, number)
     return building
 
 
@@ -217,7 +289,13 @@ def _split(chance: random.Random, box: Box) -> list[Box]:
 
 
 def _add_storey(
-    building: Building, chance: random.Random, number: int, box: Box, thick: float
+    building: Building,
+    chance: random.Random,
+    kinds: random.Random,
+    number: int,
+    box: Box,
+    thick: float,
+    lift: float | None,
 ) -> None:
     storey, floor, height = building.storeys[number]
     cells = _split(chance, box)
@@ -234,7 +312,10 @@ def _add_storey(
         building.rooms.append(
             Room(f"r{number}_{k}", storey, building.outline(inner), floor, floor + height)
         )
-    gaps = _add_doors(building, chance, number, cells)
+    gaps = _add_doors(building, chance, kinds, number, cells)
+    gaps += _add_way_out(building, kinds, number, cells)
+    if lift is not None:
+        gaps += _add_cabin(building, kinds, number, cells, thick, lift)
     _add_walls(building, chance, cells, gaps, box, thick, floor, height)
     _add_things(building, chance, number, cells, gaps, thick, floor, height)
 
@@ -263,7 +344,11 @@ def _shared(a: Box, b: Box) -> tuple[bool, float, float, float] | None:
 
 
 def _add_doors(
-    building: Building, chance: random.Random, number: int, cells: Sequence[Box]
+    building: Building,
+    chance: random.Random,
+    kinds: random.Random,
+    number: int,
+    cells: Sequence[Box],
 ) -> list[Gap]:
     """A spanning tree of doors between neighbouring cells, and some more."""
     edges = [
@@ -284,13 +369,119 @@ def _add_doors(
         gaps.append(Gap((a, b), upright, at, start, start + width))
         ends = [(at, start), (at, start + width)] if upright else [(start, at), (start + width, at)]
         building.doors.append(
-            Door(
+            _door(
+                kinds,
                 f"d{number}_{len(gaps)}",
                 (f"r{number}_{a}", f"r{number}_{b}"),
                 (building.placed(*ends[0]), building.placed(*ends[1])),
             )
         )
     return gaps
+
+
+Ends = tuple[tuple[float, float], tuple[float, float]]
+
+
+def _door(kinds: random.Random, name: str, rooms: tuple[str, str], ends: Ends) -> Door:
+    """A door of any kind: what opens, what is locked, what leads one way, what some may pass."""
+    (type_,) = kinds.choices([*DOORS], [*DOORS.values()])
+    if type_ == "opening":
+        return Door(name, rooms, ends, type_, behaviour="drive_through")
+    (state,) = kinds.choices(["open", "closed", "locked"], [6, 3, 1])
+    (direction,) = kinds.choices(["both", "forward", "backward"], [18, 1, 1])
+    by_itself = type_ == "sliding_door" and state == "open" and kinds.random() < 0.5
+    return Door(
+        name,
+        rooms,
+        ends,
+        type_,
+        state,
+        direction,
+        "staff" if kinds.random() < 0.05 else None,
+        kinds.choice([None, None, kinds.uniform(1.9, 2.2), kinds.choice([1.0, 2.0])]),
+        0.05 if kinds.random() < 0.05 else kinds.choice([0.0, 0.01]),
+        "drive_through" if by_itself else "pass_door",
+    )
+
+
+def _add_way_out(
+    building: Building, kinds: random.Random, number: int, cells: Sequence[Box]
+) -> list[Gap]:
+    """A door in the left wall of the lowest storey, or none."""
+    fronts = [k for k, cell in enumerate(cells) if cell[0] == 0.0]
+    if number or kinds.random() < 0.4:
+        return []
+    cell = kinds.choice(fronts)
+    start = kinds.uniform(cells[cell][1] + 0.3, cells[cell][3] - 1.3)
+    ends = building.placed(0.0, start), building.placed(0.0, start + 1.0)
+    way_out = _door(kinds, "way_out", (f"r{number}_{cell}", OUTSIDE), ends)
+    if way_out.type != "opening":
+        way_out = replace(way_out, type="exterior_door")
+    building.doors.append(way_out)
+    return [Gap((cell, cell), True, 0.0, start, start + 1.0)]
+
+
+def _add_cabin(
+    building: Building,
+    kinds: random.Random,
+    number: int,
+    cells: Sequence[Box],
+    thick: float,
+    start: float,
+) -> list[Gap]:
+    """The lift at the right wall: its shaft, its cabin and its door, where no wall meets them."""
+    storey, floor, height = building.storeys[number]
+    edge = max(cell[2] for cell in cells)
+    middle, near, far = start + CABIN / 2, edge + thick / 2, edge + thick / 2 + CABIN
+    served = [
+        k
+        for k, cell in enumerate(cells)
+        if cell[2] == edge and cell[1] + thick < middle - 0.45 and middle + 0.45 < cell[3] - thick
+    ]
+    if not served:
+        return []
+    for box in (
+        (near, start - 0.1, far + 0.1, start),
+        (near, start + CABIN, far + 0.1, start + CABIN + 0.1),
+        (far, start, far + 0.1, start + CABIN),
+    ):
+        building.add(kinds.choice(WALLS), "wall", box, floor, floor + height)
+    name = f"cabin{number}"
+    outline = building.outline(shapely.box(near, start, far, start + CABIN))
+    building.rooms.append(Room(name, storey, outline, floor, floor + height, "lift"))
+    ends = building.placed(edge, middle - 0.45), building.placed(edge, middle + 0.45)
+    state = kinds.choice(["open", "closed", "closed"])
+    joins = (f"r{number}_{served[0]}", name)
+    building.doors.append(Door(f"lift_door{number}", joins, ends, "elevator_door", state))
+    return [Gap((served[0], served[0]), True, edge, middle - 0.45, middle + 0.45)]
+
+
+def _add_stairs(building: Building, kinds: random.Random, number: int) -> None:
+    """Stairs or a ramp to the storey above, from free floor to free floor, or none."""
+    if kinds.random() < 0.3:
+        return
+    type_ = kinds.choice(["stairs", "stairs", "escalator", "ramp"])
+    ends, names = [], []
+    for level in (number, number + 1):
+        storey, floor, _ = building.storeys[level]
+        taken = shapely.union_all(
+            [i.ground for i in building.items if i.low < floor + 1.8 and i.high > floor + 0.05]
+        )
+        rooms = [r for r in building.rooms if r.storey == storey and r.elevator is None]
+        room = kinds.choice(rooms)
+        for _ in range(20):
+            x0, y0, x1, y1 = room.outline.bounds
+            at = shapely.Point(kinds.uniform(x0, x1), kinds.uniform(y0, y1))
+            if room.outline.contains(at) and taken.distance(at) > 0.6:
+                ends.append((at.x, at.y))
+                names.append(room.name)
+                break
+    if len(ends) == 2 and math.dist(*ends) > 1:
+        behaviour = "drive_through" if type_ == "ramp" else "climb_stairs"
+        (direction,) = kinds.choices(["both", "forward", "backward"], [4, 1, 1])
+        name, rooms = f"{type_}{number}", (names[0], names[1])
+        way = (ends[0], ends[1])
+        building.doors.append(Door(name, rooms, way, type_, "open", direction, behaviour=behaviour))
 
 
 def _add_walls(

@@ -5,10 +5,11 @@ None calls what it judges: rooms and cells are measured by Shapely, ways by netw
 
 from __future__ import annotations
 
+import itertools
 import random
-import re
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 
 import networkx as nx
@@ -18,7 +19,12 @@ import shapely
 import semmap
 from planner.readers.entity_lookup import find_entities
 from semmap.database import Cluster
-from tests.buildings.building import Building, Item, room_of
+from tests.buildings.beliefs import judge_beliefs
+from tests.buildings.building import OUTSIDE, Building, Item, room_of
+from tests.buildings.clouds import cloud_cells, write_scans
+from tests.buildings.faults import judge_faults
+from tests.buildings.plans import judge_plans
+from tests.buildings.ways import doors_of, stand
 
 Judge = Callable[[Building, semmap.Map], tuple[int, list[str]]]
 """Returns how many questions it asked, and a sentence for each wrong answer."""
@@ -29,7 +35,7 @@ def stored(building: Building, url: str | Cluster, folder: Path) -> Iterator[sem
     """The map of a building, imported from its files."""
     with semmap.connect(url) as database:
         name = f"building{building.seed}"
-        for path in building.write(folder):
+        for path in [*building.write(folder), *write_scans(building, folder)]:
             database.import_file(path, map=name)
         yield database.map(name)
 
@@ -102,7 +108,10 @@ def judge_parts(building: Building, place: semmap.Map) -> tuple[int, list[str]]:
 
 
 def judge_grids(building: Building, place: semmap.Map) -> tuple[int, list[str]]:
-    """A cell is occupied where the border of an obstacle meets it, and free where none does."""
+    """A cell is occupied where the border of an obstacle meets it, and free where none does.
+
+    Obstacles are things, walls, shut doors and the voxels of clouds.
+    """
     wrong, asked = [], 0
     low, high = 0.05, 1.8
     for name, elevation, _ in building.storeys:
@@ -110,7 +119,13 @@ def judge_grids(building: Building, place: semmap.Map) -> tuple[int, list[str]]:
         grounds = [
             item.ground
             for item in building.items
+            if item.points is None
             if item.low < elevation + high - 1e-6 and item.high > elevation + low + 1e-6
+        ]
+        grounds += [
+            shapely.LineString(door.ends).buffer(LEAF / 2, cap_style="flat")
+            for door in building.doors
+            if door.state != "open" and building.room(door.rooms[0]).storey == name
         ]
         rows, columns = np.indices(made.cells.shape)
         x, y = made.grid.origin
@@ -128,6 +143,12 @@ def judge_grids(building: Building, place: semmap.Map) -> tuple[int, list[str]]:
         for ground in grounds:
             met[tree.query(ground.buffer(1e-5), predicate="intersects")] = True
             border[tree.query(ground.exterior, predicate="intersects")] = True
+        for item in building.items:
+            if item.points is not None:
+                heights = (elevation + low, elevation + high)
+                must, may = cloud_cells(item.points, heights, (x, y), size, made.cells.shape)
+                border |= must.ravel()
+                met |= may.ravel()
         cells = made.cells.ravel()
         missed, invented = border & (cells != 100), ~met & (cells == 100)
         asked += cells.size
@@ -138,9 +159,15 @@ def judge_grids(building: Building, place: semmap.Map) -> tuple[int, list[str]]:
 
 def judge_routes(building: Building, place: semmap.Map) -> tuple[int, list[str]]:
     """A route goes from room to room through doors; there is none where things stand before one."""
-    graph = nx.Graph()
-    graph.add_nodes_from(room.name for room in building.rooms)
-    graph.add_edges_from(door.rooms for door in building.doors)
+    graph = doors_of(building, None)
+    crowded = {
+        d.name
+        for d in building.doors
+        if any(_is_crowded(building, r, d.name) for r in d.rooms if r != OUTSIDE)
+    }
+    clear = doors_of(
+        replace(building, doors=[d for d in building.doors if d.name not in crowded]), None
+    )
     chance = random.Random(building.seed)
     names = [room.name for room in building.rooms]
     pairs = [tuple(chance.sample(names, 2)) for _ in range(6)] if len(names) > 1 else []
@@ -151,15 +178,14 @@ def judge_routes(building: Building, place: semmap.Map) -> tuple[int, list[str]]
             places = place.route(start, goal).places
         except ValueError as error:
             why = str(error)
-        blocked = re.search(r"finds no path in (\S+) from (\S+) to (\S+)", why)
-        if blocked and any(_is_crowded(building, blocked[1], name) for name in blocked.groups()):
-            continue
-        if nx.has_path(graph, start, goal) != bool(places):
+        if nx.has_path(graph, start, goal) < bool(places) or (
+            nx.has_path(clear, start, goal) > bool(places)
+        ):
             wrong.append(f"{start} to {goal}: {places or why}")
         elif places and not (
             places[0] == start
             and places[-1] == goal
-            and all(map(graph.has_edge, places, places[1:]))
+            and all(itertools.starmap(graph.has_edge, itertools.pairwise(places)))
         ):
             wrong.append(f"{start} to {goal}: {places} is no way through doors")
     return len(pairs), wrong
@@ -167,19 +193,15 @@ def judge_routes(building: Building, place: semmap.Map) -> tuple[int, list[str]]
 
 def _is_crowded(building: Building, room: str, door: str) -> bool:
     """Whether a thing leaves no circle of 0.9 m free where a robot faces a door of a room."""
-    outline = next(r.outline for r in building.rooms if r.name == room)
-    floor = next(r.floor for r in building.rooms if r.name == room)
-    for ends in (d.ends for d in building.doors if d.name == door):
-        (ax, ay), (bx, by) = ends
-        away = 0.6 / np.hypot(bx - ax, by - ay)
-        for side in (away, -away):
-            spot = shapely.Point((ax + bx) / 2 - side * (by - ay), (ay + by) / 2 + side * (bx - ax))
-            if outline.covers(spot):
-                return any(
-                    item.ground.distance(spot) < 0.45
-                    for item in things(building)
-                    if item.low < floor + 1.5 and item.high > floor + 0.05
-                )
+    floor = building.room(room).floor
+    for each in building.doors:
+        if each.name == door and room in each.rooms:
+            spot = shapely.Point(stand(building, each, each.rooms.index(room))[:2])
+            return any(
+                item.ground.distance(spot) < 0.45
+                for item in things(building)
+                if item.low < floor + 1.5 and item.high > floor + 0.05
+            )
     return False
 
 
@@ -189,6 +211,9 @@ def judge_check(building: Building, place: semmap.Map) -> tuple[int, list[str]]:
     return len(building.items), wrong
 
 
+LEAF = 0.05
+"""Metres of the thickness of a door's leaf."""
+
 JUDGES: tuple[Judge, ...] = (
     judge_rooms,
     judge_holders,
@@ -196,4 +221,7 @@ JUDGES: tuple[Judge, ...] = (
     judge_grids,
     judge_routes,
     judge_check,
+    judge_plans,
+    judge_beliefs,
+    judge_faults,
 )

@@ -8,6 +8,7 @@ import pytest
 
 import semmap
 from tests.buildings.building import Building, random_building
+from tests.buildings.clouds import scanned
 from tests.buildings.judges import JUDGES, Judge, stored
 from tests.conftest import MakeDatabase
 
@@ -21,7 +22,7 @@ def known(
     tmp_path_factory: pytest.TempPathFactory,
 ) -> Iterator[tuple[Building, semmap.Map]]:
     """A random building, and the map that holds it."""
-    building = random_building(request.param)
+    building = scanned(random_building(request.param))
     url = make_database().render_as_string(hide_password=False)
     with stored(building, url, tmp_path_factory.mktemp("building")) as place:
         yield building, place

@@ -1,0 +1,134 @@
+"""The judge of `Map.check`: faults are planted in a sound building, and it finds these alone."""
+
+from __future__ import annotations
+
+import math
+import random
+from collections.abc import Iterator
+
+import shapely
+
+import semmap
+from tests.buildings.beliefs import undone
+from tests.buildings.building import OUTSIDE, Building, Item, room_of
+
+Finding = tuple[str, frozenset[str]]
+
+
+def judge_faults(building: Building, place: semmap.Map) -> tuple[int, list[str]]:
+    """Of five faults, the check finds each, and nothing else."""
+    chance = random.Random(f"faults of {building.seed}")
+    before = _found(place)
+    with undone(place):
+        planted = {
+            *_floats(building, place, chance),
+            *_meet(building, place, chance),
+            *_is_off(building, place, chance),
+            *_overlaps(building, place, chance),
+            *_is_outside(building, place),
+        }
+        after = _found(place)
+    wrong = [f"not found: {kind} {sorted(names)}" for kind, names in planted - after]
+    wrong += [f"invented: {kind} {sorted(names)}" for kind, names in after - before - planted]
+    return len(planted), wrong
+
+
+def _found(place: semmap.Map) -> set[Finding]:
+    return {(each.kind, frozenset(each.entities)) for each in place.check()}
+
+
+def _clear(building: Building, item: Item, low: float, high: float, away: float) -> bool:
+    """Whether nothing else is near a thing between two heights."""
+    return not any(
+        other.low < high and other.high > low and other.ground.distance(item.ground) < away
+        for other in building.items
+        if other.name not in (item.name, item.on)
+    )
+
+
+def _small(building: Building) -> list[Item]:
+    """What stands on furniture, in the middle of one room, without a neighbour."""
+    found = []
+    for item in building.items:
+        rooms = room_of(building, item) if item.on and item.points is None else set()
+        if len(rooms) == 1:
+            outline = building.room(min(rooms)).outline
+            inside = outline.contains(item.ground) and outline.exterior.distance(item.ground) > 0.2
+            if inside and _clear(building, item, item.low, item.high + 0.6, 0.2):
+                found.append(item)
+    return found
+
+
+def _floats(building: Building, place: semmap.Map, chance: random.Random) -> Iterator[Finding]:
+    """A small thing in the air over its table."""
+    small = _small(building)
+    if small:
+        item = chance.choice(small)
+        x, y = item.centre
+        pose = place[item.name].pose
+        assert pose is not None
+        place[item.name].move_to(x, y, pose.z + chance.uniform(0.15, 0.4))
+        yield "floating", frozenset({item.name})
+
+
+def _meet(building: Building, place: semmap.Map, chance: random.Random) -> Iterator[Finding]:
+    """Another thing exactly where one is."""
+    floats = random.Random(f"faults of {building.seed}")
+    small = _small(building)
+    taken = floats.choice(small) if small else None
+    small = [item for item in small if item is not taken]
+    if small:
+        item = chance.choice(small)
+        size = (0.05, 0.04, 0.03)
+        place.add_object("twin", size=size, pose=(*item.centre, item.low, building.angle))
+        yield "things at one point", frozenset({"twin", item.name})
+
+
+def _is_off(building: Building, place: semmap.Map, chance: random.Random) -> Iterator[Finding]:
+    """A door half a metre beside its wall, into one of its rooms."""
+    doors = [d for d in building.doors if not d.climbs and OUTSIDE not in d.rooms]
+    if doors:
+        door = chance.choice(doors)
+        (ax, ay), (bx, by) = door.ends
+        far = chance.choice(door.rooms)
+        turn = 0.5 / door.width
+        middle = [(ax + bx) / 2, (ay + by) / 2]
+        spots = [(middle[0] - s * (by - ay), middle[1] + s * (bx - ax)) for s in (turn, -turn)]
+        (near,) = set(door.rooms) - {far}
+        outline = building.room(near).outline
+        x, y = min(spots, key=lambda spot: outline.distance(shapely.Point(spot)))
+        pose = place[door.name].pose
+        assert pose is not None
+        place[door.name].move_to(x, y, pose.z)
+        yield "door away from its room", frozenset({door.name, far})
+
+
+def _overlaps(building: Building, place: semmap.Map, chance: random.Random) -> Iterator[Finding]:
+    """A room in another one, where nothing is."""
+    for room in chance.sample(building.rooms, len(building.rooms)):
+        taken = [
+            item.ground
+            for item in building.items
+            if item.what == "thing" and item.low < room.ceiling and item.high > room.floor - 0.1
+        ]
+        free = room.outline.buffer(-0.95).difference(shapely.union_all(taken).buffer(0.95))
+        if room.elevator is None and not free.is_empty:
+            at = free.representative_point()
+            x, y = at.x, at.y
+            square = shapely.box(x - 0.6, y - 0.6, x + 0.6, y + 0.6)
+            place.add_room(
+                "annex", square, floor=room.floor, ceiling=room.ceiling, storey=room.storey
+            )
+            line = ((x - 0.4, y - 0.6), (x + 0.4, y - 0.6))
+            place.add_door("annex_door", "annex", room.name, line, height=room.floor)
+            yield "overlapping rooms", frozenset({"annex", room.name})
+            return
+
+
+def _is_outside(building: Building, place: semmap.Map) -> Iterator[Finding]:
+    """A thing on the ground, far from all rooms."""
+    _, floor, _ = building.storeys[0]
+    whole = shapely.union_all([item.ground for item in building.items])
+    x = whole.bounds[2] + 4 + math.sqrt(2)
+    place.add_object("stray", size=(0.3, 0.3, 0.3), pose=(x, whole.centroid.y, floor))
+    yield "outside of all rooms", frozenset({"stray"})
