@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 
@@ -38,11 +39,15 @@ def infeasibility(graph: RoutingGraph, start: Endpoint, goal: Endpoint) -> str:
         weights[edge] = more if math.isinf(weights[edge]) else weights[edge] + more
     tails, heads = graph.arcs
     relaxed = Graph(tails, heads, weights, 2 * len(graph.poses))
-    path = relaxed.shortest(*graph.path_ends(start, goal))
+    path = relaxed.shortest(*graph.path_ends(_relaxed(start), _relaxed(goal)))
     if path is None:
         ride = "" if robot.rides_elevators else " without an elevator (behaviour use_elevator)"
         return f"{message}: nothing joins them{ride}; add the connector that is missing"
-    reasons = dict.fromkeys(blocked[int(e)][0] for e in path[1] if int(e) in blocked)
+    edges = [int(e) for e in path[1]]
+    reasons = dict.fromkeys(blocked[e][0] for e in edges if e in blocked)
+    if edges:
+        ends = (start, int(graph.tails[edges[0]])), (goal, int(graph.heads[edges[-1]]))
+        reasons |= dict.fromkeys(r for end in ends if (r := _no_path(graph, *end)) is not None)
     hint = robot.folding_hint if any(" finds no path " in reason for reason in reasons) else ""
     return f"{message}: {'; '.join(reasons)}{hint}"
 
@@ -69,3 +74,16 @@ def _blocked_edges(graph: RoutingGraph) -> dict[int, tuple[str, float]]:
         before, more = blocked.get(edge, (reason, 0.0))
         blocked[edge] = before, more + _BLOCKED
     return blocked
+
+
+def _relaxed(endpoint: Endpoint) -> Endpoint:
+    """An endpoint with paths to all doors of its place, long ones where there are none."""
+    return replace(endpoint, seconds=np.minimum(endpoint.seconds, 10 * _BLOCKED))
+
+
+def _no_path(graph: RoutingGraph, endpoint: Endpoint, node: int) -> str | None:
+    """That no path leads from an endpoint to a door of its place; None if one does."""
+    if np.isfinite(endpoint.seconds[endpoint.nodes == node]).all() or endpoint.pose is None:
+        return None
+    x, y, door = endpoint.pose.x, endpoint.pose.y, graph.connectors[node // 2].name
+    return f"{graph.robot.name} finds no path in {endpoint.place} from {door} to ({x:.2f}, {y:.2f})"

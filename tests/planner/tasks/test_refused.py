@@ -16,6 +16,7 @@ from planner.tasks import (
     parse_goal,
 )
 from planner.tasks.world import UnknownObjectError
+from planner.topology import Place, PlaceConnector, Topology
 from semmap.geometry.pose import Pose
 from tests.planner.office import office
 from tests.planner.tasks.test_solver import office_world
@@ -155,3 +156,27 @@ def test_what_hangs_in_small_house_is_not_carried(name, type_, holder, bottom, t
     )
     why = thing.obstacle((0.0, 3.0))
     assert (why == f"{name} hangs; a robot does not take it down") == hangs, why
+
+
+def test_ways_that_lead_there_but_not_on_are_named():
+    poses = (Pose(-0.5), Pose(0.5))
+    doors = [
+        PlaceConnector("door1", ("a", "b"), poses, direction="forward"),
+        PlaceConnector("door2", ("a", "c"), poses),
+    ]
+    graph = RoutingGraph(Topology.of([Place("a"), Place("b"), Place("c")], doors))
+    at = {"pose": Pose(z=0.8), "size": (0.1, 0.1, 0.1)}
+    items = [
+        TaskObject("cup", ("cup",), None, "b", "b", **at),
+        TaskObject("bowl", ("bowl",), None, "c", "c", **at),
+        TaskObject("table1", ("table", "furniture"), None, "b", "b", **at),
+        TaskObject("table2", ("table", "furniture"), None, "c", "c", **at),
+    ]
+    why = "from b to (c|a): door1 leads only from a to b"
+    for goal in (
+        "on(cup, table2)",
+        "on(bowl, table1) and in(robot, a)",
+        "on(bowl, table1) and in(cup, c)",
+    ):
+        with pytest.raises(NoPlanError, match=why):
+            find_plan(graph, TaskWorld(items), TaskState("a"), goal)
