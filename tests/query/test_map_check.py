@@ -198,6 +198,18 @@ def test_planted_fault_is_the_only_finding(db: semmap.Database, fault: Fault) ->
             assert here.check() == []
 
 
+def test_a_wall_of_another_storey_holds_nothing(db: semmap.Database) -> None:
+    here = db.create_map("two storeys")
+    for level, wide in enumerate((6, 3)):  # the wall above stands over the middle of the room
+        z = 3.2 * level
+        here.add_storey(f"s{level}", elevation=z, height=3.0)
+        outline = [(0, 0), (wide, 0), (wide, 4), (0, 4)]
+        here.add_room(f"r{level}", outline, floor=z, ceiling=z + 2.9, storey=f"s{level}")
+        here.add_door(f"d{level}", f"r{level}", None, ((1, 0), (2, 0)), height=z)
+    here.add_object("kite", size=(0.3, 0.3, 0.1), pose=(3, 2, 1.2))
+    assert seen(here) == {("floating", frozenset({"kite"}))}
+
+
 @pytest.mark.parametrize("name", ["hotel", "clinic"])
 def test_real_buildings_have_the_findings_that_sql_counts(
     imported: Import, worlds: Path, name: str

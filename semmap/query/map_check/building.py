@@ -175,7 +175,10 @@ class CheckedBuilding:
 
     def is_fastened(self, entity: CheckedEntity) -> bool:
         """Whether an object hangs on a wall, a ceiling or a larger thing beside or above it."""
+        middle = float(entity.low[2] + entity.high[2]) / 2
         for room in self.rooms:
+            if not self.floor(room) <= middle <= self.ceiling(room) + CEILING:
+                continue  # of another storey
             if room.outline is None or room.outline.distance(entity.ground) > FASTENED:
                 continue
             if abs(self.ceiling(room) - float(entity.high[2])) <= CEILING:
