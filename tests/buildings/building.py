@@ -264,7 +264,7 @@ def random_building(seed: int) -> Building:
     bottom = chance.choice([0.0, 0.0, chance.uniform(-4, 20)])
     count = chance.choice([1, 1, 2, 3, 4])
     kinds = random.Random(f"doors of {seed}")  # of its own: what else there is stays the same
-    lift = kinds.uniform(0.1, depth - CABIN - 0.1) if count > 1 and kinds.random() < 0.7 else None
+    lift = kinds.uniform(0.1, depth - CABIN - 0.1) if count > 1 and kinds.random() < 0.8 else None
     for number in range(count):
         elevation = bottom + number * (height + 0.3)
         building.storeys.append((f"s{number}", elevation, height))
@@ -387,8 +387,8 @@ def _door(kinds: random.Random, name: str, rooms: tuple[str, str], ends: Ends) -
     (type_,) = kinds.choices([*DOORS], [*DOORS.values()])
     if type_ == "opening":
         return Door(name, rooms, ends, type_, behaviour="drive_through")
-    (state,) = kinds.choices(["open", "closed", "locked"], [6, 3, 1])
-    (direction,) = kinds.choices(["both", "forward", "backward"], [18, 1, 1])
+    (state,) = kinds.choices(["open", "closed", "locked"], [12, 6, 1])
+    (direction,) = kinds.choices(["both", "forward", "backward"], [38, 1, 1])
     by_itself = type_ == "sliding_door" and state == "open" and kinds.random() < 0.5
     return Door(
         name,
@@ -397,9 +397,9 @@ def _door(kinds: random.Random, name: str, rooms: tuple[str, str], ends: Ends) -
         type_,
         state,
         direction,
-        "staff" if kinds.random() < 0.05 else None,
-        kinds.choice([None, None, kinds.uniform(1.9, 2.2), kinds.choice([1.0, 2.0])]),
-        0.05 if kinds.random() < 0.05 else kinds.choice([0.0, 0.01]),
+        "staff" if kinds.random() < 0.03 else None,
+        1.0 if kinds.random() < 0.03 else kinds.choice([None, kinds.uniform(1.9, 2.2)]),
+        0.05 if kinds.random() < 0.03 else kinds.choice([0.0, 0.01]),
         "drive_through" if by_itself else "pass_door",
     )
 
@@ -590,8 +590,11 @@ def _add_on(building: Building, chance: random.Random, table: Item, box: Box) ->
     if chance.random() < 0.6:
         x = chance.uniform(box[0] + 0.05, box[2] - 0.15)
         y = chance.uniform(box[1] + 0.05, box[3] - 0.15)
-        small = (x, y, x + 0.1, y + 0.1)
-        building.add(chance.choice(SMALL), "thing", small, table.high, table.high + 0.1, table.name)
+        side = random.Random(f"{building.seed} {table.name}").choice([0.05, 0.05, 0.1])
+        small = (x, y, x + side, y + side)
+        building.add(
+            chance.choice(SMALL), "thing", small, table.high, table.high + side, table.name
+        )
 
 
 def room_of(building: Building, item: Item) -> set[str]:

@@ -11,6 +11,7 @@ import random
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
+from importlib.metadata import distributions
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +21,7 @@ import shapely
 import semmap
 from tests.buildings.building import Building, Door, Item, room_of
 from tests.buildings.ways import Body, Ground, doors_of, refusal, seconds
-from tests.robot.robots import installed_file
+from tests.robot.robots import REAL, real_robot
 
 LIFTED = (0.0, 1.6)
 """Lowest and highest middle of what robots lift, metres above the floor."""
@@ -28,13 +29,15 @@ LIFTED = (0.0, 1.6)
 WIDEST = 0.6
 """Metres of the second longest side of what robots lift."""
 
+HANDS: dict[str | None, float] = {"tiago": 0.07}
+"""Metres that the hands of robots open, where that is less."""
+
 OFFICE = Path(__file__).parents[2] / "examples" / "office"
 
-TIAGO = "example-robot-data", "tiago_description/robots/tiago.urdf"
-STRETCH = (
-    "hello-robot-stretch-urdf",
-    "SE3/stretch_description_SE3_eoa_wrist_dw3_tool_sg3.urdf",
-)
+INSTALLED = {distribution.name for distribution in distributions()}
+
+ROBOTS = ["delivery", *(name for name in ("tiago", "stretch") if REAL[name][0] in INSTALLED)]
+"""The example's robot, and the real ones whose packages are installed."""
 
 Relation = tuple[str, str, str]
 """on, in or carries; a thing or the robot; a thing, a room or a thing that the robot carries."""
@@ -52,7 +55,7 @@ class Truth:
     held: list[str] = field(default_factory=list)
     opened: str | None = None
     called: bool = False
-    spots: dict[str, tuple[float, float]] = field(default_factory=dict)
+    moved: set[str] = field(default_factory=set)
 
     def __post_init__(self) -> None:
         self.items = {item.name: item for item in self.building.items if item.what == "thing"}
@@ -63,13 +66,14 @@ class Truth:
             self.below[item.name] = item.on or min(room_of(self.building, item), default="")
 
     def rooms(self, name: str) -> set[str]:
-        """The rooms in which a thing may be, by what it stands on."""
-        while name in self.below and self.below[name] in self.items:
-            name = self.below[name]
+        """The rooms in which a thing may be: by its own ground, once moved by what it stands on."""
         if name in self.storeys:
             return {name}
-        stays = self.below.get(name) == (min(room_of(self.building, self.items[name]), default=""))
-        return room_of(self.building, self.items[name]) if stays else {self.below.get(name, "")}
+        if name not in self.items or name in self.held:
+            return set()
+        if name in self.moved:
+            return self.rooms(self.below[name])
+        return room_of(self.building, self.items[name])
 
     # -- actions
 
@@ -142,7 +146,7 @@ class Truth:
         wrong = self._stands(action.at, on)
         if wrong is None:
             self.below[name], self.held = on, []
-            self.spots.pop(name, None)
+            self.moved.add(name)
         return wrong
 
     def _stands(self, at: Any, name: str) -> str | None:
@@ -150,14 +154,11 @@ class Truth:
         rooms = self.rooms(name)
         if self.place not in rooms:
             return f"{name} is in {rooms}, the robot in {self.place}"
-        bears = name
-        while self.below.get(bears) in self.items:
-            bears = self.below[bears]
-        unmoved = bears in self.items and bears not in self.held
-        if self.body is None or self.ground is None or not unmoved:
+        while name in self.moved:
+            name = self.below[name]
+        if self.body is None or self.ground is None or name not in self.items:
             return None
-        lone = self.items[name] if self.items[name].on == self.below.get(name) else None
-        ground = (lone or self.items[bears]).ground
+        ground = self.items[name].ground
         away = ground.distance(shapely.Point(at.x, at.y))
         near, far = self.body.reach
         if not near - 0.02 <= away <= far + 0.02:
@@ -186,12 +187,13 @@ class Truth:
         return self.below.get(a) == b
 
 
-def can_be_lifted(building: Building, item: Item) -> bool:
+def can_be_lifted(building: Building, item: Item, robot: str | None = None) -> bool:
     """Whether a robot lifts a thing, by its size and height."""
     floor = max(z for _, z, _ in building.storeys if z <= (item.low + item.high) / 2)
     sides = sorted([*item.size, item.high - item.low])
     middle = (item.low + item.high) / 2 - floor
-    return sides[1] <= WIDEST and LIFTED[0] <= middle <= LIFTED[1]
+    held = sides[0] <= HANDS.get(robot, WIDEST)
+    return held and sides[1] <= WIDEST and LIFTED[0] <= middle <= LIFTED[1]
 
 
 # -- what can be reached
@@ -278,7 +280,7 @@ def judge_plans(building: Building, place: semmap.Map) -> tuple[int, list[str]]:
     """Plans are found where an oracle finds a way, and reach their goal; others say why not."""
     chance = random.Random(f"plans of {building.seed}")
     asked, wrong = 0, []
-    name = chance.choice(["delivery", "tiago", "stretch"])
+    name = chance.choice(ROBOTS)
     bodies = {None: None, name: stored_robot(place, name)}
     for robot, body in bodies.items():
         sure = may = None
@@ -315,7 +317,7 @@ def _judge(
     most = Reach(truth, graph if may is None else may.graph, may)
     moved = [b if relation == "carries" else a for relation, a, b in goal]
     lifted = all(
-        n == "robot" or can_be_lifted(building, truth.items[n]) or truth.holds(g)
+        n == "robot" or can_be_lifted(building, truth.items[n], robot) or truth.holds(g)
         for n, g in zip(moved, goal, strict=True)
     )
     done = all(truth.holds(each) for each in goal)
@@ -415,7 +417,7 @@ def stored_robot(place: semmap.Map, name: str) -> Body:
             urdf = OFFICE / "delivery_robot.urdf"
             parts: Path | None = OFFICE / "delivery_robot_parts.yaml"
         else:
-            urdf, parts = installed_file(*(TIAGO if name == "tiago" else STRETCH)), None
+            urdf, parts = real_robot(name), None
         place.database.add_robot(name, urdf, parts=parts)
     parts_of = place.robots[name].parts
     base = parts_of[0]

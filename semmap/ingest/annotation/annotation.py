@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from collections.abc import Callable
 from pathlib import Path
 
@@ -27,6 +28,9 @@ from semmap.ingest.world import Kind, PlaceDetail, Refused, Shape, StoreyDetail,
 
 ROOM_HEIGHT = 2.5
 """Height of the solid of a room whose ceiling is unknown, metres."""
+
+CABIN = "elevator_cabin"
+"""The type of a room that states whose cabin it is, but no type."""
 
 THIN = 1e-6
 """Least height of an entity that has one, metres."""
@@ -67,6 +71,8 @@ def _add_room(world: DraftWorld, draft: Draft) -> None:
     if ceiling is not None:
         _check_heights(floor, ceiling)
     place = PlaceDetail(floor, ceiling, world.elevator_of(feature))
+    if place.elevator is not None and draft.type is None:
+        draft = replace(draft, type=CABIN)
     top = ceiling if ceiling is not None else floor + ROOM_HEIGHT
     pose, shapes = _placed(world, feature, storey, floor, top)
     world.add(draft, pose, storey, detail=place, shapes=shapes)
