@@ -165,6 +165,7 @@ def test_cabins_belong_to_an_elevator(write: Write) -> None:
         )
     )
     entries = by_name(world)
+    assert entries["e1"].type == "elevator_cabin"
     assert entries["e1"].detail.elevator == entries["e2"].detail.elevator == "lift"
     assert (entries["undrawn"].kind, entries["undrawn"].pose) == ("elevator", None)
     assert "undrawn" in world.notes[0]
