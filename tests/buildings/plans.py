@@ -163,7 +163,7 @@ class Truth:
         near, far = self.body.reach
         if not near - 0.02 <= away <= far + 0.02:
             return f"{name} is {away:.2f} m from ({at.x:.2f}, {at.y:.2f})"
-        if not self.ground.near(self.place, (at.x, at.y), 0.0):
+        if not self.ground.fits(self.place, (at.x, at.y)):
             return f"the robot does not fit at ({at.x:.2f}, {at.y:.2f}) in {self.place}"
         return None
 
@@ -385,7 +385,10 @@ def _judge_seconds(
 def _names_what_is_in_the_way(
     why: str, truth: Truth, goal: Sequence[Relation], body: Body | None
 ) -> bool:
-    """Whether a way leads farther if all doors and things that a reason names were no hindrance."""
+    """Whether a way leads farther if all doors and things that a reason names were no hindrance.
+
+    Where things stand in the way of a robot with a shape, a shut door on another way may be named.
+    """
     building = truth.building
     words = set(re.findall(r"[^\s:;,()]+", why))
     named = {door.name for door in building.doors if door.name in words}
@@ -400,7 +403,10 @@ def _names_what_is_in_the_way(
             places += [r for r in rooms if r not in places]
     if "nothing joins them" in why or "has no door" in why:
         return any(not nx.has_path(joined, *leg) for leg in legs)
-    if named and any(not nx.has_path(before, *leg) and nx.has_path(after, *leg) for leg in legs):
+    if named and any(
+        (body is not None or not nx.has_path(before, *leg)) and nx.has_path(after, *leg)
+        for leg in legs
+    ):
         return True
     spatial = (
         " finds no path in ", " reaches none of its doors", " finds no free place within ",

@@ -192,6 +192,12 @@ class Ground:
         slack = 0.0 if self.sure else snap + 2 * CELL
         return {k for k, part in enumerate(self.parts[room]) if part.distance(spot) <= slack}
 
+    def fits(self, room: str, point: tuple[float, float]) -> bool:
+        """Whether a robot can be at a point of a room or its doorways, within two cells."""
+        spot, place = shapely.Point(point), self.building.room(room)
+        taken = self._obstacles[place.storey].buffer(-2 * CELL)
+        return place.outline.distance(spot) <= WALL and not taken.contains(spot)
+
     @cached_property
     def graph(self) -> nx.DiGraph:
         """From part to part of rooms, (name, number), through doors and by lift."""
