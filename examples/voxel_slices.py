@@ -18,7 +18,7 @@ from matplotlib.patches import Rectangle
 from numpy.typing import NDArray
 
 from semmap.draw.palette import INK, PAPER
-from semmap.draw.title import draw_title
+from semmap.draw.sheet import draw_title
 
 __all__ = ["VoxelSet", "VoxelSlice", "draw_slices", "set_colour", "slices_picture"]
 

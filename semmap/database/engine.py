@@ -18,7 +18,7 @@ from semmap.database.parameters import (
     meant,
     unreachable,
 )
-from semmap.database.session import reach
+from semmap.database.reach import reach
 from semmap.terminal import print_waiting
 
 

@@ -26,10 +26,16 @@ class Voxels:
     def of_points(cls, points: ArrayLike, size: float) -> Voxels:
         """Return the voxels that contain points (N, 3), metres, as OpenVDB draws them for mirrors.
 
-        Raises ValueError: a coordinate is not finite, or the size is not above 0.
+        Raises ValueError: a coordinate is not finite, or the size is not above 0; LookupError
+        without OpenVDB.
         """
-        import semmap_vdb  # slow to load; few commands need it
-
+        try:
+            import semmap_vdb  # slow to load; few commands need it
+        except ImportError as error:
+            raise LookupError(
+                f"point clouds become voxels by OpenVDB, which cannot be loaded ({error}); install "
+                "semmap_vdb (scripts/setup)"
+            ) from None
         at = np.asarray(points, np.float64).reshape(-1, 3)
         if not (math.isfinite(size) and size > 0):
             raise ValueError(f"voxel size is {size} m; give one above 0")

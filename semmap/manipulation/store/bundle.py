@@ -321,7 +321,7 @@ class _Import:
                 given.get("type"),
                 given.get("functions") or [],
                 given.get("shape"),
-                given.get("size"),
+                None if given.get("size") is None else [float(v) for v in given["size"]],
                 None if pose is None else pose_of(pose, "shape_pose").row,
                 given.get("inliers"),
                 self.contributor,
