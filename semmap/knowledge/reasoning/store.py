@@ -41,10 +41,11 @@ class StoredFacts(Facts):
         self._touched: dict[Triple, None] = {}
         self._seen: set[object] = set()
         self._classes_of: dict[frozenset[Node], frozenset[Node]] = {}
+        self._types: dict[Node, frozenset[Node]] = {}
 
     def need_subject(self, subject: Node) -> None:
         """Read the facts of a subject."""
-        if subject not in self._seen:
+        if not self._empty and subject not in self._seen:
             self.need_subjects([subject])
 
     def need_subjects(self, subjects: Iterable[Node]) -> None:
@@ -120,11 +121,13 @@ class StoredFacts(Facts):
     def types_of(self, entity: Node) -> frozenset[Node]:
         """Return the classes that an entity is told to be of."""
         self.need_subject(entity)
+        if entity in self._types:
+            return self._types[entity]
         direct = self._objects.get((entity, DIRECT_TYPE), set())
         direct_types = frozenset(direct | self._objects.get((entity, KIND), set()))
         if direct_types not in self._classes_of:
             self._classes_of[direct_types] = self.ontology.hierarchy.of(direct_types)
-        return self._classes_of[direct_types]
+        return self._types.setdefault(entity, self._classes_of[direct_types])
 
     def is_told(self, fact: Triple) -> bool:
         """Return whether a fact is stated, or a type that subsumes one."""
@@ -145,6 +148,7 @@ class StoredFacts(Facts):
         """Remove a fact, here and from the table."""
         self.need_subject(fact[0])
         self._touched[fact] = None
+        self._types.pop(fact[0], None)
         super().remove(fact)
 
     def untell(self, fact: Triple) -> None:
@@ -159,6 +163,7 @@ class StoredFacts(Facts):
     def _keep(self, fact: Triple, *, told: bool) -> None:
         super().add(fact, told=told)
         if fact[1] in (DIRECT_TYPE, KIND):
+            self._types.pop(fact[0], None)
             for c in self.ontology.hierarchy.of([fact[2]]) & self.ontology.rules.classes:
                 super().add((fact[0], TYPE_OF, c))
 
