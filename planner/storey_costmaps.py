@@ -15,8 +15,10 @@ from typing import Any
 import numpy as np
 import shapely
 from numpy.typing import NDArray
+from scipy.ndimage import label
 
 from navgrid.area import area_cells
+from navgrid.cost_source import CostSource
 from navgrid.costmap import Costmap
 from navgrid.drive import STEP, DriveSpace, drive, drive_space, drive_way
 from navgrid.field_layer import FieldVoxels
@@ -25,8 +27,8 @@ from navgrid.inflation import INSCRIBED, LETHAL, UNKNOWN
 from navgrid.window import Window, grown
 from planner.graph_edges import StraightTravelCost, Travel
 from planner.robot_class import RobotClass
-from planner.room_ground import RoomGround
-from planner.topology import OUTSIDE, PlaceRegion, Topology
+from planner.room_ground import WALLS, RoomGround
+from planner.topology import OUTSIDE, PlaceConnector, PlaceRegion, Topology
 from semmap.geometry.pose import Pose
 from semmap.query.storey_scene import SceneEntity, StoreyScene
 
@@ -170,10 +172,13 @@ class StoreyCostmaps:
         room, costs = self.room(place), self.costs(place)
         if room is None or costs is None:
             return None
+        costmap = self.costmap(self.storey_of(place))
+        own = shapely.union_all([p.outline for p in costmap.scene.floors if p.name == place])
+        costs[~area_cells(own, room.grid)] = UNKNOWN  # nothing is taken from a doorway
         return RoomGround(
             place,
             self.robot,
-            self.costmap(self.storey_of(place)),
+            costmap,
             room.window,
             room.grid,
             costs,
@@ -200,7 +205,7 @@ class StoreyCostmaps:
             if self.straight:
                 return StraightTravelCost(self.robot.speed).between(place, a, b)
             return Travel(seconds, metres)
-        ends = [[self._snapped(costs, room.grid, pose) for pose in poses] for poses in (a, b)]
+        ends = [self._ends(place, costs, room.grid, poses) for poses in (a, b)]
         rows, columns = ([i for i, end in enumerate(e) if end is not None] for e in ends)
         if rows and columns:
             cells, targets = (np.array([e[0] for e in k if e is not None]) for k in ends)
@@ -216,7 +221,7 @@ class StoreyCostmaps:
         costs, room, space = self.costs(place), self.room(place), self.space(place)
         if costs is None or room is None or space is None:
             return None
-        ends = [self._snapped(costs, room.grid, pose) for pose in (a, b)]
+        ends = self._ends(place, costs, room.grid, (a, b))
         if ends[0] is None or ends[1] is None:
             return None
         found = drive_way(costs, space, self.resolution, ends[0][0], ends[1][0], slow=self.slow)
@@ -225,26 +230,48 @@ class StoreyCostmaps:
         points = np.array(room.grid.origin) + (found[:, 1::-1] + 0.5) * self.resolution
         return np.concatenate([[[a.x, a.y]], points, [[b.x, b.y]]])
 
-    def _snapped(
-        self, costs: NDArray[np.uint8], grid: Grid, pose: Pose
-    ) -> tuple[tuple[int, int], float] | None:
-        """The passable cell nearest to a pose, and its distance; None if beyond `SNAP`."""
-        at = (np.array([pose.y, pose.x]) - grid.origin[::-1]) / grid.resolution
-        row, column = (math.floor(v) for v in at)
-        inside = 0 <= row < grid.shape[0] and 0 <= column < grid.shape[1]
-        if inside and costs[row, column] < INSCRIBED:
-            return (row, column), 0.0
-        reach = math.ceil(SNAP / grid.resolution)
-        r0, c0 = max(0, row - reach), max(0, column - reach)
-        near = costs[r0 : max(r0, row + reach + 1), c0 : max(c0, column + reach + 1)]
-        free = np.argwhere(near < INSCRIBED)
-        if not len(free):
-            return None
-        away = np.linalg.norm(free + np.array([r0 + 0.5, c0 + 0.5]) - at, axis=1) * grid.resolution
-        best = int(np.argmin(away))
-        if away[best] > SNAP:
-            return None
-        return (int(free[best, 0]) + r0, int(free[best, 1]) + c0), float(away[best])
+    def _ends(
+        self, place: str, costs: NDArray[np.uint8], grid: Grid, poses: Sequence[Pose]
+    ) -> list[tuple[tuple[int, int], float] | None]:
+        """For each pose the passable cell nearest to it, and its distance; None if beyond `SNAP`.
+
+        Before a door it is a cell that is joined with the opening: a robot passes aside of what
+        stands there, and not through it.
+        """
+        doors = {
+            connector.poses[side]: connector
+            for connector, side in self.topology.connectors_of(place)
+            if connector.type in ("door", "elevator_door") and connector.metres > 0
+        }
+        passable = costs < INSCRIBED
+        joined = label(passable, np.ones((3, 3)))[0] if doors.keys() & {*poses} else None
+        found = []
+        for pose in poses:
+            parts = None
+            if pose in doors and joined is not None:
+                parts = self._opening(place, joined, grid, doors[pose])
+            found.append(_nearest(passable, grid, pose, joined, parts))
+        return found
+
+    def _opening(
+        self, place: str, joined: NDArray[np.int32], grid: Grid, door: PlaceConnector
+    ) -> NDArray[np.int32] | None:
+        """The parts of the passable cells that a door opens to; None if walls alone are near.
+
+        The width of a door says whether a robot passes between its posts, more exactly than cells.
+        """
+        leaf = door.leaf()
+        steps = np.linspace(0.0, 1.0, 2 + math.ceil(leaf.length / grid.resolution), endpoint=True)
+        points = shapely.get_coordinates(leaf.interpolate(steps, normalized=True))
+        cells = np.floor((points - grid.origin) / grid.resolution).astype(int)[:, ::-1]
+        cells = cells[((cells >= 0) & (cells < grid.shape)).all(axis=1)]
+        parts = np.unique(joined[tuple(cells.T)])
+        if len(parts := parts[parts > 0]):
+            return parts
+        middle = leaf.interpolate(0.5, normalized=True)
+        sources = _sources_at(self.costmap(self.storey_of(place)), middle.x, middle.y)
+        blocked = any(s.cost >= INSCRIBED and s.layer != WALLS for s in sources)
+        return parts if blocked else None
 
     def blocking_reason(self, place: str, pose: Pose, *, measured: bool = False) -> str | None:
         """Why the robot can be neither at a pose of a place nor within `SNAP` of it; else None.
@@ -255,7 +282,7 @@ class StoreyCostmaps:
         costs, room = self.costs(place), self.room(place)
         if costs is None or room is None:
             return None if self.straight else f"the map has no outline of {place}"
-        near = self._snapped(costs, room.grid, pose)
+        near = _nearest(costs < INSCRIBED, room.grid, pose)
         storey = self.storey_of(place)
         costmap = self.costmap(storey)
         try:
@@ -369,10 +396,40 @@ def _overlap(a: Window, b: Window) -> bool:
     return all(x.start < y.stop and y.start < x.stop for x, y in zip(a, b, strict=True))
 
 
+def _nearest(
+    passable: NDArray[np.bool_],
+    grid: Grid,
+    pose: Pose,
+    joined: NDArray[np.int32] | None = None,
+    parts: NDArray[np.int32] | None = None,
+) -> tuple[tuple[int, int], float] | None:
+    """The passable cell nearest to a pose, of some parts of them, and its distance; or None."""
+    at = (np.array([pose.y, pose.x]) - grid.origin[::-1]) / grid.resolution
+    row, column = (math.floor(v) for v in at)
+    reach = math.ceil(SNAP / grid.resolution)
+    r0, c0 = max(0, row - reach), max(0, column - reach)
+    window = slice(r0, max(r0, row + reach + 1)), slice(c0, max(c0, column + reach + 1))
+    near = passable[window]
+    if joined is not None and parts is not None:
+        near = near & np.isin(joined[window], parts)
+    free = np.argwhere(near) + np.array([r0, c0])
+    if (free == (row, column)).all(axis=1).any():
+        return (row, column), 0.0
+    away = np.linalg.norm(free + 0.5 - at, axis=1) * grid.resolution
+    if not len(free) or away.min() > SNAP:
+        return None
+    r, c = free[int(np.argmin(away))].tolist()
+    return (r, c), float(away.min())
+
+
+def _sources_at(costmap: Costmap, x: float, y: float) -> list[CostSource]:
+    try:
+        return costmap.explain(x, y)
+    except ValueError:  # outside of the grid
+        return []
+
+
 def _entities_at(costmap: Costmap, pose: Pose, cost: int) -> tuple[str, ...]:
     """The names of the entities that cause at least this cost at a pose."""
-    try:
-        sources = costmap.explain(pose.x, pose.y)
-    except ValueError:
-        return ()
+    sources = _sources_at(costmap, pose.x, pose.y)
     return tuple(dict.fromkeys(n for b in sources if b.cost >= cost for n in b.entities))

@@ -126,30 +126,32 @@ def read_mirror(source: MapSource, voxel_size: float = 0.05) -> dict[int, Voxels
 
     They contain each voxel of `voxel_size` metres that a mesh meets, and the inside of closed
     meshes: their cells contain those of `navgrid.slabs`, and exceed them by at most one voxel.
-    Point clouds, and voxels that were stated in place of a mesh, are those of the mirror, which
-    continues from the state that it stored last. LookupError without OpenVDB, ValueError for too
-    many voxels.
+    Point clouds, and voxels that were stated in place of a mesh, are those of the mirror, which is
+    read where there are any. LookupError without OpenVDB, ValueError for too many voxels.
     """
     with _openvdb("the mirror has the voxels of the map", "take their meshes (no --from-voxels)"):
         from semmap.fields.regions.region_map import RegionMap
         from semmap.fields.store.reader import read_occupants, read_walls
+        from semmap.fields.store.stated_voxels import read_stated
         from semmap.fields.store.voxel_mirror import VoxelMirror
-    mirror = VoxelMirror.resume(source.engine, source.name, voxel_size)
-    mirror.catch_up()
-    for name, reason in mirror.left_out.items():
-        raise ValueError(f"{name} has no voxels: {reason}; take larger voxels, or the meshes")
-    objects = [n for n in mirror.names if mirror.roles[n] == "object"]
-    found = {n: mirror.regions.voxels(n) for n in objects}
-    found |= {n: mirror.walls.voxels(n) for n in mirror.walls.entities() if isinstance(n, int)}
     with open_feed(source).snapshot() as seen:
         occupants = [*read_occupants(seen), *read_walls(seen)]
-    meshed = [o for o in occupants if o.points is None and o.id in {*found} - mirror.stated]
+        stated = {s.id for s in read_stated(seen, None, voxel_size) if s.role == "object"}
+    drawn = [o for o in occupants if o.points is None and o.id not in stated]
     cover = RegionMap(voxel_size)
-    try:
-        cover.insert_many([(o.id, region) for o in meshed for region in o.cover(voxel_size)])
-    except ValueError as error:
-        raise ValueError(f"{error}; take larger voxels, or the meshes") from None
-    found |= {o.id: cover.voxels(o.id) for o in meshed}
+    regions = [(o.id, region) for o in drawn for region in o.cover(voxel_size)]
+    names: dict[object, str] = {o.id: o.name for o in drawn}
+    left_out = {names[n]: why for n, why in cover.insert_possible(regions).items()}
+    found = {o.id: cover.voxels(o.id) for o in drawn}
+    others = {o.id for o in occupants} - found.keys() | stated
+    if others:
+        mirror = VoxelMirror.resume(source.engine, source.name, voxel_size)
+        mirror.catch_up()
+        left_out |= mirror.left_out
+        for kept in (mirror.regions, mirror.walls):
+            found |= {n: kept.voxels(n) for n in others.intersection(kept.entities())}
+    for name, reason in left_out.items():
+        raise ValueError(f"{name} has no voxels: {reason}; take larger voxels, or the meshes")
     return {n: Voxels(voxel_size, each.astype(np.int64)) for n, each in found.items()}
 
 
