@@ -157,6 +157,38 @@ def test_walks_are_those_of_scipy(said, points):
         assert (costs[rows, columns] < INSCRIBED).all()
 
 
+def wall(number, low, high):
+    """A part of the wall between the rooms, from one y to another."""
+    mesh = box_mesh((3.0, low, 0.0), (3.2, high, 1.0))
+    return SceneEntity(number, f"wall{number}", "room", ("room",), mesh.triangles)
+
+
+@pytest.mark.parametrize(
+    ("things", "opening", "passes"),
+    [
+        ([], (1.0, 2.0), True),
+        ([box(10, 3.1, 1.5, 0.15)], (1.0, 2.0), False),  # the rest of the opening is too narrow
+        ([box(10, 3.1, 1.15, 0.1)], (1.0, 2.0), True),
+        ([box(10, 2.35, 1.5, 0.2)], (1.0, 2.0), True),  # where the robot faces the door
+        ([box(10 + k, 2.45, 1.0 + k / 2, 0.25) for k in range(3)], (1.0, 2.0), False),
+        ([], (1.35, 1.65), True),  # walls alone: the stated width of the door decides
+    ],
+)
+def test_a_robot_passes_aside_of_what_stands_at_a_door_and_not_through_it(things, opening, passes):
+    made = ground([*things, wall(20, -0.2, opening[0]), wall(21, opening[1], 3.2)])
+    poses = Pose.planar(2.3, 1.5, 0.0), Pose.planar(0.8, 1.5, 0.0)
+    assert np.isfinite(made.between("left", poses[:1], poses[1:]).seconds).all() == passes
+    assert (made.path("left", *poses) is not None) == passes
+
+
+def test_a_base_stands_in_its_room_and_not_in_a_doorway():
+    made = ground()
+    free = np.argwhere(made.ground("left").costs < INSCRIBED)
+    grid = made.room("left").grid
+    points = np.array(grid.origin) + (free[:, ::-1] + 0.5) * grid.resolution
+    assert points.max() < 3.0 + grid.resolution
+
+
 def test_ways_lead_over_the_place_and_its_doorways_alone():
     made = ground()
     room = made.room("left")
