@@ -170,11 +170,12 @@ def _add_sites(draft: ProblemDraft, targets: set[str]) -> None:
             continue
         if item.carrier:
             problem.carriers.add(name)
+        below = world.objects.get(item.holder or "")
+        rides = below is not None and below.carrier and below.name in moved
         if name not in problem.held:
-            below = world.objects.get(item.holder or "")
-            rides = below is not None and below.carrier and below.name in moved
             problem.spots[name] = sites.of_object(below if rides and below is not None else item)
-        if name not in moved and (item.carrier or item.obstacle(draft.heights) is not None):
+        stays = item.carrier or item.obstacle(draft.heights) is not None
+        if name not in moved and (stays or not (rides or draft.needs_space(item))):
             problem.fixed.add(name)
 
 

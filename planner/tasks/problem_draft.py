@@ -13,6 +13,9 @@ from planner.tasks.sites import Sites
 from planner.tasks.world import TaskObject, TaskWorld
 from planner.topology import OUTSIDE
 
+ROOMY = 2.0
+"""How many times the ground of all that the goal moves is room enough beside what stands there."""
+
 SAME = 1e-3  # metres between two poses below which a drive from one to the other is none
 
 
@@ -74,8 +77,17 @@ class ProblemDraft:
         return why
 
     def needs_space(self, target: TaskObject) -> bool:
-        """Whether the objects on a target are taken off before another one is put there."""
-        return target.obstacle(self.heights) is None and not target.carrier
+        """Whether the objects on a target are taken off before another one is put there.
+
+        They are on small ones, such as a book, if their free surface is not known to suffice.
+        """
+        if target.carrier or target.obstacle(self.heights) is not None:
+            return False
+        grounds = [
+            max((self.world.objects[n].ground for n in self.problem.candidates[word]), default=0.0)
+            for word in self.wanted
+        ]
+        return not ROOMY * sum(grounds) <= target.surface < math.inf
 
     def _unreachable(self, item: TaskObject) -> str | None:
         if item.place is None:

@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import pytest
 from hypothesis import given, settings
 
@@ -121,3 +123,40 @@ def test_of_several_muffins_the_best_is_taken():
     best = find_plan(graph, world, state, "on(a kind3, table7)")
     assert best.seconds == pytest.approx(min(every))
     validate(best, topology, RobotClass(), world, state, parse_goal("on(a kind3, table7)"))
+
+
+@pytest.mark.parametrize(
+    ("side", "moved"), [(0.45, {"muffin1", "muffin2"}), (0.15, {"muffin1", "cup"})]
+)
+def test_a_target_that_could_be_lifted_holds_as_much_as_its_surface_has_room_for(side, moved):
+    """On a chest there is room for three things; from a book, what is there is taken off first."""
+    world = office_world()
+    things = [*world.objects.values()]
+    muffin = world.objects["muffin1"]
+    surface = side * side - 0.01  # that the cup leaves free
+    things += [
+        replace(muffin, name="muffin2", pose=Pose(7.0, 9, 7.2)),
+        TaskObject(
+            "chest",
+            ("container",),
+            holder="desk1",
+            place="lab2",
+            pose=Pose(2, 1, 7.2),
+            size=(side, side, 0.2),
+            surface=surface,
+        ),
+        TaskObject(
+            "cup",
+            ("cup",),
+            holder="chest",
+            place="lab2",
+            pose=Pose(2, 1, 7.4),
+            size=(0.1, 0.1, 0.1),
+        ),
+    ]
+    world, state = TaskWorld(things), TaskState("lab1")
+    topology = office()
+    goal = "on(muffin1, chest)" + (" and on(muffin2, chest)" if "muffin2" in moved else "")
+    plan = find_plan(RoutingGraph(topology), world, state, goal)
+    assert {a.names[0] for a in plan.actions if a.name == "pickup"} == moved
+    validate(plan, topology, RobotClass(), world, state, parse_goal(goal))
