@@ -18,7 +18,6 @@ from numpy.typing import NDArray
 from scipy.ndimage import label
 
 from navgrid.area import area_cells
-from navgrid.cost_source import CostSource
 from navgrid.costmap import Costmap
 from navgrid.drive import STEP, DriveSpace, drive, drive_space, drive_way
 from navgrid.field_layer import FieldVoxels
@@ -260,18 +259,16 @@ class StoreyCostmaps:
 
         The width of a door says whether a robot passes between its posts, more exactly than cells.
         """
+        costmap = self.costmap(self.storey_of(place))
+        if not _stands_near(costmap, shapely.LineString([pose[:2] for pose in door.poses])):
+            return None
         leaf = door.leaf()
         steps = np.linspace(0.0, 1.0, 2 + math.ceil(leaf.length / grid.resolution), endpoint=True)
         points = shapely.get_coordinates(leaf.interpolate(steps, normalized=True))
         cells = np.floor((points - grid.origin) / grid.resolution).astype(int)[:, ::-1]
         cells = cells[((cells >= 0) & (cells < grid.shape)).all(axis=1)]
         parts = np.unique(joined[tuple(cells.T)])
-        if len(parts := parts[parts > 0]):
-            return parts
-        middle = leaf.interpolate(0.5, normalized=True)
-        sources = _sources_at(self.costmap(self.storey_of(place)), middle.x, middle.y)
-        blocked = any(s.cost >= INSCRIBED and s.layer != WALLS for s in sources)
-        return parts if blocked else None
+        return parts[parts > 0]
 
     def blocking_reason(self, place: str, pose: Pose, *, measured: bool = False) -> str | None:
         """Why the robot can be neither at a pose of a place nor within `SNAP` of it; else None.
@@ -422,14 +419,28 @@ def _nearest(
     return (r, c), float(away.min())
 
 
-def _sources_at(costmap: Costmap, x: float, y: float) -> list[CostSource]:
-    try:
-        return costmap.explain(x, y)
-    except ValueError:  # outside of the grid
-        return []
+def _stands_near(costmap: Costmap, way: shapely.LineString) -> bool:
+    """Whether something other than walls is where parts of the robot come on a way."""
+    reach = max(p.circumscribed_radius for p in costmap.parts) + costmap.grid.resolution
+    x0, y0, x1, y1 = way.buffer(reach).bounds
+    (c0, r0), (c1, r1) = (
+        np.floor((np.array(corner) - costmap.grid.origin) / costmap.grid.resolution).astype(int)
+        for corner in ((x0, y0), (x1, y1))
+    )
+    window = slice(max(0, r0), max(0, r1 + 1)), slice(max(0, c0), max(0, c1 + 1))
+    there = np.zeros(costmap.grid.shape, np.bool_)[window]
+    for layer, cells in costmap.occupied.items():
+        if layer != WALLS:
+            there = there | cells[(slice(None), *window)].any(axis=0)
+    found = np.argwhere(there)[:, ::-1] + (window[1].start + 0.5, window[0].start + 0.5)
+    points = np.array(costmap.grid.origin) + found * costmap.grid.resolution
+    return bool((shapely.distance(shapely.points(points), way) <= reach).any())
 
 
 def _entities_at(costmap: Costmap, pose: Pose, cost: int) -> tuple[str, ...]:
     """The names of the entities that cause at least this cost at a pose."""
-    sources = _sources_at(costmap, pose.x, pose.y)
+    try:
+        sources = costmap.explain(pose.x, pose.y)
+    except ValueError:
+        return ()
     return tuple(dict.fromkeys(n for b in sources if b.cost >= cost for n in b.entities))

@@ -20,11 +20,11 @@ import semmap
 from planner.readers.entity_lookup import find_entities
 from semmap.database import Cluster
 from tests.buildings.beliefs import judge_beliefs
-from tests.buildings.building import OUTSIDE, Building, Item, room_of
+from tests.buildings.building import OUTSIDE, Building, Door, Item, room_of
 from tests.buildings.clouds import cloud_cells, write_scans
 from tests.buildings.faults import judge_faults
 from tests.buildings.plans import judge_plans
-from tests.buildings.ways import doors_of, stand
+from tests.buildings.ways import Body, Ground, doors_of, refusal, stand
 
 Judge = Callable[[Building, semmap.Map], tuple[int, list[str]]]
 """Returns how many questions it asked, and a sentence for each wrong answer."""
@@ -158,16 +158,10 @@ def judge_grids(building: Building, place: semmap.Map) -> tuple[int, list[str]]:
 
 
 def judge_routes(building: Building, place: semmap.Map) -> tuple[int, list[str]]:
-    """A route goes from room to room through doors; there is none where things stand before one."""
-    graph = doors_of(building, None)
-    crowded = {
-        d.name
-        for d in building.doors
-        if any(_is_crowded(building, r, d.name) for r in d.rooms if r != OUTSIDE)
-    }
-    clear = doors_of(
-        replace(building, doors=[d for d in building.doors if d.name not in crowded]), None
-    )
+    """A route goes from room to room through doors, and not through what stands in one."""
+    open_doors = [d for d in building.doors if not _is_shut(building, d)]
+    graph = doors_of(replace(building, doors=open_doors), None)
+    clear = _clear(building)
     chance = random.Random(building.seed)
     names = [room.name for room in building.rooms]
     pairs = [tuple(chance.sample(names, 2)) for _ in range(6)] if len(names) > 1 else []
@@ -179,7 +173,7 @@ def judge_routes(building: Building, place: semmap.Map) -> tuple[int, list[str]]
         except ValueError as error:
             why = str(error)
         if nx.has_path(graph, start, goal) < bool(places) or (
-            nx.has_path(clear, start, goal) > bool(places)
+            nx.has_path(clear, (start, None), (None, goal)) > bool(places)
         ):
             wrong.append(f"{start} to {goal}: {places or why}")
         elif places and not (
@@ -191,18 +185,44 @@ def judge_routes(building: Building, place: semmap.Map) -> tuple[int, list[str]]
     return len(pairs), wrong
 
 
-def _is_crowded(building: Building, room: str, door: str) -> bool:
-    """Whether a thing leaves no circle of 0.9 m free where a robot faces a door of a room."""
-    floor = building.room(room).floor
-    for each in building.doors:
-        if each.name == door and room in each.rooms:
-            spot = shapely.Point(stand(building, each, each.rooms.index(room))[:2])
-            return any(
-                item.ground.distance(spot) < 0.45
-                for item in things(building)
-                if item.low < floor + 1.5 and item.high > floor + 0.05
-            )
-    return False
+BODY = Body(0.3, 0.3, 0.6, (0.0, 1.5), 1.5)
+"""The robot of which nothing is known."""
+
+
+def _clear(building: Building) -> nx.DiGraph:
+    """Where its disc surely gets, from all doors of a room, (name, None), to a room, (None, name).
+
+    It takes stairs and ramps, too.
+    """
+    ground = Ground(building, BODY, sure=True)
+    graph = ground.graph.copy()
+    for door in building.doors:
+        for side in (0, 1) if door.climbs else ():
+            if refusal(door, side, None) is None:
+                a, b = (
+                    ground.near(door.rooms[s], stand(building, door, s)[:2])
+                    for s in (side, 1 - side)
+                )
+                graph.add_edges_from(
+                    ((door.rooms[side], i), (door.rooms[1 - side], j)) for i in a for j in b
+                )
+    for room in building.rooms:
+        graph.add_nodes_from([(room.name, None), (None, room.name)])
+        graph.add_edges_from(((room.name, None), (room.name, k)) for k in ground.starts(room.name))
+        parts = range(len(ground.parts[room.name]))
+        graph.add_edges_from(((room.name, k), (None, room.name)) for k in parts)
+    return graph
+
+
+def _is_shut(building: Building, door: Door) -> bool:
+    """Whether things leave no part of an opening free through which the robot gets, surely."""
+    if door.climbs:
+        return False
+    floor = next(building.room(room).floor for room in door.rooms if room != OUTSIDE)
+    low, high = floor + 0.1, floor + BODY.top - 0.05
+    taken = [i.ground for i in things(building) if i.low < high and i.high > low]
+    free = shapely.LineString(door.ends).difference(shapely.union_all(taken))
+    return max((part.length for part in shapely.get_parts(free)), default=0.0) < BODY.width - 0.1
 
 
 def judge_check(building: Building, place: semmap.Map) -> tuple[int, list[str]]:
