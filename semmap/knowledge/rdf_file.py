@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import json
-from functools import partial
 from pathlib import Path
 from typing import Any
 
 import rdflib
 
+from semmap.ingest.text_file import read_text
 from semmap.ingest.world import WorldError
 from semmap.knowledge.facts import Fact, FactWriter, RefusedError, with_consequences
 from semmap.knowledge.map_view import MapView
@@ -18,7 +18,6 @@ from semmap.knowledge.shacl import BrokenShapeError
 from semmap.knowledge.sparql.kept_queries import Session
 from semmap.knowledge.whole_graph import facts as stored_facts
 from semmap.knowledge.whole_graph import without_warnings
-from semmap.limits import TEXT_BYTES
 
 FORMATS = {".ttl": "turtle", ".jsonld": "json-ld", ".trig": "trig", ".nt": "nt", ".nq": "nquads"}
 """Endings of files, with rdflib's names of their formats."""
@@ -34,14 +33,7 @@ def format_of(path: Path) -> str:
 
 def read_facts(path: Path, format_: str) -> list[Fact]:
     """Return the facts of a file, of a format by rdflib's name; or WorldError."""
-    try:
-        TEXT_BYTES.check(
-            path.stat().st_size, partial(WorldError, path, "file"), "Split it into several files."
-        )
-        text = path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        raise WorldError(path, "file", f"cannot be read ({error})", "Check the path.") from error
-    return parse_facts(text, format_, path)
+    return parse_facts(read_text(path), format_, path)
 
 
 def parse_facts(text: str, format_: str, source: Path) -> list[Fact]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable
 from dataclasses import dataclass
-from functools import cached_property, lru_cache, partial
+from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +15,7 @@ from rdflib.plugins.sparql.parserutils import CompValue
 
 from semmap.database.files import schema_folder
 from semmap.error import Error
+from semmap.ingest.text_file import read_text
 from semmap.ingest.world import WorldError
 from semmap.knowledge.map_view import MapView
 from semmap.knowledge.queries import limited_view
@@ -22,7 +23,6 @@ from semmap.knowledge.results import shown
 from semmap.knowledge.sparql.kept_queries import Session
 from semmap.knowledge.vocabulary import prefixes
 from semmap.knowledge.whole_graph import without_warnings
-from semmap.limits import TEXT_BYTES
 
 MANY = 2_000  # from so many nodes on, the whole map is validated
 _ENDS = (SH.targetSubjectsOf, SH.targetObjectsOf, SH.equals, SH.disjoint, SH.lessThan)
@@ -104,14 +104,7 @@ def domain_shapes() -> Shapes:
 
 def read_shapes(path: Path) -> Shapes:
     """Return the shapes of a Turtle file; or WorldError."""
-    try:
-        TEXT_BYTES.check(
-            path.stat().st_size, partial(WorldError, path, "file"), "Split it into several files."
-        )
-        text = path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        raise WorldError(path, "file", f"cannot be read ({error})", "Check the path.") from error
-    shapes = _parsed(path.stem, text, path)
+    shapes = _parsed(path.stem, read_text(path), path)
     _conforms(shapes, rdflib.Graph(), path, check=True)
     return shapes
 

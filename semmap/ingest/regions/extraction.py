@@ -72,7 +72,7 @@ def draw_region(
     that it has; `valid` is from when until when it holds, None being open, as it was where not
     given.
 
-    A LookupError names an unknown type or holder, a ValueError what of the rest is wrong.
+    LookupError: the type or the holder is not known. ValueError: something else is wrong.
     """
     if (outline is None) == (box is None):
         raise ValueError(f"{name}: give either an outline or a box")

@@ -7,6 +7,7 @@ import threading
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from functools import lru_cache
+from typing import TYPE_CHECKING
 
 from sqlalchemy import URL
 from sqlalchemy.exc import DBAPIError
@@ -25,6 +26,9 @@ from semmap.knowledge.sparql.kept_queries import Session
 from semmap.language.error import QueryError
 from semmap.query.snapshot import open_snapshot
 
+if TYPE_CHECKING:
+    from semmap.knowledge.map_view import MapView
+
 VOXEL_SIZE = 0.05  # metres; the same as by default of `semmap fields`
 
 
@@ -37,13 +41,13 @@ SELECT EXISTS (SELECT FROM change WHERE map_id = (SELECT current_map())
 _MESSAGE = re.compile(r"(?:line \d+, column \d+: )?([^\n]*)")
 
 
-def ask_fields(session: Session, map_name: str, query: FieldQuery) -> FieldAnswer:
+def ask_fields(view: MapView, query: FieldQuery) -> FieldAnswer:
     """Return the answer of the service of the map if it is running, else of the kept state.
 
     FieldError: no source provides a property, an entity is unknown, or the session's transaction
     has changed the map, of which fields see what is committed.
     """
-    row = session.execute(_UNSEEN).fetchone()
+    row = view.session.execute(_UNSEEN).fetchone()
     if row is not None and row[0]:
         raise FieldError(
             "this transaction has changed the map, which fields do not see before it is "
@@ -51,13 +55,13 @@ def ask_fields(session: Session, map_name: str, query: FieldQuery) -> FieldAnswe
             query.place,
         )
     try:
-        with find_service(url_of(session), map_name, VOXEL_SIZE) as service:
+        with find_service(url_of(view.session), view.name, VOXEL_SIZE) as service:
             if service is not None:
                 reply = service.ask("query", text=query.text, limit=None)
                 rows = [tuple(row) for row in reply["rows"]]
-                by = f"the service of {map_name}"
+                by = f"the service of {view.name}"
                 return FieldAnswer(rows, VOXEL_SIZE, by, tuple(reply["left_out"]))
-        return _from_kept_state(session, map_name, query.text)
+        return _from_kept_state(view, query.text)
     except QueryError as error:
         raise FieldError(error.reason, query.place) from error
     except (ValueError, LookupError) as error:  # the service sends errors as texts
@@ -65,10 +69,10 @@ def ask_fields(session: Session, map_name: str, query: FieldQuery) -> FieldAnswe
         raise FieldError(found[1] if found else str(error), query.place) from error
 
 
-def _from_kept_state(session: Session, map_name: str, text: str) -> FieldAnswer:
+def _from_kept_state(view: MapView, text: str) -> FieldAnswer:
     vocabulary = read_map_vocabulary()
-    with _mirror_of(_url(session), map_name) as mirror:
-        with open_snapshot(session, map_name) as now:
+    with _mirror_of(_url(view.session), view.name) as mirror:
+        with open_snapshot(view.session, view.name) as now:
             newest, names = show_kept(mirror, now, vocabulary), read_names(now)
         catalogue = mirror_catalogue(mirror, names, vocabulary)
         result = query_fields(catalogue, text)

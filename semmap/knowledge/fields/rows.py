@@ -108,7 +108,7 @@ class FieldRows:
     def _solutions(self, query: FieldQuery, parameters: Parameters) -> Rows:
         from semmap.knowledge.fields.map_fields import ask_fields  # slow to import
 
-        answer = ask_fields(self.view.session, self.view.name, query)
+        answer = ask_fields(self.view, query)
         self.view.statements.append(
             f"fields: {query.text}\n-- {len(answer.rows)} rows, by {answer.by}"
         )
