@@ -32,6 +32,9 @@ class TravelCost(Protocol):
     def between(self, place: str, a: Sequence[Pose], b: Sequence[Pose]) -> Travel:
         """The travel from each of n poses in a place to each of m; poses in the map's frame."""
 
+    def obstruction(self, place: str, pose: Pose) -> str | None:
+        """What closes the door of an approach pose in a place, in words; None if nothing does."""
+
 
 class StraightTravelCost:
     """Straight lines at one speed, m/s, whatever is in the way."""
@@ -43,6 +46,10 @@ class StraightTravelCost:
         """The travel along straight lines from each of n poses to each of m."""
         metres = np.array([math.dist(p[:3], q[:3]) for p in a for q in b]).reshape(len(a), len(b))
         return Travel(metres / self.speed, metres)
+
+    def obstruction(self, place: str, pose: Pose) -> str | None:
+        """Nothing."""
+        return None
 
 
 class TravelEdges(NamedTuple):

@@ -83,7 +83,9 @@ def _relaxed(endpoint: Endpoint) -> Endpoint:
 
 def _no_path(graph: RoutingGraph, endpoint: Endpoint, node: int) -> str | None:
     """That no path leads from an endpoint to a door of its place; None if one does."""
-    if np.isfinite(endpoint.seconds[endpoint.nodes == node]).all() or endpoint.pose is None:
+    if np.isfinite(endpoint.seconds[endpoint.nodes == node]).all():
         return None
+    if endpoint.pose is None:
+        return graph.costs.obstruction(endpoint.place, graph.poses[node])
     x, y, door = endpoint.pose.x, endpoint.pose.y, graph.connectors[node // 2].name
     return f"{graph.robot.name} finds no path in {endpoint.place} from {door} to ({x:.2f}, {y:.2f})"

@@ -15,6 +15,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 
 from planner.duration import Durations
 from planner.graph import Floats, Graph, Ints, PathEnd
@@ -312,13 +313,28 @@ class RoutingGraph:
         return RoutingGraph(self.topology, robot, self.costs, durations=self.durations)
 
     def endpoint(self, place: str, pose: Pose | None = None) -> Endpoint:
-        """A place, or a pose in it, as an end of routes; raises UnknownPlaceError."""
+        """A place, or a pose in it, as an end of routes; raises UnknownPlaceError.
+
+        Somewhere in a place, a robot is at one of its doors, but at none that something closes.
+        """
         self.topology.place(place)
         nodes = self.nodes.get(place, np.empty(0, np.int64))
         if pose is None or not len(nodes):
-            return Endpoint(place, pose, nodes, np.zeros(len(nodes)), np.zeros(len(nodes)))
+            seconds = np.zeros(len(nodes))
+            for i in np.flatnonzero(self._cut_off(place)):
+                if self.costs.obstruction(place, self.poses[nodes[i]]) is not None:
+                    seconds[i] = math.inf
+            return Endpoint(place, pose, nodes, seconds, np.zeros(len(nodes)))
         travel = self.costs.between(place, [pose], [self.poses[n] for n in nodes])
         return Endpoint(place, pose, nodes, travel.seconds[0], travel.metres[0])
+
+    def _cut_off(self, place: str) -> NDArray[np.bool_]:
+        """(n,) the approach poses of a place from which no travel leads to another one."""
+        nodes = self.nodes.get(place, np.empty(0, np.int64))
+        if place == OUTSIDE:
+            return np.zeros(len(nodes), np.bool_)
+        edges = self.travel_edges.get(place, slice(0, 0))
+        return ~np.isin(nodes, self.tails[edges][np.isfinite(self.base[edges])])
 
     def departures(self, start: Endpoint) -> tuple[Ints, Floats]:
         """The nodes of `graph` at which paths from an endpoint begin, and the seconds to them.

@@ -229,6 +229,31 @@ class StoreyCostmaps:
         points = np.array(room.grid.origin) + (found[:, 1::-1] + 0.5) * self.resolution
         return np.concatenate([[[a.x, a.y]], points, [[b.x, b.y]]])
 
+    def obstruction(self, place: str, pose: Pose) -> str | None:
+        """What stands in the door of an approach pose, and is not passed aside; else None."""
+        costs, room, door = self.costs(place), self.room(place), self._doors(place).get(pose)
+        if costs is None or room is None or door is None:
+            return None
+        costmap, (end,) = (
+            self.costmap(self.storey_of(place)),
+            self._ends(place, costs, room.grid, [pose]),
+        )
+        if end is not None or not _stands_near(costmap, door.way):
+            return None
+        middle = door.leaf().interpolate(0.5, normalized=True)
+        spots = (Pose(middle.x, middle.y), pose)
+        names = [n for spot in spots for n in _entities_at(costmap, spot, INSCRIBED)]
+        what = ", ".join(dict.fromkeys(names)) or "something"
+        return f"{what} leaves {self.robot.name} no way through {door.name}"
+
+    def _doors(self, place: str) -> dict[Pose, PlaceConnector]:
+        """The doors of a place, by their approach pose in it."""
+        return {
+            connector.poses[side]: connector
+            for connector, side in self.topology.connectors_of(place)
+            if connector.type in ("door", "elevator_door") and connector.metres > 0
+        }
+
     def _ends(
         self, place: str, costs: NDArray[np.uint8], grid: Grid, poses: Sequence[Pose]
     ) -> list[tuple[tuple[int, int], float] | None]:
@@ -237,11 +262,7 @@ class StoreyCostmaps:
         Before a door it is a cell that is joined with the opening: a robot passes aside of what
         stands there, and not through it.
         """
-        doors = {
-            connector.poses[side]: connector
-            for connector, side in self.topology.connectors_of(place)
-            if connector.type in ("door", "elevator_door") and connector.metres > 0
-        }
+        doors = self._doors(place)
         passable = costs < INSCRIBED
         joined = label(passable, np.ones((3, 3)))[0] if doors.keys() & {*poses} else None
         found = []
@@ -260,7 +281,7 @@ class StoreyCostmaps:
         The width of a door says whether a robot passes between its posts, more exactly than cells.
         """
         costmap = self.costmap(self.storey_of(place))
-        if not _stands_near(costmap, shapely.LineString([pose[:2] for pose in door.poses])):
+        if not _stands_near(costmap, door.way):
             return None
         leaf = door.leaf()
         steps = np.linspace(0.0, 1.0, 2 + math.ceil(leaf.length / grid.resolution), endpoint=True)

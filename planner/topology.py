@@ -120,6 +120,11 @@ class PlaceConnector:
         return math.dist(a[:3], b[:3])
 
     @property
+    def way(self) -> shapely.LineString:
+        """The line from one approach pose to the other."""
+        return shapely.LineString([pose[:2] for pose in self.poses])
+
+    @property
     def must_be_opened(self) -> bool:
         """True if the robot has to open it; elevators open their own doors."""
         return self.state == "locked" or (self.state == "closed" and self.type != "elevator_door")

@@ -12,7 +12,7 @@ from semmap.geometry.pose import Pose
 
 
 def test_a_place_without_doors_says_so_and_one_within_itself_what_it_is():
-    class Walled:
+    class Walled(StraightTravelCost):
         def between(self, place, a, b):
             walked = StraightTravelCost().between(place, a, b)
             apart = np.array([[(p.x < 1.5) != (q.x < 1.5) for q in b] for p in a])
@@ -29,7 +29,7 @@ def test_a_place_without_doors_says_so_and_one_within_itself_what_it_is():
 
 
 def test_a_pose_that_is_walled_off_from_the_door_of_the_only_way_says_so():
-    class Walled:
+    class Walled(StraightTravelCost):
         def between(self, place, a, b):
             walked = StraightTravelCost().between(place, a, b)
             apart = np.array([[(p.x < 3.5) != (q.x < 3.5) for q in b] for p in a])

@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from planner.duration import Durations
-from planner.graph_edges import Travel
+from planner.graph_edges import StraightTravelCost, Travel
 from planner.route import NoRouteError, Route
 from planner.topology import OUTSIDE, Place, PlaceConnector, Topology, UnknownPlaceError
 from semmap.geometry.pose import Pose
@@ -153,7 +153,7 @@ def test_times_refuse_what_is_no_cost():
 
 
 def test_another_measure_of_the_way_changes_the_door():
-    class AlongTheWall:
+    class AlongTheWall(StraightTravelCost):
         """In the corridor the way to door6 is barred and long."""
 
         def between(self, place, a, b):

@@ -13,7 +13,7 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import dijkstra
 
 from planner.duration import Durations
-from planner.graph_edges import Penalties, Travel, TravelEdges
+from planner.graph_edges import Penalties, StraightTravelCost, Travel, TravelEdges
 from planner.robot_class import RobotClass
 from planner.route import NoRouteError
 from planner.route_search import find_alternatives, find_route, seconds_between
@@ -27,7 +27,7 @@ FLOOR = {"low": 0.0, "high": 3.0}
 TIMES = Durations(call=3.0, ride=5.0, ride_per_metre=1.0, open=2.0, unlock=4.0)
 
 
-class Crooked:
+class Crooked(StraightTravelCost):
     """Walks of made-up lengths, the same there and back, some of them impossible."""
 
     def __init__(self, seed: int) -> None:

@@ -15,6 +15,8 @@ from scipy.sparse.csgraph import dijkstra
 from navgrid.area import area_cells
 from navgrid.inflation import INSCRIBED
 from planner.robot_class import RobotClass
+from planner.route import NoRouteError
+from planner.route_search import find_route
 from planner.routing_graph import RoutingGraph
 from planner.storey_costmaps import SNAP, StoreyCostmaps
 from planner.topology import Place, PlaceConnector, PlaceRegion, Topology
@@ -179,6 +181,19 @@ def test_a_robot_passes_aside_of_what_stands_at_a_door_and_not_through_it(things
     poses = Pose.planar(2.3, 1.5, 0.0), Pose.planar(0.8, 1.5, 0.0)
     assert np.isfinite(made.between("left", poses[:1], poses[1:]).seconds).all() == passes
     assert (made.path("left", *poses) is not None) == passes
+
+
+def test_between_neighbours_a_route_does_not_lead_through_what_closes_the_door():
+    walls = [wall(20, -0.2, 1.0), wall(21, 2.0, 3.2)]
+    for things, reason in (([], None), ([box(10, 3.1, 1.5, 0.15)], "box10 .*through door")):
+        made = ground([*things, *walls])
+        graph = RoutingGraph(made.topology, ROBOT, made)
+        ends = graph.endpoint("left"), graph.endpoint("right")
+        if reason is None:
+            assert [s.behaviour for s in find_route(graph, *ends).steps][-1:] == ["pass_door"]
+            continue
+        with pytest.raises(NoRouteError, match=reason):
+            find_route(graph, *ends)
 
 
 def test_a_base_stands_in_its_room_and_not_in_a_doorway():
