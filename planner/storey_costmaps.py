@@ -234,12 +234,12 @@ class StoreyCostmaps:
         costs, room, door = self.costs(place), self.room(place), self._doors(place).get(pose)
         if costs is None or room is None or door is None:
             return None
-        costmap, (end,) = (
-            self.costmap(self.storey_of(place)),
-            self._ends(place, costs, room.grid, [pose]),
-        )
-        if end is not None or not _stands_near(costmap, door.way):
+        passable = costs < INSCRIBED
+        joined = label(passable, np.ones((3, 3)))[0]
+        parts = self._opening(place, joined, room.grid, door)
+        if parts is None or _nearest(passable, room.grid, pose, joined, parts) is not None:
             return None
+        costmap = self.costmap(self.storey_of(place))
         middle = door.leaf().interpolate(0.5, normalized=True)
         spots = (Pose(middle.x, middle.y), pose)
         names = [n for spot in spots for n in _entities_at(costmap, spot, INSCRIBED)]
@@ -276,7 +276,7 @@ class StoreyCostmaps:
     def _opening(
         self, place: str, joined: NDArray[np.int32], grid: Grid, door: PlaceConnector
     ) -> NDArray[np.int32] | None:
-        """The parts of the passable cells that a door opens to; None if walls alone are near.
+        """The parts of the passable cells that a door opens to; None if walls alone narrow it.
 
         The width of a door says whether a robot passes between its posts, more exactly than cells.
         """
@@ -289,7 +289,8 @@ class StoreyCostmaps:
         cells = np.floor((points - grid.origin) / grid.resolution).astype(int)[:, ::-1]
         cells = cells[((cells >= 0) & (cells < grid.shape)).all(axis=1)]
         parts = np.unique(joined[tuple(cells.T)])
-        return parts[parts > 0]
+        parts = parts[parts > 0]
+        return parts if len(parts) or _stands_in(costmap, door) else None
 
     def blocking_reason(self, place: str, pose: Pose, *, measured: bool = False) -> str | None:
         """Why the robot can be neither at a pose of a place nor within `SNAP` of it; else None.
@@ -438,6 +439,16 @@ def _nearest(
         return None
     r, c = free[int(np.argmin(away))].tolist()
     return (r, c), float(away.min())
+
+
+def _stands_in(costmap: Costmap, door: PlaceConnector) -> bool:
+    """Whether something other than walls keeps the robot from the middle of an opening."""
+    middle = door.leaf().interpolate(0.5, normalized=True)
+    try:
+        sources = costmap.explain(middle.x, middle.y)
+    except ValueError:  # outside of the grid
+        return False
+    return any(s.cost >= INSCRIBED and s.layer != WALLS for s in sources)
 
 
 def _stands_near(costmap: Costmap, way: shapely.LineString) -> bool:
