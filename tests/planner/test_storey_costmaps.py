@@ -9,8 +9,6 @@ import shapely
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from scipy.ndimage import distance_transform_edt
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import dijkstra
 
 from navgrid.area import area_cells
 from navgrid.inflation import INSCRIBED
@@ -24,11 +22,11 @@ from semmap.geometry.mesh import box_mesh
 from semmap.geometry.pose import Pose
 from semmap.query.storey_scene import FloorArea, SceneEntity, StoreyScene
 from semmap.robot import Part
+from tests.oracles.drive import scipy_prices
 
 OUTLINE = np.array([[-0.2, -0.2], [0.2, -0.2], [0.2, 0.2], [-0.2, 0.2]])
 BASE = Part("base", ("base",), (0.0, 0.5), OUTLINE, 0.2, 0.2 * 2**0.5)
 ROBOT = RobotClass("cube", (BASE,), speed=0.5)
-STEPS = [(a, b) for a in range(-2, 3) for b in range(-2, 3) if math.gcd(a, b) == 1]
 
 
 def box(number, x, y, half, kind="object", name=None, high=1.0):
@@ -74,34 +72,6 @@ def ground(things=(), topology=None):
     )
 
 
-def oracle(costs, resolution, slow, starts, targets):
-    """Prices from cells to cells by SciPy; as `navgrid.travel` defines steps, written anew."""
-    rows, columns = costs.shape
-    free = costs < INSCRIBED
-    tails, heads, prices = [], [], []
-    for r, c in np.argwhere(free):
-        for dr, dc in STEPS:
-            q, d = r + dr, c + dc
-            if not (0 <= q < rows and 0 <= d < columns and free[q, d]):
-                continue
-            if abs(dr) == 1 and abs(dc) == 1:
-                sides = [(r, d), (q, c)]
-            elif dr and dc:
-                long = (dr // 2 if abs(dr) == 2 else 0, dc // 2 if abs(dc) == 2 else 0)
-                sides = [(r + long[0], c + long[1]), (q - long[0], d - long[1])]
-            else:
-                sides = []
-            if not all(free[s] for s in sides):
-                continue
-            mean = 1 + slow * (int(costs[r, c]) + int(costs[q, d])) / 2 / 252
-            tails.append(r * columns + c)
-            heads.append(q * columns + d)
-            prices.append(math.hypot(dr, dc) * resolution * mean)
-    matrix = coo_matrix((prices, (tails, heads)), shape=(costs.size,) * 2).tocsr()
-    found = dijkstra(matrix, indices=[r * columns + c for r, c in starts])
-    return found[:, [r * columns + c for r, c in targets]]
-
-
 boxes = st.lists(
     st.tuples(st.floats(0.3, 5.7), st.floats(0.3, 2.7), st.sampled_from([0.1, 0.25, 0.5])),
     max_size=4,
@@ -144,7 +114,7 @@ def test_walks_are_those_of_scipy(said, points):
         if ends[i] is None or ends[j] is None:
             assert math.isinf(walked.seconds[i, j])
             continue
-        price = oracle(costs, 0.1, 2.0, [ends[i][0]], [ends[j][0]])[0, 0]
+        price = scipy_prices(costs, made.space("left"), 0.1, 2.0, ends[i][0])[ends[j][0]]
         expected = (price + ends[i][1] + ends[j][1]) / ROBOT.speed
         assert walked.seconds[i, j] == pytest.approx(expected)
         path = made.path("left", poses[i], poses[j])
