@@ -248,9 +248,10 @@ def ordered(atoms: Sequence[Triple], known: frozenset[str]) -> tuple[Triple, ...
 
 def _unified(atom: Triple, fact: Triple, bindings: Bindings) -> Bindings | None:
     """Return bindings with which a triple is a fact."""
-    found = dict(bindings)
+    found = bindings.copy()
     for part, term in zip(atom, fact, strict=True):
-        if isinstance(part, Var):
+        # Not isinstance: this runs for each fact and rule.
+        if part.__class__ is Var:
             if found.setdefault(part, term) != term:
                 return None
         elif part != term:
@@ -263,11 +264,11 @@ def solutions(facts: Facts, atoms: tuple[Triple, ...], bindings: Bindings) -> It
     if not atoms:
         yield bindings
         return
-    first, *rest = atoms
-    subject, verb, node = (bindings.get(part) if isinstance(part, Var) else part for part in first)
+    first, rest = atoms[0], atoms[1:]
+    subject, verb, node = [bindings.get(p) if p.__class__ is Var else p for p in first]
     if subject is not None and verb is not None and node is not None:
         if (subject, verb, node) in facts:
-            yield from solutions(facts, tuple(rest), bindings)
+            yield from solutions(facts, rest, bindings)
         return
     matches = list(facts.match(subject, verb, node))
     for i, fact in enumerate(matches):
@@ -275,12 +276,12 @@ def solutions(facts: Facts, atoms: tuple[Triple, ...], bindings: Bindings) -> It
             facts.need_subjects(f[2] for f in matches[i : i + AT_ONCE])
         found = _unified(first, fact, bindings)
         if found is not None:
-            yield from solutions(facts, tuple(rest), found)
+            yield from solutions(facts, rest, found)
 
 
 def filled(atom: Triple, bindings: Bindings) -> Triple:
     """Return a triple with the terms of its variables."""
-    subject, verb, node = (bindings.get(p, p) if isinstance(p, Var) else p for p in atom)
+    subject, verb, node = [bindings.get(p, p) if p.__class__ is Var else p for p in atom]
     return subject, verb, node
 
 

@@ -6,6 +6,7 @@ import hashlib
 from collections import Counter
 from collections.abc import Collection, Iterable
 from dataclasses import dataclass, field
+from functools import cache
 from typing import Any
 
 from semmap.knowledge.map_view import MapView
@@ -42,6 +43,8 @@ class StoredFacts(Facts):
         self._seen: set[object] = set()
         self._classes_of: dict[frozenset[Node], frozenset[Node]] = {}
         self._types: dict[Node, frozenset[Node]] = {}
+        classes, hierarchy = ontology.rules.classes, ontology.hierarchy
+        self._met = cache(lambda told: hierarchy.of([told]) & classes)
 
     def need_subject(self, subject: Node) -> None:
         """Read the facts of a subject."""
@@ -164,7 +167,7 @@ class StoredFacts(Facts):
         super().add(fact, told=told)
         if fact[1] in (DIRECT_TYPE, KIND):
             self._types.pop(fact[0], None)
-            for c in self.ontology.hierarchy.of([fact[2]]) & self.ontology.rules.classes:
+            for c in self._met(fact[2]):
                 super().add((fact[0], TYPE_OF, c))
 
     def _state(self, fact: Triple) -> bool | None:
