@@ -289,6 +289,9 @@ class Database(DatabaseManipulation, DatabaseInterlinking):
         chosen = driving_posture(self.session, path, posture, grouped)
         shape = robot_parts(load_robot(path), chosen.joints, grouped)
         limits = DriveLimits(max_step, math.radians(max_slope))
+        for key in ("behaviours", "permissions"):
+            if abilities.get(key) is not None:
+                abilities[key] = frozenset(abilities[key])
         added = RobotClass(name, tuple(shape), limits, **{"speed": 0.5} | abilities)
         with self.session.transaction(), shared_engine(self.session).connect() as connection:
             store_robot_class(connection, added, urdf=path)

@@ -22,7 +22,7 @@ class DatabaseManipulation:
         shape: str,
         size: Sequence[float],
         *,
-        tolerance: float = 0.01,
+        tolerance: float | None = None,
         gripper: str | Path | None = None,
         kind: str = "grasp",
         limit: int = 10,
@@ -33,7 +33,7 @@ class DatabaseManipulation:
         ----------
         shape : sphere (radius), cylinder and cone (radius, height), or cuboid (three sides)
         size : metres
-        tolerance : the most by which a size may differ, metres
+        tolerance : the most by which a size may differ, metres; by default 0.01
         gripper : a stored one, or the path of a URDF; by default the preferred one
         kind : grasp, place, push, turn, open or put
 
@@ -44,7 +44,7 @@ class DatabaseManipulation:
         """
         from semmap.manipulation.retrieval import stored_for_shape
 
-        options: dict[str, Any] = {"tolerance": tolerance, "gripper": gripper}
+        options: Any = {"tolerance": 0.01 if tolerance is None else tolerance, "gripper": gripper}
         return stored_for_shape(self.session, shape, size, kind=kind, limit=limit, **options)
 
     def add_gripper(

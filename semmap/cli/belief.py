@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Sequence
+from dataclasses import dataclass
 from datetime import datetime
 from enum import StrEnum
 from pathlib import Path
@@ -13,10 +14,12 @@ import typer
 from typer import Argument, Option
 
 from semmap import cli
+from semmap.cli.option_group import grouped
 from semmap.cli.texts import json_value, numbers
 
 # NumPy, Shapely and SQLAlchemy are slow to import: the functions below import what they use.
 if TYPE_CHECKING:
+    from semmap.api.map import Map
     from semmap.belief.believed_places import BelievedPlaces
     from semmap.belief.identify import Detection
 
@@ -118,27 +121,62 @@ def _show_places(rows: Sequence[dict[str, Any]], limit: int) -> None:
     cli.show_table(shown, False, COLUMNS)
 
 
-def observe_command(
-    name: str | None = Argument(None, help="The object or agent."),
-    place: str | None = Argument(None, help="Where it was looked for."),
-    missed: bool = Option(False, "--missed", help="It was not seen there."),
-    point: str | None = Option(None, help="X,Y,Z of a detection, instead of a place; metres."),
-    frame: str | None = Option(None, help="The agent in whose frame --point or --view is."),
-    view: str | None = Option(None, help="X,Y,Z,YAW,PITCH of a camera (radians): what it shows."),
-    seen: list[str] | None = Option(None, help="--view: NAME=X,Y,Z that it detected; repeatable."),
-    looked_for: list[str] | None = Option(
-        None, help="--view: NAME that it would detect; repeatable."
-    ),
+@dataclass(frozen=True)
+class Look:
+    """A look for one thing at a place, a detection of it at a point, or the view of a camera."""
+
+    name: str | None = Argument(None, help="The object or agent.")
+    place: str | None = Argument(None, help="Where it was looked for.")
+    missed: bool = Option(False, "--missed", help="It was not seen there.")
+    point: str | None = Option(None, help="X,Y,Z of a detection, instead of a place; metres.")
+    frame: str | None = Option(None, help="The agent in whose frame --point or --view is.")
+    view: str | None = Option(None, help="X,Y,Z,YAW,PITCH of a camera (radians): what it shows.")
+    seen: list[str] = Option((), help="--view: NAME=X,Y,Z that it detected; repeatable.")
+    looked_for: list[str] = Option((), help="--view: NAME that it would detect; repeatable.")
     cloud: Path | None = Option(
         None,
         help="--view: points in the optical frame (PLY, NPY), in which --looked-for are found.",
-    ),
-    without: list[str] | None = Option(
-        None, help="--cloud: NAME of furniture to remove from the points, such as a shelf."
-    ),
-    opening: float = Option(1.05, help="--view: horizontal opening angle, radians."),
-    range_: float = Option(5.0, "--range", help="--view: how far the detector sees, metres."),
-    visible: float = Option(1.0, help="The share of the place in view."),
+    )
+    without: list[str] = Option(
+        (), help="--cloud: NAME of furniture to remove from the points, such as a shelf."
+    )
+    opening: float = Option(1.05, help="--view: horizontal opening angle, radians.")
+    range_: float = Option(5.0, "--range", help="--view: how far the detector sees, metres.")
+    visible: float = Option(1.0, help="The share of the place in view.")
+
+    @property
+    def given(self) -> bool:
+        """Whether it says what was looked for, or where."""
+        return any(each is not None for each in (self.name, self.place, self.point, self.view))
+
+    def check(self) -> None:
+        """Raise typer.BadParameter if its options exclude each other."""
+        name, view = self.name, self.view
+        if [self.place, self.point, view].count(None) != 2 or (view is None) == (name is None):
+            raise typer.BadParameter("give NAME and PLACE, or NAME and --point, or --view alone")
+        if view is None and (self.cloud is not None or self.without):
+            raise typer.BadParameter("--cloud and --without are for --view")
+        if self.point is not None and self.missed:
+            raise typer.BadParameter("--missed is for a place")
+
+    def store(self, house: Map, **rates: Any) -> list[dict[str, Any]]:
+        """Store it in a map; what was observed."""
+        name, frame = str(self.name), self.frame
+        if self.view is not None:
+            rates |= {"opening": self.opening, "furthest": self.range_, "without": self.without}
+            rates |= {"frame": frame, "cloud": self.cloud, "seen": _detected(self.seen)}
+            return house.observe_view(numbers(self.view, "--view", 5), self.looked_for, **rates)
+        if self.point is not None:
+            there = numbers(self.point, "--point", 3)
+            return [house.observe_point(name, there, frame=frame, **rates)]
+        rates |= {"seen": not self.missed, "visible": self.visible, "observer": frame}
+        return [house.observe(name, str(self.place), **rates)]
+
+
+@grouped
+def observe_command(
+    *,
+    look: Look,
     detected: list[str] | None = Option(
         None,
         metavar="TYPE=X,Y,Z[,W,D,H]",
@@ -158,31 +196,16 @@ def observe_command(
     mug=1.2,3.4,0.8 --detected mug=6.1,0.9,0.5,0.08,0.08,0.1
     """
     if detected:
-        if any(given is not None for given in (name, place, point, view, hit, false_alarm)):
+        if look.given or hit is not None or false_alarm is not None:
             raise typer.BadParameter("--detected takes no NAME, place, view or rates beside it")
         found = [_detection(text) for text in detected]
         with cli.chosen_map(map_name) as house:
-            told = house.observe_objects(found, frame=frame, at=at)
+            told = house.observe_objects(found, frame=look.frame, at=at)
         cli.show_table(told, json_, ("object", "new", "probability", "place"))
         return
-    if [place, point, view].count(None) != 2 or (view is None) == (name is None):
-        raise typer.BadParameter("give NAME and PLACE, or NAME and --point, or --view alone")
-    if view is None and (cloud is not None or without):
-        raise typer.BadParameter("--cloud and --without are for --view")
-    if point is not None and missed:
-        raise typer.BadParameter("--missed is for a place")
-    rates: dict[str, Any] = {"hit": hit, "false_alarm": false_alarm, "at": at}
+    look.check()
     with cli.chosen_map(map_name) as house:
-        if view is not None:
-            rates |= {"opening": opening, "furthest": range_, "without": without or ()}
-            rates |= {"frame": frame, "cloud": cloud, "seen": _detected(seen or ())}
-            rows = house.observe_view(numbers(view, "--view", 5), looked_for or (), **rates)
-        elif point is not None:
-            there = numbers(point, "--point", 3)
-            rows = [house.observe_point(str(name), there, frame=frame, **rates)]
-        else:
-            rates |= {"seen": not missed, "visible": visible, "observer": frame}
-            rows = [house.observe(str(name), str(place), **rates)]
+        rows = look.store(house, hit=hit, false_alarm=false_alarm, at=at)
     cli.show_table([{"visible": 1.0} | row for row in rows], json_, OBSERVED)
 
 

@@ -7,7 +7,8 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterable, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
+from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -16,17 +17,56 @@ from typer import Option
 
 from semmap import cli
 from semmap.cli import options
+from semmap.cli.option_group import grouped
 from semmap.cli.output import print_folded
 from semmap.cli.texts import numbers
 
 if TYPE_CHECKING:
     from navgrid.costmap import Costmap
-    from navgrid.nav2 import Files
     from navgrid.occupancy_grid import StoreyGrid
     from semmap.api.map import Map
 
 
+@dataclass(frozen=True)
+class Contents:
+    """What of the map counts in a grid."""
+
+    at: datetime | None = Option(
+        None, help="Leave out regions that do not hold then; by default now."
+    )
+    field: list[str] | None = Option(
+        None, help="Only this field of the map; may be repeated. By default all."
+    )
+    no_fields: bool = Option(False, "--no-fields", help="Leave out the fields of the map.")
+    from_voxels: bool = Option(
+        False, "--from-voxels", help="Take voxels from the mirror, not meshes."
+    )
+    voxel_size: float = Option(
+        0.05, help="Edge of the mirror's voxels, metres, with --from-voxels."
+    )
+    assume_sizes: options.AssumeSizes = False
+
+    def arguments(self, house: Map) -> dict[str, Any]:
+        """What `Map.grids` takes; the fields whose sources ended are noted."""
+        from navgrid.readers.fields import LIVE
+
+        if self.no_fields and self.field:
+            raise ValueError("--field and --no-fields exclude each other: give one of them")
+        ended = [] if self.no_fields or self.field else house.ended_fields
+        if ended:
+            what = f"fields of sources without an update for {LIVE:.0f} s, not used"
+            cli.err.print(f"{what}: {', '.join(ended)}", style="yellow")
+        return {
+            "at": self.at,
+            "fields": [] if self.no_fields else self.field or None,
+            "voxel_size": self.voxel_size if self.from_voxels else None,
+            "assume_sizes": self.assume_sizes,
+        }
+
+
+@grouped
 def grid_command(
+    *,
     folder: Path = Option(..., "--output", "-o", help="Folder for the maps."),
     map_name: cli.MapName = None,
     storey: options.Storey = None,
@@ -37,36 +77,19 @@ def grid_command(
     resolution: float = Option(0.05, help="Side of a cell, metres."),
     free_outside: bool = Option(False, "--free-outside", help="Free, not unknown, outside rooms."),
     policy: options.PolicyFile = None,
-    max_step: options.MaxStep = 0.02,
-    max_slope: options.MaxSlope = 6.0,
-    at: options.Moment = None,
-    field: options.FieldNames = None,
-    no_fields: options.NoFields = False,
-    from_voxels: options.FromVoxels = False,
-    voxel_size: options.VoxelSize = 0.05,
-    assume_sizes: options.AssumeSizes = False,
+    ground: options.Ground,
+    contents: Contents,
     picture: bool = Option(True, help="Draw each grid as plan.png, too."),
     json_: cli.Json = False,
 ) -> None:
     """Write the obstacles of each storey as a Nav2 map (map.yaml, map.pgm)."""
     from navgrid.map_file import folder_of
 
-    low, high = numbers(interval, "--interval LOW,HIGH", 2)
+    asked: Any = {"storey": storey, "interval": numbers(interval, "--interval LOW,HIGH", 2)}
+    asked |= {"increment": increment, "resolution": resolution, "free_outside": free_outside}
     with cli.chosen_map(map_name) as house:
-        grids = house.grids(
-            storey=storey,
-            interval=(low, high),
-            resolution=resolution,
-            increment=increment,
-            free_outside=free_outside,
-            policy=policy,
-            max_step=max_step,
-            max_slope=max_slope,
-            at=at,
-            fields=fields_of(house, field, no_fields),
-            voxel_size=voxel_size if from_voxels else None,
-            assume_sizes=assume_sizes,
-        )
+        asked |= vars(ground) | contents.arguments(house)
+        grids = house.grids(policy=policy, **asked)
     written = [
         made.write(folder_of(made.scene.storey, folder, len(grids)), picture=picture)
         for made in grids
@@ -88,7 +111,18 @@ def _show_grids(grids: Sequence[StoreyGrid], written: Sequence[dict[str, Any]]) 
             cli.out.print(f"{row['storey']}: {note}", style="yellow")
 
 
+@dataclass(frozen=True)
+class Costs:
+    """The cells of a costmap."""
+
+    resolution: float = Option(0.05, help="Side of a cell, metres.")
+    inflation_radius: float = Option(0.55, help="Metres, as in costmap_2d.")
+    cost_scaling_factor: float = Option(3.0, help="1/metre, as in costmap_2d.")
+
+
+@grouped
 def costmap_command(
+    *,
     robot: options.Urdf,
     folder: Path | None = Option(None, "--output", "-o", help="Folder for maps and pictures."),
     state: options.State = None,
@@ -101,18 +135,10 @@ def costmap_command(
     storey: options.Storey = None,
     rooms: str | None = Option(None, help="Only these rooms: bath,hall (semmap route --rooms)."),
     box: str | None = Option(None, help="Only X0,Y0,X1,Y1, metres."),
-    resolution: float = Option(0.05, help="Side of a cell, metres."),
-    inflation_radius: float = Option(0.55, help="Metres, as in costmap_2d."),
-    cost_scaling_factor: float = Option(3.0, help="1/metre, as in costmap_2d."),
-    max_step: options.MaxStep = 0.02,
-    max_slope: options.MaxSlope = 6.0,
+    costs: Costs,
+    ground: options.Ground,
     laser_height: float = Option(0.25, help="Of the localisation map above the floor, metres."),
-    at: options.Moment = None,
-    field: options.FieldNames = None,
-    no_fields: options.NoFields = False,
-    from_voxels: options.FromVoxels = False,
-    voxel_size: options.VoxelSize = 0.05,
-    assume_sizes: options.AssumeSizes = False,
+    contents: Contents,
     headings: int = Option(0, help="Also write collisions by heading, for so many headings."),
     explain: str | None = Option(
         None, "--explain", "--why", metavar="X,Y", help="Show the causes of a place's cost."
@@ -121,62 +147,20 @@ def costmap_command(
     json_: cli.Json = False,
 ) -> None:
     """Compute a robot's layered costmaps and write them for Nav2."""
-    from navgrid.map_file import folder_of
-
     if folder is None and explain is None:
         raise typer.BadParameter("give a folder (-o) or a point (--explain X,Y)")
-    corners = None if box is None else numbers(box, "--box X0,Y0,X1,Y1", 4)
+    bounds = None if box is None else numbers(box, "--box X0,Y0,X1,Y1", 4)
     point = None if explain is None else numbers(explain, "--explain X,Y", 2)
+    names = None if rooms is None else [name.strip() for name in rooms.split(",")]
+    asked: Any = {"posture": state, "parts": parts, "policy": policy, "static_map": static_map}
+    asked |= {"storey": storey, "rooms": names, "bounds": bounds} | vars(costs) | vars(ground)
     with cli.chosen_map(map_name) as house:
-        costmaps = house.costmaps(
-            robot,
-            posture=state,
-            parts=parts,
-            storey=storey,
-            rooms=None if rooms is None else [name.strip() for name in rooms.split(",")],
-            bounds=None if corners is None else (corners[0], corners[1], corners[2], corners[3]),
-            resolution=resolution,
-            inflation_radius=inflation_radius,
-            cost_scaling_factor=cost_scaling_factor,
-            policy=policy,
-            static_map=static_map,
-            max_step=max_step,
-            max_slope=max_slope,
-            at=at,
-            fields=fields_of(house, field, no_fields),
-            voxel_size=voxel_size if from_voxels else None,
-            assume_sizes=assume_sizes,
-        )
+        costmaps = house.costmaps(robot, **asked, **contents.arguments(house))
     if point is not None:
         _show_explanation(costmaps, point[0], point[1], json_)
-        return
-    assert folder is not None
-    files: Any = {"laser_height": laser_height, "headings": headings, "picture": picture}
-    written = [
-        made.write(folder_of(made.scene.storey, folder, len(costmaps)), **files)
-        for made in costmaps
-    ]
-    if json_:
-        print(json.dumps(written))
-    else:
-        _show_costmaps(written, costmaps)
-
-
-def fields_of(house: Map, names: list[str] | None, no_fields: bool) -> list[str] | None:
-    """Return the fields that options choose, None for all; note those whose sources ended."""
-    from navgrid.readers.fields import LIVE
-
-    if no_fields and names:
-        raise ValueError("--field and --no-fields exclude each other: give one of them")
-    if no_fields:
-        return []
-    ended = [] if names else house.ended_fields
-    if ended:
-        cli.err.print(
-            f"fields of sources without an update for {LIVE:.0f} s, not used: {', '.join(ended)}",
-            style="yellow",
-        )
-    return names or None
+    elif folder is not None:
+        files = {"laser_height": laser_height, "headings": headings, "picture": picture}
+        _write(costmaps, folder, files, json_)
 
 
 def _show_explanation(costmaps: Iterable[Costmap], x: float, y: float, json_: bool) -> None:
@@ -223,12 +207,20 @@ def _causes(source: dict[str, Any]) -> str:
     return entities if source["field"] is None else f"{entities} (field {source['field']})"
 
 
-def _show_costmaps(written: Iterable[Files], costmaps: Iterable[Costmap]) -> None:
-    """Print what was written, per storey, and what costmaps say of objects and fields."""
+def _write(costmaps: Sequence[Costmap], folder: Path, options: Any, json_: bool) -> None:
+    """Write costmaps; print the files, per storey, and what costmaps say of objects and fields."""
     from rich.text import Text
 
+    from navgrid.map_file import folder_of
     from semmap.draw.palette import PART_COLOURS
 
+    written = [
+        made.write(folder_of(made.scene.storey, folder, len(costmaps)), **options)
+        for made in costmaps
+    ]
+    if json_:
+        print(json.dumps(written))
+        return
     for files in written:
         cli.out.print(
             f"{files['storey']}: {files['folder']}: {len(files['maps'])} maps of "

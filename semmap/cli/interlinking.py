@@ -62,8 +62,6 @@ def link(
 
     semmap interlink people.rdf clients.csv --labels labels.csv --ask
     """
-    from semmap.api.database_interlinking import link_records
-    from semmap.interlinking.data_set_file import read_records
     from semmap.interlinking.link_file import read_labels, write_same_as
 
     if labels is None and not ask:
@@ -72,24 +70,38 @@ def link(
         raise typer.BadParameter("--ask adds to a CSV file; give --labels FILE.csv")
     known = read_labels(labels) if labels and (labels.exists() or not ask) else {}
     truth = {pair for pair, same in read_labels(reference).items() if same} if reference else None
-    files = [_is_file(given) for given in (left, right)]
     with StageBars() as bar:
         asked: Any = {"ask": _asker(labels, bar) if ask else None, "questions": questions}
         asked |= {"progress": bar.report}
-        if all(files) and dry_run:  # no database is needed
-            sets = [read_records(Path(given), type_name) for given in (left, right)]
-            found = link_records(sets[0], sets[1], known, **asked)
-        else:
-            with cli.open_database(migrate=all(files)) as db:
-                one, other = (
-                    Path(given) if is_file else _stored_set(db, given, map_name)
-                    for given, is_file in zip((left, right), files, strict=True)
-                )
-                asked |= {"type": type_name, "store": not dry_run}
-                found = db.interlink(one, other, known, **asked)
+        found = _linked((left, right), known, map_name, type_name, store=not dry_run, **asked)
     if turtle is not None:
         write_same_as(turtle, found.left, found.right, found.links())
     _show(found, truth, json_)
+
+
+def _linked(
+    given: tuple[str, str],
+    known: dict[tuple[str, str], bool],
+    map_name: str | None,
+    type_name: str | None,
+    *,
+    store: bool,
+    **asked: Any,
+) -> Interlinking:
+    """Link two data sets; no database is opened for files whose links are not stored."""
+    from semmap.api.database_interlinking import link_records
+    from semmap.interlinking.data_set_file import read_records
+
+    files = [_is_file(each) for each in given]
+    if all(files) and not store:
+        left, right = (read_records(Path(each), type_name) for each in given)
+        return link_records(left, right, known, **asked)
+    with cli.open_database(migrate=all(files)) as db:
+        one, other = (
+            Path(each) if is_file else _stored_set(db, each, map_name)
+            for each, is_file in zip(given, files, strict=True)
+        )
+        return db.interlink(one, other, known, type=type_name, store=store, **asked)
 
 
 def _is_file(given: str) -> bool:

@@ -5,12 +5,14 @@ from __future__ import annotations
 import json
 import sys
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from typer import Argument, Option
 
 from semmap import cli
+from semmap.cli.option_group import grouped
 from semmap.cli.texts import numbers
 
 if TYPE_CHECKING:
@@ -22,17 +24,6 @@ Gripper = Annotated[
     str | None,
     Option(help="Name of a stored gripper, or a URDF; by default the preferred one."),
 ]
-Robot = Annotated[
-    str | None, Option(help="Only what its arm reaches: a stored robot, or the URDF of one.")
-]
-Base = Annotated[
-    str | None,
-    Option(metavar="X,Y,YAW[,Z]", help="Where the robot stands; by default its pose in the map."),
-]
-State = Annotated[
-    str | None,
-    Option(help="Its joints before the motion, as JSON; by default at rest."),
-]
 Limit = Annotated[int, Option(min=1, help="The most rows.")]
 
 
@@ -41,7 +32,57 @@ PLACE_COLUMNS = ("entity", "on", "approach", "expected", "attempts", "clearance"
 PUSH_COLUMNS = ("entity", "direction", "expected", "attempts", "x", "y", "z", "contributor")
 
 
+@dataclass(frozen=True)
+class Acting:
+    """A robot that acts, and whether its motion is planned."""
+
+    robot: str | None = Option(
+        None, help="Only what its arm reaches: a stored robot, or the URDF of one."
+    )
+    base: str | None = Option(
+        None, metavar="X,Y,YAW[,Z]", help="Where the robot stands; by default its pose in the map."
+    )
+    plan: bool = Option(False, "--plan", help="Plan the arm's motion to the first grasp.")
+    state: str | None = Option(
+        None, help="Its joints before the motion, as JSON; by default at rest."
+    )
+
+    def arguments(self, gripper: str | None = None) -> dict[str, Any]:
+        """What `Map.grasps` and others take of a robot."""
+        robot, state = self.robot, self.state
+        if robot is None and (self.plan or self.base or state):
+            raise typer.BadParameter("--base, --plan and --state are for a --robot")
+        if robot is not None and gripper is not None:
+            raise typer.BadParameter(
+                "--robot has its own gripper: give one of --robot and --gripper"
+            )
+        try:
+            joints = {k: float(v) for k, v in json.loads(state).items()} if state else None
+        except (ValueError, AttributeError, TypeError):
+            raise typer.BadParameter(
+                f'--state takes JSON, {{"joint": 0.5}}, with a number for each joint, not {state}'
+            ) from None
+        where = None if self.base is None else numbers(self.base, "--base")
+        return {"robot": robot, "base": where, "plan": self.plan, "state": joints}
+
+
+@dataclass(frozen=True)
+class Placing(Acting):
+    """A robot with an object in its gripper."""
+
+    plan: bool = Option(False, "--plan", help="Plan the arm's motion with the object.")
+
+
+@dataclass(frozen=True)
+class Pushing(Acting):
+    """A robot that pushes."""
+
+    plan: bool = Option(False, "--plan", help="Plan the arm's motion to and along the first push.")
+
+
+@grouped
 def grasp_command(
+    *,
     name: str | None = Argument(None, help="An object, or a type: any such object."),
     for_: str | None = Option(None, "--for", metavar="FUNCTION", help="Any object for: drinking."),
     at: str | None = Option(None, metavar="X,Y,Z", help="The object at a point; metres."),
@@ -55,10 +96,7 @@ def grasp_command(
     kind: str = Option("grasp", help="grasp, or stored: place, push, turn, open, put."),
     stored: bool = Option(False, "--stored", help="Only what is stored: generate nothing."),
     unchecked: bool = Option(False, "--unchecked", help="Also grasps that touch what is around."),
-    robot: Robot = None,
-    base: Base = None,
-    plan: bool = Option(False, "--plan", help="Plan the arm's motion to the first grasp."),
-    state: State = None,
+    acting: Acting,
     limit: Limit = 10,
     map_name: cli.MapName = None,
     json_: cli.Json = False,
@@ -70,32 +108,29 @@ def grasp_command(
     """
     if sum(given is not None for given in (name, for_, at, shape)) != 1:
         raise typer.BadParameter("give NAME, or one of --for, --at and --shape")
-    acting = _robot(robot, base, plan, state)
-    if robot is not None and (shape or gripper or stored or unchecked or kind != "grasp"):
+    robot = acting.arguments()
+    if acting.robot is not None and (shape or gripper or stored or unchecked or kind != "grasp"):
         raise typer.BadParameter("--robot is for grasps with its own gripper, of objects")
-    asked: dict[str, Any] = {"gripper": gripper, "kind": kind, "limit": limit}
-    asked |= {} if tolerance is None else {"tolerance": tolerance}
+    asked: Any = {"gripper": gripper, "kind": kind, "limit": limit, "tolerance": tolerance}
     with cli.open_database() as db:
         if shape is not None:
             found = db.grasps_of_shape(*_shape(shape), **asked)
         else:
             asked |= {"for_": for_, "at": None if at is None else numbers(at, "--at")}
             asked |= {"stored": stored, "check": not unchecked}
-            found = db.map(map_name).grasps(name, **asked, **acting)
-    for entity in found.generated if robot is None else ():
-        print(f"{entity}: grasps generated and stored", file=sys.stderr)
-    _show(found, json_, COLUMNS[shape is not None :])
+            found = db.map(map_name).grasps(name, **asked, **robot)
+    made = "grasps" if acting.robot is None else ""
+    _show(found, json_, COLUMNS[shape is not None :], made)
 
 
+@grouped
 def place_command(
+    *,
     name: str = Argument(help="The object."),
     on: str = Option(..., "--on", help="What it is put on, such as a table."),
     gripper: Gripper = None,
     towards: str | None = Option(None, metavar="X,Y", help="Spots near this point first; metres."),
-    robot: Robot = None,
-    base: Base = None,
-    plan: bool = Option(False, "--plan", help="Plan the arm's motion with the object."),
-    state: State = None,
+    acting: Placing,
     limit: Limit = 10,
     map_name: cli.MapName = None,
     json_: cli.Json = False,
@@ -108,24 +143,21 @@ def place_command(
     point = None if towards is None else numbers(towards, "--towards")
     if point is not None and len(point) != 2:
         raise typer.BadParameter(f"--towards takes X,Y, not {towards}")
-    acting = _robot(robot, base, plan, state, gripper)
+    robot = acting.arguments(gripper)
     with cli.open_database() as db:
         found = db.map(map_name).places(
-            name, on, gripper=gripper, towards=point, limit=limit, **acting
+            name, on, gripper=gripper, towards=point, limit=limit, **robot
         )
-    if found.generated:
-        print(f"{name}: places generated and stored", file=sys.stderr)
-    _show(found, json_, PLACE_COLUMNS, "spot")
+    _show(found, json_, PLACE_COLUMNS, "places", "spot")
 
 
+@grouped
 def push_command(
+    *,
     name: str = Argument(help="The object."),
     gripper: Gripper = None,
     distance: float = Option(0.1, help="How far it is pushed; metres."),
-    robot: Robot = None,
-    base: Base = None,
-    plan: bool = Option(False, "--plan", help="Plan the arm's motion to and along the first push."),
-    state: State = None,
+    acting: Pushing,
     limit: Limit = 10,
     map_name: cli.MapName = None,
     json_: cli.Json = False,
@@ -134,36 +166,23 @@ def push_command(
 
     semmap push book --distance 0.2; semmap push book --robot tiago --base 1.2,0.4,1.57 --plan
     """
-    acting = _robot(robot, base, plan, state, gripper)
+    robot = acting.arguments(gripper)
     with cli.open_database() as db:
         found = db.map(map_name).pushes(
-            name, gripper=gripper, distance=distance, limit=limit, **acting
+            name, gripper=gripper, distance=distance, limit=limit, **robot
         )
-    if found.generated:
-        print(f"{name}: pushes generated and stored", file=sys.stderr)
-    _show(found, json_, PUSH_COLUMNS)
+    _show(found, json_, PUSH_COLUMNS, "pushes")
 
 
-def _robot(
-    robot: str | None, base: str | None, plan: bool, state: str | None, gripper: str | None = None
-) -> dict[str, Any]:
-    """The arguments of a robot that acts."""
-    if robot is None and (plan or base or state):
-        raise typer.BadParameter("--base, --plan and --state are for a --robot")
-    if robot is not None and gripper is not None:
-        raise typer.BadParameter("--robot has its own gripper: give one of --robot and --gripper")
-    try:
-        joints = {k: float(v) for k, v in json.loads(state).items()} if state else None
-    except (ValueError, AttributeError, TypeError):
-        raise typer.BadParameter(
-            f'--state takes JSON, {{"joint": 0.5}}, with a number for each joint, not {state}'
-        ) from None
-    where = None if base is None else numbers(base, "--base")
-    return {"robot": robot, "base": where, "plan": plan, "state": joints}
+def _show(
+    found: FoundActions, json_: bool, columns: Sequence[str], made: str, where: str = "pose"
+) -> None:
+    """Print actions, with the position of one of their poses; exit with 1 where there is none.
 
-
-def _show(found: FoundActions, json_: bool, columns: Sequence[str], where: str = "pose") -> None:
-    """Print actions, with the position of one of their poses; exit with 1 where there is none."""
+    `made` names those that were generated; it is empty where that is not told.
+    """
+    for entity in found.generated if made else ():
+        print(f"{entity}: {made} generated and stored", file=sys.stderr)
     if (motion := found.motion) is not None:
         how = "stored before" if motion.reused else f"planned in {motion.seconds:.1f} s"
         count = len(motion.to_pre_grasp)

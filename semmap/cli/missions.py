@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,6 +12,7 @@ from typer import Argument, Option
 
 from semmap import cli
 from semmap.cli import options
+from semmap.cli.option_group import grouped
 from semmap.cli.output import place_progress, print_folded
 
 if TYPE_CHECKING:
@@ -20,21 +21,55 @@ if TYPE_CHECKING:
     from semmap.api.map_results import ObjectSearch
 
 
+@dataclass(frozen=True)
+class Actor:
+    """Which robot acts, and where it starts."""
+
+    start: str | None = Option(
+        None, "--from", help="Room in which the robot starts; by default its room."
+    )
+    agent: str = Option("robot", "--agent", help="Name of the robot in the map.")
+    robot: str | None = Option(None, "--robot", help="Class of the robot (semmap robot).")
+
+
+@dataclass(frozen=True)
+class Chance:
+    """What happens in a simulated world, and how fast."""
+
+    speed: float = Option(20.0, help="Speed of the simulated clock; 1 is real time.")
+    fail: list[str] = Option(
+        (), help="'door5 locked', 'Lift 1 broken', 'pickup fails twice', 'drop fails .1'"
+    )
+    seed: int = Option(0, help="Seed of random failures and detections.")
+
+
+@dataclass(frozen=True)
+class Written:
+    """Where the state of the world and of the map goes."""
+
+    world: Path | None = Option(
+        None, help="File with the state of the simulation; several robots may share it."
+    )
+    apply: bool = Option(
+        False, "--apply", help="Write what happens into the map; by default into a copy."
+    )
+
+
+PUT = Option((), "--put", help="'mug on table1': where an object truly is; repeatable.")
+
+
+@grouped
 def run_command(
+    *,
     goal: str | None = Argument(None, help="on(muffin, desk1) and in(robot, kitchen), ..."),
-    start: options.Start = None,
-    robot: options.Agent = "robot",
-    robot_class: options.RobotName = None,
+    actor: Actor,
     simulate: bool = Option(False, "--simulate", help="Simulate the robot."),
-    speed: options.Speed = 20.0,
-    fail: options.Fail = None,
-    seed: options.Seed = 0,
-    put: options.Put = None,
+    chance: Chance,
+    put: list[str] = PUT,
     gripper: str | None = Option(
         None, help="Gripper of the robot; by default its own or the preferred one."
     ),
-    world: options.WorldFile = None,
-    apply: options.Apply = False,
+    written: Written,
     try_grasps: bool | None = Option(
         None,
         "--try-grasps/--assume-grasps",
@@ -56,28 +91,11 @@ def run_command(
         )
     if resume == (goal is not None):
         raise typer.BadParameter("give either a goal, or --resume")
-
+    asked: Any = {"put": put, "gripper": gripper, "try_grasps": try_grasps, "resume": resume}
+    asked |= {"mission": mission, "domain": domain_file, "assume_sizes": assume_sizes}
+    asked |= vars(actor) | vars(chance) | vars(written) | _told(json_)
     with cli.chosen_map(map_name) as house:
-        ended = house.run(
-            goal,
-            start=start,
-            robot=robot_class,
-            agent=robot,
-            speed=speed,
-            fail=fail or (),
-            seed=seed,
-            put=put or (),
-            gripper=gripper,
-            world=world,
-            apply=apply,
-            domain=domain_file,
-            try_grasps=try_grasps,
-            assume_sizes=assume_sizes,
-            resume=resume,
-            mission=mission,
-            on_event=None if json_ else _show_event,
-            say=None if json_ else _say,
-        )
+        ended = house.run(goal, **asked)
     _show_mission(ended, json_)
 
 
@@ -109,62 +127,59 @@ def _readable(value: Any) -> str:
     return f"{value:%Y-%m-%d %H:%M:%S}" if hasattr(value, "strftime") else str(value)
 
 
+@dataclass(frozen=True)
+class Looks:
+    """What a look costs and shows."""
+
+    wrong: float = Option(3600.0, help="What a wrong answer costs, seconds; more: longer looks.")
+    hit: float = Option(0.9, help="P(seen | the object is in view).")
+    false_alarm: float = Option(0.02, help="P(seen | it is not there).")
+    look: float = Option(3.0, help="Seconds of a look.")
+    camera_height: float = Option(1.2, help="Of the camera, metres.")
+    range_: float = Option(3.5, "--range", help="Metres within which it recognises objects.")
+
+    def arguments(self) -> dict[str, Any]:
+        """The camera and the detector of `Map.search`."""
+        from planner.search.problem_builder import Detector
+        from planner.search.viewpoints import Sight
+
+        try:
+            sight = Sight(height=self.camera_height, furthest=self.range_)
+            detector = Detector(self.hit, self.false_alarm, self.look, self.wrong)
+        except ValueError as error:
+            raise typer.BadParameter(str(error)) from None
+        return {"sight": sight, "detector": detector}
+
+
+@grouped
 def search_command(
+    *,
     name: str = Argument(help="Name of the object."),
-    start: options.Start = None,
-    robot: options.Agent = "robot",
-    robot_class: options.RobotName = None,
+    actor: Actor,
     simulate: bool = Option(False, "--simulate", help="Let a simulated robot search."),
-    put: options.Put = None,
-    wrong: float = Option(3600.0, help="What a wrong answer costs, seconds; more: longer looks."),
-    hit: float = Option(0.9, help="P(seen | the object is in view)."),
-    false_alarm: float = Option(0.02, help="P(seen | it is not there)."),
-    look: float = Option(3.0, help="Seconds of a look."),
-    camera_height: float = Option(1.2, help="Of the camera, metres."),
-    range_: float = Option(3.5, "--range", help="Metres within which it recognises objects."),
+    put: list[str] = PUT,
+    looks: Looks,
     trials: int = Option(0, help="Compare so many random searches with other strategies."),
     pomdp: Path | None = Option(None, help="Write the search as a .pomdp file for other solvers."),
-    speed: options.Speed = 20.0,
-    fail: options.Fail = None,
-    seed: options.Seed = 0,
-    world: options.WorldFile = None,
-    apply: options.Apply = False,
+    chance: Chance,
+    written: Written,
     map_name: cli.MapName = None,
     json_: cli.Json = False,
 ) -> None:
     """Search for an object: say where to look first and why, or let a simulated robot do it."""
-    from planner.search.problem_builder import Detector
-    from planner.search.viewpoints import Sight
-
-    try:
-        sight = Sight(height=camera_height, furthest=range_)
-        detector = Detector(hit, false_alarm, look, wrong)
-    except ValueError as error:
-        raise typer.BadParameter(str(error)) from None
-    seeing: Any = {"start": start, "robot": robot_class, "sight": sight, "detector": detector}
+    seeing = looks.arguments()
     with cli.chosen_map(map_name) as house:
         if simulate:
-            ended = house.run(
-                f'found("{name}")',
-                agent=robot,
-                speed=speed,
-                fail=fail or (),
-                seed=seed,
-                world=world,
-                apply=apply,
-                put=put or (),
-                on_event=None if json_ else _show_event,
-                say=None if json_ else _say,
-                **seeing,
-            )
-            _show_mission(ended, json_)
+            asked: Any = vars(actor) | vars(chance) | vars(written) | _told(json_)
+            _show_mission(house.run(f'found("{name}")', put=put, **asked, **seeing), json_)
             return
         with place_progress(quiet=json_) as progress:
-            search = house.search(name, progress=progress, **seeing)
+            who: Any = {"start": actor.start, "robot": actor.robot}
+            search = house.search(name, progress=progress, **who, **seeing)
     if pomdp is not None:
         search.write_pomdp(pomdp)
     if trials:
-        found = search.compare(trials, seed)
+        found = search.compare(trials, chance.seed)
         print(json.dumps(found)) if json_ else _show_trials(found)
     elif json_:
         print(json.dumps(_search_as_json(search)))
@@ -224,6 +239,11 @@ def _show_trials(found: dict[str, Any]) -> None:
 
 def _seconds(interval: dict[str, float]) -> str:
     return f"{interval['mean']:.1f} ± {interval['half_width']:.1f} s"
+
+
+def _told(json_: bool) -> dict[str, Any]:
+    """What `Map.run` calls with events and notes: they are printed, but not beside JSON."""
+    return {} if json_ else {"on_event": _show_event, "say": _say}
 
 
 def _say(text: str) -> None:

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import json
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from typer import Argument, Option
 
 from semmap import cli
-from semmap.cli.options import MaxSlope, MaxStep, Parts, State, Urdf
+from semmap.cli.option_group import grouped
+from semmap.cli.options import Ground, Parts, State, Urdf
 from semmap.cli.output import print_folded
 from semmap.cli.texts import numbers
 
@@ -19,51 +21,46 @@ if TYPE_CHECKING:
 robot = typer.Typer(no_args_is_help=True, help="Classes of robots: their shape and abilities.")
 
 
+@dataclass(frozen=True)
+class Abilities:
+    """What a robot is able to do and may do."""
+
+    capacity: int = Option(1, help="Number of objects that it carries at once.")
+    behaviours: list[str] | None = Option(
+        None, "--behaviour", help="A behaviour that it has; repeatable; else all."
+    )
+    permissions: list[str] = Option(
+        (), "--permission", help="A permission that it has; repeatable."
+    )
+    opens: bool = Option(True, help="It opens closed doors.")
+    unlocks: bool = Option(False, help="It unlocks locked doors.")
+    outside: bool = Option(False, help="It may leave the building.")
+
+
 @robot.command()
+@grouped
 def add(
+    *,
     name: Annotated[str, Argument(help="Name of the class.")],
     urdf: Urdf,
     state: State = None,
     parts: Parts = None,
     speed: float = Option(0.5, help="Metres a second on clear ground."),
-    max_step: MaxStep = 0.02,
-    max_slope: MaxSlope = 6.0,
+    ground: Ground,
     reach: str = Option("0.2,0.8", help="Distance of objects that it takes: MIN,MAX metres."),
     heights: str = Option("0.0,1.6", help="Height of objects that it takes: MIN,MAX metres."),
-    capacity: int = Option(1, help="Number of objects that it carries at once."),
-    behaviour: list[str] | None = Option(
-        None, help="A behaviour that it has; repeatable; else all."
-    ),
-    permission: list[str] | None = Option(None, help="A permission that it has; repeatable."),
-    opens: bool = Option(True, help="It opens closed doors."),
-    unlocks: bool = Option(False, help="It unlocks locked doors."),
-    outside: bool = Option(False, help="It may leave the building."),
+    abilities: Abilities,
     json_: cli.Json = False,
 ) -> None:
     """Add a class of robots from a URDF, or replace the class of this name."""
-    near = numbers(reach, "--reach MIN,MAX", 2)
-    high = numbers(heights, "--heights MIN,MAX", 2)
+    asked: Any = {"parts": parts, "speed": speed} | vars(ground) | vars(abilities)
+    asked["reach"] = numbers(reach, "--reach MIN,MAX", 2)
+    asked["heights"] = numbers(heights, "--heights MIN,MAX", 2)
     from semmap.api.driving_posture import driving_posture
 
     with cli.open_database() as db:
         chosen = driving_posture(db.session, urdf, state, parts)
-        added = db.add_robot(
-            name,
-            urdf,
-            posture=chosen.joints,
-            parts=parts,
-            max_step=max_step,
-            max_slope=max_slope,
-            speed=speed,
-            behaviours=None if behaviour is None else frozenset(behaviour),
-            permissions=frozenset(permission or ()),
-            opens=opens,
-            unlocks=unlocks,
-            outside=outside,
-            reach=(near[0], near[1]),
-            heights=(high[0], high[1]),
-            capacity=capacity,
-        )
+        added = db.add_robot(name, urdf, posture=chosen.joints, **asked)
     _show([added], json_)
     if not json_:
         cli.out.print(str(chosen))

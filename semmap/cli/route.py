@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -13,6 +14,7 @@ import typer
 from typer import Argument, Option
 
 from semmap import cli
+from semmap.cli.option_group import grouped
 from semmap.cli.options import AssumeSizes
 from semmap.cli.output import place_progress, print_folded
 from semmap.cli.texts import numbers
@@ -22,18 +24,25 @@ if TYPE_CHECKING:
     from semmap.geometry.pose import Pose
 
 
+@dataclass(frozen=True)
+class Conditions:
+    """Who goes, when, and what counts."""
+
+    robot: str | None = Option(None, help="Class of robots (semmap robot), with costmaps.")
+    avoid: list[str] = Option((), help="Avoid this place, door, region, type; repeatable.")
+    at: datetime | None = Option(None, help="Moment for rules that have hours; by default now.")
+    rules: Path | None = Option(None, help="YAML file: what places, doors and regions cost.")
+
+
+@grouped
 def route_command(
+    *,
     start: str = Argument(metavar="FROM", help="A room, an object in one, or X,Y or X,Y,Z."),
     goal: str = Argument(
         metavar="TO", help="As FROM, or a type or label: kitchen; a region: home."
     ),
     map_name: cli.MapName = None,
-    robot: str | None = Option(None, help="Class of robots (semmap robot), with costmaps."),
-    avoid: list[str] | None = Option(
-        None, help="Avoid this place, door, region, type; repeatable."
-    ),
-    at: datetime | None = Option(None, help="Moment for rules that have hours; by default now."),
-    rules: Path | None = Option(None, help="YAML file: what places, doors and regions cost."),
+    conditions: Conditions,
     count: int = Option(1, "-k", help="Number of routes, the quickest first."),
     locked: bool = Option(False, "--locked", help="The robot unlocks doors."),
     closed: bool = Option(True, help="The robot opens closed doors."),
@@ -48,8 +57,7 @@ def route_command(
         raise typer.BadParameter("--graph finds one route: leave out -k")
     given = {"unlocks": locked, "outside": outside, "opens": closed}
     abilities = {name: value for name, value in given.items() if value == (name != "opens")}
-    options: Any = {"robot": robot, "avoid": avoid or (), "at": at, "rules": rules}
-    options |= {"assume_sizes": assume_sizes} | abilities
+    options: Any = vars(conditions) | {"assume_sizes": assume_sizes} | abilities
     ends = _location(start), _location(goal)
     with cli.chosen_map(map_name) as house:
         with place_progress(quiet=json_ or rooms) as progress:
@@ -59,15 +67,14 @@ def route_command(
                 found = house.routes(*ends, count, progress=progress, **options)
         unknown = found[0].without_geometry(assume_sizes=assume_sizes)
         assumed = sorted({*found[0].without_geometry()} - {*unknown}) if assume_sizes else []
+    notes = {"no_geometry": unknown, "assumed_sizes": assumed}
     if rooms:
         print(",".join(found[0].places))
     elif json_:
-        answer = _route_as_json(found[0]) | {"no_geometry": unknown, "assumed_sizes": assumed}
-        if count > 1:
-            answer["alternatives"] = [_route_as_json(r) for r in found[1:]]
-        print(json.dumps(answer))
+        others = {"alternatives": [_route_as_json(r) for r in found[1:]]} if count > 1 else {}
+        print(json.dumps(_route_as_json(found[0]) | notes | others))
     else:
-        _show_routes(found, {"no_geometry": unknown, "assumed_sizes": assumed}, robot is not None)
+        _show_routes(found, notes, conditions.robot is not None)
 
 
 def _show_routes(
