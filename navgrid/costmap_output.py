@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from navgrid.map_file import file_name
+from navgrid.grid import file_name
 from navgrid.nav2 import Files, write_nav2
 
 if TYPE_CHECKING:

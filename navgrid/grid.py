@@ -1,8 +1,9 @@
-"""Grids on the ground."""
+"""Grids on the ground, and how the frames and files of their storeys are called."""
 
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -110,6 +111,24 @@ def grid_around(rectangles: Sequence[Bounds], resolution: float, margin: float) 
     """Return the grid that covers rectangles (x0, y0, x1, y1) and a margin around them, metres."""
     low, high = np.min(rectangles, axis=0)[:2] - margin, np.max(rectangles, axis=0)[2:] + margin
     return Grid.around((float(low[0]), float(low[1])), (float(high[0]), float(high[1])), resolution)
+
+
+def frame_name(storey: str) -> str:
+    """Return the name of the frame in which a storey's maps are, a valid name for tf.
+
+    >>> frame_name("floor-1st")
+    'map_floor_1st'
+    """
+    return "map_" + (re.sub(r"\W+", "_", storey).strip("_") or "storey")
+
+
+def file_name(name: str) -> str:
+    """Return a storey's or part's name in characters that file names may have.
+
+    >>> file_name("Level 1/B")
+    'Level_1_B'
+    """
+    return re.sub(r"[^\w.-]+", "_", name).strip("._") or "storey"
 
 
 def _check_resolution(resolution: float) -> None:

@@ -17,8 +17,8 @@ import shapely
 from numpy.typing import ArrayLike, NDArray
 
 import semmap_native
-from navgrid.area import area_cells
 from navgrid.grid import Grid
+from navgrid.slabs import area_cells
 
 if TYPE_CHECKING:
     from navgrid.costmap import Costmap

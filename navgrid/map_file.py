@@ -21,7 +21,7 @@ import yaml
 from numpy.typing import NDArray
 from PIL import Image
 
-from navgrid.grid import Grid
+from navgrid.grid import Grid, file_name
 from semmap.error import Error
 from semmap.limits import CONFIG_BYTES, PIXELS
 from semmap.yaml_file import check_structure
@@ -349,12 +349,3 @@ def _replace(path: Path, content: bytes) -> None:
 def folder_of(storey: str, folder: Path, storeys: int) -> Path:
     """Return the folder for a storey's files: one below `folder` where there are several."""
     return folder if storeys == 1 else folder / file_name(storey)
-
-
-def file_name(name: str) -> str:
-    """Return a storey's or part's name in characters that file names may have.
-
-    >>> file_name("Level 1/B")
-    'Level_1_B'
-    """
-    return re.sub(r"[^\w.-]+", "_", name).strip("._") or "storey"

@@ -13,8 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from navgrid.area import area_cells
 from navgrid.grid import Grid
+from navgrid.slabs import area_cells
 from semmap.finite_number import is_finite_number
 from semmap.query.storey_scene import SceneEntity
 

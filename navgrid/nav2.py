@@ -19,8 +19,9 @@ import yaml
 from numpy.typing import NDArray
 
 from navgrid.field_layer import field_lists
+from navgrid.grid import file_name, frame_name
 from navgrid.inflation import INSCRIBED, LETHAL, UNKNOWN
-from navgrid.map_file import Mode, file_name, write_map
+from navgrid.map_file import Mode, write_map
 from navgrid.masks import Mask, keepout_mask, speed_mask
 from semmap.query.geometry_notes import geometry_lists
 from semmap.robot import footprint_string
@@ -42,15 +43,6 @@ def as_occupancy(costs: NDArray[np.uint8]) -> NDArray[np.int8]:
     found[costs >= INSCRIBED] = 100
     found[costs == UNKNOWN] = -1
     return found
-
-
-def frame_name(storey: str) -> str:
-    """Return the name of the frame in which a storey's maps are, a valid name for tf.
-
-    >>> frame_name("floor-1st")
-    'map_floor_1st'
-    """
-    return "map_" + (re.sub(r"\W+", "_", storey).strip("_") or "storey")
 
 
 def write_nav2(costmap: Costmap, folder: Path, *, laser_height: float = 0.25) -> Files:

@@ -11,10 +11,9 @@ from collections.abc import Collection, Iterable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from navgrid.area import area_cells
 from navgrid.grid import Grid
 from navgrid.layer_members import LayerChange, LayerMembers
-from navgrid.slabs import occupancy
+from navgrid.slabs import area_cells, occupancy
 from navgrid.terrain import FloorLevel, floor_levels
 from navgrid.voxel_cells import voxel_cells, voxels_over
 from navgrid.window import Window, whole

@@ -2,7 +2,7 @@
 
 A triangle is clipped to a closed interval of heights and projected to the ground; it occupies the
 cells whose half-open square meets the projection. The result is that of exact arithmetic on the
-given numbers, if none of them but 0 is within 1e-60 of 0.
+given numbers, if none of them but 0 is within 1e-60 of 0. Polygons are flat meshes.
 """
 
 from __future__ import annotations
@@ -12,7 +12,9 @@ import os
 from collections.abc import Iterable
 from typing import Any
 
+import mapbox_earcut
 import numpy as np
+import shapely
 from numpy.typing import ArrayLike, NDArray
 
 import semmap_native
@@ -143,3 +145,27 @@ def _threads(face_count: int) -> int:
     if face_count < _FEW_FACES:
         return 1
     return min(len(os.sched_getaffinity(0)), math.ceil(face_count / _FEW_FACES), 16)
+
+
+def area_cells(outline: shapely.Geometry, grid: Grid) -> NDArray[np.bool_]:
+    """Return the (rows, columns) bool cells whose half-open square meets polygons, metres."""
+    triangles = flat_triangles(outline)
+    if not len(triangles):
+        return np.zeros(grid.shape, np.bool_)
+    faces = np.arange(3 * len(triangles)).reshape(-1, 3)
+    cells: NDArray[np.bool_] = occupancy((triangles.reshape(-1, 3), faces), [(0, 0)], grid)[0]
+    return cells
+
+
+def flat_triangles(outline: shapely.Geometry) -> NDArray[np.float64]:
+    """Return the (F, 3, 3) triangles at z = 0 that make up a polygon or several."""
+    parts = []
+    for polygon in shapely.get_parts(outline):
+        if polygon.geom_type != "Polygon" or polygon.is_empty:
+            continue
+        rings = [shapely.get_coordinates(r)[:-1] for r in (polygon.exterior, *polygon.interiors)]
+        corners = np.concatenate(rings)
+        ends = np.cumsum([len(r) for r in rings], dtype=np.uint32)
+        numbers = mapbox_earcut.triangulate_float64(corners, ends)
+        parts.append(np.pad(corners, ((0, 0), (0, 1)))[numbers].reshape(-1, 3, 3))
+    return np.concatenate(parts) if parts else np.empty((0, 3, 3))

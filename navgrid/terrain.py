@@ -15,9 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 from shapely import box, contains_properly, polygons, union_all
 
-from navgrid.area import area_cells
 from navgrid.grid import Grid
-from navgrid.slabs import occupancy
+from navgrid.slabs import area_cells, occupancy
 from semmap.geometry.walk import GAP, walked_faces
 from semmap.query.storey_scene import FloorArea
 

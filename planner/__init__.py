@@ -11,10 +11,9 @@ from semmap.lazy_names import load_on_use
 
 if TYPE_CHECKING:
     from planner.cost_rules import CostRule, CostRules
-    from planner.duration import Durations
     from planner.live_topology import LiveTopology, TopologyChange
     from planner.plan import Action, Plan
-    from planner.robot_class import RobotClass
+    from planner.robot_class import Durations, RobotClass
     from planner.route import NoRouteError, Route, RouteStep
     from planner.route_planner import RoutePlanner
     from planner.routing_graph import Endpoint, RoutingGraph
@@ -46,10 +45,9 @@ __all__ = [
 
 _MODULES = {
     "cost_rules": ("CostRule", "CostRules"),
-    "duration": ("Durations",),
     "live_topology": ("LiveTopology", "TopologyChange"),
     "plan": ("Action", "Plan"),
-    "robot_class": ("RobotClass",),
+    "robot_class": ("Durations", "RobotClass"),
     "route": ("NoRouteError", "Route", "RouteStep"),
     "route_planner": ("RoutePlanner",),
     "routing_graph": ("Endpoint", "RoutingGraph"),

@@ -16,7 +16,7 @@ import numpy as np
 import shapely
 
 from planner.route import NoRouteError, Route, RouteStep
-from planner.route_steps import make_step, passage_steps
+from planner.route_search import make_step, passage_steps
 from planner.routing_graph import Endpoint, RoutingGraph
 from semmap.geometry.pose import Pose
 

@@ -12,9 +12,8 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from planner.duration import Durations
 from planner.graph import Floats, Ints
-from planner.robot_class import RobotClass
+from planner.robot_class import Durations, RobotClass
 from planner.topology import OUTSIDE, PlaceConnector
 from semmap.geometry.pose import Pose
 

@@ -18,12 +18,11 @@ from typing import NamedTuple
 
 from navgrid.policy import NONE, Policy
 from navgrid.readers.fields import read_field_versions, read_fields, read_live_versions
-from planner.duration import Durations
 from planner.readers.entity_lookup import MapLookup
 from planner.readers.robot_class import read_robot_class
 from planner.readers.topology import read_connectors, read_kinds, read_places, read_regions
 from planner.readers.travel_times import TravelTimeStore
-from planner.robot_class import BODY, RobotClass
+from planner.robot_class import BODY, Durations, RobotClass
 from planner.routing_graph import RoutingGraph
 from planner.storey_costmaps import StoreyCostmaps
 from planner.topology import PlaceConnector, Topology

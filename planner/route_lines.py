@@ -9,8 +9,8 @@ import shapely
 from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt
 
-from navgrid.area import area_cells
 from navgrid.occupancy_grid import StoreyGrid
+from navgrid.slabs import area_cells
 from planner.grid_path import grid_path
 from planner.route import Route
 from planner.topology import Topology

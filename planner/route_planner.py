@@ -9,7 +9,7 @@ from datetime import datetime
 import numpy as np
 
 from planner.base_pose import poses_in, poses_to_reach
-from planner.cost_rules import CostRules, avoiding
+from planner.cost_rules import CostRules, avoiding, forbidden_regions, penalties
 from planner.drawn_graph import DrawnGraph, find_drawn_route
 from planner.infeasibility import infeasibility
 from planner.live_topology import LiveTopology
@@ -20,7 +20,6 @@ from planner.location import (
     LocationFinder,
     LocationLike,
 )
-from planner.penalties import forbidden_regions, penalties
 from planner.robot_class import RobotClass
 from planner.route import NoRouteError, Route
 from planner.route_search import find_alternatives, find_route, seconds_between

@@ -17,7 +17,6 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from planner.duration import Durations
 from planner.graph import Floats, Graph, Ints, PathEnd
 from planner.graph_edges import (
     Penalties,
@@ -30,7 +29,7 @@ from planner.graph_edges import (
     passage_seconds,
     ride_edges,
 )
-from planner.robot_class import RobotClass
+from planner.robot_class import Durations, RobotClass
 from planner.topology import OUTSIDE, PlaceConnector, PlaceRegion, Topology
 from semmap.geometry.pose import Pose
 

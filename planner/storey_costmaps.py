@@ -17,16 +17,16 @@ import shapely
 from numpy.typing import NDArray
 from scipy.ndimage import label
 
-from navgrid.area import area_cells
 from navgrid.costmap import Costmap
 from navgrid.drive import STEP, DriveSpace, drive, drive_space, drive_way
 from navgrid.field_layer import FieldVoxels
 from navgrid.grid import Grid, scene_grid
 from navgrid.inflation import INSCRIBED, LETHAL, UNKNOWN
+from navgrid.slabs import area_cells
 from navgrid.window import Window, grown
+from planner.base_pose import WALLS, RoomGround
 from planner.graph_edges import StraightTravelCost, Travel
 from planner.robot_class import RobotClass
-from planner.room_ground import WALLS, RoomGround
 from planner.topology import OUTSIDE, PlaceConnector, PlaceRegion, Topology
 from semmap.geometry.pose import Pose
 from semmap.query.storey_scene import SceneEntity, StoreyScene

@@ -12,8 +12,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from navgrid.map_file import file_name
-from navgrid.nav2 import frame_name
+from navgrid.grid import file_name, frame_name
 from planner.exchange.route_graph import (
     BuildingOutline,
     ExchangeError,

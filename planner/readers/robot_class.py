@@ -11,9 +11,8 @@ from psycopg.rows import namedtuple_row
 from sqlalchemy import Connection, text
 
 from navgrid.terrain import DriveLimits
-from planner.duration import Durations
 from planner.readers.rows import fetch_rows
-from planner.robot_class import RobotClass
+from planner.robot_class import Durations, RobotClass
 from semmap.query.snapshot import Snapshot
 from semmap.robot import Part
 

@@ -181,7 +181,7 @@ class MapDrawing(MapTasks):
         return graph
 
     def _draw_topology(self, topology: Topology, file: Path, storey: str | None) -> list[Path]:
-        from navgrid.map_file import file_name
+        from navgrid.grid import file_name
         from planner.exchange.picture import topology_plan
 
         written = []

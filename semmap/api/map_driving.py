@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from datetime import UTC, datetime
-from functools import cached_property
+from functools import cache, cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -351,14 +351,13 @@ class MapDriving(MapQuestions):
         abilities: dict[str, bool],
     ) -> tuple[LiveTopology, Any]:
         from planner.cost_rules import CostRules
-        from planner.robot_class import RobotClass
         from planner.route_planner import RoutePlanner
 
         unknown = set(abilities) - {"opens", "unlocks", "outside"}
         if unknown:
             raise TypeError(f"route() has no argument {', '.join(sorted(unknown))}")
         live = self.live_topology(
-            RobotClass(**abilities) if robot is None else robot,  # type: ignore[arg-type]
+            _robot_with(**abilities) if robot is None else robot,
             assume_sizes=assume_sizes,
             progress=progress,
             body=True,
@@ -373,6 +372,14 @@ class MapDriving(MapQuestions):
         from semmap.api.map_results import MapRoute
 
         return MapRoute.of(self, live.topology, route)
+
+
+@cache
+def _robot_with(**abilities: bool) -> RobotClass:
+    """A robot of which nothing but these abilities is known."""
+    from planner.robot_class import RobotClass
+
+    return RobotClass(**abilities)  # type: ignore[arg-type]
 
 
 def _voxels(map: MapDriving, size: float | None) -> dict[int, Voxels] | None:

@@ -122,7 +122,7 @@ def _show_places(rows: Sequence[dict[str, Any]], limit: int) -> None:
 
 
 @dataclass(frozen=True)
-class Look:
+class LookOptions:
     """A look for one thing at a place, a detection of it at a point, or the view of a camera."""
 
     name: str | None = Argument(None, help="The object or agent.")
@@ -176,7 +176,7 @@ class Look:
 @grouped
 def observe_command(
     *,
-    look: Look,
+    look: LookOptions,
     detected: list[str] | None = Option(
         None,
         metavar="TYPE=X,Y,Z[,W,D,H]",

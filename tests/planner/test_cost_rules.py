@@ -5,8 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from planner.cost_rules import CostRule, CostRules, CostRulesError, avoiding
-from planner.penalties import penalties
+from planner.cost_rules import CostRule, CostRules, CostRulesError, avoiding, penalties
 from planner.routing_graph import RoutingGraph
 from planner.topology import Place, PlaceRegion, Topology
 from tests.planner.office import office

@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from planner.duration import Durations
 from planner.graph_edges import StraightTravelCost, Travel
+from planner.robot_class import Durations
 from planner.route import NoRouteError, Route
 from planner.topology import OUTSIDE, Place, PlaceConnector, Topology, UnknownPlaceError
 from semmap.geometry.pose import Pose

@@ -12,9 +12,8 @@ from hypothesis import strategies as st
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import dijkstra
 
-from planner.duration import Durations
 from planner.graph_edges import Penalties, StraightTravelCost, Travel, TravelEdges
-from planner.robot_class import RobotClass
+from planner.robot_class import Durations, RobotClass
 from planner.route import NoRouteError
 from planner.route_search import find_alternatives, find_route, seconds_between
 from planner.routing_graph import RoutingGraph

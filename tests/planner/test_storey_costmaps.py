@@ -10,8 +10,8 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from scipy.ndimage import distance_transform_edt
 
-from navgrid.area import area_cells
 from navgrid.inflation import INSCRIBED
+from navgrid.slabs import area_cells
 from planner.robot_class import RobotClass
 from planner.route import NoRouteError
 from planner.route_search import find_route

@@ -9,11 +9,10 @@ from hypothesis import strategies as st
 from sqlalchemy import text
 from sqlalchemy.exc import DBAPIError
 
-from planner.duration import Durations
 from planner.readers.robot_class import read_robot_class, store_robot_class
 from planner.readers.topology import read_topology
 from planner.readers.travel_times import MeasuredTravel, store_travel_times
-from planner.robot_class import RobotClass
+from planner.robot_class import Durations, RobotClass
 from planner.route import NoRouteError
 from planner.route_search import find_route
 from planner.routing_graph import RoutingGraph

@@ -22,7 +22,7 @@ import yaml
 from shapely import LineString, Point
 from sqlalchemy import Engine, text
 
-from navgrid.nav2 import frame_name
+from navgrid.grid import frame_name
 from planner.exchange.nav2_route import nav2_graph
 from planner.exchange.reader import read_building_outline
 from planner.exchange.rmf_nav import rmf_nav_graph

@@ -8,13 +8,13 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-from navgrid.area import area_cells
 from navgrid.costmap import Costmap
 from navgrid.costmap_output import draw_costmap
 from navgrid.grid import scene_grid
 from navgrid.inflation import INSCRIBED, UNKNOWN
 from navgrid.map_file import folder_of
 from navgrid.nav2 import write_nav2
+from navgrid.slabs import area_cells
 from planner.robot_class import RobotClass
 from semmap.api.driving_posture import driving_posture
 from semmap.api.map import Map

@@ -11,7 +11,7 @@ import yaml
 from PIL import Image
 from sqlalchemy import Engine, text
 
-from navgrid.nav2 import frame_name
+from navgrid.grid import frame_name
 from planner.exchange.route_graph import ExchangeError
 from planner.readers.drawn_graph import read_drawn_graph
 from planner.readers.topology import read_topology

@@ -7,7 +7,6 @@ from hypothesis import strategies as st
 from sqlalchemy import text
 
 from navgrid.terrain import DriveLimits
-from planner.duration import Durations
 from planner.readers.robot_class import (
     delete_robot_class,
     read_robot_class,
@@ -16,7 +15,7 @@ from planner.readers.robot_class import (
     store_robot_class,
 )
 from planner.readers.travel_times import MeasuredTravel, read_travel_times, store_travel_times
-from planner.robot_class import RobotClass
+from planner.robot_class import Durations, RobotClass
 from semmap.robot import Part
 from tests.seen import seen_by
 

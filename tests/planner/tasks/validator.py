@@ -10,10 +10,9 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 
-from planner.duration import Durations
 from planner.graph_edges import StraightTravelCost, TravelCost
 from planner.plan import Action, Plan
-from planner.robot_class import RobotClass
+from planner.robot_class import Durations, RobotClass
 from planner.tasks.goal import ROBOT, Goal, Word
 from planner.tasks.world import TaskState, TaskWorld
 from planner.topology import OUTSIDE, Topology

@@ -3,7 +3,7 @@ import math
 import numpy as np
 import pytest
 
-from planner.route_steps import turned_around
+from planner.route_search import turned_around
 from semmap.geometry.pose import Pose
 
 
