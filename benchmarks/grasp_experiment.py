@@ -39,6 +39,7 @@ from semmap.manipulation.ranking import grasp_of_row
 from semmap.manipulation.retrieval import find_grasps, generate, register_gripper, stored_gripper
 from semmap.manipulation.solids import solid_of
 from semmap.manipulation.trial import Trial, TrialOutcome, body_of
+from tests.seen import seen_by
 
 __all__ = ["Meeting", "live", "main"]
 
@@ -155,7 +156,9 @@ class Encounter:
         """Whether the best grasp succeeds where no outcome is trusted."""
         with self.home.transaction() as transaction:
             self.session.execute("UPDATE contributor SET trust = 0")
-            found = find_grasps(self.session, name=self.name, gripper=self.gripper, limit=1)
+            found = find_grasps(
+                seen_by(self.session), name=self.name, gripper=self.gripper, limit=1
+            )
             if not found.rows:
                 raise ManipulationError("; ".join(found.problems))
             raise psycopg.Rollback(transaction)
@@ -164,14 +167,16 @@ class Encounter:
 
     def practise(self, tries: int = 12) -> list[dict[str, Any]]:
         """What `semmap.manipulation.practice.practise` returns."""
-        return practise(self.session, self.name, self.gripper, tries=tries, attempt=self.attempt)
+        return practise(
+            seen_by(self.session), self.name, self.gripper, tries=tries, attempt=self.attempt
+        )
 
 
 def meet(home: Map, gripper: str, item: Item, random: Any) -> Meeting | None:
     """Let robots without and with knowledge meet an object; None for one without grasps."""
     encounter = Encounter(home, gripper, item, random)
     try:
-        generate(encounter.session, encounter.name, gripper)
+        generate(seen_by(encounter.session), encounter.name, gripper)
         blind = encounter.blind()
         first = encounter.practise()
         learned = first[-1]["outcome"] == "completed"

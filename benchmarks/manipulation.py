@@ -11,6 +11,7 @@ from benchmarks.bench_map import use_bench_database
 from benchmarks.timing import Row, medians_in_turn, print_rows
 from semmap.manipulation.reader import actions_by_shape, actions_on
 from semmap.manipulation.store.devices import add_gripper
+from tests.seen import seen_by
 
 __all__ = ["main"]
 
@@ -87,16 +88,16 @@ def rows(made: semmap.Map) -> list[Row]:
 
     queries: dict[str, Any] = {
         "in the map, by function": lambda: actions_on(
-            session, function=source.choice(("drinking", "reading")), gripper=gripper()
+            seen_by(session), function=source.choice(("drinking", "reading")), gripper=gripper()
         ),
         "of all models, by function": lambda: session.execute(
             "SELECT * FROM known_actions(%s, %s)",
             (source.choice(("drinking", "writing")), gripper()),
         ).fetchall(),
         "by instance": lambda: actions_on(
-            session, name=f"thing{source.randrange(INSTANCES)}", gripper=gripper()
+            seen_by(session), name=f"thing{source.randrange(INSTANCES)}", gripper=gripper()
         ),
-        "by type": lambda: actions_on(session, name="mug", gripper=gripper()),
+        "by type": lambda: actions_on(seen_by(session), name="mug", gripper=gripper()),
         "by shape within 2 mm": lambda: actions_by_shape(
             session,
             "cylinder",

@@ -24,6 +24,7 @@ from semmap.manipulation.reader import actions_on
 from semmap.manipulation.retrieval import DEFAULT_GRIPPER, find_grasps, gripper_name
 from semmap.manipulation.store.shapes import shape_of
 from semmap.manipulation.store.tasks import record_task
+from semmap.query.snapshot import Snapshot
 
 GRASPS, REACHED = 400, 100
 """Free grasps of which an arm must reach one, and the most that it reaches that are considered."""
@@ -85,7 +86,7 @@ def hand_of(session: Any, name: str, robot_class: str | None, gripper: str | Non
 class GraspChooser:
     """Chooses the grasps and places of one robot."""
 
-    session: Any
+    seen: Snapshot
     robot: str
     hand: Hand
     base: Pose  # where it stands, map's frame
@@ -97,18 +98,18 @@ class GraspChooser:
         """The arm of the stored robot; None without one."""
         if self.hand.automaton is None:
             return None
-        return stored_arm(self.session, self.hand.automaton)[1]
+        return stored_arm(self.seen.session, self.hand.automaton)[1]
 
     def grasp(self, item: str, target: str | None) -> Choice:
         """The grasp of a pickup: if possible, one that a free place on the target ends."""
         try:
-            with self.session.transaction():
-                shape_of(self.session, item)
+            with self.seen.session.transaction():
+                shape_of(self.seen, item)
         except ManipulationError as error:
             return Choice(note=f"without a grasp: {error}")
         arm = None if self._is_at(item) else self.arm
         most = GRASPS if arm is not None else TRIED if self.trial else 1
-        found = find_grasps(self.session, name=item, gripper=self.hand.gripper, limit=most)
+        found = find_grasps(self.seen, name=item, gripper=self.hand.gripper, limit=most)
         rows = [row for row in found.rows if row["entity"] == item]
         if not rows:
             return self._none("; ".join(found.problems) or f"{item}: no grasp is known")
@@ -120,7 +121,7 @@ class GraspChooser:
                     f"{item}: no free grasp of it is within reach of {automaton} here"
                 )
             if self.motion_seconds is not None:
-                reached, rows = rows, approachable_rows(self.session, automaton, self.base, rows)
+                reached, rows = rows, approachable_rows(self.seen, automaton, self.base, rows)
                 if not rows:
                     reason = f"touches something at each of {len(reached)} grasps"
                     return self._none(f"{item}: the arm of {automaton} {reason}")
@@ -158,10 +159,10 @@ class GraspChooser:
     def _place(self, item: str, grasp: int, stands: Pose | None) -> Choice:
         """The best place that ends a grasp, without a motion."""
         gripper = self.hand.gripper
-        action = place_of(self.session, item, grasp, gripper)
+        action = place_of(self.seen, item, grasp, gripper)
         if action is None or not self.trial or stands is None:
             return Choice(action)
-        cause = try_place(self.session, item, gripper, grasp, action, stands=stands)
+        cause = try_place(self.seen, item, gripper, grasp, action, stands=stands)
         if cause is None:
             return Choice(action, f"place {action}, tried in simulation", tried=True)
         if cause == NOT_HELD:  # says nothing of the place
@@ -177,7 +178,7 @@ class GraspChooser:
         return pose is not None and math.dist(pose[:2], self.base[:2]) < HERE
 
     def _pose_of(self, name: str) -> Pose | None:
-        row = self.session.execute(
+        row = self.seen.session.execute(
             "SELECT w.pose FROM entity e JOIN world w ON w.entity_id = e.id "
             "WHERE e.map_id = current_map() AND e.name = %s",
             (name,),
@@ -213,7 +214,7 @@ class GraspChooser:
         if best is None:
             return None
         place = int(best["action_id"])
-        cause = try_place(self.session, item, gripper, grasp, place, stands=stands)
+        cause = try_place(self.seen, item, gripper, grasp, place, stands=stands)
         if cause in (None, NOT_HELD):
             return None
         return f"grasp {grasp} holds it, but put down in simulation it {cause}"
@@ -221,7 +222,7 @@ class GraspChooser:
     def _record(self, item: str, action: int) -> None:
         """Store that a grasp succeeded in a trial, where the mission uses another one."""
         done: dict[str, Any] = {"outcome": "completed", "robot": self.robot, "simulated": True}
-        record_task(self.session, item, action=action, **done)
+        record_task(self.seen.session, item, action=action, **done)
 
     def _moved(self, item: str, choices: Iterator[Choice], arm: Arm) -> Choice:
         """The first grasp to which the arm moves without touching anything; its path is stored."""
@@ -233,12 +234,12 @@ class GraspChooser:
                 return choice
             if choice.action is None:
                 break
-            stored = actions_on(self.session, name=item, gripper=self.hand.gripper, limit=STORED)
+            stored = actions_on(self.seen, name=item, gripper=self.hand.gripper, limit=STORED)
             grasp = [row for row in stored if row["action_id"] == choice.action]
             near = reachable_rows(grasp, arm, self.base, 1)  # a corrected grasp may be out of reach
             try:
                 motion = plan_action(
-                    self.session, automaton, self.base, near, seconds=min(clock.left, MOTION)
+                    self.seen, automaton, self.base, near, seconds=min(clock.left, MOTION)
                 )
             except ManipulationError as error:
                 return self._none(f"{item}: {error}")
@@ -256,7 +257,7 @@ class GraspChooser:
         automaton = str(self.hand.automaton)
         clock = _Clock(float(self.motion_seconds or 0))
         found = find_places(
-            self.session,
+            self.seen,
             item,
             target,
             gripper=self.hand.gripper,
@@ -272,7 +273,7 @@ class GraspChooser:
                 break
             seconds = min(clock.left, MOTION)
             try:
-                motion = plan_action(self.session, automaton, self.base, [row], seconds=seconds)
+                motion = plan_action(self.seen, automaton, self.base, [row], seconds=seconds)
             except ManipulationError as error:  # the arm cannot start from there
                 return Choice(refusal=Outcome("unable", f"{item}: {error}"))
             if motion is not None:
@@ -302,9 +303,9 @@ class GraspChooser:
         """The best place on a target after some grasps, or any; None without one."""
         gripper = self.hand.gripper
         try:
-            with self.session.transaction():
+            with self.seen.session.transaction():
                 found = find_places(
-                    self.session, item, target, gripper=gripper, grasps=grasps, limit=1
+                    self.seen, item, target, gripper=gripper, grasps=grasps, limit=1
                 )
         except (LookupError, ManipulationError):
             return None  # something without a mesh, or without a level surface
@@ -313,7 +314,7 @@ class GraspChooser:
     def _tried(self, item: str, rows: list[dict[str, Any]]) -> Choice:
         """The first grasp that succeeds in a trial; outcomes of the others are stored."""
         made = practise(
-            self.session, item, self.hand.gripper, rows=rows, robot=self.robot, counted=False
+            self.seen, item, self.hand.gripper, rows=rows, robot=self.robot, counted=False
         )
         last = made[-1]
         tried = "1 grasp" if len(made) == 1 else f"{len(made)} grasps"

@@ -20,15 +20,14 @@ def grasp_check(
     It knows the gripper that is named, else that of the first of the stored robots, or of the URDFs
     of the classes, that has one. Without any, and of an object without a mesh, nothing is known.
     """
-    session = seen.session
 
     @cache
     def hand() -> tuple[str, Gripper] | None:  # reads a URDF: only where something is picked up
-        return _hand(session, gripper, [name for name in robots if name is not None])
+        return _hand(seen.session, gripper, [name for name in robots if name is not None])
 
     def misfit(item: str) -> str | None:
         found = hand()
-        return None if found is None else _misfit(session, item, *found)
+        return None if found is None else _misfit(seen, item, *found)
 
     return misfit
 
@@ -52,17 +51,18 @@ def _hand(session: Any, gripper: str | None, robots: list[str]) -> tuple[str, Gr
     return None
 
 
-def _misfit(session: Any, item: str, name: str, gripper: Gripper) -> str | None:
+def _misfit(seen: Snapshot, item: str, name: str, gripper: Gripper) -> str | None:
     from semmap.manipulation.candidates import grasp_candidates
     from semmap.manipulation.error import ManipulationError
     from semmap.manipulation.store.shapes import model_mesh
     from semmap.perception.mesh_shapes import mesh_primitive
     from semmap.perception.point_cloud import PerceptionError
 
-    if session.execute(_KNOWN, {"item": item, "gripper": name}).fetchone()[0]:
+    known = seen.session.execute(_KNOWN, {"item": item, "gripper": name}).fetchone()
+    if known is not None and known[0]:
         return None
     try:
-        shape = mesh_primitive(model_mesh(session, item))
+        shape = mesh_primitive(model_mesh(seen, item))
     except (ManipulationError, PerceptionError):
         return None
     if len(grasp_candidates(shape, gripper)):

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from semmap.api.map_questions import MapQuestions
+from semmap.query.snapshot import Snapshot
 
 if TYPE_CHECKING:
     from semmap.found_rows import FoundRows
@@ -102,9 +103,9 @@ class MapManipulation(MapQuestions):
                 _for_robots_only(base=base, plan=plan, state=state)
                 asked |= {"gripper": gripper_or_urdf(self.connection, gripper), "limit": limit}
                 if stored or kind != "grasp":
-                    found = stored_actions(self.connection, kind=kind, **asked)
+                    found = stored_actions(self._seen, kind=kind, **asked)
                 else:
-                    found = find_grasps(self.connection, **asked, check=check)
+                    found = find_grasps(self._seen, **asked, check=check)
         if not found.rows and not found.problems:
             found.problems.append(f"the map has no {name or f'object for {for_}'}")
         return found
@@ -148,9 +149,7 @@ class MapManipulation(MapQuestions):
                 return acting.places(name, on, towards)
             _for_robots_only(base=base, plan=plan, state=state)
             hand = gripper_or_urdf(self.connection, gripper)
-            return find_places(
-                self.connection, name, on, gripper=hand, towards=towards, limit=limit
-            )
+            return find_places(self._seen, name, on, gripper=hand, towards=towards, limit=limit)
 
     def pushes(
         self,
@@ -189,7 +188,7 @@ class MapManipulation(MapQuestions):
                 return acting.pushes(name, distance)
             _for_robots_only(base=base, plan=plan, state=state)
             hand = gripper_or_urdf(self.connection, gripper)
-            return find_pushes(self.connection, name, gripper=hand, distance=distance, limit=limit)
+            return find_pushes(self._seen, name, gripper=hand, distance=distance, limit=limit)
 
     # --- shapes, attempts and their outcomes
 
@@ -210,7 +209,7 @@ class MapManipulation(MapQuestions):
         """
         from semmap.manipulation.store.shapes import store_shapes
 
-        return store_shapes(self.connection, names, progress)
+        return store_shapes(self._seen, names, progress)
 
     def record_attempt(
         self,
@@ -299,16 +298,21 @@ class MapManipulation(MapQuestions):
                 raise ValueError("attempt is for grasps: give neither on nor push")
             values |= {"attempt": attempt, "simulated": False}
         if on is not None:
-            return practice.practise_places(self.connection, name, on, gripper, **values)
+            return practice.practise_places(self._seen, name, on, gripper, **values)
         of_kind = practice.practise_pushes if push else practice.practise
-        return of_kind(self.connection, name, gripper, **values)
+        return of_kind(self._seen, name, gripper, **values)
 
     def list_manipulations(self, limit: int = 20) -> list[dict[str, Any]]:
         """The newest attempts on objects of the map, with `kind`, `entity`, `robot`, `outcome`."""
         from semmap.manipulation.reader import list_tasks
 
         _at_least_one(limit)
-        return list_tasks(self.connection, limit)
+        return list_tasks(self._seen, limit)
+
+    @property
+    def _seen(self) -> Snapshot:
+        """What finds and stores actions sees: each statement, or transaction, the newest state."""
+        return Snapshot(self.connection, self.name)
 
     def _robot(
         self,
@@ -321,7 +325,7 @@ class MapManipulation(MapQuestions):
 
         if gripper is not None:
             raise ValueError(f"{robot} has its own gripper: give one of robot and gripper")
-        return RobotActions.of(self.connection, robot, base, **options)
+        return RobotActions.of(self._seen, robot, base, **options)
 
 
 def _at_least_one(limit: int) -> None:

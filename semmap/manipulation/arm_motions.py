@@ -16,7 +16,6 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from semmap.belief.store.beliefs import Session
 from semmap.geometry.pose import Pose
 from semmap.manipulation.arm import Arm
 from semmap.manipulation.automata import stored_arm
@@ -35,6 +34,7 @@ from semmap.manipulation.motion import (
 from semmap.manipulation.store.devices import add_path
 from semmap.manipulation.store.shapes import model_mesh
 from semmap.manipulation.surroundings import entity_triangles, obstacles_around
+from semmap.query.snapshot import Snapshot
 
 Floats = NDArray[np.float64]
 
@@ -69,7 +69,7 @@ class ArmMotion:
 
 
 def approachable_rows(
-    session: Session, automaton: str, base: Pose, rows: Sequence[dict[str, Any]]
+    seen: Snapshot, automaton: str, base: Pose, rows: Sequence[dict[str, Any]]
 ) -> list[dict[str, Any]]:
     """The grasps of one object whose approach some posture of a robot's arm can do, in order.
 
@@ -78,13 +78,13 @@ def approachable_rows(
     """
     if not rows:
         return []
-    planner = _Planner.of(session, automaton, base, None)
+    planner = _Planner.of(seen, automaton, base, None)
     strokes, _ = planner.grasp(rows[0])
     return [row for row in rows if any(free_strokes(planner.arm, planner.start, strokes(row)))]
 
 
 def plan_action(
-    session: Session,
+    seen: Snapshot,
     automaton: str,
     base: Pose,
     rows: Sequence[dict[str, Any]],
@@ -102,7 +102,7 @@ def plan_action(
     """
     if not rows:
         return None
-    planner = _Planner.of(session, automaton, base, state)
+    planner = _Planner.of(seen, automaton, base, state)
     ways = {"grasp": planner.grasp, "place": planner.place, "push": planner.push}
     strokes, back = ways[rows[0]["kind"]](rows[0])
     some = [row for row in rows if row["entity"] == rows[0]["entity"]]
@@ -119,7 +119,7 @@ class _Planner(NamedTuple):
     strokes of an action, and those from its end to the start.
     """
 
-    session: Session
+    seen: Snapshot
     automaton: str
     arm: Arm
     base: Floats
@@ -129,9 +129,9 @@ class _Planner(NamedTuple):
 
     @classmethod
     def of(
-        cls, session: Session, automaton: str, base: Pose, state: Mapping[str, float] | None
+        cls, seen: Snapshot, automaton: str, base: Pose, state: Mapping[str, float] | None
     ) -> _Planner:
-        _, arm = stored_arm(session, automaton)
+        _, arm = stored_arm(seen.session, automaton)
         joints = [joint.name for joint in arm.joints]
         unknown = [name for name in state or {} if name not in joints]
         if unknown:
@@ -142,7 +142,7 @@ class _Planner(NamedTuple):
         given = dict(zip(joints, arm.rest().tolist(), strict=True)) | dict(state or {})
         start = np.array([given[name] for name in joints])
         inverse = np.linalg.inv(base.matrix).astype(np.float64)
-        return cls(session, automaton, arm, base.matrix, inverse, start, time.perf_counter())
+        return cls(seen, automaton, arm, base.matrix, inverse, start, time.perf_counter())
 
     def local(self, triangles: Floats) -> Floats:
         """Triangles of the map in the robot's frame."""
@@ -156,13 +156,13 @@ class _Planner(NamedTuple):
 
     def around(self, entity: str, without: str | None = None) -> Obstacles:
         """The obstacles around an object, in the robot's frame."""
-        found = obstacles_around(self.session, entity, AROUND, without=without)
+        found = obstacles_around(self.seen, entity, AROUND, without=without)
         return Obstacles(self.local(found.triangles))
 
     def grasp(self, first: dict[str, Any]) -> tuple[_Strokes, _Strokes]:
         """The open gripper takes the object, whose convex hull is a part of it on the way back."""
         around = self.around(first["entity"])
-        triangles = entity_triangles(self.session, first["entity"])
+        triangles = entity_triangles(self.seen, first["entity"])
         room, body = around.joined(self.local(triangles)), convex_body(triangles.reshape(-1, 3))
 
         def strokes(row: dict[str, Any]) -> list[Stroke]:
@@ -183,7 +183,7 @@ class _Planner(NamedTuple):
     def place(self, first: dict[str, Any]) -> tuple[_Strokes, _Strokes]:
         """The held object, by its convex hull, is put down, then the open gripper leaves."""
         around = self.around(first["on"], without=first["entity"])
-        mesh = model_mesh(self.session, first["entity"])
+        mesh = model_mesh(self.seen, first["entity"])
         body = convex_body(np.asarray(mesh.vertices))
 
         def strokes(row: dict[str, Any]) -> list[Stroke]:
@@ -202,7 +202,7 @@ class _Planner(NamedTuple):
     def push(self, first: dict[str, Any]) -> tuple[_Strokes, _Strokes]:
         """The closed gripper pushes the object, and stays there."""
         around = self.around(first["entity"])
-        room = around.joined(self.local(entity_triangles(self.session, first["entity"])))
+        room = around.joined(self.local(entity_triangles(self.seen, first["entity"])))
 
         def strokes(row: dict[str, Any]) -> list[Stroke]:
             fingers = self.arm.gripper.postures[-1] | (row["posture"] or {})
@@ -280,7 +280,7 @@ class _Planner(NamedTuple):
         """Store a path; return its id."""
         names = [joint.name for joint in self.arm.joints]
         return add_path(
-            self.session,
+            self.seen.session,
             self.automaton,
             [self._palm(self.arm.grasp_pose(position)) for position in positions],
             link=self.arm.gripper.palm,
@@ -292,7 +292,7 @@ class _Planner(NamedTuple):
         first, *others = strokes
         here = self._palm(self.arm.grasp_pose(self.start))
         ends = (Pose.from_matrix(here).row, Pose.from_matrix(self._palm(first.pose)).row)
-        row = self.session.execute(
+        row = self.seen.session.execute(
             "SELECT id, joints, positions FROM path "
             "WHERE id = path_between(%s, %s::float8[], %s::float8[], %s)",
             (self.automaton, *ends, self.arm.gripper.palm),

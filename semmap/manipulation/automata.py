@@ -18,6 +18,7 @@ from semmap.manipulation.gripper import Gripper, read_gripper
 from semmap.manipulation.retrieval import register_gripper, stored_gripper
 from semmap.manipulation.sensors import CAPABILITIES, read_sensors
 from semmap.manipulation.store.devices import add_automaton, add_device
+from semmap.query.snapshot import Snapshot
 from semmap.robot.urdf import Robot
 from semmap.suggestions import suggestion
 
@@ -157,7 +158,7 @@ def _arm(gripper: Gripper, posture: tuple[tuple[str, float], ...]) -> Arm:
     return Arm(gripper, dict(posture))
 
 
-def base_pose(session: Session, name: str, given: Sequence[float] | None = None) -> Pose:
+def base_pose(seen: Snapshot, name: str, given: Sequence[float] | None = None) -> Pose:
     """Where a robot stands: as given, else as the agent of its name does in the map.
 
     Given are x, y (metres, map's frame), yaw (radians), and z of the floor, by default that of the
@@ -165,7 +166,7 @@ def base_pose(session: Session, name: str, given: Sequence[float] | None = None)
     ManipulationError where it is not three or four finite numbers.
     """
     if given is None:
-        row = session.execute(
+        row = seen.session.execute(
             "SELECT w.pose FROM entity e JOIN world w ON w.entity_id = e.id "
             "WHERE e.map_id = current_map() AND e.kind = 'agent' AND e.name = %s",
             (name,),
@@ -178,7 +179,7 @@ def base_pose(session: Session, name: str, given: Sequence[float] | None = None)
     x, y, yaw = given[:3]
     if len(given) == 4:
         return Pose.planar(x, y, yaw, given[3])
-    row = session.execute(
+    row = seen.session.execute(
         "SELECT min(w.pose[3] + r.floor) FROM room r JOIN world w ON w.entity_id = r.entity_id "
         "WHERE w.map_id = current_map() AND ST_Covers(w.footprint, ST_MakePoint(%s, %s))",
         (x, y),

@@ -13,7 +13,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from semmap.belief.store.beliefs import Session
 from semmap.finite_number import finite_numbers
 from semmap.geometry.mesh import Mesh
 from semmap.geometry.pose import Pose
@@ -34,6 +33,7 @@ from semmap.manipulation.store.actions import add_actions
 from semmap.manipulation.store.shapes import model_mesh, shape_of
 from semmap.manipulation.surroundings import entity_triangles, obstacles_around
 from semmap.query.entity_query import entity_id
+from semmap.query.snapshot import Snapshot
 
 Floats = NDArray[np.float64]
 
@@ -60,7 +60,7 @@ UPRIGHT = np.cos(np.radians(5))
 
 
 def find_places(
-    session: Session,
+    seen: Snapshot,
     entity: str,
     on: str,
     *,
@@ -89,33 +89,33 @@ def find_places(
     LookupError without the entity, gripper or grasp; ManipulationError where one has no mesh, or
     nothing can stand on the support.
     """
-    item = entity_id(session, entity)
+    item = entity_id(seen.session, entity)
     if towards is not None and finite_numbers(towards, 2) is None:
         raise ManipulationError(f"{entity}: {towards} is not a point: give x, y in metres")
-    if item == entity_id(session, on):
+    if item == entity_id(seen.session, on):
         raise ManipulationError(f"{entity}: cannot be put on itself: name another object")
-    chosen = gripper_name(session, gripper)
-    vertices = np.asarray(model_mesh(session, entity).vertices)
-    upright = _upright(session, item)
-    triangles = entity_triangles(session, on)
+    chosen = gripper_name(seen.session, gripper)
+    vertices = np.asarray(model_mesh(seen, entity).vertices)
+    upright = _upright(seen, item)
+    triangles = entity_triangles(seen, on)
     faces = np.arange(3 * len(triangles), dtype=np.int32).reshape(-1, 3)
     surfaces = support_surfaces(Mesh(triangles.reshape(-1, 3), faces))
     if not surfaces:
         raise ManipulationError(
             f"{on}: has no level surface on which an object can stand: name another object"
         )
-    held, problems = _grasps(session, entity, chosen, grasps)
-    places, generated = _places(session, entity, chosen, held, vertices, upright)
+    held, problems = _grasps(seen, entity, chosen, grasps)
+    places, generated = _places(seen, entity, chosen, held, vertices, upright)
     if not places:
         return FoundActions([], problems or [f"{entity}: gripper {chosen} has no grasp of it"])
-    obstacles = obstacles_around(session, on, without=entity)
+    obstacles = obstacles_around(seen, on, without=entity)
     spots = place_candidates(vertices, upright, surfaces, obstacles.triangles, all_headings=True)
     if not spots:
         problem = f"{on}: none of its surfaces has room for {entity}"
         return FoundActions([], [problem], generated)
     inside = covered(spots, surfaces, triangles)
     box = triangles.reshape(-1, 3).min(axis=0), triangles.reshape(-1, 3).max(axis=0)
-    hand = stored_gripper(session, chosen)
+    hand = stored_gripper(seen.session, chosen)
     free = _FreePlaces(places, hand, obstacles, vertices, inside, box)
     if towards is None and arm is not None and base is not None:
         ordered = _in_order(spots, (base.x, base.y), room=1.0)
@@ -130,18 +130,18 @@ def find_places(
     return FoundActions([row | {"on": on} for row in rows], problems, generated)
 
 
-def place_of(session: Session, entity: str, grasp: int, gripper: str | None = None) -> int | None:
+def place_of(seen: Snapshot, entity: str, grasp: int, gripper: str | None = None) -> int | None:
     """The id of the best stored place of an object that a grasp holds; None without one."""
-    chosen = gripper_name(session, gripper)
-    grasps, _ = _grasps(session, entity, chosen, [grasp])
-    up = _upright(session, entity_id(session, entity))[2, :3]
-    rows = _stored(session, entity, chosen, grasps, up)
+    chosen = gripper_name(seen.session, gripper)
+    grasps, _ = _grasps(seen, entity, chosen, [grasp])
+    up = _upright(seen, entity_id(seen.session, entity))[2, :3]
+    rows = _stored(seen, entity, chosen, grasps, up)
     return int(rows[0]["action_id"]) if rows else None
 
 
-def _upright(session: Session, item: int) -> Floats:
+def _upright(seen: Snapshot, item: int) -> Floats:
     """The pose (4, 4) in which an object stands, or stood before a robot took it."""
-    row = session.execute(STANDS, {"item": item}).fetchone()
+    row = seen.session.execute(STANDS, {"item": item}).fetchone()
     if row is None or row[0] is None:
         raise ManipulationError("the object has no pose in the map: semmap put gives it one")
     return Pose(*row[0]).matrix
@@ -166,17 +166,17 @@ WHERE p.entity_id = entity_id(%s) AND a.gripper_id = gripper_named(%s) ORDER BY 
 
 
 def _grasps(
-    session: Session, entity: str, gripper: str, chosen: Sequence[int] | None
+    seen: Snapshot, entity: str, gripper: str, chosen: Sequence[int] | None
 ) -> tuple[list[dict[str, Any]], list[str]]:
     """The grasps, as rows, that a place can end; and why there is none."""
     if chosen is None:
-        taken = session.execute(TAKEN, (entity, gripper)).fetchone()
+        taken = seen.session.execute(TAKEN, (entity, gripper)).fetchone()
         chosen = None if taken is None else [taken[0]]
     if chosen is None:
-        found = find_grasps(session, name=entity, gripper=gripper, limit=GRASPS)
+        found = find_grasps(seen, name=entity, gripper=gripper, limit=GRASPS)
         return found.rows, found.problems
-    rows = actions_on(session, name=entity, gripper=gripper, limit=STORED)
-    held = ranked(session, [row for row in rows if row["action_id"] in chosen], gripper)
+    rows = actions_on(seen, name=entity, gripper=gripper, limit=STORED)
+    held = ranked(seen.session, [row for row in rows if row["action_id"] in chosen], gripper)
     if not held:
         ids = ", ".join(map(str, chosen))
         raise LookupError(f"{entity}: there is no grasp {ids} of it by gripper {gripper}")
@@ -184,7 +184,7 @@ def _grasps(
 
 
 def _places(
-    session: Session,
+    seen: Snapshot,
     entity: str,
     gripper: str,
     grasps: Sequence[dict[str, Any]],
@@ -193,12 +193,12 @@ def _places(
 ) -> tuple[list[dict[str, Any]], list[str]]:
     """The stored places that end some grasps, the best first, and for which some were generated."""
     up = upright[2, :3]
-    stored = _stored(session, entity, gripper, grasps, up)
+    stored = _stored(seen, entity, gripper, grasps, up)
     ended = np.array([row["model_pose"].matrix for row in stored]).reshape(-1, 4, 4)
     missing = [row for row in grasps if not _alike(ended, row["model_pose"].matrix).any()]
     if not missing:
         return stored, []
-    shape = shape_of(session, entity)
+    shape = shape_of(seen, entity)
     side = _side(shape.kind, shape.pose[:3, :3].T @ up)
     firm = stability(vertices, upright)
     records = []
@@ -221,16 +221,16 @@ def _places(
                 quality=firm,
             )
         )
-    add_actions(session, entity, gripper, records)
-    return _stored(session, entity, gripper, grasps, up), [entity]
+    add_actions(seen.session, entity, gripper, records)
+    return _stored(seen, entity, gripper, grasps, up), [entity]
 
 
 def _stored(
-    session: Session, entity: str, gripper: str, grasps: Sequence[dict[str, Any]], up: Floats
+    seen: Snapshot, entity: str, gripper: str, grasps: Sequence[dict[str, Any]], up: Floats
 ) -> list[dict[str, Any]]:
     """The stored places of an object that stands on this side and is held by one of the grasps."""
-    rows = actions_on(session, name=entity, gripper=gripper, kind="place", limit=STORED)
-    rows = ranked(session, rows, gripper, "place")
+    rows = actions_on(seen, name=entity, gripper=gripper, kind="place", limit=STORED)
+    rows = ranked(seen.session, rows, gripper, "place")
     held = np.array([row["model_pose"].matrix for row in grasps]).reshape(-1, 4, 4)
     found = []
     for row in rows:

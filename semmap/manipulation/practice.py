@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from semmap.belief.store.beliefs import Session
 from semmap.geometry.mesh import Mesh
 from semmap.geometry.pose import Pose
 from semmap.manipulation.candidates import Grasp
@@ -25,6 +24,7 @@ from semmap.manipulation.store.shapes import model_mesh
 from semmap.manipulation.store.tasks import record_task, replace_action
 from semmap.manipulation.surroundings import entity_pose
 from semmap.manipulation.trial import HEIGHT, Rest, Trial, TrialOutcome, body_of
+from semmap.query.snapshot import Snapshot
 
 GRASPS = 100
 """The most grasps of an object that are considered."""
@@ -40,7 +40,7 @@ STRAY = 0.3
 
 
 def practise(
-    session: Session,
+    seen: Snapshot,
     entity: str,
     gripper: str | None = None,
     *,
@@ -66,29 +66,29 @@ def practise(
     without the entity or gripper; ManipulationError without a volume or a free grasp.
     """
     if rows is None:
-        found = find_grasps(session, name=entity, gripper=gripper, limit=GRASPS)
+        found = find_grasps(seen, name=entity, gripper=gripper, limit=GRASPS)
         rows = [row for row in found.rows if row["entity"] == entity]
         if not rows:
             raise ManipulationError("; ".join(found.problems) or f"{entity}: has no free grasp")
-    name = gripper_name(session, gripper)
-    standing = entity_pose(session, entity).rotation_matrix
+    name = gripper_name(seen.session, gripper)
+    standing = entity_pose(seen, entity).rotation_matrix
     if attempt is None:
-        attempt = _trial(session, entity, name, mass, friction).run
-    opening = stored_gripper(session, name).opening
+        attempt = _trial(seen, entity, name, mass, friction).run
+    opening = stored_gripper(seen.session, name).opening
     made = learn_grasp(
         [grasp_of_row(row, opening) for row in rows],
         attempt,
         lambda grasp: (standing @ grasp.pose[:3, :3]).T @ np.array([0.0, 0.0, -1.0]),
         tries=tries,
     )
-    with session.transaction():
+    with seen.session.transaction():
         return _store(
-            session, entity, name, rows, made, counted=counted, robot=robot, simulated=simulated
+            seen, entity, name, rows, made, counted=counted, robot=robot, simulated=simulated
         )
 
 
 def practise_places(
-    session: Session,
+    seen: Snapshot,
     entity: str,
     on: str,
     gripper: str | None = None,
@@ -102,12 +102,12 @@ def practise_places(
     Each attempt has `action_id`, `family`, `off` (metres from where the object should be), `tilted`
     (degrees) and `outcome`; a place whose grasp does not hold the object has none. As `practise`.
     """
-    name = gripper_name(session, gripper)
-    found = find_places(session, entity, on, gripper=name, limit=tries)
+    name = gripper_name(seen.session, gripper)
+    found = find_places(seen, entity, on, gripper=name, limit=tries)
     if not found.rows:
         raise ManipulationError("; ".join(found.problems) or f"{on}: has no place for {entity}")
-    trial = _trial(session, entity, name, mass, friction)
-    stored = actions_on(session, name=entity, gripper=name, limit=STORED)
+    trial = _trial(seen, entity, name, mass, friction)
+    stored = actions_on(seen, name=entity, gripper=name, limit=STORED)
     known = {row["action_id"]: row for row in stored if row["entity"] == entity}
 
     def attempts() -> Iterator[_Attempted]:
@@ -118,11 +118,11 @@ def practise_places(
                 to_model = np.linalg.inv(row["spot"].matrix)
                 yield row, np.zeros(3), *_put(trial, known[row["grasp_id"]], row, to_model)
 
-    return _until_one_succeeds(session, entity, "place", attempts())
+    return _until_one_succeeds(seen, entity, "place", attempts())
 
 
 def try_place(
-    session: Session,
+    seen: Snapshot,
     entity: str,
     gripper: str | None,
     grasp: int,
@@ -135,15 +135,15 @@ def try_place(
     ``toppled``, ``strayed``, or `NOT_HELD`, which says nothing of the place. The object `stands` so
     in the map before it is taken. LookupError without the actions.
     """
-    name = gripper_name(session, gripper)
+    name = gripper_name(seen.session, gripper)
     found = {}
     for kind, number in (("grasp", grasp), ("place", place)):
-        rows = actions_on(session, name=entity, gripper=name, kind=kind, limit=STORED)
+        rows = actions_on(seen, name=entity, gripper=name, kind=kind, limit=STORED)
         known = {row["action_id"]: row for row in rows if row["entity"] == entity}
         if number not in known:
             raise LookupError(f"{entity}: there is no {kind} {number} of it by gripper {name}")
         found[kind] = known[number]
-    trial = _trial(session, entity, name, stands=stands)
+    trial = _trial(seen, entity, name, stands=stands)
     row = found["place"]
     to_model = row["model_pose"].matrix @ np.linalg.inv(row["pose"].matrix)
     return _put(trial, found["grasp"], row, to_model)[1]
@@ -160,7 +160,7 @@ def _put(
 
 
 def practise_pushes(
-    session: Session,
+    seen: Snapshot,
     entity: str,
     gripper: str | None = None,
     *,
@@ -169,11 +169,11 @@ def practise_pushes(
     friction: float = 0.5,
 ) -> list[dict[str, Any]]:
     """Try pushes of an object until one moves it along its direction, as `practise_places`."""
-    name = gripper_name(session, gripper)
-    found = find_pushes(session, entity, gripper=name, limit=tries)
+    name = gripper_name(seen.session, gripper)
+    found = find_pushes(seen, entity, gripper=name, limit=tries)
     if not found.rows:
         raise ManipulationError("; ".join(found.problems) or f"{entity}: has no free push")
-    trial = _trial(session, entity, name, mass, friction)
+    trial = _trial(seen, entity, name, mass, friction)
 
     def attempts() -> Iterator[_Attempted]:
         for row in found.rows:
@@ -181,7 +181,7 @@ def practise_pushes(
             rest = trial.push(push, push.pose @ np.linalg.inv(row["model_pose"].matrix))
             yield row, push.way, rest, rest_mismatch(rest, push.way, STRAY * push.distance)
 
-    return _until_one_succeeds(session, entity, "push", attempts())
+    return _until_one_succeeds(seen, entity, "push", attempts())
 
 
 _Attempted = tuple[dict[str, Any], NDArray[np.float64], Rest, str | None]
@@ -189,7 +189,7 @@ _Attempted = tuple[dict[str, Any], NDArray[np.float64], Rest, str | None]
 
 
 def _until_one_succeeds(
-    session: Session, entity: str, kind: str, attempts: Iterator[_Attempted]
+    seen: Snapshot, entity: str, kind: str, attempts: Iterator[_Attempted]
 ) -> list[dict[str, Any]]:
     """Store the outcomes of simulated attempts; return them as rows of the answer."""
     told = []
@@ -206,14 +206,14 @@ def _until_one_succeeds(
         if cause != NOT_HELD:
             outcome = "completed" if cause is None else "error"
             values: dict[str, Any] = {"outcome": outcome, "simulated": True, "message": cause}
-            record_task(session, entity, kind, action=row["action_id"], **values)
+            record_task(seen.session, entity, kind, action=row["action_id"], **values)
         if cause is None:
             break
     return told
 
 
 def _trial(
-    session: Session,
+    seen: Snapshot,
     entity: str,
     gripper: str,
     mass: float | None = None,
@@ -221,20 +221,20 @@ def _trial(
     stands: Pose | None = None,
 ) -> Trial:
     """A trial of an object as it stands in the map, or at a pose."""
-    mesh = model_mesh(session, entity)
-    ((weight,),) = session.execute(
+    mesh = model_mesh(seen, entity)
+    ((weight,),) = seen.session.execute(
         "SELECT (properties->>'mass')::float8 FROM entity WHERE id = entity_id(%s)", (entity,)
     ).fetchall()
     surface = Mesh(np.asarray(mesh.vertices), np.asarray(mesh.faces, np.int32))
     body = body_of(surface, mass=mass if mass is not None else weight or None, friction=friction)
     standing = np.eye(4)
-    standing[:3, :3] = (stands or entity_pose(session, entity)).rotation_matrix
+    standing[:3, :3] = (stands or entity_pose(seen, entity)).rotation_matrix
     standing[2, 3] = 5e-4 - (surface.vertices @ standing[:3, :3].T)[:, 2].min()
-    return Trial(stored_gripper(session, gripper), body, standing)
+    return Trial(stored_gripper(seen.session, gripper), body, standing)
 
 
 def _store(
-    session: Session,
+    seen: Snapshot,
     entity: str,
     gripper: str,
     rows: Sequence[dict[str, Any]],
@@ -259,12 +259,12 @@ def _store(
         stored = None
         counts = counted or attempt.cause is not None
         if moved > 0 and attempt.cause is None:
-            stored = add_actions(session, entity, gripper, [attempt.grasp])[0]
+            stored = add_actions(seen.session, entity, gripper, [attempt.grasp])[0]
             if rows[tried].get("link") is None:  # a linked model keeps its own grasps
-                replace_action(session, action, stored)
+                replace_action(seen.session, action, stored)
         if counts and (moved == 0 or stored is not None):
             record_task(
-                session,
+                seen.session,
                 entity,
                 action=stored or action,
                 outcome=outcome,

@@ -9,7 +9,6 @@ import shapely
 from numpy.typing import NDArray
 from shapely import Polygon
 
-from semmap.belief.store.beliefs import Session
 from semmap.finite_number import is_finite_number
 from semmap.geometry.mesh import Mesh
 from semmap.geometry.pose import Pose
@@ -28,6 +27,7 @@ from semmap.manipulation.store.actions import add_actions
 from semmap.manipulation.store.shapes import model_mesh, shape_of
 from semmap.manipulation.surroundings import entity_pose, obstacles_around
 from semmap.query.entity_query import entity_id
+from semmap.query.snapshot import Snapshot
 
 Floats = NDArray[np.float64]
 
@@ -45,7 +45,7 @@ STEP = 22.5
 
 
 def find_pushes(
-    session: Session,
+    seen: Snapshot,
     entity: str,
     *,
     gripper: str | None = None,
@@ -63,23 +63,23 @@ def find_pushes(
     approach begins. LookupError without the entity or gripper; ManipulationError where it has no
     mesh, or stands on nothing level, or the distance is not above 0.
     """
-    entity_id(session, entity)
+    entity_id(seen.session, entity)
     if not (is_finite_number(distance) and distance > 0):
         raise ManipulationError(f"{entity}: distance is {distance}: give metres above 0")
-    chosen = gripper_name(session, gripper)
-    hand = stored_gripper(session, chosen)
-    vertices = np.asarray(model_mesh(session, entity).vertices)
-    model = entity_pose(session, entity).matrix
-    obstacles = obstacles_around(session, entity)
+    chosen = gripper_name(seen.session, gripper)
+    hand = stored_gripper(seen.session, chosen)
+    vertices = np.asarray(model_mesh(seen, entity).vertices)
+    model = entity_pose(seen, entity).matrix
+    obstacles = obstacles_around(seen, entity)
     surface = _surface(entity, vertices, model, obstacles)
-    rows, generated = _stored(session, entity, chosen, distance), []
+    rows, generated = _stored(seen, entity, chosen, distance), []
     if not rows:
         pushes = push_candidates(vertices, model, hand, distance=distance)
-        shape = shape_of(session, entity)
+        shape = shape_of(seen, entity)
         turned = (model[:3, :3] @ shape.pose[:3, :3]).T
         records = [_record(push, shape.kind, turned) for push in pushes]
-        add_actions(session, entity, chosen, records, frame="map")
-        rows, generated = _stored(session, entity, chosen, distance), [entity]
+        add_actions(seen.session, entity, chosen, records, frame="map")
+        rows, generated = _stored(seen, entity, chosen, distance), [entity]
     pushes = [Push.of_row(row) for row in rows]
     free = free_pushes(pushes, vertices, model, hand, surface, obstacles)
     found = [rows[i] for i in np.flatnonzero(free)]
@@ -109,11 +109,11 @@ def _surface(entity: str, vertices: Floats, model: Floats, obstacles: Obstacles)
     raise ManipulationError(f"{entity}: stands on nothing level, so it cannot be pushed along it")
 
 
-def _stored(session: Session, entity: str, gripper: str, distance: float) -> list[dict[str, Any]]:
+def _stored(seen: Snapshot, entity: str, gripper: str, distance: float) -> list[dict[str, Any]]:
     """The stored pushes that are level for the object as it stands, with their ends."""
-    rows = actions_on(session, name=entity, gripper=gripper, kind="push", limit=STORED)
+    rows = actions_on(seen, name=entity, gripper=gripper, kind="push", limit=STORED)
     found = []
-    for row in ranked(session, rows, gripper, "push"):
+    for row in ranked(seen.session, rows, gripper, "push"):
         turn = row["pose"].rotation_matrix @ row["model_pose"].rotation_matrix.T
         x, y, z = way = turn @ np.array(row["motion"])
         length = float(np.linalg.norm(way))

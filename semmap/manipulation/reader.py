@@ -24,6 +24,7 @@ from semmap.manipulation.error import ManipulationError
 from semmap.manipulation.solids import SIZES
 from semmap.manipulation.store.devices import ABLE, gripper_id
 from semmap.manipulation.store.statements import column, refusals
+from semmap.query.snapshot import Snapshot
 from semmap.suggestions import suggestion
 
 Row = dict[str, Any]
@@ -39,7 +40,7 @@ def in_model(row: Row, key: str) -> NDArray[np.float64]:
 
 
 def actions_on(
-    session: Session,
+    seen: Snapshot,
     *,
     name: str | None = None,
     function: str | None = None,
@@ -77,18 +78,18 @@ def actions_on(
         Not exactly one of `name`, `function` and `point`, or a kind that is not known.
     """
     _check_kind(kind)
-    function = function and function_named(session, function)
+    function = function and function_named(seen.session, function)
     meant, values = _meant(name, function, point, tolerance)
-    with _suggestions(session, name, gripper):
+    with _suggestions(seen, name, gripper):
         return _rows(
-            session,
+            seen.session,
             f"SELECT * FROM actions_on({meant}, %s, %s, %s)",
             (*values, gripper, kind, limit),
         )
 
 
 def entities_meant(
-    session: Session,
+    seen: Snapshot,
     *,
     name: str | None = None,
     function: str | None = None,
@@ -96,10 +97,10 @@ def entities_meant(
     tolerance: float = 0.05,
 ) -> list[int]:
     """The ids of the objects that a query means; as `actions_on`."""
-    function = function and function_named(session, function)
+    function = function and function_named(seen.session, function)
     meant, values = _meant(name, function, point, tolerance)
-    with _suggestions(session, name):
-        return column(session, f"SELECT unnest({meant})", values)
+    with _suggestions(seen, name):
+        return column(seen.session, f"SELECT unnest({meant})", values)
 
 
 def _meant(
@@ -121,17 +122,17 @@ def _meant(
 
 
 @contextmanager
-def _suggestions(session: Session, name: str | None, gripper: str | None = None) -> Iterator[None]:
+def _suggestions(seen: Snapshot, name: str | None, gripper: str | None = None) -> Iterator[None]:
     """Name similar names where one is unknown; they are looked up only then."""
-    inside = session.info.transaction_status != psycopg.pq.TransactionStatus.IDLE
+    inside = seen.session.info.transaction_status != psycopg.pq.TransactionStatus.IDLE
     try:
-        with session.transaction() if inside else nullcontext(), refusals():
+        with seen.session.transaction() if inside else nullcontext(), refusals():
             yield
     except LookupError:
         if gripper is not None:
-            gripper_id(session, gripper)
+            gripper_id(seen.session, gripper)
         if name is not None:
-            _check_name(session, name)
+            _check_name(seen, name)
         raise
 
 
@@ -259,10 +260,10 @@ def list_contributors(session: Session) -> list[Row]:
     )
 
 
-def list_tasks(session: Session, limit: int = 20) -> list[Row]:
+def list_tasks(seen: Snapshot, limit: int = 20) -> list[Row]:
     """Return the newest tasks of the map, with their outcomes."""
     return _rows(
-        session,
+        seen.session,
         "SELECT t.id, t.kind, e.name AS entity, r.name AS robot, t.outcome, t.message, "
         "t.action_id, c.name AS contributor, t.created_at, t.ended_at FROM task t "
         "LEFT JOIN entity e ON e.id = t.entity_id LEFT JOIN entity r ON r.id = t.robot_id "
@@ -282,10 +283,10 @@ def _check_tolerance(tolerance: float) -> None:
         raise ManipulationError(f"the tolerance is {tolerance}: give metres, at least 0")
 
 
-def _check_name(session: Session, name: str) -> None:
+def _check_name(seen: Snapshot, name: str) -> None:
     """LookupError where a name is neither an entity nor a type."""
     names = column(
-        session,
+        seen.session,
         "SELECT name FROM entity WHERE map_id = current_map() UNION SELECT name FROM semantic_type",
     )
     if name not in names:

@@ -23,6 +23,7 @@ from semmap.manipulation.store.actions import add_actions
 from semmap.manipulation.store.devices import add_gripper, gripper_id
 from semmap.manipulation.store.shapes import shape_of
 from semmap.manipulation.surroundings import free_rows
+from semmap.query.snapshot import Snapshot
 
 DEFAULT_GRIPPER = Path(__file__).with_name("parallel_gripper.urdf")
 """The gripper of maps whose robots have none."""
@@ -35,7 +36,7 @@ RANKED = 1000
 
 
 def find_grasps(
-    session: Session,
+    seen: Snapshot,
     *,
     name: str | None = None,
     function: str | None = None,
@@ -52,37 +53,37 @@ def find_grasps(
     the object before it closes. Else as `actions_on`.
     """
     asked = {"name": name, "function": function, "point": point, "tolerance": tolerance}
-    entities = entities_meant(session, **asked)  # type: ignore[arg-type]
-    chosen = gripper_name(session, gripper)
-    prepare_links(session, entities)
+    entities = entities_meant(seen, **asked)  # type: ignore[arg-type]
+    chosen = gripper_name(seen.session, gripper)
+    prepare_links(seen, entities)
 
     def stored() -> tuple[list[dict[str, Any]], list[str]]:
-        rows = actions_on(session, **asked, gripper=chosen, limit=RANKED)  # type: ignore[arg-type]
-        return fitting_rows(session, rows)
+        rows = actions_on(seen, **asked, gripper=chosen, limit=RANKED)  # type: ignore[arg-type]
+        return fitting_rows(seen, rows)
 
     rows, problems = stored()
     known = list({row["entity"] for row in rows if row["link"] is not None})
-    missing = session.execute(MISSING, (entities, chosen, known)).fetchall()
+    missing = seen.session.execute(MISSING, (entities, chosen, known)).fetchall()
     generated = []
     for (entity,) in sorted(missing)[:MODELS]:
         try:
-            if generate(session, entity, chosen):
+            if generate(seen, entity, chosen):
                 generated.append(entity)
             else:
-                problems.append(_misfit(session, entity, chosen))
+                problems.append(_misfit(seen, entity, chosen))
         except ManipulationError as error:
             problems.append(str(error))
     if generated:
         rows, _ = stored()
-    if _move_alike(session, [row for row in rows if row["link"] is None], chosen):
+    if _move_alike(seen.session, [row for row in rows if row["link"] is None], chosen):
         rows, _ = stored()
-    rows = _ranked(session, rows, chosen)
+    rows = _ranked(seen.session, rows, chosen)
     if not check:
         rows = rows[:limit]
     elif rows:
         every = rows
         try:
-            rows = free_rows(session, every, stored_gripper(session, chosen), limit)
+            rows = free_rows(seen, every, stored_gripper(seen.session, chosen), limit)
         except ManipulationError as error:
             rows = every[:limit]
             problems.append(f"not checked for collisions: {error}")
@@ -95,9 +96,9 @@ def find_grasps(
     return FoundActions(rows, problems, generated)
 
 
-def stored_actions(session: Session, *, kind: str, **asked: Any) -> FoundActions:
+def stored_actions(seen: Snapshot, *, kind: str, **asked: Any) -> FoundActions:
     """The best stored actions of a kind, as of `actions_on`; none is generated."""
-    rows, problems = fitting_rows(session, actions_on(session, kind=kind, **asked))
+    rows, problems = fitting_rows(seen, actions_on(seen, kind=kind, **asked))
     if not rows and not problems:
         problems = [f"no {kind} is stored for such an object"]
     return FoundActions(rows, problems)
@@ -149,24 +150,24 @@ def _opening(session: Session, gripper: str) -> float:
     return float(opening)
 
 
-def _misfit(session: Any, entity: str, gripper: str) -> str:
+def _misfit(seen: Snapshot, entity: str, gripper: str) -> str:
     """Why no grasp of an entity was generated."""
-    shape = shape_of(session, entity)
+    shape = shape_of(seen, entity)
     sizes = " x ".join(f"{size:.3g}" for size in shape.size)
-    opening = _opening(session, gripper)
+    opening = _opening(seen.session, gripper)
     return (
         f"{entity}: no grasp fits its shape ({shape.kind} {sizes} m); "
         f"gripper {gripper} opens {opening:.3g} m"
     )
 
 
-def generate(session: Session, entity: str, gripper: str | None = None) -> list[int]:
+def generate(seen: Snapshot, entity: str, gripper: str | None = None) -> list[int]:
     """Store all candidates for the model of an entity; return their ids."""
-    chosen = gripper_name(session, gripper)
-    with session.transaction():
-        shape = shape_of(session, entity)
-        grasps = list(grasp_candidates(shape, stored_gripper(session, chosen)))
-        return add_actions(session, entity, chosen, grasps) if grasps else []
+    chosen = gripper_name(seen.session, gripper)
+    with seen.session.transaction():
+        shape = shape_of(seen, entity)
+        grasps = list(grasp_candidates(shape, stored_gripper(seen.session, chosen)))
+        return add_actions(seen.session, entity, chosen, grasps) if grasps else []
 
 
 MAY_STORE = "SELECT has_column_privilege('action', 'pose', 'INSERT')"

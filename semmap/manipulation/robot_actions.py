@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from semmap.belief.store.beliefs import Session
 from semmap.geometry.pose import Pose
 from semmap.manipulation.arm import Arm
 from semmap.manipulation.arm_motions import plan_action
@@ -16,6 +15,7 @@ from semmap.manipulation.found_actions import FoundActions
 from semmap.manipulation.places import find_places
 from semmap.manipulation.pushes import find_pushes
 from semmap.manipulation.retrieval import find_grasps, is_urdf
+from semmap.query.snapshot import Snapshot
 
 PLANNED = 40
 """Actions within reach among which one is chosen whose motion is free."""
@@ -28,7 +28,7 @@ RANKED = 1000
 class RobotActions:
     """A stored robot at `base`, map's frame: what its arm reaches, and if to `plan` motions."""
 
-    session: Session
+    seen: Snapshot
     name: str
     gripper: str
     arm: Arm
@@ -40,16 +40,16 @@ class RobotActions:
     @classmethod
     def of(
         cls,
-        session: Session,
+        seen: Snapshot,
         robot: str | Path,
         base: Sequence[float] | None = None,
         **options: Any,
     ) -> RobotActions:
         """A stored robot, or that of a URDF, stored first; as `stored_arm` and `base_pose`."""
-        name = register_robot(session, Path(robot)) if is_urdf(robot) else str(robot)
-        gripper, arm = stored_arm(session, name)
-        at = base_pose(session, name, base)
-        return cls(session, name, gripper, arm, at, **options)
+        name = register_robot(seen.session, Path(robot)) if is_urdf(robot) else str(robot)
+        gripper, arm = stored_arm(seen.session, name)
+        at = base_pose(seen, name, base)
+        return cls(seen, name, gripper, arm, at, **options)
 
     @property
     def count(self) -> int:
@@ -58,7 +58,7 @@ class RobotActions:
 
     def grasps(self, **asked: Any) -> FoundActions:
         """The grasps that the arm reaches; arguments as of `find_grasps`."""
-        found = find_grasps(self.session, **asked, gripper=self.gripper, limit=RANKED)
+        found = find_grasps(self.seen, **asked, gripper=self.gripper, limit=RANKED)
         rows = reachable_rows(found.rows, self.arm, self.base, self.count)
         problems = found.problems
         if found.rows and not rows:
@@ -72,20 +72,20 @@ class RobotActions:
     def places(self, name: str, on: str, towards: Sequence[float] | None = None) -> FoundActions:
         """The places of an object that the arm reaches; arguments as of `find_places`."""
         reach: dict[str, Any] = {"arm": self.arm, "base": self.base, "limit": self.count}
-        found = find_places(self.session, name, on, gripper=self.gripper, towards=towards, **reach)
+        found = find_places(self.seen, name, on, gripper=self.gripper, towards=towards, **reach)
         return self._planned(found, "to_pre_place", "retreat_positions")
 
     def pushes(self, name: str, distance: float = 0.1) -> FoundActions:
         """The pushes of an object that the arm reaches; arguments as of `find_pushes`."""
         reach: dict[str, Any] = {"arm": self.arm, "base": self.base, "limit": self.count}
-        found = find_pushes(self.session, name, gripper=self.gripper, distance=distance, **reach)
+        found = find_pushes(self.seen, name, gripper=self.gripper, distance=distance, **reach)
         return self._planned(found, "to_pre_push", "push_positions")
 
     def _planned(self, found: FoundActions, before: str, after: str) -> FoundActions:
         """The action of a motion, its positions before and after the approach under these keys."""
         if not self.plan or not found.rows:
             return found
-        motion = plan_action(self.session, self.name, self.base, found.rows, state=self.state)
+        motion = plan_action(self.seen, self.name, self.base, found.rows, state=self.state)
         if motion is None:
             count = len(found.rows)
             problem = f"{self.name}: no motion to one of {count} within reach was found"

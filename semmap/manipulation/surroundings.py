@@ -8,13 +8,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from semmap.belief.store.beliefs import Session
 from semmap.geometry.pose import Pose
 from semmap.manipulation.candidates import Grasps
 from semmap.manipulation.collision import Obstacles, free_grasps
 from semmap.manipulation.error import ManipulationError
 from semmap.manipulation.gripper import Gripper
 from semmap.query.meshes import models_triangles
+from semmap.query.snapshot import Snapshot
 
 REACH = 0.6
 """How far from an object its surroundings are obstacles, metres: a gripper and its approach."""
@@ -24,10 +24,10 @@ AT_ONCE = 32
 
 
 def obstacles_around(
-    session: Session, entity: str, reach: float = REACH, *, without: str | None = None
+    seen: Snapshot, entity: str, reach: float = REACH, *, without: str | None = None
 ) -> Obstacles:
     """The triangles of all entities within reach of one, without it or `without`, map's frame."""
-    rows = session.execute(
+    rows = seen.session.execute(
         "SELECT DISTINCT o.entity_id, c.model_id, o.pose FROM entity e "
         "JOIN world w ON w.entity_id = e.id "
         "JOIN world o ON o.map_id = w.map_id AND o.entity_id <> entity_id(%s) "
@@ -38,12 +38,12 @@ def obstacles_around(
         "WHERE e.map_id = (SELECT current_map()) AND e.name = %s ORDER BY 1, 2",
         (without or entity, reach, reach, entity),
     ).fetchall()
-    return Obstacles(_placed(session, rows))
+    return Obstacles(_placed(seen, rows))
 
 
-def entity_pose(session: Session, entity: str) -> Pose:
+def entity_pose(seen: Snapshot, entity: str) -> Pose:
     """The pose of an entity in the map; ManipulationError where it has none."""
-    row = session.execute(
+    row = seen.session.execute(
         "SELECT pose FROM world WHERE entity_id = entity_id(%s)", (entity,)
     ).fetchone()
     if row is None or row[0] is None:
@@ -51,21 +51,21 @@ def entity_pose(session: Session, entity: str) -> Pose:
     return Pose(*row[0])
 
 
-def entity_triangles(session: Session, entity: str) -> NDArray[np.float64]:
+def entity_triangles(seen: Snapshot, entity: str) -> NDArray[np.float64]:
     """The triangles (F, 3, 3) of all meshes of an entity in the map's frame, metres."""
-    rows = session.execute(
+    rows = seen.session.execute(
         "SELECT DISTINCT w.entity_id, c.model_id, w.pose FROM world w "
         "JOIN entity_chunk ec ON ec.entity_id = w.entity_id JOIN chunk c ON c.id = ec.chunk_id "
         "JOIN model m ON m.id = c.model_id AND m.triangles > 0 "
         "WHERE w.entity_id = entity_id(%s) ORDER BY 1, 2",
         (entity,),
     ).fetchall()
-    return _placed(session, rows)
+    return _placed(seen, rows)
 
 
-def _placed(session: Any, rows: Sequence[Any]) -> NDArray[np.float64]:
+def _placed(seen: Snapshot, rows: Sequence[Any]) -> NDArray[np.float64]:
     """The triangles of models at their poses; rows of entity, model and pose."""
-    models = models_triangles(session, {model for _, model, _ in rows})
+    models = models_triangles(seen.session, {model for _, model, _ in rows})
     parts = [
         Pose(*pose).apply(models[model].reshape(-1, 3)).reshape(-1, 3, 3) for _, model, pose in rows
     ]
@@ -73,7 +73,7 @@ def _placed(session: Any, rows: Sequence[Any]) -> NDArray[np.float64]:
 
 
 def free_rows(
-    session: Session, rows: Sequence[dict[str, Any]], gripper: Gripper, limit: int
+    seen: Snapshot, rows: Sequence[dict[str, Any]], gripper: Gripper, limit: int
 ) -> list[dict[str, Any]]:
     """The first rows of grasps that the gripper reaches without touching anything else.
 
@@ -92,8 +92,8 @@ def free_rows(
         free = np.zeros(len(batch), bool)
         for entity in dict.fromkeys(names.tolist()):
             if entity not in around:
-                item = Obstacles(entity_triangles(session, entity))
-                around[entity] = obstacles_around(session, entity), item
+                item = Obstacles(entity_triangles(seen, entity))
+                around[entity] = obstacles_around(seen, entity), item
             obstacles, item = around[entity]
             for some, untouched in ((proven, None), (~proven, item)):
                 chosen = some & (names == entity)

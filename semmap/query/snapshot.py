@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Snapshot:
-    """A transaction that sees one state of the map of a name."""
+    """A connection that sees the map of a name: while a transaction lasts, one state of it."""
 
     session: psycopg.Connection[Any]
     name: str

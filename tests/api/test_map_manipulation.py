@@ -15,6 +15,7 @@ from semmap import Map
 from semmap.geometry.pose import Pose
 from semmap.manipulation.store.shapes import model_mesh
 from tests.manipulation.grippers import real_gripper, urdf
+from tests.seen import seen_by
 
 BOX, VASE = "SeasoningBox_01", "Vase_01"
 TABLE = shapely.box(1.2 - 0.8, 1.0 - 0.4, 1.2 + 0.8, 1.0 + 0.4)
@@ -24,7 +25,7 @@ READY = {"panda_joint2": -0.6, "panda_joint4": -2.2, "panda_joint6": 1.6, "panda
 
 def placed(map: Map, name: str) -> trimesh.Trimesh:
     """The mesh of an object in the map's frame."""
-    mesh: trimesh.Trimesh = model_mesh(map.connection, name).copy()
+    mesh: trimesh.Trimesh = model_mesh(seen_by(map.connection), name).copy()
     pose = map[name].pose
     assert pose is not None
     mesh.apply_transform(pose.matrix)
@@ -56,7 +57,7 @@ def test_an_object_is_placed_free_and_level_on_its_support(house: Map) -> None:
     vase = shapely.convex_hull(shapely.MultiPoint(placed(house, VASE).vertices[:, :2]))
     distances = []
     for row in found:
-        corners = row["spot"].apply(model_mesh(house.connection, BOX).vertices)
+        corners = row["spot"].apply(model_mesh(seen_by(house.connection), BOX).vertices)
         assert corners[:, 2].min() == pytest.approx(TOP, abs=5e-3)
         outline = shapely.convex_hull(shapely.MultiPoint(corners[:, :2]))
         assert TABLE.buffer(1e-6).contains(outline)

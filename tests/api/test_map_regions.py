@@ -15,6 +15,7 @@ from sqlalchemy import Engine
 import semmap
 from semmap.manipulation.store.shapes import model_mesh
 from tests.conftest import MakeDatabase
+from tests.seen import seen_by
 from tests.worlds.conftest import house as real_house
 
 __all__ = ["real_house"]
@@ -64,7 +65,7 @@ def test_surfaces_of_real_furniture_are_faces_that_look_up(real_house: Engine) -
         for row in found:
             pose = house[row["of"]].pose
             assert pose is not None
-            mesh = model_mesh(house.connection, row["of"])
+            mesh = model_mesh(seen_by(house.connection), row["of"])
             mesh.apply_transform(pose.matrix)
             up = mesh.face_normals[:, 2] > math.cos(math.radians(5))
             level = up & (np.abs(mesh.triangles_center[:, 2] - row["low"]) < 0.02)

@@ -28,6 +28,7 @@ from semmap.manipulation.store.tasks import record_task
 from tests.command_line import semmap
 from tests.manipulation.cup_map import path_between
 from tests.manipulation.grippers import gripper_by_hand, urdf
+from tests.seen import seen_by
 
 BASE = Pose.planar(0.85, 1.0, 0.6, 0.7)
 """Beside the table, from which cup1 is 53 cm away."""
@@ -46,7 +47,7 @@ def panda(cups):
 
 
 def reached(here, base=BASE, limit=6):
-    rows = find_grasps(here, name="cup1", gripper="panda_gripper", limit=200).rows
+    rows = find_grasps(seen_by(here), name="cup1", gripper="panda_gripper", limit=200).rows
     return rows, reachable_rows(rows, stored_arm(here, "panda")[1], base, limit)
 
 
@@ -68,10 +69,10 @@ def test_what_is_reached_is_where_forward_kinematics_lead(panda):
 def test_a_path_is_followed_again_until_something_moves_into_its_way(cups, panda):
     _, arm = stored_arm(panda, "panda")
     _, rows = reached(panda)
-    first = plan_action(panda, "panda", BASE, rows, state=READY, seconds=20)
+    first = plan_action(seen_by(panda), "panda", BASE, rows, state=READY, seconds=20)
     assert first is not None
     assert not first.reused
-    again = plan_action(panda, "panda", BASE, rows, state=READY, seconds=20)
+    again = plan_action(seen_by(panda), "panda", BASE, rows, state=READY, seconds=20)
     assert again is not None
     assert again.reused
     assert again.path == first.path
@@ -92,13 +93,13 @@ def test_a_path_is_followed_again_until_something_moves_into_its_way(cups, panda
 
 
 def test_where_a_robot_stands(cups, panda):
-    assert base_pose(panda, "robot")[:3] == pytest.approx((3.4, 2, 0))
-    assert base_pose(panda, "panda", (1, 1, 0.5)) == pytest.approx(Pose.planar(1, 1, 0.5))
-    assert base_pose(panda, "panda", (1, 1, 0, 0.4)).z == 0.4
+    assert base_pose(seen_by(panda), "robot")[:3] == pytest.approx((3.4, 2, 0))
+    assert base_pose(seen_by(panda), "panda", (1, 1, 0.5)) == pytest.approx(Pose.planar(1, 1, 0.5))
+    assert base_pose(seen_by(panda), "panda", (1, 1, 0, 0.4)).z == 0.4
     with pytest.raises(LookupError, match="no agent panda with a pose: give its base"):
-        base_pose(panda, "panda")
+        base_pose(seen_by(panda), "panda")
     with pytest.raises(ManipulationError, match="a base is x, y, yaw"):
-        base_pose(panda, "panda", (1, float("nan"), 0))
+        base_pose(seen_by(panda), "panda", (1, float("nan"), 0))
 
 
 def test_unknown_robots_and_those_without_an_arm(panda, tmp_path):
@@ -123,21 +124,21 @@ def test_a_mission_takes_what_the_arm_of_its_robot_reaches(cup_map):
         )
         robot = connection.execute(text("SELECT entity_id('robot')")).scalar_one()
         memory = GraspMemory()
-        refused = memory.begin(connection, robot, pickup).refusal
+        refused = memory.begin(seen_by(connection), robot, pickup).refusal
         assert refused.cause == "unable"
         assert "within reach of panda" in refused.message
         connection.execute(
             text("UPDATE placement SET holder_id = NULL, pose = :pose WHERE entity_id = :id"),
             {"pose": BASE.row, "id": robot},
         )
-        choice = memory.begin(connection, robot, pickup)
+        choice = memory.begin(seen_by(connection), robot, pickup)
         _, near = reached(session, limit=24)
         assert choice.action in {row["action_id"] for row in near}
         assert choice.note.endswith("of the arm, planned")
         ((path, link, joints),) = connection.execute(text(PATHS)).all()
         assert f"path {path} of" in choice.note
         assert (link, len(joints)) == ("panda_hand", 7)
-        again = memory.begin(connection, robot, pickup)
+        again = memory.begin(seen_by(connection), robot, pickup)
         assert again.note.endswith(f"path {path} of the arm, followed again")
         connection.rollback()
 
@@ -161,19 +162,23 @@ def test_a_mission_brings_what_it_holds_to_where_the_arm_puts_it_down(cup_map):
             text("SELECT pose FROM world WHERE entity_id = entity_id('cup1')")
         )
         stood = Pose(*stood.scalar_one())
-        assert memory.begin(connection, robot, pickup, "table").action is not None
+        assert memory.begin(seen_by(connection), robot, pickup, "table").action is not None
         memory.end(connection, robot, pickup, Outcome())
         grip = {"h": robot, "pose": [0.3, 0.0, 0.8, 0.0, 0.0, 1.0, 0.0], "n": "cup1"}
         connection.execute(text(moved), grip)
-        (spot,) = memory.spots(connection, robot, "cup1", "table", stood)
-        choice = memory.begin(connection, robot, replace(put, spot=spot))
+        (spot,) = memory.spots(seen_by(connection), robot, "cup1", "table", stood)
+        choice = memory.begin(seen_by(connection), robot, replace(put, spot=spot))
         assert choice.refusal is None, choice.refusal
         assert choice.note.endswith("of the arm, planned")
         assert len(connection.execute(text(PATHS)).all()) == 2
         memory.end(connection, robot, put, Outcome("missed"))
-        short = GraspMemory(motion_seconds=1e-9).begin(connection, robot, replace(put, spot=spot))
+        short = GraspMemory(motion_seconds=1e-9).begin(
+            seen_by(connection), robot, replace(put, spot=spot)
+        )
         assert "without a free motion of robot" in short.refusal.message
-        off = GraspMemory(motion_seconds=None).begin(connection, robot, replace(put, spot=spot))
+        off = GraspMemory(motion_seconds=None).begin(
+            seen_by(connection), robot, replace(put, spot=spot)
+        )
         assert (off.refusal, off.note) == (None, "")
         connection.rollback()
 
@@ -192,14 +197,19 @@ def test_a_mission_puts_down_where_the_arm_of_its_robot_reaches(cup_map):
         )
         connection.execute(move, {"p": BASE.row, "id": robot})
         memory, pickup = GraspMemory(), Command("pickup", ("cup1", "table"))
-        assert memory.begin(connection, robot, pickup).action is not None
+        assert memory.begin(seen_by(connection), robot, pickup).action is not None
         memory.end(connection, robot, pickup, Outcome())
-        (spot,) = memory.spots(connection, robot, "cup1", "table", BASE)
-        free = find_places(session, "cup1", "table", gripper="panda_gripper", towards=(2.2, 1.5))
+        (spot,) = memory.spots(seen_by(connection), robot, "cup1", "table", BASE)
+        free = find_places(
+            seen_by(session), "cup1", "table", gripper="panda_gripper", towards=(2.2, 1.5)
+        )
         other = free.rows[0]["spot"]
         assert np.hypot(spot.x - BASE.x, spot.y - BASE.y) < 0.85 < np.hypot(other.x - BASE.x, 0)
         connection.execute(move, {"p": Pose.planar(3.6, 0.3, 0, 0.7).row, "id": robot})
-        assert memory.spots(connection, robot, "cup1", "table", Pose.planar(2.2, 1.5, 0)) == []
+        assert (
+            memory.spots(seen_by(connection), robot, "cup1", "table", Pose.planar(2.2, 1.5, 0))
+            == []
+        )
         connection.rollback()
 
 
@@ -213,15 +223,17 @@ def test_a_held_object_is_put_down_by_the_grasp_that_holds_it(panda):
         "pose = '{0.4,0,0.8,0,0,0,1}' WHERE entity_id = entity_id('cup1')"
     )
     arm = stored_arm(panda, "panda")[1]
-    found = find_places(panda, "cup1", "table", gripper="panda_gripper", arm=arm, base=BASE)
+    found = find_places(
+        seen_by(panda), "cup1", "table", gripper="panda_gripper", arm=arm, base=BASE
+    )
     assert {row["grasp_id"] for row in found.rows} == {grasp}
-    motion = plan_action(panda, "panda", BASE, found.rows, state=READY, seconds=20)
+    motion = plan_action(seen_by(panda), "panda", BASE, found.rows, state=READY, seconds=20)
     assert motion is not None
     put = BASE.matrix @ arm.grasp_pose(motion.approach[-1])
     in_hand = np.linalg.inv(motion.row["model_pose"].matrix)
     np.testing.assert_allclose(put @ in_hand, motion.row["spot"].matrix, atol=1e-2)
     with pytest.raises(ManipulationError, match="its arm has no joint elbow"):
-        plan_action(panda, "panda", BASE, found.rows, state={"elbow": 1})
+        plan_action(seen_by(panda), "panda", BASE, found.rows, state={"elbow": 1})
 
 
 def test_the_commands_of_a_robot(cup_map):

@@ -25,6 +25,7 @@ from semmap.manipulation.store.actions import add_put
 from semmap.manipulation.store.shapes import model_mesh
 from semmap.manipulation.store.tasks import record_task
 from tests.manipulation.grippers import BY_HAND
+from tests.seen import seen_by
 
 VASE, BOX = "Vase_01", "SeasoningBox_01"
 TOP = shapely.box(0.4, 0.6, 2.0, 1.4)
@@ -43,7 +44,7 @@ def area(points: Any) -> Any:
 def placed(house: Map, name: str, pose: Pose | None = None) -> Any:
     """The vertices of an object in the map."""
     there = pose or Pose(*house[name].describe()["pose"])
-    return there.apply(np.asarray(model_mesh(house.connection, name).vertices))
+    return there.apply(np.asarray(model_mesh(seen_by(house.connection), name).vertices))
 
 
 def hand_at(gripper: Any, posture: int, pose: Any) -> Any:
@@ -58,10 +59,10 @@ def hand_at(gripper: Any, posture: int, pose: Any) -> Any:
 
 def test_places_are_on_the_table_and_free_of_what_stands_there(house: Map) -> None:
     here = house.connection
-    found = find_places(here, VASE, "table", limit=6)
+    found = find_places(seen_by(here), VASE, "table", limit=6)
     assert found.generated == [VASE]
     assert len(found.rows) == 6
-    again = find_places(here, VASE, "table", limit=6)
+    again = find_places(seen_by(here), VASE, "table", limit=6)
     assert again.generated == []
     assert [r["action_id"] for r in again.rows] == [r["action_id"] for r in found.rows]
     gripper = stored_gripper(here, "parallel_gripper")
@@ -89,30 +90,30 @@ def test_a_held_object_stands_as_it_stood_before(house: Map) -> None:
     """In the hand it is upside down; it is put as the robot found it, near the robot."""
     here = house.connection
     house.add_agent("robot", type="robot", size=(0.5, 0.5, 1.2), pose=(3.4, 2, 0))
-    best = find_places(here, BOX, "table", limit=1).rows[0]
+    best = find_places(seen_by(here), BOX, "table", limit=1).rows[0]
     grasp = best["grasp_id"]
     record_task(here, BOX, action=grasp, outcome="completed", robot="robot")
     with house.transaction():
         house.execute(HOLD, [0.3, 0.0, 1.0, 1.0, 0.0, 0.0, 0.0])
-    found = find_places(here, BOX, "table", grasps=[grasp], limit=1)
+    found = find_places(seen_by(here), BOX, "table", grasps=[grasp], limit=1)
     assert found.generated == []
     up = found.rows[0]["spot"].rotation_matrix[2]
     np.testing.assert_allclose(up, (0, 0, 1), atol=1e-6)
-    near = find_places(here, BOX, "table", towards=(2.0, 1.4), limit=3).rows
+    near = find_places(seen_by(here), BOX, "table", towards=(2.0, 1.4), limit=3).rows
     assert max(np.hypot(row["spot"].x - 2.0, row["spot"].y - 1.4) for row in near) < 0.35
-    assert place_of(here, BOX, grasp) == found.rows[0]["action_id"]
+    assert place_of(seen_by(here), BOX, grasp) == found.rows[0]["action_id"]
 
 
 def test_a_full_surface_and_one_that_is_none(house: Map) -> None:
     here = house.connection
     with pytest.raises(ManipulationError, match="Ball_01: has no level surface"):
-        find_places(here, VASE, "Ball_01")
+        find_places(seen_by(here), VASE, "Ball_01")
     with pytest.raises(ManipulationError, match="cannot be put on itself"):
-        find_places(here, VASE, VASE)
+        find_places(seen_by(here), VASE, VASE)
     with pytest.raises(LookupError, match="no grasp 77"):
-        find_places(here, VASE, "table", grasps=[77])
+        find_places(seen_by(here), VASE, "table", grasps=[77])
     house.add_object("board", type="shelf", size=(1.6, 0.8, 0.02), pose=(1.2, 1.0, 1.15))
-    found = find_places(here, VASE, "table", limit=1)  # 40 cm below the board
+    found = find_places(seen_by(here), VASE, "table", limit=1)  # 40 cm below the board
     assert found.rows == []
     assert "table" in found.problems[0] or VASE in found.problems[0]
 
@@ -124,13 +125,13 @@ def test_outcomes_of_places_rank_them_and_teach_a_second_gripper(
     register_gripper(here, DEFAULT_GRIPPER)
     (tmp_path / "plates.urdf").write_text(BY_HAND)
     register_gripper(here, tmp_path / "plates.urdf", "plates")
-    first = find_places(here, BOX, "table", gripper="parallel_gripper", limit=1).rows[0]
+    first = find_places(seen_by(here), BOX, "table", gripper="parallel_gripper", limit=1).rows[0]
     for _ in range(6):
         record_task(here, BOX, "place", action=first["action_id"], outcome="error")
-    second = find_places(here, BOX, "table", gripper="parallel_gripper", limit=1).rows[0]
+    second = find_places(seen_by(here), BOX, "table", gripper="parallel_gripper", limit=1).rows[0]
     assert second["action_id"] != first["action_id"]
-    find_places(here, BOX, "table", gripper="plates", limit=1)
-    stored = actions_on(here, name=BOX, kind="place", gripper="plates", limit=500)
+    find_places(seen_by(here), BOX, "table", gripper="plates", limit=1)
+    stored = actions_on(seen_by(here), name=BOX, kind="place", gripper="plates", limit=500)
     rows = ranked(here, stored, "plates", "place")
     taught = [r["expected"] for r in rows if r["family"] == first["family"]]
     others = [r["expected"] for r in rows if r["family"] != first["family"]]
@@ -140,10 +141,10 @@ def test_outcomes_of_places_rank_them_and_teach_a_second_gripper(
 
 def test_a_put_of_one_grasp_and_place_is_stored_once(house: Map) -> None:
     here = house.connection
-    row = find_places(here, BOX, "table", limit=1).rows[0]
+    row = find_places(seen_by(here), BOX, "table", limit=1).rows[0]
     whole = add_put(here, row["grasp_id"], row["action_id"])
     assert add_put(here, row["grasp_id"], row["action_id"]) == whole
-    (put,) = actions_on(here, name=BOX, kind="put")
+    (put,) = actions_on(seen_by(here), name=BOX, kind="put")
     assert put["action_id"] == whole
 
 
@@ -158,9 +159,9 @@ def test_pushes_stay_on_the_table_and_meet_nothing(house: Map) -> None:
     wall = trimesh.creation.box((0.02, 0.5, 0.3))
     wall.apply_translation((high[0] + 0.05, middle[1], 0.9))
     house.add_object("wall", type="box", mesh=wall, pose=(0, 0, 0))
-    found = find_pushes(here, BOX, limit=16)
+    found = find_pushes(seen_by(here), BOX, limit=16)
     assert found.generated == [BOX]
-    assert find_pushes(here, BOX, limit=16).generated == []
+    assert find_pushes(seen_by(here), BOX, limit=16).generated == []
     directions = {row["direction"] for row in found.rows}
     assert 0 not in directions
     assert 180 not in directions  # the hand would stand in the wall
@@ -189,7 +190,7 @@ def test_near_the_edge_pushes_lead_away_from_it(house: Map) -> None:
     size = np.ptp(placed(house, BOX), axis=0)
     with house.transaction():
         house[BOX].move_to(2.0 - size[0] / 2 - 0.03, 1.0, 0.75)
-    rows = find_pushes(here, BOX, limit=16).rows
+    rows = find_pushes(seen_by(here), BOX, limit=16).rows
     ways = [np.array(row["end"][:3]) - np.array(row["pose"][:3]) for row in rows]
     reach = placed(house, BOX)[:, 0].max()
     assert rows
@@ -198,17 +199,17 @@ def test_near_the_edge_pushes_lead_away_from_it(house: Map) -> None:
 
 def test_outcomes_of_pushes_rank_them(house: Map) -> None:
     here = house.connection
-    first = find_pushes(here, BOX, limit=1).rows[0]
+    first = find_pushes(seen_by(here), BOX, limit=1).rows[0]
     for _ in range(4):
         record_task(here, BOX, "push", action=first["action_id"], outcome="error")
-    assert find_pushes(here, BOX, limit=1).rows[0]["action_id"] != first["action_id"]
+    assert find_pushes(seen_by(here), BOX, limit=1).rows[0]["action_id"] != first["action_id"]
 
 
 def test_what_hangs_in_the_air_is_not_pushed(house: Map) -> None:
     with house.transaction():
         house[BOX].move_to(1.4, 1.0, 1.2)
     with pytest.raises(ManipulationError, match="stands on nothing level"):
-        find_pushes(house.connection, BOX)
+        find_pushes(seen_by(house.connection), BOX)
 
 
 def cabinet(open_front: bool) -> Mesh:
@@ -240,7 +241,7 @@ def test_a_thing_stands_inside_of_furniture_only_where_a_hand_gets_in(
     """Rays between the hand and the outside, by trimesh, meet no panel."""
     here, mesh = house.connection, cabinet(open_front)
     house.add_object("cabinet", type="cabinet", mesh=mesh, pose=(3.2, 1.2, 0))
-    rows = find_places(here, BOX, "cabinet", limit=4).rows
+    rows = find_places(seen_by(here), BOX, "cabinet", limit=4).rows
     if not open_front:
         assert rows == []
         return
@@ -258,6 +259,6 @@ def test_on_a_night_stand_comes_before_inside_of_it(house: Map, worlds: Path) ->
     folder = worlds / "small_house" / "models" / "aws_robomaker_residential_NightStand_01"
     mesh = read_mesh(next(folder.glob("meshes/*visual.DAE")), dae_up_axis=False)
     house.add_object("stand", type="nightstand", mesh=mesh, pose=(3.2, 1.2, 0))
-    top = np.asarray(model_mesh(house.connection, "stand").vertices)[:, 2].max()
-    for row in find_places(house.connection, BOX, "stand", limit=4).rows:
+    top = np.asarray(model_mesh(seen_by(house.connection), "stand").vertices)[:, 2].max()
+    for row in find_places(seen_by(house.connection), BOX, "stand", limit=4).rows:
         assert abs(placed(house, BOX, row["spot"])[:, 2].min() - top) < 0.02

@@ -32,6 +32,7 @@ from tests.command_line import semmap
 from tests.conftest import MakeDatabase
 from tests.manipulation.grippers import BY_HAND
 from tests.manipulation.test_collision import hulls_meet
+from tests.seen import seen_by
 
 
 def test_the_shapes_of_all_meshes_are_found_once(house: Map) -> None:
@@ -43,7 +44,7 @@ def test_the_shapes_of_all_meshes_are_found_once(house: Map) -> None:
         mesh=trimesh.Trimesh([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]]),
         pose=(0, 0, 0),
     )
-    found = store_shapes(here)
+    found = store_shapes(seen_by(here))
     rows, problems = found.rows, found.problems
     assert {row["entity"]: row["shape"] for row in rows} == {
         "table": "cuboid",
@@ -53,24 +54,24 @@ def test_the_shapes_of_all_meshes_are_found_once(house: Map) -> None:
     }
     assert problems == ["flat: the mesh is flat, it has no volume: give the mesh of a solid"]
     ball = read_shape(here, object_model_id(here, "Ball_01"))
-    mesh = model_mesh(here, "Ball_01")
+    mesh = model_mesh(seen_by(here), "Ball_01")
     assert ball is not None
     assert ball["size"] == pytest.approx([mesh.extents.mean() / 2], rel=0.03)
-    assert shape_of(here, "Ball_01").pose[:3, 3] == pytest.approx(
+    assert shape_of(seen_by(here), "Ball_01").pose[:3, 3] == pytest.approx(
         mesh.bounds.mean(axis=0), abs=0.01
     )
 
 
 def test_generated_grasps_are_stored_and_free_of_the_table(house: Map) -> None:
     here = house.connection
-    first = find_grasps(here, name="vase", limit=40)
+    first = find_grasps(seen_by(here), name="vase", limit=40)
     assert first.generated == ["Vase_01"]
     assert [g["name"] for g in list_grippers(here)] == ["parallel_gripper"]
-    again = find_grasps(here, name="Vase_01", limit=40)
+    again = find_grasps(seen_by(here), name="Vase_01", limit=40)
     assert again.generated == []
     assert [r["action_id"] for r in again.rows] == [r["action_id"] for r in first.rows]
     assert first.rows
-    everywhere = find_grasps(here, name="vase", limit=1000, check=False).rows
+    everywhere = find_grasps(seen_by(here), name="vase", limit=1000, check=False).rows
     assert len(everywhere) > len(first.rows)
     fingers = np.array([[x, 0, 0.0] for x in (-0.02, 0.02)])  # the middle of the pads
     assert min(row["pose"].apply(fingers)[:, 2].min() for row in first.rows) > 0.75
@@ -87,7 +88,7 @@ def test_stored_grasps_by_instance_type_function_pose_and_shape_the_best_first(
     random = np.random.default_rng(7)
     names = {}
     for name in ("Vase_01", "SeasoningBox_01"):
-        ids = generate(here, name)
+        ids = generate(seen_by(here), name)
         names[object_model_id(here, name)] = name
         for id_ in random.choice(ids, 25):
             outcome = str(random.choice(["completed", "error"]))
@@ -108,7 +109,7 @@ def test_stored_grasps_by_instance_type_function_pose_and_shape_the_best_first(
         return sorted(share, key=lambda id_: (-share[id_], id_))[:40]
 
     def found(**asked: Any) -> list[int]:
-        return [row["action_id"] for row in actions_on(here, **asked, limit=40)]
+        return [row["action_id"] for row in actions_on(seen_by(here), **asked, limit=40)]
 
     vase, box = "Vase_01", "SeasoningBox_01"
     assert found(name=vase) == found(name="vase") == best(vase)
@@ -116,22 +117,22 @@ def test_stored_grasps_by_instance_type_function_pose_and_shape_the_best_first(
     assert found(name="container") == best(vase, box)
     assert found(function="storing") == best(vase, box)
     assert found(function="seasoning") == best(box)
-    inside = entity_triangles(here, vase).reshape(-1, 3).mean(axis=0)
+    inside = entity_triangles(seen_by(here), vase).reshape(-1, 3).mean(axis=0)
     assert found(point=inside) == best(vase)
     low, high = (
-        entity_triangles(here, box).min(axis=(0, 1)),
-        entity_triangles(here, box).max((0, 1)),
+        entity_triangles(seen_by(here), box).min(axis=(0, 1)),
+        entity_triangles(seen_by(here), box).max((0, 1)),
     )
     beside = [high[0] + 0.02, *((low + high) / 2)[1:]]
     assert found(point=beside, tolerance=0.03) == best(box)
     with pytest.raises(LookupError, match="no object with geometry within"):
         found(point=beside, tolerance=0.01)
-    shape = shape_of(here, vase)
+    shape = shape_of(seen_by(here), vase)
     size = np.add(shape.size, 0.004)
     alike = actions_by_shape(here, shape.kind, size, tolerance=0.005, limit=40)
     assert [row["action_id"] for row in alike] == best(vase)
     assert actions_by_shape(here, shape.kind, size, tolerance=0.003) == []
-    for row, own in zip(alike, actions_on(here, name=vase, limit=40), strict=True):
+    for row, own in zip(alike, actions_on(seen_by(here), name=vase, limit=40), strict=True):
         placed = shape.pose @ row["pose"].matrix
         np.testing.assert_allclose(placed, own["model_pose"].matrix, atol=1e-6)
 
@@ -142,13 +143,13 @@ def test_the_open_gripper_must_not_touch_the_object_unless_the_grasp_has_succeed
     """Beside linear programs over the links of the gripper and the faces of a box in the air."""
     here = house.connection
     house.add_object("bar", type="bar", define=True, size=(0.05, 0.05, 0.16), pose=(3.4, 0.5, 1.4))
-    free = {row["action_id"] for row in find_grasps(here, name="bar", limit=400).rows}
-    every = find_grasps(here, name="bar", limit=400, check=False).rows
+    free = {row["action_id"] for row in find_grasps(seen_by(here), name="bar", limit=400).rows}
+    every = find_grasps(seen_by(here), name="bar", limit=400, check=False).rows
     touching = [row for row in every if row["action_id"] not in free]
     assert len(free) > 50
     assert len(touching) > 20
     gripper = stored_gripper(here, "parallel_gripper")
-    faces = entity_triangles(here, "bar")
+    faces = entity_triangles(seen_by(here), "bar")
     random = np.random.default_rng(0)
     for row in random.choice(np.array(every), 12, replace=False):
         ends = [row[name].matrix for name in ("pose", "pre_pose")]
@@ -160,12 +161,12 @@ def test_the_open_gripper_must_not_touch_the_object_unless_the_grasp_has_succeed
             touches |= any(hulls_meet(passed, face) for face in faces)
         assert touches == (row["action_id"] not in free)
     add_task(here, "bar", action=touching[0]["action_id"], outcome="completed")
-    again = {row["action_id"] for row in find_grasps(here, name="bar", limit=400).rows}
+    again = {row["action_id"] for row in find_grasps(seen_by(here), name="bar", limit=400).rows}
     assert again == free | {touching[0]["action_id"]}
 
 
 def test_what_does_not_fit_is_said_with_its_size(house: Map) -> None:
-    found = find_grasps(house.connection, name="ball")
+    found = find_grasps(seen_by(house.connection), name="ball")
     assert found.rows == []
     assert found.problems[0].startswith("Ball_01: no grasp fits its shape (sphere 0.3")
     assert found.problems[0].endswith("gripper parallel_gripper opens 0.09 m")
@@ -173,20 +174,20 @@ def test_what_does_not_fit_is_said_with_its_size(house: Map) -> None:
 
 def test_an_object_among_others_has_no_free_grasp(house: Map) -> None:
     here = house.connection
-    middle = model_mesh(here, "SeasoningBox_01").bounds.mean(axis=0)
+    middle = model_mesh(seen_by(here), "SeasoningBox_01").bounds.mean(axis=0)
     house.add_object(
         "box", type="box", size=(0.08, 0.32, 0.1), pose=(1.4 + middle[0], 1.0 + middle[1], 0.751)
     )
-    found = find_grasps(here, name="SeasoningBox_01")
+    found = find_grasps(seen_by(here), name="SeasoningBox_01")
     assert found.rows == []
     assert "the gripper touches what is around" in found.problems[-1]
-    assert find_grasps(here, name="SeasoningBox_01", check=False).rows
+    assert find_grasps(seen_by(here), name="SeasoningBox_01", check=False).rows
 
 
 def test_outcomes_on_a_shape_rank_the_grasps_of_a_similar_one(cups: Map) -> None:
     here = cups.connection
     register_gripper(here, DEFAULT_GRIPPER)
-    best = find_grasps(here, name="cup1", gripper="parallel_gripper", check=False).rows[0]
+    best = find_grasps(seen_by(here), name="cup1", gripper="parallel_gripper", check=False).rows[0]
     mesh = trimesh.creation.cylinder(0.036, 0.1, sections=32)
     cups.add_object("beaker", type="mug", mesh=mesh, pose=(1.5, 1.3, 0.8))
     before = _ranks(here, "beaker", "parallel_gripper")
@@ -204,7 +205,7 @@ def test_a_second_gripper_profits_from_the_first_ones_outcomes(cups: Map, tmp_pa
     (tmp_path / "plates.urdf").write_text(BY_HAND)
     register_gripper(here, tmp_path / "plates.urdf", "plates")
     untaught = _ranks(here, "cup1", "plates")
-    best = find_grasps(here, name="cup1", gripper="parallel_gripper", check=False).rows[0]
+    best = find_grasps(seen_by(here), name="cup1", gripper="parallel_gripper", check=False).rows[0]
     for _ in range(6):
         record_task(here, "cup1", action=best["action_id"], outcome="error")
     taught = _ranks(here, "cup1", "plates")
@@ -218,7 +219,7 @@ def test_a_second_gripper_profits_from_the_first_ones_outcomes(cups: Map, tmp_pa
 
 def _ranks(here: Any, name: str, gripper: str) -> dict[str, float]:
     """The expected share of successes of the best grasp of each family."""
-    rows = find_grasps(here, name=name, gripper=gripper, limit=1000, check=False).rows
+    rows = find_grasps(seen_by(here), name=name, gripper=gripper, limit=1000, check=False).rows
     return {row["family"]: row["expected"] for row in reversed(rows)}
 
 
@@ -241,7 +242,7 @@ def test_a_gripper_without_fingers_or_without_its_file_is_refused(
     with pytest.raises(ManipulationError, match="is not there"):
         stored_gripper(here, "mine")
     with pytest.raises(ManipulationError, match="its URDF is not stored"):
-        generate(here, "cup1", "wide")
+        generate(seen_by(here), "cup1", "wide")
 
 
 # -- commands -------------------------------------------------------------------------------------
@@ -338,7 +339,7 @@ def test_object_models_of_entities_follow_their_meshes(house: Map) -> None:
         "JOIN model m ON m.id = em.model_id JOIN object_mesh h ON h.digest = m.digest "
         "ORDER BY em.entity_id, em.role DESC, h.object_id"
     )
-    store_shapes(house.connection)
+    store_shapes(seen_by(house.connection))
     seen = set()
     for change in ("SELECT", *CHANGES_OF_MESHES):
         house.execute(change)

@@ -22,6 +22,7 @@ from semmap.manipulation.store.shapes import model_mesh
 from tests.command_line import semmap
 from tests.manipulation.grippers import real_gripper, urdf
 from tests.manipulation.test_motion import touches
+from tests.seen import seen_by
 
 TABLE = "KitchenTable_01_001"
 BASE, FAR = "5.1,0.95,0", "2,0.95,0"
@@ -63,7 +64,7 @@ def kitchen(house: Engine, worlds: Path) -> Kitchen:
         for name, (mesh, pose) in THINGS.items():
             path = worlds / "ycb" / "meshes" / f"{mesh}_textured.gltf"
             here.add_object(name, type=name, mesh=path, pose=pose)
-            corners[name] = np.asarray(model_mesh(here.connection, name).vertices)
+            corners[name] = np.asarray(model_mesh(seen_by(here.connection), name).vertices)
     told = semmap(url, "manipulation", "add-robot", urdf("tiago"), "--name", "tiago")
     assert told.exit_code == 0, told.output
     told = semmap(url, "robot", "add", "tiago", "--robot", urdf("tiago"), "--state", FOLDED)

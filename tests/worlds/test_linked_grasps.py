@@ -25,6 +25,7 @@ from semmap.manipulation.store.shapes import model_mesh, shape_of
 from semmap.manipulation.trial import HEIGHT, TrialOutcome
 from tests.command_line import semmap
 from tests.manipulation.grippers import BY_HAND
+from tests.seen import seen_by
 
 NAMES = {
     "Vase_01_001": (10, "Vase 01"),
@@ -59,7 +60,7 @@ def house(bare_house: Engine, tmp_path_factory: pytest.TempPathFactory) -> House
     with package.connect(url) as db:
         session = db.map("house").connection
         for name in NAMES:
-            mesh = model_mesh(session, name)
+            mesh = model_mesh(seen_by(session), name)
             meshes[name] = np.asarray(mesh.vertices), np.asarray(mesh.faces)
     return House(url, folder, meshes)
 
@@ -164,7 +165,7 @@ def test_linked_grasps_are_offered_until_the_link_is_undone(house: House) -> Non
     name = "Vase_01_001"  # a cylinder: up to its symmetry
     with package.connect(house.url) as db:
         grasps(house, name, "--unchecked")  # finds the primitive
-        shape = shape_of(db.map("house").connection, name)
+        shape = shape_of(seen_by(db.map("house").connection), name)
     (row,) = [row for row in grasps(house, name, "--unchecked") if row["link"] is not None]
     assert row["frame"] == "shape"
     assert row["expected"] == pytest.approx(0.9 * row["link"])
@@ -276,9 +277,11 @@ def test_a_correction_of_a_linked_grasp_belongs_to_the_object(house: House) -> N
 
     with package.connect(house.url) as db:
         session = db.map("house").connection
-        rows = find_grasps(session, name=name, gripper="plates", check=False).rows
+        rows = find_grasps(seen_by(session), name=name, gripper="plates", check=False).rows
         linked = [row for row in rows if row["link"] is not None]
-        made = practise(session, name, "plates", rows=linked, attempt=attempt, simulated=False)
+        made = practise(
+            seen_by(session), name, "plates", rows=linked, attempt=attempt, simulated=False
+        )
         assert [each["outcome"] for each in made] == ["turned", "completed"]
         stored = made[-1]["stored"]
         found = session.execute(
@@ -288,6 +291,6 @@ def test_a_correction_of_a_linked_grasp_belongs_to_the_object(house: House) -> N
             (linked[0]["action_id"], stored, name),
         ).fetchall()
         assert found == [(None, True, False)]
-        best = find_grasps(session, name=name, gripper="plates", check=False).rows[0]
+        best = find_grasps(seen_by(session), name=name, gripper="plates", check=False).rows[0]
         assert best["action_id"] == stored
     run(house, "interlink", "undo", number)

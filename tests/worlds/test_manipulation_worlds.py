@@ -11,6 +11,7 @@ import semmap as package
 from semmap.manipulation.retrieval import find_grasps
 from tests.command_line import semmap
 from tests.manipulation.grippers import BY_HAND
+from tests.seen import seen_by
 
 BOX = "SeasoningBox_01_001"
 
@@ -80,7 +81,7 @@ def test_a_second_robot_of_another_gripper_does_not_begin_with_what_failed(
         session = db.map("house").connection
         with session.transaction(force_rollback=True):
             session.execute("DELETE FROM experience")
-            found_grasps = find_grasps(session, name=BOX, gripper="plates", limit=1)
+            found_grasps = find_grasps(seen_by(session), name=BOX, gripper="plates", limit=1)
             assert found_grasps.rows[0]["family"] in families
     ((family, outcome),) = tried("--gripper", "plates")
     assert family not in families

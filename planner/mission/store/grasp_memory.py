@@ -20,6 +20,7 @@ from semmap.manipulation.error import ManipulationError
 from semmap.manipulation.places import find_places
 from semmap.manipulation.store.actions import add_put
 from semmap.manipulation.store.tasks import add_task
+from semmap.query.snapshot import Snapshot
 
 KINDS = {"pickup": "grasp", "place": "place"}  # behaviours, and the kinds of their actions
 
@@ -55,24 +56,24 @@ class GraspMemory:
             hand_of(driver_of(connection), robot, robot_class or known, self.gripper)
 
     def begin(
-        self, connection: Connection, robot: int, command: Command, target: str | None = None
+        self, seen: Snapshot, robot: int, command: Command, target: str | None = None
     ) -> Choice:
         """Choose how a robot does a pickup or a place, and store that it begins.
 
         A grasp with which the gripper can put the object on `target` is preferred. Raises
         LookupError as `check` does.
         """
-        session = driver_of(connection)
+        connection = seen.connection
         item, kind = command.arguments[0], KINDS[command.behaviour]
-        with session.transaction():
-            chooser = self._chooser(connection, session, robot)
+        with seen.session.transaction():
+            chooser = self._chooser(seen, robot)
             if kind == "grasp":
                 goes_on = target if _is_object(connection, target) else None
                 choice = chooser.grasp(item, goes_on)
             else:
                 choice = _place(connection, chooser, robot, command)
             add_task(
-                session,
+                seen.session,
                 item,
                 kind,
                 action=choice.action,
@@ -85,7 +86,7 @@ class GraspMemory:
         return choice
 
     def spots(
-        self, connection: Connection, robot: int, item: str, target: str, towards: Pose
+        self, seen: Snapshot, robot: int, item: str, target: str, towards: Pose
     ) -> list[Pose] | None:
         """Where the gripper of a robot can put down what it holds; None if not known.
 
@@ -93,16 +94,15 @@ class GraspMemory:
         where it has a stored one. It is not known for floors, for objects without a mesh, and for
         what the robot took without a known grasp.
         """
-        held = _held_by(connection, robot, item)
-        if held is None or held.action_id is None or not _is_object(connection, target):
+        held = _held_by(seen.connection, robot, item)
+        if held is None or held.action_id is None or not _is_object(seen.connection, target):
             return None
-        session = driver_of(connection)
         near = (towards.x, towards.y)
-        chooser = self._chooser(connection, session, robot)
+        chooser = self._chooser(seen, robot)
         try:
-            with session.transaction():
+            with seen.session.transaction():
                 found = find_places(
-                    session,
+                    seen,
                     item,
                     target,
                     gripper=chooser.hand.gripper,
@@ -132,11 +132,11 @@ class GraspMemory:
         if kind == "place" and counts and ended is not None and ended.action_id is not None:
             self._end_put(connection, ended.id)
 
-    def _chooser(self, connection: Connection, session: Any, robot: int) -> GraspChooser:
-        name, robot_class, pose = connection.execute(text(_ROBOT), {"id": robot}).one()
-        hand: Hand = hand_of(session, name, robot_class, self.gripper)
+    def _chooser(self, seen: Snapshot, robot: int) -> GraspChooser:
+        name, robot_class, pose = seen.connection.execute(text(_ROBOT), {"id": robot}).one()
+        hand: Hand = hand_of(seen.session, name, robot_class, self.gripper)
         base = Pose() if pose is None else Pose(*pose)
-        return GraspChooser(session, name, hand, base, self.trial, self.motion_seconds)
+        return GraspChooser(seen, name, hand, base, self.trial, self.motion_seconds)
 
     def _end_put(self, connection: Connection, place: int) -> None:
         """Store the put that a place has ended, from the begin of its grasp."""

@@ -202,7 +202,8 @@ class MissionStore(MissionList):
         Returns, of a pickup or a place, how the robot does it, or why it cannot, such as a table
         that was removed; else an empty choice.
         """
-        with self._begin() as connection:
+        with self._snapshot() as seen:
+            connection = seen.connection
             robot = self._own(connection, mission, running=True)
             choice = Choice()
             gone = read_missing(connection, command.needs)
@@ -211,7 +212,7 @@ class MissionStore(MissionList):
             elif self.grasps is not None and command.behaviour in KINDS:
                 values = {"mission": mission, "item": command.arguments[0]}
                 target = connection.execute(text(_TARGET), values).scalar()
-                choice = self.grasps.begin(connection, robot, command, target)
+                choice = self.grasps.begin(seen, robot, command, target)
             chosen = command if choice.spot is None else replace(command, spot=choice.spot)
             values = {"mission": mission, "number": number, "command": json.dumps(chosen.as_json())}
             connection.execute(text(_START), values)
@@ -305,7 +306,7 @@ class MissionStore(MissionList):
         with self._snapshot() as seen:
             if self.grasps is not None and mission is not None:
                 robot = self._own(seen.connection, mission)
-                spots = self.grasps.spots(seen.connection, robot, item, target, towards)
+                spots = self.grasps.spots(seen, robot, item, target, towards)
                 if spots is not None:
                     return spots[0] if spots else None
             return find_placement(seen, item, target, towards)

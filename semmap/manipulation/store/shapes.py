@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from semmap.belief.store.beliefs import Session
 from semmap.found_rows import FoundRows
 from semmap.manipulation.error import ManipulationError
 from semmap.manipulation.reader import read_shape
 from semmap.manipulation.store.models import object_model_id, set_shape
 from semmap.query.entity_query import entity_id
 from semmap.query.meshes import models_triangles
+from semmap.query.snapshot import Snapshot
 
 if TYPE_CHECKING:
     import trimesh
@@ -31,28 +31,28 @@ class StoredShape:
     inliers: float = 1.0
 
 
-def shape_of(session: Session, entity: str) -> StoredShape:
+def shape_of(seen: Snapshot, entity: str) -> StoredShape:
     """The primitive of an entity's model, fitted at need; ManipulationError without a volume."""
-    model = object_model_id(session, entity)
-    row = read_shape(session, model)
+    model = object_model_id(seen.session, entity)
+    row = read_shape(seen.session, model)
     if row is None:
         from semmap.perception.mesh_shapes import mesh_primitive  # SciPy is slow to load
         from semmap.perception.point_cloud import PerceptionError
 
         try:
-            set_shape(session, model, mesh_primitive(model_mesh(session, entity)))
+            set_shape(seen.session, model, mesh_primitive(model_mesh(seen, entity)))
         except PerceptionError as error:
             raise ManipulationError(f"{entity}: {error}") from error
-        row = read_shape(session, model)
+        row = read_shape(seen.session, model)
         assert row is not None
     return StoredShape(row["shape"], tuple(row["size"]), row["shape_pose"].matrix, row["inliers"])
 
 
-def model_mesh(session: Session, entity: str) -> trimesh.Trimesh:
+def model_mesh(seen: Snapshot, entity: str) -> trimesh.Trimesh:
     """The visual mesh of an entity, else its collision mesh, in the frame of its model."""
     import trimesh
 
-    row = session.execute(
+    row = seen.session.execute(
         "SELECT m.id FROM entity_model em JOIN model m ON m.id = em.model_id "
         "JOIN entity e ON e.id = em.entity_id WHERE e.map_id = current_map() AND e.name = %s "
         "AND m.triangles > 0 ORDER BY em.role DESC, m.id LIMIT 1",
@@ -60,7 +60,7 @@ def model_mesh(session: Session, entity: str) -> trimesh.Trimesh:
     ).fetchone()
     if row is None:
         raise ManipulationError(f"{entity}: has no mesh: import one, or give its size")
-    triangles = models_triangles(session, [row[0]])[row[0]]
+    triangles = models_triangles(seen.session, [row[0]])[row[0]]
     faces = np.arange(3 * len(triangles)).reshape(-1, 3)
     mesh = trimesh.Trimesh(triangles.reshape(-1, 3), faces, process=False)
     mesh.merge_vertices()
@@ -68,7 +68,7 @@ def model_mesh(session: Session, entity: str) -> trimesh.Trimesh:
 
 
 def store_shapes(
-    session: Session,
+    seen: Snapshot,
     names: Sequence[str] | None = None,
     progress: Callable[[str, int, int], None] = lambda name, done, total: None,
 ) -> FoundRows:
@@ -78,8 +78,8 @@ def store_shapes(
     `progress` is called with each name, how many are done and how many there are.
     """
     for name in names or ():
-        entity_id(session, name)
-    found = session.execute(
+        entity_id(seen.session, name)
+    found = seen.session.execute(
         "SELECT DISTINCT ON (coalesce(object_of(e.id)::text, m.digest)) e.name FROM entity e "
         "JOIN entity_model em ON em.entity_id = e.id "
         "JOIN model m ON m.id = em.model_id AND m.triangles > 0 "
@@ -92,8 +92,8 @@ def store_shapes(
     for done, (name,) in enumerate(sorted(found)):
         progress(name, done, len(found))
         try:
-            with session.transaction():
-                shape = shape_of(session, name)
+            with seen.session.transaction():
+                shape = shape_of(seen, name)
         except ManipulationError as error:
             problems.append(str(error))
         else:

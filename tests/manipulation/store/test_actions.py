@@ -31,6 +31,7 @@ from semmap.manipulation.store.tasks import add_task, record_task
 from semmap.model import ManipulationTask, ObjectModel, StoredAction
 from semmap.snake_case import snake_case
 from tests.manipulation.cup_map import candidate, path_between, primitive
+from tests.seen import seen_by
 
 PUSH = ActionRecord("push", Pose(z=0.02), motion=(0.1, 0.0, 0.0), approach="side")
 TURN = ActionRecord("turn", Pose(x=0.1), motion=(0, 0, 0, 0, 0, 1, 0.5))
@@ -61,22 +62,25 @@ def test_the_queries_of_the_paper(cups: Map) -> None:
     )
     (bottle,) = add_actions(here, "bottle", None, [candidate(quality=0.6)])
     add_actions(here, "book", None, [candidate(quality=1.0)])
-    assert ids(actions_on(here, name="cup")) == [high, high, low, low]
-    assert {row["entity"] for row in actions_on(here, name="cup")} == {"cup1", "cup2"}
-    assert ids(actions_on(here, name="cup2")) == [high, low]  # stored for cup1: of one model
-    assert ids(actions_on(here, function="drinking")) == [high, high, bottle, low, low]
-    assert ids(actions_on(here, function="drink", limit=1)) == [high]
-    assert ids(actions_on(here, point=(1.5, 1.6, 0.8))) == [bottle]
-    assert ids(actions_on(here, point=(1.55, 1.6, 0.8))) == [bottle]  # 15 mm beside it
-    assert actions_on(here, name="cup", gripper="wide") == []
-    assert actions_on(here, name="cup", kind="push") == []
+    assert ids(actions_on(seen_by(here), name="cup")) == [high, high, low, low]
+    assert {row["entity"] for row in actions_on(seen_by(here), name="cup")} == {"cup1", "cup2"}
+    assert ids(actions_on(seen_by(here), name="cup2")) == [
+        high,
+        low,
+    ]  # stored for cup1: of one model
+    assert ids(actions_on(seen_by(here), function="drinking")) == [high, high, bottle, low, low]
+    assert ids(actions_on(seen_by(here), function="drink", limit=1)) == [high]
+    assert ids(actions_on(seen_by(here), point=(1.5, 1.6, 0.8))) == [bottle]
+    assert ids(actions_on(seen_by(here), point=(1.55, 1.6, 0.8))) == [bottle]  # 15 mm beside it
+    assert actions_on(seen_by(here), name="cup", gripper="wide") == []
+    assert actions_on(seen_by(here), name="cup", kind="push") == []
 
 
 def test_poses_are_in_the_frame_of_the_map(cups: Map) -> None:
     here = session(cups)
     add_actions(here, "cup1", None, [candidate(x=0.02, yaw=0.4)])
     world = dict(here.execute("SELECT e.name, pose FROM world JOIN entity e ON e.id = entity_id"))
-    for row in actions_on(here, name="cup"):
+    for row in actions_on(seen_by(here), name="cup"):
         outer = Pose(*world[row["entity"]]).matrix
         assert row["pose"].matrix == pytest.approx(outer @ candidate(x=0.02, yaw=0.4).pose)
         assert row["pre_pose"].matrix == pytest.approx(outer @ candidate(x=0.02, yaw=0.4).pre_grasp)
@@ -106,7 +110,7 @@ def test_functions_are_those_of_the_type_its_supertypes_and_the_model(cups: Map)
     names = {row[0]: row[1] for row in here.execute("SELECT id, name FROM entity").fetchall()}
 
     def meant(word: str) -> set[str]:
-        return {names[id_] for id_ in entities_meant(here, function=word)}
+        return {names[id_] for id_ in entities_meant(seen_by(here), function=word)}
 
     assert meant("drinking") == {"cup1", "cup2", "bottle"}
     assert meant("reading") == {"book"}
@@ -119,7 +123,7 @@ def test_functions_are_those_of_the_type_its_supertypes_and_the_model(cups: Map)
     with pytest.raises(LookupError, match="did you mean drinking"):
         function_named(here, "drinkin' tea")
     with pytest.raises(LookupError, match="no type and no object model"):
-        entities_meant(here, function="flying")
+        entities_meant(seen_by(here), function="flying")
 
 
 def test_knowledge_of_models_that_the_map_lacks(cups: Map) -> None:
@@ -129,7 +133,7 @@ def test_knowledge_of_models_that_the_map_lacks(cups: Map) -> None:
     add_actions(here, "cup1", None, [candidate(quality=0.5)])
     known = here.execute("SELECT action_id FROM known_actions('drinking', most => 1)").fetchall()
     assert known == [(stored,)]
-    assert stored not in ids(actions_on(here, function="drinking"))
+    assert stored not in ids(actions_on(seen_by(here), function="drinking"))
 
 
 @pytest.mark.parametrize("best", [0.2, 1.0])
@@ -170,7 +174,7 @@ def test_outcomes_decide_which_action_comes_first(cups: Map) -> None:
     a, b = add_actions(here, "cup1", None, [candidate(quality=0.8), candidate(x=0.01, quality=0.6)])
     record_task(here, "cup1", action=a, outcome="error", message="slipped")
     record_task(here, "cup2", action=b, outcome="completed", robot="robot", goal=Pose(x=1))
-    rows = actions_on(here, name="cup1")
+    rows = actions_on(seen_by(here), name="cup1")
     assert ids(rows) == [b, a]
     assert [row["expected"] for row in rows] == pytest.approx([2.2 / 3, 1.6 / 3])
     task = here.execute("SELECT start, goal FROM task WHERE action_id = %s", (b,)).fetchone()
@@ -183,7 +187,7 @@ def test_what_worked_replaces_what_did_not(cups: Map) -> None:
     record_task(here, "cup1", action=failed, outcome="error")
     (worked,) = add_actions(here, "cup1", None, [candidate(x=0.004, quality=0.5)])
     record_task(here, "cup1", action=worked, outcome="completed", instead_of=failed)
-    assert ids(actions_on(here, name="cup")) == [worked, worked]
+    assert ids(actions_on(seen_by(here), name="cup")) == [worked, worked]
     cup = object_model_id(here, "cup1")
     tried = here.execute(
         "SELECT approach, sum(attempts), sum(successes) FROM action "
@@ -201,9 +205,9 @@ def test_simulated_outcomes_count_by_their_trust(cups: Map) -> None:
     here = session(cups)
     (id_,) = add_actions(here, "cup1", None, [candidate(quality=0.5)])
     record_task(here, "cup1", action=id_, outcome="completed", simulated=True)
-    assert actions_on(here, name="cup1")[0]["attempts"] == 0.5
+    assert actions_on(seen_by(here), name="cup1")[0]["attempts"] == 0.5
     here.execute("UPDATE contributor SET trust = 1 WHERE name = 'simulation'")
-    assert actions_on(here, name="cup1")[0]["attempts"] == 1
+    assert actions_on(seen_by(here), name="cup1")[0]["attempts"] == 1
 
 
 def test_a_task_counts_once_when_it_ends(cups: Map) -> None:
@@ -215,10 +219,10 @@ def test_a_task_counts_once_when_it_ends(cups: Map) -> None:
         here.execute("UPDATE task SET outcome = %s WHERE id = %s", (outcome, task))
 
     end("running")
-    assert actions_on(here, name="cup1")[0]["attempts"] == 0
+    assert actions_on(seen_by(here), name="cup1")[0]["attempts"] == 0
     end("completed")
     end("completed")
-    assert actions_on(here, name="cup1")[0]["successes"] == 1
+    assert actions_on(seen_by(here), name="cup1")[0]["successes"] == 1
     with pytest.raises(ManipulationError, match="has ended"), here.transaction(), refusals():
         end("error")
 
@@ -239,7 +243,7 @@ def test_a_put_is_a_grasp_then_a_place(cups: Map) -> None:
 def test_all_kinds_are_stored_and_found(cups: Map, record: ActionRecord) -> None:
     here = session(cups)
     stored = add_actions(here, "book", "wide", [record])
-    (row,) = actions_on(here, name="book", gripper="wide", kind=record.kind)
+    (row,) = actions_on(seen_by(here), name="book", gripper="wide", kind=record.kind)
     assert [row["action_id"]] == stored
     assert row["motion"] == (list(record.motion) if record.motion else None)
 
@@ -267,11 +271,11 @@ def test_a_grasp_shown_in_another_frame_is_stored_in_that_of_the_model(
     here = session(cups)
     shown = candidate(x=1.9, pose=Pose.planar(1.9, 1.4, 0.3, z=0.8).matrix, pre_grasp=None)
     add_actions(here, "cup2", None, [shown], frame="map")
-    (row,) = actions_on(here, name="cup2")
+    (row,) = actions_on(seen_by(here), name="cup2")
     assert row["pose"].matrix == pytest.approx(shown.pose)
     seen = candidate(pose=Pose.planar(0.4, 0, z=0.05).matrix, pre_grasp=None)
     add_actions(here, "cup2", "wide", [seen], frame="table")
-    (row,) = actions_on(here, name="cup2", gripper="wide")
+    (row,) = actions_on(seen_by(here), name="cup2", gripper="wide")
     table = here.execute("SELECT pose FROM world WHERE entity_id = entity_id('table')").fetchone()
     assert row["pose"].matrix == pytest.approx(Pose(*table[0]).matrix @ seen.pose)
     turned = ActionRecord("turn", Pose(), motion=(2, 0, 0, 1, 0, 0, 0.5)).moved(
@@ -419,7 +423,7 @@ def test_questions_without_an_answer_are_errors(cups: Map) -> None:
         ({}, "one of a name, a function and a point"),
     ):
         with pytest.raises((LookupError, ManipulationError), match=text), here.transaction():
-            actions_on(here, **query)
+            actions_on(seen_by(here), **query)
 
 
 def test_a_shape_without_a_size_is_refused(cups: Map) -> None:

@@ -25,6 +25,7 @@ from semmap.manipulation.store.models import object_model_id, set_shape
 from semmap.manipulation.store.tasks import record_task
 from tests.conftest import MakeDatabase
 from tests.manipulation.cup_map import candidate, primitive
+from tests.seen import seen_by
 
 KEY = SigningKey(bytes(range(32)))
 PUBLIC = public_key(KEY).hex()
@@ -103,14 +104,14 @@ def test_a_cup_of_the_same_mesh_profits_and_outcomes_count_by_trust(
     path = tmp_path / "cups.bundle"
     export_bundle(here, path, "kitchen", key=KEY)
     here.execute("DELETE FROM action")
-    assert actions_on(here, name="cup2") == []
+    assert actions_on(seen_by(here), name="cup2") == []
     trust(here, "friend", PUBLIC, 0.5)
     import_bundle(here, path)
-    (row, other) = actions_on(here, name="cup2")
+    (row, other) = actions_on(seen_by(here), name="cup2")
     assert (row["attempts"], row["successes"], row["contributor"]) == (0.5, 0.5, "friend")
     assert (row["shift"], other["shift"]) == ([0.0, 0.004, 0.0], None)
     trust(here, "friend", PUBLIC, 1)
-    assert actions_on(here, name="cup2")[0]["attempts"] == 1
+    assert actions_on(seen_by(here), name="cup2")[0]["attempts"] == 1
     record_task(here, "cup2", action=row["action_id"], outcome="completed")
     import_bundle(here, path)  # replaces the outcomes of the friend, and keeps the own ones
     cup = object_model_id(here, "cup1")

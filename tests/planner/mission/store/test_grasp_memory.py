@@ -17,6 +17,7 @@ from semmap.database.maps import see_map
 from semmap.geometry.pose import Pose
 from semmap.manipulation.retrieval import DEFAULT_GRIPPER, register_gripper
 from tests.conftest import MakeDatabase
+from tests.seen import seen_by
 
 MUG = Command("pickup", ("mug", "table"))
 PUT = Command("place", ("mug", "table"))
@@ -74,7 +75,7 @@ def tried(connection: Connection) -> dict[int, tuple[float, float]]:
 
 def begin(memory: GraspMemory, connection: Connection, robot: int, *more: object) -> int:
     """The action with which a pickup or place begins, which is not refused."""
-    choice = memory.begin(connection, robot, *more)  # type: ignore[arg-type]
+    choice = memory.begin(seen_by(connection), robot, *more)  # type: ignore[arg-type]
     assert choice.refusal is None
     assert choice.action is not None
     return choice.action
@@ -101,7 +102,7 @@ def test_a_simulated_pickup_counts_only_if_it_was_tried(
     connection: Connection, robot: int, trial: bool, counts: tuple[float, float], by: str
 ) -> None:
     memory = GraspMemory(simulated=True, trial=trial)
-    choice = memory.begin(connection, robot, MUG)
+    choice = memory.begin(seen_by(connection), robot, MUG)
     assert choice.action is not None
     assert ("1 grasp tried in simulation" if trial else "not tried") in choice.note
     memory.end(connection, robot, MUG, Outcome())
@@ -119,7 +120,7 @@ def test_a_grasp_that_fails_in_simulation_is_not_used(connection: Connection, ro
     heavy = "UPDATE entity SET properties = '{\"mass\": 40}' WHERE id = entity_id('mug')"
     connection.execute(text(heavy))
     memory = GraspMemory(simulated=True, trial=True)
-    choice = memory.begin(connection, robot, MUG)
+    choice = memory.begin(seen_by(connection), robot, MUG)
     assert choice.action is None
     assert choice.refusal is not None
     assert "tried in simulation" in choice.refusal.message
@@ -148,7 +149,7 @@ def test_what_does_not_fit_is_refused_also_where_the_gripper_is_assumed(
     connection: Connection, robot: int
 ) -> None:
     table = Command("pickup", ("table",))
-    refused = GraspMemory().begin(connection, robot, table)
+    refused = GraspMemory().begin(seen_by(connection), robot, table)
     assert refused.action is None
     assert refused.refusal is not None
     assert refused.refusal.cause == "unable"
@@ -156,14 +157,16 @@ def test_what_does_not_fit_is_refused_also_where_the_gripper_is_assumed(
     GraspMemory().end(connection, robot, table, refused.refusal)
     assert tasks(connection) == [("error", refused.refusal.message, None)]
     connection.execute(text("UPDATE gripper SET preferred = false"))  # as where none is stored
-    assumed = GraspMemory().begin(connection, robot, table)
+    assumed = GraspMemory().begin(seen_by(connection), robot, table)
     assert assumed.refusal is not None
     assert assumed.refusal.message.startswith("table: no grasp fits its shape")
     assert "parallel_gripper is assumed: --gripper names another one" in assumed.refusal.message
 
 
 def test_what_has_no_mesh_is_picked_without_a_grasp(connection: Connection, robot: int) -> None:
-    choice = GraspMemory(trial=True).begin(connection, robot, Command("pickup", ("ghost",)))
+    choice = GraspMemory(trial=True).begin(
+        seen_by(connection), robot, Command("pickup", ("ghost",))
+    )
     assert (choice.action, choice.refusal) == (None, None)
     assert choice.note.startswith("without a grasp: ghost: has no mesh")
 
@@ -185,7 +188,7 @@ def test_which_gripper_is_checked_before_a_mission(connection: Connection, robot
 
 def test_an_unknown_gripper_is_an_error(connection: Connection, robot: int) -> None:
     with pytest.raises(LookupError, match="no gripper claw"):
-        GraspMemory("claw").begin(connection, robot, MUG)
+        GraspMemory("claw").begin(seen_by(connection), robot, MUG)
 
 
 def test_what_was_taken_is_put_down_and_both_are_a_put(connection: Connection, robot: int) -> None:
@@ -196,7 +199,7 @@ def test_what_was_taken_is_put_down_and_both_are_a_put(connection: Connection, r
     grasp = begin(memory, connection, robot, MUG, "table")
     memory.end(connection, robot, MUG, Outcome())
     take(connection, robot)
-    (spot,) = memory.spots(connection, robot, "mug", "table", Pose(2.2, 1.5)) or ()
+    (spot,) = memory.spots(seen_by(connection), robot, "mug", "table", Pose(2.2, 1.5)) or ()
     assert math.dist(spot[:2], (2.2, 1.5)) < 0.2
     assert 0.75 < spot.z < 0.76
     put = replace(PUT, spot=spot)
@@ -219,9 +222,9 @@ def test_a_place_is_tried_in_simulation(connection: Connection, robot: int) -> N
     begin(memory, connection, robot, MUG, "table")
     memory.end(connection, robot, MUG, Outcome())
     take(connection, robot)
-    (spot,) = memory.spots(connection, robot, "mug", "table", Pose(2.2, 1.5)) or ()
+    (spot,) = memory.spots(seen_by(connection), robot, "mug", "table", Pose(2.2, 1.5)) or ()
     put = replace(PUT, spot=spot)
-    choice = memory.begin(connection, robot, put)
+    choice = memory.begin(seen_by(connection), robot, put)
     assert choice.tried
     assert choice.refusal is None
     memory.end(connection, robot, put, Outcome())
@@ -233,7 +236,7 @@ def test_a_dropped_object_counts_against_the_place(connection: Connection, robot
     grasp = begin(memory, connection, robot, MUG)
     memory.end(connection, robot, MUG, Outcome())
     take(connection, robot)
-    (spot,) = memory.spots(connection, robot, "mug", "table", Pose(2.2, 1.5)) or ()
+    (spot,) = memory.spots(seen_by(connection), robot, "mug", "table", Pose(2.2, 1.5)) or ()
     put = replace(PUT, spot=spot)
     place = begin(memory, connection, robot, put)
     memory.end(connection, robot, put, Outcome("dropped", "it fell"))
@@ -248,21 +251,21 @@ def test_spots_are_not_known_for_floors_and_for_what_was_taken_without_a_grasp(
     connection: Connection, robot: int
 ) -> None:
     memory = GraspMemory()
-    assert memory.spots(connection, robot, "mug", "table", Pose()) is None
-    memory.begin(connection, robot, MUG, "room")
+    assert memory.spots(seen_by(connection), robot, "mug", "table", Pose()) is None
+    memory.begin(seen_by(connection), robot, MUG, "room")
     memory.end(connection, robot, MUG, Outcome())
-    assert memory.spots(connection, robot, "mug", "room", Pose()) is None
-    assert memory.begin(connection, robot, PUT).action is None
+    assert memory.spots(seen_by(connection), robot, "mug", "room", Pose()) is None
+    assert memory.begin(seen_by(connection), robot, PUT).action is None
 
 
 def test_where_the_gripper_fits_nowhere_there_are_no_spots(
     flat: semmap.Map, connection: Connection, robot: int
 ) -> None:
     memory = GraspMemory()
-    memory.begin(connection, robot, MUG)
+    memory.begin(seen_by(connection), robot, MUG)
     memory.end(connection, robot, MUG, Outcome())
     connection.execute(text(BOARD))
-    assert memory.spots(connection, robot, "mug", "table", Pose()) == []
+    assert memory.spots(seen_by(connection), robot, "mug", "table", Pose()) == []
 
 
 BOARD = """
