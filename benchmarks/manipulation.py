@@ -81,6 +81,7 @@ def make_map(db: semmap.Database) -> semmap.Map:
 def rows(made: semmap.Map) -> list[Row]:
     """Time the queries, each time with other values, beside SELECT 1."""
     session = made.connection
+    seen = seen_by(session)
     source = random.Random(1)
 
     def gripper() -> str:
@@ -88,16 +89,16 @@ def rows(made: semmap.Map) -> list[Row]:
 
     queries: dict[str, Any] = {
         "in the map, by function": lambda: actions_on(
-            seen_by(session), function=source.choice(("drinking", "reading")), gripper=gripper()
+            seen, function=source.choice(("drinking", "reading")), gripper=gripper()
         ),
         "of all models, by function": lambda: session.execute(
             "SELECT * FROM known_actions(%s, %s)",
             (source.choice(("drinking", "writing")), gripper()),
         ).fetchall(),
         "by instance": lambda: actions_on(
-            seen_by(session), name=f"thing{source.randrange(INSTANCES)}", gripper=gripper()
+            seen, name=f"thing{source.randrange(INSTANCES)}", gripper=gripper()
         ),
-        "by type": lambda: actions_on(seen_by(session), name="mug", gripper=gripper()),
+        "by type": lambda: actions_on(seen, name="mug", gripper=gripper()),
         "by shape within 2 mm": lambda: actions_by_shape(
             session,
             "cylinder",

@@ -53,6 +53,37 @@ WITH_CONNECTION = {
 }
 """Functions of the readers' packages that take a connection, and why."""
 
+WITH_SESSION = {
+    "planner/mission/grasp_choice.py": {"hand_of"},
+    "semmap/fields/service/client.py": {"url_of"},
+    "semmap/fields/service/replies.py": {"update_map"},
+    "semmap/interlinking/reader.py": {"read_object_models"},
+    "semmap/manipulation/automata.py": {
+        *("automaton_of", "class_automaton", "class_gripper", "register_robot", "stored_arm"),
+    },
+    "semmap/manipulation/household_objects.py": {"import_household_grasps"},
+    "semmap/manipulation/ranking.py": {"evidence_on", "moved_alike", "ranked"},
+    "semmap/manipulation/reader.py": {
+        *("actions_by_shape", "function_named", "read_shape"),
+        *("list_automata", "list_contributors", "list_grippers"),
+    },
+    "semmap/manipulation/retrieval.py": {
+        *("gripper_name", "gripper_or_urdf", "register_gripper"),
+        *("stored_for_shape", "stored_gripper"),
+    },
+    "semmap/query/entity_query.py": {"changes_since", "entity_id", "list_maps"},
+    "semmap/query/meshes.py": {
+        *("model_triangles", "models_points", "models_triangles", "world_triangles"),
+    },
+    "semmap/query/snapshot.py": {"open_snapshot"},
+    "semmap/query/sql_statement.py": {"is_superuser", "run_sql"},
+}
+"""What takes a session of psycopg, beside what stores: it is about what belongs to no map.
+
+Those are grippers, robots, models of objects and their grasps, all maps together, and a user's
+statement. An entity's name also becomes its id for what stores.
+"""
+
 MISSIONS = "planner/mission/store/"
 """Reads and writes missions, their steps and claims, in the transaction of its caller."""
 
@@ -107,6 +138,17 @@ def test_the_test_looks_at_the_face() -> None:
     assert {"semmap.connect", "semmap.Map.route", "planner.plan_task"} <= names
 
 
+def with_session(file: Path) -> set[str]:
+    """The public functions of a file that take a session of psycopg."""
+    return {
+        node.name
+        for node in ast.walk(ast.parse(file.read_text()))
+        if isinstance(node, ast.FunctionDef) and not node.name.startswith("_")
+        for each in (*node.args.posonlyargs, *node.args.args, *node.args.kwonlyargs)
+        if each.arg == "session" or "psycopg.Connection" in ast.unparse(each.annotation or each)
+    }
+
+
 def with_connection(file: Path) -> Iterator[str]:
     """The functions of a file that take a connection of SQLAlchemy, or one of unknown type."""
     for node in ast.walk(ast.parse(file.read_text())):
@@ -127,3 +169,14 @@ def test_what_reads_a_map_takes_a_snapshot() -> None:
         for name in with_connection(file)
     }
     assert {each for each in found if not each.startswith(MISSIONS)} == {*WITH_CONNECTION}
+
+
+def test_a_session_is_for_what_belongs_to_no_map() -> None:
+    root = Path(semmap.__file__).parents[1]
+    found = {
+        file.relative_to(root).as_posix(): names
+        for package in (*READERS, "semmap/interlinking")
+        for file in (root / package).rglob("*.py")
+        if "store" not in {*file.parts, file.stem} and (names := with_session(file))
+    }
+    assert found == WITH_SESSION

@@ -112,7 +112,7 @@ class DatabaseInterlinking:
         if isinstance(given, Records):
             return given
         if isinstance(given, MapQuestions):
-            return read_map_objects(given.connection, given.name)
+            return read_map_objects(given._seen)
         if given == "models":
             return read_object_models(self.session)
         return read_records(Path(given), type)

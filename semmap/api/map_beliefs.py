@@ -98,7 +98,7 @@ class MapBeliefs(MapQuestions):
 
         belief = self.where(about) if isinstance(about, str) else about
         with self.snapshot() as seen:
-            things = things_named(seen.session, belief.name)
+            things = things_named(seen, belief.name)
             of_things = [place for thing in things for place in read_places(seen, thing)]
             places = {place.name: place for place in of_things}.values()
             best = max(places, key=lambda place: belief.get(place.name, 0.0), default=None)

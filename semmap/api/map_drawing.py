@@ -84,7 +84,7 @@ class MapDrawing(MapTasks):
         """The floor plan of the lowest storey: rooms, regions, doors and furniture."""
         from semmap.query.entity_shapes import read_shapes
 
-        rows = read_shapes(self.connection)
+        rows = read_shapes(self._seen)
         lowest = self.execute(_LOWEST)
         storey = lowest[0][0] if lowest else None
         shown = [row for row in rows if row["storey"] in (storey, None)]

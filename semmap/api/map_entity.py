@@ -149,14 +149,14 @@ class MapEntity:
         """
         from semmap.query.entity_shapes import read_footprint
 
-        return read_footprint(self.map.connection, self.id)
+        return read_footprint(self.map._seen, self.id)
 
     @property
     def mesh(self) -> trimesh.Trimesh | None:
         """Its triangles in the map's frame; None where it has none or no placement."""
         from semmap.query.entity_shapes import read_mesh
 
-        return read_mesh(self.map.connection, self.id)
+        return read_mesh(self.map._seen, self.id)
 
     @property
     def size(self) -> tuple[float, float, float] | None:
@@ -166,7 +166,7 @@ class MapEntity:
         """
         from semmap.query.entity_shapes import read_size
 
-        return read_size(self.map.connection, self.id)
+        return read_size(self.map._seen, self.id)
 
     @property
     def box(self) -> tuple[float, ...] | None:
@@ -176,7 +176,7 @@ class MapEntity:
         """
         from semmap.query.entity_shapes import read_box
 
-        return read_box(self.map.connection, self.id)
+        return read_box(self.map._seen, self.id)
 
     @property
     def __geo_interface__(self) -> dict[str, Any]:
@@ -188,7 +188,7 @@ class MapEntity:
     def _shown(self) -> dict[str, Any]:
         from semmap.query.entity_shapes import read_shapes
 
-        rows = read_shapes(self.map.connection, [self.id])
+        rows = read_shapes(self.map._seen, [self.id])
         if not rows:
             raise self._gone()
         return rows[0]
@@ -206,7 +206,7 @@ class MapEntity:
         """All that the map has of it, as ``semmap show`` prints it."""
         from semmap.query.entity_query import describe_id
 
-        return describe_id(self.map.connection, self.id)
+        return describe_id(self.map._seen, self.id)
 
     def history(self, since: datetime | None = None) -> list[EntityVersion]:
         """Where it was, the oldest version first: poses in the map's frame, holders and times.
@@ -215,7 +215,7 @@ class MapEntity:
         """
         from semmap.query.placements import read_history
 
-        return read_history(self.map.connection, self.id, since)
+        return read_history(self.map._seen, self.id, since)
 
     def move_to(self, x: float, y: float, z: float, yaw: float | None = None) -> None:
         """Move it; what it holds comes along, and the geometry says what holds it now.

@@ -86,8 +86,9 @@ class MapSubscription:
     def _deliver(self, session: psycopg.Connection[Any]) -> None:
         """Call the function with what is new, then wait for more."""
         from semmap.query.map_events import events_since
+        from semmap.query.snapshot import Snapshot
 
-        cursor, events = events_since(session, self._map_name, self.cursor)
+        cursor, events = events_since(Snapshot(session, self._map_name), self.cursor)
         for event in events:
             if self._stop.is_set():
                 return
@@ -158,7 +159,7 @@ def _follow(
     from semmap.query.map_events import events_since
 
     while True:
-        since, events = events_since(map.connection, map.name, since)
+        since, events = events_since(map._seen, since)
         yield from events
         if not follow or (stop is not None and stop.is_set()):
             return

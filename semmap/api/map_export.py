@@ -22,7 +22,7 @@ class MapExport(MapQuestions):
         """
         from semmap.query.entity_shapes import feature_collection, read_shapes
 
-        return feature_collection(read_shapes(self.connection))
+        return feature_collection(read_shapes(self._seen))
 
     def to_geodataframe(self, type: str | None = None) -> geopandas.GeoDataFrame:
         """The entities as a GeoDataFrame: one row each, its index their ids.
@@ -43,7 +43,7 @@ class MapExport(MapQuestions):
         except ImportError as error:
             raise ImportError("to_geodataframe needs GeoPandas: pip install geopandas") from error
         ids = None if type is None else [one.id for one in self.find(type)]
-        rows = read_shapes(self.connection, ids)
+        rows = read_shapes(self._seen, ids)
         columns = ["id", "name", "kind", "type", "label", "holder", "storey", "low", "high"]
         frame = geopandas.GeoDataFrame(
             {key: [row[key] for row in rows] for key in (*columns, "properties")},
@@ -72,4 +72,4 @@ class MapExport(MapQuestions):
         """
         from semmap.query.feature_export import write_features
 
-        return write_features(self.connection, self.name, Path(path))
+        return write_features(self._seen, Path(path))

@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from semmap.api.map_questions import MapQuestions
-from semmap.query.snapshot import Snapshot
 
 if TYPE_CHECKING:
     from semmap.found_rows import FoundRows
@@ -308,11 +307,6 @@ class MapManipulation(MapQuestions):
 
         _at_least_one(limit)
         return list_tasks(self._seen, limit)
-
-    @property
-    def _seen(self) -> Snapshot:
-        """What finds and stores actions sees: each statement, or transaction, the newest state."""
-        return Snapshot(self.connection, self.name)
 
     def _robot(
         self,

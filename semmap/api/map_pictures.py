@@ -29,7 +29,7 @@ def room_svg(map: MapQuestions, entity: int) -> str:
     from semmap.query.entity_shapes import read_shapes
 
     rows = map.execute(_IN_ROOM, entity)
-    shapes = read_shapes(map.connection, [row[0] for row in rows])
+    shapes = read_shapes(map._seen, [row[0] for row in rows])
     if not any(shape["geometry"] is not None for shape in shapes):
         return ""
     return plan_of(map, shapes, width=280, marked=entity)

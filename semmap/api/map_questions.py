@@ -98,7 +98,7 @@ class MapQuestions:
             As `semmap.query.entity_query.find`.
         """
         rows = entity_query.find(
-            self.connection,
+            self._seen,
             type=type,
             holder=in_,
             label=label,
@@ -116,24 +116,24 @@ class MapQuestions:
         self, type: str | None = None, *, in_: str | None = None, **conditions: Any
     ) -> list[dict[str, Any]]:
         """As `find`, but plain rows, as ``semmap ls --json`` prints them."""
-        rows = entity_query.find(self.connection, type=type, holder=in_, **conditions)
+        rows = entity_query.find(self._seen, type=type, holder=in_, **conditions)
         return [{key: value for key, value in row.items() if key != "id"} for row in rows]
 
     def describe(self, name: str, at: datetime | None = None) -> dict[str, Any]:
         """All that the map has of an entity; with `at`, also where it was then."""
-        return entity_query.describe(self.connection, name, at)
+        return entity_query.describe(self._seen, name, at)
 
     def types(self) -> list[dict[str, Any]]:
         """The semantic types with their parents, and how many entities of the map are of each."""
-        return entity_query.list_types(self.connection)
+        return entity_query.list_types(self._seen)
 
     def incomplete(self) -> list[dict[str, Any]]:
         """The entities that lack geometry, type, placement or topology."""
-        return entity_query.list_incomplete(self.connection)
+        return entity_query.list_incomplete(self._seen)
 
     def guessed_types(self) -> list[dict[str, Any]]:
         """The entities whose type an import guessed from a name, the least certain first."""
-        return entity_query.list_guessed_types(self.connection)
+        return entity_query.list_guessed_types(self._seen)
 
     def check(self) -> list[Finding]:
         """Where the map disagrees with itself and with physics, the gravest first.
@@ -262,6 +262,11 @@ class MapQuestions:
         session = twin_session(self.database.session)
         see_map(session, self.name, lasting=True)
         return session
+
+    @property
+    def _seen(self) -> Snapshot:
+        """What this connection sees: each statement, or transaction, the newest state."""
+        return Snapshot(self.connection, self.name)
 
     @contextmanager
     def _change(self) -> Iterator[Snapshot]:

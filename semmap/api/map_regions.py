@@ -64,7 +64,7 @@ class MapRegions(MapQuestions):
             "observation": {"near": near, "far": far},
         }
         with self._change() as seen:
-            return find_regions(seen.connection, sort, chosen, type, **options.get(sort, {}))
+            return find_regions(seen, sort, chosen, type, **options.get(sort, {}))
 
     def draw_region(
         self,
@@ -122,7 +122,7 @@ class MapRegions(MapQuestions):
                 properties=dict(properties or {}),
                 valid=valid,
             )
-            return list_regions(self.connection, [made])[0]
+            return list_regions(self._seen, [made])[0]
 
     def list_regions(self) -> list[dict[str, Any]]:
         """The regions: `name`, `type`, `origin`, `of`, `holder`, `area`, `low`, `high`, `faces`.
@@ -132,7 +132,7 @@ class MapRegions(MapQuestions):
         """
         from semmap.query.entity_query import list_regions
 
-        return list_regions(self.connection)
+        return list_regions(self._seen)
 
 
 def _outline(given: Any) -> Any:

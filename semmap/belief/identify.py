@@ -66,7 +66,7 @@ def identify(
     an agent; None: of the map. `BeliefError` if a point or size is not finite, or at no place.
     """
     candidates = [
-        [row["name"] for row in find(seen.session, type=detection.type) if row["kind"] == "object"]
+        [row["name"] for row in find(seen, type=detection.type) if row["kind"] == "object"]
         for detection in detections
     ]
     names = sorted({name for of_type in candidates for name in of_type})

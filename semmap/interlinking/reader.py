@@ -8,6 +8,7 @@ from typing import Any
 import psycopg
 
 from semmap.interlinking.records import Records
+from semmap.query.snapshot import Snapshot
 
 OBJECTS = """
 SELECT e.name, jsonb_strip_nulls(jsonb_build_object(
@@ -38,9 +39,9 @@ ORDER BY m.key
 MOST_VALUES = 20  # of a property of a model: it may have thousands of grasp points
 
 
-def read_map_objects(session: psycopg.Connection[Any], name: str) -> Records:
-    """Return the objects of the map that the session sees, with sizes (m) and free properties."""
-    return _records(session, OBJECTS, f"map {name}")
+def read_map_objects(seen: Snapshot) -> Records:
+    """Return the objects of a map, with sizes (m) and free properties."""
+    return _records(seen.session, OBJECTS, f"map {seen.name}")
 
 
 def read_object_models(session: psycopg.Connection[Any]) -> Records:

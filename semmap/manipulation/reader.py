@@ -1,8 +1,8 @@
 """Stored actions by instance, function, pose and shape; the best expected outcome first.
 
-The queries of the paper (section III): "Grasp a cup!" is `actions_on(session, name="cup")`,
-"Grasp something suitable for drinking!" `actions_on(session, function="drinking")`, and "Grasp
-the object at pose [x, y, z]!" `actions_on(session, point=(x, y, z))`.
+The queries of the paper (section III): "Grasp a cup!" is `actions_on(seen, name="cup")`,
+"Grasp something suitable for drinking!" `actions_on(seen, function="drinking")`, and "Grasp
+the object at pose [x, y, z]!" `actions_on(seen, point=(x, y, z))`.
 """
 
 from __future__ import annotations

@@ -15,6 +15,7 @@ import psycopg
 from psycopg.rows import dict_row
 from psycopg.types.json import Jsonb
 
+from semmap.query.snapshot import Snapshot
 from semmap.suggestions import suggestion
 
 Session = psycopg.Connection[Any]
@@ -38,10 +39,10 @@ def list_maps(session: Session) -> list[Row]:
     )
 
 
-def list_types(session: Session) -> list[Row]:
+def list_types(seen: Snapshot) -> list[Row]:
     """The semantic types, each with its parents and how many entities of the map are of it."""
     return _rows(
-        session,
+        seen.session,
         "SELECT t.name, "
         "array_agg(DISTINCT p.parent) FILTER (WHERE p.parent IS NOT NULL) AS parents, "
         "t.origin, (SELECT count(*) FROM object o WHERE o.type = t.name) AS entities "
@@ -50,22 +51,23 @@ def list_types(session: Session) -> list[Row]:
     )
 
 
-def list_incomplete(session: Session) -> list[Row]:
+def list_incomplete(seen: Snapshot) -> list[Row]:
     """The entities that lack geometry, type, placement or topology (Deeken et al., section 3.3)."""
-    return _rows(session, "SELECT name, kind, missing FROM incomplete ORDER BY name")
+    return _rows(seen.session, "SELECT name, kind, missing FROM incomplete ORDER BY name")
 
 
-def list_guessed_types(session: Session) -> list[Row]:
+def list_guessed_types(seen: Snapshot) -> list[Row]:
     """The entities whose type an import guessed from a name, the least certain first."""
     return _rows(
-        session, "SELECT name, type, confidence, model FROM guessed_type ORDER BY confidence, name"
+        seen.session,
+        "SELECT name, type, confidence, model FROM guessed_type ORDER BY confidence, name",
     )
 
 
-def list_regions(session: Session, ids: Sequence[int] | None = None) -> list[Row]:
+def list_regions(seen: Snapshot, ids: Sequence[int] | None = None) -> list[Row]:
     """The regions of the map, or those with these ids; area in square metres, z in metres."""
     rows = _rows(
-        session,
+        seen.session,
         "SELECT e.name, e.type, r.origin, o.name AS of, h.name AS holder, "
         "ST_Area(w.footprint) AS area, ST_ZMin(w.box) AS low, ST_ZMax(w.box) AS high, "
         "cardinality(r.faces) AS faces FROM region r JOIN entity e ON e.id = r.entity_id "
@@ -91,7 +93,7 @@ def entity_id(session: Session, name: str) -> int:
 
 
 def find(
-    session: Session,
+    seen: Snapshot,
     *,
     type: str | None = None,
     holder: str | None = None,
@@ -165,7 +167,7 @@ def find(
         raise ValueError(f"limit takes a number from 0 on, not {limit}")
     values["limit"] = limit
     rows = _rows(
-        session,
+        seen.session,
         "SELECT e.id, e.name, e.kind, e.type, e.label, h.name AS holder, s.name AS storey, "
         "round(w.pose[1]::numeric, 3) AS x, round(w.pose[2]::numeric, 3) AS y, "
         f"round(w.pose[3]::numeric, 3) AS z{extra} "
@@ -177,7 +179,7 @@ def find(
         prepare=None if within is None or is_close else False,
     )
     if not rows:
-        _check_names(session, type, (holder, on), near)
+        _check_names(seen, type, (holder, on), near)
     return rows
 
 
@@ -191,21 +193,21 @@ def _like(pattern: str) -> str:
 
 
 def _check_names(
-    session: Session, type: str | None, holders: Sequence[str | None], near: Near | None
+    seen: Snapshot, type: str | None, holders: Sequence[str | None], near: Near | None
 ) -> None:
     """Refuse what the map does not have; a name that it has may hold nothing."""
     if type is not None:
-        types = _column(session, "SELECT name FROM semantic_type")
+        types = _column(seen.session, "SELECT name FROM semantic_type")
         if type not in types:
             raise LookupError(
                 f"the map has no type {type}{suggestion(type, types, 'semmap types lists them')}"
             )
     for each in holders:
         if each is not None:
-            entity_id(session, each)
+            entity_id(seen.session, each)
     if isinstance(near, str):
-        number = entity_id(session, near)
-        if not _column(session, "SELECT 1 FROM world WHERE entity_id = %s", (number,)):
+        number = entity_id(seen.session, near)
+        if not _column(seen.session, "SELECT 1 FROM world WHERE entity_id = %s", (number,)):
             raise ValueError(f"{near} has no placement: give a point (x, y, z)")
 
 
@@ -221,15 +223,15 @@ PARTS = {
 }
 
 
-def describe(session: Session, name: str, at: datetime | None = None) -> Row:
+def describe(seen: Snapshot, name: str, at: datetime | None = None) -> Row:
     """All that the map has of one entity; `at` adds `then`: pose and holder at that time."""
-    return describe_id(session, entity_id(session, name), at)
+    return describe_id(seen, entity_id(seen.session, name), at)
 
 
-def describe_id(session: Session, number: int, at: datetime | None = None) -> Row:
+def describe_id(seen: Snapshot, number: int, at: datetime | None = None) -> Row:
     """As `describe`, of the entity of an id."""
     found = _rows(
-        session,
+        seen.session,
         "SELECT e.name, e.kind, e.type, e.label, h.name AS holder, p.relation, "
         "p.confidence, s.name AS storey, w.pose, e.properties, e.front, e.since, e.source, "
         "Box3D(w.box)::text AS box, ST_AsText(w.footprint, 3) AS footprint "
@@ -244,15 +246,15 @@ def describe_id(session: Session, number: int, at: datetime | None = None) -> Ro
     if known["pose"] is not None:
         known["pose"] = [round(v, 6) for v in known["pose"]]
     for part, statement in PARTS.items():
-        known[part] = _column(session, statement, (number,))
+        known[part] = _column(seen.session, statement, (number,))
     known["models"] = _rows(
-        session,
+        seen.session,
         "SELECT m.kind, m.triangles, m.uri, em.role FROM entity_model em "
         "JOIN model m ON m.id = em.model_id WHERE em.entity_id = %s ORDER BY m.id",
         (number,),
     )
     joins = _rows(
-        session,
+        seen.session,
         "SELECT a.name AS place_a, coalesce(b.name, 'outside') AS place_b, c.form, "
         "c.direction, c.state, c.behaviour, c.width, c.pose_a, c.pose_b FROM connector c "
         "JOIN entity a ON a.id = c.place_a LEFT JOIN entity b ON b.id = c.place_b "
@@ -263,12 +265,12 @@ def describe_id(session: Session, number: int, at: datetime | None = None) -> Ro
         known["joins"] = joins[0]
     if at is not None:
         then = _rows(
-            session,
+            seen.session,
             "SELECT pose_at(%(id)s, %(at)s) AS pose, (SELECT e.name FROM placement_at(%(id)s, "
             "%(at)s) p LEFT JOIN entity e ON e.id = p.holder_id) AS holder",
             {"id": number, "at": at},
         )
-        if then[0]["pose"] is None and at < (first := _first_version(session, number)):
+        if then[0]["pose"] is None and at < (first := _first_version(seen, number)):
             raise LookupError(
                 f"{known['name']} was not in the map at {at.isoformat()}: the first version "
                 f"that the map has of it is of {first.isoformat()}"
@@ -277,9 +279,9 @@ def describe_id(session: Session, number: int, at: datetime | None = None) -> Ro
     return known
 
 
-def _first_version(session: Session, number: int) -> datetime:
+def _first_version(seen: Snapshot, number: int) -> datetime:
     """The beginning of the first version of an entity that the map still has."""
-    row = session.execute(
+    row = seen.session.execute(
         "SELECT least(e.since, p.since, (SELECT min(lower(during)) FROM entity_history "
         "WHERE entity_id = e.id), (SELECT min(lower(during)) FROM placement_history "
         "WHERE entity_id = e.id)) FROM entity e LEFT JOIN placement p ON p.entity_id = e.id "

@@ -12,6 +12,7 @@ from psycopg.rows import dict_row
 
 from semmap.geometry.pose import Pose
 from semmap.query.meshes import models_triangles
+from semmap.query.snapshot import Snapshot
 
 if TYPE_CHECKING:
     import trimesh
@@ -26,7 +27,7 @@ OPENING = (
 """The ends of a connector: of its opening, from post to post; of stairs and ramps, of the way."""
 
 
-def read_shapes(session: Session, ids: Sequence[int] | None = None) -> list[dict[str, Any]]:
+def read_shapes(seen: Snapshot, ids: Sequence[int] | None = None) -> list[dict[str, Any]]:
     """What a GIS shows of entities, of all in the map where `ids` is None, by kind and name.
 
     Rows with `id`, `name`, `kind`, `type`, `label`, `holder`, `storey`, `low` and `high` (metres in
@@ -34,7 +35,7 @@ def read_shapes(session: Session, ids: Sequence[int] | None = None) -> list[dict
     the outline (Polygon, or MultiPolygon of several parts); the line of a door's opening, or along
     stairs and ramps; else the point of its pose; None without a placement.
     """
-    with session.cursor(row_factory=dict_row) as cursor:
+    with seen.session.cursor(row_factory=dict_row) as cursor:
         rows = cursor.execute(
             "SELECT e.id, e.name, e.kind, e.type, e.label, h.name AS holder, s.name AS storey, "
             "ST_ZMin(w.box) AS low, ST_ZMax(w.box) AS high, c.state, e.properties, "
@@ -65,17 +66,17 @@ def _geometry(wkb: bytes | None) -> shapely.Geometry | None:
     return None if made.is_empty else made
 
 
-def read_footprint(session: Session, entity: int) -> shapely.Polygon | shapely.MultiPolygon | None:
+def read_footprint(seen: Snapshot, entity: int) -> shapely.Polygon | shapely.MultiPolygon | None:
     """The ground that an entity covers, in the map's frame; None without geometry."""
-    row = session.execute(
+    row = seen.session.execute(
         "SELECT ST_AsBinary(footprint) FROM world WHERE entity_id = %s", (entity,)
     ).fetchone()
     return _geometry(row[0]) if row else None
 
 
-def read_box(session: Session, entity: int) -> tuple[float, ...] | None:
+def read_box(seen: Snapshot, entity: int) -> tuple[float, ...] | None:
     """(x0, y0, z0, x1, y1, z1) in the map's frame; None without a placement."""
-    row = session.execute(
+    row = seen.session.execute(
         "SELECT ST_XMin(box), ST_YMin(box), ST_ZMin(box), ST_XMax(box), ST_YMax(box), ST_ZMax(box) "
         "FROM world WHERE entity_id = %s",
         (entity,),
@@ -83,9 +84,9 @@ def read_box(session: Session, entity: int) -> tuple[float, ...] | None:
     return None if row is None else tuple(row)
 
 
-def read_size(session: Session, entity: int) -> tuple[float, float, float] | None:
+def read_size(seen: Snapshot, entity: int) -> tuple[float, float, float] | None:
     """The extents (x, y, z) of an entity in its own frame, metres; None without geometry."""
-    return session.execute(
+    return seen.session.execute(
         "SELECT ST_XMax(b) - ST_XMin(b), ST_YMax(b) - ST_YMin(b), ST_ZMax(b) - ST_ZMin(b) "
         "FROM (SELECT ST_3DExtent(m.hull) FROM entity_model em JOIN model m ON m.id = em.model_id "
         "WHERE em.entity_id = %s) t (b) WHERE b IS NOT NULL",
@@ -93,11 +94,11 @@ def read_size(session: Session, entity: int) -> tuple[float, float, float] | Non
     ).fetchone()
 
 
-def read_mesh(session: Session, entity: int) -> trimesh.Trimesh | None:
+def read_mesh(seen: Snapshot, entity: int) -> trimesh.Trimesh | None:
     """The triangles of an entity in the map's frame; of a region that is a part, those faces."""
     import trimesh
 
-    rows = session.execute(
+    rows = seen.session.execute(
         "SELECT DISTINCT c.model_id, NULL::integer[], w.pose FROM entity_chunk ec "
         "JOIN chunk c ON c.id = ec.chunk_id JOIN model m ON m.id = c.model_id AND m.triangles > 0 "
         "JOIN world w ON w.entity_id = ec.entity_id WHERE ec.entity_id = %(id)s "
@@ -108,7 +109,7 @@ def read_mesh(session: Session, entity: int) -> trimesh.Trimesh | None:
     ).fetchall()
     if not rows:
         return None
-    models = models_triangles(session, {model for model, _, _ in rows})
+    models = models_triangles(seen.session, {model for model, _, _ in rows})
     parts = [
         Pose(*pose).apply((models[model] if faces is None else models[model][faces]).reshape(-1, 3))
         for model, faces, pose in rows

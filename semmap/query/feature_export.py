@@ -8,11 +8,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import psycopg
 import shapely
 from psycopg.rows import dict_row
 
 from semmap.query.entity_shapes import geojson_feature, read_shapes
+from semmap.query.snapshot import Snapshot
 
 Feature = tuple[shapely.Geometry | None, dict[str, Any]]
 
@@ -65,25 +65,25 @@ LAYERS = {
 """The layers of a file, each with the statement of its columns."""
 
 
-def write_features(session: psycopg.Connection[Any], name: str, path: Path) -> Path:
+def write_features(seen: Snapshot, path: Path) -> Path:
     """Write a map to a ``.gpkg`` or ``.geojson`` file; return its path."""
     writers = {".gpkg": _write_geopackage, ".geojson": _write_geojson}
     if path.suffix.lower() not in writers:
         known = " or ".join(writers)
         raise ValueError(f"{path.name}: a map is exported to {known}, not to {path.suffix!r}")
-    layers = _layers(session)
+    layers = _layers(seen)
     made = path.with_name(f".{path.stem}.{os.getpid()}{path.suffix}")
     try:
-        writers[path.suffix.lower()](session, name, made, layers)
+        writers[path.suffix.lower()](seen, made, layers)
         made.replace(path)
     finally:
         made.unlink(missing_ok=True)
     return path
 
 
-def _layers(session: psycopg.Connection[Any]) -> dict[str, list[Feature]]:
-    with session.transaction(), session.cursor(row_factory=dict_row) as cursor:
-        shapes = {row["id"]: row for row in read_shapes(session)}
+def _layers(seen: Snapshot) -> dict[str, list[Feature]]:
+    with seen.session.transaction(), seen.session.cursor(row_factory=dict_row) as cursor:
+        shapes = {row["id"]: row for row in read_shapes(seen)}
         layers: dict[str, list[Feature]] = {}
         for layer, statement in LAYERS.items():
             for row in cursor.execute(f"{statement} ORDER BY 3").fetchall():
@@ -96,31 +96,31 @@ def _layers(session: psycopg.Connection[Any]) -> dict[str, list[Feature]]:
     return layers
 
 
-def _write_geojson(
-    session: psycopg.Connection[Any], name: str, path: Path, layers: dict[str, list[Feature]]
-) -> None:
-    with session.cursor(row_factory=dict_row) as cursor:
+def _write_geojson(seen: Snapshot, path: Path, layers: dict[str, list[Feature]]) -> None:
+    with seen.session.cursor(row_factory=dict_row) as cursor:
         georeference = cursor.execute(
             "SELECT crs, easting, northing, height, rotation FROM map WHERE id = current_map() "
             "AND crs IS NOT NULL"
         ).fetchone()
     every = [feature for features in layers.values() for feature in features]
     features = [geojson_feature(geometry, properties) for geometry, properties in every]
-    collection: dict[str, Any] = {"type": "FeatureCollection", "name": name, "features": features}
+    collection: dict[str, Any] = {
+        "type": "FeatureCollection",
+        "name": seen.name,
+        "features": features,
+    }
     if georeference is not None:
         collection["georeference"] = georeference
     path.write_text(json.dumps(collection, ensure_ascii=False), encoding="utf-8")
 
 
-def _write_geopackage(
-    session: psycopg.Connection[Any], name: str, path: Path, layers: dict[str, list[Feature]]
-) -> None:
+def _write_geopackage(seen: Snapshot, path: Path, layers: dict[str, list[Feature]]) -> None:
     import warnings
 
     import pyogrio
 
     if not layers:
-        raise ValueError(f"the map {name} has no entities, and a GeoPackage has layers")
+        raise ValueError(f"the map {seen.name} has no entities, and a GeoPackage has layers")
     for layer, features in layers.items():
         columns = list(dict.fromkeys(key for _, properties in features for key in properties))
         with warnings.catch_warnings():

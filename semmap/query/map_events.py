@@ -13,6 +13,7 @@ import psycopg
 
 from semmap.geometry.pose import Pose
 from semmap.query.entity_query import SETTLE, check_cursor
+from semmap.query.snapshot import Snapshot
 
 Session = psycopg.Connection[Any]
 
@@ -94,29 +95,29 @@ class _Draft:
     values: dict[str, tuple[Any, Any]] = field(default_factory=dict)
 
 
-def events_since(session: Session, map_name: str, since: str | None) -> tuple[str, list[MapEvent]]:
+def events_since(seen: Snapshot, since: str | None) -> tuple[str, list[MapEvent]]:
     """The events of a map after a cursor (all that are kept where None), and the next cursor.
 
     The events of a transaction follow each other; transactions that change the same entity are in
     the order of their commits. A ValueError refuses what is not a cursor.
     """
     check_cursor(since)
-    with session.transaction():
+    with seen.session.transaction():
         # One statement, so that cursor and rows are of one snapshot.
-        rows = session.execute(
+        rows = seen.session.execute(
             "SELECT change_cursor(), r.* FROM (SELECT) once LEFT JOIN ("
             "SELECT c.id, x.xid, c.at, c.what, c.entities, c.facts FROM changes_since(%s) c "
             "JOIN change x ON x.id = c.id JOIN map m ON m.id = c.map_id WHERE m.name = %s"
             ") r ON true ORDER BY max(r.id) OVER (PARTITION BY r.xid), r.id",
-            (since, map_name),
+            (since, seen.name),
         ).fetchall()
-        session.execute(SETTLE)
+        seen.session.execute(SETTLE)
         cursor = str(rows[0][0])
         written = [row[1:] for row in rows if row[1] is not None]
         by_transaction = {
             xid: _drafted(of_one) for xid, of_one in groupby(written, key=lambda row: row[1])
         }
-        names = _names(session, chain.from_iterable(by_transaction.values()))
+        names = _names(seen, chain.from_iterable(by_transaction.values()))
     left = set(by_transaction)
     events: list[MapEvent] = []
     for xid, drafts in by_transaction.items():
@@ -198,12 +199,12 @@ def _events(draft: _Draft, names: Names, cursor: str) -> Iterator[MapEvent]:
         yield MapEvent(what, name, kind, draft.id, at, cursor, **given)
 
 
-def _names(session: Session, drafts: Iterable[_Draft]) -> Names:
+def _names(seen: Snapshot, drafts: Iterable[_Draft]) -> Names:
     """Names and kinds of the entities and holders; of those that are gone, the last ones."""
     wanted: set[int | None] = set()
     for draft in drafts:
         wanted |= {draft.id, *(draft.move.holders if draft.move else ())}
-    rows = session.execute(
+    rows = seen.session.execute(
         "SELECT h.entity_id, h.name, h.kind FROM entity_history h "
         "WHERE h.entity_id = ANY (%(ids)s) AND h.ended "
         "UNION ALL SELECT id, name, kind FROM entity WHERE id = ANY (%(ids)s)",

@@ -4,11 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from datetime import datetime
-from typing import Any
-
-import psycopg
 
 from semmap.geometry.pose import Pose
+from semmap.query.snapshot import Snapshot
 
 
 @dataclass(frozen=True)
@@ -25,15 +23,13 @@ class EntityVersion:
     holder: str | None
 
 
-def read_history(
-    session: psycopg.Connection[Any], entity: int, since: datetime | None = None
-) -> list[EntityVersion]:
+def read_history(seen: Snapshot, entity: int, since: datetime | None = None) -> list[EntityVersion]:
     """The versions of an entity's place that the map has, the oldest first, that end after `since`.
 
     A version begins when the entity moves, when what holds it moves, and when it gets another
     holder. The retention of the map thins out those of agents (`docs/semmap.md`).
     """
-    rows = session.execute(
+    rows = seen.session.execute(
         "WITH RECURSIVE above (id) AS (SELECT %(id)s::bigint UNION SELECT v.holder_id FROM above a "
         "CROSS JOIN LATERAL (SELECT holder_id FROM placement WHERE entity_id = a.id UNION "
         "SELECT holder_id FROM placement_history WHERE entity_id = a.id) v "

@@ -15,6 +15,7 @@ from semmap.interlinking.reader import read_map_objects, read_object_models
 from semmap.interlinking.records import InterlinkingError
 from semmap.interlinking.store import link_sets, merged_records, store_links, undo_links
 from tests.interlinking.data_sets import Case, interlink, person1, person2
+from tests.seen import seen_by
 
 SIZE = ("width", "length", "height")
 TABLES = ("data_set", "data_record", "link_set", "record_link")
@@ -169,7 +170,7 @@ def test_the_command_links_a_map_with_a_file(database, tmp_path) -> None:
                 size=(0.1 + number / 20, 0.2, 0.3),
                 properties={"maker": f"m{number % 3}"},
             )
-        read = read_map_objects(kitchen.connection, "kitchen")
+        read = read_map_objects(seen_by(kitchen.connection))
     size = {key: float(v) for key, (v,) in read.record(0).items() if key in SIZE}
     assert size == pytest.approx({"width": 0.15, "length": 0.2, "height": 0.3})
     shop = tmp_path / "shop.csv"

@@ -12,6 +12,7 @@ import pytest
 from sqlalchemy import Engine
 
 from semmap.query.entity_query import find
+from tests.seen import seen_by
 
 
 @pytest.fixture(scope="module")
@@ -53,7 +54,7 @@ def session(hall: Engine) -> Iterator[psycopg.Connection]:
 
 
 def names(session: psycopg.Connection, type_: str, point: Any, within: Any = None) -> list[str]:
-    return [row["name"] for row in find(session, type=type_, near=point, within=within)]
+    return [row["name"] for row in find(seen_by(session), type=type_, near=point, within=within)]
 
 
 def brute_force(session: psycopg.Connection, point: tuple[float, float, float]) -> list[Any]:

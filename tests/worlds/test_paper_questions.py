@@ -38,6 +38,7 @@ from tests.command_line import semmap as semmap_command
 from tests.knowledge.engines import Engines, comparable
 from tests.manipulation.cup_map import candidate
 from tests.question_page import DOCS, blocks_of, plain, questions, written
+from tests.seen import seen_by
 
 ROOMS = Path(__file__).parent / "small_house_rooms.geojson"
 
@@ -206,7 +207,7 @@ def test_statements_about_a_grasp_join_it(session: psycopg.Connection[Any]) -> N
 def test_links_are_same_as(session: psycopg.Connection[Any]) -> None:
     """Section III-D: links between entities, object models and records of files."""
     with session.transaction() as transaction:
-        sets = [read_map_objects(session, "house"), read_object_models(session)]
+        sets = [read_map_objects(seen_by(session)), read_object_models(session)]
         model = sets[1].keys[0]
         numbers = [
             session.execute(

@@ -51,20 +51,19 @@ def where(
     object of mobility 1 moves once. `BeliefError` if it is not an object or agent, or `at` has no
     time zone.
     """
-    session = seen.session
     if at is not None and at.tzinfo is None:
         raise BeliefError(f"the time {at.isoformat()} has no time zone: give it with one")
-    beliefs = [_where(session, thing, at, moves) for thing in things_named(session, name)]
+    beliefs = [_where(seen, thing, at, moves) for thing in things_named(seen, name)]
     return beliefs[0] if len(beliefs) == 1 else _of_any(beliefs)
 
 
-def things_named(session: psycopg.Connection[Any], name: str) -> list[str]:
+def things_named(seen: Snapshot, name: str) -> list[str]:
     """Return the entity of a name, else the objects and agents of the type of that name."""
     try:
-        entity_id(session, name)
+        entity_id(seen.session, name)
     except LookupError:
         type_ = snake_case(name)
-        rows = session.execute(
+        rows = seen.session.execute(
             "SELECT name FROM entity WHERE map_id = current_map() AND type = ANY (subtypes(%s)) "
             "AND kind IN ('object', 'agent') ORDER BY name",
             (type_,),
@@ -72,7 +71,7 @@ def things_named(session: psycopg.Connection[Any], name: str) -> list[str]:
         if rows:
             return [str(row[0]) for row in rows]
         known = "SELECT FROM semantic_type WHERE name = %s"
-        if "\0" in name or session.execute(known, (type_,)).fetchone() is None:
+        if "\0" in name or seen.session.execute(known, (type_,)).fetchone() is None:
             raise
         raise LookupError(f"the map has no {type_}: add or teach an object of this type") from None
     return [name]
@@ -90,11 +89,9 @@ def _of_any(beliefs: Sequence[list[Row]]) -> list[Row]:
     return sorted(found.values(), key=lambda row: -row["probability"])
 
 
-def _where(
-    session: psycopg.Connection[Any], name: str, at: datetime | None, moves: float | None
-) -> list[Row]:
+def _where(seen: Snapshot, name: str, at: datetime | None, moves: float | None) -> list[Row]:
     try:
-        with session.cursor(row_factory=dict_row) as cursor:
+        with seen.session.cursor(row_factory=dict_row) as cursor:
             rows = cursor.execute(
                 "SELECT * FROM where_is(%s, coalesce(%s, statement_timestamp()), %s)",
                 (name, at, moves),

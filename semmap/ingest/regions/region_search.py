@@ -5,11 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import Any
 
-import psycopg
-from sqlalchemy import Connection
 from sqlalchemy.exc import DBAPIError
 
-from semmap.database.maps import driver_of
 from semmap.found_rows import FoundRows
 from semmap.ingest.regions.extraction import (
     find_observation_area,
@@ -17,6 +14,7 @@ from semmap.ingest.regions.extraction import (
     find_walkable_floor,
 )
 from semmap.query import entity_query
+from semmap.query.snapshot import Snapshot
 
 SORTS: dict[str, tuple[str, Callable[..., int | list[int]]]] = {
     "surfaces": ("object", find_support_surfaces),
@@ -27,7 +25,7 @@ SORTS: dict[str, tuple[str, Callable[..., int | list[int]]]] = {
 
 
 def find_regions(
-    connection: Connection,
+    seen: Snapshot,
     sort: str,
     names: Sequence[str] = (),
     type: str | None = None,
@@ -42,26 +40,25 @@ def find_regions(
     if sort not in SORTS:
         raise ValueError(f"the sort of regions {sort} is not one of {', '.join(SORTS)}")
     kind, seek = SORTS[sort]
-    session = driver_of(connection)
     found: list[int] = []
     problems: list[str] = []
 
     def search(entity: int) -> None:
-        made = seek(connection, entity, **options)
+        made = seek(seen.connection, entity, **options)
         found.extend(made if isinstance(made, list) else [made])
 
     for name in names:
-        search(entity_query.entity_id(session, name))
-    for entity in _of_type(session, type, kind) if type is not None else []:
+        search(entity_query.entity_id(seen.session, name))
+    for entity in _of_type(seen, type, kind) if type is not None else []:
         try:
-            with connection.begin_nested():
+            with seen.connection.begin_nested():
                 search(entity)
         except (ValueError, DBAPIError) as error:  # some of many may have none
             problems.append(str(error.orig if isinstance(error, DBAPIError) else error))
-    return FoundRows(entity_query.list_regions(session, found), problems)
+    return FoundRows(entity_query.list_regions(seen, found), problems)
 
 
-def _of_type(session: psycopg.Connection[Any], type: str, kind: str) -> list[int]:
+def _of_type(seen: Snapshot, type: str, kind: str) -> list[int]:
     """The ids of the placed entities of a kind and type, by name."""
-    rows = [row for row in entity_query.find(session, type=type) if row["kind"] == kind]
+    rows = [row for row in entity_query.find(seen, type=type) if row["kind"] == kind]
     return [row["id"] for row in rows if row["x"] is not None]

@@ -7,13 +7,13 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-import psycopg
 import shapely
 from numpy.typing import NDArray
 from psycopg.rows import dict_row
 
 from semmap.geometry.pose import Pose
 from semmap.query.meshes import models_triangles
+from semmap.query.snapshot import Snapshot
 
 Floats = NDArray[np.float64]
 
@@ -94,9 +94,9 @@ WHERE e.map_id = current_map() ORDER BY e.name
 """
 
 
-def read_checked_entities(session: psycopg.Connection[Any]) -> list[CheckedEntity]:
+def read_checked_entities(seen: Snapshot) -> list[CheckedEntity]:
     """Return the entities of the current map, by name."""
-    with session.cursor(row_factory=dict_row) as cursor:
+    with seen.session.cursor(row_factory=dict_row) as cursor:
         rows = cursor.execute(_ENTITIES).fetchall()
     by_id = {row["id"]: CheckedEntity(row["name"], row["kind"], row) for row in rows}
     for entity in by_id.values():
@@ -106,13 +106,13 @@ def read_checked_entities(session: psycopg.Connection[Any]) -> list[CheckedEntit
     solid = {"object", "agent"}
     meshed = {m for e in by_id.values() if e.kind in solid for m in e.row["models"] or ()}
     every = {m for e in by_id.values() for m in e.row["models"] or ()}
-    triangles = models_triangles(session, meshed)
+    triangles = models_triangles(seen.session, meshed)
     shapes = {
         number: (
             shapely.get_coordinates(shapely.from_wkb(bytes(hull)), include_z=True),
             None if outline is None else shapely.from_wkb(bytes(outline)),
         )
-        for number, hull, outline in session.execute(
+        for number, hull, outline in seen.session.execute(
             "SELECT id, ST_AsBinary(hull), ST_AsBinary(outline) FROM model WHERE id = ANY (%s)",
             ([*every],),
         )

@@ -60,7 +60,7 @@ class Finding:
 
 def check_map(seen: Snapshot) -> list[Finding]:
     """Return what is wrong with the current map: errors first, then warnings and notes."""
-    building = CheckedBuilding(read_checked_entities(seen.session))
+    building = CheckedBuilding(read_checked_entities(seen))
     return [
         Finding(kind, severity, names, text, fix, fix.startswith("SELECT "))
         for kind, severity, find in RULES
