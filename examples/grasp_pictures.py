@@ -22,7 +22,7 @@ from semmap.manipulation.candidates import Grasps, grasp_candidates
 from semmap.manipulation.collision import Obstacles, free_grasps
 from semmap.manipulation.gripper import Gripper, read_gripper
 from semmap.manipulation.solids import solid_of
-from semmap.manipulation.store.shapes import StoredShape
+from semmap.manipulation.store.model_shapes import StoredShape
 
 SHAPES = (
     ("cuboid", (0.05, 0.06, 0.14)),

@@ -21,7 +21,7 @@ from matplotlib.figure import Figure
 from voxel_slices import VoxelSet, VoxelSlice, draw_slices, slices_picture
 
 from semmap.fields import Box, Cone, Cylinder, Hull, RegionMap, Solid, Sphere
-from semmap.fields.regions.shapes import Region
+from semmap.fields.regions.shaped_region import Region
 from semmap.fields.relations.event_bus import EventBus
 from semmap.fields.relations.facts import RelationEvent
 from semmap.fields.relations.tracker import RelationTracker

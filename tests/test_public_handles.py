@@ -47,7 +47,7 @@ WITH_CONNECTION = {
     "semmap/fields/store/source_history.py save": "writes fields",
     "semmap/fields/store/source_history.py _save_map": "writes a field",
     "semmap/fields/store/mirror_state.py origin": "asks which server it is",
-    "semmap/fields/store/statements.py run": "runs any statement",
+    "semmap/fields/store/run_statement.py run": "runs any statement",
     "semmap/query/snapshot.py of": "makes a snapshot of it",
     "semmap/query/sql_statement.py run_sql": "runs a user's statement",
 }

@@ -24,6 +24,15 @@ def test_no_two_public_classes_have_one_name() -> None:
     assert {name: files for name, files in modules.items() if len(files) > 1} == {}
 
 
+def test_a_name_of_modules_means_one_thing() -> None:
+    files = [f for top in ("semmap", "navgrid", "planner") for f in (ROOT / top).rglob("*.py")]
+    vague = {"shapes", "statements", "helpers", "utils", "common"}
+    assert [file for file in files if file.stem in vague] == []
+    readers = [file for file in files if file.stem == "reader"]
+    assert len(readers) > 5
+    assert [file for file in readers if "seen: Snapshot" not in file.read_text()] == []
+
+
 def test_no_module_imports_a_private_name_of_another() -> None:
     private = []
     for top in ("semmap", "navgrid", "planner", "tests", "benchmarks", "examples"):

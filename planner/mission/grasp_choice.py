@@ -22,7 +22,7 @@ from semmap.manipulation.places import find_places, place_of
 from semmap.manipulation.practice import NOT_HELD, practise, try_place
 from semmap.manipulation.reader import actions_on
 from semmap.manipulation.retrieval import DEFAULT_GRIPPER, find_grasps, gripper_name
-from semmap.manipulation.store.shapes import shape_of
+from semmap.manipulation.store.model_shapes import shape_of
 from semmap.manipulation.store.tasks import record_task
 from semmap.query.snapshot import Snapshot
 

@@ -54,7 +54,7 @@ def _hand(session: Any, gripper: str | None, robots: list[str]) -> tuple[str, Gr
 def _misfit(seen: Snapshot, item: str, name: str, gripper: Gripper) -> str | None:
     from semmap.manipulation.candidates import grasp_candidates
     from semmap.manipulation.error import ManipulationError
-    from semmap.manipulation.store.shapes import model_mesh
+    from semmap.manipulation.store.model_shapes import model_mesh
     from semmap.perception.mesh_shapes import mesh_primitive
     from semmap.perception.point_cloud import PerceptionError
 

@@ -114,7 +114,7 @@ class Database(DatabaseManipulation, DatabaseInterlinking):
     @cached_property
     def reading_engine(self) -> Engine:
         """As `engine`; on the embedded database, its login can only read."""
-        from semmap.database.reader import as_reader
+        from semmap.database.reading_login import as_reader
 
         return as_reader(self.engine) or self.engine
 
@@ -187,7 +187,7 @@ class Database(DatabaseManipulation, DatabaseInterlinking):
 
     @cached_property
     def _reader(self) -> psycopg.Connection[Any]:
-        from semmap.database.reader import reading_session
+        from semmap.database.reading_login import reading_session
 
         return reading_session(self.session) or self.session
 

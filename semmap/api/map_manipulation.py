@@ -206,7 +206,7 @@ class MapManipulation(MapQuestions):
         ----------
         names : of objects; by default all with a mesh, one of each model
         """
-        from semmap.manipulation.store.shapes import store_shapes
+        from semmap.manipulation.store.model_shapes import store_shapes
 
         return store_shapes(self._seen, names, progress)
 

@@ -227,7 +227,7 @@ class MapQuestions:
 
     @cached_property
     def _reader(self) -> psycopg.Connection[Any]:
-        from semmap.database.reader import reading_session
+        from semmap.database.reading_login import reading_session
 
         session = reading_session(self.database.session)
         if session is None:

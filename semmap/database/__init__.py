@@ -11,14 +11,14 @@ from semmap.lazy_names import load_on_use
 
 if TYPE_CHECKING:
     from semmap.database.engine import database_url, open_engine
-    from semmap.database.reader import as_reader
+    from semmap.database.reading_login import as_reader
 
 __all__ = ["Cluster", "DatabaseError", "as_reader", "database_url", "open_engine", "open_session"]
 
 __getattr__ = load_on_use(
     __name__,
     {
-        "as_reader": "semmap.database.reader",
+        "as_reader": "semmap.database.reading_login",
         "open_engine": "semmap.database.engine",
         "database_url": "semmap.database.engine",
     },

@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     from semmap.fields.maps.map_buffer import MapBuffer
     from semmap.fields.maps.representation_map import RepresentationMap
     from semmap.fields.regions.region_map import Memory, Overlap, RegionMap
-    from semmap.fields.regions.shapes import (
+    from semmap.fields.regions.shaped_region import (
         Box,
         Cone,
         Cylinder,
@@ -46,23 +46,23 @@ __all__ = [
 ]
 
 _HOMES = {
-    "Box": "semmap.fields.regions.shapes",
-    "Cone": "semmap.fields.regions.shapes",
-    "Cylinder": "semmap.fields.regions.shapes",
-    "DepthImage": "semmap.fields.regions.shapes",
-    "Hull": "semmap.fields.regions.shapes",
+    "Box": "semmap.fields.regions.shaped_region",
+    "Cone": "semmap.fields.regions.shaped_region",
+    "Cylinder": "semmap.fields.regions.shaped_region",
+    "DepthImage": "semmap.fields.regions.shaped_region",
+    "Hull": "semmap.fields.regions.shaped_region",
     "Lattice": "semmap.fields.maps.lattice",
     "MapBuffer": "semmap.fields.maps.map_buffer",
     "Memory": "semmap.fields.regions.region_map",
     "Overlap": "semmap.fields.regions.region_map",
     "Property": "semmap.language.schema",
-    "Region": "semmap.fields.regions.shapes",
+    "Region": "semmap.fields.regions.shaped_region",
     "RegionMap": "semmap.fields.regions.region_map",
     "RepresentationMap": "semmap.fields.maps.representation_map",
-    "Solid": "semmap.fields.regions.shapes",
-    "Sphere": "semmap.fields.regions.shapes",
-    "SurfaceRegion": "semmap.fields.regions.shapes",
-    "voxels_of": "semmap.fields.regions.shapes",
+    "Solid": "semmap.fields.regions.shaped_region",
+    "Sphere": "semmap.fields.regions.shaped_region",
+    "SurfaceRegion": "semmap.fields.regions.shaped_region",
+    "voxels_of": "semmap.fields.regions.shaped_region",
 }
 
 __getattr__ = load_on_use(__name__, _HOMES)

@@ -32,7 +32,7 @@ from semmap.manipulation.motion import (
     straight_motions,
 )
 from semmap.manipulation.store.devices import add_path
-from semmap.manipulation.store.shapes import model_mesh
+from semmap.manipulation.store.model_shapes import model_mesh
 from semmap.manipulation.surroundings import entity_triangles, obstacles_around
 from semmap.query.snapshot import Snapshot
 

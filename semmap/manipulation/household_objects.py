@@ -26,9 +26,9 @@ from semmap.limits import TEXT_BYTES
 from semmap.manipulation.action_record import ActionRecord, pose_of
 from semmap.manipulation.error import ManipulationError
 from semmap.manipulation.store.actions import add_actions
+from semmap.manipulation.store.database_answers import column
 from semmap.manipulation.store.devices import gripper_id
 from semmap.manipulation.store.models import add_object
-from semmap.manipulation.store.statements import column
 
 Row = dict[str, Any]
 

@@ -15,7 +15,7 @@ import numpy as np
 
 from semmap.belief.store.beliefs import Session
 from semmap.manipulation.error import ManipulationError
-from semmap.manipulation.store.shapes import model_mesh, shape_of
+from semmap.manipulation.store.model_shapes import model_mesh, shape_of
 from semmap.query.snapshot import Snapshot
 
 BESIDE = 0.01

@@ -20,7 +20,7 @@ from semmap.manipulation.ranking import grasp_of_row
 from semmap.manipulation.reader import actions_on
 from semmap.manipulation.retrieval import find_grasps, gripper_name, stored_gripper
 from semmap.manipulation.store.actions import add_actions
-from semmap.manipulation.store.shapes import model_mesh
+from semmap.manipulation.store.model_shapes import model_mesh
 from semmap.manipulation.store.tasks import record_task, replace_action
 from semmap.manipulation.surroundings import entity_pose
 from semmap.manipulation.trial import HEIGHT, Rest, Trial, TrialOutcome, body_of

@@ -24,7 +24,7 @@ from semmap.manipulation.ranking import ranked
 from semmap.manipulation.reader import actions_on
 from semmap.manipulation.retrieval import gripper_name, stored_gripper
 from semmap.manipulation.store.actions import add_actions
-from semmap.manipulation.store.shapes import model_mesh, shape_of
+from semmap.manipulation.store.model_shapes import model_mesh, shape_of
 from semmap.manipulation.surroundings import entity_pose, obstacles_around
 from semmap.query.entity_query import entity_id
 from semmap.query.snapshot import Snapshot

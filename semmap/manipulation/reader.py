@@ -22,8 +22,8 @@ from semmap.geometry.pose import Pose
 from semmap.manipulation.action_record import KINDS
 from semmap.manipulation.error import ManipulationError
 from semmap.manipulation.solids import SIZES
+from semmap.manipulation.store.database_answers import column, refusals
 from semmap.manipulation.store.devices import ABLE, gripper_id
-from semmap.manipulation.store.statements import column, refusals
 from semmap.query.snapshot import Snapshot
 from semmap.suggestions import suggestion
 

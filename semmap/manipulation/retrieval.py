@@ -21,7 +21,7 @@ from semmap.manipulation.ranking import best_first, moved_alike, ranked
 from semmap.manipulation.reader import actions_by_shape, actions_on, entities_meant
 from semmap.manipulation.store.actions import add_actions
 from semmap.manipulation.store.devices import add_gripper, gripper_id
-from semmap.manipulation.store.shapes import shape_of
+from semmap.manipulation.store.model_shapes import shape_of
 from semmap.manipulation.surroundings import free_rows
 from semmap.query.snapshot import Snapshot
 

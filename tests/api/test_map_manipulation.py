@@ -13,7 +13,7 @@ import yourdfpy
 
 from semmap import Map
 from semmap.geometry.pose import Pose
-from semmap.manipulation.store.shapes import model_mesh
+from semmap.manipulation.store.model_shapes import model_mesh
 from tests.manipulation.grippers import real_gripper, urdf
 from tests.seen import seen_by
 

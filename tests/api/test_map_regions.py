@@ -13,7 +13,7 @@ import shapely
 from sqlalchemy import Engine
 
 import semmap
-from semmap.manipulation.store.shapes import model_mesh
+from semmap.manipulation.store.model_shapes import model_mesh
 from tests.conftest import MakeDatabase
 from tests.seen import seen_by
 from tests.worlds.conftest import house as real_house

@@ -22,7 +22,7 @@ from semmap.manipulation.ranking import ranked
 from semmap.manipulation.reader import actions_on
 from semmap.manipulation.retrieval import DEFAULT_GRIPPER, register_gripper, stored_gripper
 from semmap.manipulation.store.actions import add_put
-from semmap.manipulation.store.shapes import model_mesh
+from semmap.manipulation.store.model_shapes import model_mesh
 from semmap.manipulation.store.tasks import record_task
 from tests.manipulation.grippers import BY_HAND
 from tests.seen import seen_by

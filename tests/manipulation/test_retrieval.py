@@ -24,8 +24,8 @@ from semmap.manipulation.retrieval import (
     register_gripper,
     stored_gripper,
 )
+from semmap.manipulation.store.model_shapes import model_mesh, shape_of, store_shapes
 from semmap.manipulation.store.models import object_model_id
-from semmap.manipulation.store.shapes import model_mesh, shape_of, store_shapes
 from semmap.manipulation.store.tasks import add_task, record_task
 from semmap.manipulation.surroundings import entity_triangles
 from tests.command_line import semmap

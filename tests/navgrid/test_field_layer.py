@@ -16,7 +16,7 @@ from navgrid.voxel_cells import voxel_cells
 from semmap.database.files import schema_folder
 from semmap.fields.maps.representation_map import RepresentationMap
 from semmap.fields.maps.vocabulary import read_vocabulary
-from semmap.fields.regions.shapes import Box, Sphere
+from semmap.fields.regions.shaped_region import Box, Sphere
 from semmap.fields.sources import People, PersonalSpaceSource, PersonMotion
 from tests.navgrid.scenes import ARM, BASE, room, scene, solid
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from datetime import datetime
 
+from semmap.fields.store.run_statement import Connection, run
 from semmap.fields.store.source_history import RECORD
-from semmap.fields.store.statements import Connection, run
 
 
 def kept_span(connection: Connection) -> tuple[datetime, datetime] | None:

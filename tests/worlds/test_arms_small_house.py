@@ -18,7 +18,7 @@ from sqlalchemy import Engine
 import semmap as package
 from semmap.geometry.pose import Pose
 from semmap.manipulation.arm import Arm
-from semmap.manipulation.store.shapes import model_mesh
+from semmap.manipulation.store.model_shapes import model_mesh
 from tests.command_line import semmap
 from tests.manipulation.grippers import real_gripper, urdf
 from tests.manipulation.test_motion import touches

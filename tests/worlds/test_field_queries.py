@@ -17,7 +17,7 @@ from semmap.fields.maps.map_buffer import MapBuffer
 from semmap.fields.queries import QueryError, SelectResult, StoreResult, query
 from semmap.fields.queries.catalogue import FieldCatalogue
 from semmap.fields.regions.region_map import NamedRegionMap, RegionMap
-from semmap.fields.regions.shapes import Cylinder, SurfaceRegion
+from semmap.fields.regions.shaped_region import Cylinder, SurfaceRegion
 from semmap.fields.sources import Segmentation
 from semmap.fields.sources.synthetic_scene import SyntheticScene, VisibleObject
 from semmap.fields.store.names import read_map_vocabulary, read_names

@@ -21,7 +21,7 @@ from semmap.manipulation.candidates import Grasp
 from semmap.manipulation.error import ManipulationError
 from semmap.manipulation.practice import practise
 from semmap.manipulation.retrieval import find_grasps
-from semmap.manipulation.store.shapes import model_mesh, shape_of
+from semmap.manipulation.store.model_shapes import model_mesh, shape_of
 from semmap.manipulation.trial import HEIGHT, TrialOutcome
 from tests.command_line import semmap
 from tests.manipulation.grippers import BY_HAND

@@ -15,7 +15,7 @@ from sqlalchemy.orm import Session
 import semmap
 from planner.mission.behaviours import RobotObservation, Sighting
 from planner.mission.store.observations import write_observation
-from semmap.cli.demo.reader import DemoChoices, figure_3
+from semmap.cli.demo.choices import DemoChoices, figure_3
 from semmap.database.maps import see_map
 from semmap.geometry.pose import Pose
 from semmap.model import Entity, Placement

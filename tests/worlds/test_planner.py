@@ -44,7 +44,7 @@ from planner.task_planner import TaskPlanner
 from planner.tasks import parse_goal
 from planner.tasks.reader import read_world
 from planner.topology import OUTSIDE, UnknownPlaceError
-from semmap.cli.demo.reader import DemoChoices, choose, figure_3
+from semmap.cli.demo.choices import DemoChoices, choose, figure_3
 from semmap.database.maps import see_map
 from semmap.geometry.pose import Pose
 from semmap.query.map_handle import MapHandle

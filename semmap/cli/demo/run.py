@@ -22,9 +22,9 @@ from planner.topology import OUTSIDE, Topology
 from semmap import cli
 from semmap.api.database import Database
 from semmap.api.map import Map
+from semmap.cli.demo.choices import DemoChoices, choose, figure_3, read_choices
 from semmap.cli.demo.costmaps import DemoRobot, robot_demo
 from semmap.cli.demo.fields import field_demo
-from semmap.cli.demo.reader import DemoChoices, choose, figure_3, read_choices
 from semmap.cli.demo.sparql import ask_in_sparql
 from semmap.cli.demo.task import search_demo, task_demo
 from semmap.draw.floor_plan import floor_plan

@@ -7,7 +7,7 @@ from typing import Any
 
 from semmap import cli
 from semmap.api.map import Map
-from semmap.cli.demo.reader import DemoChoices
+from semmap.cli.demo.choices import DemoChoices
 from semmap.knowledge.results import shown
 from semmap.knowledge.vocabulary import TYPE, encode, prefixes, short
 

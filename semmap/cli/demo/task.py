@@ -21,7 +21,7 @@ from planner.search.picture import search_picture
 from planner.task_planner import TaskPlanner
 from planner.topology import OUTSIDE, Topology
 from semmap.api.map import Map
-from semmap.cli.demo.reader import DemoChoices
+from semmap.cli.demo.choices import DemoChoices
 from semmap.draw.view import StoreyView
 from semmap.query.map_handle import MapHandle
 

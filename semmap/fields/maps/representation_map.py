@@ -21,7 +21,7 @@ from semmap.fields.maps.grids import (
     value_type_of,
 )
 from semmap.fields.maps.lattice import Lattice, VoxelBox
-from semmap.fields.regions.shapes import Region, shape_of
+from semmap.fields.regions.shaped_region import Region, shape_of
 from semmap.language.schema import Property
 
 Evaluate = Callable[[VoxelBox | None], Grid]

@@ -20,7 +20,7 @@ from semmap.fields.queries.relations import (
     OccupancyRelation,
     TypeRelation,
 )
-from semmap.fields.queries.statements import StatementRelation, UnknownError
+from semmap.fields.queries.statement_columns import StatementRelation, UnknownError
 from semmap.fields.queries.voxel_functions import VOXEL_FUNCTIONS
 from semmap.fields.regions.region_map import BODIES, NamedRegionMap, Role
 from semmap.language.names import NameIndex

@@ -15,7 +15,7 @@ from rdflib.plugins.sparql.parserutils import CompValue
 from semmap.fields.queries.evaluate import evaluate
 from semmap.fields.queries.expressions import Context
 from semmap.fields.queries.query_result import UpdateResult
-from semmap.fields.queries.statements import (
+from semmap.fields.queries.statement_columns import (
     ALL,
     Catalogue,
     Demand,
@@ -29,7 +29,7 @@ from semmap.fields.queries.table import UNIT, LimitError, Table
 from semmap.fields.queries.voxel_functions import VOXEL_FUNCTIONS, centres
 from semmap.fields.regions.region_map import RegionMap
 from semmap.fields.regions.region_text import read_region
-from semmap.fields.regions.shapes import Region, shape_of
+from semmap.fields.regions.shaped_region import Region, shape_of
 from semmap.geometry.voxel_keys import keys_of, sorted_unique
 from semmap.language.checker import Checker
 from semmap.language.error import TOO_DEEP

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from semmap.fields.regions.shapes import Region, Solid, SurfaceRegion
+from semmap.fields.regions.shaped_region import Region, Solid, SurfaceRegion
 from semmap.geometry.mesh import Mesh
 from semmap.geometry.parts import closed_parts
 

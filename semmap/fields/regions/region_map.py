@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 
 import semmap_vdb
 from semmap.fields.checks import as_points, positive
-from semmap.fields.regions.shapes import Region, shape_of
+from semmap.fields.regions.shaped_region import Region, shape_of
 
 FARTHEST = 1000
 """The largest gap in voxels for which neighbours are searched."""

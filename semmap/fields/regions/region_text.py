@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping
 import numpy as np
 
 from semmap.fields.checks import as_points
-from semmap.fields.regions.shapes import Box, Cone, Cylinder, Hull, Region, Sphere
+from semmap.fields.regions.shaped_region import Box, Cone, Cylinder, Hull, Region, Sphere
 
 Values = list[float]
 

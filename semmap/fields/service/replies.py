@@ -13,8 +13,8 @@ from semmap.fields.queries.catalogue import FieldCatalogue
 from semmap.fields.regions.region_map import RegionMap
 from semmap.fields.store.map_store import save_map
 from semmap.fields.store.mirror_state import MirrorState
+from semmap.fields.store.run_statement import Connection
 from semmap.fields.store.stated_voxels import save_stated
-from semmap.fields.store.statements import Connection
 
 Open = Callable[[], AbstractContextManager[Connection]]
 

@@ -28,8 +28,8 @@ from semmap.fields.sources.source import Source, check_percept, make_source
 from semmap.fields.store.event_channel import EventPublisher, ServerError, as_json
 from semmap.fields.store.map_store import load_maps
 from semmap.fields.store.names import read_map_vocabulary, read_names
+from semmap.fields.store.run_statement import run
 from semmap.fields.store.source_history import SourceHistory
-from semmap.fields.store.statements import run
 from semmap.fields.store.voxel_mirror import VoxelMirror
 from semmap.language.names import NameIndex
 from semmap.query.change_feed import announce_fields

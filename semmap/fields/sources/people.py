@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from semmap.fields.checks import as_rigid_rows, positive
 from semmap.fields.maps.representation_map import RepresentationMap
 from semmap.fields.maps.vocabulary import Vocabulary
-from semmap.fields.regions.shapes import Cone, Cylinder, shape_of, voxels_of
+from semmap.fields.regions.shaped_region import Cone, Cylinder, shape_of, voxels_of
 from semmap.fields.sources.percepts import Gaze, People, PersonMotion
 from semmap_vdb import BoolGrid, FloatGrid, Int32Grid
 

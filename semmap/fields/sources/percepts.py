@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from shapely import MultiPolygon, Polygon, to_wkb
 
 from semmap.fields.regions.mesh_regions import mesh_parts
-from semmap.fields.regions.shapes import Region
+from semmap.fields.regions.shaped_region import Region
 from semmap.geometry.mesh import prism_mesh
 from semmap.geometry.morphology import polygons
 

@@ -10,7 +10,7 @@ from semmap.fields.checks import as_rigid_rows, positive
 from semmap.fields.maps.representation_map import RepresentationMap
 from semmap.fields.maps.vocabulary import Vocabulary
 from semmap.fields.regions.mesh_regions import mesh_parts
-from semmap.fields.regions.shapes import Region
+from semmap.fields.regions.shaped_region import Region
 from semmap.fields.sources.percepts import RobotState
 from semmap.robot.urdf import Robot, load_robot
 

@@ -14,7 +14,7 @@ from datetime import datetime
 from typing import Any
 
 from semmap.fields.maps.grids import GRIDS, Grid, value_type_of
-from semmap.fields.store.statements import Connection, run
+from semmap.fields.store.run_statement import Connection, run
 from semmap.query.snapshot import Snapshot
 
 EDGE = 32

@@ -13,7 +13,7 @@ from typing import Any
 from semmap.fields.maps.map_buffer import MapBuffer
 from semmap.fields.regions.region_map import NamedRegionMap, RegionMap
 from semmap.fields.store import field_store
-from semmap.fields.store.statements import Connection, run
+from semmap.fields.store.run_statement import Connection, run
 from semmap.query.snapshot import Snapshot
 from semmap_vdb import Int32Grid
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from semmap.database.files import schema_folder
 from semmap.fields.maps.vocabulary import Vocabulary, read_vocabulary
-from semmap.fields.store.statements import run
+from semmap.fields.store.run_statement import run
 from semmap.language.names import NameIndex
 from semmap.query.snapshot import Snapshot
 from semmap.snake_case import snake_case

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from datetime import datetime
 
-from semmap.fields.store.statements import run
+from semmap.fields.store.run_statement import run
 from semmap.geometry.pose import Pose
 from semmap.query.snapshot import Snapshot
 

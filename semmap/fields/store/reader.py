@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from sqlalchemy import text
 
 from semmap.fields.regions.mesh_regions import mesh_parts
-from semmap.fields.regions.shapes import Cylinder, Region, Solid, SurfaceRegion
+from semmap.fields.regions.shaped_region import Cylinder, Region, Solid, SurfaceRegion
 from semmap.fields.sources.percepts import Zone
 from semmap.fields.sources.synthetic_scene import VisibleObject
 from semmap.geometry.parts import closed_as_whole

@@ -15,7 +15,7 @@ from semmap.fields.maps.map_buffer import SourceUpdate
 from semmap.fields.maps.representation_map import RepresentationMap
 from semmap.fields.store import field_store
 from semmap.fields.store.map_store import load_map, save_map
-from semmap.fields.store.statements import Connection, run
+from semmap.fields.store.run_statement import Connection, run
 from semmap.query.snapshot import Snapshot
 
 if TYPE_CHECKING:

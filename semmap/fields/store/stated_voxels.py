@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from semmap.fields.maps.lattice import Lattice
 from semmap.fields.regions.region_map import Role
 from semmap.fields.store import field_store
-from semmap.fields.store.statements import run
+from semmap.fields.store.run_statement import run
 from semmap.geometry.pose import Pose
 from semmap.query.snapshot import Snapshot
 from semmap_vdb import BoolGrid

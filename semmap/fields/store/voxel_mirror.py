@@ -17,7 +17,7 @@ from sqlalchemy.exc import DBAPIError
 
 from semmap.database.maps import see_map
 from semmap.fields.regions.region_map import RegionMap, Role
-from semmap.fields.regions.shapes import Region
+from semmap.fields.regions.shaped_region import Region
 from semmap.fields.store import field_store
 from semmap.fields.store.mirror_state import (
     MirrorState,

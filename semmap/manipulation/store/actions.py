@@ -12,9 +12,9 @@ from semmap.belief.store.beliefs import Session
 from semmap.geometry.pose import Pose
 from semmap.manipulation.action_record import ActionRecord, action_key, composed_key
 from semmap.manipulation.error import ManipulationError
+from semmap.manipulation.store.database_answers import OWN, column, contributor_id, number, refusals
 from semmap.manipulation.store.devices import gripper_id
 from semmap.manipulation.store.models import object_model_id
-from semmap.manipulation.store.statements import OWN, column, contributor_id, number, refusals
 from semmap.suggestions import suggestion
 
 

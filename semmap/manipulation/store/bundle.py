@@ -27,8 +27,8 @@ from semmap.manipulation.bundle_entry import check_entry
 from semmap.manipulation.error import ManipulationError
 from semmap.manipulation.signing import is_signed, own_key, public_key, sign
 from semmap.manipulation.store.actions import insert_actions
+from semmap.manipulation.store.database_answers import number, refusals
 from semmap.manipulation.store.devices import add_gripper
-from semmap.manipulation.store.statements import number, refusals
 
 FORMAT = "semmap manipulation knowledge"
 

@@ -12,7 +12,7 @@ from psycopg.types.json import Jsonb
 from semmap.belief.store.beliefs import Session
 from semmap.manipulation.action_record import pose_of
 from semmap.manipulation.error import ManipulationError
-from semmap.manipulation.store.statements import column, number, refusals
+from semmap.manipulation.store.database_answers import column, number, refusals
 from semmap.suggestions import suggestion
 
 CAPABILITIES = {

@@ -10,7 +10,7 @@ from typing import Any
 from semmap.belief.store.beliefs import Session
 from semmap.manipulation.action_record import pose_of
 from semmap.manipulation.error import ManipulationError
-from semmap.manipulation.store.statements import column, number, refusals
+from semmap.manipulation.store.database_answers import column, number, refusals
 from semmap.query.entity_query import entity_id
 from semmap.suggestions import suggestion
 

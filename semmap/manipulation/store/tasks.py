@@ -8,7 +8,7 @@ from typing import Any
 from semmap.belief.store.beliefs import Session
 from semmap.manipulation.action_record import pose_of
 from semmap.manipulation.error import ManipulationError
-from semmap.manipulation.store.statements import (
+from semmap.manipulation.store.database_answers import (
     ASSUMED,
     SIMULATION,
     contributor_id,

@@ -7,7 +7,7 @@ import semmap
 from semmap import cli
 from semmap.cli.chosen import CliOptions
 from semmap.cli.demo import run as demo
-from semmap.cli.demo.reader import DemoChoices, figure_3
+from semmap.cli.demo.choices import DemoChoices, figure_3
 from semmap.draw.palette import PATH
 from tests.office import OFFICE_FILES, OFFICE_ROBOT
 

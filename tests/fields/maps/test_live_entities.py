@@ -9,7 +9,7 @@ from semmap.fields.maps.live_entities import LiveEntities
 from semmap.fields.maps.representation_map import RepresentationMap
 from semmap.fields.maps.vocabulary import read_vocabulary
 from semmap.fields.regions.region_map import NamedRegionMap, RegionMap, Role, SpacesOf
-from semmap.fields.regions.shapes import Box, Cone, voxels_of
+from semmap.fields.regions.shaped_region import Box, Cone, voxels_of
 from semmap.fields.relations.tracker import RelationTracker
 
 VOCABULARY = read_vocabulary([schema_folder() / "ontology" / "fields.ttl"])

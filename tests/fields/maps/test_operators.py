@@ -19,7 +19,7 @@ from semmap.fields.maps import operators as op
 from semmap.fields.maps.grids import DTYPES, ValueType, empty_grid
 from semmap.fields.maps.lattice import Lattice, VoxelBox
 from semmap.fields.maps.representation_map import RepresentationMap
-from semmap.fields.regions.shapes import Box, Sphere, voxels_of
+from semmap.fields.regions.shaped_region import Box, Sphere, voxels_of
 from semmap.language.schema import Property
 
 SEES = Property("urn:t#sees", "sees", "Region", "Agent", "voxel", "entity", measure="attention")

@@ -15,9 +15,15 @@ from semmap.fields.maps.representation_map import RepresentationMap
 from semmap.fields.maps.vocabulary import read_vocabulary
 from semmap.fields.queries import StoreResult, query
 from semmap.fields.queries.catalogue import RDF_TYPE, FieldCatalogue
-from semmap.fields.queries.statements import Demand, Entities, Numbers, Statements, VoxelColumn
+from semmap.fields.queries.statement_columns import (
+    Demand,
+    Entities,
+    Numbers,
+    Statements,
+    VoxelColumn,
+)
 from semmap.fields.regions.region_map import NamedRegionMap, RegionMap
-from semmap.fields.regions.shapes import Box, Sphere, voxels_of
+from semmap.fields.regions.shaped_region import Box, Sphere, voxels_of
 from semmap.geometry.voxel_keys import keys_of, voxels_of_keys
 from semmap.ingest.ontology.tbox import read_tbox
 from semmap.language.names import NameIndex

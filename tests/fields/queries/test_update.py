@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from semmap.fields import Box, Cone, Cylinder, Hull, RegionMap, Sphere, voxels_of
 from semmap.fields.queries import QueryError, update
 from semmap.fields.regions.region_text import FORMS, read_region
-from semmap.fields.regions.shapes import Region
+from semmap.fields.regions.shaped_region import Region
 from tests.fields.queries.arrays import PREFIX, Arrays, kitchen
 
 SIZE = 0.5

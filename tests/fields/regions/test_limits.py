@@ -14,7 +14,7 @@ from semmap.database.files import schema_folder
 from semmap.fields import Box, RegionMap, Sphere
 from semmap.fields.maps.vocabulary import read_vocabulary
 from semmap.fields.regions.region_text import read_region
-from semmap.fields.regions.shapes import Region, Solid, SurfaceRegion
+from semmap.fields.regions.shaped_region import Region, Solid, SurfaceRegion
 from semmap.fields.sources import Zone, Zones, ZoneSource
 from semmap.fields.store.voxel_mirror import VoxelMirror
 from semmap.geometry.mesh import Mesh, box_mesh

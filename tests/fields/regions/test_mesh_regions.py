@@ -7,7 +7,7 @@ import pytest
 import trimesh
 
 from semmap.fields.regions.mesh_regions import mesh_parts
-from semmap.fields.regions.shapes import Solid, SurfaceRegion, voxels_of
+from semmap.fields.regions.shaped_region import Solid, SurfaceRegion, voxels_of
 from semmap.geometry.mesh import Mesh
 
 

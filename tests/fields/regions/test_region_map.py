@@ -13,7 +13,7 @@ from hypothesis.stateful import RuleBasedStateMachine, invariant, rule
 from numpy.typing import NDArray
 
 from semmap.fields import Box, RegionMap, Sphere, voxels_of
-from semmap.fields.regions.shapes import Region
+from semmap.fields.regions.shaped_region import Region
 from semmap_vdb import Int32Grid
 
 SIZE = 0.5

@@ -22,8 +22,8 @@ from semmap.fields.maps.map_buffer import MapBuffer
 from semmap.fields.maps.vocabulary import read_vocabulary
 from semmap.fields.queries.catalogue import FieldCatalogue
 from semmap.fields.queries.relations import EntityRelation
-from semmap.fields.queries.statements import Demand
-from semmap.fields.regions.shapes import Region
+from semmap.fields.queries.statement_columns import Demand
+from semmap.fields.regions.shaped_region import Region
 from semmap.fields.relations.facts import RelationEvent, RelationFact
 from semmap.fields.relations.rules import RULES, RelationRule
 from semmap.fields.relations.tracker import RelationTracker

@@ -14,7 +14,7 @@ import pytest
 
 from semmap.fields.maps.map_buffer import MapBuffer
 from semmap.fields.maps.representation_map import RepresentationMap
-from semmap.fields.regions.shapes import Box, Sphere
+from semmap.fields.regions.shaped_region import Box, Sphere
 from semmap.fields.sources import SourceManager
 from semmap.fields.sources.manager import EndOfPercepts
 from semmap.language.schema import Property

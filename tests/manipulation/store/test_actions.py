@@ -24,9 +24,9 @@ from semmap.manipulation.reader import (
     function_named,
 )
 from semmap.manipulation.store.actions import add_actions, add_put
+from semmap.manipulation.store.database_answers import refusals
 from semmap.manipulation.store.devices import add_automaton, add_device, add_path
 from semmap.manipulation.store.models import add_object, object_model_id, set_shape
-from semmap.manipulation.store.statements import refusals
 from semmap.manipulation.store.tasks import add_task, record_task
 from semmap.model import ManipulationTask, ObjectModel, StoredAction
 from semmap.snake_case import snake_case
