@@ -13,7 +13,7 @@ from datetime import datetime
 from functools import cache
 from typing import Any
 
-from semmap.fields.maps.live_entities import LiveEntities
+from semmap.fields.maps.live_entities import LiveEntities, agents_seen
 from semmap.fields.maps.map_buffer import MapBuffer, SourceUpdate
 from semmap.fields.maps.vocabulary import Vocabulary
 from semmap.fields.queries.catalogue import FieldCatalogue
@@ -120,14 +120,7 @@ def _past_catalogue(
         moments = [begin, *moments_of_moves(seen, begin, end)]
         past = _PastEntities(mirror, present_poses(seen))
         states = [poses_at(seen, moment) for moment in moments]
-    past.bring(states[0])
-    everywhere = past.copy()
-    for state in states[1:]:
-        for entity in past.bring(state):
-            voxels = past.regions.voxels(entity)
-            if len(voxels):
-                everywhere.regions.insert(entity, (voxels + 0.5) * past.regions.voxel_size)
-    LiveEntities(everywhere).update([map for update in updates for map in update.maps])
+    everywhere = _everywhere(past, list(zip(moments, states, strict=True)), updates)
 
     @cache
     def relations() -> _Held:
@@ -139,12 +132,57 @@ def _past_catalogue(
     return _catalogue(everywhere, maps, names, vocabulary, relations)
 
 
+def _everywhere(
+    past: _PastEntities,
+    states: Sequence[tuple[datetime, Mapping[int, Pose]]],
+    updates: Sequence[SourceUpdate],
+) -> NamedRegionMap:
+    """Return the entities with all voxels that they had at any of the moments.
+
+    An agent has the voxels that sources see, and its own ones while none saw it.
+    """
+    seen = _agents_seen(past.agents(), updates, states[0][0])
+    past.bring(states[0][1])
+    everywhere = past.copy()
+    hidden: set[Any] = set()  # whose own voxels are not in `everywhere`
+    for number, (moment, state) in enumerate(states):
+        moved = past.bring(state)
+        end = states[number + 1][0] if number + 1 < len(states) else None
+        meanwhile = [each for at, each in seen if at > moment and (end is None or at < end)]
+        always = [each for at, each in seen if at <= moment][-1].intersection(*meanwhile)
+        if number == 0:
+            hidden = set(always)
+            for agent in hidden:
+                everywhere.regions.remove(agent)
+            continue
+        for entity in (moved | hidden) - always:
+            everywhere.regions.insert(entity, past.regions.centres(entity))
+        hidden = (moved | hidden) & always
+    LiveEntities(everywhere).update([map for update in updates for map in update.maps])
+    for agent in everywhere.seen:
+        everywhere.regions.insert(agent, everywhere.own.centres(agent))
+    return everywhere
+
+
+def _agents_seen(
+    agents: Mapping[str, int], updates: Sequence[SourceUpdate], begin: datetime
+) -> list[tuple[datetime, frozenset[int]]]:
+    """Return the agents of the map that sources saw at first, and from each later update on."""
+    valid: dict[str, set[str]] = {}
+    seen = {begin: frozenset[int]()}
+    for update in updates:
+        valid[update.source] = {name for map in update.maps for name in agents_seen(map)}
+        names = set[str]().union(*valid.values())
+        seen[max(update.time, begin)] = frozenset(agents[each] for each in names & agents.keys())
+    return sorted(seen.items())
+
+
 class _PastEntities(NamedRegionMap):
     """The entities of a mirror, brought to former poses."""
 
     def __init__(self, mirror: MirrorState, present: Mapping[int, Pose]) -> None:
         ids = {n: name for n, name in dict(mirror.names).items() if isinstance(n, int)}
-        regions = RegionMap.from_state(*mirror.regions.state())
+        regions = RegionMap.from_state(*mirror.own_state())
         super().__init__(regions, ids, {n: mirror.roles[n] for n in ids})
         for entity in regions.entities():
             if not isinstance(entity, int):
@@ -166,14 +204,14 @@ class _PastEntities(NamedRegionMap):
                 continue
             self._at[entity] = pose
             moved.add(entity)
-            voxels = self._mirror.regions.voxels(entity)
-            if pose is None or not len(voxels):
-                self.regions.remove(entity)
+            points = self._mirror.own_regions(entity).centres(entity)
+            own = self.own_regions(entity)
+            if pose is None or not len(points):
+                own.remove(entity)
                 continue
-            points = (voxels + 0.5) * self.regions.voxel_size
             if entity in self._present and pose != self._present[entity]:
                 points = (pose @ self._present[entity].inverse()).apply(points)
-            self.regions.move(entity, points)
+            own.move(entity, points)
         return moved
 
 

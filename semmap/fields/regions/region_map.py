@@ -167,6 +167,10 @@ class RegionMap:
                 return np.zeros((0, 3), np.int32)
             return self._native.voxels(number)
 
+    def centres(self, entity: Hashable) -> NDArray[np.float64]:
+        """Return the centres (N, 3) of the voxels of an entity in metres."""
+        return np.asarray((self.voxels(entity) + 0.5) * self._voxel_size, np.float64)
+
     def size(self, entity: Hashable) -> int:
         """Return the number of voxels of an entity; 0 for an unknown entity."""
         with self._lock:
@@ -331,13 +335,25 @@ class SpacesOf:
 
 @dataclass(eq=False)
 class NamedRegionMap:
-    """A region map with what its entities are."""
+    """A region map with what its entities are; those of a map are ids, those of sources names.
+
+    An agent of the map that a source sees is one entity: it has the voxels that are seen, and its
+    own ones again when the source sees it no more.
+    """
 
     regions: RegionMap
     # of each entity; one without has `str` of it as its name, and is an object
     names: dict[Any, str] = field(default_factory=dict)
     roles: dict[Any, Role] = field(default_factory=dict)
     views: dict[Any, str] = field(default_factory=dict)  # the agent of each field of view
+    # the agents of the map that have the voxels that sources see, and their own voxels
+    seen: set[int] = field(init=False, default_factory=set)
+    own: RegionMap = field(init=False)
+    # held while voxels of agents change: the map and sources may do so at a time
+    changing: Any = field(init=False, default_factory=threading.RLock)
+
+    def __post_init__(self) -> None:
+        self.own = RegionMap(self.regions.voxel_size)
 
     @property
     def spaces(self) -> SpacesOf:
@@ -354,6 +370,52 @@ class NamedRegionMap:
             if not roles or self.roles.get(each, "object") in roles:
                 found.setdefault(self.names.get(each, str(each)), []).append(each)
         return found
+
+    def agents(self) -> dict[str, int]:
+        """Return the agents of the map by name; those that only sources know are left out."""
+        ids = {each for each in dict(self.names) if isinstance(each, int)}
+        return {self.names[each]: each for each in ids if self.roles.get(each) == "agent"}
+
+    def show(self, agent: int, points: NDArray[np.float64]) -> None:
+        """Give an agent of the map the voxels at points that a source sees, until `restore`."""
+        with self.changing:
+            if agent not in self.seen:
+                self.own.move(agent, self.regions.centres(agent))
+                self.seen.add(agent)
+            self.regions.move(agent, points)
+
+    def restore(self, agent: int) -> None:
+        """Give an agent its own voxels again; does nothing if no source saw it."""
+        with self.changing:
+            if agent in self.seen:
+                self.regions.move(agent, self.own.centres(agent))
+                self.own.remove(agent)
+                self.seen.remove(agent)
+
+    def own_regions(self, entity: Any) -> RegionMap:
+        """Return the region map with the own voxels of an entity, not those that sources see."""
+        return self.own if entity in self.seen else self.regions
+
+    def own_state(self) -> tuple[semmap_vdb.Int32Grid, dict[int, list[Hashable]]]:
+        """Return `RegionMap.state` where each agent has its own voxels."""
+        with self.changing:
+            state = self.regions.state()
+            if not self.seen:
+                return state
+            unseen = RegionMap.from_state(*state)
+            for agent in self.seen:
+                unseen.move(agent, self.own.centres(agent))
+            return unseen.state()
+
+    def forget_sources(self) -> None:
+        """Remove all that sources see."""
+        for agent in tuple(self.seen):
+            self.restore(agent)
+        for entity in self.regions.entities():
+            if not isinstance(entity, int):
+                self.regions.remove(entity)
+                for each in (self.names, self.roles, self.views):
+                    each.pop(entity, None)
 
     def occupied(self, points: ArrayLike) -> NDArray[np.bool_]:
         """Return at which of (N, 3) points a body is."""

@@ -139,7 +139,7 @@ class RelationTracker:
         before = self._active.get((a, b), {})
         after: dict[str, RelationFact] = {}
         agent = self._views.get(a, a)
-        if agent != b:
+        if agent not in (b, self._names.get(b, b)):
             pair = PairGeometry(self.regions, a, b, neighbour)
             for rule in self._between.get((self._kind(a), self._kind(b)), ()):
                 if rule.is_true(pair, rule.name in before):

@@ -76,7 +76,7 @@ def update_map(
         grid, {number: [names[each] for each in members] for number, members in sets.items()}
     )
     result = update(copy, text, catalogue)
-    seen = {names[each] for each in names if not isinstance(each, int)}
+    seen = {names[each] for each in names if not isinstance(each, int) or each in mirror.seen}
     for name in sorted(result.changed & seen):
         raise ValueError(f"{name} is what a source sees: an update cannot change it")
     with session.transaction():

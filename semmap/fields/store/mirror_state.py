@@ -26,7 +26,7 @@ Reasons = dict[int, tuple[str, str]]
 
 @dataclass(eq=False)
 class MirrorState(NamedRegionMap):
-    """The entities of a map on one grid; those of the map are ids, those of sources names.
+    """The entities of a map on one grid.
 
     `zones` has what the voxels of rooms and regions were made of, as JSON; `stated` the ids whose
     voxels an update stated. The `cursor` of an empty state is None.

@@ -93,7 +93,7 @@ class VoxelMirror(MirrorState):
         with self._lock:
             if self._feed.cursor is None:
                 raise LookupError("the mirror has not read its map yet: call catch_up first")
-            voxels, walls = self.regions.state(), self.walls.state()
+            voxels, walls = self.own_state(), self.walls.state()
             names = {each: name for each, name in dict(self.names).items() if isinstance(each, int)}
             state = {
                 "cursor": self._feed.cursor,
@@ -154,24 +154,42 @@ class VoxelMirror(MirrorState):
                 **{n: (z.name, z.kind, z.regions(size)) for n, z in zones.items() if n in stale},
                 **{each.id: (each.name, each.role, [each.points]) for each in stated},
             }
-            for number in stale | set(found):
-                self.regions.remove(number)
-                for former in (self.names, self.roles, self.reasons):
-                    former.pop(number, None)
             self.stated = (self.stated - stale) | {each.id for each in stated}
-            reasons = self.regions.insert_possible(
-                [(number, region) for number, (_, _, all_) in found.items() for region in all_]
-            )
-            for number, (name, role, _) in found.items():
-                if number in reasons:
-                    self.reasons[number] = (name, reasons[number])
-                else:
-                    self.names[number], self.roles[number] = name, role
+            with self.changing:
+                self._replace(stale | set(found), found)
             self.zones = kept_zones
             self._rebuild(changed, walls)
             self._feed.take_in(look)
             self._unsaved = True
             return stale | set(found)
+
+    def _replace(self, changed: set[int], found: dict[int, tuple[str, Role, list[Region]]]) -> None:
+        """Replace entities by those that were found; what sources see of agents stays."""
+        for number in changed:
+            self.own_regions(number).remove(number)
+            for former in (self.names, self.roles, self.reasons):
+                former.pop(number, None)
+        for number in self.seen & (changed - found.keys()):
+            self._end_seen(number)
+        reasons: dict[Any, str] = {}
+        for on, these in (
+            (self.regions, found.keys() - self.seen),
+            (self.own, found.keys() & self.seen),
+        ):
+            reasons |= on.insert_possible(
+                [(number, region) for number in these for region in found[number][2]]
+            )
+        for number, (name, role, _) in found.items():
+            if number in reasons:
+                self.reasons[number] = (name, reasons[number])
+                self._end_seen(number)
+            else:
+                self.names[number], self.roles[number] = name, role
+
+    def _end_seen(self, number: int) -> None:
+        if number in self.seen:
+            self.seen.remove(number)
+            self.regions.remove(number)
 
     def _rebuild(self, changed: set[int] | None, walls: list[Occupant]) -> None:
         """Replace the walls of the rooms and doors that changed; all of them for None."""

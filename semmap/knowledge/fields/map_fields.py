@@ -121,11 +121,7 @@ class _Kept:
         finally:
             self._engine.dispose()
         mirror.maps = MapBuffer()
-        for entity in mirror.regions.entities():
-            if not isinstance(entity, int):
-                mirror.regions.remove(entity)
-                for each in (mirror.names, mirror.roles, mirror.views):
-                    each.pop(entity, None)
+        mirror.forget_sources()
         return mirror
 
 

@@ -94,3 +94,71 @@ def test_types_that_are_seen_are_no_entities() -> None:
     scene = Scene()
     mugs = seen("containsObject", BOOK, value_type="int32", legend={1: "mug"})
     assert scene.live.update([mugs]) == set()
+
+
+def person(name: str, *regions: Any) -> RepresentationMap:
+    return seen("containsPerson", *regions, value_type="int32", legend={1: name})
+
+
+class SceneWithAnna(Scene):
+    """Anna is an agent of the map, who stands outside of the room."""
+
+    HOME, THERE = Box((9, 9, 0.9), (0.4, 0.4, 1.7)), Box((0, 0, 0.9), (0.4, 0.4, 1.7))
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.names[4], self.roles[4] = "anna", "agent"
+        self.regions.insert(4, self.HOME)
+        self.tracker = RelationTracker(
+            self.regions, names=self.names, views=self.views, spaces=SpacesOf(self.roles)
+        )
+        self.tracker.update(self.regions.entities())
+
+    def events(self, *maps: RepresentationMap) -> set[str]:
+        changed = self.live.update(maps)
+        found = {str(e) for e in self.tracker.update(changed) if e.relation in ("sees", "in")}
+        self.live.forget(changed)
+        return found
+
+    def anna(self) -> set[tuple[int, ...]]:
+        return {tuple(v) for v in self.regions.voxels(4).tolist()}
+
+
+def test_a_person_whom_the_map_knows_is_one_entity() -> None:
+    scene = SceneWithAnna()
+    gone = SceneWithAnna.THERE, SceneWithAnna.HOME
+    assert scene.events(person("anna", gone[0])) == {"anna in room_711 begins"}
+    assert scene.anna() == cells(gone[0])
+    assert "anna" not in scene.regions
+    assert scene.events(person("bob", gone[0])) == {
+        "anna in room_711 ends",
+        "bob in room_711 begins",
+    }
+    assert (scene.anna(), scene.names[4]) == (cells(gone[1]), "anna")
+    assert scene.events(person("anna")) == {"bob in room_711 ends"}
+    assert scene.anna() == cells(gone[1]), "no voxel of her is seen"
+    assert scene.events(person("anna", gone[0])) == {"anna in room_711 begins"}
+    assert scene.events() == {"anna in room_711 ends"}
+    assert scene.anna() == cells(gone[1])
+
+
+def test_nobody_sees_themselves() -> None:
+    scene = SceneWithAnna()
+    view = seen("inFieldOfView", VIEW, about="anna")
+    body = person("anna", Box((1, 0, 0.9), (0.3, 0.3, 1.7)))
+    assert scene.events(view, body) == {"anna sees book_326 begins", "anna in room_711 begins"}
+
+
+def test_an_agent_that_the_map_learns_or_forgets_keeps_its_relations() -> None:
+    scene = SceneWithAnna()
+    body = person("dora", SceneWithAnna.THERE)
+    assert scene.events(body) == {"dora in room_711 begins"}
+    scene.names[5], scene.roles[5] = "dora", "agent"
+    scene.regions.insert(5, SceneWithAnna.HOME)
+    assert scene.events(body) == set()
+    assert scene.regions.entities() == {1, 2, 3, 4, 5}
+    scene.live._on.restore(5)
+    scene.regions.remove(5)
+    del scene.names[5], scene.roles[5]
+    assert scene.events(body) == set()
+    assert scene.regions.entities() == {1, 2, 3, 4, "dora"}
