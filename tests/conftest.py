@@ -92,7 +92,7 @@ SLOW = (
     "worlds/test_recognition_small_house.py",
     "planner/mission/test_claims.py",
     "examples/test_moving_solids.py",
-    "fields/regions/test_shapes.py",
+    "fields/regions/test_shaped_region.py",
     "knowledge/test_client.py",
 )
 """The files that take longest, the longest first, so that the tests of others fill the end of a
