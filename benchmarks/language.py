@@ -23,7 +23,7 @@ from benchmarks.bench_map import use_bench_database
 from benchmarks.timing import Row, median_seconds, print_rows
 from semmap.database import open_engine
 from semmap.fields.queries import SelectResult, query
-from semmap.fields.queries.statement_columns import (
+from semmap.fields.queries.columns import (
     ALL,
     Demand,
     Entities,

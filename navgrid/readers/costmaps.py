@@ -9,8 +9,8 @@ from pathlib import Path
 from navgrid.costmap import Costmap, Inflation
 from navgrid.field_layer import FieldVoxels
 from navgrid.grid import MARGIN, scene_grid
+from navgrid.map_file import map_layer
 from navgrid.policy import Policy
-from navgrid.static_map import map_layer
 from navgrid.terrain import DriveLimits
 from semmap.geometry.voxels import Voxels
 from semmap.query.snapshot import Snapshot

@@ -169,15 +169,10 @@ def ls(
         if within is not None and near is None:
             raise ValueError("--within needs --near: a point X,Y,Z or a name")
         point = numbers(near, "--near", 3) if near is not None and "," in near else near
-        rows = chosen.table(
-            type_,
-            in_=in_,
-            label=label,
-            where=key_values(where, "--where"),
-            near=point,
-            within=within,
-            box=None if box is None else numbers(box, "--box", 6),
-        )
+        asked: Any = {"in_": in_, "label": label, "where": key_values(where, "--where")}
+        asked |= {"near": point, "within": within}
+        asked |= {"box": None if box is None else numbers(box, "--box", 6)}
+        rows = chosen.table(type_, **asked)
     show_table(rows, json_, ENTITY_COLUMNS if near is None else (*ENTITY_COLUMNS, "distance"))
 
 

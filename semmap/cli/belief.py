@@ -144,11 +144,6 @@ class LookOptions:
     range_: float = Option(5.0, "--range", help="--view: how far the detector sees, metres.")
     visible: float = Option(1.0, help="The share of the place in view.")
 
-    @property
-    def given(self) -> bool:
-        """Whether it says what was looked for, or where."""
-        return any(each is not None for each in (self.name, self.place, self.point, self.view))
-
     def check(self) -> None:
         """Raise typer.BadParameter if its options exclude each other."""
         name, view = self.name, self.view
@@ -196,7 +191,8 @@ def observe_command(
     mug=1.2,3.4,0.8 --detected mug=6.1,0.9,0.5,0.08,0.08,0.1
     """
     if detected:
-        if look.given or hit is not None or false_alarm is not None:
+        given = [look.name, look.place, look.point, look.view, hit, false_alarm]
+        if given != [None] * len(given):
             raise typer.BadParameter("--detected takes no NAME, place, view or rates beside it")
         found = [_detection(text) for text in detected]
         with cli.chosen_map(map_name) as house:

@@ -80,28 +80,23 @@ def link(
 
 
 def _linked(
-    given: tuple[str, str],
-    known: dict[tuple[str, str], bool],
-    map_name: str | None,
-    type_name: str | None,
-    *,
-    store: bool,
-    **asked: Any,
+    given: tuple[str, str], known: Any, map_name: str | None, type_: str | None, **asked: Any
 ) -> Interlinking:
     """Link two data sets; no database is opened for files whose links are not stored."""
     from semmap.api.database_interlinking import link_records
     from semmap.interlinking.data_set_file import read_records
 
     files = [_is_file(each) for each in given]
+    store = asked.pop("store")
     if all(files) and not store:
-        left, right = (read_records(Path(each), type_name) for each in given)
+        left, right = (read_records(Path(each), type_) for each in given)
         return link_records(left, right, known, **asked)
     with cli.open_database(migrate=all(files)) as db:
         one, other = (
             Path(each) if is_file else _stored_set(db, each, map_name)
             for each, is_file in zip(given, files, strict=True)
         )
-        return db.interlink(one, other, known, type=type_name, store=store, **asked)
+        return db.interlink(one, other, known, type=type_, store=store, **asked)
 
 
 def _is_file(given: str) -> bool:

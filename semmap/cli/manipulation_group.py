@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import typer
 from typer import Argument, Option
@@ -108,17 +109,10 @@ def record(
     map_name: cli.MapName = None,
 ) -> None:
     """Store how an attempt ended; later queries propose what succeeds most."""
+    told: Any = {"kind": kind, "instead_of": instead_of, "robot": robot}
+    told |= {"message": message, "simulated": simulated}
     with cli.open_database() as db:
-        task = db.map(map_name).record_attempt(
-            name,
-            action,
-            outcome,
-            kind=kind,
-            instead_of=instead_of,
-            robot=robot,
-            message=message,
-            simulated=simulated,
-        )
+        task = db.map(map_name).record_attempt(name, action, outcome, **told)
     print(f"task {task}: {outcome}")
 
 

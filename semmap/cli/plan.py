@@ -30,16 +30,10 @@ def plan_command(
     json_: cli.Json = False,
 ) -> None:
     """Plan a task: the actions that reach a goal in the least time."""
+    asked: Any = {"start": start, "robot": robot, "domain": domain_file, "pddl": pddl}
+    asked |= {"patience": patience, "assume_sizes": assume_sizes}
     with cli.chosen_map(map_name) as house:
-        plan = house.plan(
-            goal,
-            start=start,
-            robot=robot,
-            domain=domain_file,
-            patience=patience,
-            pddl=pddl,
-            assume_sizes=assume_sizes,
-        )
+        plan = house.plan(goal, **asked)
     if json_:
         print(json.dumps(_plan_as_json(plan)))
         return

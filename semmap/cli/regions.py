@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from datetime import datetime
 from enum import StrEnum
+from typing import Any
 
 import typer
 from typer import Argument, Option
@@ -67,17 +68,11 @@ def draw(
     json_: cli.Json = False,
 ) -> None:
     """Draw or redraw a region: a polygon from floor to ceiling, or a box."""
+    outline = None if polygon is None else _corners(polygon)
+    asked: Any = {"box": None if box is None else numbers(box, "--box", 6), "type": type_}
+    asked |= {"holder": holder, "properties": key_values(where, "--property")}
     with cli.chosen_map(map_name) as house:
-        region = house.draw_region(
-            name,
-            None if polygon is None else _corners(polygon),
-            box=None if box is None else numbers(box, "--box", 6),
-            type=type_,
-            holder=holder,
-            properties=key_values(where, "--property"),
-            since=since,
-            until=until,
-        )
+        region = house.draw_region(name, outline, since=since, until=until, **asked)
     cli.show_table([region], json_, COLUMNS)
 
 

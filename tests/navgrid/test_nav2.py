@@ -17,9 +17,8 @@ from PIL import Image
 
 from navgrid.costmap import Costmap
 from navgrid.grid import Grid, frame_name
-from navgrid.map_file import write_map
+from navgrid.map_file import map_layer, resampled, write_map
 from navgrid.nav2 import as_occupancy, write_nav2
-from navgrid.static_map import map_layer, resampled
 from semmap.query.storey_scene import SceneEntity
 from tests.navgrid.scenes import ARM, BASE, region, room, scene, solid
 

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from sqlalchemy import Engine, text
 
 from navgrid.costmap import Costmap
-from navgrid.free_space import NoFreeCellError, check_free
+from navgrid.costmap_output import NoFreeCellError, check_free
 from navgrid.grid import Grid, scene_grid
 from navgrid.nav2 import write_nav2
 from navgrid.occupancy_grid import storey_grid

@@ -17,11 +17,11 @@ from planner.plan import Plan
 from planner.readers.entity_lookup import find_entities
 from planner.readers.robot_class import store_robot_class
 from planner.robot_class import RobotClass
-from planner.search.picture import search_picture
 from planner.task_planner import TaskPlanner
 from planner.topology import OUTSIDE, Topology
 from semmap.api.map import Map
 from semmap.cli.demo.choices import DemoChoices
+from semmap.cli.demo.figures import search_picture
 from semmap.draw.view import StoreyView
 from semmap.query.map_handle import MapHandle
 
@@ -160,5 +160,5 @@ def search_demo(
     picture, title = folder / "search.png", f"{house.name}: where to look for {name}, from {start}"
     for storey in storeys:
         if {v.room for v in tour[:1]} & {room.name for room in storey.rooms}:
-            return [search_picture(storey, found.problem, found.decision, picture, title=title)]
+            return [search_picture(storey, found.problem, found.decision, picture, title)]
     return []

@@ -13,6 +13,7 @@ from semmap.fields.maps.lattice import Lattice
 from semmap.fields.maps.map_buffer import MapBuffer, SourceUpdate
 from semmap.fields.maps.representation_map import RepresentationMap
 from semmap.fields.maps.vocabulary import Vocabulary
+from semmap.fields.queries.columns import StatementRelation, UnknownError
 from semmap.fields.queries.relations import (
     EntityMapRelation,
     FreeSpaceRelation,
@@ -20,7 +21,6 @@ from semmap.fields.queries.relations import (
     OccupancyRelation,
     TypeRelation,
 )
-from semmap.fields.queries.statement_columns import StatementRelation, UnknownError
 from semmap.fields.queries.voxel_functions import VOXEL_FUNCTIONS
 from semmap.fields.regions.region_map import BODIES, NamedRegionMap, Role
 from semmap.language.names import NameIndex

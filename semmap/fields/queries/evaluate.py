@@ -12,14 +12,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from semmap.fields.queries.expressions import Context, evaluate_expression, is_true
-from semmap.fields.queries.statement_columns import (
+from semmap.fields.queries.columns import (
     Demand,
     Entities,
     Numbers,
     StatementColumn,
     VoxelColumn,
 )
+from semmap.fields.queries.expressions import Context, evaluate_expression, is_true
 from semmap.fields.queries.table import (
     EMPTY,
     UNIT,

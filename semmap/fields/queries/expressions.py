@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from semmap.fields.queries.statement_columns import Catalogue, StatementRelation
+from semmap.fields.queries.columns import Catalogue, StatementRelation
 from semmap.fields.queries.table import LimitError, NameCodes, Table, TermColumn, unbound
 from semmap.fields.queries.voxel_functions import evaluate_function
 from semmap.language.algebra import (

@@ -17,8 +17,8 @@ from semmap.fields.maps.live_entities import LiveEntities, agents_seen
 from semmap.fields.maps.map_buffer import MapBuffer, SourceUpdate
 from semmap.fields.maps.vocabulary import Vocabulary
 from semmap.fields.queries.catalogue import FieldCatalogue
+from semmap.fields.queries.columns import UnknownError
 from semmap.fields.queries.relations import EntityRelation, Relations
-from semmap.fields.queries.statement_columns import UnknownError
 from semmap.fields.regions.region_map import NamedRegionMap, RegionMap
 from semmap.fields.relations.facts import RelationFact
 from semmap.fields.relations.rules import RULES, RelationRule

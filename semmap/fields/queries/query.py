@@ -7,10 +7,10 @@ from typing import Any
 
 import rdflib
 
+from semmap.fields.queries.columns import Catalogue, UnknownError
 from semmap.fields.queries.evaluate import evaluate
 from semmap.fields.queries.expressions import Context
 from semmap.fields.queries.query_result import SelectResult, StoreResult
-from semmap.fields.queries.statement_columns import Catalogue, UnknownError
 from semmap.fields.queries.store_clause import StoreChecker
 from semmap.fields.queries.table import LimitError, unbound
 from semmap.language.checker import Checker

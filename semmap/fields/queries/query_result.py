@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from semmap.fields.maps.grids import ValueType, empty_grid
 from semmap.fields.maps.lattice import Lattice
 from semmap.fields.maps.representation_map import RepresentationMap
-from semmap.fields.queries.statement_columns import Entities, Numbers, Statements, VoxelColumn
+from semmap.fields.queries.columns import Entities, Numbers, Statements, VoxelColumn
 from semmap.fields.queries.table import TermColumn
 from semmap.fields.queries.voxel_functions import centres
 from semmap.geometry.voxel_keys import voxels_of_keys

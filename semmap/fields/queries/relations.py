@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from semmap.fields.maps import operators
 from semmap.fields.maps.lattice import VoxelBox
 from semmap.fields.maps.representation_map import RepresentationMap
-from semmap.fields.queries.statement_columns import (
+from semmap.fields.queries.columns import (
     ALL,
     Demand,
     Entities,

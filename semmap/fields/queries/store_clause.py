@@ -9,15 +9,15 @@ from typing import Any
 
 import numpy as np
 
-from semmap.fields.queries.expressions import Context
-from semmap.fields.queries.query_result import StoreResult
-from semmap.fields.queries.statement_columns import (
+from semmap.fields.queries.columns import (
     Catalogue,
     Entities,
     Numbers,
     Statements,
     VoxelColumn,
 )
+from semmap.fields.queries.expressions import Context
+from semmap.fields.queries.query_result import StoreResult
 from semmap.fields.queries.table import Table, unbound
 from semmap.language.algebra import Pattern, TriplePattern, Union
 from semmap.language.checker import Checker

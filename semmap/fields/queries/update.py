@@ -12,10 +12,7 @@ import rdflib
 from numpy.typing import NDArray
 from rdflib.plugins.sparql.parserutils import CompValue
 
-from semmap.fields.queries.evaluate import evaluate
-from semmap.fields.queries.expressions import Context
-from semmap.fields.queries.query_result import UpdateResult
-from semmap.fields.queries.statement_columns import (
+from semmap.fields.queries.columns import (
     ALL,
     Catalogue,
     Demand,
@@ -25,6 +22,9 @@ from semmap.fields.queries.statement_columns import (
     UnknownError,
     VoxelColumn,
 )
+from semmap.fields.queries.evaluate import evaluate
+from semmap.fields.queries.expressions import Context
+from semmap.fields.queries.query_result import UpdateResult
 from semmap.fields.queries.table import UNIT, LimitError, Table
 from semmap.fields.queries.voxel_functions import VOXEL_FUNCTIONS, centres
 from semmap.fields.regions.region_map import RegionMap

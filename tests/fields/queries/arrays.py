@@ -10,7 +10,7 @@ import numpy as np
 import rdflib
 from numpy.typing import NDArray
 
-from semmap.fields.queries.statement_columns import (
+from semmap.fields.queries.columns import (
     ALL,
     Demand,
     Entities,

@@ -15,7 +15,7 @@ from semmap.fields.maps.representation_map import RepresentationMap
 from semmap.fields.maps.vocabulary import read_vocabulary
 from semmap.fields.queries import StoreResult, query
 from semmap.fields.queries.catalogue import RDF_TYPE, FieldCatalogue
-from semmap.fields.queries.statement_columns import (
+from semmap.fields.queries.columns import (
     Demand,
     Entities,
     Numbers,

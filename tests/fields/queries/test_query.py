@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from semmap.fields.queries import SelectResult, StoreResult, query
-from semmap.fields.queries.statement_columns import Entities, Numbers
+from semmap.fields.queries.columns import Entities, Numbers
 from tests.fields.queries.arrays import PREFIX, Arrays, Listed, kitchen, prop
 
 PAPER = """PREFIX : http://kb.openrobots.org/

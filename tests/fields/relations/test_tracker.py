@@ -21,8 +21,8 @@ from semmap.fields import Box, Cone, RegionMap, Sphere, voxels_of
 from semmap.fields.maps.map_buffer import MapBuffer
 from semmap.fields.maps.vocabulary import read_vocabulary
 from semmap.fields.queries.catalogue import FieldCatalogue
+from semmap.fields.queries.columns import Demand
 from semmap.fields.queries.relations import EntityRelation
-from semmap.fields.queries.statement_columns import Demand
 from semmap.fields.regions.shaped_region import Region
 from semmap.fields.relations.facts import RelationEvent, RelationFact
 from semmap.fields.relations.rules import RULES, RelationRule

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from navgrid.costmap import Costmap
-from navgrid.free_space import NoFreeCellError, check_free
+from navgrid.costmap_output import NoFreeCellError, check_free
 from navgrid.grid import Grid
 from tests.navgrid.scenes import BASE, part, region, room, scene, sheet, solid, square
 
