@@ -34,6 +34,12 @@ class TravelCost(Protocol):
     def obstruction(self, place: str, pose: Pose) -> str | None:
         """What closes the door of an approach pose in a place, in words; None if nothing does."""
 
+    def standing(self, place: str, pose: Pose) -> Pose:
+        """Where the robot stands for an approach pose in a place: aside of what is there."""
+
+    def bends(self, connector: PlaceConnector) -> list[tuple[float, float]]:
+        """Where the way through a connector bends, from its first place on; none if straight."""
+
 
 class StraightTravelCost:
     """Straight lines at one speed, m/s, whatever is in the way."""
@@ -49,6 +55,14 @@ class StraightTravelCost:
     def obstruction(self, place: str, pose: Pose) -> str | None:
         """Nothing."""
         return None
+
+    def standing(self, place: str, pose: Pose) -> Pose:
+        """The pose itself."""
+        return pose
+
+    def bends(self, connector: PlaceConnector) -> list[tuple[float, float]]:
+        """None."""
+        return []
 
 
 class TravelEdges(NamedTuple):

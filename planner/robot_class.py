@@ -59,10 +59,17 @@ class Durations:
             return self.measured.get(("open_door", connector.name), self.open)
         return self.measured.get(("unlock_door", connector.name), self.unlock)
 
-    def of_passing(self, connector: PlaceConnector, speed: float) -> float:
-        """Seconds from one approach pose of an open connector to the other, at `speed` m/s."""
+    def of_passing(
+        self, connector: PlaceConnector, speed: float, metres: float | None = None
+    ) -> float:
+        """Seconds through an open connector at `speed` m/s.
+
+        The way is `metres` long, by default as from one approach pose to the other.
+        """
         mean = self.measured.get((connector.behaviour, connector.name))
-        return connector.metres / speed if mean is None else mean
+        if mean is not None:
+            return mean
+        return (connector.metres if metres is None else metres) / speed
 
     def of_calling(self, elevator: str) -> float:
         """Seconds of waiting for an elevator."""

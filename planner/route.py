@@ -38,6 +38,9 @@ class RouteStep:
         Pose at which the step ends; after a passage, the robot faces away from the connector.
     seconds, metres
         Expected duration, and distance driven.
+    bends
+        Where the way through a connector bends, (x, y) in metres, since something stands in its
+        opening.
     frame, map
         Frame of the grids to drive on, and path of the map file. The step ``switch_map`` has those
         of the new storey.
@@ -54,6 +57,7 @@ class RouteStep:
     metres: float = 0.0
     frame: str = "map"
     map: str = "map.yaml"
+    bends: tuple[tuple[float, float], ...] = ()
 
 
 @dataclass(frozen=True)

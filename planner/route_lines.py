@@ -23,9 +23,10 @@ Line = NDArray[np.float64]
 def route_lines(
     found: Route, topology: Topology, grids: dict[str, StoreyGrid], target: str | None
 ) -> dict[str, list[Line]]:
-    """The points (N, 2) of a route, metres, by storey.
+    """The points (N, 2) of a route, metres, by storey, through all poses of its steps.
 
-    With `target`, a type of objects, it ends beside the smallest one in its last room.
+    With `target`, a type of objects, a route whose start or goal is a whole room is drawn from the
+    middle of the one, and to the smallest such object in the other.
     """
     pieces: dict[str, list[Line]] = {}
     only = next(iter(grids)) if len(grids) == 1 else None
@@ -33,7 +34,11 @@ def route_lines(
     def storey_of(place: str) -> str | None:
         return only or topology.places[place].storey
 
-    at = _start_point(found, grids, storey_of(found.start))
+    first = found.steps[0] if found.steps else None
+    if first is None or (target is not None and first.approach is None):
+        at = _start_point(found, grids, storey_of(found.start))
+    else:
+        at = _xy(first.approach or first.leave)
     place, line = found.start, [np.array([at])]
     for step in found.transitions:
         storey = storey_of(place)
@@ -44,11 +49,16 @@ def route_lines(
             place, line = step.to_place, [np.array([at])]
             continue
         line.append(_walk(grids.get(str(storey)), place, at, _xy(step.approach)))
-        line.append(np.array([_xy(step.leave)]))
+        line.append(np.array([*step.bends, _xy(step.leave)]))
         at, place = _xy(step.leave), step.to_place
     storey = storey_of(place)
     if storey in grids:
-        end = _goal_point(grids[str(storey)], found.goal, target, at)
+        if found.steps and found.steps[-1].behaviour == "navigate":
+            end = _xy(found.steps[-1].leave)
+        elif target is None and found.steps:
+            end = at
+        else:
+            end = _goal_point(grids[str(storey)], found.goal, target, at)
         line.append(_walk(grids[str(storey)], place, at, end))
         pieces.setdefault(str(storey), []).append(np.concatenate(line))
     return pieces

@@ -7,6 +7,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from functools import cache
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -106,9 +109,8 @@ def _route_along(graph: RoutingGraph, start: Endpoint, goal: Endpoint, edges: Ed
     else:
         first = last = _shared_node(start, goal)
     i, j = (int(np.flatnonzero(e.nodes == n)[0]) for e, n in ((start, first), (goal, last)))
-    seconds = math.fsum([start.seconds[i], *graph.seconds[list(edges)], goal.seconds[j]])
-    metres = math.fsum([start.metres[i], *graph.metres[list(edges)], goal.metres[j]])
-    steps = steps_along(graph, start, goal, edges, (i, j), (seconds, metres))
+    steps = steps_along(graph, start, goal, edges, (i, j))
+    seconds, metres = (math.fsum(getattr(s, k) for s in steps) for k in ("seconds", "metres"))
     return Route(start.place, goal.place, steps, seconds, metres)
 
 
@@ -126,7 +128,7 @@ def steps_along(
     goal: Endpoint,
     edges: Edges,
     ends: tuple[int, int] | None,
-    inside: tuple[float, float],
+    inside: tuple[float, float] = (0.0, 0.0),
 ) -> tuple[RouteStep, ...]:
     """The steps that lead from one endpoint to another along edges of the graph, in order.
 
@@ -146,38 +148,57 @@ def _along(
     graph: RoutingGraph, start: Endpoint, goal: Endpoint, edges: Edges, ends: tuple[int, int]
 ) -> Iterator[RouteStep]:
     here, at = start.place, start.pose
-    # Seconds and metres of a drive whose end is known only with the next edge.
-    pending = (float(start.seconds[ends[0]]), float(start.metres[ends[0]]))
+    # Seconds and metres of a drive whose end is known only with the next edge. The travel to an
+    # approach pose has the way that is left out where the robot stands aside of it.
+    pending = np.array([start.seconds[ends[0]], start.metres[ends[0]]])
+    stand = cache(graph.standing)
+
+    def aside(node: int) -> NDArray[np.float64]:
+        metres = math.dist(stand(node)[:2], graph.poses[node][:2])
+        return np.array([metres / graph.robot.speed, metres])
+
+    if start.pose is not None:
+        pending -= aside(int(start.nodes[ends[0]]))
     for edge in edges:
         a, b = int(graph.tails[edge]), int(graph.heads[edge])
-        takes = float(graph.seconds[edge]), float(graph.metres[edge])
+        takes = np.array([graph.seconds[edge], graph.metres[edge]])
         if edge in graph.rides:
-            before = turned_around(graph.poses[a])
+            before = turned_around(stand(a))
             if at != before:
-                yield make_step(graph, "navigate", here, here, at, before, *pending)
-                at, pending = before, (0.0, 0.0)
-            there, behind = graph.place_of[b], graph.poses[b]
-            yield make_step(
-                graph, "use_elevator", here, there, at, behind, *takes, elevator=graph.rides[edge]
-            )
+                yield make_step(graph, "navigate", here, here, at, before, *_spent(pending))
+                at, pending = before, np.zeros(2)
+            there, behind = graph.place_of[b], stand(b)
+            across = math.dist(before[:2], behind[:2])
+            takes += np.array([1 / graph.robot.speed, 1]) * (across - takes[1])
+            ride = here, there, at, behind, *_spent(takes)
+            yield make_step(graph, "use_elevator", *ride, elevator=graph.rides[edge])
             here, at = there, behind
             yield make_step(graph, "switch_map", here, here, at, at)
         elif edge >= 2 * len(graph.connectors):
-            pending = (pending[0] + takes[0], pending[1] + takes[1])
+            pending += takes - aside(a) - aside(b)
         else:
-            if at != graph.poses[a]:
-                yield make_step(graph, "navigate", here, here, at, graph.poses[a], *pending)
-            pending = (0.0, 0.0)
-            there, behind = graph.place_of[b], turned_around(graph.poses[b])
-            yield from passage_steps(graph, int(edge), graph.poses[a], behind, takes[1])
+            before = stand(a)
+            if at != before:
+                yield make_step(graph, "navigate", here, here, at, before, *_spent(pending))
+            pending = np.zeros(2)
+            there, behind = graph.place_of[b], turned_around(stand(b))
+            bends = graph.bends(int(edge))
+            way = [before[:3], *((x, y, before.z) for x, y in bends), behind[:3]]
+            metres = math.fsum(math.dist(p, q) for p, q in pairwise(way))
+            yield from passage_steps(graph, int(edge), before, behind, metres, bends=bends)
             storeys = [graph.topology.places[p].storey for p in (here, there)]
             if None not in storeys and storeys[0] != storeys[1]:
                 yield make_step(graph, "switch_map", there, there, behind, behind)
             here, at = there, behind
     if goal.pose is not None:
-        last = float(goal.seconds[ends[1]]), float(goal.metres[ends[1]])
-        pending = (pending[0] + last[0], pending[1] + last[1])
-        yield make_step(graph, "navigate", here, here, at, goal.pose, *pending)
+        pending += (goal.seconds[ends[1]], goal.metres[ends[1]])
+        pending -= aside(int(goal.nodes[ends[1]]))
+        yield make_step(graph, "navigate", here, here, at, goal.pose, *_spent(pending))
+
+
+def _spent(takes: NDArray[np.float64]) -> tuple[float, float]:
+    """Seconds and metres, at least 0."""
+    return float(max(takes[0], 0.0)), float(max(takes[1], 0.0))
 
 
 def passage_steps(
@@ -187,10 +208,12 @@ def passage_steps(
     leave: Pose,
     metres: float,
     seconds: float | None = None,
+    bends: Sequence[tuple[float, float]] = (),
 ) -> Iterator[RouteStep]:
     """The steps from an approach pose to the other side of its connector.
 
-    Together they take `seconds`; by default, the passage takes what it takes such robots.
+    Together they take `seconds`; by default, the passage takes what it takes such robots. Its way
+    is straight but for `bends`.
     """
     connector, durations = graph.connectors[node // 2], graph.durations
     here, there = graph.place_of[node], graph.place_of[node ^ 1]
@@ -208,12 +231,13 @@ def passage_steps(
     behaviour = connector.behaviour
     if behaviour == "call_elevator":  # it was called by now: what is left is to drive through
         behaviour = "pass_door"
-    passing = durations.of_passing(connector, graph.robot.speed)
+    passing = durations.of_passing(connector, graph.robot.speed, metres)
     if seconds is not None:
         passing = max(seconds - calling - opening, 0.0)
-    yield make_step(
+    passage = make_step(
         graph, behaviour, here, there, approach, leave, passing, metres, connector=connector
     )
+    yield replace(passage, bends=tuple(bends))
 
 
 def make_step(

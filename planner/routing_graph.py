@@ -327,6 +327,19 @@ class RoutingGraph:
         travel = self.costs.between(place, [pose], [self.poses[n] for n in nodes])
         return Endpoint(place, pose, nodes, travel.seconds[0], travel.metres[0])
 
+    def standing(self, node: int) -> Pose:
+        """Where the robot stands for an approach pose, by number: aside of what is there.
+
+        Travel has the way to it from the approach pose and back, too.
+        """
+        place, pose = self.place_of[node], self.poses[node]
+        return pose if place == OUTSIDE else self.costs.standing(place, pose)
+
+    def bends(self, node: int) -> list[tuple[float, float]]:
+        """Where the passage from an approach pose, by number, bends; none if it is straight."""
+        found = self.costs.bends(self.connectors[node // 2])
+        return found[::-1] if node % 2 else found
+
     def _cut_off(self, place: str) -> NDArray[np.bool_]:
         """(n,) the approach poses of a place from which no travel leads to another one."""
         nodes = self.nodes.get(place, np.empty(0, np.int64))

@@ -95,6 +95,7 @@ class StoreyCostmaps:
         self._rooms: dict[str, RoomCostmap | None] = {}
         self._spaces: dict[str, DriveSpace] = {}
         self._avoided: dict[str, list[PlaceRegion]] = {}
+        self._stands: dict[tuple[str, Pose], Pose] = {}
 
     def report_to(self, progress: Callable[[str, int], None]) -> None:
         """Call `progress` for each new place, with its name and how many places there were."""
@@ -188,12 +189,13 @@ class StoreyCostmaps:
     @contextmanager
     def also_avoiding(self, regions: Mapping[str, Sequence[PlaceRegion]]) -> Iterator[None]:
         """Keep paths out of regions, given by storey, inside a ``with`` block."""
-        before = self._avoided
+        before, stands = self._avoided, self._stands
         self._avoided = before | {s: [*before.get(s, ()), *more] for s, more in regions.items()}
+        self._stands = {} if regions else stands
         try:
             yield
         finally:
-            self._avoided = before
+            self._avoided, self._stands = before, stands
 
     def between(self, place: str, a: Sequence[Pose], b: Sequence[Pose]) -> Travel:
         """The travel from each of n poses in a place to each of m; infinite without a path."""
@@ -245,6 +247,70 @@ class StoreyCostmaps:
         names = [n for spot in spots for n in _entities_at(costmap, spot, INSCRIBED)]
         what = ", ".join(dict.fromkeys(names)) or "something"
         return f"{what} leaves {self.robot.name} no way through {door.name}"
+
+    def standing(self, place: str, pose: Pose) -> Pose:
+        """Where the robot stands for an approach pose, facing the connector.
+
+        It is the pose, or the middle of the cell that ways in `between` begin at in its place; the
+        pose, too, where there is none.
+        """
+        if (place, pose) not in self._stands:
+            self._stands[place, pose] = self._standing(place, pose)
+        return self._stands[place, pose]
+
+    def _standing(self, place: str, pose: Pose) -> Pose:
+        costs, room = self.costs(place), self.room(place)
+        if costs is None or room is None:
+            return pose
+        (end,) = self._ends(place, costs, room.grid, [pose])
+        if end is None or end[1] == 0:
+            return pose
+        (row, column), _ = end
+        (left, low), size = room.grid.origin, room.grid.resolution
+        x, y = left + (column + 0.5) * size, low + (row + 0.5) * size
+        turn = 0.0
+        for connector, side in self.topology.connectors_of(place):
+            if connector.poses[side] == pose and connector.metres > 0:
+                middle = connector.way.interpolate(0.5, normalized=True)
+                before, now = (
+                    math.atan2(middle.y - b, middle.x - a) for a, b in (pose[:2], (x, y))
+                )
+                turn = now - before
+        return Pose.planar(x, y, turn, pose.z) @ pose._replace(x=0.0, y=0.0, z=0.0)
+
+    def bends(self, connector: PlaceConnector) -> list[tuple[float, float]]:
+        """Where the way through a door bends, as something stands in its opening.
+
+        It leads from where the robot stands in the first place to where it does in the second, over
+        the cell of the opening that makes it shortest. It is straight where no cell is in the way,
+        or where walls alone are: the width of the door decides then.
+        """
+        if connector.type not in ("door", "elevator_door") or OUTSIDE in connector.places:
+            return []
+        stands = [
+            self.standing(*end) for end in zip(connector.places, connector.poses, strict=True)
+        ]
+        costmap = self.costmap(self.storey_of(connector.places[0]))
+        straight = shapely.LineString([pose[:2] for pose in stands])
+        if _are_free(costmap, straight) or not _stands_near(costmap, straight):
+            return []
+        leaf = connector.leaf()
+        steps = np.linspace(0.0, 1.0, 2 + math.ceil(leaf.length / self.resolution))
+        spots = [
+            Pose(x, y)
+            for x, y in shapely.get_coordinates(leaf.interpolate(steps, normalized=True)).tolist()
+            if _are_free(costmap, shapely.Point(x, y))
+        ]
+        spots.sort(key=lambda at: sum(math.dist(at[:2], pose[:2]) for pose in stands))
+        for spot in spots:
+            ways = [
+                self.path(place, pose, spot)
+                for place, pose in zip(connector.places, stands, strict=True)
+            ]
+            if ways[0] is not None and ways[1] is not None:
+                way = shapely.LineString(np.concatenate([ways[0], ways[1][::-1]]))
+                return [(x, y) for x, y in way.simplify(self.resolution / 2).coords[1:-1]]
+        return []
 
     def _doors(self, place: str) -> dict[Pose, PlaceConnector]:
         """The doors of a place, by their approach pose in it."""
@@ -395,6 +461,8 @@ class StoreyCostmaps:
     ) -> set[str]:
         """The places of a storey whose costs, or where the robot fits, changed in windows."""
         costmap = self.costmap(storey)
+        if windows:
+            self._stands.clear()
         master, fits = before
         differs = (master != costmap.master) | (fits != costmap.fits).any(axis=0)
         found = set()
@@ -439,6 +507,18 @@ def _nearest(
         return None
     r, c = free[int(np.argmin(away))].tolist()
     return (r, c), float(away.min())
+
+
+def _are_free(costmap: Costmap, line: shapely.Geometry) -> bool:
+    """Whether the robot's centre may be at a point, or all along a line."""
+    steps = np.linspace(0.0, 1.0, 2 + math.ceil(2 * line.length / costmap.grid.resolution))
+    points = shapely.get_coordinates(
+        line.interpolate(steps, normalized=True) if line.length else line
+    )
+    cells = np.floor((points - costmap.grid.origin) / costmap.grid.resolution).astype(int)[:, ::-1]
+    if not ((cells >= 0) & (cells < costmap.grid.shape)).all():
+        return False
+    return bool((costmap.master[tuple(cells.T)] < INSCRIBED).all())
 
 
 def _stands_in(costmap: Costmap, door: PlaceConnector) -> bool:

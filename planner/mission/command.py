@@ -78,6 +78,8 @@ class Command:
     def as_json(self) -> dict[str, Any]:
         """As plain values, from which `of_json` makes it again."""
         value = asdict(self)
+        if self.step is not None and not self.step.bends:
+            del value["step"]["bends"]
         if self.step is not None and self.step.connector is not None:
             value["step"]["connector"]["permissions"] = sorted(self.step.connector.permissions)
         return value
@@ -95,7 +97,8 @@ class Command:
             connector = PlaceConnector(**connector | own)
         if step is not None:
             ends = {name: _pose(step[name]) for name in ("approach", "leave")}
-            step = RouteStep(**step | ends | {"connector": connector})
+            bends = tuple((x, y) for x, y in step.get("bends", ()))
+            step = RouteStep(**step | ends | {"connector": connector, "bends": bends})
         at, spot = _pose(value["at"]), _pose(value["spot"])
         arguments = tuple(value["arguments"])
         return cls(value["behaviour"], arguments, step, at, spot, value["seconds"])

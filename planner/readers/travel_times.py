@@ -6,6 +6,9 @@ Why: docs/decisions/travel_times_are_stored_with_a_digest_and_a_cursor.md
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Iterator
+from functools import cache
+from hashlib import md5
+from importlib import resources
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -21,6 +24,9 @@ from planner.robot_class import RobotClass
 from planner.routing_graph import RoutingGraph
 from planner.topology import OUTSIDE, Topology
 from semmap.query.snapshot import Snapshot
+
+RULE = 2
+"""Of how travel is measured: stored times of another rule, or of another policy, do not hold."""
 
 
 class MeasuredTravel(NamedTuple):
@@ -103,7 +109,7 @@ WITH RECURSIVE carried (id) AS (
 )
 SELECT r.entity_id AS id, md5(concat_ws('|',
     (SELECT string_agg(concat_ws(',', c.entity_id, c.place_a, c.place_b, k.pose, c.pose_a, c.pose_b,
-                                 c.width), ';' ORDER BY c.entity_id)
+                                 c.width, c.form), ';' ORDER BY c.entity_id)
      FROM connector c JOIN world k ON k.entity_id = c.entity_id
      WHERE c.place_a = r.entity_id OR c.place_b = r.entity_id),
     (SELECT string_agg(concat_ws(',', e.id, e.type, e.properties, o.pose, g.valid,
@@ -128,6 +134,14 @@ SELECT r.entity_id AS id, md5(concat_ws('|',
 FROM room r JOIN world w ON w.entity_id = r.entity_id
 JOIN entity n ON n.id = r.entity_id AND n.map_id = current_map()
 WHERE CAST(:places AS bigint[]) IS NULL OR r.entity_id = ANY (:places)
+"""
+
+_OTHER_RULES = """
+SELECT EXISTS (
+    SELECT FROM travel_time_place p JOIN entity n ON n.id = p.place_id AND n.map_id = current_map()
+    WHERE p.robot_class_id = :robot AND NOT starts_with(p.digest, :rule)
+      AND EXISTS (SELECT FROM travel_time t
+                  WHERE t.robot_class_id = p.robot_class_id AND t.place_id = p.place_id))
 """
 
 _MAY_WRITE = """
@@ -163,11 +177,12 @@ def compute_place_digests(
 ) -> dict[int, str]:
     """The digest of the present state of each place of the current map, or of some, by id.
 
-    It covers all that travel in the place depends on: objects up to `reach` metres beyond it, too.
+    It covers all that travel in the place depends on: objects up to `reach` metres beyond it, and
+    the rule of measuring, too.
     """
     values = {"reach": reach, "places": None if places is None else [*places]}
     rows = seen.connection.execute(text(_DIGESTS), values)
-    return {row.id: row.digest for row in rows}
+    return {row.id: _rule() + row.digest for row in rows}
 
 
 def read_place_digests(seen: Snapshot, robot_class: int) -> dict[int, str]:
@@ -214,8 +229,9 @@ class TravelTimeStore:
     def load(self, seen: Snapshot, topology: Topology, *, some_expire: bool) -> TravelEdges | None:
         """The travel edges that still hold; None if none are stored.
 
-        If anything changed that travel depends on, or the validity of some regions ends or begins
-        at a known moment, only the edges of places with the same digest hold.
+        If anything changed that travel depends on, if some are of another rule, or if the validity
+        of some regions ends or begins at a known moment, only the edges of places with the same
+        digest hold.
         """
         rows = read_travel_times(seen, self._class.id)
         unmeasured = self._class.unmeasured
@@ -226,6 +242,7 @@ class TravelTimeStore:
             or unmeasured is None
             or self._class.fields_changed
             or _affects_travel(seen, unmeasured)
+            or _have_other_rules(seen, self._class.id)
         )
         if self._compared:
             digests = compute_place_digests(seen, _reach(self._class.robot))
@@ -277,6 +294,19 @@ def _affects_travel(seen: Snapshot, ids: Collection[int]) -> bool:
         return False
     kinds = read_kinds(seen, ids)
     return any(kinds.get(number) not in ("agent", "elevator") for number in ids)
+
+
+@cache
+def _rule() -> str:
+    """How digests of this rule and policy begin."""
+    policy = (resources.files("navgrid") / "policy.yaml").read_bytes()
+    return f"{RULE}.{md5(policy, usedforsecurity=False).hexdigest()[:8]}:"
+
+
+def _have_other_rules(seen: Snapshot, robot_class: int) -> bool:
+    """Whether stored travel times of the current map were measured by another rule."""
+    values = {"robot": robot_class, "rule": _rule()}
+    return bool(seen.connection.execute(text(_OTHER_RULES), values).scalar())
 
 
 def _reach(robot: RobotClass) -> float:

@@ -6,6 +6,7 @@ None calls what it judges: rooms and cells are measured by Shapely, ways by netw
 from __future__ import annotations
 
 import itertools
+import math
 import random
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -24,7 +25,7 @@ from tests.buildings.building import OUTSIDE, Building, Door, Item, room_of
 from tests.buildings.clouds import cloud_cells, write_scans
 from tests.buildings.faults import judge_faults
 from tests.buildings.plans import judge_plans
-from tests.buildings.ways import Body, Ground, doors_of, refusal, stand
+from tests.buildings.ways import CELL, Body, Ground, doors_of, refusal, stand
 
 Judge = Callable[[Building, semmap.Map], tuple[int, list[str]]]
 """Returns how many questions it asked, and a sentence for each wrong answer."""
@@ -185,6 +186,46 @@ def judge_routes(building: Building, place: semmap.Map) -> tuple[int, list[str]]
     return len(pairs), wrong
 
 
+def judge_steps(building: Building, place: semmap.Map) -> tuple[int, list[str]]:
+    """The steps of routes name points where the robot fits, joined by ways of their lengths."""
+    ground = Ground(building, BODY, sure=False)
+    names = [room.name for room in building.rooms]
+    pairs = [*itertools.permutations(names, 2)]
+    random.Random(building.seed).shuffle(pairs)
+    wrong, asked = [], 0
+    for start, goal in pairs[:12]:
+        try:
+            route = place.route(start, goal)
+        except ValueError:
+            continue
+        asked += 1
+        at = None
+        for step in route.steps:
+            what = f"{start} to {goal}: {step.behaviour} in {step.from_place}"
+            poses = [p for p in (step.approach, step.leave) if p is not None]
+            if at not in (None, poses[0][:2]):
+                wrong.append(f"{what} begins at {poses[0][:2]}, not at {at}")
+            at = step.leave[:2]
+            for room, pose in zip(
+                (step.from_place, step.to_place)[-len(poses) :], poses, strict=True
+            ):
+                if not ground.fits(room, pose[:2]):
+                    wrong.append(f"{what} names {pose[:2]} in {room}, where it does not fit")
+            way = [poses[0][:2], *step.bends, step.leave[:2]]
+            length = math.fsum(itertools.starmap(math.dist, itertools.pairwise(way)))
+            passes = step.connector is not None and step.from_place != step.to_place
+            if passes and step.connector.type == "door":
+                if not ground.leads(step.from_place, way):
+                    wrong.append(f"{what} leads through what stands at {step.connector.name}")
+                if abs(step.metres - length) > 1e-6:
+                    wrong.append(f"{what} is {length} m long, not {step.metres}")
+            elif step.behaviour == "navigate" and step.approach and step.metres < length - 2 * CELL:
+                wrong.append(f"{what} is {length} m or longer, not {step.metres}")
+        if abs(math.fsum(step.metres for step in route.steps) - route.metres) > 1e-6:
+            wrong.append(f"{start} to {goal}: {route.metres} m are not those of the steps")
+    return max(asked, 1), wrong
+
+
 BODY = Body(0.3, 0.3, 0.6, (0.0, 1.5), 1.5)
 """The robot of which nothing is known."""
 
@@ -240,6 +281,7 @@ JUDGES: tuple[Judge, ...] = (
     judge_parts,
     judge_grids,
     judge_routes,
+    judge_steps,
     judge_check,
     judge_plans,
     judge_beliefs,

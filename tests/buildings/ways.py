@@ -8,7 +8,7 @@ the disc within its base does. Between the two, its shape decides, and no judge 
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -197,6 +197,11 @@ class Ground:
         spot, place = shapely.Point(point), self.building.room(room)
         taken = self._obstacles[place.storey].buffer(-2 * CELL)
         return place.outline.distance(spot) <= WALL and not taken.contains(spot)
+
+    def leads(self, room: str, way: Sequence[tuple[float, float]]) -> bool:
+        """Whether a robot can go along a line on the storey of a room, within two cells."""
+        taken = self._obstacles[self.building.room(room).storey].buffer(-2 * CELL)
+        return bool(taken.intersection(shapely.LineString(way)).length < CELL / 2)
 
     @cached_property
     def graph(self) -> nx.DiGraph:

@@ -637,3 +637,18 @@ def test_loading_leaves_the_collector_as_it_was(changing, usual):
         assert gc.isenabled() == usual
     finally:
         (gc.enable if before else gc.disable)()
+
+
+def test_stored_travel_times_of_another_rule_are_measured_again(changing, robot):
+    live = LiveTopology(MapHandle(changing, "office"), "tester")
+    measured = edges(live.graph)
+    for older, holds in (("digest", True), ("substr(digest, strpos(digest, ':') + 1)", False)):
+        with committed(changing) as run:
+            run("UPDATE travel_time SET metres = metres + 100 RETURNING 1")
+            run(f"UPDATE travel_time_place SET digest = {older} RETURNING 1")
+        again = LiveTopology(MapHandle(changing, "office"), "tester")
+        assert (edges(again.graph) != measured) == holds, older
+    check(again, changing, robot)
+    assert not again.graph.measured or edges(again.graph) == measured
+    third = LiveTopology(MapHandle(changing, "office"), "tester")
+    assert third.graph.measured == [OUTSIDE], "the new times are stored"

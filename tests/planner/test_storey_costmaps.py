@@ -153,6 +153,46 @@ def test_a_robot_passes_aside_of_what_stands_at_a_door_and_not_through_it(things
     assert (made.path("left", *poses) is not None) == passes
 
 
+@pytest.mark.parametrize(
+    ("at", "moved", "bent"),
+    [
+        (None, False, False),
+        ((2.35, 1.5, 0.2), True, True),  # where the robot faces the door
+        ((3.1, 1.3, 0.1), False, True),  # in the way through the opening
+    ],
+)
+def test_steps_name_points_where_the_robot_is_and_their_lengths(at, moved, bent):
+    things = [] if at is None else [box(10, *at)]
+    made = ground([*things, wall(20, -0.2, 1.0), wall(21, 2.0, 3.2)])
+    graph = RoutingGraph(made.topology, ROBOT, made)
+    goal = Pose.planar(0.8, 1.5, 0.0)
+    found = find_route(graph, graph.endpoint("right"), graph.endpoint("left", goal))
+    start, passage, drive = found.steps
+    way = shapely.LineString([passage.approach[:2], *passage.bends, passage.leave[:2]])
+    if at is not None:  # half the robot's width, but for a cell
+        assert way.distance(shapely.Point(at[:2]).buffer(at[2], cap_style="square")) > 0.2 - 0.1
+    assert way.intersects(made.topology.connectors["door"].leaf())
+    assert passage.metres == pytest.approx(way.length)
+    assert passage.seconds == pytest.approx(way.length / ROBOT.speed)
+    assert (start.approach, start.leave, start.metres) == (None, passage.approach, 0.0)
+    assert drive.approach == passage.leave
+    assert drive.leave == goal
+    line = made.path("left", drive.approach, goal)
+    # from the middle of a cell to that of another one
+    driven = np.linalg.norm(np.diff(line[1:-1], axis=0), axis=1).sum()
+    assert drive.metres == pytest.approx(driven, abs=1e-6)
+    assert (found.seconds, found.metres) == pytest.approx(
+        tuple(sum(getattr(s, k) for s in found.steps) for k in ("seconds", "metres"))
+    )
+    poses = [pose[:2] for pose in made.topology.connectors["door"].poses]
+    assert ([passage.leave[:2], passage.approach[:2]] != poses) == moved
+    assert bool(passage.bends) == bent
+    for pose, sign in ((passage.approach, 1), (passage.leave, -1)):  # to the door, away from it
+        x, y = np.subtract((3.1, 1.5), pose[:2]) * sign
+        off = pose.yaw - math.atan2(y, x)
+        assert math.cos(off) == pytest.approx(1.0)
+
+
 def test_between_neighbours_a_route_does_not_lead_through_what_closes_the_door():
     walls = [wall(20, -0.2, 1.0), wall(21, 2.0, 3.2)]
     for things, reason in (([], None), ([box(10, 3.1, 1.5, 0.15)], "box10 .*through door")):

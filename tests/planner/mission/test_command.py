@@ -19,6 +19,13 @@ STAGES = [
         RouteStep("pass_door", "a", "b", DOOR, None, Pose(-0.5), Pose(0.5), 1.0, 1.0),
         seconds=1.0,
     ),
+    Command(
+        "pass_door",
+        ("door1", "a", "b"),
+        RouteStep(
+            "pass_door", "a", "b", DOOR, None, Pose(-0.5), Pose(0.5), 1.0, 1.2, bends=((0.0, 0.3),)
+        ),
+    ),
     Command("navigate", ("a",), RouteStep("navigate", "a", "a", None, None, None, Pose(2.0))),
     Command("place", ("muffin1", "desk1"), at=Pose(1.0, 2.0), spot=Pose(z=0.7), seconds=10.0),
 ]
