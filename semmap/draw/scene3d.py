@@ -9,6 +9,7 @@ from itertools import cycle, pairwise, permutations
 from pathlib import Path
 
 import numpy as np
+import shapely
 from matplotlib.axes import Axes
 from matplotlib.colors import to_rgb
 from numpy.typing import NDArray
@@ -18,8 +19,9 @@ from semmap.draw.palette import BOX_COLOURS, INK, PAPER, PATH, object_colour, ro
 from semmap.draw.rasteriser import Camera, quarters
 from semmap.draw.shading import Surfaces, shade
 from semmap.draw.sheet import draw_title, rendered_sheet, save_sheet
-from semmap.draw.view import ObjectView, RoomView, StoreyView
+from semmap.draw.view import ObjectView, Outline, RegionView, RoomView, StoreyView
 from semmap.geometry.mesh import Mesh, prism_mesh
+from semmap.geometry.morphology import polygons
 from semmap.geometry.parts import closed_parts
 
 Floats = NDArray[np.float64]
@@ -67,6 +69,7 @@ def scene3d(
     elevation: float = 42.0,
     width: int = 2200,
     tint_rooms: bool = True,
+    marked: Sequence[RoomView] = (),
 ) -> Path:
     """Draw storeys in 3D and save the picture as PNG; return its path.
 
@@ -78,6 +81,7 @@ def scene3d(
     azimuth, elevation : from which the storeys are seen, degrees
     width : pixels
     tint_rooms : give each room's floor the colour of its type
+    marked : draw a coloured box around each, with its name, in the lowest storey
 
     Raises
     ------
@@ -95,6 +99,8 @@ def scene3d(
     if boxes:
         for (room, shift), colour in zip(rooms, cycle(BOX_COLOURS)):
             lines += [_Line(edge + shift, colour, 2.2) for edge in _box_edges(room)]
+    for region, colour in zip(marked, cycle(BOX_COLOURS)):
+        lines += [_Line(edge + lifted[0][1], colour, 2.2) for edge in _box_edges(region)]
     lines += [_Line(route, PATH, 5.0) for route in routes]
     lines += _rides(routes)
 
@@ -127,6 +133,8 @@ def scene3d(
             _name_storey(labels, camera, s, shift)
     if boxes:
         _name_rooms(labels, camera, rooms)
+    if marked:
+        _name_rooms(labels, camera, [(region, lifted[0][1]) for region in marked])
     if object_labels:
         _name_objects(labels, camera, depth, lifted, cut)
     return save_sheet(figure, path)
@@ -174,12 +182,24 @@ def _ground(storey: StoreyView) -> Floats | None:
     return np.array([boxes[:, :2].min(axis=0), boxes[:, 2:].max(axis=0)])
 
 
+def _floor(room: RoomView, regions: Sequence[RegionView]) -> Outline:
+    """Where a room has a floor: not in a blocked region that reaches below it, such as stairs."""
+    openings = [
+        region.outline
+        for region in regions
+        if region.blocked and region.low is not None and region.low < room.low - _SLAB
+    ]
+    left = room.outline.difference(shapely.union_all(openings)) if openings else room.outline
+    return shapely.MultiPolygon(polygons(left))
+
+
 def _surfaces(storey: StoreyView, shift: Floats, cut: float, tint: bool) -> Surfaces:
     """The surfaces of a storey, lifted by `shift`."""
     meshes: list[tuple[Mesh, str, float, bool]] = []  # with its colour, cut and cap
     for room in storey.rooms:
         colour = room_colour(room.types, room.name) if tint else "#ece9e2"
-        for polygon in getattr(room.outline, "geoms", [room.outline]):
+        outline = _floor(room, storey.regions)
+        for polygon in getattr(outline, "geoms", [outline]):
             floor = prism_mesh(polygon, room.low - _SLAB, room.low + 0.006)
             meshes.append((floor, colour, np.inf, False))
     for entity in storey.objects:

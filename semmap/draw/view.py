@@ -52,12 +52,14 @@ class DoorView:
 
 @dataclass(frozen=True)
 class RegionView:
-    """A region; `blocked` means closed to robots."""
+    """A region from z `low` to `high`, metres; `blocked` means closed to robots."""
 
     name: str
     outline: Outline
     types: tuple[str, ...] = ()
     blocked: bool = False
+    low: float | None = None
+    high: float | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,11 +103,16 @@ def storey_view(scene: StoreyScene) -> StoreyView:
             form, state = e.form or "door", e.state or "open"
             view.doors.append(DoorView(e.name, e.sides, e.width, form, state))
         elif e.kind == "region" and outline is not None:
-            view.regions.append(RegionView(e.name, outline, e.types, e.is_blocked_region))
+            view.regions.append(_region(e, outline))
         elif e.kind == "room" and outline is not None and e.floor is not None:
             high = e.floor if e.ceiling is None else e.ceiling
             view.rooms.append(RoomView(e.name, outline, e.floor, high, e.types, e.label))
     return view
+
+
+def _region(entity: SceneEntity, outline: Outline) -> RegionView:
+    blocked, heights = entity.is_blocked_region, (entity.floor, entity.ceiling)
+    return RegionView(entity.name, outline, entity.types, blocked, *heights)
 
 
 def _mesh(entity: SceneEntity) -> Mesh | None:

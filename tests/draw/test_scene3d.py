@@ -4,10 +4,11 @@ import numpy as np
 import pytest
 from matplotlib.colors import to_rgb
 from PIL import Image
+from shapely import box
 
 from semmap.draw.palette import BOX_COLOURS, PATH
 from semmap.draw.scene3d import scene3d
-from semmap.draw.view import StoreyView
+from semmap.draw.view import RegionView, RoomView, StoreyView
 from semmap.geometry.mesh import Mesh
 from tests.draw.storeys import box_view, two_rooms
 
@@ -92,3 +93,19 @@ def test_a_mesh_seen_alone_fills_the_picture(tmp_path):
     )
     picture = drawn([cube], tmp_path, boxes=False)
     assert (picture.sum(axis=-1) < 2.4).mean() > 0.4
+
+
+@pytest.mark.parametrize(
+    ("low", "blocked", "opens"), [(-1.7, True, True), (0.0, True, False), (-1.7, False, False)]
+)
+def test_a_blocked_region_below_the_floor_is_an_opening_in_it(tmp_path, low, blocked, opens):
+    pit = replace(box_view("pit", ("box",), (1, 1, -1.6), (2, 2, -1.4)), colour="#ff0000")
+    stairs = RegionView("stairs", box(1, 1, 2, 2), ("staircase",), blocked, low, 2.0)
+    room = RoomView("hall", box(0, 0, 4, 3), 0.0, 2.5, ("room",))
+    hall = StoreyView("cellar", 0.0, rooms=[room], objects=[pit], regions=[stairs])
+    picture = drawn([hall], tmp_path, boxes=False, elevation=89)
+    red = (picture[..., 0] > 0.5) & (picture[..., 1:] < 0.2).all(axis=-1)
+    assert (red.mean() > 0.03) == opens
+    marked = RoomView("stairs", stairs.outline, -1.7, 2.0)
+    boxed = drawn([hall], tmp_path, boxes=False, elevation=89, marked=[marked])
+    assert share(boxed, BOX_COLOURS[0]) > 0.001 >= share(picture, BOX_COLOURS[0])

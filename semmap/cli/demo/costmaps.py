@@ -91,7 +91,7 @@ def robot_demo(
             say(f"   {place / 'costmap'}: {len(files['maps'])} maps and nav2_params.yaml")
             pictures += draw_costmap(costmap, place / "costmap")
             if not any(p.name == FIGURE_5 for p in pictures):
-                region = blocked_region(costmap, folder)
+                region = blocked_region(costmap, storey, folder)
                 pictures += [] if region is None else [region]
             single = Costmap(scene, [robot.whole], costmap.grid)
             hidden = (costmap.master < INSCRIBED) & (single.master >= INSCRIBED)

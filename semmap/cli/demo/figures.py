@@ -9,9 +9,11 @@ from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
+import shapely
 from matplotlib.axes import Axes
 from matplotlib.patches import Wedge
 from numpy.typing import NDArray
+from PIL import Image
 
 from navgrid.costmap import Costmap
 from navgrid.inflation import INSCRIBED
@@ -21,10 +23,10 @@ from planner.search.receding_horizon import Decision
 from planner.search.viewpoints import Sight
 from semmap.draw.costmap import costmap_picture
 from semmap.draw.floor_plan import floor_plan
-from semmap.draw.palette import PART_COLOURS
+from semmap.draw.palette import PAPER, PART_COLOURS
 from semmap.draw.robot import footprints_picture, parts_picture, robot_views
 from semmap.draw.scene3d import scene3d
-from semmap.draw.view import ObjectView, StoreyView
+from semmap.draw.view import ObjectView, RoomView, StoreyView
 from semmap.geometry.mesh import Mesh
 from semmap.geometry.pose import Pose
 from semmap.robot.parts import Part
@@ -43,8 +45,8 @@ def robot_figures(parts: Sequence[Part], meshes: Mapping[str, Mesh], folder: Pat
     ]
 
 
-def blocked_region(costmap: Costmap, folder: Path) -> Path | None:
-    """Figure 5: the grid around a staircase without what it means, and with it."""
+def blocked_region(costmap: Costmap, view: StoreyView, folder: Path) -> Path | None:
+    """Figure 5: a staircase region, and the grid around it without what it means, and with it."""
     layer = "blocked_regions"
     cells = costmap.occupied.get(layer)
     if cells is None or not cells.any():
@@ -65,13 +67,47 @@ def blocked_region(costmap: Costmap, folder: Path) -> Path | None:
     ]
     between = np.full((pictures[0].shape[0], 6), 255, np.uint8)
     origin = costmap.grid.origin
-    return costmap_picture(
+    path = costmap_picture(
         np.concatenate([pictures[0], between, pictures[1]], axis=1),
         origin,
         costmap.grid.resolution,
         folder / "figure5_staircase.png",
         title="Figure 5: a staircase, without and with what the region says",
     )
+    return _before(_region_picture(view, folder), path)
+
+
+def _region_picture(view: StoreyView, folder: Path) -> Path | None:
+    """Figure 5a: the blocked regions of a storey as boxes, in their rooms."""
+    boxes = [
+        RoomView(r.name, r.outline, r.low, r.high, r.types)
+        for r in view.regions
+        if r.blocked and r.low is not None and r.high is not None
+    ]
+    rooms = [m for m in view.rooms if any(m.outline.intersects(b.outline) for b in boxes)]
+    if not rooms:
+        return None
+    inside = shapely.union_all([m.outline for m in rooms]).buffer(0.2)  # no walls
+    near = [o for o in view.objects if o.footprint and inside.contains(o.footprint)]
+    shown = replace(view, rooms=rooms, objects=near, doors=[], path=[])
+    return scene3d([shown], folder / "figure5_region.png", marked=boxes, boxes=False, width=1100)
+
+
+def _before(left: Path | None, right: Path) -> Path:
+    """Put a picture to the left of another one, and remove its file."""
+    if left is None:
+        return right
+    with Image.open(left) as a, Image.open(right) as b:
+        pictures = [each.convert("RGB") for each in (a, b)]
+    left.unlink()
+    height = max(each.height for each in pictures)
+    sheet = Image.new("RGB", (sum(each.width for each in pictures), height), PAPER)
+    at = 0
+    for each in pictures:
+        sheet.paste(each, (at, (height - each.height) // 2))
+        at += each.width
+    sheet.save(right)
+    return right
 
 
 def passage(
