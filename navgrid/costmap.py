@@ -49,6 +49,11 @@ class Inflation:
     inflation_radius: float = 0.55
     cost_scaling_factor: float = 3.0
 
+    def __post_init__(self) -> None:
+        for name, value in vars(self).items():
+            if not 0 <= value < math.inf:
+                raise ValueError(f"{name} is {value}: give a finite number, 0 or more")
+
     def radii(self, part: Part, padding: float) -> tuple[float, float]:
         """Return the inscribed and the inflation radius of a part on a layer, metres."""
         inscribed = part.inscribed_radius
@@ -406,6 +411,8 @@ class Costmap:
         For each part and layer within reach, these are the entities at the nearest occupied cells;
         none for a cell without cost. ValueError for a point that is not on the grid.
         """
+        if not (math.isfinite(x) and math.isfinite(y)):
+            raise ValueError(f"({x}, {y}) is not a point: give two finite numbers")
         return cost_sources(self, *self.grid.cell(x, y))
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 
@@ -11,6 +11,7 @@ import numpy as np
 
 from navgrid.terrain import DriveLimits
 from planner.topology import PlaceConnector
+from semmap.finite_number import finite_numbers, is_finite_number
 from semmap.robot import Part
 
 
@@ -151,15 +152,19 @@ class RobotClass:
                     f"robot {self.name}: its part {part.name} ends at {part.interval[1]:.3f} m, "
                     f"below a step of {self.drive_limits.max_step:g} m; give a lower step"
                 )
-        if not 0 < self.speed < math.inf:
+        if not (is_finite_number(self.speed) and self.speed > 0):
             raise ValueError(f"robot {self.name}: its speed is {self.speed} m/s; give one above 0")
-        if self.capacity < 1:
+        if not (is_finite_number(self.capacity) and self.capacity >= 1):
             raise ValueError(
                 f"robot {self.name}: its capacity is {self.capacity} objects; give 1 or more"
             )
         for name in ("reach", "heights"):
-            low, high = getattr(self, name)
-            if not 0 <= low < high < math.inf:
+            ends = getattr(self, name)
+            numbers = finite_numbers(ends, 2) if isinstance(ends, Iterable) else None
+            if numbers is None:
+                raise ValueError(f"robot {self.name}: {name} is {ends}; give two numbers, metres")
+            low, high = numbers
+            if not 0 <= low < high:
                 raise ValueError(
                     f"robot {self.name}: {name} is {low} to {high} m; give the lower end first"
                 )

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from semmap.api.map_entity import Door, MapEntity
     from semmap.database.embedded import Cluster
     from semmap.database.error import DatabaseError
-    from semmap.error import Error
+    from semmap.error import Error, InvalidArgumentError, UnknownNameError
     from semmap.geometry.pose import Pose
     from semmap.ingest.world import WorldError
     from semmap.query.map_events import MapEvent
@@ -37,10 +37,12 @@ __all__ = [
     "Door",
     "EntityVersion",
     "Error",
+    "InvalidArgumentError",
     "Map",
     "MapEntity",
     "MapEvent",
     "Pose",
+    "UnknownNameError",
     "WorldError",
     "__version__",
     "connect",
@@ -54,6 +56,8 @@ _HOMES = {
     "EntityVersion": "semmap.query.placements",
     "MapEvent": "semmap.query.map_events",
     "Error": "semmap.error",
+    "InvalidArgumentError": "semmap.error",
+    "UnknownNameError": "semmap.error",
     "MapEntity": "semmap.api.map_entity",
     "Pose": "semmap.geometry.pose",
     "Map": "semmap.api.map",

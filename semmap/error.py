@@ -1,4 +1,4 @@
-"""The base of the errors that a user of semmap can act on."""
+"""The base of the errors that a user of semmap can act on, and those of names and arguments."""
 
 from __future__ import annotations
 
@@ -8,3 +8,11 @@ class Error(Exception):
 
     The classes below it are a ValueError or a LookupError, too, where that fits.
     """
+
+
+class UnknownNameError(Error, LookupError):
+    """A map, entity, type or class of robots that is not there; the message names similar ones."""
+
+
+class InvalidArgumentError(Error, ValueError):
+    """An argument that is not valid, or a change that breaks a rule of the map."""

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import shapely
 
+from semmap.finite_number import finite_numbers
 from semmap.geometry.mesh import Mesh, box_mesh, prism_mesh
 from semmap.geometry.pose import Pose
 from semmap.ingest.store.holder_store import find_surfaces
@@ -23,6 +24,7 @@ from semmap.ingest.world import (
     Shape,
     World,
 )
+from semmap.query.map_check.building import WALL
 
 if TYPE_CHECKING:
     from semmap.api.map import Map
@@ -35,6 +37,16 @@ SIDE = 0.05
 """Metres before and behind a door's line where its places are looked for."""
 
 
+def polygon_of(outline: Any) -> Any:
+    """A Shapely geometry as it is, or the polygon of corners (x, y), which may cross itself."""
+    if isinstance(outline, shapely.Geometry):
+        return outline
+    corners = [finite_numbers(corner) for corner in outline]
+    if len(corners) < 3 or any(corner is None or len(corner) < 2 for corner in corners):
+        raise ValueError(f"a polygon has three corners (x, y) or more, not {list(outline)}")
+    return shapely.Polygon(corners)
+
+
 def drawn(
     name: str,
     kind: Kind,
@@ -45,7 +57,7 @@ def drawn(
     label: str | None,
 ) -> Entry:
     """A room or region; its frame lies at a point in it on the floor."""
-    polygon = outline if isinstance(outline, shapely.Geometry) else shapely.Polygon(outline)
+    polygon = polygon_of(outline)
     if polygon.geom_type not in ("Polygon", "MultiPolygon") or polygon.is_empty:
         raise ValueError(f"the outline of {name} is a {polygon.geom_type}, not a polygon")
     if not polygon.is_valid or polygon.area == 0:
@@ -78,16 +90,17 @@ def thing(
         raise ValueError(f"{name} has a mesh or a size, not both")
     shapes = []
     if size is not None:
-        x, y, z = (float(v) for v in size)
-        if not (min(x, y, z) > 0 and math.isfinite(x + y + z)):
+        sides = finite_numbers(size, 3)
+        if sides is None or min(sides) <= 0:
             raise ValueError(f"the size of {name} is three lengths above 0, not {tuple(size)}")
+        x, y, z = sides
         shapes = [Shape("box", box_mesh((-x / 2, -y / 2, 0), (x / 2, y / 2, z)))]
     elif mesh is not None:
         shapes = _shapes(mesh)
     where = None
     if pose is not None:
-        numbers = [float(v) for v in pose]
-        if len(numbers) not in (3, 4) or not all(map(math.isfinite, numbers)):
+        numbers = finite_numbers(pose)
+        if numbers is None or len(numbers) not in (3, 4):
             raise ValueError(f"the pose of {name} is (x, y, z, yaw), finite, not {tuple(pose)}")
         yaw = numbers[3] if len(numbers) == 4 else 0.0
         where = Pose.planar(numbers[0], numbers[1], yaw, numbers[2])
@@ -132,7 +145,7 @@ def door(
     length = float(np.hypot(*along))
     normal = np.array([along[1], -along[0]]) / length
     middle = ends.mean(axis=0)
-    sides = [_nearer(map, room, middle, normal) for room in rooms]
+    sides = [_nearer(map, name, detail["type"], room, ends, normal) for room in rooms]
     if sides[0] > 0 or (sides[0] == 0 and sides[1:] == [-1]):
         normal = -normal
     yaw = math.atan2(normal[1], normal[0])
@@ -152,19 +165,26 @@ def door(
     )
 
 
-def _nearer(map: Map, room: MapEntity, middle: Any, normal: Any) -> int:
+def _nearer(map: Map, door: str, form: str, room: MapEntity, ends: Any, normal: Any) -> int:
     """1 if the room is on the side to which `normal` points, -1 if on the other, 0 if on both."""
+    middle = ends.mean(axis=0)
     ahead, behind = middle + SIDE * normal, middle - SIDE * normal
     row = map.execute(
         "SELECT ST_Distance(footprint, ST_MakePoint(%s, %s)), "
-        "ST_Distance(footprint, ST_MakePoint(%s, %s)) FROM world WHERE entity_id = %s",
+        "ST_Distance(footprint, ST_MakePoint(%s, %s)), "
+        "ST_Distance(footprint, ST_MakeLine(ST_MakePoint(%s, %s), ST_MakePoint(%s, %s))) "
+        "FROM world WHERE entity_id = %s",
         *behind.tolist(),
         *ahead.tolist(),
+        *ends.ravel().tolist(),
         room.id,
     )
     if not row or row[0][0] is None:
         raise ValueError(f"{room.name} has no outline")
-    return int(np.sign(row[0][0] - row[0][1]))
+    to_behind, to_ahead, gap = row[0]
+    if gap > WALL and room.kind == "room" and form not in ("stairs", "ramp"):
+        raise ValueError(f"the line of {door} is {gap:.2f} m from {room.name}: draw it at its wall")
+    return int(np.sign(to_behind - to_ahead))
 
 
 def spot(

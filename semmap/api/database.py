@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, Literal, Self
 import psycopg
 from psycopg import sql
 
+from semmap.api.checked import checked, checked_class
 from semmap.api.database_interlinking import DatabaseInterlinking
 from semmap.api.database_manipulation import DatabaseManipulation
 from semmap.api.map import Map
@@ -30,6 +31,7 @@ if TYPE_CHECKING:
     from semmap.query.sql_statement import SqlRows
 
 
+@checked
 def connect(url: str | Cluster | None = None, *, migrate: bool | None = None) -> Database:
     """Open the database of the maps; close it with `Database.close` or a ``with`` statement.
 
@@ -76,6 +78,7 @@ def _is_new_cluster(url: str | Cluster | None) -> bool:
     return isinstance(cluster, Cluster) and not cluster.exists
 
 
+@checked_class
 class Database(DatabaseManipulation, DatabaseInterlinking):
     """The maps of a database; for one thread at a time. `connect` opens it.
 

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any, Generic, TypeVar, cast
 
+from semmap.api.argument_forms import EntityName
+from semmap.api.checked import checked_class
 from semmap.api.map_questions import MapQuestions
 from semmap.suggestions import suggestion
 
@@ -14,13 +16,14 @@ if TYPE_CHECKING:
 Kind = TypeVar("Kind", bound="MapEntity")
 
 
+@checked_class
 class EntityCollection(Generic[Kind]):
     """The rooms (objects, doors, ...) of a map, read at each access: ``house.rooms["kitchen"]``."""
 
     def __init__(self, map: MapQuestions, kind: str, word: str) -> None:
         self._map, self._kind, self._word = map, kind, word
 
-    def __getitem__(self, name: str) -> Kind:
+    def __getitem__(self, name: EntityName) -> Kind:
         """The entity of a name; LookupError names those that come near it."""
         rows = self._rows("AND name = %s", name)
         if not rows:

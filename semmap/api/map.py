@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from datetime import datetime
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
+from semmap.api.argument_forms import EntityName, Finite, Positive, Properties
+from semmap.api.checked import checked_class
 from semmap.api.entity_collection import MapCollections
 from semmap.api.map_beliefs import MapBeliefs
 from semmap.api.map_drawing import MapDrawing
@@ -35,6 +37,7 @@ PlanarPose = Sequence[float]
 """(x, y, z, yaw): metres and radians in the map's frame; yaw may be left out."""
 
 
+@checked_class
 class Map(
     MapDrawing,
     MapCollections,
@@ -58,7 +61,7 @@ class Map(
         return self.database.import_file(path, map=self.name, **options)
 
     def add_storey(
-        self, name: str, *, elevation: float = 0.0, height: float | None = None
+        self, name: str, *, elevation: Finite = 0.0, height: Positive | None = None
     ) -> MapEntity:
         """Add a storey: its floor's height above the map's origin and its clear height, metres."""
         from semmap.api.additions import add_entry
@@ -75,7 +78,7 @@ class Map(
         *,
         floor: float = 0.0,
         ceiling: float | None = None,
-        storey: str | None = None,
+        storey: EntityName | None = None,
         type: str | None = None,
         label: str | None = None,
         define: bool = False,
@@ -108,7 +111,7 @@ class Map(
         ceiling: float | None = None,
         type: str | None = None,
         label: str | None = None,
-        storey: str | None = None,
+        storey: EntityName | None = None,
         define: bool = False,
     ) -> MapEntity:
         """Add a region (a zone): an outline with a meaning; as `add_room`."""
@@ -125,10 +128,10 @@ class Map(
         mesh: str | Path | trimesh.Trimesh | Mesh | None = None,
         size: Sequence[float] | None = None,
         pose: PlanarPose | None = None,
-        on: str | None = None,
-        in_: str | None = None,
+        on: EntityName | None = None,
+        in_: EntityName | None = None,
         label: str | None = None,
-        properties: Mapping[str, Any] | None = None,
+        properties: Properties | None = None,
         define: bool = False,
     ) -> MapEntity:
         """Add an object.
@@ -159,7 +162,7 @@ class Map(
         self,
         detections: Sequence[Detection],
         *,
-        frame: str | None = None,
+        frame: EntityName | None = None,
         at: datetime | None = None,
     ) -> list[dict[str, Any]]:
         """Store the detections of one view: sightings of known objects, or new objects.
@@ -198,7 +201,7 @@ class Map(
         size: Sequence[float] | None = None,
         mesh: str | Path | trimesh.Trimesh | Mesh | None = None,
         pose: PlanarPose | None = None,
-        in_: str | None = None,
+        in_: EntityName | None = None,
         define: bool = False,
     ) -> MapEntity:
         """Add a robot or a person; as `add_object`."""
@@ -210,16 +213,16 @@ class Map(
     def add_door(
         self,
         name: str,
-        place_a: str,
-        place_b: str | None,
+        place_a: EntityName,
+        place_b: EntityName | None,
         line: Sequence[Sequence[float]],
         *,
-        width: float | None = None,
+        width: Positive | None = None,
         state: Literal["open", "closed", "locked"] = "open",
         form: Literal["door", "elevator_door", "stairs", "ramp"] = "door",
         direction: Literal["both", "forward", "backward"] = "both",
-        height: float = 0.0,
-        clearance: float = 0.6,
+        height: Finite = 0.0,
+        clearance: Finite = 0.6,
     ) -> Door:
         """Add a connector of two places.
 
@@ -234,7 +237,7 @@ class Map(
         Raises
         ------
         LookupError, ValueError
-            There is no such room; the name is taken, or neither side of the line is in `place_a`.
+            There is no such room; the name is taken, or the line is not at a wall of the room.
         """
         from semmap.api.additions import add_entry, door
 

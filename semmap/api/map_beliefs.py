@@ -7,6 +7,7 @@ from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from semmap.api.argument_forms import EntityName
 from semmap.api.map_questions import MapQuestions, aware
 
 if TYPE_CHECKING:
@@ -18,7 +19,7 @@ class MapBeliefs(MapQuestions):
     """The part of `Map` about beliefs; they follow from what `MapObservations` stores."""
 
     def where(
-        self, name: str, at: datetime | None = None, *, moves: float | None = None
+        self, name: EntityName, at: datetime | None = None, *, moves: float | None = None
     ) -> BelievedPlaces:
         """Where an object or agent probably is: a mapping of places to probabilities.
 
@@ -39,7 +40,7 @@ class MapBeliefs(MapQuestions):
 
     def beliefs(
         self,
-        names: Sequence[str],
+        names: Sequence[EntityName],
         at: datetime | None = None,
         *,
         occlusion: bool = False,
@@ -76,7 +77,11 @@ class MapBeliefs(MapQuestions):
         return found | {name: found[name].revised(of) for name, of in estimates.items()}
 
     def draw_belief(
-        self, about: str | BelievedPlaces, path: str | Path, *, storey: str | None = None
+        self,
+        about: EntityName | BelievedPlaces,
+        path: str | Path,
+        *,
+        storey: EntityName | None = None,
     ) -> Path:
         """Draw a heat map of a belief on the floor plan, as PNG; return its path.
 
@@ -110,7 +115,7 @@ class MapBeliefs(MapQuestions):
         return heat_map(storey_view(scenes[0]), here, belief, path, name=belief.name)
 
     def initial_belief(
-        self, names: Sequence[str], at: datetime | None = None
+        self, names: Sequence[EntityName], at: datetime | None = None
     ) -> dict[str, list[Any]]:
         """The initial belief as a message: `location`, and the probabilities for each name.
 
@@ -127,7 +132,7 @@ class MapBeliefs(MapQuestions):
         self,
         detections: Sequence[Detection],
         *,
-        frame: str | None = None,
+        frame: EntityName | None = None,
         at: datetime | None = None,
         moves: float = 86_400.0,
         new: float = 0.05,
@@ -156,7 +161,7 @@ class MapBeliefs(MapQuestions):
 
     def belief_field(
         self,
-        name: str,
+        name: EntityName,
         keep_as: str | None = None,
         *,
         voxel_size: float = 0.05,
@@ -200,7 +205,7 @@ class MapBeliefs(MapQuestions):
             }
 
     def export_belief(
-        self, names: Sequence[str], *, occlusion: bool = False, at: datetime | None = None
+        self, names: Sequence[EntityName], *, occlusion: bool = False, at: datetime | None = None
     ) -> str:
         """Priors and observations of objects as a ProbLog program, for other programs.
 

@@ -9,6 +9,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from semmap.api.argument_forms import EntityName
 from semmap.api.map_pictures import plan_of
 from semmap.api.map_tasks import MapTasks
 
@@ -50,7 +51,9 @@ _LOWEST = (
 class MapDrawing(MapTasks):
     """The part of `Map` that draws, and writes the topology."""
 
-    def draw(self, storey: str | None = None, *, walls: bool = True, title: str = "") -> Picture:
+    def draw(
+        self, storey: EntityName | None = None, *, walls: bool = True, title: str = ""
+    ) -> Picture:
         """The floor plan of a storey, or those of all storeys one below another.
 
         `walls` shows what the occupancy grid has between the rooms; without it, outlines alone.
@@ -101,7 +104,7 @@ class MapDrawing(MapTasks):
         title = f"<div><b>{html.escape(self.name)}</b>: {counts or 'empty'}</div>"
         return title + self._repr_svg_()
 
-    def views(self, storey: str | None = None) -> list[StoreyView]:
+    def views(self, storey: EntityName | None = None) -> list[StoreyView]:
         """What `semmap.draw` shows of each storey, the lowest first."""
         from semmap.draw.view import storey_view
         from semmap.query.storey_reader import read_storeys
@@ -114,7 +117,7 @@ class MapDrawing(MapTasks):
         file: Path | str,
         *,
         format: str | None = None,
-        storey: str | None = None,
+        storey: EntityName | None = None,
         robot: str | RobotClass | None = None,
         unlocks: bool = False,
         speed: float = 0.5,

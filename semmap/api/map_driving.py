@@ -8,6 +8,7 @@ from functools import cache, cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from semmap.api.argument_forms import EntityName
 from semmap.api.map_questions import MapQuestions, aware
 
 if TYPE_CHECKING:
@@ -40,7 +41,7 @@ class MapDriving(MapQuestions):
     def grids(
         self,
         *,
-        storey: str | None = None,
+        storey: EntityName | None = None,
         interval: tuple[float, float] = (0.05, 1.8),
         resolution: float = 0.05,
         increment: float | None = None,
@@ -101,7 +102,7 @@ class MapDriving(MapQuestions):
             for scene in there
         ]
 
-    def grid(self, storey: str | None = None, **options: Any) -> StoreyGrid:
+    def grid(self, storey: EntityName | None = None, **options: Any) -> StoreyGrid:
         """The occupancy grid of one storey; `storey` may be left out where there is only one.
 
         Options and errors are those of `grids`.
@@ -115,8 +116,8 @@ class MapDriving(MapQuestions):
         *,
         posture: str | Mapping[str, float] | None = None,
         parts: Path | str | None = None,
-        storey: str | None = None,
-        rooms: Sequence[str] | None = None,
+        storey: EntityName | None = None,
+        rooms: Sequence[EntityName] | None = None,
         bounds: Bounds | None = None,
         resolution: float = 0.05,
         inflation_radius: float = 0.55,
@@ -176,7 +177,9 @@ class MapDriving(MapQuestions):
             costmap.posture = said
         return made
 
-    def costmap(self, robot: RobotLike, *, storey: str | None = None, **options: Any) -> Costmap:
+    def costmap(
+        self, robot: RobotLike, *, storey: EntityName | None = None, **options: Any
+    ) -> Costmap:
         """The layered costmap of a robot on one storey, or in rooms of one storey.
 
         Options and errors are those of `costmaps`. `Costmap.explain` has the causes of a place's
@@ -244,11 +247,11 @@ class MapDriving(MapQuestions):
 
     def route(
         self,
-        start: LocationLike,
-        goal: LocationLike,
+        start: LocationLike | EntityName,
+        goal: LocationLike | EntityName,
         *,
         robot: str | RobotClass | None = None,
-        avoid: Sequence[str] = (),
+        avoid: Sequence[EntityName] = (),
         at: datetime | None = None,
         rules: Path | str | None = None,
         drawn: bool = False,
@@ -292,12 +295,12 @@ class MapDriving(MapQuestions):
 
     def routes(
         self,
-        start: LocationLike,
-        goal: LocationLike,
+        start: LocationLike | EntityName,
+        goal: LocationLike | EntityName,
         count: int,
         *,
         robot: str | RobotClass | None = None,
-        avoid: Sequence[str] = (),
+        avoid: Sequence[EntityName] = (),
         at: datetime | None = None,
         rules: Path | str | None = None,
         assume_sizes: bool = False,

@@ -9,6 +9,10 @@ from typing import TYPE_CHECKING, Any
 from psycopg.errors import UniqueViolation
 from psycopg.types.json import Jsonb
 
+from semmap.api.argument_forms import Properties
+from semmap.api.checked import checked_class
+from semmap.error import InvalidArgumentError
+
 if TYPE_CHECKING:
     from datetime import datetime
 
@@ -20,6 +24,11 @@ if TYPE_CHECKING:
     from semmap.query.placements import EntityVersion
 
 
+FIXED = ("connector", "elevator", "storey")
+"""Kinds of entities that are parts of the building."""
+
+
+@checked_class
 class MapEntity:
     """A room, object, region, agent, connector or storey of a map, read at each access.
 
@@ -41,14 +50,16 @@ class MapEntity:
         return self._name
 
     @name.setter
-    def name(self, value: str) -> None:
-        if not value:
+    def name(self, name: str) -> None:
+        if not name:
             raise ValueError(f"{self.name}: a name is not empty")
         try:
-            self._set("name", value)
-        except UniqueViolation:
-            raise ValueError(f"the map has an entity {value} already") from None
-        self._name = value
+            self._set("name", name)
+        except InvalidArgumentError as error:
+            if not isinstance(error.__cause__, UniqueViolation):
+                raise
+            raise ValueError(f"the map has an entity {name} already") from None
+        self._name = name
 
     @property
     def type(self) -> str | None:
@@ -56,10 +67,10 @@ class MapEntity:
         return self._value("type")  # type: ignore[no-any-return]
 
     @type.setter
-    def type(self, value: str | None) -> None:
-        if value is not None:
-            self.map.check_type(value)
-        self._set("type", value)
+    def type(self, type: str | None) -> None:
+        if type is not None:
+            self.map.check_type(type)
+        self._set("type", type)
 
     @property
     def label(self) -> str | None:
@@ -67,8 +78,8 @@ class MapEntity:
         return self._value("label")  # type: ignore[no-any-return]
 
     @label.setter
-    def label(self, value: str | None) -> None:
-        self._set("label", value)
+    def label(self, label: str | None) -> None:
+        self._set("label", label)
 
     @property
     def properties(self) -> dict[str, Any]:
@@ -76,8 +87,8 @@ class MapEntity:
         return dict(self._value("properties"))
 
     @properties.setter
-    def properties(self, value: dict[str, Any]) -> None:
-        self._set("properties", Jsonb(value))
+    def properties(self, properties: Properties) -> None:
+        self._set("properties", Jsonb(dict(properties)))
 
     @property
     def holder(self) -> MapEntity | None:
@@ -253,6 +264,8 @@ class MapEntity:
 
     def _put(self, holder: str | MapEntity, relation: str) -> None:
         above = self.map[holder] if isinstance(holder, str) else holder
+        if self.kind in FIXED:
+            raise ValueError(f"{self.name} is a {self.kind}, which is not put {relation} anything")
         box = self.map.execute(
             "SELECT ST_XMin(box) - pose[1], ST_YMin(box) - pose[2], ST_ZMin(box) - pose[3], "
             "ST_XMax(box) - pose[1], ST_YMax(box) - pose[2], ST_ZMax(box) - pose[3] "
@@ -332,6 +345,7 @@ class MapEntity:
 STATES = ("open", "closed", "locked")
 
 
+@checked_class
 class Door(MapEntity):
     """An entity of the kind ``connector``: it leads from a place to another."""
 
@@ -341,10 +355,10 @@ class Door(MapEntity):
         return str(self._joins("state"))
 
     @state.setter
-    def state(self, value: str) -> None:
-        if value not in STATES:
-            raise ValueError(f'{self.name}: state "{value}" is not one of {", ".join(STATES)}')
-        self.map.execute("UPDATE connector SET state = %s WHERE entity_id = %s", value, self.id)
+    def state(self, state: str) -> None:
+        if state not in STATES:
+            raise ValueError(f'{self.name}: state "{state}" is not one of {", ".join(STATES)}')
+        self.map.execute("UPDATE connector SET state = %s WHERE entity_id = %s", state, self.id)
 
     @property
     def form(self) -> str:

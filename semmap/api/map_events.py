@@ -10,6 +10,7 @@ import psycopg
 
 from semmap.api.map_questions import MapQuestions
 from semmap.database.session import conninfo_of, reopen_session
+from semmap.query.entity_query import check_cursor
 
 if TYPE_CHECKING:
     from semmap.query.map_events import MapEvent
@@ -130,6 +131,7 @@ class MapEvents(MapQuestions):
         ValueError
             `since` is not a cursor.
         """
+        check_cursor(since)
         if follow:
             self.connection.execute("LISTEN semmap")
             since = current_cursor(self.connection) if since is None else since
@@ -149,7 +151,13 @@ class MapEvents(MapQuestions):
         callback : called in the thread with one event after the other. It must not use this map,
             which is for one thread at a time: let it open its own by `semmap.connect`
         since : the `cursor` of an event that was seen; by default from now on
+
+        Raises
+        ------
+        ValueError
+            `since` is not a cursor.
         """
+        check_cursor(since)
         return MapSubscription(conninfo_of(self.database.session), self.name, callback, since)
 
 

@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from semmap.api.argument_forms import EntityName
 from semmap.api.map_questions import MapQuestions
 
 if TYPE_CHECKING:
@@ -23,7 +24,7 @@ class MapManipulation(MapQuestions):
 
     def grasps(
         self,
-        name: str | None = None,
+        name: EntityName | None = None,
         *,
         for_: str | None = None,
         at: Sequence[float] | None = None,
@@ -111,8 +112,8 @@ class MapManipulation(MapQuestions):
 
     def places(
         self,
-        name: str,
-        on: str,
+        name: EntityName,
+        on: EntityName,
         *,
         gripper: str | Path | None = None,
         towards: Sequence[float] | None = None,
@@ -152,7 +153,7 @@ class MapManipulation(MapQuestions):
 
     def pushes(
         self,
-        name: str,
+        name: EntityName,
         *,
         distance: float = 0.1,
         gripper: str | Path | None = None,
@@ -193,7 +194,7 @@ class MapManipulation(MapQuestions):
 
     def find_shapes(
         self,
-        names: Sequence[str] | None = None,
+        names: Sequence[EntityName] | None = None,
         *,
         progress: Progress = lambda name, done, total: None,
     ) -> FoundRows:
@@ -212,13 +213,13 @@ class MapManipulation(MapQuestions):
 
     def record_attempt(
         self,
-        name: str,
-        action: int,
+        name: EntityName,
+        action: int | None,
         outcome: str,
         *,
         kind: str = "grasp",
         instead_of: int | None = None,
-        robot: str | None = None,
+        robot: EntityName | None = None,
         message: str | None = None,
         simulated: bool = False,
     ) -> int:
@@ -228,7 +229,7 @@ class MapManipulation(MapQuestions):
 
         Parameters
         ----------
-        action : the `action_id` of a row of `grasps`, `places` or `pushes`
+        action : the `action_id` of a row of `grasps`, `places` or `pushes`; None: no stored one
         outcome : completed or error
         instead_of : the action that failed before and is replaced by this one
         simulated : the outcome counts less
@@ -256,9 +257,9 @@ class MapManipulation(MapQuestions):
 
     def practise(
         self,
-        name: str,
+        name: EntityName,
         *,
-        on: str | None = None,
+        on: EntityName | None = None,
         push: bool = False,
         gripper: str | None = None,
         tries: int = 12,

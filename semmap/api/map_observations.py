@@ -7,6 +7,7 @@ from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from semmap.api.argument_forms import EntityName
 from semmap.api.map_questions import MapQuestions, aware
 
 if TYPE_CHECKING:
@@ -20,15 +21,15 @@ class MapObservations(MapQuestions):
 
     def observe(
         self,
-        name: str,
-        place: str,
+        name: EntityName,
+        place: EntityName,
         *,
         seen: bool = True,
         at: datetime | None = None,
         visible: float = 1.0,
         position: Sequence[float] | None = None,
         inside: bool | None = None,
-        observer: str | None = None,
+        observer: EntityName | None = None,
         hit: float | None = None,
         false_alarm: float | None = None,
     ) -> dict[str, Any]:
@@ -65,10 +66,10 @@ class MapObservations(MapQuestions):
 
     def observe_point(
         self,
-        name: str,
+        name: EntityName,
         point: Sequence[float],
         *,
-        frame: str | None = None,
+        frame: EntityName | None = None,
         at: datetime | None = None,
         hit: float | None = None,
         false_alarm: float | None = None,
@@ -95,12 +96,12 @@ class MapObservations(MapQuestions):
     def observe_view(
         self,
         view: Sequence[float],
-        looked_for: Collection[str] = (),
+        looked_for: Collection[EntityName] = (),
         seen: Mapping[str, Sequence[float]] | None = None,
         *,
-        frame: str | None = None,
+        frame: EntityName | None = None,
         cloud: str | Path | ArrayLike | None = None,
-        without: Collection[str] = (),
+        without: Collection[EntityName] = (),
         opening: float = 1.05,
         furthest: float = 5.0,
         at: datetime | None = None,

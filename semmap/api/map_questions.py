@@ -8,19 +8,22 @@ from datetime import datetime
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, cast
 
+import psycopg
 from psycopg import errors
 from psycopg.pq import TransactionStatus
 
+from semmap.api.argument_forms import EntityName
 from semmap.api.map_entity import Door, MapEntity
 from semmap.database.maps import see_map
 from semmap.database.session import twin_session
+from semmap.error import InvalidArgumentError
 from semmap.query import entity_query
 from semmap.query.entity_query import Near
+from semmap.query.refusal import refusal_text
 from semmap.query.snapshot import Snapshot, open_snapshot
 from semmap.suggestions import suggestion
 
 if TYPE_CHECKING:
-    import psycopg
     from sqlalchemy import Engine
     from sqlalchemy.orm import Session
 
@@ -39,7 +42,7 @@ class MapQuestions:
     def __init__(self, database: Database, name: str) -> None:
         self.database, self.name = database, name
 
-    def __getitem__(self, name: str) -> MapEntity:
+    def __getitem__(self, name: EntityName) -> MapEntity:
         """The entity of a name; LookupError names those that come near it."""
         rows = self.execute(
             "SELECT id, kind, name FROM entity WHERE map_id = current_map() AND name = %s", name
@@ -49,8 +52,14 @@ class MapQuestions:
         return self.entity(*rows[0])
 
     def __contains__(self, name: object) -> bool:
-        known = "SELECT EXISTS (SELECT FROM entity WHERE map_id = current_map() AND name = %s)"
-        return bool(self.execute(known, name)[0][0])
+        """Whether a name, or an entity, is in the map."""
+        if isinstance(name, MapEntity):
+            return name.map.database is self.database and self._has("id", name.id)
+        return isinstance(name, str) and "\0" not in name and self._has("name", name)
+
+    def _has(self, column: str, value: Any) -> bool:
+        known = f"SELECT EXISTS (SELECT FROM entity WHERE map_id = current_map() AND {column} = %s)"
+        return bool(self.execute(known, value)[0][0])
 
     def __iter__(self) -> Iterator[MapEntity]:
         return iter(self.find())
@@ -67,14 +76,14 @@ class MapQuestions:
         self,
         type: str | None = None,
         *,
-        in_: str | None = None,
+        in_: EntityName | None = None,
         label: str | None = None,
         where: Mapping[str, Any] | None = None,
         near: Near | None = None,
         within: float | None = None,
         box: Sequence[float] | None = None,
         name: str | None = None,
-        on: str | None = None,
+        on: EntityName | None = None,
         limit: int | None = None,
     ) -> list[MapEntity]:
         """The entities that meet all conditions; with `near`, the nearest first, else by name.
@@ -119,7 +128,7 @@ class MapQuestions:
         rows = entity_query.find(self._seen, type=type, holder=in_, **conditions)
         return [{key: value for key, value in row.items() if key != "id"} for row in rows]
 
-    def describe(self, name: str, at: datetime | None = None) -> dict[str, Any]:
+    def describe(self, name: EntityName, at: datetime | None = None) -> dict[str, Any]:
         """All that the map has of an entity; with `at`, also where it was then."""
         return entity_query.describe(self._seen, name, at)
 
@@ -173,7 +182,7 @@ class MapQuestions:
         Raises
         ------
         ValueError
-            The statement breaks a rule of the map; it changed nothing.
+            The statement is wrong, or breaks a rule of the map; it changed nothing.
         """
         session = self.connection
         attempts = ATTEMPTS if session.info.transaction_status == TransactionStatus.IDLE else 1
@@ -185,9 +194,10 @@ class MapQuestions:
             except (errors.DeadlockDetected, errors.SerializationFailure):
                 if not attempts:
                     raise
-            except errors.CheckViolation as error:
-                parts = (error.diag.message_primary, error.diag.message_hint)
-                raise ValueError(". ".join(filter(None, parts))) from error
+            except errors.InsufficientPrivilege:
+                raise
+            except psycopg.ProgrammingError as error:
+                raise InvalidArgumentError(refusal_text(error)) from error
 
     def sql(self, statement: str, *values: Any, write: bool = False) -> SqlRows:
         """Run a SQL statement that sees this map; one that reads, unless `write` is True.
@@ -270,21 +280,9 @@ class MapQuestions:
 
     @contextmanager
     def _change(self) -> Iterator[Snapshot]:
-        """What a transaction of this map's connection sees, in which the map is changed.
-
-        ValueError where a statement breaks a rule of the map; it changed nothing.
-        """
-        from sqlalchemy.exc import DBAPIError
-
-        try:
-            with self.transaction(), self.snapshot() as seen:
-                yield seen
-        except DBAPIError as error:
-            refused = error.orig
-            if not isinstance(refused, errors.CheckViolation | errors.DataError):
-                raise
-            parts = (refused.diag.message_primary or str(refused), refused.diag.message_hint)
-            raise ValueError(". ".join(filter(None, parts))) from error
+        """What a transaction of this map's connection sees, in which the map is changed."""
+        with self.transaction(), self.snapshot() as seen:
+            yield seen
 
     def snapshot(self) -> AbstractContextManager[Snapshot]:
         """One state of the map while a ``with`` block lasts, for readers of other packages."""

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from datetime import datetime
 from typing import TYPE_CHECKING, Any
 
+from semmap.api.argument_forms import EntityName, Properties
 from semmap.api.map_questions import MapQuestions, aware
 from semmap.finite_number import finite_numbers
 
@@ -22,7 +22,7 @@ class MapRegions(MapQuestions):
     def find_regions(
         self,
         sort: str,
-        names: str | Sequence[str] = (),
+        names: EntityName | Sequence[EntityName] = (),
         *,
         type: str | None = None,
         near: float = 0.5,
@@ -73,8 +73,8 @@ class MapRegions(MapQuestions):
         *,
         box: Sequence[float] | None = None,
         type: str = "region",
-        holder: str | None = None,
-        properties: Mapping[str, Any] | None = None,
+        holder: EntityName | None = None,
+        properties: Properties | None = None,
         since: datetime | None = None,
         until: datetime | None = None,
     ) -> dict[str, Any]:
@@ -105,10 +105,6 @@ class MapRegions(MapQuestions):
             raise ValueError("a region needs a name")
         if name == holder:
             raise ValueError(f"{name}: a region is not in itself: name a room or object as holder")
-        try:
-            json.dumps(dict(properties or {}), allow_nan=False)
-        except (TypeError, ValueError) as error:
-            raise ValueError(f"{name}: properties: {error}: give values that JSON has") from None
         valid = None if since is None and until is None else (aware(since), aware(until))
         with self._change() as seen:
             made = draw_region(
@@ -139,14 +135,14 @@ def _outline(given: Any) -> Any:
     """The polygon of some corners."""
     import shapely
 
-    if isinstance(given, shapely.Geometry):
-        if given.geom_type not in ("Polygon", "MultiPolygon") or given.is_empty:
-            kind = "nothing" if given.is_empty else f"a {given.geom_type}"
-            raise ValueError(f"the region is drawn as {kind}, not as a polygon")
-        return given
-    if len(given) < 3 or any(finite_numbers(corner, 2) is None for corner in given):
-        raise ValueError(f"a polygon has three corners (x, y) or more, not {list(given)}")
-    polygon = shapely.Polygon(given)
+    from semmap.api.additions import polygon_of
+
+    polygon = polygon_of(given)
+    if polygon.geom_type not in ("Polygon", "MultiPolygon") or polygon.is_empty:
+        kind = "nothing" if polygon.is_empty else f"a {polygon.geom_type}"
+        raise ValueError(f"the region is drawn as {kind}, not as a polygon")
+    if polygon is given:
+        return polygon
     if not polygon.is_valid:
         reason = shapely.is_valid_reason(polygon)
         raise ValueError(f"the polygon crosses its own border: {reason}")

@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from semmap.api.argument_forms import EntityName, Positive
 from semmap.api.map_driving import MapDriving, Progress
 
 if TYPE_CHECKING:
@@ -25,10 +26,10 @@ class MapTasks(MapDriving):
         self,
         goal: str,
         *,
-        start: str | None = None,
+        start: EntityName | None = None,
         robot: str | RobotClass | None = None,
         domain: Path | str | None = None,
-        patience: float = 10.0,
+        patience: Positive = 10.0,
         pddl: Path | str | None = None,
         assume_sizes: bool = False,
     ) -> MapPlan:
@@ -93,7 +94,7 @@ class MapTasks(MapDriving):
         self,
         goal: str | None = None,
         *,
-        start: str | None = None,
+        start: EntityName | None = None,
         robot: str | None = None,
         agent: str = "robot",
         simulate: bool = True,
@@ -177,9 +178,9 @@ class MapTasks(MapDriving):
 
     def search(
         self,
-        name: str,
+        name: EntityName,
         *,
-        start: str | None = None,
+        start: EntityName | None = None,
         robot: str | None = None,
         sight: Sight | None = None,
         detector: Detector | None = None,

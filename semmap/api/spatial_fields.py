@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+from semmap.api.checked import checked_class
 from semmap.api.live_events import timer
 from semmap.fields.service.client import ServiceAddress, ServiceConnection
 from semmap.html_table import html_table
@@ -91,6 +92,7 @@ class SpaceAnswer(Sequence[tuple[Any, ...]]):
         return html_table(self.names, self.rows)
 
 
+@checked_class
 class SpatialFields:
     """The fields of a map: occupied and free space, rooms, views, stored fields; docs/fields.md.
 

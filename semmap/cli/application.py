@@ -354,9 +354,9 @@ def _expected(error: Exception) -> str | None:
 
     cause = getattr(error, "orig", error)  # SQLAlchemy keeps the driver's error there
     if isinstance(cause, psycopg.Error):
-        message = str(cause).strip()
-        if cause.diag.message_primary:
-            message = ". ".join(filter(None, (cause.diag.message_primary, cause.diag.message_hint)))
+        from semmap.query.refusal import refusal_text
+
+        message = refusal_text(cause)
         if isinstance(cause, psycopg.errors.ReadOnlySqlTransaction):
             message += ". Add --write to let the statement change the map"
         return message

@@ -144,7 +144,12 @@ REFUSED: dict[str, tuple[str, tuple[Any, ...], dict[str, Any], str]] = {
     "an unknown shape": ("find_shapes", (["cup3"],), {}, "no entity cup3; did you mean cup"),
     "an action": ("record_attempt", ("cup1", 999999, "completed"), {}, "there is no action 999999"),
     "a huge one": ("record_attempt", ("cup1", 2**70, "completed"), {}, "there is no action 11805"),
-    "an outcome": ("record_attempt", ("cup1", None, "won"), {}, "task outcome is known"),
+    "an outcome": (
+        "record_attempt",
+        ("cup1", None, "won"),
+        {},
+        "outcome of an attempt is completed or error",
+    ),
     "a message": ("record_attempt", ("cup1", None, "error"), {"message": "\0"}, "cannot be stored"),
     "no tries": ("practise", ("cup1",), {"tries": 0}, "tries is 0"),
     "both": ("practise", ("cup1",), {"on": "table", "push": True}, "give one of on and push"),

@@ -54,7 +54,7 @@ def test_a_state_that_nobody_taught_is_named(kitchen: semmap.Map) -> None:
     ("taught", "message"),
     [
         ("gone.json", r"cannot be read \(No such file or directory\)"),
-        (None, "teaching: is None"),
+        (None, "teaching is None: give a text, a path or a mapping"),
         ({"knowledge": [{"name": "a\0b"}]}, "a value cannot be stored: .* NUL"),
         ({"knowledge": [{"name": "ab", "properties": {"x": "\0"}}]}, "a value cannot be stored"),
         ({"knowledge": [{"name": "ab", "properties": {"x": float("nan")}}]}, "values that JSON ha"),

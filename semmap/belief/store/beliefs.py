@@ -17,6 +17,7 @@ from psycopg.rows import dict_row
 from semmap.belief.error import BeliefError
 from semmap.finite_number import is_finite_number
 from semmap.query.entity_query import entity_id
+from semmap.query.refusal import refusal_text
 from semmap.query.snapshot import Snapshot
 from semmap.snake_case import snake_case
 
@@ -166,11 +167,8 @@ RETURNING id
 
 
 def refusal(error: errors.CheckViolation) -> BeliefError:
-    """The database's refusal as an error of this package; names of constraints are sentences."""
-    if error.diag.constraint_name:
-        return BeliefError(f"refused: {error.diag.constraint_name.replace('_', ' ')}")
-    parts = (error.diag.message_primary, error.diag.message_hint)
-    return BeliefError(". ".join(filter(None, parts)))
+    """The database's refusal as an error of this package."""
+    return BeliefError(refusal_text(error))
 
 
 def _checked(row: Mapping[str, Any], number: int) -> Row:

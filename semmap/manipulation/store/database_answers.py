@@ -10,6 +10,7 @@ import psycopg
 from psycopg import errors
 
 from semmap.manipulation.error import ManipulationError
+from semmap.query.refusal import refusal_text
 from semmap.suggestions import suggestion
 
 OWN, SIMULATION, ASSUMED = "own", "simulation", "assumed"
@@ -23,17 +24,12 @@ def refusals() -> Iterator[None]:
     try:
         yield
     except errors.CheckViolation as error:
-        name = error.diag.constraint_name
-        parts = (error.diag.message_primary, error.diag.message_hint)
-        raise ManipulationError(
-            f"refused: {name.replace('_', ' ')}" if name else ". ".join(filter(None, parts))
-        ) from error
+        raise ManipulationError(refusal_text(error)) from error
     except errors.DataError as error:
         reason = error.diag.message_primary or str(error)
         raise ManipulationError(f"a value cannot be stored: {reason}") from error
     except errors.NoDataFound as error:
-        parts = (error.diag.message_primary, error.diag.message_hint)
-        raise LookupError(". ".join(filter(None, parts))) from error
+        raise LookupError(refusal_text(error)) from error
     except errors.InsufficientPrivilege as error:
         raise ManipulationError(
             f"this login may not do that ({error.diag.message_primary}): ask an admin"
