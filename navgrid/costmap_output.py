@@ -126,5 +126,5 @@ def _fix(costmap: Costmap, entity: SceneEntity, part: Part) -> str:
     return (
         f"its top is {rise:.3f} m above the floor at z = {floors[0]:.3f} m, and the robot drives "
         f"over steps of {costmap.limits.max_step:.3f} m: set the floor of the rooms to its top, or "
-        "allow a higher step (--max-step)"
+        "allow a higher step by max_step="
     )

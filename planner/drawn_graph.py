@@ -167,7 +167,7 @@ def _nearest_nodes(
     if not nodes:
         raise NoRouteError(
             f"the drawn graph has no node in {end.place}, where the route {verb}: draw one, or "
-            "plan without --graph"
+            "plan without drawn=True"
         )
     if end.pose is None:
         return [(node.name, 0.0, 0.0) for node in nodes]

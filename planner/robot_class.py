@@ -82,7 +82,7 @@ class Durations:
         return ride + self.ride_per_metre * abs(height)
 
 
-OTHER_STATE = "if its joints can fold it, add the robot again with --state (semmap robot add)"
+OTHER_STATE = "if its joints can fold it, add the robot again with posture= (Database.add_robot)"
 
 _RADIUS = 0.3
 

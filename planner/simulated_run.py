@@ -172,7 +172,7 @@ class SimulatedRun:
         """Put the robot where it starts, unless the map knows where it is."""
         start = self.start
         if start is not None and not new:
-            raise MissionError("a mission resumes where its robot is: leave out --from")
+            raise MissionError("a mission resumes where its robot is: leave out start=")
         if start is None and new and store.robot(robot) is None:
             start = store.home()
             if start is not None:
@@ -180,7 +180,7 @@ class SimulatedRun:
         if start is None and new and store.robot(robot) is None:
             raise MissionError(
                 f"there is no robot named {robot} in a room of {store.map_name}: place an agent of "
-                "that name, or give its start (--from)"
+                "that name, or give its start by start="
             )
         if start is not None:
             live.topology.place(start)

@@ -108,7 +108,7 @@ def read_fields(
     wanted = wanted if names is None else [*dict.fromkeys(names)]
     if not wanted:
         return {}
-    with _openvdb(f"the map has fields ({', '.join(wanted)})", "leave them out (--no-fields)"):
+    with _openvdb(f"the map has fields ({', '.join(wanted)})", "leave them out by fields=()"):
         from semmap.fields.store import field_store
     found = {}
     for name in wanted:
@@ -129,7 +129,7 @@ def read_mirror(source: MapSource, voxel_size: float = 0.05) -> dict[int, Voxels
     Point clouds, and voxels that were stated in place of a mesh, are those of the mirror, which is
     read where there are any. LookupError without OpenVDB, ValueError for too many voxels.
     """
-    with _openvdb("the mirror has the voxels of the map", "take their meshes (no --from-voxels)"):
+    with _openvdb("the mirror has the voxels of the map", "take their meshes (no voxel_size=)"):
         from semmap.fields.regions.region_map import RegionMap
         from semmap.fields.store.reader import read_occupants, read_walls
         from semmap.fields.store.stated_voxels import read_stated

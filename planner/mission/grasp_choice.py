@@ -336,7 +336,7 @@ class GraspChooser:
 
     @property
     def _assumption(self) -> str:
-        return f"{self.hand.gripper} is assumed: --gripper names another one"
+        return f"{self.hand.gripper} is assumed: gripper= names another one"
 
 
 class _Clock:

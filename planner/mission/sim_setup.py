@@ -15,7 +15,7 @@ from planner.mission.store.missions import MissionStore
 from planner.topology import Topology
 from semmap.geometry.pose import Pose
 
-_NOWHERE = "no room holds {}: give its start (--from)"
+_NOWHERE = "no room holds {}: give its start by start="
 
 
 def entry_pose(topology: Topology, place: str) -> Pose:
@@ -48,7 +48,7 @@ def open_world(
             raise MissionError(_NOWHERE.format(robot))
         world.add_rules(rules)
     elif resume:
-        raise MissionError(f"{file}, the simulated world, is gone: name its --world")
+        raise MissionError(f"{file}, the simulated world, is gone: name its file by world=")
     elif where is None:
         raise MissionError(_NOWHERE.format(robot))
     else:

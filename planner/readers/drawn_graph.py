@@ -28,7 +28,7 @@ def read_drawn_graph(seen: Snapshot, topology: Topology) -> DrawnGraph:
     if not rows:
         raise LookupError(
             "the map has no drawn graph: import a Nav2 route graph (GeoJSON) or an Open-RMF "
-            "building with lanes, or plan without --graph"
+            "building with lanes, or plan without drawn=True"
         )
     names = {name for row in rows for name in (row.start, row.end)}
     nodes = {}

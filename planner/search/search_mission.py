@@ -129,7 +129,7 @@ class SearchPlanner:
         graph = self.live.graph.without(without)
         where = read_robot(seen, robot)
         if where is None:
-            raise LookupError(f"no room holds {robot}: give its start with --from")
+            raise LookupError(f"no room holds {robot}: give its start by start=")
         start = graph.endpoint(*where)
         state = self._state(seen, robot, name, graph, start)
         done = read_opened(seen, robot)

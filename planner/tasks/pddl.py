@@ -113,7 +113,7 @@ class _Writer:
             if moves and name not in problem.fixed:
                 raise ValueError(
                     f"{name} is carried with what stands on it, which the PDDL export cannot say; "
-                    "plan it without --pddl"
+                    "plan it without pddl="
                 )
 
     def write(self) -> tuple[str, str]:

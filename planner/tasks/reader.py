@@ -197,15 +197,15 @@ def read_state(seen: Snapshot, topology: Topology, start: str | None = None) -> 
     if start is not None and not rows:
         topology.place(start)
     if not rows:
-        raise LookupError("the map has no robot and no home region: give its start with --from")
+        raise LookupError("the map has no robot and no home region: give its start by start=")
     if len(rows) > 1:
         names = ", ".join(row.name for row in rows)
-        raise LookupError(f"the robot may be {names}; name one with --from")
+        raise LookupError(f"the robot may be {names}; name one by start=")
     row = rows[0]
     places = [row.room] if row.room in topology.places else []
     places += [p for r in topology.regions if r.name == row.name for p in r.places]
     if not places:
-        raise LookupError(f"no room holds {row.name}; place it in one, or give a room with --from")
+        raise LookupError(f"no room holds {row.name}; place it in one, or give a room by start=")
     pose = None
     if row.pose is not None and row.kind in ("agent", "region"):
         pose = Pose(*row.pose)

@@ -207,7 +207,7 @@ def topology_format(file: Path, given: str | None) -> TopologyFormat:
     found = _ENDINGS.get(file.suffix.lower())
     if found is None:
         raise ValueError(
-            f"{file.name}: its ending stands for no format: give --format, one of "
+            f"{file.name}: its ending stands for no format: give format=, one of "
             f"{', '.join(TopologyFormat)}"
         )
     return found

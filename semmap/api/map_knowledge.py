@@ -192,7 +192,7 @@ class MapKnowledge(MapReasoning):
         from semmap.knowledge.fields.push import FieldPush, read_pushed
 
         if not relations and not perspectives:
-            raise ValueError("name a relation, such as sees=looksAt, or --perspectives")
+            raise ValueError("name a relation, such as sees=looksAt, or perspectives=True")
         lines: Sequence[str] = relations or ()  # type: ignore[assignment]
         if isinstance(relations, Mapping):
             lines = [f"{relation}={verb}" for relation, verb in relations.items()]

@@ -282,9 +282,7 @@ class SpatialFields:
         if kept is not None:
             return export_field(self._open_map(), kept, version, Path(folder))
         if version is not None:
-            raise ValueError(
-                "--version is a version of a stored field: name the field by --kept NAME"
-            )
+            raise ValueError("version= is one of a stored field: name the field by kept=")
         mirror = current_mirror(self._open_map(), self.voxel_size, self._note)
         return export_entities(mirror, Path(folder))
 

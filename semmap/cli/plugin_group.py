@@ -19,6 +19,8 @@ import typer
 from typer.core import TyperGroup
 
 from semmap.api.operations import COMMANDS
+from semmap.cli.texts import with_options
+from semmap.error import Error
 from semmap.terminal import visible
 
 GROUP = "semmap.commands"
@@ -62,12 +64,14 @@ class PluginGroup(TyperGroup):
             formatter.write_dl(rows)
 
     def invoke(self, ctx: Any) -> Any:
-        """Run a command; names in the message of a usage error are shown without control codes."""
+        """Run a command; the message of an error names its options, without control codes."""
         try:
             return super().invoke(ctx)
         except Exception as error:  # Typer's usage errors, which it prints by itself
             if isinstance(message := getattr(error, "message", None), str):
                 error.message = visible(message)  # type: ignore[attr-defined]
+            if isinstance(error, Error | LookupError | ValueError):
+                error.args = tuple(with_options(a) if isinstance(a, str) else a for a in error.args)
             raise
 
 

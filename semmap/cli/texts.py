@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import re
 from collections.abc import Iterable
 from typing import Any
 
@@ -40,6 +41,40 @@ def key_values(given: Iterable[str] | None, option: str) -> dict[str, Any]:
         except ValueError:
             found[key] = value
     return found
+
+
+OPTIONS = {
+    "drawn=True": "--graph",
+    "fields=()": "--no-fields",
+    "format=": "--format",
+    "gripper=": "--gripper",
+    "kept=": "--kept",
+    "max_step=": "--max-step",
+    "pddl=": "--pddl",
+    "perspectives=True": "--perspectives",
+    "posture=": "--state",
+    "rooms=": "--rooms",
+    "source=": "--source ",
+    "start=": "--from",
+    "storey=": "--storey",
+    "strict=True": "--strict",
+    "version=": "--version",
+    "voxel_size=": "--from-voxels",
+    "world=": "--world",
+    "write=True": "--write",
+}
+"""The options of commands for arguments of the API, as its errors name them."""
+
+_ARGUMENT = re.compile("|".join(rf"\b{re.escape(argument)}" for argument in OPTIONS))
+
+
+def with_options(message: str) -> str:
+    """Return an error of the API in the words of a command.
+
+    >>> with_options("the map has no robot: give its start by start=")
+    'the map has no robot: give its start by --from'
+    """
+    return _ARGUMENT.sub(lambda found: OPTIONS[found[0]], message)
 
 
 def json_value(text: str, where: str) -> Any:

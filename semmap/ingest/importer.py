@@ -161,7 +161,7 @@ def import_file(
     if strict and world.skipped:
         first = world.skipped[0]
         problem = f"{first.problem} (and {len(world.skipped) - 1} more)"
-        fix = f"{first.fix} Or import without --strict, which leaves it out."
+        fix = f"{first.fix} Or import without strict=True, which leaves it out."
         raise WorldError(path, first.element, problem, fix)
     _check_content(path, world)
     source = source or str(path.resolve())

@@ -121,7 +121,7 @@ def _reason(error: psycopg.Error) -> str:
     """Why a statement was not run, and what to do."""
     message = ". ".join(filter(None, (error.diag.message_primary, error.diag.message_hint)))
     if isinstance(error, psycopg.errors.ReadOnlySqlTransaction):
-        message += ". Add --write to let the statement change the map"
+        message += ". Add write=True to let the statement change the map"
     return message or str(error).strip()
 
 
@@ -133,8 +133,8 @@ def _check_that_it_reads(session: psycopg.Connection[Any], statement: str) -> No
     if parsed.status != ExecStatus.COMMAND_OK:  # not a statement, or several
         raise psycopg.errors.error_from_result(parsed)
     raise ValueError(
-        f"permission denied for {word}: without --write, semmap sql runs {', '.join(READING[:-1])} "
-        f"and {READING[-1]}. Add --write to run it with all your rights, or use semmap db psql"
+        f"permission denied for {word}: without write=True, sql runs {', '.join(READING[:-1])} "
+        f"and {READING[-1]}. Add write=True to run it with all your rights, or use semmap db psql"
     )
 
 

@@ -17,7 +17,7 @@ from semmap.robot.error import RobotError
 
 
 def joints_of(robot: Path, state: str | Mapping[str, float] | None) -> dict[str, float]:
-    """The joint positions that an option ``--state`` describes, radians or metres.
+    """The joint positions that a `posture` describes, radians or metres.
 
     They are given by name, as JSON, as the name of a file that holds it, or as that of a state in
     the SRDF of the URDF `robot`; none where None. ValueError where it is none of these.
@@ -34,21 +34,21 @@ def joints_of(robot: Path, state: str | Mapping[str, float] | None) -> dict[str,
         try:
             text = Path(state).read_text("utf-8")
         except OSError as error:
-            known = f"; the SRDF has {', '.join(sorted(named))}" if named else ""
+            known = f"the SRDF has {', '.join(sorted(named))}" if named else "there is no SRDF"
             raise ValueError(
-                f'--state {state}: is neither JSON nor a file ({error}); give {{"joint": number}}'
-                f"{known}"
+                f"posture= {state}: is neither JSON nor a file ({error.strerror}) nor a state of "
+                f'the robot\'s SRDF; give {{"joint": number}}; {known}'
             ) from None
     try:
         joints = json.loads(text)
     except json.JSONDecodeError as error:
-        raise ValueError(f'--state: is not JSON ({error}); give {{"joint": number}}') from None
+        raise ValueError(f'posture= is not JSON ({error}); give {{"joint": number}}') from None
     return _checked(joints)
 
 
 def _checked(joints: Any) -> dict[str, float]:
     if not isinstance(joints, dict) or not all(map(is_finite_number, joints.values())):
-        raise ValueError('--state: give joint positions as {"joint": number}')
+        raise ValueError('posture= takes joint positions as {"joint": number}')
     return joints
 
 

@@ -72,8 +72,12 @@ def test_a_database_without_maps_is_asked(db: semmap.Database) -> None:
 
 REFUSED: list[tuple[str, dict[str, Any], str]] = [
     (" ;", {}, "no statement"),
-    ("DELETE FROM entity", {}, "permission denied for DELETE: .*Add --write"),
-    ("WITH x AS (DELETE FROM entity RETURNING id) SELECT id FROM x", {}, "read-only.*Add --write"),
+    ("DELETE FROM entity", {}, "permission denied for DELETE: .*Add write=True"),
+    (
+        "WITH x AS (DELETE FROM entity RETURNING id) SELECT id FROM x",
+        {},
+        "read-only.*write=True",
+    ),
     ("SELECT nothing", {}, 'column "nothing" does not exist'),
     ("SELECT 1; SELECT 2", {}, "cannot insert multiple commands"),
     ("SELECT 1/0", {}, "division by zero"),

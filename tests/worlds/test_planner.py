@@ -182,14 +182,14 @@ def test_an_arm_that_does_not_fit_is_told_of_the_state_that_folds_it(
         route = RoutePlanner(RoutingGraph(topology, robot)).route("living-room", "kitchen")
         return [step.connector and step.connector.name for step in route.steps]
 
-    hint = "through kitchen-door: it is 1.09 m wide, .* add the robot again with --state"
+    hint = "through kitchen-door: it is 1.09 m wide, .* add the robot again with posture="
     with pytest.raises(NoRouteError, match=f"the arm does not fit {hint}"):
         ways(tiago, 0.9)
     folded = replace(tiago, parts=tuple(robot_parts(load_robot(real_robot("tiago")), FOLDED)))
     assert "kitchen-door" in ways(folded, 0.9)
     with pytest.raises(NoRouteError, match="the base does not fit") as refused:
         ways(folded, 0.5)
-    assert "--state" not in str(refused.value)  # no state makes a base narrower
+    assert "posture" not in str(refused.value)  # no state makes a base narrower
 
 
 def test_home_is_a_goal_in_the_small_house(engine: Engine, url: str, tmp_path: Path) -> None:

@@ -78,7 +78,7 @@ class MissionList:
             if number is None:
                 raise MissionError(
                     f"there is no robot named {robot} in {self.map_name}: place an agent of that "
-                    "name, or give its start (--from)"
+                    "name, or give its start by start="
                 )
         return int(number)
 

@@ -32,7 +32,7 @@ def check_names(
     ).fetchone()
     if row is not None:
         name, other = row
-        fix = f"Rename this file, or import it with --source {other} to replace that graph."
+        fix = f"Rename this file, or import it with source={other} to replace that graph."
         raise WorldError(world.source, name, f"is in the map already, from {other}", fix)
 
 

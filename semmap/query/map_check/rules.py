@@ -248,7 +248,7 @@ def _shapeless(building: CheckedBuilding) -> Found:
     if names:
         count = f"{len(names)} object{'s have' if len(names) > 1 else ' has'}"
         text = f"{count} no geometry, so grids take them as free: {listed(names)}"
-        yield names, text, "--assume-sizes, or import their meshes"
+        yield names, text, "assume_sizes=True, or import their meshes"
 
 
 def _shapeless_places(building: CheckedBuilding) -> Found:

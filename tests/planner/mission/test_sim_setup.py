@@ -44,9 +44,9 @@ def test_the_world_is_as_the_map_and_stays_as_it_was_left(world, tmp_path):
 def test_what_cannot_be_opened_leaves_no_file(world, tmp_path):
     file = tmp_path / "another"
     with world.store() as store:
-        with pytest.raises(MissionError, match="is gone: name its --world"):
+        with pytest.raises(MissionError, match="is gone: name its file by world="):
             open_world(file, store, world.topology, "robot", resume=True)
-        with pytest.raises(MissionError, match=r"no room holds stranger: .*--from"):
+        with pytest.raises(MissionError, match=r"no room holds stranger: .*start="):
             open_world(file, store, world.topology, "stranger")
         assert not file.exists()
         open_world(file, store, world.topology, "robot").close()
