@@ -31,6 +31,7 @@ from navgrid.policy import Layer, Policy
 from navgrid.terrain import DriveLimits
 from navgrid.window import Window, grown, whole, window_around
 from semmap.draw.picture import Picture
+from semmap.error import InvalidArgumentError
 from semmap.query.geometry_notes import geometry_notes
 from semmap.query.storey_scene import SceneEntity, StoreyScene
 from semmap.robot import Part
@@ -412,7 +413,7 @@ class Costmap:
         none for a cell without cost. ValueError for a point that is not on the grid.
         """
         if not (math.isfinite(x) and math.isfinite(y)):
-            raise ValueError(f"({x}, {y}) is not a point: give two finite numbers")
+            raise InvalidArgumentError(f"({x}, {y}) is not a point: give two finite numbers")
         return cost_sources(self, *self.grid.cell(x, y))
 
 

@@ -50,7 +50,8 @@ class Durations:
                             "give a finite number, 0 or more"
                         )
             elif not 0 <= value < math.inf or (name == "ride" and value == 0):
-                raise ValueError(f"durations: {name} is {value}; give a finite number above zero")
+                least = "above 0" if name == "ride" else "0 or more"
+                raise ValueError(f"durations: {name} is {value}; give a finite number, {least}")
 
     def of_opening(self, connector: PlaceConnector) -> float:
         """Seconds of opening or unlocking a connector; 0 if the robot does not have to."""

@@ -190,6 +190,7 @@ class MapTasks(MapDriving):
 
         Parameters
         ----------
+        name : of the object, or a type: the one of it whose search takes the least time
         start, robot : as for `plan`
         sight, detector : the robot's camera, and how well it recognises objects
         progress : called with a place that is measured, its number, and the number of places
@@ -203,14 +204,18 @@ class MapTasks(MapDriving):
         from planner.search.search_mission import SearchPlanner
         from planner.tasks.reader import read_state
         from semmap.api.map_results import ObjectSearch
+        from semmap.belief.store.beliefs import things_named
 
         live = self.live_topology(robot)
         with live.snapshot() as seen:
             state = read_state(seen, live.topology, start)
             begin = live.graph.endpoint(state.place, state.pose)
             planner = SearchPlanner(live, sight, detector)
-            problem = planner.begin(seen, name, begin, progress=progress)
-        decision = decide(problem.problem, problem.belief)
+            names = things_named(seen.session, name)
+            begun = [planner.begin(seen, each, begin, progress=progress) for each in names]
+        decisions = [decide(problem.problem, problem.belief) for problem in begun]
+        best = min(range(len(names)), key=lambda number: decisions[number].cost)
+        name, problem, decision = names[best], begun[best], decisions[best]
         options = {"start": start, "robot": robot, "sight": sight, "detector": detector}
         return ObjectSearch(name, problem, decision, self, options)
 

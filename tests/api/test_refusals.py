@@ -150,6 +150,22 @@ VALUES: dict[str, tuple[Call, str]] = {
         "patience is -1: give a fi",
     ),
     "patience NaN": (lambda h: h.plan("in(mug1, bedroom)", patience=nan), "patience is nan"),
+    "no start of a plan": (lambda h: h.plan("in(mug1, bedroom)"), "give its start by start=$"),
+    "no start of a search": (lambda h: h.search("mug1"), "give its start by start=$"),
+    "a statement that writes": (lambda h: h.sql("DELETE FROM entity"), "Add write=True"),
+    "an ending": (lambda h: h.write_topology("x.foo"), "give format=, one of nav2"),
+    "posture": (
+        lambda h: h.costmap("examples/office/delivery_robot.urdf", posture="home"),
+        "posture= home: is neither JSON nor a file .* nor a state .*there is no SRDF",
+    ),
+    "a type without an object": (
+        lambda h: h.search("cup", start="kitchen"),
+        "no cup: add or teach",
+    ),
+    "a cost at NaN": (
+        lambda h: h.costmap("examples/office/delivery_robot.urdf").explain(nan, 0),
+        r"\(nan, 0\) is not a point",
+    ),
     "a door on a desk": (
         lambda h: h["kitchen-door"].put_on("desk4"),
         "kitchen-door is a connector",
@@ -176,6 +192,7 @@ def test_an_entity_stands_for_its_name(house: Map) -> None:
     assert (one == house.costmap(urdf, rooms=["kitchen"]).master).all()
     assert (one == house.costmap(urdf, rooms="kitchen").master).all()
     assert house.search(mug, start=kitchen).tour == house.search("mug1", start="kitchen").tour
+    assert house.search("mug", start=kitchen).name == "mug1"
     assert house.plan("in(mug1, bedroom)", start=kitchen).actions
     with house.transaction() as transaction:
         cup = house.add_object("cup", type="mug", size=(0.1, 0.1, 0.1), on=desk)
