@@ -214,9 +214,27 @@ def spot(
     for outline, z in rows:
         found = _free_point(map, shapely.from_wkb(bytes(outline)), z, holder.id, size, moved)
         if found is not None:
+            if relation == "in":
+                _check_inside(map, holder, (*found, z + max(size[2], SPOT) / 2))
             return (*found, z)
     what = f"{size[0]:.2f} x {size[1]:.2f} m"
     raise ValueError(f"{relation} {holder.name} no place of {what} is free: give a pose")
+
+
+def _check_inside(map: Map, holder: MapEntity, point: tuple[float, float, float]) -> None:
+    """Refuse the inside of what is solid: an object that is no storage furniture or container."""
+    solid = map.execute(
+        "SELECT 1 FROM entity e WHERE id = %s AND kind = 'object' AND NOT EXISTS (SELECT "
+        "FROM type_closure WHERE sub = e.type AND super IN ('storage_furniture', 'container')) "
+        "AND shape_distance(id, %s, %s, %s) = 0",
+        holder.id,
+        *point,
+    )
+    if solid:
+        raise ValueError(
+            f"{holder.name} is solid, so nothing is put in it: put it on {holder.name}, or let "
+            "its type be one of storage_furniture or container"
+        )
 
 
 SPOT = 0.02

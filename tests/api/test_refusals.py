@@ -166,6 +166,8 @@ VALUES: dict[str, tuple[Call, str]] = {
         lambda h: h.costmap("examples/office/delivery_robot.urdf").explain(nan, 0),
         r"\(nan, 0\) is not a point",
     ),
+    "in a solid desk": (lambda h: h["mug1"].put_in("desk4"), "desk4 is solid"),
+    "added in a desk": (lambda h: h.add_object("a", in_="desk4"), "desk4 is solid"),
     "a door on a desk": (
         lambda h: h["kitchen-door"].put_on("desk4"),
         "kitchen-door is a connector",
