@@ -406,6 +406,9 @@ class Costmap:
     def _repr_png_(self) -> bytes:
         return self.plot().png
 
+    def __repr__(self) -> str:
+        return f"<costmap of {self.scene.storey}: {self.grid.size_text}>"
+
     def explain(self, x: float, y: float) -> list[CostSource]:
         """Return the causes of the cost at a point of the map, metres, the highest cost first.
 

@@ -69,6 +69,12 @@ class Grid:
         shape = (last[1] - first[1] + 1, last[0] - first[0] + 1)
         return cls((first[0] * resolution, first[1] * resolution), resolution, shape)
 
+    @property
+    def size_text(self) -> str:
+        """Its rows, columns and resolution, for a person."""
+        rows, columns = self.shape
+        return f"{rows} x {columns} cells of {self.resolution:g} m"
+
     def cell(self, x: float, y: float) -> tuple[int, int]:
         """Return the row and column of the cell at a point; ValueError where the grid has none."""
         column, row = (

@@ -71,6 +71,9 @@ class StoreyGrid:
 
         return Picture.drawn(lambda path: floor_plan(with_grid(self), path))
 
+    def __repr__(self) -> str:
+        return f"<grid of {self.scene.storey}: {self.grid.size_text}>"
+
     def _repr_png_(self) -> bytes:
         return self.plot().png
 

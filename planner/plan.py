@@ -75,3 +75,6 @@ class Plan:
     def optimal(self) -> bool:
         """Whether no plan is shorter, within a millisecond."""
         return self.seconds <= self.bound + 1e-3
+
+    def __repr__(self) -> str:
+        return f"<plan of {self.goal}: {len(self.actions)} actions, {self.seconds:.0f} s>"

@@ -80,6 +80,10 @@ class Route:
         """The passages: one step for each connector that the robot passes."""
         return [s for s in self.transitions if s.connector is not None and _passes(s, s.connector)]
 
+    def __repr__(self) -> str:
+        way = f"{len(self.steps)} steps, {self.metres:.1f} m, {self.seconds:.0f} s"
+        return f"<route from {self.start} to {self.goal}: {way}>"
+
 
 def _passes(step: RouteStep, connector: PlaceConnector) -> bool:
     """Whether a step passes its connector; a door inside one room does not change the place."""

@@ -61,7 +61,6 @@ def test_errors_have_one_base() -> None:
 
 SIGNALS = {
     "EndOfPercepts",
-    "LostMissionError",
     "Refused",
     "ServerError",
     "UntranslatedError",

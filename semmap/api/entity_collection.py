@@ -51,7 +51,8 @@ class EntityCollection(Generic[Kind]):
         names = [row[2] for row in self._rows("ORDER BY name LIMIT 5")]
         count = len(self) if len(names) == 5 else len(names)
         more = ", ..." if count > len(names) else ""
-        return f"<{count} {self._word}: {', '.join(names)}{more}>" if names else f"<0 {self._word}>"
+        word = self._word.removesuffix("s") if count == 1 else self._word
+        return f"<{count} {word}: {', '.join(names)}{more}>" if names else f"<0 {word}>"
 
     def _rows(self, condition: str = "ORDER BY name", *values: Any) -> list[tuple[Any, ...]]:
         return self._execute("id, kind, name", condition, *values)

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from semmap.draw.picture import Picture
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class MapRoute(Route):
     """A `planner.Route` that `Map.route` found, with the map and topology where it was planned."""
 
@@ -83,7 +83,7 @@ class MapRoute(Route):
         return self.plot().png
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class MapPlan(Plan):
     """A `planner.Plan` that `Map.plan` made.
 
@@ -169,6 +169,9 @@ class ObjectSearch:
     def run(self, **options: Any) -> SimulatedMission:
         """Let a robot search; options are those of `Map.run`."""
         return self.map.run(f'found("{self.name}")', **self.options | options)
+
+    def __repr__(self) -> str:
+        return f"<search for {self.name}: {len(self.tour)} looks, {self.seconds:.0f} s expected>"
 
     def _repr_html_(self) -> str:
         rows = "".join(

@@ -47,5 +47,9 @@ class Picture:
         path.write_bytes(self.png)
         return path
 
+    def __repr__(self) -> str:
+        width, height = (int.from_bytes(self.png[at : at + 4]) for at in (16, 20))  # of its header
+        return f"<picture of {width} x {height} pixels>"
+
     def _repr_png_(self) -> bytes:
         return self.png

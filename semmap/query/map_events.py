@@ -174,7 +174,10 @@ def _move(
 
 
 def _events(draft: _Draft, names: Names, cursor: str) -> Iterator[MapEvent]:
-    """The events of one entity: what is added or removed does not move or change besides."""
+    """The events of one entity: what is added or removed does not move or change besides.
+
+    That the belief about it changed is an event where nothing else did, from which that follows.
+    """
     whats = draft.whats
     alone = "removed" if "removed" in whats else "added" if "added" in whats else None
     if {"added", "removed"} <= whats.keys():
@@ -182,6 +185,8 @@ def _events(draft: _Draft, names: Names, cursor: str) -> Iterator[MapEvent]:
     name, kind = names[draft.id]
     for what, at in whats.items():
         if alone and what in ("moved", "changed", "state", "reshaped", "added") and what != alone:
+            continue
+        if what == "belief" and len(whats) > 1:
             continue
         given: dict[str, Any] = {}
         if what in ("moved", "added", "removed") and draft.move is not None:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from datetime import datetime
+from datetime import datetime, timedelta
+from typing import Any
 
 from semmap.geometry.pose import Pose
 from semmap.query.snapshot import Snapshot
@@ -21,6 +23,20 @@ class EntityVersion:
     end: datetime | None
     pose: Pose
     holder: str | None
+
+
+_WITHIN_ONE = timedelta(microseconds=1)
+"""Between versions of one entity that one statement makes: it moves, and gets another holder."""
+
+
+def _settled(rows: Sequence[Any]) -> Iterator[Any]:
+    """The versions that a statement left, from the moment of its first."""
+    first = None
+    for row, following in zip(rows, [*rows[1:], None], strict=True):
+        first = row[0] if first is None else first
+        if following is None or following[0] - row[0] > _WITHIN_ONE:
+            yield first, *row[1:]
+            first = None
 
 
 def read_history(seen: Snapshot, entity: int, since: datetime | None = None) -> list[EntityVersion]:
@@ -44,7 +60,10 @@ def read_history(seen: Snapshot, entity: int, since: datetime | None = None) -> 
         "WHERE h.entity_id = %(id)s) ORDER BY t",
         {"id": entity},
     ).fetchall()
-    states = [row for n, row in enumerate(rows) if n == 0 or (row[1], row[2]) != (rows[n - 1][1:])]
+    states: list[tuple[datetime, Any, Any]] = []
+    for begin, *state in _settled(rows):
+        if not states or tuple(state) != states[-1][1:]:
+            states.append((begin, *state))
     ends = [row[0] for row in [*states[1:], (None,)]][: len(states)]
     return [
         EntityVersion(begin, end, Pose(*pose), holder)

@@ -24,7 +24,8 @@ def test_collections_have_the_entities_of_their_kind_by_name(flat: semmap.Map) -
         assert len(collection) == len(names)
         assert all(name in collection and flat[name] in collection for name in names)
         assert [collection[name] for name in names] == [flat[name] for name in names]
-        assert repr(collection) == f"<{len(names)} {word}: {', '.join(names)}>"
+        counted = word.removesuffix("s") if len(names) == 1 else word
+        assert repr(collection) == f"<{len(names)} {counted}: {', '.join(names)}>"
     assert sum(len(getattr(flat, word)) for word in found) == len(flat)
     assert "desk4" not in flat.rooms
     assert flat["desk4"] not in flat.rooms

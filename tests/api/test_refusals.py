@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable, Iterator
 from typing import Any
 
@@ -203,6 +204,25 @@ def test_an_entity_stands_for_its_name(house: Map) -> None:
         door = house.add_door("d", kitchen, house["bedroom"], ((4.05, 0), (4.05, 0.9)))
         assert door.places == (kitchen, house["bedroom"])
         raise psycopg.Rollback(transaction)
+
+
+def test_what_is_found_is_shown_in_a_line(house: Map) -> None:
+    costmap = house.costmap("examples/office/delivery_robot.urdf")
+    shown = {
+        repr(house.grid()): r"<grid of ground: \d+ x \d+ cells of 0.05 m>",
+        repr(costmap): r"<costmap of ground: \d+ x \d+ cells of 0.05 m>",
+        repr(house.draw()): r"<picture of \d{3,4} x \d{3,4} pixels>",
+        repr(
+            house.route("kitchen", "bedroom")
+        ): r"<route from kitchen to bedroom: \d+ steps, .* s>",
+        repr(house.plan("in(mug1, bedroom)", start="kitchen")): r"<plan of in.*: 3 actions, \d+ s>",
+        repr(
+            house.search("mug1", start="kitchen")
+        ): r"<search for mug1: \d+ looks, \d+ s expected>",
+        repr(house.storeys): "<1 storey: ground>",
+        repr(house.rooms): "<2 rooms: bedroom, kitchen>",
+    }
+    assert {text: form for text, form in shown.items() if not re.fullmatch(form, text)} == {}
 
 
 @pytest.mark.parametrize("case", NAMES)

@@ -48,7 +48,7 @@ class GoneError(Error, LookupError):
     """The map has no such connector or elevator any more."""
 
 
-class LostMissionError(RuntimeError):
+class LostMissionError(Error):
     """Another process runs the mission now: this process must stop."""
 
 
