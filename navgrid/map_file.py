@@ -190,7 +190,7 @@ def _pixels(cells: NDArray[np.int8], mode: Mode, free: float, occupied: float) -
     """(rows, columns) grey, or (rows, columns, 2) grey and alpha for `scale` with unknown cells."""
     unknown = cells == UNKNOWN
     if mode == "raw":
-        return np.where(unknown, 255, cells).astype(np.uint8)
+        return cells.astype(np.uint8)  # unknown cells, -1, are 255
     if mode == "scale":
         grey = np.rint(255 * (100 - cells.astype(float).clip(0)) / 100).astype(np.uint8)
         if not unknown.any():
