@@ -162,19 +162,21 @@ class Costmap:
         threads: int | None = None,
     ) -> None:
         self.scene = scene
-        self.parts = [*parts]
+        self.parts: list[Part] = [*parts]
         self.grid = grid
-        self.policy = policy or Policy.default()
-        self.inflation = inflation or Inflation()
-        self.limits = limits or DriveLimits()
-        self.static = dict(static or {})
-        self.fields = {name: _as_voxels(name, each) for name, each in (fields or {}).items()}
-        self.posture = ""
+        self.policy: Policy = policy or Policy.default()
+        self.inflation: Inflation = inflation or Inflation()
+        self.limits: DriveLimits = limits or DriveLimits()
+        self.static: dict[str, NDArray[np.bool_]] = dict(static or {})
+        self.fields: dict[str, FieldVoxels] = {
+            name: _as_voxels(name, each) for name, each in (fields or {}).items()
+        }
+        self.posture: str = ""
         self._social: dict[str, NDArray[np.uint8]] = {}
         self._sort_fields()
         _check(self)
         members = LayerMembers(scene, self.policy, self.limits)
-        self.obstacles = ObstacleLayers(members, grid, threads=threads)
+        self.obstacles: ObstacleLayers = ObstacleLayers(members, grid, threads=threads)
         self._compute()
 
     def _compute(self) -> None:
@@ -197,6 +199,7 @@ class Costmap:
 
     def _sort_fields(self) -> None:
         self._field_layers: dict[str, FieldLayer]
+        self.fields_without_rule: list[str]
         self._field_layers, self.fields_without_rule = sort_fields(self.fields, self.policy)
 
     def _render_field(self, field: FieldLayer) -> None:

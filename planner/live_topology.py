@@ -56,6 +56,7 @@ class TopologyChange(NamedTuple):
     connectors: frozenset[str] = frozenset()
 
     def __bool__(self) -> bool:
+        """Whether anything changed."""
         return self.reloaded or bool(self.places) or bool(self.connectors)
 
 
@@ -107,7 +108,7 @@ class LiveTopology:
         self.assume_sizes = assume_sizes
         self._progress = progress
         self._feed: ChangeFeed = open_feed(source)
-        self.lookup = MapLookup(self._feed.snapshot)
+        self.lookup: MapLookup = MapLookup(self._feed.snapshot)
         self._store: TravelTimeStore | None = None
         self._agents: set[int] = set()
         self._validity: dict[int, list[datetime]] = {}  # when regions become valid or invalid

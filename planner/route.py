@@ -64,9 +64,9 @@ class RouteStep:
 class Route:
     """The steps from one place to another, in order, with their expected seconds and metres."""
 
-    start: str
+    start: str  # the name of a place
     goal: str
-    steps: tuple[RouteStep, ...]
+    steps: tuple[RouteStep, ...]  # all that the robot does, drives included
     seconds: float
     metres: float
 

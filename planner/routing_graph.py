@@ -111,6 +111,12 @@ class RoutingGraph:
     array([2., 2.])
     """
 
+    tails: NDArray[np.int32]
+    heads: NDArray[np.int32]
+    seconds: Floats
+    metres: Floats
+    base: Floats
+
     def __init__(
         self,
         topology: Topology,
@@ -121,22 +127,23 @@ class RoutingGraph:
         stored: TravelEdges | None = None,
     ) -> None:
         self.topology = topology
-        self.robot = robot or RobotClass()
-        self.costs = costs or StraightTravelCost(self.robot.speed)
-        self.durations = durations or Durations()
-        self.connectors = list(topology.connectors.values())
-        self.index = {c.name: i for i, c in enumerate(self.connectors)}
-        self.poses = [pose for c in self.connectors for pose in c.poses]
-        self.place_of = [place for c in self.connectors for place in c.places]
+        self.robot: RobotClass = robot or RobotClass()
+        self.costs: TravelCost = costs or StraightTravelCost(self.robot.speed)
+        self.durations: Durations = durations or Durations()
+        self.connectors: list[PlaceConnector] = list(topology.connectors.values())
+        self.index: dict[str, int] = {c.name: i for i, c in enumerate(self.connectors)}
+        self.poses: list[Pose] = [pose for c in self.connectors for pose in c.poses]
+        self.place_of: list[str] = [place for c in self.connectors for place in c.places]
         inside: dict[str, list[int]] = {}
         for node, place in enumerate(self.place_of):
             inside.setdefault(place, []).append(node)
-        self.nodes = {place: np.array(nodes) for place, nodes in inside.items()}
+        self.nodes: dict[str, Ints] = {place: np.array(nodes) for place, nodes in inside.items()}
         self._elevators = topology.elevators()
         self._make_edges(stored)
-        self.graph = Graph(*self.arcs, self.seconds, 2 * len(self.poses), least=self._least())
-        self.penalties = Penalties()
-        self.lock = threading.RLock()
+        least = self._least()
+        self.graph: Graph = Graph(*self.arcs, self.seconds, 2 * len(self.poses), least=least)
+        self.penalties: Penalties = Penalties()
+        self.lock: threading.RLock = threading.RLock()
 
     @property
     def arcs(self) -> tuple[Ints, Ints]:
@@ -180,7 +187,7 @@ class RoutingGraph:
         rides, elevators = ride_edges(
             cabins, self.nodes, self.poses, self.durations, self.robot.speed
         )
-        self.rides = dict(enumerate(elevators, at))
+        self.rides: dict[int, str] = dict(enumerate(elevators, at))
         parts.append(rides)
         tails, heads, base, metres = (np.concatenate(k) for k in zip(*parts, strict=True))
         self.tails, self.heads = tails.astype(np.int32), heads.astype(np.int32)

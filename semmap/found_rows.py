@@ -22,10 +22,11 @@ class FoundRows(Sequence[Row]):
     (1, 1.28, ['shelf1: has no triangles'])
     """
 
-    rows: list[Row]
-    problems: list[str] = field(default_factory=list)
+    rows: list[Row]  # the keys are those that the method names
+    problems: list[str] = field(default_factory=list)  # why rows are missing
 
     def __len__(self) -> int:
+        """How many rows there are."""
         return len(self.rows)
 
     @overload
@@ -33,6 +34,7 @@ class FoundRows(Sequence[Row]):
     @overload
     def __getitem__(self, index: slice) -> list[Row]: ...
     def __getitem__(self, index: int | slice) -> Row | list[Row]:
+        """A row, or those of a slice."""
         return self.rows[index]
 
     def _repr_html_(self) -> str:

@@ -46,8 +46,8 @@ class Decision:
     """What to do next, and where, and why: the ways to go on, the best first."""
 
     action: Literal["go", "open", "look", "declare"]
-    viewpoint: int | None
-    options: tuple[Option, ...]
+    viewpoint: int | None  # where to go next, by its number; None to declare now
+    options: tuple[Option, ...]  # the best first
     tour: tuple[int, ...] = ()  # the viewpoints of the search while nothing is found
 
     @property

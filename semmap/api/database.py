@@ -86,11 +86,12 @@ class Database(DatabaseManipulation, DatabaseInterlinking):
     """
 
     def __init__(self, url: str | Cluster | None = None, *, migrate: bool = False) -> None:
-        self.session = open_session(url, migrate=migrate)
+        self.session: psycopg.Connection[Any] = open_session(url, migrate=migrate)
         self._url = url
         self._maps: dict[str, Map] = {}
 
     def __enter__(self) -> Self:
+        """Return this; the end of the ``with`` block closes it."""
         return self
 
     def __exit__(self, *_: object) -> None:

@@ -39,7 +39,7 @@ class MapSubscription:
         session = reopen_session(conninfo)
         try:
             session.execute("LISTEN semmap")
-            self.cursor = current_cursor(session) if since is None else since
+            self.cursor: str = current_cursor(session) if since is None else since
         except BaseException:
             session.close()
             raise
@@ -60,6 +60,7 @@ class MapSubscription:
             raise self.error
 
     def __enter__(self) -> Self:
+        """Return this; the end of the ``with`` block stops it."""
         return self
 
     def __exit__(self, *_: object) -> None:

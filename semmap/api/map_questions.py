@@ -62,9 +62,11 @@ class MapQuestions:
         return bool(self.execute(known, value)[0][0])
 
     def __iter__(self) -> Iterator[MapEntity]:
+        """Each entity, by name."""
         return iter(self.find())
 
     def __len__(self) -> int:
+        """How many entities there are."""
         return int(self.execute("SELECT count(*) FROM entity WHERE map_id = current_map()")[0][0])
 
     def __repr__(self) -> str:

@@ -50,15 +50,18 @@ class BelievedPlaces(Mapping[str, float]):
         return BelievedPlaces(self.name, rows, self.at)
 
     def __getitem__(self, place: str) -> float:
+        """The probability of a place."""
         for row in self.rows:
             if row["place"] == place:
                 return float(row["probability"])
         raise KeyError(place)
 
     def __iter__(self) -> Iterator[str]:
+        """The names of the places, the most probable first."""
         return (row["place"] for row in self.rows)
 
     def __len__(self) -> int:
+        """How many places there are."""
         return len(self.rows)
 
     def _repr_html_(self) -> str:

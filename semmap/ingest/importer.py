@@ -117,19 +117,19 @@ class ImportSummary:
     """What came in, what was left out and why, and which objects of the map have no geometry."""
 
     map: str
-    source: str
-    kinds: dict[str, int] = field(default_factory=dict)
-    added: int = 0
+    source: str  # the name under which a repeated import finds its entities
+    kinds: dict[str, int] = field(default_factory=dict)  # how many entities of each kind
+    added: int = 0  # entities, as those of the next three
     changed: int = 0
     removed: int = 0
     unchanged: int = 0
-    models: int = 0
-    triangles: int = 0
-    holders: int = 0
-    guessed: list[dict[str, Any]] = field(default_factory=list)
-    skipped: list[Skipped] = field(default_factory=list)
-    notes: list[str] = field(default_factory=list)
-    no_geometry: list[str] = field(default_factory=list)
+    models: int = 0  # how many meshes were stored, each once
+    triangles: int = 0  # of these models
+    holders: int = 0  # how many entities were given a holder by their geometry
+    guessed: list[dict[str, Any]] = field(default_factory=list)  # types that names suggested
+    skipped: list[Skipped] = field(default_factory=list)  # the elements that were left out
+    notes: list[str] = field(default_factory=list)  # sentences for a person
+    no_geometry: list[str] = field(default_factory=list)  # names of objects of the map
     seconds: float = 0.0
 
     def as_json(self) -> dict[str, Any]:

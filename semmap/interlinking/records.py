@@ -81,6 +81,7 @@ class Records:
                 )
 
     def __len__(self) -> int:
+        """How many records there are."""
         return len(self.keys)
 
     @cached_property

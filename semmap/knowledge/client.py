@@ -44,11 +44,12 @@ class KnowledgeClient:
     def __init__(self, source: MapSource) -> None:
         self._engine = source.engine
         with source.engine.connect() as connection:
-            self.map_name = see_map(connection, source.name)
+            self.map_name: str = see_map(connection, source.name)
             MapView.of(driver_of(connection))
         self._subscriptions = Subscriptions(source.engine, self.map_name)
 
     def __enter__(self) -> KnowledgeClient:
+        """Return this; the end of the ``with`` block closes it."""
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -114,10 +115,12 @@ class KnowledgeClient:
         return self.revise(statements, "update", lifespan=lifespan, model=model)
 
     def __iadd__(self, statements: Statements) -> KnowledgeClient:
+        """As `update`."""
         self.update(statements)
         return self
 
     def __isub__(self, statements: Statements) -> KnowledgeClient:
+        """As `retract`."""
         self.retract(statements)
         return self
 
@@ -155,6 +158,7 @@ class KnowledgeClient:
         ]
 
     def __getitem__(self, patterns: Statements) -> set[Any] | list[dict[str, Any]]:
+        """As `find`, of all variables of the patterns; ``*`` stands for one without a name."""
         parsed = self.parsed(patterns)
         names = variables(parsed)
         if names:
@@ -171,6 +175,7 @@ class KnowledgeClient:
         return bool(self.sparql(text).truth)
 
     def __contains__(self, patterns: Statements) -> bool:
+        """As `has`."""
         return self.has(patterns)
 
     def about(self, resource: str, *, model: str | None = None) -> list[tuple[Any, Any, Any]]:

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class FoundActions(FoundRows):
-    """Actions as of `actions_on`, the best first; `generated` are entities that had none before."""
+    """Actions, the best first: rows with the keys that `Map.grasps` names."""
 
-    generated: list[str] = field(default_factory=list)
-    motion: ArmMotion | None = None
+    generated: list[str] = field(default_factory=list)  # entities that had no actions before
+    motion: ArmMotion | None = None  # of a robot, where `plan` asked for it

@@ -15,6 +15,7 @@ import typer
 import semmap
 from semmap import cli
 from semmap.api.operations import COMMANDS, OPERATIONS, Operation
+from semmap.api.spatial_fields import SpatialFields
 
 ROOT = Path(__file__).parents[2]
 
@@ -31,6 +32,7 @@ HANDLES = {
     "session",
     "snapshot",
     "transaction",
+    "with_voxel_size",
 }
 """What opens, closes and lends connections, or leads to other operations."""
 
@@ -71,10 +73,14 @@ def test_an_operation_is_described(operation: Operation) -> None:
         assert signature.return_annotation is not inspect.Signature.empty
 
 
-@pytest.mark.parametrize("owner", [semmap.Map, semmap.Database], ids=lambda each: each.__name__)
+OWNERS = (semmap.Map, semmap.Database, semmap.MapEntity, semmap.Door, SpatialFields)
+
+
+@pytest.mark.parametrize("owner", OWNERS, ids=lambda each: each.__name__)
 def test_each_public_method_is_an_operation(owner: type) -> None:
     listed = {each.method for each in OPERATIONS}
-    public = {name for name in dir(owner) if not name.startswith("_")} - HANDLES
+    own = vars(owner) if owner is semmap.Door else dir(owner)
+    public = {name for name in own if not name.startswith("_")} - HANDLES
     missing = {name for name in public if f"{owner.__name__}.{name}" not in listed}
     assert missing == set()
 

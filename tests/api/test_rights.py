@@ -35,6 +35,13 @@ def close(flat: semmap.Map, role: str) -> None:
     flat.doors["door1"].state = "closed" if role == "robot" else "open"
 
 
+def assign(attribute: str, values: dict[str, Any]) -> Call:
+    def do(flat: semmap.Map, role: str) -> None:
+        setattr(flat[f"for_{role}"], attribute, values[role])
+
+    return do
+
+
 CALLS: dict[str, Call] = {
     "Database.create_map": lambda flat, role: flat.database.create_map(f"of_{role}"),
     "Database.drop_map": lambda flat, role: flat.database.drop_map("spare"),
@@ -63,9 +70,19 @@ CALLS: dict[str, Call] = {
     "Map.reason": lambda flat, role: flat.reason(),
     "Map.forget_inferences": lambda flat, role: flat.forget_inferences(),
     "MapEntity.name": rename,
+    "MapEntity.type": assign("type", {"reader": "mug", "robot": "plate", "admin": "bowl"}),
+    "MapEntity.label": assign("label", {role: f"of {role}" for role in ROLES}),
+    "MapEntity.properties": assign("properties", {role: {"of": role} for role in ROLES}),
+    "MapEntity.move_to": lambda flat, role: flat[f"for_{role}"].move_to(
+        5 + ROLES.index(role), 0.5, 0
+    ),
+    "MapEntity.put_on": lambda flat, role: flat[f"for_{role}"].put_on("desk4"),
+    "MapEntity.put_in": lambda flat, role: flat[f"for_{role}"].put_in("kitchen"),
     "MapEntity.delete": lambda flat, role: flat[f"gone_{role}"].delete(),
     "Door.state": close,
     # what everybody may do
+    "MapEntity.pose": lambda flat, role: flat["mug7"].pose,
+    "MapEntity.describe": lambda flat, role: flat["mug7"].describe(),
     "Map.find": lambda flat, role: flat.find("mug", in_="kitchen"),
     "Map.changes": lambda flat, role: flat.changes(),
     "Map.check": lambda flat, role: flat.check(),

@@ -2,11 +2,28 @@
 
 from __future__ import annotations
 
+import inspect
 import re
 import runpy
+from collections.abc import Mapping
+from functools import cached_property
 from pathlib import Path
 
 import pytest
+
+import navgrid
+import planner
+import semmap
+from semmap.api.entity_collection import EntityCollection
+from semmap.api.map_events import MapSubscription
+from semmap.api.map_results import MapPlan, MapRoute, ObjectSearch
+from semmap.api.spatial_fields import SpaceAnswer, SpatialFields
+from semmap.belief.believed_places import BelievedPlaces
+from semmap.draw.picture import Picture
+from semmap.knowledge.answer import Answer
+from semmap.manipulation.found_actions import FoundActions
+from semmap.query.map_check import Finding
+from semmap.query.sql_statement import SqlRows
 
 ROOT = Path(__file__).parents[2]
 PAGES = [
@@ -63,6 +80,56 @@ def test_the_decisions_that_code_names_are_there() -> None:
 def test_the_reference_is_made_from_the_docstrings() -> None:
     made = runpy.run_path(str(ROOT / "scripts/reference"))["page"]()
     assert made == (ROOT / "docs/reference.md").read_text(), "run scripts/reference"
+
+
+CLASSES = [
+    *(getattr(semmap, name) for name in ("Database", "Door", "EntityVersion", "Map", "MapEntity")),
+    *(semmap.MapEvent, semmap.Pose, navgrid.CostSource, navgrid.Costmap, navgrid.Grid),
+    *(navgrid.StoreyGrid, planner.Action, planner.RobotClass, planner.RouteStep, planner.Topology),
+    *(Answer, BelievedPlaces, EntityCollection, Finding, FoundActions, MapPlan, MapRoute),
+    *(MapSubscription, ObjectSearch, Picture, SpaceAnswer, SpatialFields, SqlRows),
+]
+"""What a script meets; the page finds its classes by annotations."""
+
+
+def members_on_the_page(cls: type) -> str:
+    """The table or list of a class."""
+    page = (ROOT / "docs/reference.md").read_text()
+    (section,) = re.findall(rf"^###? {cls.__name__}\n(.*?)(?=^#|\Z)", page, re.M | re.S)
+    return str(section)
+
+
+@pytest.mark.parametrize("cls", CLASSES, ids=lambda each: each.__name__)
+def test_the_reference_has_each_member(cls: type) -> None:
+    section, missing = members_on_the_page(cls), []
+    stated = {name for each in cls.__mro__ for name in vars(each).get("__annotations__", {})}
+    known = {*vars(cls)} if cls is semmap.Door else {*dir(cls), *stated}
+    for name in known - {*dir(tuple), *dir(Mapping)}:
+        if name.startswith("_"):
+            continue
+        found = inspect.getattr_static(cls, name, None)
+        called = inspect.isfunction(found) or isinstance(found, classmethod | staticmethod)
+        if not re.search(rf"`{name}{'[(]' if called else '[:`]'}", section):
+            missing.append(name)
+    assert missing == []
+
+
+def test_the_reference_writes_a_property_without_parentheses() -> None:
+    page = (ROOT / "docs/reference.md").read_text()
+    for cls in (semmap.Database, semmap.Map, semmap.MapEntity, semmap.Door):
+        for name in dir(cls):
+            found = inspect.getattr_static(cls, name)
+            if isinstance(found, property | cached_property) and not name.startswith("_"):
+                assert f"\n{cls.__name__}.{name}(" not in page
+
+
+def test_the_reference_says_what_a_script_starts_with() -> None:
+    page = (ROOT / "docs/reference.md").read_text()
+    assert "semmap.connect(url" in page
+    assert "- `id: int | None`" in members_on_the_page(semmap.MapEvent)
+    assert "`id: int`" in members_on_the_page(semmap.MapEntity)
+    assert "- `for ... in entity_collection`" in members_on_the_page(EntityCollection)
+    assert {"tutorial.md", "api.md"} <= {a for a, _ in LINK.findall(page)}
 
 
 def test_each_page_is_in_the_contents() -> None:

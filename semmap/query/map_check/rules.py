@@ -49,8 +49,8 @@ class Finding:
 
     kind: str  # of the table of rules, such as floating
     severity: Severity  # an error makes answers wrong, a warning can, a note does not
-    entities: tuple[str, ...]
-    text: str
+    entities: tuple[str, ...]  # names
+    text: str  # a sentence
     fix: str  # the call or statement that repairs it, or what to do by hand
     safe: bool = False  # `fix` is SQL that changes only what is derived from the geometry
 
