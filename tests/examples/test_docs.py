@@ -95,7 +95,7 @@ CLASSES = [
 def members_on_the_page(cls: type) -> str:
     """The table or list of a class."""
     page = (ROOT / "docs/reference.md").read_text()
-    (section,) = re.findall(rf"^###? {cls.__name__}\n(.*?)(?=^#|\Z)", page, re.M | re.S)
+    (section,) = re.findall(rf"^###? Class {cls.__name__}\n(.*?)(?=^#|\Z)", page, re.M | re.S)
     return str(section)
 
 
@@ -112,6 +112,12 @@ def test_the_reference_has_each_member(cls: type) -> None:
         if not re.search(rf"`{name}{'[(]' if called else '[:`]'}", section):
             missing.append(name)
     assert missing == []
+
+
+def test_no_two_headings_of_the_reference_have_one_anchor() -> None:
+    page = re.sub(r"^```.*?^```", "", (ROOT / "docs/reference.md").read_text(), flags=re.M | re.S)
+    headings = re.findall(r"^#+ .*", page, re.M)
+    assert len(headings) == len(anchors(ROOT / "docs/reference.md")) > 200
 
 
 def test_the_reference_writes_a_property_without_parentheses() -> None:
