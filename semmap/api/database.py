@@ -180,7 +180,10 @@ class Database(DatabaseManipulation, DatabaseInterlinking):
         return entity_query.list_maps(self.session)
 
     def sql(self, statement: str, *values: Any, write: bool = False) -> SqlRows:
-        """As `Map.sql` of the map that `map` takes; without one, views show no entity."""
+        """As `Map.sql` of the map that `map` takes, where there is one.
+
+        Without maps, ``current_map()`` is NULL; with several and no choice, it is a ValueError.
+        """
         row = self.session.execute(
             "SELECT count(*) = 1 OR coalesce(current_setting('semmap.map', true), '') <> '' "
             "AND count(*) > 0 FROM map WHERE copy_of IS NULL"

@@ -177,9 +177,11 @@ class MapQuestions:
     # --- for SQL and the ORM
 
     def execute(self, statement: str, *values: Any) -> list[tuple[Any, ...]]:
-        """The rows of a SQL statement (psycopg's ``%s`` for values); it sees this map.
+        """The rows of a SQL statement (psycopg's ``%s`` for values); tables have all maps.
 
-        A statement that PostgreSQL ends to resolve a deadlock is repeated, outside of transactions.
+        It may write: without ``WHERE map_id = current_map()``, it changes all maps; `sql` has the
+        views of this map alone. A statement that PostgreSQL ends to resolve a deadlock is repeated,
+        outside of transactions.
 
         Raises
         ------
@@ -202,7 +204,13 @@ class MapQuestions:
                 raise InvalidArgumentError(refusal_text(error)) from error
 
     def sql(self, statement: str, *values: Any, write: bool = False) -> SqlRows:
-        """Run a SQL statement that sees this map; one that reads, unless `write` is True.
+        """Run a SQL statement that reads, unless `write` is True; tables have all maps.
+
+        The views ``entry`` (a row for each entity), ``object`` (one for each of its types, with
+        supertypes), ``incomplete`` and ``guessed_type`` have this map alone. Tables, and all other
+        views, have all maps of the database: add ``WHERE map_id = current_map()``. Join a table
+        that has no `map_id` with `entity`; the views for GIS have `map`, the name. Without the
+        condition, an UPDATE or DELETE changes all maps. ``entity_id('mug1')`` is of this map.
 
         On the embedded database it reads with a login that can only read. In a transaction of this
         map it reads what the transaction has changed. Returns the rows, a sequence of tuples;
@@ -228,7 +236,7 @@ class MapQuestions:
 
     @contextmanager
     def reading(self) -> Iterator[psycopg.Connection[Any]]:
-        """A psycopg connection that sees this map, for questions.
+        """A psycopg connection for questions: ``current_map()`` is this map, tables have all maps.
 
         On the embedded database, its login can only read. Within a transaction of `connection`, it
         is that connection.
@@ -263,14 +271,17 @@ class MapQuestions:
         return self.connection.transaction()
 
     def session(self) -> Session:
-        """A SQLAlchemy session that sees this map; use it in a ``with`` block."""
+        """A SQLAlchemy session, for a ``with`` block; tables have all maps, as in `sql`.
+
+        Its classes are of tables: state ``Object.map_id == func.current_map()`` in queries.
+        """
         from semmap.model.session import map_session
 
         return map_session(self.database.engine, self.name)
 
     @cached_property
     def connection(self) -> psycopg.Connection[Any]:
-        """The psycopg connection of this map, in autocommit mode; it sees no other map."""
+        """The psycopg connection of this map, with autocommit; tables have all maps."""
         session = twin_session(self.database.session)
         see_map(session, self.name, lasting=True)
         return session

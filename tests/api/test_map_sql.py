@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from typing import Any
 
 import psycopg
@@ -95,3 +96,28 @@ def test_refusals_are_plain_and_leave_the_map_usable(
         with pytest.raises(ValueError, match=says):
             flat.sql(statement, **how)
     assert flat.sql(COUNT)[0] == flat.sql(COUNT, write=True)[0] == (2,)
+
+
+def test_the_views_that_have_one_map_are_those_that_sql_names(flat: semmap.Map) -> None:
+    other = flat.database.create_map("other")
+    other.add_room("hall", [(0, 0), (4, 0), (4, 3), (0, 3)], floor=0, ceiling=2.6)
+    other.add_object("stool1", type="stool", size=(0.4, 0.4, 0.4), in_="hall")
+    views = flat.sql(
+        "SELECT viewname, definition ~ 'current_map' FROM pg_views WHERE schemaname = 'semmap'"
+    )
+    of_one = {name for name, states_it in views if states_it}
+    said = semmap.Map.sql.__doc__ or ""
+    (named,) = re.findall(r"The views (.*?) have this map alone", said, re.DOTALL)
+    assert {*re.findall(r"``(\w+)``", named)} == of_one
+    assert {"entry", "object"} < of_one < {name for name, _ in views}
+    for name in ("entry", "object"):
+        own, others = (
+            {row[0] for row in each.sql(f"SELECT id FROM {name}")} for each in (flat, other)
+        )
+        assert len(own) > 0
+        assert own.isdisjoint(others)
+    everything = "SELECT name FROM entity"
+    assert {*flat.sql(everything)} == {*other.sql(everything)}
+    assert flat.sql(f"{everything} WHERE map_id = current_map() AND kind = 'room'")[0] == (
+        "kitchen",
+    )
