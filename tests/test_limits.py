@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import ast
 import json
+import re
 from pathlib import Path
 
 import pytest
@@ -139,3 +141,25 @@ def test_values_of_yaml(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None
 def test_the_longest_name_fits_into_the_index() -> None:
     """PostgreSQL's B-tree takes rows of 2,704 bytes; a character has at most four."""
     assert 4 * NAME_CHARACTERS.default < 2704
+
+
+SET = {"HOME", "LANG", "LC_ALL", "PGPASSWORD"}
+"""Variables that the packages only set or keep from other programs."""
+
+NOT_VARIABLES = {"MAP", "NN", "PG", "TYPE", "UTC"}
+
+
+def test_the_documentation_has_each_environment_variable() -> None:
+    read = set()
+    for package in ("semmap", "navgrid", "planner"):
+        for file in sorted((DOCS.parent / package).rglob("*.py")):
+            text = file.read_text("utf-8")
+            if "os.environ" in text or "getenv" in text or "envvar" in text:
+                constants = (
+                    n.value for n in ast.walk(ast.parse(text)) if isinstance(n, ast.Constant)
+                )
+                read |= {c for c in constants if re.fullmatch(r"[A-Z][A-Z_]*[A-Z]", str(c))}
+    page = (DOCS / "limits.md").read_text("utf-8").partition("## Environment variables")[2]
+    rows = [line.split("|")[1] for line in page.splitlines() if line.startswith("| `")]
+    assert read - SET - NOT_VARIABLES == {*re.findall(r"`(\w+)`", "".join(rows))}
+    assert {"SEMMAP_DB", "SEMMAP_DATA", "SEMMAP_MAP", "SEMMAP_POSTGRESQL"} <= read
