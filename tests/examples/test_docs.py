@@ -7,6 +7,7 @@ import re
 import runpy
 from collections.abc import Mapping
 from functools import cached_property
+from importlib import import_module
 from pathlib import Path
 
 import pytest
@@ -20,6 +21,7 @@ from semmap.api.map_results import MapPlan, MapRoute, ObjectSearch
 from semmap.api.spatial_fields import SpaceAnswer, SpatialFields
 from semmap.belief.believed_places import BelievedPlaces
 from semmap.draw.picture import Picture
+from semmap.fields.sources.source import KEYS, installed_sources
 from semmap.knowledge.answer import Answer
 from semmap.manipulation.found_actions import FoundActions
 from semmap.query.map_check import Finding
@@ -136,6 +138,19 @@ def test_the_reference_says_what_a_script_starts_with() -> None:
     assert "`id: int`" in members_on_the_page(semmap.MapEntity)
     assert "- `for ... in entity_collection`" in members_on_the_page(EntityCollection)
     assert {"tutorial.md", "api.md"} <= {a for a, _ in LINK.findall(page)}
+
+
+def test_the_page_of_fields_says_which_source_takes_which_percept() -> None:
+    page = (ROOT / "docs/fields.md").read_text()
+    (table,) = re.findall(r"^\| percept \| sources that take it.*?\n\n", page, re.M | re.S)
+    rows = [line.split("|")[2:4] for line in table.splitlines()[2:] if line]
+    written = {name: keys for names, keys in rows for name in re.findall(r"`(\w+)`", names)}
+    assert written.keys() == installed_sources().keys()
+    for name, home in installed_sources().items():
+        module, _, cls = home.partition(":")
+        taken = getattr(import_module(module), cls).takes
+        keys = re.findall(r"\w+", KEYS[taken])
+        assert all(f"`{key}`" in written[name] for key in keys if key not in ("and", "zones"))
 
 
 def test_each_page_is_in_the_contents() -> None:
