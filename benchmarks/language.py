@@ -56,7 +56,7 @@ QUERIES = {
         "SELECT ?v ?o { ?v :inFieldOfView :human1 ; :containsObject ?o ; :distanceToPerson ?d "
         "FILTER(?d > 1.2 && ?o != :cup) }"
     ),
-    "what does not exist": (
+    "objects that do not exist": (
         "SELECT ?v { ?v :inFieldOfView :human1 FILTER NOT EXISTS { ?v :containsObject ?o } }"
     ),
     "counts by object": (
@@ -80,7 +80,7 @@ BY_SQL = {
         "SELECT f.s, c.o FROM {inFieldOfView} f(s, o) JOIN {containsObject} c(s, o) USING (s) "
         "JOIN {distanceToPerson} d(s, o) USING (s) WHERE f.o = 0 AND d.o > 1.2 AND c.o <> 1"
     ),
-    "what does not exist": (
+    "objects that do not exist": (
         "SELECT f.s FROM {inFieldOfView} f(s, o) WHERE f.o = 0 "
         "AND NOT EXISTS (SELECT FROM {containsObject} c(s, o) WHERE c.s = f.s)"
     ),

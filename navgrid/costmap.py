@@ -81,7 +81,7 @@ class Costmap:
     Parameters
     ----------
     scene : StoreyScene
-        What stands on the storey, from `semmap.query.storey_reader.read_scene`.
+        The entities of the storey, from `semmap.query.storey_reader.read_scene`.
     parts : sequence of Part
         The parts of the robot, from `semmap.robot.robot_parts`.
     grid : Grid
@@ -115,7 +115,7 @@ class Costmap:
     posture : str
         The posture that the robot's parts are in, in words; empty where it is not known.
     seconds : dict of float
-        What the last whole computation took, for ``slabs`` and ``inflation``.
+        Of the last whole computation, for ``slabs`` and ``inflation``.
 
     Raises
     ------
@@ -380,7 +380,7 @@ class Costmap:
         headings: int = 0,
         picture: bool = True,
     ) -> dict[str, Any]:
-        """Write the maps of all parts and ``nav2_params.yaml``; return what was written.
+        """Write the maps of all parts and ``nav2_params.yaml``; return a summary.
 
         Parameters
         ----------

@@ -59,7 +59,7 @@ class StoreyGrid:
         return [*geometry_notes(self.scene.entities), *fields]
 
     def write(self, folder: Path | str, *, picture: bool = True) -> dict[str, Any]:
-        """Write ``map.yaml``, ``map.pgm`` and ``plan.png`` for Nav2; return what was written."""
+        """Write ``map.yaml``, ``map.pgm`` and ``plan.png`` for Nav2; return a summary."""
         from navgrid.grid_output import write_grid
 
         return write_grid(self, Path(folder), picture=picture)

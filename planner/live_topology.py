@@ -39,7 +39,7 @@ OnChange = Callable[["TopologyChange"], None]
 
 
 class TopologyChange(NamedTuple):
-    """What a `LiveTopology` has taken over from the map.
+    """The changes that a `LiveTopology` has taken over from the map.
 
     Attributes
     ----------
@@ -144,7 +144,7 @@ class LiveTopology:
         return costs if isinstance(costs, StoreyCostmaps) else None
 
     def catch_up(self, on_change: OnChange | None = None) -> TopologyChange:
-        """Take over what changed in the map since the last look; the first time, everything.
+        """Take over the changes of the map since the last look; the first time, everything.
 
         `on_change` is called with the changes once `graph` has them, before travel times are
         stored.

@@ -33,7 +33,7 @@ STANDING = 1.0  # metres from a shut container within which the robot can open i
 
 @dataclass(frozen=True)
 class Detector:
-    """How well a robot recognises objects, and what time is worth.
+    """How well a robot recognises objects, and the worth of time.
 
     A wrong answer costs `wrong` seconds: with more, the robot looks longer before it answers.
     """

@@ -43,7 +43,7 @@ class Option:
 
 @dataclass(frozen=True)
 class Decision:
-    """What to do next, and where, and why: the ways to go on, the best first."""
+    """The next step, where, and why: the ways to go on, the best first."""
 
     action: Literal["go", "open", "look", "declare"]
     viewpoint: int | None  # where to go next, by its number; None to declare now

@@ -41,7 +41,7 @@ class NotFoundError(Error, ValueError):
 
 @dataclass(frozen=True)
 class SearchResult:
-    """What a search ends with: the most probable place of the object."""
+    """The end of a search: the most probable place of the object."""
 
     place: str
     probability: float

@@ -53,7 +53,7 @@ class Map(
 
     @cached_property
     def fields(self) -> SpatialFields:
-        """The fields of the map, what space contains, with voxels of 5 cm."""
+        """The fields of the map: the content of space, with voxels of 5 cm."""
         return SpatialFields(ServiceAddress(self.database.address, self.name), lambda: self)
 
     def import_file(self, path: str | Path, **options: Any) -> ImportSummary:
@@ -142,7 +142,7 @@ class Map(
         size : instead of a mesh, a box of (x, y, z) metres that stands on its frame's origin
         pose : (x, y, z, yaw) in the map's frame; by default the free
             place that is nearest to the middle of `on` or `in_`
-        on, in_ : names of what holds it; without them, the geometry says it
+        on, in_ : names of its holder; without them, the geometry says it
         define : add a type that the map does not have; otherwise it is refused
 
         Raises
@@ -167,8 +167,9 @@ class Map(
     ) -> list[dict[str, Any]]:
         """Store the detections of one view: sightings of known objects, or new objects.
 
-        Each is associated by its type, size, place and time. What is surely a known object is seen,
-        and moves there; what is surely none is added; in doubt, the belief says how sure it is.
+        Each is associated by its type, size, place and time. One that is surely a known object is
+        seen, and moves there; one that is surely none is added; in doubt, the belief says how sure
+        it is.
 
         Returns for each detection its `type`, the `object`, its `probability`, `new` and `place`.
 
@@ -254,8 +255,8 @@ class Map(
         Parameters
         ----------
         relation : ``on`` or ``in``
-        size : (x, y, z) of what is put there, metres in the map's frame
-        moved : the id of what is put there, which is not in its own way
+        size : (x, y, z) of the thing to put there, metres in the map's frame
+        moved : the id of this thing, which is not in its own way
 
         Raises
         ------

@@ -28,7 +28,7 @@ class MapBeliefs(MapQuestions):
         Parameters
         ----------
         name : of the object or agent, or a type: where any one of that type is
-        at : by what was stated and observed until then; local without a time zone, by default now
+        at : by statements and observations until then; local without a time zone, by default now
         moves : seconds in which an object of mobility 1 moves once; by default those of the map
 
         Raises

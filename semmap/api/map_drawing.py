@@ -56,7 +56,7 @@ class MapDrawing(MapTasks):
     ) -> Picture:
         """The floor plan of a storey, or those of all storeys one below another.
 
-        `walls` shows what the occupancy grid has between the rooms; without it, outlines alone.
+        `walls` shows the occupied cells between the rooms; without it, outlines alone.
         LookupError if there is no such storey, or nothing to draw.
         """
         from navgrid.grid_output import with_grid
@@ -105,7 +105,7 @@ class MapDrawing(MapTasks):
         return title + self._repr_svg_()
 
     def views(self, storey: EntityName | None = None) -> list[StoreyView]:
-        """What `semmap.draw` shows of each storey, the lowest first."""
+        """The content of each storey for `semmap.draw`, the lowest first."""
         from semmap.draw.view import storey_view
         from semmap.query.storey_reader import read_storeys
 

@@ -270,7 +270,7 @@ class MapDriving(MapQuestions):
             stairs
         avoid : names or types of places, doors and regions that it must not use
         at : the moment, for rules that have hours; by default now
-        rules : a YAML file: what places, doors and regions cost
+        rules : a YAML file: the costs of places, doors and regions
         drawn : on the graph that people drew: imported Nav2 edges or Open-RMF lanes
         assume_sizes : give objects without geometry a typical box
         progress : called with a place that is measured, its number, and the number of places
@@ -281,7 +281,7 @@ class MapDriving(MapQuestions):
         LookupError
             The map has no such entity or robot; the message suggests similar names.
         ValueError
-            There is no route; the message says what is in the way.
+            There is no route; the message says why.
         """
         from planner.readers.drawn_graph import read_drawn_graph
 

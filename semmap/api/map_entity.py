@@ -92,7 +92,7 @@ class MapEntity:
 
     @property
     def holder(self) -> MapEntity | None:
-        """What it is on or in; None where the map itself holds it."""
+        """The entity that it is on or in; None where the map itself holds it."""
         return self._other(
             "SELECT e.id, e.kind, e.name FROM placement p JOIN entity e ON e.id = p.holder_id "
             "WHERE p.entity_id = %s"
@@ -108,7 +108,7 @@ class MapEntity:
 
     @property
     def room(self) -> MapEntity | None:
-        """The room of its place, else that of what holds it; None outside, and of a room."""
+        """The room of its place, else that of its holder; None outside, and of a room."""
         return self._other(
             "SELECT r.id, r.kind, r.name FROM entity e JOIN entity r ON r.id = room_of(e.id) "
             "WHERE e.id = %s AND r.id <> e.id"
@@ -124,7 +124,7 @@ class MapEntity:
 
     @property
     def contents(self) -> list[MapEntity]:
-        """What is on or in it, by name; not what that holds in its turn."""
+        """The entities on or in it, by name; not those that they hold in their turn."""
         rows = self.map.execute(
             "SELECT e.id, e.kind, e.name FROM placement p JOIN entity e ON e.id = p.entity_id "
             "WHERE p.holder_id = %s ORDER BY e.name",
@@ -229,7 +229,7 @@ class MapEntity:
         return read_history(self.map._seen, self.id, since)
 
     def move_to(self, x: float, y: float, z: float, yaw: float | None = None) -> None:
-        """Move it; what it holds comes along, and the geometry says what holds it now.
+        """Move it, with all that it holds; its holder follows from the geometry.
 
         Parameters
         ----------
@@ -259,7 +259,7 @@ class MapEntity:
         self._put(holder, "in")
 
     def delete(self) -> None:
-        """Take it out of the map. What it held stays where it is."""
+        """Take it out of the map. The entities that it held stay where they are."""
         self.map.execute("DELETE FROM entity WHERE id = %s", self.id)
 
     def _put(self, holder: str | MapEntity, relation: str) -> None:

@@ -119,7 +119,7 @@ class MapEvents(MapQuestions):
     def changes(
         self, since: str | None = None, *, follow: bool = False, stop: threading.Event | None = None
     ) -> Iterator[MapEvent]:
-        """What changed in the map: one event for each change of an entity by a transaction.
+        """The changes of the map: one event for each change of an entity by a transaction.
 
         Parameters
         ----------

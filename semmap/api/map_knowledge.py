@@ -41,7 +41,7 @@ class MapKnowledge(MapReasoning):
         text : the usual prefixes are declared, and the empty one is that of the map's entities, so
             that ``:table1`` is the entity table1
         seconds, rows : limits; by default those of `semmap.limits`
-        inferred : see what `reason` inferred, too
+        inferred : see inferences, too
 
         Raises
         ------
@@ -113,7 +113,7 @@ class MapKnowledge(MapReasoning):
     def graph(self, *, inferences: bool = False) -> rdflib.Dataset:
         """Return all facts of the map, with its named graphs.
 
-        `inferences`: what `reason` inferred, too, in the graph ``urn:semmap:inferred``. ValueError
+        `inferences`: with those of `reason`, in the graph ``urn:semmap:inferred``. ValueError
         where the map is not reasoned about.
         """
         from semmap.knowledge.map_view import MapView
@@ -132,7 +132,7 @@ class MapKnowledge(MapReasoning):
         ----------
         path : its ending says the format: .ttl, .jsonld, .trig, .nt or .nq. Named graphs are
             written to .trig, .nq and .jsonld
-        inferences : what `reason` inferred, too: in the graph ``urn:semmap:inferred``, or among all
+        inferences : with those of `reason`: in the graph ``urn:semmap:inferred``, or among all
             facts where the format has no graphs
 
         Raises
@@ -179,7 +179,7 @@ class MapKnowledge(MapReasoning):
         Parameters
         ----------
         relations : the property of each relation: ``{"sees": "looksAt"}`` or ``["sees=looksAt"]``
-        perspectives : put what an agent sees into its model
+        perspectives : put the objects that an agent sees into its model
         seconds : end after this time; by default when it is interrupted
         started : called with the relations when it has begun
 

@@ -58,7 +58,7 @@ class MapManipulation(MapQuestions):
         gripper : a stored one, or the path of a URDF; by default the preferred one
         kind : grasp, or a kind that is stored: place, push, turn, open or put
         stored : generate and store nothing
-        check : leave out grasps at which the gripper touches what is around
+        check : leave out grasps at which the gripper touches other objects
         robot : only grasps that its arm reaches: a stored one, or the path of a URDF
         base : x, y (metres), yaw (radians) and, if known, z where the robot stands; by default
             the pose of the agent of its name

@@ -95,7 +95,7 @@ class MapQuestions:
         Parameters
         ----------
         type : a semantic type; its subtypes count
-        in_ : name of an entity that holds them, or holds what holds them
+        in_ : name of an entity that holds them, directly or not
         label : the property label of the entity or of its type, such as ``kitchen``
         near : a point (x, y, z) in the map's frame, metres, or the name of an entity: its origin
         within : metres from `near` to the entity's shape: to its triangles, not to its box. It is 0
@@ -151,7 +151,7 @@ class MapQuestions:
 
         It judges by poses, meshes and outlines of rooms, not by the holders that were derived of
         them. An error makes answers wrong; warnings and notes are for you to judge. A finding has
-        its kind, severity, the names of entities, a sentence, and what fixes it.
+        its kind, severity, the names of entities, a sentence, and its fix.
         """
         from semmap.query.map_check import check_map
 
@@ -159,7 +159,7 @@ class MapQuestions:
             return check_map(seen)
 
     def fix(self, findings: Iterable[Finding]) -> int:
-        """Derive again what findings of `check` say is stale; no entity moves.
+        """Derive stale data again, by the findings of `check`; no entity moves.
 
         Returns how many fixes were run. The others are for you: each finding has its call.
         """
@@ -213,7 +213,7 @@ class MapQuestions:
         condition, an UPDATE or DELETE changes all maps. ``entity_id('mug1')`` is of this map.
 
         On the embedded database it reads with a login that can only read. In a transaction of this
-        map it reads what the transaction has changed. Returns the rows, a sequence of tuples;
+        map it reads the changes of the transaction. Returns the rows, a sequence of tuples;
         `columns` has their names. Where a statement returns none, the column `rows` says how many
         rows it changed.
 
@@ -258,7 +258,7 @@ class MapQuestions:
     def check_type(self, type: str, remedy: str = "semmap types lists them") -> None:
         """Refuse a semantic type that the map does not have.
 
-        LookupError names the types that come near it, and `remedy`: what to do.
+        LookupError names the types that come near it, and the `remedy`.
         """
         if not self.execute("SELECT 1 FROM semantic_type WHERE name = %s", type):
             names = [row[0] for row in self.execute("SELECT name FROM semantic_type")]

@@ -20,7 +20,7 @@ class MapReasoning(MapQuestions):
     """The part of `Map` that infers facts, and validates them."""
 
     def reason(self, *, complete: bool = False, seconds: float | None = None) -> Reasoned:
-        """Infer what follows by RDFS and OWL 2 RL; from then on, each `update` does so, too.
+        """Infer facts by RDFS and OWL 2 RL; from then on, each `update` does so, too.
 
         Returns how many inferences were `added` and `removed`, and how many `inferences` and
         `contradictions` there are now.
@@ -111,11 +111,11 @@ class MapReasoning(MapQuestions):
         *,
         seconds: float | None = None,
     ) -> list[Violation]:
-        """Return what does not conform to shapes of SHACL.
+        """Return the parts of the map that do not conform to shapes of SHACL.
 
         Parameters
         ----------
-        shapes : files in Turtle; by default the shipped shapes: what a robot's map must have
+        shapes : files in Turtle; by default the shipped shapes, for a robot's map
         seconds : after which it is stopped; by default the limit of `semmap.limits`
 
         Raises

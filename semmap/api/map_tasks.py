@@ -125,7 +125,7 @@ class MapTasks(MapDriving):
         goal, start : as for `plan`; no goal to resume a mission
         robot : a stored class; by default robots without shape
         speed : how many times faster than real time
-        fail, seed : what fails (``door3 locked``, ``Lift 1 broken``, ``pickup fails twice``), and
+        fail, seed : failures (``door3 locked``, ``Lift 1 broken``, ``pickup fails twice``), and
             the seed of chance
         put : where objects are in the simulated world: ``mug1 on table2``
         gripper : by default the robot's own, or the preferred one
@@ -137,7 +137,7 @@ class MapTasks(MapDriving):
             answer names them
         resume, mission : go on with this mission, by default the oldest, whose process has ended
         sight, detector : of searches: the camera, and how well it recognises objects
-        on_event, say : called with what happens, and with notes for a person
+        on_event, say : called with events, and with notes for a person
 
         Raises
         ------

@@ -43,7 +43,7 @@ class KeptField(NamedTuple):
 
 
 class FieldChanges(NamedTuple):
-    """What an update changed: the names of new regions by blank node, and all changed names."""
+    """The changes of an update: the names of new regions by blank node, and all changed names."""
 
     new: dict[str, str]
     changed: list[str]
@@ -216,7 +216,7 @@ class SpatialFields:
         Raises
         ------
         ValueError
-            The text is wrong, or changes what a source sees; nothing was changed.
+            The text is wrong, or changes the field of a source; nothing was changed.
         """
         from semmap.api.kept_fields import update_kept
 
@@ -265,7 +265,7 @@ class SpatialFields:
     ) -> dict[str, Any]:
         """Write the voxels of all entities, or a stored field: OpenVDB, JSON and points.
 
-        Returns what was written: `folder`, `voxel_size`, `voxels` and further counts.
+        Returns a summary: `folder`, `voxel_size`, `voxels` and further counts.
 
         Parameters
         ----------
@@ -387,7 +387,7 @@ class SpatialFields:
                 service.ask("percept", name=name, percept=percept)
 
     def sources(self) -> list[dict[str, Any]]:
-        """List the running sources: their updates, what they provide, and their errors."""
+        """List the running sources: their updates, their properties, and their errors."""
         with self._service() as service:
             return list(service.ask("sources"))
 
@@ -408,7 +408,7 @@ class SpatialFields:
         percepts : socket, recording:FOLDER, mcap:FILE or plugin:NAME
         source : the installed source; by default that of `name`
         rate : the most updates per second
-        timeout : seconds without a percept until what it provides is unknown; 0 for never
+        timeout : seconds without a percept until its properties are unknown; 0 for never
 
         Raises
         ------
@@ -432,7 +432,7 @@ class SpatialFields:
             )
 
     def stop_source(self, name: str) -> None:
-        """Stop a source of the running service; what it provides is unknown from then on."""
+        """Stop a source of the running service; its properties are unknown from then on."""
         with self._service() as service:
             service.ask("stop", name=name)
 

@@ -275,7 +275,7 @@ def send(
 
 @source.command("ls")
 def list_sources(map_name: cli.MapName = None, json_: cli.Json = False) -> None:
-    """List the running sources: their updates, what they provide, and their errors."""
+    """List the running sources: their updates, their properties, and their errors."""
     with chosen_fields(map_name) as found:
         rows = found.sources()
     if json_:
@@ -309,6 +309,6 @@ def start_source(
 
 @source.command("stop")
 def stop_source(name: str, map_name: cli.MapName = None) -> None:
-    """Stop a source of the running service; what it provides is unknown from then on."""
+    """Stop a source of the running service; its properties are unknown from then on."""
     with chosen_fields(map_name) as found:
         found.stop_source(name)

@@ -45,7 +45,7 @@ class Cluster:
 
     @property
     def log(self) -> Path:
-        """What the server says of itself."""
+        """The log of the server."""
         return self.data / "server.log"
 
     @property

@@ -77,7 +77,7 @@ class Pose(NamedTuple):
     def row(self) -> list[float]:
         """The seven numbers as the database keeps them.
 
-        What is smaller than 1e-30 is 0: PostgreSQL refuses products that underflow.
+        A number below 1e-30 is 0: PostgreSQL refuses products that underflow.
         """
         numbers = (self.x, self.y, self.z, self.qx, self.qy, self.qz, self.qw)
         return [0.0 if abs(v) < 1e-30 else float(v) for v in numbers]

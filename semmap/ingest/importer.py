@@ -114,7 +114,7 @@ MANY = 50
 
 @dataclass
 class ImportSummary:
-    """What came in, what was left out and why, and which objects of the map have no geometry."""
+    """The imported entities, the skipped ones and why, and the objects without geometry."""
 
     map: str
     source: str  # the name under which a repeated import finds its entities

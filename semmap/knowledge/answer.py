@@ -34,7 +34,7 @@ class Answer:
     rows: tuple[Row, ...] = ()
     truth: bool | None = None  # of an ASK
     graph: rdflib.Graph | None = None  # the triples of a CONSTRUCT or DESCRIBE
-    # the fields that were asked, the SQL, or what rdflib evaluated
+    # the fields that were asked, the SQL, or the patterns for rdflib
     explanation: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()  # entities without voxels, names that the map does not have
     map_name: str = ""

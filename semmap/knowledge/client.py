@@ -29,7 +29,7 @@ METHODS = ("add", "retract", "update")
 class KnowledgeClient:
     """Statements on a map, in KnowledgeCore's notation; any thread may call its methods.
 
-    A model is a named graph: what the robot thinks that an agent knows. Without one, statements are
+    A model is a named graph: the robot's view of an agent's knowledge. Without one, statements are
     about the map itself.
 
     Examples
@@ -127,7 +127,7 @@ class KnowledgeClient:
     def find(
         self, names: Statements, patterns: Statements, *, model: str | None = None
     ) -> set[Any] | list[dict[str, Any]]:
-        """Return what the variables of some names stand for where all patterns match.
+        """Return the values of the variables of some names where all patterns match.
 
         Of one variable it is the set of values; of several, a dictionary for each solution. Raises
         ValueError where a pattern is malformed, or none has a variable.
@@ -150,7 +150,7 @@ class KnowledgeClient:
     def rows(
         self, patterns: Statements, names: Sequence[str], *, model: str | None = None
     ) -> list[tuple[Any, ...]]:
-        """Return what variables stand for in each solution of patterns, as in statements."""
+        """Return the values of variables in each solution of patterns, as in statements."""
         wanted = [name.removeprefix("?") for name in names]
         text = query_text(self.parsed(patterns), wanted, self.graph_of(model))
         return [
@@ -225,9 +225,10 @@ class KnowledgeClient:
         one_shot: bool = False,
         model: str | None = None,
     ) -> int:
-        """Return the number of a subscription to what patterns, all of them together, match.
+        """Return the number of a subscription to the matches of patterns, all of them together.
 
-        What they match already is not an event. Bindings of events are written as in statements.
+        A match that is there already is not an event. Bindings of events are written as in
+        statements.
 
         Parameters
         ----------

@@ -32,7 +32,7 @@ _REPEATED = (SH.zeroOrMorePath, SH.oneOrMorePath)
 
 @dataclass(frozen=True)
 class Violation:
-    """What does not conform to a shape."""
+    """A node of the map that does not conform to a shape."""
 
     name: str  # the node, with a prefix
     message: str

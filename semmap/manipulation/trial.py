@@ -91,7 +91,7 @@ def body_of(
 
 @dataclass(frozen=True)
 class TrialOutcome:
-    """What a trial led to, as sensors would tell; metres and radians.
+    """The outcome of a trial, as sensors would tell; metres and radians.
 
     The object rose by `lifted`; it was `pushed` before the fingers closed, moved by `shift` (3,) in
     the grasp frame while they did, and `slipped` and `turned` (rotation vector, grasp frame) in the

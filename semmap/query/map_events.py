@@ -38,7 +38,7 @@ CHANGES = {
 
 @dataclass(frozen=True)
 class MapEvent:
-    """What one transaction changed about one entity.
+    """The changes of one entity by one transaction.
 
     Attributes
     ----------
@@ -51,7 +51,8 @@ class MapEvent:
     from_pose, to_pose : in the map's frame, of an entity that was added, moved or removed
     from_holder, to_holder : their names; None for the map itself
     reason : of a move or a change, such as ``carried by its holder`` or ``retyped``
-    values : former and new value of what changed of `CHANGES`
+    values : former and new value of ``name``, ``type``, ``label``, ``properties``, ``front`` or
+        ``state``, where it changed
     """
 
     what: str

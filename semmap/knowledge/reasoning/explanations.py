@@ -32,7 +32,7 @@ class Why:
             yield from reason_.lines(f"{indent}  ")
 
     def as_json(self) -> dict[str, Any]:
-        """Return what JSON writes."""
+        """Return it as plain values."""
         because = [each.as_json() for each in self.because]
         return {"fact": self.fact, "axiom": self.axiom or None, "because": because}
 

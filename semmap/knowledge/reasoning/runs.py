@@ -20,7 +20,7 @@ MANY = 5_000  # from so many changed entities on, all facts are read again
 
 @dataclass(frozen=True)
 class Reasoned:
-    """What a run of the reasoner changed."""
+    """The changes by a run of the reasoner."""
 
     added: int
     removed: int

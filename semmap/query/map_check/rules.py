@@ -51,8 +51,8 @@ class Finding:
     severity: Severity  # an error makes answers wrong, a warning can, a note does not
     entities: tuple[str, ...]  # names
     text: str  # a sentence
-    fix: str  # the call or statement that repairs it, or what to do by hand
-    safe: bool = False  # `fix` is SQL that changes only what is derived from the geometry
+    fix: str  # the call or statement that repairs it, or a step by hand
+    safe: bool = False  # `fix` is SQL that changes only data derived from the geometry
 
     def __str__(self) -> str:
         return f"{self.severity}: {self.kind}: {self.text}"
