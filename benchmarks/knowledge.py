@@ -67,7 +67,7 @@ QUESTIONS = (
         (("rdflib", 10), ("oxigraph", 0.5)),
     ),
     Question(
-        "what one table holds, with types",
+        "the objects on one table, with types",
         "SELECT ?x ?t { ?x semmap:heldBy :object101 ; semmap:directType ?t }",
         "SELECT e.name, e.type FROM placement p JOIN entity e ON e.id = p.entity_id "
         "WHERE p.holder_id = entity_id('object101')",

@@ -253,7 +253,7 @@ def belief_table() -> Iterator[str]:
 
 def evidence_table() -> Iterator[str]:
     """What reproduces each printed number, and how many sightings the logs have."""
-    yield "| printed | where | sightings in the logs | what reproduces the number |"
+    yield "| printed | where | sightings in the logs | the number is reproduced by |"
     yield "|---|---|---|---|"
     for run in RUNS:
         for o, name in enumerate(OBJECTS):
@@ -340,7 +340,7 @@ def documentation() -> str:
             *belief_table(),
             "\nEvidence that reproduces the printed numbers:\n",
             *evidence_table(),
-            "\nWhat contradicts itself:\n",
+            "\nContradictions:\n",
             CONTRADICTIONS,
             "\nExecutions (tables 6.2, 6.4, ... 6.16), with our belief after the same looks:\n",
             *summary_table(),
