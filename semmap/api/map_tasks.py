@@ -211,7 +211,7 @@ class MapTasks(MapDriving):
             state = read_state(seen, live.topology, start)
             begin = live.graph.endpoint(state.place, state.pose)
             planner = SearchPlanner(live, sight, detector)
-            names = things_named(seen.session, name)
+            names = things_named(seen, name)
             begun = [planner.begin(seen, each, begin, progress=progress) for each in names]
         decisions = [decide(problem.problem, problem.belief) for problem in begun]
         best = min(range(len(names)), key=lambda number: decisions[number].cost)
