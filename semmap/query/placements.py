@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from datetime import datetime, timedelta
+from itertools import zip_longest
 from typing import Any
 
 from semmap.geometry.pose import Pose
@@ -29,16 +29,6 @@ _WITHIN_ONE = timedelta(microseconds=1)
 """Between versions of one entity that one statement makes: it moves, and gets another holder."""
 
 
-def _settled(rows: Sequence[Any]) -> Iterator[Any]:
-    """The versions that a statement left, from the moment of its first."""
-    first = None
-    for row, following in zip(rows, [*rows[1:], None], strict=True):
-        first = row[0] if first is None else first
-        if following is None or following[0] - row[0] > _WITHIN_ONE:
-            yield first, *row[1:]
-            first = None
-
-
 def read_history(seen: Snapshot, entity: int, since: datetime | None = None) -> list[EntityVersion]:
     """The versions of an entity's place that the map has, the oldest first, that end after `since`.
 
@@ -60,10 +50,12 @@ def read_history(seen: Snapshot, entity: int, since: datetime | None = None) -> 
         "WHERE h.entity_id = %(id)s) ORDER BY t",
         {"id": entity},
     ).fetchall()
-    states: list[tuple[datetime, Any, Any]] = []
-    for begin, *state in _settled(rows):
-        if not states or tuple(state) != states[-1][1:]:
-            states.append((begin, *state))
+    left = [
+        row
+        for row, following in zip_longest(rows, rows[1:])
+        if following is None or following[0] - row[0] > _WITHIN_ONE
+    ]
+    states = [row for n, row in enumerate(left) if n == 0 or (row[1], row[2]) != (left[n - 1][1:])]
     ends = [row[0] for row in [*states[1:], (None,)]][: len(states)]
     return [
         EntityVersion(begin, end, Pose(*pose), holder)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import random
-from datetime import UTC, datetime
+from datetime import UTC, datetime, timedelta
 from itertools import pairwise
 
 import numpy as np
@@ -150,6 +150,8 @@ def test_history_has_the_poses_that_it_moved_through(flat: semmap.Map) -> None:
             f"{pose} in {holder} comes in this order"
         )
     assert all(a.end == b.begin for a, b in pairwise(history))
+    microsecond = timedelta(microseconds=1)
+    assert all(a.end - a.begin > microsecond for a in history[:-1] if a.end is not None)
     assert history[-1].end is None
     assert history[0].begin.tzinfo is not None
     assert mug.history(middle) == [history[-1]]

@@ -206,6 +206,17 @@ def test_an_entity_stands_for_its_name(house: Map) -> None:
         raise psycopg.Rollback(transaction)
 
 
+def test_one_change_is_one_event_and_one_version(house: Map) -> None:
+    cup = house.add_object("cup", type="mug", size=(0.1, 0.1, 0.1), on="desk4")
+    house.observe(cup, "desk4")
+    assert [version.holder for version in cup.history()] == ["desk4"]
+    cursor = [event.cursor for event in house.changes()][-1]
+    cup.move_to(6, 2, 0)
+    assert [(e.what, e.name) for e in house.changes(cursor)] == [("moved", "cup")]
+    assert [version.holder for version in cup.history()] == ["desk4", "bedroom"]
+    cup.delete()
+
+
 def test_what_is_found_is_shown_in_a_line(house: Map) -> None:
     costmap = house.costmap("examples/office/delivery_robot.urdf")
     shown = {
