@@ -24,7 +24,7 @@ from semmap.ingest.world import (
     Shape,
     World,
 )
-from semmap.query.map_check.building import WALL
+from semmap.query.map_check.building import STEP, WALL
 
 if TYPE_CHECKING:
     from semmap.api.map import Map
@@ -333,10 +333,25 @@ def _into_storey(map: Map, made: MapEntity, storey: str | None) -> None:
         rows = map.execute(
             "SELECT s.entity_id FROM storey s JOIN world w ON w.entity_id = s.entity_id "
             "JOIN world r ON r.entity_id = %s WHERE w.map_id = r.map_id "
-            "AND w.pose[3] <= ST_ZMin(r.box) + 0.5 ORDER BY w.pose[3] DESC LIMIT 1",
+            "AND w.pose[3] <= ST_ZMin(r.box) + %s ORDER BY w.pose[3] DESC LIMIT 1",
             made.id,
+            STEP,
         )
         if not rows:
             return
         below = rows[0][0]
     map.execute("SELECT put(%s, %s)", made.id, below)
+
+
+def hold_rooms(map: Map, storey: MapEntity, elevation: float) -> None:
+    """Let a storey hold the rooms and regions on its floor that nothing holds."""
+    rows = map.execute(
+        "SELECT e.id FROM entity e JOIN placement p ON p.entity_id = e.id "
+        "JOIN world w ON w.entity_id = e.id WHERE e.map_id = current_map() "
+        "AND e.kind IN ('room', 'region') AND p.holder_id IS NULL "
+        "AND abs(ST_ZMin(w.box) - %s) <= %s ORDER BY e.id",
+        elevation,
+        STEP,
+    )
+    for (room,) in rows:
+        map.execute("SELECT put(%s, %s)", room, storey.id)

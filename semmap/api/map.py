@@ -63,13 +63,19 @@ class Map(
     def add_storey(
         self, name: str, *, elevation: Finite = 0.0, height: Positive | None = None
     ) -> MapEntity:
-        """Add a storey: its floor's height above the map's origin and its clear height, metres."""
-        from semmap.api.additions import add_entry
+        """Add a storey: its floor's height above the map's origin and its clear height, metres.
+
+        It holds the rooms and regions on its floor that nothing holds yet.
+        """
+        from semmap.api.additions import add_entry, hold_rooms
         from semmap.geometry.pose import Pose
         from semmap.ingest.world import Entry, StoreyDetail
 
         detail = StoreyDetail(elevation, height)
-        return add_entry(self, Entry(name, "storey", pose=Pose(z=elevation), detail=detail))
+        with self.transaction():
+            made = add_entry(self, Entry(name, "storey", pose=Pose(z=elevation), detail=detail))
+            hold_rooms(self, made, elevation)
+        return made
 
     def add_room(
         self,

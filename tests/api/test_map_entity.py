@@ -50,6 +50,20 @@ def test_room_storey_and_relation_follow_the_holders(flat: semmap.Map) -> None:
     assert mug.room == flat["hall"]
 
 
+def test_a_storey_holds_the_rooms_on_its_floor_that_were_there_before(db: semmap.Database) -> None:
+    made = db.create_map("late")
+    kitchen = made.add_room("kitchen", shapely.box(0, 0, 4, 3), floor=0.1, ceiling=2.7)
+    attic = made.add_room("attic", shapely.box(0, 0, 4, 3), floor=3, ceiling=5)
+    desk = made.add_object("desk", type="table", size=(1, 1, 0.7), in_="kitchen")
+    ground = made.add_storey("ground", height=2.8)
+    assert (kitchen.storey, desk.storey, desk.room) == (ground, ground, kitchen)
+    assert attic.storey is None
+    other = made.add_storey("cellar", elevation=-3)
+    assert (kitchen.storey, other.contents) == (ground, [])
+    top = made.add_storey("top", elevation=3)
+    assert (attic.storey, kitchen.storey) == (top, ground)
+
+
 def test_what_has_no_placement_is_not_put_anywhere(flat: semmap.Map) -> None:
     bare = flat.add_object("bare", type="mug")
     assert (bare.pose, bare.geometry, bare.footprint, bare.box, bare.size, bare.mesh) == (None,) * 6
