@@ -198,7 +198,7 @@ class MapQuestions:
             except (errors.DeadlockDetected, errors.SerializationFailure):
                 if not attempts:
                     raise
-            except errors.InsufficientPrivilege:
+            except (errors.InsufficientPrivilege, errors.NoDataFound):
                 raise
             except psycopg.ProgrammingError as error:
                 raise InvalidArgumentError(refusal_text(error)) from error

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from datetime import datetime, timedelta
 from itertools import zip_longest
-from typing import Any
 
 from semmap.geometry.pose import Pose
 from semmap.query.snapshot import Snapshot

@@ -206,6 +206,20 @@ def test_an_entity_stands_for_its_name(house: Map) -> None:
         raise psycopg.Rollback(transaction)
 
 
+def test_a_map_or_a_database_that_is_gone_says_so(database: str) -> None:
+    with semmap.connect(database) as db:
+        gone = db.create_map("gone")
+        gone.add_room("kitchen", [(0, 0), (4, 0), (4, 3)])
+        db.drop_map("gone")
+        for call in (lambda: gone["kitchen"], gone.check, lambda: gone.route("a", "b"), gone.draw):
+            with pytest.raises(UnknownNameError, match=r"no map.* gone"):
+                call()
+        left = db.create_map("left")
+    for call in (lambda: left["kitchen"], left.check, lambda: db.maps, lambda: db.map("left")):
+        with pytest.raises(semmap.DatabaseError, match="the database is closed: open it again"):
+            call()
+
+
 def test_one_change_is_one_event_and_one_version(house: Map) -> None:
     cup = house.add_object("cup", type="mug", size=(0.1, 0.1, 0.1), on="desk4")
     house.observe(cup, "desk4")
