@@ -194,7 +194,6 @@ FORMS: dict[str, Form | None] = {
     "Polygon": _instance("Geometry"),
     "Progress": _is_function(),
     "Note": _is_function(),
-    "Event": _instance("Event"),
     "Point": _numbers("a point (x, y) or (x, y, z)", 2, 3),
     "Bounds": _numbers("(x0, y0, x1, y1), finite numbers", 4),
     "Any": None,

@@ -1,4 +1,7 @@
-"""The door of the API: arguments are checked, and all that is refused is a `semmap.Error`."""
+"""The door of the API: arguments are checked, and all that is refused is a `semmap.Error`.
+
+Why: docs/decisions/arguments_are_checked_by_their_annotations.md
+"""
 
 from __future__ import annotations
 
@@ -80,8 +83,8 @@ def _for_users(error: Exception) -> Error | None:
     driver = getattr(error, "orig", error)  # SQLAlchemy keeps the driver's error there
     if isinstance(driver, psycopg.Error):
         return refused(driver)
-    if isinstance(error, Error | KeyError | IndexError):
-        return None
+    if isinstance(error, KeyError | IndexError) or type(error).__module__ != "builtins":
+        return None  # a fault of the program, an `Error`, or one of a caller's function
     words = error.args if len(error.args) == 1 else (str(error),)
     if isinstance(error, LookupError):
         return UnknownNameError(*words)
