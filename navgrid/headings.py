@@ -1,8 +1,8 @@
-"""Collisions by heading: where a robot's footprint, turned to a heading, meets obstacles.
+"""A robot's shape by heading: where it meets obstacles, and the cheapest ways that it can drive.
 
 Deeken et al. (section 4.3) take each part for a disc. Here each part has its exact footprint,
 turned to each of n headings, after Hornung et al.: a long robot fits lengthwise through a gap in
-which its disc does not fit. Robots drive on the headings of the steps of `navgrid.drive`.
+which its disc does not fit. It drives along its heading, and turns on the spot.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from functools import lru_cache
 from itertools import pairwise
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Literal, NamedTuple
 
 import numpy as np
 import shapely
@@ -19,6 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 import semmap_native
 from navgrid.grid import Grid
 from navgrid.slabs import area_cells
+from navgrid.window import Window, grown
 
 if TYPE_CHECKING:
     from navgrid.costmap import Costmap
@@ -34,6 +35,9 @@ HEADINGS = np.array([math.atan2(rows, columns) for rows, columns in MOVES]) % (2
 
 Motion = Literal["stand", "step", "turn"]
 """At a heading; along it by its step; on the spot from it to the next heading."""
+
+STEP = 3
+"""Cells by which a step makes a footprint longer."""
 
 
 def collisions(costmap: Costmap, headings: int = 16) -> NDArray[np.bool_]:
@@ -152,3 +156,71 @@ def _cells_of(outline: shapely.Geometry, resolution: float) -> tuple[NDArray[np.
     size = 2 * reach + 1
     low = -(reach + 0.5) * resolution
     return area_cells(outline, Grid((low, low), resolution, (size, size))), reach
+
+
+class DriveSpace(NamedTuple):
+    """Where a robot fits, by heading: bit h of the uint16 of a cell is heading h of `HEADINGS`.
+
+    `fits`: standing in its middle. `steps`: along the heading to the cell of its step. `turns`: on
+    the spot from a heading to the next.
+    """
+
+    fits: NDArray[np.uint16]
+    steps: NDArray[np.uint16]
+    turns: NDArray[np.uint16]
+
+
+def drive_space(costmap: Costmap, window: Window) -> DriveSpace:
+    """Return where the robot of a costmap fits and moves in a window of it."""
+    outer = grown(window, costmap.reach + STEP, costmap.grid)
+    inner = tuple(
+        slice(w.start - o.start, w.stop - o.start) for w, o in zip(window, outer, strict=True)
+    )
+
+    def free(motion: Motion) -> NDArray[np.uint16]:
+        hit = np.zeros([o.stop - o.start for o in outer], np.uint16)
+        for number in range(len(costmap.parts)):
+            hit |= costmap.hits(number, outer, motion)
+        return np.ascontiguousarray(~hit[inner])
+
+    return DriveSpace(free("stand"), free("step"), free("turn"))
+
+
+def drive(
+    costs: NDArray[np.uint8],
+    space: DriveSpace,
+    resolution: float,
+    cells: ArrayLike,
+    targets: ArrayLike,
+    *,
+    slow: float = 1.0,
+    threads: int = 1,
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the (k, m) prices and lengths of the cheapest ways between cells; infinity: none.
+
+    The robot drives along its heading, ahead or back, by the steps of `navgrid.travel`, and turns
+    on the spot. All that its parts pass is free. A turn costs nothing, a step as in `travel`; its
+    origin must not be in cells of 255. Ways begin and end at any heading, so that they are the same
+    back. Cells are rows and columns; ValueError for one that is outside.
+    """
+    starts, goals = (
+        np.ascontiguousarray(c, dtype=np.int64).reshape(-1, 2) for c in (cells, targets)
+    )
+    costs = np.ascontiguousarray(costs)
+    fits, steps, turns = space
+    return semmap_native.drive(costs, fits, steps, turns, resolution, starts, goals, slow, threads)
+
+
+def drive_way(
+    costs: NDArray[np.uint8],
+    space: DriveSpace,
+    resolution: float,
+    start: ArrayLike,
+    goal: ArrayLike,
+    *,
+    slow: float = 1.0,
+) -> NDArray[np.int64] | None:
+    """Return rows, columns and headings (N, 3) of the cheapest way of `drive`; None without one."""
+    ends = np.array([start, goal], np.int64)
+    found = semmap_native.drive_way(np.ascontiguousarray(costs), *space, resolution, ends, slow)
+    return found if len(found) else None

@@ -18,9 +18,9 @@ from numpy.typing import NDArray
 from scipy.ndimage import label
 
 from navgrid.costmap import Costmap
-from navgrid.drive import STEP, DriveSpace, drive, drive_space, drive_way
 from navgrid.field_layer import FieldVoxels
 from navgrid.grid import Grid, scene_grid
+from navgrid.headings import STEP, DriveSpace, drive, drive_space, drive_way
 from navgrid.inflation import INSCRIBED, LETHAL, UNKNOWN
 from navgrid.slabs import area_cells
 from navgrid.window import Window, grown

@@ -26,7 +26,7 @@ OTHERS = {"Trimesh", "Event"}
 """Classes of other packages that arguments may be instances of."""
 
 
-def annotations() -> Iterator[tuple[str, str]]:
+def annotated() -> Iterator[tuple[str, str]]:
     """Each public method with each annotation of its arguments."""
     for owner in FACE:
         for name, function in inspect.getmembers(owner, inspect.isfunction):
@@ -55,7 +55,7 @@ def test_the_words_of_annotations_are_forms_or_classes() -> None:
     }
     found = [
         (name, word)
-        for name, text in annotations()
+        for name, text in annotated()
         for word in words(ast.parse(text, mode="eval").body)
     ]
     assert len(found) > 300

@@ -14,9 +14,8 @@ from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt
 
 from navgrid.costmap import Costmap
-from navgrid.drive import DriveSpace, drive, drive_space, drive_way
 from navgrid.grid import Grid
-from navgrid.headings import HEADINGS, MOVES, hits
+from navgrid.headings import HEADINGS, MOVES, DriveSpace, drive, drive_space, drive_way, hits
 from semmap.robot import Part
 from tests.navgrid.scenes import part, room, scene, solid, square
 from tests.oracles.drive import scipy_prices

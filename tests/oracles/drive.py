@@ -9,8 +9,7 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import dijkstra
 
-from navgrid.drive import DriveSpace
-from navgrid.headings import MOVES
+from navgrid.headings import MOVES, DriveSpace
 
 
 def scipy_prices(
