@@ -11,7 +11,7 @@ import numpy as np
 
 from navgrid.terrain import DriveLimits
 from planner.topology import PlaceConnector
-from semmap.finite_number import finite_numbers, is_finite_number
+from semmap.finite_number import is_finite_number
 from semmap.robot import Part
 
 
@@ -161,11 +161,13 @@ class RobotClass:
             )
         for name in ("reach", "heights"):
             ends = getattr(self, name)
-            numbers = finite_numbers(ends, 2) if isinstance(ends, Iterable) else None
-            if numbers is None:
-                raise ValueError(f"robot {self.name}: {name} is {ends}; give two numbers, metres")
-            low, high = numbers
-            if not 0 <= low < high:
+            try:
+                low, high = map(float, ends)
+            except (TypeError, ValueError):
+                raise ValueError(
+                    f"robot {self.name}: {name} is {ends}; give two numbers, metres"
+                ) from None
+            if not 0 <= low < high < math.inf:
                 raise ValueError(
                     f"robot {self.name}: {name} is {low} to {high} m; give the lower end first"
                 )

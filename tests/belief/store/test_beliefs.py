@@ -208,7 +208,7 @@ def test_a_room_and_what_is_in_it_are_no_contradiction(flat: Map) -> None:
     ],
 )
 def test_bad_rows_are_refused_in_sql(flat: Map, statement: str) -> None:
-    with pytest.raises(ValueError, match=r"future|hit_is_between|no room there|belief_model"):
+    with pytest.raises(ValueError, match=r"future|hit is between|no room there|belief model"):
         flat.execute(statement)
 
 

@@ -100,7 +100,7 @@ def test_beliefs_are_the_sum_over_all_paths(flat: Map, seed: int) -> None:
 
 
 def test_what_was_put_into_a_storey_is_at_any_place_there(flat: Map) -> None:
-    flat.add_storey("ground", height=2.7)
+    flat.add_storey("ground", elevation=-1, height=3.7)  # on whose floor no room is
     flat.execute("SELECT put(entity_id('kitchen'), entity_id('ground'))")
     put(flat, None, (1, 1, 1.2), datetime.now(UTC), None)
     flat.execute("SELECT set_config('semmap.deriving', 'on', true)")
