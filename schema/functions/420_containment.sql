@@ -45,6 +45,7 @@ DECLARE
     contact CONSTANT double precision := 0.03;
     wall CONSTANT double precision := 0.15;
     opening CONSTANT double precision := 0.5;
+    exact CONSTANT double precision := 1e-6;  -- a pose composed again differs by less: it says the same room
     centre geometry;
     total double precision;
 BEGIN
@@ -52,10 +53,11 @@ BEGIN
     FROM (SELECT o.entity_id, o.footprint, semmap.ground_share(ground, o.footprint) AS share
           FROM semmap.world o JOIN semmap.room r ON r.entity_id = o.entity_id
           WHERE o.map_id = of_map AND o.footprint && ground
-            AND middle BETWEEN o.pose[3] + r.floor - contact AND semmap.ceiling_of(o.entity_id) + contact) c
-    ORDER BY round(c.share::numeric, 6) DESC, ST_Distance(c.footprint, ST_Centroid(ground)), ST_Area(c.footprint), c.entity_id
+            AND middle BETWEEN o.pose[3] + r.floor - contact - exact AND semmap.ceiling_of(o.entity_id) + contact + exact) c
+    ORDER BY round(c.share::numeric, 6) DESC, round(ST_Distance(c.footprint, ST_Centroid(ground))::numeric, 6),
+             round(ST_Area(c.footprint)::numeric, 6), c.entity_id
     LIMIT 1;
-    IF total >= 0.5 - 1e-9 THEN
+    IF total >= 0.5 - exact THEN
         RETURN;
     END IF;
     room_id := NULL;
@@ -63,15 +65,16 @@ BEGIN
     WITH close AS (
         SELECT o.entity_id, o.footprint, ST_Distance(o.footprint, centre) AS away, ST_ClosestPoint(o.footprint, centre) AS edge
         FROM semmap.world o JOIN semmap.room r ON r.entity_id = o.entity_id
-        WHERE o.map_id = of_map AND o.footprint && ST_Expand(centre, opening) AND ST_DWithin(o.footprint, centre, opening)
-          AND middle BETWEEN o.pose[3] + r.floor - contact AND semmap.ceiling_of(o.entity_id) + contact)
+        WHERE o.map_id = of_map AND o.footprint && ST_Expand(centre, opening + exact)
+          AND ST_DWithin(o.footprint, centre, opening + exact)
+          AND middle BETWEEN o.pose[3] + r.floor - contact - exact AND semmap.ceiling_of(o.entity_id) + contact + exact)
     SELECT c.entity_id, semmap.ground_share(ground, c.footprint) INTO room_id, share
     FROM close c
-    WHERE (SELECT bool_and(ST_DWithin(p.geom, c.footprint, wall)) FROM ST_DumpPoints(ground) p) OR EXISTS (
+    WHERE (SELECT bool_and(ST_DWithin(p.geom, c.footprint, wall + exact)) FROM ST_DumpPoints(ground) p) OR EXISTS (
         SELECT FROM close f WHERE f.entity_id <> c.entity_id
           AND (ST_X(c.edge) - ST_X(centre)) * (ST_X(f.edge) - ST_X(centre))
-            + (ST_Y(c.edge) - ST_Y(centre)) * (ST_Y(f.edge) - ST_Y(centre)) < 0)
-    ORDER BY c.away, c.entity_id LIMIT 1;
+            + (ST_Y(c.edge) - ST_Y(centre)) * (ST_Y(f.edge) - ST_Y(centre)) < -exact)
+    ORDER BY round(c.away::numeric, 6), c.entity_id LIMIT 1;
 END $$;
 
 CREATE FUNCTION room_of(thing bigint)

@@ -35,10 +35,12 @@ RETURNS text LANGUAGE plpgsql STABLE SET search_path = semmap, public, pg_temp A
 -- No furniture covers four fifths of a room: a flat object (half a metre) that does is a floor at the room's floor, and
 -- a ceiling above headroom; a higher one is a roof, and from the floor up a building in one piece. What is flat, a metre
 -- wide and lies below the floor of the room above it is a part of the floor. If its name does not suggest a type: where
--- no room is known, what is flat and larger than 12 square metres is a floor or ceiling; what is upright, thin, long, at
--- the edge of rooms and inside of none is a wall.
+-- no room is known, what is flat and larger than 12 square metres is a floor or ceiling; what is upright, thin, at the
+-- edge of rooms and inside of none is a wall, if it is long or reaches up to the ceiling. A piece that reaches up to it
+-- and is wholly outside of the outlines of rooms is a wall under any name.
 DECLARE
     flat CONSTANT double precision := 0.5;
+    exact CONSTANT double precision := 1e-6;
     headroom CONSTANT double precision := 1.8;
     w semmap.world;
     low double precision;
@@ -74,13 +76,15 @@ BEGIN
             part := CASE WHEN abs(high - at_floor) <= flat THEN 'floor' WHEN low >= at_floor + headroom THEN 'ceiling' END;
         END IF;
     END IF;
-    IF part IS NULL AND NOT named AND high - low >= 1.5 AND ST_Perimeter(w.footprint) >= 3.2
-       AND 2 * ST_Area(w.footprint) <= 0.4 * ST_Perimeter(w.footprint) THEN
+    IF part IS NULL AND high - low >= 1.5 AND 2 * ST_Area(w.footprint) <= 0.4 * ST_Perimeter(w.footprint) THEN
         SELECT 'wall' INTO part
-        FROM semmap.world o JOIN semmap.room r ON r.entity_id = o.entity_id
-        WHERE o.map_id = w.map_id AND o.footprint && ST_Expand(w.footprint, 0.5) AND ST_DWithin(o.footprint, w.footprint, 0.5)
-          AND low <= o.pose[3] + r.floor + flat AND high >= o.pose[3] + r.floor + 1.5
-        HAVING max(semmap.ground_share(w.footprint, o.footprint)) <= 0.6;
+        FROM (SELECT semmap.ground_share(w.footprint, o.footprint) AS share, ST_Distance(w.footprint, o.footprint) AS away,
+                     high >= least(semmap.ceiling_of(o.entity_id) - 0.3, o.pose[3] + r.floor + 2.5) - exact AS to_ceiling
+              FROM semmap.world o JOIN semmap.room r ON r.entity_id = o.entity_id
+              WHERE o.map_id = w.map_id AND o.footprint && ST_Expand(w.footprint, 0.5) AND ST_DWithin(o.footprint, w.footprint, 0.5)
+                AND low <= o.pose[3] + r.floor + flat AND high >= o.pose[3] + r.floor + 1.5) beside
+        HAVING CASE WHEN named THEN sum(share) <= 0.01 ELSE max(share) <= 0.6 END
+           AND (NOT named AND ST_Perimeter(w.footprint) >= 3.2 - exact OR bool_or(to_ceiling AND away <= 0.3 + exact));
     END IF;
     RETURN part;
 END $$;
@@ -88,15 +92,19 @@ END $$;
 CREATE FUNCTION recognise_parts(ids bigint[])
 RETURNS bigint LANGUAGE sql SET search_path = semmap, public, pg_temp AS $$
 -- Gives those of the given objects that are parts of the building by their shape this type; returns how many change. A
--- stated type stays; a type that a name suggests yields to what covers a room, and comes back where nothing does.
+-- stated type stays; a type that a name suggests yields to what covers a room, and comes back where nothing does. What
+-- is named as a part or fixture of a building, such as a column or curtain, is no wall.
 WITH judged AS (
     SELECT o.id, o.type, o.properties, CASE guess ->> 'from' WHEN 'shape' THEN guess -> 'named' ELSE guess END AS named,
            guess ->> 'from' = 'shape' AS shaped
     FROM semmap.entity o CROSS JOIN LATERAL (SELECT o.properties -> 'type_guess') g (guess)
     WHERE o.id = ANY (ids) AND o.kind = 'object' AND (coalesce(o.type, 'object') = 'object' OR o.type = guess ->> 'type')
 ), found AS (
-    SELECT j.id, j.named, semmap.part_by_shape(j.id, j.named IS NOT NULL) AS part
-    FROM judged j
+    SELECT j.id, j.named, s.part
+    FROM judged j CROSS JOIN LATERAL (
+        SELECT nullif(semmap.part_by_shape(j.id, j.named IS NOT NULL), CASE
+            WHEN j.named ->> 'type' = ANY (semmap.subtypes('building_element') || semmap.subtypes('fixture')) THEN 'wall' END)
+        OFFSET 0) s (part)
     WHERE j.named IS NULL OR NOT (semmap.is_building_part(j.named ->> 'type')
                                   OR (j.named ->> 'type' = ANY (semmap.subtypes('ground'))) IS TRUE)
 ), recognised AS (
@@ -329,7 +337,8 @@ SET plan_cache_mode = force_generic_plan SET enable_seqscan = off AS $$
 BEGIN
     RETURN ARRAY(
         WITH holding AS MATERIALIZED (
-            SELECT w.entity_id, w.map_id, w.box, ST_ZMin(w.box) AS low, ST_ZMax(w.box) AS high
+            SELECT w.entity_id, w.map_id, ST_ZMin(w.box) AS low, ST_ZMax(w.box) AS high,
+                   CASE e.kind WHEN 'room' THEN semmap.grown(w.box, 0.5) ELSE w.box END AS box  -- walls and openings are around rooms
             FROM unnest(moved) given (id) JOIN semmap.entity e ON e.id = given.id
             JOIN semmap.world w ON w.entity_id = e.id AND w.footprint IS NOT NULL
             WHERE e.kind = 'room' OR e.kind = 'object' AND EXISTS (

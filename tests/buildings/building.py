@@ -520,8 +520,7 @@ def _add_walls(
             sides = (at - thick / 2, low, at + thick / 2, high)
             if not upright:
                 sides = (low, at - thick / 2, high, at + thick / 2)
-            what = "wall" if high - low >= 1.6 else "stub"
-            building.add(name, what, sides, floor, floor + height)
+            building.add(name, "wall", sides, floor, floor + height)
 
 
 def _add_things(
@@ -574,7 +573,7 @@ def _add_things(
             overlap = shapely.box(*sides).buffer(0.02)
             own = building.outline(overlap)
             if any(
-                item.what in ("thing", "wall", "stub")
+                item.what in ("thing", "wall")
                 and item.low < floor + 0.8
                 and item.high > floor + 0.01
                 and own.intersects(item.ground)

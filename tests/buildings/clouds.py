@@ -17,12 +17,20 @@ VOXEL = 0.05
 SCANNED = 3
 """How many things and parts are scanned, at most."""
 
+SHORT = 1.6
+"""Metres of the longest piece of a wall that is scanned; a scan is no wall by its shape."""
+
 
 def scanned(building: Building) -> Building:
     """The building with some scans: of things that bear nothing, and of short pieces of walls."""
     chance = random.Random(f"scans of {building.seed}")
     bearing = {item.on for item in building.items}
-    may = [i for i in building.items if i.what in ("thing", "stub") and i.name not in bearing]
+    may = [
+        i
+        for i in building.items
+        if (i.what == "thing" and i.name not in bearing)
+        or (i.what == "wall" and max(i.size) < SHORT)
+    ]
     chosen = {i.name for i in chance.sample(may, min(len(may), chance.randint(0, SCANNED)))}
     items = [_scan(building, i, chance) if i.name in chosen else i for i in building.items]
     return replace(building, items=items)
@@ -39,7 +47,8 @@ def _scan(building: Building, item: Item, chance: random.Random) -> Item:
     cos, sin = np.cos(building.angle), np.sin(building.angle)
     at = own @ np.array([[cos, sin, 0.0], [-sin, cos, 0.0], [0.0, 0.0, 1.0]])
     middle = np.array([*item.centre, (item.low + item.high) / 2])
-    return replace(item, points=at + middle)
+    what = "stub" if item.what == "wall" else item.what
+    return replace(item, what=what, points=at + middle)
 
 
 def write_scans(building: Building, folder: Path) -> list[Path]:

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import random
 from pathlib import Path
 
+import shapely
 from sqlalchemy import Engine, text
 
 import semmap
 from tests.buildings.building import Building, Room
+from tests.buildings.judges import judge_rooms, stored
 from tests.conftest import Import, MakeDatabase
 
 HOUSE = "small_house/worlds/small_house.world"
@@ -51,3 +54,74 @@ def test_a_floor_named_as_furniture_is_a_floor_while_a_room_lies_on_it(
         place["r"].delete()
         database.import_file(world, map="b")
         assert place[slab.name].type == before
+
+
+def two_rooms(angle: float = 0.0) -> Building:
+    """Two rooms with a wall of 0.2 m between them, from x = 3.9 to 4.1; nothing is in them."""
+    building = Building(0, angle, (0.0, 0.0))
+    building.storeys.append(("s", 0.0, 2.7))
+    for name, low, high in (("left", 0.0, 3.9), ("right", 4.1, 8.0)):
+        outline = building.outline(shapely.box(low, 0, high, 9))
+        building.rooms.append(Room(name, "s", outline, 0.0, 2.7))
+    return building
+
+
+def test_all_ways_say_one_room_of_what_is_as_near_to_two(
+    make_database: MakeDatabase, tmp_path: Path
+) -> None:
+    building = two_rooms(0.3)  # turned: poses that are composed again differ in the last digits
+    chance = random.Random(1)
+    for k in range(40):
+        y, long = 0.22 * k, chance.uniform(0.05, 0.2)
+        building.add("zzp", "thing", (3.9, y, 4.1, y + long), 0.0, 1.1)
+    with stored(building, make_database().render_as_string(hide_password=False), tmp_path) as place:
+        for item in building.items:
+            thing = place[item.name]
+            rooms = {room for room in ("left", "right") if item.name in names_in(place, room)}
+            assert thing.room is not None
+            assert rooms == {thing.room.name}
+            assert thing.holder is not None
+            assert thing.holder.name == thing.room.name
+        assert judge_rooms(building, place) == (5 * len(building.items), [])
+
+
+def names_in(place: semmap.Map, room: str) -> set[str]:
+    """What is in a room by `is_in`."""
+    return {
+        name
+        for (name,) in place.sql(
+            "SELECT o.name FROM entity o JOIN entity r ON r.map_id = o.map_id AND r.name = %s "
+            "WHERE o.kind = 'object' AND o.map_id = current_map() AND is_in(o.id, r.id)",
+            room,
+        )
+    }
+
+
+def test_pieces_of_walls_are_walls_under_any_name(
+    make_database: MakeDatabase, tmp_path: Path
+) -> None:
+    building = two_rooms()
+    pieces = [
+        building.add(name, "wall", (3.9, y, 4.1, y + long), 0.0, 2.7)
+        for name, y, long in (
+            ("zzp", 0.0, 0.3),
+            ("zzp", 1.0, 0.9),
+            ("zzp", 2.0, 1.4),
+            ("bookcase", 4.0, 1.5),
+            ("fridge", 6.0, 0.8),
+        )
+    ]
+    pieces.append(building.add("bookcase", "wall", (-0.2, -0.2, 0.0, 9.2), 0.0, 2.7))
+    others = [
+        building.add("zzp", "thing", (3.9, 7.0, 4.1, 7.8), 0.0, 2.1),  # a door leaf ends lower
+        building.add("fridge", "thing", (3.5, 8.2, 4.1, 8.8), 0.0, 2.6),  # in a room
+        building.add("bookcase", "thing", (0.0, 3.0, 0.3, 5.0), 0.0, 2.7),  # in a room
+        building.add("column", "thing", (8.0, 3.0, 8.2, 3.2), 0.0, 2.7),  # named as a part
+        building.add("curtain", "thing", (8.0, 5.0, 8.1, 7.0), 0.0, 2.6),  # and as a fixture
+    ]
+    with stored(building, make_database().render_as_string(hide_password=False), tmp_path) as place:
+        assert {piece.name: place[piece.name].type for piece in pieces} == {
+            piece.name: "wall" for piece in pieces
+        }
+        assert all(place[piece.name].room is None for piece in pieces)
+        assert "wall" not in {place[other.name].type for other in others}
