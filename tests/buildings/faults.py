@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 import random
 from collections.abc import Iterator
@@ -16,7 +17,7 @@ Finding = tuple[str, frozenset[str]]
 
 
 def judge_faults(building: Building, place: semmap.Map) -> tuple[int, list[str]]:
-    """Of five faults, the check finds each, and nothing else."""
+    """Of nine faults, the check finds each, and nothing else."""
     chance = random.Random(f"faults of {building.seed}")
     before = _found(place)
     with undone(place):
@@ -27,6 +28,9 @@ def judge_faults(building: Building, place: semmap.Map) -> tuple[int, list[str]]
             *_overlaps(building, place, chance),
             *_is_outside(building, place),
         }
+        free = _free(building, place)
+        for plant in (_near_twins, _piles, _sinks, _tips):
+            planted |= {*plant(free, place, chance)}
         after = _found(place)
     wrong = [f"not found: {kind} {sorted(names)}" for kind, names in planted - after]
     wrong += [f"invented: {kind} {sorted(names)}" for kind, names in after - before - planted]
@@ -132,3 +136,68 @@ def _is_outside(building: Building, place: semmap.Map) -> Iterator[Finding]:
     x = whole.bounds[2] + 4 + math.sqrt(2)
     place.add_object("stray", size=(0.3, 0.3, 0.3), pose=(x, whole.centroid.y, floor))
     yield "outside of all rooms", frozenset({"stray"})
+
+
+Spot = tuple[float, float, float, str]
+"""A point of the floor, its height, and its room."""
+
+
+def _free(building: Building, place: semmap.Map) -> Iterator[Spot]:
+    """Points of floors with 0.8 m between them, 0.4 m from what is in rooms and from walls."""
+    annex = place["annex"].footprint if "annex" in {room.name for room in place.rooms} else None
+    for room in building.rooms:
+        taken = [
+            item.ground
+            for item in building.items
+            if item.what in ("thing", "stub")
+            and item.low < room.ceiling
+            and item.high > room.floor - 0.1
+        ]
+        taken += [] if annex is None else [annex]
+        free = room.outline.buffer(-0.4).difference(shapely.union_all(taken).buffer(0.4))
+        while room.elevator is None and not free.is_empty:
+            at = free.representative_point()
+            yield at.x, at.y, room.floor, room.name
+            free = free.difference(at.buffer(0.8))
+
+
+def _near_twins(
+    free: Iterator[Spot], place: semmap.Map, chance: random.Random
+) -> Iterator[Finding]:
+    """Two things of one size less than 3 cm apart."""
+    for x, y, z, _ in itertools.islice(free, 1):
+        sides = chance.uniform(0.1, 0.4), chance.uniform(0.1, 0.4), chance.uniform(0.1, 0.7)
+        turn, away = chance.uniform(-3, 3), chance.uniform(0.003, 0.025)
+        angle = chance.uniform(-3, 3)
+        place.add_object("copy_a", size=sides, pose=(x, y, z, turn))
+        beside = (x + away * math.cos(angle), y + away * math.sin(angle))
+        place.add_object("copy_b", size=sides, pose=(*beside, z, turn))
+        yield "things at one point", frozenset({"copy_a", "copy_b"})
+
+
+def _piles(free: Iterator[Spot], place: semmap.Map, chance: random.Random) -> Iterator[Finding]:
+    """A table in the air with a mug on it: the table alone is wrong."""
+    for x, y, z, _ in itertools.islice(free, 1):
+        up = z + chance.uniform(0.1, 0.8)
+        place.add_object("high_table", size=(0.5, 0.4, 0.6), pose=(x, y, up, chance.uniform(-3, 3)))
+        place.add_object("high_mug", size=(0.08, 0.08, 0.1), on="high_table")
+        yield "floating", frozenset({"high_table"})
+
+
+def _sinks(free: Iterator[Spot], place: semmap.Map, chance: random.Random) -> Iterator[Finding]:
+    """A box whose lower part, or all of it, is below the floor."""
+    for x, y, z, room in itertools.islice(free, 1):
+        down = z - chance.choice([0.5, chance.uniform(0.07, 0.5)])
+        place.add_object("sunk", size=(0.4, 0.3, 0.5), pose=(x, y, down, chance.uniform(-3, 3)))
+        yield "sunk", frozenset({"sunk", room})
+
+
+def _tips(free: Iterator[Spot], place: semmap.Map, chance: random.Random) -> Iterator[Finding]:
+    """Two mugs over the edges of a table: one with most of its foot beside it, one with less."""
+    for x, y, z, _ in itertools.islice(free, 1):
+        turn = chance.uniform(-3, 3)
+        place.add_object("low_table", size=(0.5, 0.4, 0.6), pose=(x, y, z, turn))
+        for name, beside in (("tips", 0.27), ("stays", -0.23)):  # of 0.25 to the edge
+            at = (x + beside * math.cos(turn), y + beside * math.sin(turn), z + 0.6)
+            place.add_object(name, size=(0.1, 0.1, 0.1), pose=(*at, turn))
+        yield "tipping", frozenset({"tips", "low_table"})

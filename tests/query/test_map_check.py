@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import random
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -145,6 +146,50 @@ def is_stale(here: semmap.Map, draw: random.Random) -> tuple[str, set[str]]:
     return "stale pose", {"cr00"}
 
 
+def is_a_copy(here: semmap.Map, draw: random.Random) -> tuple[str, set[str]]:
+    x, y = _free(here, "r01")
+    size = (draw.uniform(0.1, 1), draw.uniform(0.1, 0.5), draw.uniform(0.1, 0.9))
+    here.add_object("chair", size=size, pose=(x, y, 0))
+    here.add_object("again", size=size, pose=(x + draw.uniform(0.003, 0.03), y, 0.001))
+    return "things at one point", {"chair", "again"}
+
+
+def stands_in_the_middle_of_a_wall(here: semmap.Map, draw: random.Random) -> tuple[str, set[str]]:
+    wall = next(e for e in here.objects if e.name.endswith(" w00"))
+    assert wall.footprint is not None
+    x0, y0, x1, y1 = wall.footprint.bounds
+    here.add_object("chest", size=(0.5, 0.4, 0.5), pose=((x0 + x1) / 2, (y0 + y1) / 2, 0))
+    return "penetrating", {"chest", wall.name}
+
+
+def floats_with_a_cup(here: semmap.Map, draw: random.Random) -> tuple[str, set[str]]:
+    pose = here["tr01"].pose
+    assert pose is not None
+    here["tr01"].move_to(pose.x, pose.y, draw.uniform(0.1, 1.2))
+    holder = here["cr01"].holder
+    assert holder is not None
+    assert holder.name == "tr01"
+    return "floating", {"tr01"}
+
+
+def sinks_into_the_floor(here: semmap.Map, draw: random.Random) -> tuple[str, set[str]]:
+    deep = draw.choice([0.3, 0.5, draw.uniform(0.06, 0.5)])
+    here.add_object("chest", size=(0.5, 0.5, 0.5), pose=(*_free(here, "r01"), -deep))
+    return "sunk", {"chest", "r01"}
+
+
+def tips(here: semmap.Map, draw: random.Random) -> tuple[str, set[str]]:
+    pose = here["tr01"].pose
+    assert pose is not None
+    side = draw.uniform(0.06, 0.1)
+    for name, share in (("mug", draw.uniform(0.65, 0.9)), ("jar", draw.uniform(0.1, 0.4))):
+        end = 1 if name == "mug" else -1  # of the table, which is one metre long
+        x, y, _ = pose.apply([[end * (0.5 + (share - 0.5) * side), 0, 0]])[0]
+        yaw = 2 * math.atan2(pose.qz, pose.qw)
+        here.add_object(name, size=(side, side, 0.1), pose=(x, y, 0.74, yaw))
+    return "tipping", {"mug", "tr01"}
+
+
 Fault = Callable[[semmap.Map, random.Random], tuple[str, set[str]]]
 """Plants a fault; the kind of finding that it is, and the entities concerned."""
 
@@ -161,6 +206,11 @@ FAULTS: list[Fault] = [
     is_between_walls,
     is_held_elsewhere,
     is_stale,
+    is_a_copy,
+    stands_in_the_middle_of_a_wall,
+    floats_with_a_cup,
+    sinks_into_the_floor,
+    tips,
 ]
 
 
@@ -196,6 +246,41 @@ def test_planted_fault_is_the_only_finding(db: semmap.Database, fault: Fault) ->
         if fault in (is_held_elsewhere, is_stale):
             assert here.fix(here.check()) == 1
             assert here.check() == []
+
+
+def test_a_stack_of_trays_is_no_fault(db: semmap.Database) -> None:
+    here = db.create_map("trays")
+    here.add_room("r", [(0, 0), (4, 0), (4, 4), (0, 4)], floor=0, ceiling=2.5)
+    for number in range(4):
+        here.add_object(f"tray{number}", size=(0.4, 0.3, 0.008), pose=(2, 2, 0.008 * number))
+    here.add_object("cupboard", size=(1, 0.5, 1), pose=(1, 1, 0))
+    here.add_object("box", size=(0.3, 0.3, 0.3), pose=(1, 1, 0.02))  # in a coarse model of it
+    assert here.check() == []
+
+
+def test_copies_are_found_up_to_a_contact_apart_and_overlap_from_there_on(
+    db: semmap.Database,
+) -> None:
+    here = db.create_map("copies")
+    here.add_room("r", [(0, 0), (40, 0), (40, 4), (0, 4)], floor=0, ceiling=2.5)
+    away = [0.0, 0.0005, 0.0015, 0.005, 0.03, 0.032, 0.05, 0.3]
+    for number, metres in enumerate(away):
+        for name, beside in (("a", 0.0), ("b", metres)):
+            size = (1, 1, 0.7)
+            here.add_object(f"{name}{number}", size=size, pose=(2 + 3 * number + beside, 2, 0))
+    assert seen(here) == {
+        ("things at one point" if metres <= 0.03 else "penetrating", frozenset({f"a{n}", f"b{n}"}))
+        for n, metres in enumerate(away)
+    }
+
+
+def test_things_sink_into_a_slab_where_no_room_says_its_height(db: semmap.Database) -> None:
+    here = db.create_map("slab")
+    slab = box_mesh((0, 0, -0.2), (6, 6, 0))
+    here.add_object("slab", mesh=slab, pose=(0, 0, 0), type="floor")
+    here.add_object("sunk", size=(0.5, 0.5, 0.5), pose=(2, 2, -0.15))
+    here.add_object("stands", size=(0.5, 0.5, 0.5), pose=(4, 4, -0.03))
+    assert seen(here) == {("sunk", frozenset({"sunk", "slab"}))}
 
 
 def test_a_wall_of_another_storey_holds_nothing(db: semmap.Database) -> None:

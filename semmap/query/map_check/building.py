@@ -7,14 +7,23 @@ from functools import cached_property
 import numpy as np
 import shapely
 from numpy.typing import NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import KDTree
 from shapely import STRtree
 
-from semmap.geometry.contact import heights_at, touches
 from semmap.query.map_check.reader import CheckedEntity
 
 CONTACT = 0.03
 """Metres between things that touch, and by which solids may overlap: percepts and models of rooms
 are this exact, and holders are derived with it."""
+
+SAME_POINT = 0.001
+"""Metres: things that meet so exactly were put there by a program, not by a hand."""
+
+TWINS, STACKED = 0.05, 0.005
+"""Part of their size by which two things of one model may differ, and metres by which the bottom of
+one is above that of the other; trays and cups of a stack are further apart."""
 
 FASTENED = 0.05
 """Metres from a wall to what hangs on it, and of air under what stands: hooks, frames and feet are
@@ -32,9 +41,6 @@ SLAB, TALL = 0.5, 1.8
 
 STEP = 0.5
 """Metres of height by which a floor may differ from its storey, its doors from it: a few steps."""
-
-SAMPLES = 200
-"""Points of an underside, and corners of a support, along which gaps are measured."""
 
 Floats = NDArray[np.float64]
 
@@ -124,6 +130,30 @@ class CheckedBuilding:
         return bool(thin) and sum(self.shares(entity).values()) < 0.5
 
     @cached_property
+    def one_point(self) -> list[list[CheckedEntity]]:
+        """The groups of movable things at one point, or of one size and within a contact."""
+        movable = [e for e in self.objects if not self.is_part(e)]
+        stands = np.array([e.stand for e in movable]).reshape(-1, 3)
+        cells = np.round(stands / SAME_POINT / 2)
+        _, first, same = np.unique(cells, axis=0, return_index=True, return_inverse=True)
+        same = same.ravel()  # in some versions of NumPy it has the shape of the cells
+        pairs = KDTree(stands[first]).query_pairs(2 * CONTACT, output_type="ndarray")
+        pairs = np.array(
+            [pair for pair in pairs if _coincide(*(movable[first[k]] for k in pair))], int
+        ).reshape(-1, 2)
+        links = coo_array((np.ones(len(pairs)), pairs.T), shape=(len(first),) * 2)
+        group = connected_components(links, directed=False)[1][same]
+        found: dict[int, list[CheckedEntity]] = {}
+        for entity, number in zip(movable, group, strict=True):
+            found.setdefault(int(number), []).append(entity)
+        return [together for together in found.values() if len(together) > 1]
+
+    @cached_property
+    def together(self) -> dict[str, int]:
+        """The number of the group at one point of each thing that is in one."""
+        return {e.name: number for number, group in enumerate(self.one_point) for e in group}
+
+    @cached_property
     def _solid_tree(self) -> STRtree:
         return STRtree([shapely.box(*e.low[:2], *e.high[:2]) for e in self.solids])
 
@@ -139,33 +169,6 @@ class CheckedBuilding:
             and other.high[2] >= entity.low[2] - distance
         ]
 
-    @cached_property
-    def grounds(self) -> list[tuple[shapely.Geometry | None, float]]:
-        """Floors that are only numbers: of rooms and storeys, and outside of them the lowest."""
-        found = [(room.outline, self.floor(room)) for room in self.rooms]
-        found += [(None, float(s.pose.z)) for s in self.storeys if s.pose is not None]
-        return found or [(None, min((float(e.low[2]) for e in self.solids), default=0.0))]
-
-    def gap_beneath(self, entity: CheckedEntity) -> tuple[float, str | None]:
-        """Metres of air under an object, inf over nothing, and what is beneath: None is a floor."""
-        least, name = np.inf, None
-        for outline, z in self.grounds:
-            meets = outline is None or outline.intersects(entity.ground)
-            if meets and float(entity.high[2]) >= z - CONTACT:
-                least = min(least, max(float(entity.low[2]) - z, 0.0))
-        if least <= FASTENED:
-            return least, name
-        under = entity.triangles[entity.face_boxes[0][:, 2] <= entity.low[2] + CONTACT]
-        points = _samples(under)
-        points = points[points[:, 2] <= entity.low[2] + CONTACT]
-        for other in self.beneath(entity):
-            gap = _gap(points, under, other.faces_over(*_box(under)))
-            if gap < least:
-                least, name = gap, other.name
-            if least <= FASTENED:
-                break
-        return least, name
-
     def beneath(self, entity: CheckedEntity) -> list[CheckedEntity]:
         """Other solids over which an object is, wholly or in part; the highest first."""
         around = shapely.box(*entity.low[:2], *entity.high[:2])
@@ -173,54 +176,13 @@ class CheckedBuilding:
         below = [e for e in found if e is not entity and e.low[2] < entity.low[2] + CONTACT]
         return sorted(below, key=lambda e: -float(min(e.high[2], entity.low[2])))
 
-    def is_fastened(self, entity: CheckedEntity) -> bool:
-        """Whether an object hangs on a wall, a ceiling or a larger thing beside or above it."""
-        middle = float(entity.low[2] + entity.high[2]) / 2
-        for room in self.rooms:
-            if not self.floor(room) <= middle <= self.ceiling(room) + CEILING:
-                continue  # of another storey
-            if room.outline is None or room.outline.distance(entity.ground) > FASTENED:
-                continue
-            if abs(self.ceiling(room) - float(entity.high[2])) <= CEILING:
-                return True
-            if room.outline.boundary.distance(entity.ground) <= FASTENED:
-                return True
-        for other in self.near(entity, FASTENED):
-            beside = other.low[2] <= entity.low[2] + FASTENED and (
-                other.high[2] >= entity.high[2] - FASTENED
-            )
-            larger = np.prod(other.high - other.low) >= np.prod(entity.high - entity.low)
-            above = other.high[2] > entity.high[2] and other.low[2] >= entity.low[2]
-            holds = (beside and larger) or above or self.is_part(other)
-            if holds and touches(entity.triangles, other.triangles, FASTENED):
-                return True
-        return False
 
-
-def _box(triangles: Floats) -> tuple[Floats, Floats]:
-    return triangles.min(axis=(0, 1)), triangles.max(axis=(0, 1))
-
-
-def _gap(points: Floats, under: Floats, support: Floats) -> float:
-    """Metres of air between an underside and a support; infinite where it is beside or above."""
-    if not len(support):
-        return float(np.inf)
-    low, high = _box(under)
-    tops = _samples(support)
-    tops = tops[((tops[:, :2] >= low[:2]) & (tops[:, :2] <= high[:2])).all(axis=1)]
-    gaps = np.concatenate(
-        [
-            (points[:, 2:] - heights_at(points, support)).ravel(),
-            (heights_at(tops, under) - tops[:, 2:]).ravel(),
-        ]
-    )
-    gaps = np.where(gaps >= -CONTACT, np.maximum(gaps, 0), np.inf)  # NaN: not beneath
-    return float(gaps.min(initial=np.inf))
-
-
-def _samples(triangles: Floats) -> Floats:
-    """Corners and middles of faces, at most `SAMPLES`."""
-    every = np.concatenate([triangles.reshape(-1, 3), triangles.mean(axis=1)])
-    every = every[:: max(1, len(every) // (4 * SAMPLES))]
-    every = np.unique(np.round(every, 4), axis=0)
-    return every[:: max(1, len(every) // SAMPLES)]
+def _coincide(one: CheckedEntity, two: CheckedEntity) -> bool:
+    """Whether two things are at one point, or of one size and as close as copies of one."""
+    apart = np.abs(one.stand - two.stand)
+    if apart.max() <= SAME_POINT:
+        return True
+    sizes = one.high - one.low, two.high - two.low
+    alike = np.abs(sizes[0] - sizes[1]) <= TWINS * np.maximum(*sizes)
+    near = apart <= np.array([CONTACT, CONTACT, min(STACKED, sizes[0][2] / 2)]) + 1e-6
+    return bool(len(one.triangles) and len(two.triangles) and alike.all() and near.all())

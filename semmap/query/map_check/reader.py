@@ -41,6 +41,11 @@ class CheckedEntity:
         """(3,) the highest corner of its box."""
         return np.asarray(self._corners.max(axis=0))
 
+    @cached_property
+    def stand(self) -> Floats:
+        """(3,) the middle of its lowest level."""
+        return np.append((self.low + self.high)[:2] / 2, self.low[2])
+
     @property
     def _corners(self) -> Floats:
         if len(self.hull):

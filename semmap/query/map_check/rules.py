@@ -16,12 +16,16 @@ from numpy.typing import NDArray
 from semmap.geometry.contact import overlap
 from semmap.geometry.pose import Pose
 from semmap.query.geometry_notes import listed
-from semmap.query.map_check.building import CONTACT, FASTENED, STEP, WALL, CheckedBuilding
+from semmap.query.map_check.building import (
+    CONTACT,
+    FASTENED,
+    SAME_POINT,
+    STEP,
+    WALL,
+)
 from semmap.query.map_check.reader import CheckedEntity, read_checked_entities
+from semmap.query.map_check.support import SupportedBuilding
 from semmap.query.snapshot import Snapshot
-
-SAME_POINT = 0.001
-"""Metres: things that meet so exactly were put there by a program, not by a hand."""
 
 MOSTLY = 0.6
 """Part of a footprint in a room from which it is there, wherever the limits lie exactly."""
@@ -31,6 +35,9 @@ FLOOR_AREA = 1.0
 
 CONTENT = 0.95
 """Part of a solid in another from which it is its content: a coarse box of a cupboard is solid."""
+
+SMALLER = 0.8
+"""Of the larger box of two: the largest box of a content. What is larger stands in its place."""
 
 LOST = 1000.0
 """Metres above or below all rooms at which no building has a thing."""
@@ -60,7 +67,7 @@ class Finding:
 
 def check_map(seen: Snapshot) -> list[Finding]:
     """Return what is wrong with the current map: errors first, then warnings and notes."""
-    building = CheckedBuilding(read_checked_entities(seen))
+    building = SupportedBuilding(read_checked_entities(seen))
     return [
         Finding(kind, severity, names, text, fix, fix.startswith("SELECT "))
         for kind, severity, find in RULES
@@ -68,13 +75,9 @@ def check_map(seen: Snapshot) -> list[Finding]:
     ]
 
 
-def _floating(building: CheckedBuilding) -> Found:
-    for entity in building.solids:
-        if building.is_part(entity) or any(e.kind == "agent" for e in entity.chain):
-            continue
+def _floating(building: SupportedBuilding) -> Found:
+    for entity in building.floating:
         gap, name = building.gap_beneath(entity)
-        if gap <= FASTENED or building.is_fastened(entity):
-            continue
         beneath = "the floor" if name is None else name
         air = f"{gap:.2f} m above {beneath}" if np.isfinite(gap) else "over nothing"
         text = f"{entity.name} is {air} and hangs on no wall, ceiling or larger thing"
@@ -82,7 +85,26 @@ def _floating(building: CheckedBuilding) -> Found:
         yield (entity.name,), text, fix
 
 
-def _penetrating(building: CheckedBuilding) -> Found:
+def _tipping(building: SupportedBuilding) -> Found:
+    for entity in building.solids:
+        found = None if entity.row["fixture"] else building.overhang(entity)
+        if found is not None:
+            away, bearer = found
+            text = f"the middle of {entity.name} is {away:.2f} m beside {bearer.name}, so it tips"
+            fix = f"map[{entity.name!r}].put_on({bearer.name!r})"
+            yield (entity.name, bearer.name), text, fix
+
+
+def _sunk(building: SupportedBuilding) -> Found:
+    for entity in building.solids:
+        if entity.name in building.sunk:
+            place, depth = building.sunk[entity.name]
+            floor = f"the floor of {place.name}" if place.kind == "room" else place.name
+            text = f"{entity.name} has sunk {depth:.2f} m into {floor}"
+            yield (entity.name, place.name), text, _move(entity, 0, 0, depth)
+
+
+def _penetrating(building: SupportedBuilding) -> Found:
     done = set()
     for entity in building.solids:
         for other in building.near(entity, 0.0):
@@ -90,13 +112,20 @@ def _penetrating(building: CheckedBuilding) -> Found:
             if pair in done or _belongs(building, entity, other):
                 continue
             done.add(pair)
-            apart = np.abs(_stand(entity) - _stand(other)).max()
-            shared = None if apart <= SAME_POINT else _shared(entity, other)
+            number = building.together.get(entity.name)
+            if number is not None and number == building.together.get(other.name):
+                continue  # another rule says so
+            shared = _shared(entity, other)
             if shared is None:
                 continue
             small, large = sorted(
                 (entity, other), key=lambda e: (building.is_part(e), float(np.prod(e.high - e.low)))
             )
+            if (
+                small.name in building.sunk
+                and large.high[2] <= small.low[2] + FASTENED + (building.sunk[small.name][1])
+            ):
+                continue  # so is the slab of the floor
             size = " x ".join(f"{v:.2f}" for v in shared)
             text = f"{small.name} and {large.name} share a space of {size} m"
             yield (small.name, large.name), text, _apart(small, large, shared)
@@ -111,44 +140,38 @@ def _shared(one: CheckedEntity, two: CheckedEntity) -> Floats | None:
     if found is None:
         return None
     extents, *shares = found
-    for entity, share in zip((one, two), shares, strict=True):
+    sizes = [float(np.prod(e.high - e.low)) for e in (one, two)]
+    for entity, share, size in zip((one, two), shares, sizes, strict=True):
         within = (entity.low >= low - CONTACT).all() and (entity.high <= high + CONTACT).all()
-        if within and share >= CONTENT:
+        if within and share >= CONTENT and size <= SMALLER * max(sizes):
             return None
     return extents
 
 
-def _belongs(building: CheckedBuilding, one: CheckedEntity, two: CheckedEntity) -> bool:
+def _belongs(building: SupportedBuilding, one: CheckedEntity, two: CheckedEntity) -> bool:
     """Whether both are parts of the building, or one is a fixture: those are built in."""
     fixed = bool(one.row["fixture"]) or bool(two.row["fixture"])
     return fixed or (building.is_part(one) and building.is_part(two))
 
 
-def _stand(entity: CheckedEntity) -> Floats:
-    """The middle of an entity's lowest level."""
-    return np.append((entity.low + entity.high)[:2] / 2, entity.low[2])
+def _one_point(building: SupportedBuilding) -> Found:
+    for group in building.one_point:
+        names = tuple(e.name for e in group)
+        x, y, z = group[0].stand
+        holder = group[-1].holder
+        fix = (
+            f"map[{names[-1]!r}].put_on({holder.name!r})"
+            if holder is not None and holder.kind == "object"
+            else f"map[{names[-1]!r}].move_to(x, y, {z:.3f}), or .delete() if it is the same"
+        )
+        away = max(float(np.abs(e.stand - group[0].stand).max()) for e in group)
+        text = f"{listed(names)} are at one point: {x:.3f}, {y:.3f}, {z:.3f}"
+        if away > SAME_POINT:
+            text += f", up to {away:.3f} m apart, and of one size"
+        yield names, text, fix
 
 
-def _one_point(building: CheckedBuilding) -> Found:
-    cells: dict[tuple[int, ...], list[CheckedEntity]] = {}
-    for entity in building.objects:
-        cell = np.round(_stand(entity) / SAME_POINT / 2).astype(int)
-        cells.setdefault(tuple(cell), []).append(entity)
-    for group in cells.values():
-        movable = [e for e in group if not building.is_part(e)]
-        if len(movable) > 1:
-            names = tuple(e.name for e in movable)
-            x, y, z = _stand(movable[0])
-            holder = movable[-1].holder
-            fix = (
-                f"map[{names[-1]!r}].put_on({holder.name!r})"
-                if holder is not None and holder.kind == "object"
-                else f"map[{names[-1]!r}].move_to(x, y, {z:.3f}), or .delete() if it is the same"
-            )
-            yield names, f"{listed(names)} are at one point: {x:.3f}, {y:.3f}, {z:.3f}", fix
-
-
-def _outside(building: CheckedBuilding) -> Found:
+def _outside(building: SupportedBuilding) -> Found:
     outdoors = []
     for entity in [*building.objects, *building.agents] if building.rooms else ():
         if building.is_part(entity) or building.distance_to_rooms(entity) <= WALL:
@@ -168,7 +191,7 @@ def _outside(building: CheckedBuilding) -> Found:
         yield tuple(outdoors), text, "map.add_room(...) where robots are to reach them"
 
 
-def _room_pairs(building: CheckedBuilding, same: bool) -> Found:
+def _room_pairs(building: SupportedBuilding, same: bool) -> Found:
     for number, room in enumerate(building.rooms):
         for n in np.sort(building.room_tree.query(room.ground)):
             other = building.rooms[n]
@@ -186,7 +209,7 @@ def _room_pairs(building: CheckedBuilding, same: bool) -> Found:
             yield (room.name, other.name), text, fix
 
 
-def _no_door(building: CheckedBuilding) -> Found:
+def _no_door(building: SupportedBuilding) -> Found:
     joined = {p for d in building.doors for p in (d.row["place_a"], d.row["place_b"])}
     for room in building.rooms if len(building.rooms) > 1 else ():
         if room.row["id"] not in joined:
@@ -199,7 +222,7 @@ def _no_door(building: CheckedBuilding) -> Found:
             yield (room.name,), f"no door leads to the room {room.name}", fix
 
 
-def _far_doors(building: CheckedBuilding) -> Found:
+def _far_doors(building: SupportedBuilding) -> Found:
     for door in building.doors:
         assert door.pose is not None
         stairs = door.row["form"] in ("stairs", "ramp")
@@ -223,7 +246,7 @@ def _far_doors(building: CheckedBuilding) -> Found:
             yield (door.name, room.name), text, fix
 
 
-def _no_floor(building: CheckedBuilding) -> Found:
+def _no_floor(building: SupportedBuilding) -> Found:
     for storey in building.storeys:
         assert storey.pose is not None
         z = storey.pose.z
@@ -243,7 +266,7 @@ def _is_level(entity: CheckedEntity, z: float) -> bool:
     return float(shapely.area(shapely.polygons(faces[flat][:, :, :2])).sum()) >= FLOOR_AREA
 
 
-def _shapeless(building: CheckedBuilding) -> Found:
+def _shapeless(building: SupportedBuilding) -> Found:
     names = tuple(e.name for e in building.objects if e.outline is None)
     if names:
         count = f"{len(names)} object{'s have' if len(names) > 1 else ' has'}"
@@ -251,7 +274,7 @@ def _shapeless(building: CheckedBuilding) -> Found:
         yield names, text, "assume_sizes=True, or import their meshes"
 
 
-def _shapeless_places(building: CheckedBuilding) -> Found:
+def _shapeless_places(building: SupportedBuilding) -> Found:
     bearing = Counter(
         e.holder.name
         for e in building.objects
@@ -266,7 +289,7 @@ def _shapeless_places(building: CheckedBuilding) -> Found:
             yield (entity.name,), f"the room {entity.name} has no outline, so no grid", fix
 
 
-def _stale(building: CheckedBuilding) -> Found:
+def _stale(building: SupportedBuilding) -> Found:
     for entity in building.entities:
         world = entity.row["world"]
         if entity.pose is None:
@@ -280,7 +303,7 @@ def _stale(building: CheckedBuilding) -> Found:
             yield (entity.name,), text, f"SELECT refresh_world(ARRAY[{entity.row['id']}])"
 
 
-def _wrong_room(building: CheckedBuilding) -> Found:
+def _wrong_room(building: SupportedBuilding) -> Found:
     for entity in [*building.objects, *building.agents]:
         if building.is_part(entity) or (entity.outline is None and entity.low is entity.high):
             continue
@@ -311,7 +334,7 @@ def _wrong_room(building: CheckedBuilding) -> Found:
         yield (entity.name, *([] if says is None else [says])), text, fix
 
 
-def _wrong_holder(building: CheckedBuilding) -> Found:
+def _wrong_holder(building: SupportedBuilding) -> Found:
     for entity in building.solids:
         holder = entity.holder
         if holder is None or holder.kind != "object" or not len(holder.triangles):
@@ -344,7 +367,7 @@ def _apart(small: CheckedEntity, large: CheckedEntity, shared: Floats) -> str:
     return _move(small, *away)
 
 
-RULES: tuple[tuple[str, Severity, Callable[[CheckedBuilding], Found]], ...] = (
+RULES: tuple[tuple[str, Severity, Callable[[SupportedBuilding], Found]], ...] = (
     ("stale pose", "error", _stale),
     ("wrong room", "error", _wrong_room),
     ("wrong holder", "error", _wrong_holder),
@@ -355,6 +378,8 @@ RULES: tuple[tuple[str, Severity, Callable[[CheckedBuilding], Found]], ...] = (
     ("room without a door", "warning", _no_door),
     ("storey without a floor", "warning", _no_floor),
     ("floating", "warning", _floating),
+    ("tipping", "warning", _tipping),
+    ("sunk", "warning", _sunk),
     ("penetrating", "warning", _penetrating),
     ("place without geometry", "warning", _shapeless_places),
     ("outside of all rooms", "note", _outside),

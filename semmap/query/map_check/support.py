@@ -1,0 +1,280 @@
+"""What each object of a building stands or hangs on, down to floors and walls."""
+
+from __future__ import annotations
+
+from functools import cached_property
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from semmap.geometry.contact import heights_at, touches
+from semmap.query.map_check.building import CEILING, CONTACT, FASTENED, SLAB, CheckedBuilding
+from semmap.query.map_check.reader import CheckedEntity
+
+SAMPLES = 200
+"""Points of an underside, and corners of a support, along which gaps are measured."""
+
+ABOVE = ("ceiling", "roof")
+"""Types of flat parts into which nothing sinks."""
+
+OVER = 0.01
+"""Metres by which a middle may lie beyond what bears it: so exact are middles and poses."""
+
+Floats = NDArray[np.float64]
+
+
+class SupportedBuilding(CheckedBuilding):
+    """A building, and what bears and holds its solids."""
+
+    def __init__(self, entities: list[CheckedEntity]) -> None:
+        super().__init__(entities)
+        self._gaps: dict[str, tuple[float, str | None, list[CheckedEntity]]] = {}
+        self._beside: dict[str, list[CheckedEntity]] = {}
+
+    @cached_property
+    def grounds(self) -> list[tuple[shapely.Geometry | None, float]]:
+        """Floors that are only numbers: of rooms and storeys, and outside of them the lowest."""
+        found = [(room.outline, self.floor(room)) for room in self.rooms]
+        found += [(None, float(s.pose.z)) for s in self.storeys if s.pose is not None]
+        return found or [(None, min((float(e.low[2]) for e in self.solids), default=0.0))]
+
+    def above_floor(self, entity: CheckedEntity) -> float:
+        """Metres of air down to the next floor that is a number; inf over none."""
+        return min(
+            (
+                max(float(entity.low[2]) - z, 0.0)
+                for outline, z in self.grounds
+                if float(entity.high[2]) >= z - CONTACT
+                and (outline is None or outline.intersects(entity.ground))
+            ),
+            default=np.inf,
+        )
+
+    def gap_beneath(self, entity: CheckedEntity) -> tuple[float, str | None]:
+        """Metres of air under an object, inf over nothing, and what is beneath: None is a floor."""
+        return self._beneath(entity)[:2]
+
+    def bearers(self, entity: CheckedEntity) -> list[CheckedEntity]:
+        """The solids on which an object stands that stands on no floor."""
+        return self._beneath(entity)[2]
+
+    def _beneath(self, entity: CheckedEntity) -> tuple[float, str | None, list[CheckedEntity]]:
+        if entity.name not in self._gaps:
+            self._gaps[entity.name] = self._measured(entity)
+        return self._gaps[entity.name]
+
+    def _measured(self, entity: CheckedEntity) -> tuple[float, str | None, list[CheckedEntity]]:
+        least, name = self.above_floor(entity), None
+        bearers: list[CheckedEntity] = []
+        if least <= FASTENED:
+            return least, name, bearers
+        under = _underside(entity)
+        points = _samples(under)
+        points = points[points[:, 2] <= entity.low[2] + CONTACT]
+        for other in self.beneath(entity):
+            if bearers and other.high[2] < entity.low[2] - FASTENED:
+                break  # none of the lower ones bears it
+            gap = _gap(points, under, other.faces_over(*_box(under)))
+            if gap < least:
+                least, name = gap, other.name
+            if gap <= FASTENED:
+                bearers.append(other)
+        return least, name, bearers
+
+    def hangs_in_room(self, entity: CheckedEntity) -> bool:
+        """Whether an object hangs on a wall or ceiling that a room's outline and heights say."""
+        middle = float(entity.low[2] + entity.high[2]) / 2
+        for room in self.rooms:
+            if not self.floor(room) <= middle <= self.ceiling(room) + CEILING:
+                continue  # of another storey
+            if room.outline is None or room.outline.distance(entity.ground) > FASTENED:
+                continue
+            if abs(self.ceiling(room) - float(entity.high[2])) <= CEILING:
+                return True
+            if room.outline.boundary.distance(entity.ground) <= FASTENED:
+                return True
+        return False
+
+    def beside(self, entity: CheckedEntity) -> list[CheckedEntity]:
+        """Parts of the building and things that touch an object and can hold it.
+
+        These are larger ones beside it, and what it hangs beneath.
+        """
+        if entity.name not in self._beside:
+            self._beside[entity.name] = [
+                other
+                for other in self.near(entity, FASTENED)
+                if self._can_hold(other, entity)
+                and touches(entity.triangles, other.triangles, FASTENED)
+            ]
+        return self._beside[entity.name]
+
+    def _can_hold(self, other: CheckedEntity, entity: CheckedEntity) -> bool:
+        beside = other.low[2] <= entity.low[2] + FASTENED and (
+            other.high[2] >= entity.high[2] - FASTENED
+        )
+        larger = np.prod(other.high - other.low) >= np.prod(entity.high - entity.low)
+        above = other.high[2] > entity.high[2] and other.low[2] >= entity.low[2]
+        return bool((beside and larger) or above or self.is_part(other))
+
+    @cached_property
+    def floating(self) -> list[CheckedEntity]:
+        """What nothing holds that stands on a floor or hangs on a wall, the lowest of each pile."""
+        held = {e.name for e in self.solids if self._is_held_alone(e)}
+        loose = [e for e in self.solids if e.name not in held]
+        for holders in (self.bearers, lambda e: [*self.bearers(e), *self.beside(e)]):
+            count = -1
+            while count != len(held):
+                count = len(held)
+                held |= {e.name for e in loose if any(h.name in held for h in holders(e))}
+                loose = [e for e in loose if e.name not in held]
+        found: list[CheckedEntity] = []
+        piled: set[str] = set()
+        for entity in sorted(loose, key=lambda e: (float(e.low[2]), e.name)):
+            if entity.name not in piled:
+                found.append(entity)
+                piled |= self._pile(entity, loose)
+        return sorted(found, key=lambda e: e.name)
+
+    @cached_property
+    def sunk(self) -> dict[str, tuple[CheckedEntity, float]]:
+        """What has sunk into a floor: its room, or its slab, and how deep, metres."""
+        found = {}
+        for entity in self.solids:
+            if not self.is_part(entity) and not entity.row["fixture"]:
+                place = self._sunk_in_room(entity) or self._sunk_in_slab(entity)
+                if place is not None:
+                    found[entity.name] = place
+        return found
+
+    def _sunk_in_room(self, entity: CheckedEntity) -> tuple[CheckedEntity, float] | None:
+        middle = float(entity.low[2] + entity.high[2]) / 2
+        found: tuple[CheckedEntity, float] | None = None
+        for number in self.room_tree.query(entity.ground, predicate="intersects"):
+            room = self.rooms[number]
+            if entity.ground.intersection(room.outline).area < entity.ground.area / 2:
+                continue
+            depth = self.floor(room) - float(entity.low[2])
+            if depth <= FASTENED and middle <= self.ceiling(room) + CEILING:
+                return None  # it is in this room, and above its floor
+            if depth > FASTENED and entity.high[2] >= self.floor(room) - CONTACT:
+                found = room, depth
+        return found
+
+    def _sunk_in_slab(self, entity: CheckedEntity) -> tuple[CheckedEntity, float] | None:
+        if self.shares(entity):
+            return None
+        points = _samples(_underside(entity))
+        points = points[points[:, 2] <= entity.low[2] + CONTACT]
+        for slab in self.near(entity, 0.0):
+            flat = slab.high[2] - slab.low[2] <= SLAB and slab.row["type"] not in ABOVE
+            if flat and self.is_part(slab) and entity.low[2] + FASTENED < slab.high[2]:
+                faces = slab.faces_over(points.min(axis=0), points.max(axis=0))
+                tops = np.nan_to_num(heights_at(points, faces), nan=-np.inf).max(
+                    axis=1, initial=-np.inf
+                )
+                depths = np.where(tops <= entity.high[2] + CONTACT, tops - points[:, 2], -np.inf)
+                if (depths > FASTENED).mean() >= 0.5:
+                    return slab, float(np.median(depths[depths > FASTENED]))
+        return None
+
+    def _is_held_alone(self, entity: CheckedEntity) -> bool:
+        """Whether an object is a part of the building, or needs no other object to be held."""
+        return (
+            self.is_part(entity)
+            or any(e.kind == "agent" for e in entity.chain)
+            or self.above_floor(entity) <= FASTENED
+            or entity.name in self.sunk
+            or self.hangs_in_room(entity)
+        )
+
+    def _pile(self, lowest: CheckedEntity, loose: list[CheckedEntity]) -> set[str]:
+        """The names of what would be held if one of the loose objects were."""
+        pile, count = {lowest.name}, 0
+        while count != len(pile):
+            count = len(pile)
+            for entity in loose:
+                if any(h.name in pile for h in (*self.bearers(entity), *self.beside(entity))):
+                    pile.add(entity.name)
+        return pile
+
+    def overhang(self, entity: CheckedEntity) -> tuple[float, CheckedEntity] | None:
+        """How far an object's middle is beside what bears it, metres, and one of these; or None."""
+        bearers = [] if self._is_held_alone(entity) else self.bearers(entity)
+        if not bearers:
+            return None
+        middle = _middle(entity.triangles)
+        faces = [_level(other.faces_over(entity.low, entity.high), entity) for other in bearers]
+        if any(np.isfinite(heights_at(middle[None], part)).any() for part in faces):
+            return None  # it is right above one of them
+        base = shapely.union_all(_flat(_underside(entity)))
+        contact = base.intersection(shapely.union_all(np.concatenate([_flat(f) for f in faces])))
+        if not contact.area:
+            return None
+        away = float(contact.convex_hull.distance(shapely.Point(middle[:2])))
+        names = {other.name for other in bearers}
+        if away <= OVER or any(other.name not in names for other in self.beside(entity)):
+            return None
+        return away, bearers[0]
+
+
+def _middle(triangles: Floats) -> Floats:
+    """The middle (3,) of the mass of a solid; of its surface, if that is open."""
+    a, b, c = (triangles[:, k] - triangles.reshape(-1, 3).mean(axis=0) for k in range(3))
+    volumes = np.einsum("ij,ij->i", a, np.cross(b, c)) / 6
+    size = np.ptp(triangles.reshape(-1, 3), axis=0)
+    if abs(volumes.sum()) > 0.02 * np.prod(size):
+        inside = (volumes[:, None] * (a + b + c)).sum(axis=0) / 4 / volumes.sum()
+        if (np.abs(inside) <= size).all():
+            return np.asarray(inside + triangles.reshape(-1, 3).mean(axis=0))
+    areas = np.linalg.norm(np.cross(b - a, c - a), axis=1)
+    weights = areas if areas.sum() else np.ones(len(areas))
+    return np.asarray(np.average(triangles.mean(axis=1), axis=0, weights=weights))
+
+
+def _underside(entity: CheckedEntity) -> Floats:
+    """The faces of an object that reach down to its lowest level."""
+    return np.asarray(entity.triangles[entity.face_boxes[0][:, 2] <= entity.low[2] + CONTACT])
+
+
+def _level(faces: Floats, entity: CheckedEntity) -> Floats:
+    """Those of the faces of a support that are at an object's lowest level."""
+    near = faces[:, :, 2].max(axis=1) >= entity.low[2] - FASTENED
+    near &= faces[:, :, 2].min(axis=1) <= entity.low[2] + CONTACT
+    return np.asarray(faces[near])
+
+
+def _flat(faces: Floats) -> NDArray[np.object_]:
+    """The faces, projected to the ground; without upright ones."""
+    found = shapely.polygons(faces[:, :, :2])
+    return np.asarray(found[shapely.area(found) > 1e-9])
+
+
+def _box(triangles: Floats) -> tuple[Floats, Floats]:
+    return triangles.min(axis=(0, 1)), triangles.max(axis=(0, 1))
+
+
+def _gap(points: Floats, under: Floats, support: Floats) -> float:
+    """Metres of air between an underside and a support; infinite where it is beside or above."""
+    if not len(support):
+        return float(np.inf)
+    low, high = _box(under)
+    tops = _samples(support)
+    tops = tops[((tops[:, :2] >= low[:2]) & (tops[:, :2] <= high[:2])).all(axis=1)]
+    gaps = np.concatenate(
+        [
+            (points[:, 2:] - heights_at(points, support)).ravel(),
+            (heights_at(tops, under) - tops[:, 2:]).ravel(),
+        ]
+    )
+    gaps = np.where(gaps >= -CONTACT, np.maximum(gaps, 0), np.inf)  # NaN: not beneath
+    return float(gaps.min(initial=np.inf))
+
+
+def _samples(triangles: Floats) -> Floats:
+    """Corners and middles of faces, at most `SAMPLES`."""
+    every = np.concatenate([triangles.reshape(-1, 3), triangles.mean(axis=1)])
+    every = every[:: max(1, len(every) // (4 * SAMPLES))]
+    every = np.unique(np.round(every, 4), axis=0)
+    return every[:: max(1, len(every) // SAMPLES)]
