@@ -21,7 +21,7 @@ from navgrid.obstacle_layers import ObstacleLayers
 from navgrid.policy import Policy
 from navgrid.terrain import DriveLimits
 from semmap.draw.picture import Picture
-from semmap.query.geometry_notes import geometry_notes
+from semmap.query.geometry_notes import geometry_notes, level_notes
 from semmap.query.storey_scene import SceneEntity, StoreyScene
 
 FREE, OCCUPIED, UNKNOWN = 0, 100, -1
@@ -54,9 +54,9 @@ class StoreyGrid:
 
     @property
     def notes(self) -> list[str]:
-        """Sentences about objects without geometry and about fields, for a person."""
+        """Sentences about missing geometry, missing storeys and fields, for a person."""
         fields = field_notes(self.fields, self.fields_without_rule)
-        return [*geometry_notes(self.scene.entities), *fields]
+        return [*geometry_notes(self.scene.entities), *level_notes(self.scene), *fields]
 
     def write(self, folder: Path | str, *, picture: bool = True) -> dict[str, Any]:
         """Write ``map.yaml``, ``map.pgm`` and ``plan.png`` for Nav2; return a summary."""

@@ -3,10 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from typing import NamedTuple
 
 import numpy as np
+import shapely
 from numpy.typing import NDArray
 
+from semmap.geometry.levels import (
+    APART,
+    CONTACT,
+    WALKED,
+    WIDE,
+    in_metres,
+    is_furniture,
+    separate,
+    standing_levels,
+)
 from semmap.geometry.mesh import Mesh
 from semmap.geometry.pose import IDENTITY, Pose
 from semmap.ingest.world import Entry, StoreyDetail
@@ -14,38 +26,31 @@ from semmap.ingest.world import Entry, StoreyDetail
 FOUND = "found"
 """The property of a storey that was found, not stated."""
 
-WALKED = 12.0
-"""Least area of a floor, square metres: that of a small room."""
+MOST = 1 / 4
+"""Part of the area of the largest floor in use that each has at least: shelves and platforms have
+less."""
 
-APART = 2.0
-"""Least height from a floor to the next, metres."""
 
-SLAB = 0.5
-"""Largest thickness of a floor, metres."""
+class Level(NamedTuple):
+    """A level face of an object: its height, its area and its narrow side, metres."""
 
-CONTACT = 0.1
-"""Metres between a floor and the bottom of what stands on it."""
-
-FURNITURE = 0.3
-"""Least height of what shows by standing there that a level is in use, metres."""
-
-MANY = 3
-"""So many things at one height, with no floor seen below, may have one."""
+    z: float
+    area: float
+    width: float
 
 
 def found_storeys(entries: Sequence[Entry]) -> tuple[list[Entry], list[str]]:
     """The storeys that the geometry of a world shows, lowest first, and notes about them.
 
     A storey is a level face of `WALKED` square metres on which something stands; there are storeys
-    where there are two of these, `APART` or more. Where things stand above each other and no floors
-    are seen, a note asks for storeys.
+    where there are two of these, `APART` or more. A narrow or small one, as of a rack, is none.
+    Where things stand above each other and no storeys are found, a note asks for them.
     """
-    boxes = np.array([box for entry in entries for box in _box(entry)]).reshape(-1, 2, 3)
-    sizes = boxes[:, 1] - boxes[:, 0]
-    furniture = boxes[(sizes[:, 2] >= FURNITURE) & (sizes[:, :2].min(axis=1) < APART)]
-    bottoms = np.sort(furniture[:, 0, 2])
-    floors = np.sort([level for entry in entries for level in _floors(entry)])
-    levels = _apart([z for z in floors if np.abs(bottoms - z).min(initial=np.inf) <= CONTACT])
+    solid = [entry for entry in entries if _meshes(entry)]
+    boxes = np.array([_box(entry) for entry in solid]).reshape(-1, 2, 3)
+    floors = [[*_floors(entry)] for entry in solid]
+    bottoms = np.sort(boxes[is_furniture(boxes), 0, 2])
+    levels = _storey_levels([level for faces in floors for level in faces], bottoms)
     if len(levels) > 1:
         storeys = []
         for number, (level, height) in enumerate(
@@ -57,24 +62,39 @@ def found_storeys(entries: Sequence[Entry]) -> tuple[list[Entry], list[str]]:
                 Entry(f"storey_{number}", "storey", pose=pose, properties=found, detail=detail)
             )
         return storeys, [
-            f"{len(levels)} storeys are found, with floors at {_metres(levels)} m: state storeys "
+            f"{len(levels)} storeys are found, with floors at {in_metres(levels)}: state storeys "
             "in a GeoJSON file to name them, or to correct their heights"
         ]
-    levels = _apart([z for z in bottoms if (np.abs(bottoms - z) <= CONTACT / 2).sum() >= MANY])
+    walked = [any(level.width >= WIDE for level in faces) for faces in floors]
+    levels = standing_levels(boxes, np.array(walked, np.bool_))
     if len(levels) > 1:
         return [], [
-            f"things stand at {_metres(levels)} m, and the file states no storeys: all are on one. "
+            f"things stand at {in_metres(levels)}, and the file states no storeys: all are on one. "
             "If these are storeys, state them in a GeoJSON file (kind storey, elevation)"
         ]
     return [], []
 
 
-def _box(entry: Entry) -> list[NDArray[np.float64]]:
-    """The (2, 3) box of an object in the world, if it has a mesh."""
+def _storey_levels(floors: Sequence[Level], bottoms: NDArray[np.float64]) -> list[float]:
+    """The heights of floors that are storeys; none where something stands below them all."""
+    if not floors:
+        return []
+    heights, areas, widths = np.array(floors).T
+    together = (np.abs(heights[:, None] - heights) <= CONTACT / 2) @ areas
+    used = np.array([np.abs(bottoms - z).min(initial=np.inf) <= CONTACT for z in heights])
+    large = together >= MOST * together[used].max(initial=0)
+    levels = separate(heights[used & large & (widths >= WIDE)])
+    if levels and bottoms[0] < levels[0] - APART:
+        return []
+    return levels
+
+
+def _box(entry: Entry) -> NDArray[np.float64]:
+    """The (2, 3) box of an object in the world that has a mesh."""
     pose = entry.pose or IDENTITY
     points = [pose.apply(mesh.used) for mesh in _meshes(entry)]
     ends = [(p.min(axis=0), p.max(axis=0)) for p in points]
-    return [np.array([np.min(ends, axis=(0, 1)), np.max(ends, axis=(0, 1))])] if ends else []
+    return np.array([np.min(ends, axis=(0, 1)), np.max(ends, axis=(0, 1))])
 
 
 def _meshes(entry: Entry) -> list[Mesh]:
@@ -83,9 +103,10 @@ def _meshes(entry: Entry) -> list[Mesh]:
     return [mesh for mesh in meshes if len(mesh.faces) and entry.kind == "object"]
 
 
-def _floors(entry: Entry) -> Iterator[float]:
-    """The heights at which an entry has level faces, up, of `WALKED` square metres in all."""
-    if any(np.prod(high[:2] - low[:2]) < WALKED for low, high in _box(entry)):
+def _floors(entry: Entry) -> Iterator[Level]:
+    """The level faces of an entry, up, that have `WALKED` square metres in all."""
+    low, high = _box(entry)
+    if np.prod(high[:2] - low[:2]) < WALKED:
         return
     for mesh in _meshes(entry):
         a, b, c = np.moveaxis((entry.pose or IDENTITY).apply(mesh.triangles), 1, 0)
@@ -95,20 +116,15 @@ def _floors(entry: Entry) -> Iterator[float]:
         heights = np.round(a[level, 2] / CONTACT).astype(np.int64)
         for bin_ in np.unique(heights):
             members = heights == bin_
-            if double[level][members].sum() / 2 >= WALKED:
-                yield float(np.median(a[level, 2][members]))
+            up = normals[level, 2][members] / 2
+            area = max(up[up > 0].sum(), -up[up < 0].sum())  # of a thin plate one side
+            if area >= WALKED:
+                corners = np.concatenate([p[level][members] for p in (a, b, c)])
+                yield Level(float(np.median(a[level, 2][members])), float(area), _width(corners))
 
 
-def _apart(heights: Sequence[float]) -> list[float]:
-    """The heights, lowest first: of a slab its top, and none less than `APART` above another."""
-    kept: list[float] = []
-    for height in np.round(sorted(heights), 3):
-        if kept and height - kept[-1] <= SLAB:
-            kept[-1] = float(height)
-        elif not kept or height - kept[-1] >= APART:
-            kept.append(float(height))
-    return kept
-
-
-def _metres(levels: Sequence[float]) -> str:
-    return ", ".join(f"{level:g}" for level in levels)
+def _width(corners: NDArray[np.float64]) -> float:
+    """The narrow side of the rectangle around points."""
+    around = shapely.MultiPoint(corners[:, :2]).minimum_rotated_rectangle
+    sides = np.diff(shapely.get_coordinates(around)[:3], axis=0)
+    return float(np.linalg.norm(sides, axis=1).min(initial=np.inf))

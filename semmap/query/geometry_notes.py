@@ -1,11 +1,14 @@
-"""Which objects have no geometry, and which have an assumed size: for people and for JSON."""
+"""Which objects have no geometry, an assumed size or no storey: for people and for JSON."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 
+import numpy as np
+
+from semmap.geometry.levels import APART, are_floors, in_metres, standing_levels
 from semmap.query.snapshot import Snapshot
-from semmap.query.storey_scene import SceneEntity
+from semmap.query.storey_scene import SceneEntity, StoreyScene
 
 SHOWN = 5
 """Names in a note; the lists have all of them."""
@@ -33,6 +36,28 @@ def geometry_notes(entities: Iterable[SceneEntity]) -> list[str]:
     """
     lists = geometry_lists(entities)
     return [names_note(names, key) for key, names in lists.items() if names]
+
+
+def level_notes(scene: StoreyScene) -> list[str]:
+    """Return a sentence if things stand so far above the floors of a storey as on other storeys."""
+    things = [
+        (e.bounds, e.heights)
+        for e in scene.inventory
+        if e.kind == "object" and e.bounds is not None and e.heights is not None
+    ]
+    boxes = np.array(
+        [((x0, y0, low), (x1, y1, high)) for (x0, y0, x1, y1), (low, high) in things]
+    ).reshape(-1, 2, 3)
+    floors = [scene.elevation, *(area.floor for area in scene.floors)]
+    tops = [e.ceiling for e in scene.inventory if e.kind == "room" and e.ceiling is not None]
+    lowest = max(floors) + APART if not tops else max(*floors, *tops)
+    levels = [z for z in standing_levels(boxes, are_floors(boxes)) if z >= lowest]
+    if not levels:
+        return []
+    return [
+        f"things stand at {in_metres(levels)}, far above the floors of storey {scene.storey}: if "
+        "these are storeys, add them (map.add_storey, or kind storey in a GeoJSON file)"
+    ]
 
 
 def names_note(names: Sequence[str], key: str = "no_geometry") -> str:

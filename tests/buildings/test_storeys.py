@@ -9,7 +9,7 @@ import pytest
 import semmap
 from semmap.ingest.importer import read_world
 from semmap.ingest.storeys import found_storeys
-from tests.buildings.building import random_building
+from tests.buildings.building import Building, random_building
 from tests.conftest import MakeDatabase
 
 SEEDS = range(24)
@@ -74,3 +74,80 @@ def test_stated_storeys_replace_found_ones(make_database: MakeDatabase, tmp_path
 def _level(building, item):  # type: ignore[no-untyped-def]
     """The number of the highest storey that begins below an item's middle."""
     return max(k for k, (_, z, _) in enumerate(building.storeys) if z <= (item.low + item.high) / 2)
+
+
+def rack(building: Building, x: float, y: float, depth: float, long: float) -> None:
+    """Two boards above each other on which pallets stand, and a pallet on the floor."""
+    for number, z in enumerate((0.0, 2.2, 4.4)):
+        if z:
+            building.add("board", "thing", (x, y, x + depth, y + long), z - 0.04, z)
+        for k in range(3):
+            side = y + 0.5 + 1.5 * k
+            building.add(f"pallet{number}", "thing", (x, side, x + 1, side + 1), z, z + 0.8)
+
+
+@pytest.mark.parametrize("floor", [True, False])
+@pytest.mark.parametrize(("depth", "long"), [(1.2, 12.0), (2.0, 8.0), (2.5, 6.0)])
+@pytest.mark.parametrize("angle", [0.0, 0.7])
+def test_boards_of_racks_are_no_storeys(
+    floor: bool, depth: float, long: float, angle: float, tmp_path: Path
+) -> None:
+    building = Building(0, angle, (3.0, -2.0))
+    if floor:
+        building.add("hall", "floor", (0, 0, 20, 16), -0.1, 0.0)
+    rack(building, 2, 1, depth, long)
+    rack(building, 9, 1, depth, long)
+    storeys, notes = found_storeys(read_world(building.write(tmp_path)[0]).entries)
+    assert storeys == []
+    assert bool(notes) == (depth > 2.4)  # as wide as a room: it asks
+
+
+def test_a_platform_in_a_hall_is_asked_about(tmp_path: Path) -> None:
+    building = Building(0, 0.0, (0.0, 0.0))
+    building.add("hall", "floor", (0, 0, 20, 16), -0.1, 0.0)
+    building.add("platform", "floor", (0, 0, 6, 5), 2.7, 2.8)
+    for z in (0.0, 2.8):
+        for x in (1, 3):
+            building.add("desk", "thing", (x, 1, x + 1, 2), z, z + 0.7)
+    storeys, notes = found_storeys(read_world(building.write(tmp_path)[0]).entries)
+    assert storeys == []
+    assert notes[0].startswith("things stand at 0, 2.8 m")
+
+
+def levels_without_floors(count: int = 3) -> Building:
+    """A table and a chair on each level, no floors, and no storeys that a file would state."""
+    building = Building(0, 0.0, (0.0, 0.0))
+    for number in range(count):
+        z = 3.0 * number
+        building.add("table", "thing", (1 + number, 1, 2.2 + number, 1.8), z, z + 0.75)
+        building.add("chair", "thing", (5, 1, 5.5, 1.5), z, z + 0.9)
+    return building
+
+
+def test_few_things_above_each_other_are_asked_about_everywhere(
+    make_database: MakeDatabase, tmp_path: Path
+) -> None:
+    building = levels_without_floors()
+    world, _ = building.write(tmp_path)
+    with semmap.connect(make_database().render_as_string(hide_password=False)) as database:
+        summary = database.import_file(world, map="b")
+        assert any("things stand at 0, 3, 6 m" in note for note in summary.notes)
+        place = database.map("b")
+        (note,) = place.grid().notes
+        assert note.startswith("things stand at 3, 6 m")
+        found = place.check()
+        assert [(each.kind, set(each.entities)) for each in found] == [
+            ("things without a storey", {"table_1", "chair_1"}),
+            ("things without a storey", {"table_2", "chair_2"}),
+        ]
+        for number in range(3):
+            place.add_storey(f"storey {number}", elevation=3.0 * number)
+        assert {each.kind for each in place.check()} == {"storey without a floor"}  # nor a room
+        assert [made.notes for made in place.grids()] == [[], [], []]
+
+
+def test_lamps_and_devices_are_no_level(tmp_path: Path) -> None:
+    building = levels_without_floors(1)
+    for x in (1, 6):
+        building.add("lamp", "thing", (x, 4, x + 0.3, 4.3), 2.2, 2.6)
+    assert found_storeys(read_world(building.write(tmp_path)[0]).entries) == ([], [])

@@ -75,8 +75,23 @@ def check_map(seen: Snapshot) -> list[Finding]:
     ]
 
 
+def _no_storey(building: SupportedBuilding) -> Found:
+    for z, group in building.levels.items():
+        names = tuple(e.name for e in group)
+        stand = "stands" if len(names) == 1 else "stand"
+        text = f"{listed(names)} {stand} at {z:.2f} m, far above all floors: on no storey"
+        fix = f"map.add_storey(name, elevation={z:g})"
+        if not building.storeys:
+            lowest = min(float(e.low[2]) for e in building.solids)
+            fix += f", and one for the lowest floor, at about {lowest:.2f} m"
+        yield names, text, fix
+
+
 def _floating(building: SupportedBuilding) -> Found:
+    grouped = {e.name for group in building.levels.values() for e in group}
     for entity in building.floating:
+        if entity.name in grouped:
+            continue  # another rule says so
         gap, name = building.gap_beneath(entity)
         beneath = "the floor" if name is None else name
         air = f"{gap:.2f} m above {beneath}" if np.isfinite(gap) else "over nothing"
@@ -377,6 +392,7 @@ RULES: tuple[tuple[str, Severity, Callable[[SupportedBuilding], Found]], ...] = 
     ("overlapping rooms", "warning", partial(_room_pairs, same=False)),
     ("room without a door", "warning", _no_door),
     ("storey without a floor", "warning", _no_floor),
+    ("things without a storey", "warning", _no_storey),
     ("floating", "warning", _floating),
     ("tipping", "warning", _tipping),
     ("sunk", "warning", _sunk),

@@ -9,6 +9,8 @@ import shapely
 from numpy.typing import NDArray
 
 from semmap.geometry.contact import heights_at, touches
+from semmap.geometry.levels import APART, are_floors, standing_levels
+from semmap.geometry.levels import CONTACT as TOUCHED
 from semmap.query.map_check.building import CEILING, CONTACT, FASTENED, SLAB, CheckedBuilding
 from semmap.query.map_check.reader import CheckedEntity
 
@@ -136,6 +138,16 @@ class SupportedBuilding(CheckedBuilding):
                 found.append(entity)
                 piled |= self._pile(entity, loose)
         return sorted(found, key=lambda e: e.name)
+
+    @cached_property
+    def levels(self) -> dict[float, list[CheckedEntity]]:
+        """By their heights, the floating things that stand as on a storey that the map has not."""
+        high = [e for e in self.floating if self.gap_beneath(e)[0] >= APART and not self.shares(e)]
+        boxes = np.array([(e.low, e.high) for e in high]).reshape(-1, 2, 3)
+        found = {}
+        for z in standing_levels(boxes, are_floors(boxes)):
+            found[z] = [e for e in high if abs(e.low[2] - z) <= TOUCHED]
+        return found
 
     @cached_property
     def sunk(self) -> dict[str, tuple[CheckedEntity, float]]:
