@@ -173,9 +173,9 @@ class Map(
     ) -> list[dict[str, Any]]:
         """Store the detections of one view: sightings of known objects, or new objects.
 
-        Each is associated by its type, size, place and time. One that is surely a known object is
-        seen, and moves there; one that is surely none is added; in doubt, the belief says how sure
-        it is.
+        Each is associated by its type, size, place, position there and time; no two with the same
+        object. One that is surely a known object is seen, and moves there; one that is surely none
+        is added; in doubt, the belief says how sure it is.
 
         Returns for each detection its `type`, the `object`, its `probability`, `new` and `place`.
 

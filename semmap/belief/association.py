@@ -10,6 +10,7 @@ import heapq
 import itertools
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -45,7 +46,15 @@ class Association:
         return found
 
 
-def moved_or_new(
+class Likelihoods(NamedTuple):
+    """What a view says of k detections and n instances, as `associate` takes it."""
+
+    same: NDArray[np.float64]
+    new: NDArray[np.float64]
+    missed: NDArray[np.float64]
+
+
+def view_likelihoods(
     belief: ArrayLike,
     view: ArrayLike,
     place: ArrayLike,
@@ -55,9 +64,8 @@ def moved_or_new(
     hit: float = 0.7,
     new: ArrayLike = 0.05,
     spread: float = 0.1,
-    keep: int = 10,
-) -> Association:
-    """Return the likeliest instances of k detections in one view, by class, size, place and time.
+) -> Likelihoods:
+    """Return the likelihoods of k detections in one view, by class, size, place and time.
 
     Parameters
     ----------
@@ -69,20 +77,11 @@ def moved_or_new(
     hit : P(detected | in view), strictly between 0 and 1
     new : (k,) the expected number of instances that the map lacks, at this place and of this class
     spread : standard deviation of the measured size, relative to the size
-    keep : the most hypotheses
 
     Raises
     ------
     BeliefError
         Arrays that do not fit, numbers out of range, or a detection outside of the view.
-
-    Examples
-    --------
-    One cup is known, which was on the table; now a cup is seen on the shelf:
-
-    >>> found = moved_or_new([[0.8, 0.2]], view=[0, 1], place=[1], same_class=[[0.9]])
-    >>> found.marginals(1).round(3)
-    array([[0.807, 0.193]])
     """
     where, shares = np.asarray(belief, np.float64), np.asarray(view, np.float64)
     at, classes = np.asarray(place), np.asarray(same_class, np.float64)
@@ -108,7 +107,37 @@ def moved_or_new(
     if size is not None and known_size is not None:
         same *= _size_density(size, known_size, spread, same.shape)
         fresh /= LOG_SIZE_RANGE
-    return associate(same, fresh, 1 - hit * (where @ shares), keep)
+    return Likelihoods(same, fresh, 1 - hit * (where @ shares))
+
+
+def moved_or_new(
+    belief: ArrayLike,
+    view: ArrayLike,
+    place: ArrayLike,
+    same_class: ArrayLike,
+    size: ArrayLike | None = None,
+    known_size: ArrayLike | None = None,
+    hit: float = 0.7,
+    new: ArrayLike = 0.05,
+    spread: float = 0.1,
+    keep: int = 10,
+) -> Association:
+    """Return the likeliest instances of k detections in one view, by class, size, place and time.
+
+    `keep` is the most hypotheses; the other arguments and errors are those of `view_likelihoods`.
+
+    Examples
+    --------
+    One cup is known, which was on the table; now a cup is seen on the shelf:
+
+    >>> found = moved_or_new([[0.8, 0.2]], view=[0, 1], place=[1], same_class=[[0.9]])
+    >>> found.marginals(1).round(3)
+    array([[0.807, 0.193]])
+    """
+    found = view_likelihoods(
+        belief, view, place, same_class, size, known_size, hit=hit, new=new, spread=spread
+    )
+    return associate(*found, keep)
 
 
 def associate(same: ArrayLike, new: ArrayLike, missed: ArrayLike, keep: int = 10) -> Association:

@@ -9,13 +9,17 @@ from datetime import datetime
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from semmap.belief.association import moved_or_new
+from semmap.belief.association import view_likelihoods
 from semmap.belief.error import BeliefError
-from semmap.belief.looks import observe_point, spot
+from semmap.belief.joint_posterior import joint_marginals, one_each
+from semmap.belief.looks import locate, observe_point
 from semmap.belief.motion import DAILY, MotionModel
-from semmap.belief.reader import read_agent_pose, read_columns
+from semmap.belief.places import BeliefPlace, place_at
+from semmap.belief.reader import read_agent_pose, read_columns, read_places, read_positions
 from semmap.belief.store.beliefs import Row, read_belief
+from semmap.belief.within_place import position_likelihood
 from semmap.finite_number import finite_numbers
 from semmap.query.entity_query import find
 from semmap.query.snapshot import Snapshot
@@ -60,7 +64,8 @@ def identify(
     """Return for each detection of one view which objects of its type it may be.
 
     The likelihood has the type, the size, and where each object is believed to be, as it may have
-    moved since it was observed. Two detections are different objects. The places of the detections
+    moved since it was observed; also where it was within that place. Two detections are different
+    objects: the probabilities are those of all hypotheses together. The places of the detections
     count as seen in full, so that other objects that are believed there were missed. `new` is the
     expected number of objects of a type at a place that the map lacks. Points are in the `frame` of
     an agent; None: of the map. `BeliefError` if a point or size is not finite, or at no place.
@@ -76,16 +81,17 @@ def identify(
         return found
     columns = read_columns(seen, names, at)
     beliefs = [read_belief(seen, name, at, motion.seconds) for name in names]
-    belief = [[one.get(place, 0.0) for place in columns.places] for one in beliefs]
-    place = []
-    for j in rows:
-        like, given = candidates[j][0], detections[j]
-        found_at = spot(seen, like, given.point, frame=frame, at=at, called=given.type)
-        place.append(found_at["place"])
-    at_place = np.array([columns.places.index(name) for name in place])
+    belief = np.array([[one.get(place, 0.0) for place in columns.places] for one in beliefs])
+    places = {of[0]: read_places(seen, of[0]) for of in candidates if of}
+    located = [
+        locate(seen, given.type, places[of[0]], given.point, frame=frame, at=at)
+        for given, of in zip(detections, candidates, strict=True)
+        if of
+    ]
+    at_place = np.array([columns.places.index(place.name) for place, _ in located])
     view = np.zeros(len(columns.places))
     view[at_place] = 1.0
-    best = moved_or_new(
+    likelihood = view_likelihoods(
         belief,
         view,
         at_place,
@@ -93,13 +99,32 @@ def identify(
         [_size(detections[j]) for j in rows],
         np.cbrt(columns.volume),
         new=np.full(len(rows), new),
-        keep=100,
     )
-    for j, where, share in zip(rows, place, best.marginals(len(names)), strict=True):
+    boxes, age = read_positions(seen, names, at)
+    known = [
+        _at(boxes, places[candidates[j][0]], place)
+        for j, (place, _) in zip(rows, located, strict=True)
+    ]
+    with np.errstate(over="ignore", divide="ignore", invalid="ignore"):
+        unmoved = np.exp(-columns.mobility * age / motion.seconds)
+        stayed = np.minimum(unmoved / belief[:, at_place].T, 1.0)
+    areas = [place.area for place, _ in located]
+    within = position_likelihood([point for _, point in located], known, areas, stayed)
+    shares = joint_marginals(likelihood.same * within, likelihood.new, likelihood.missed)
+    for j, (place, _), share in zip(rows, located, shares, strict=True):
         order = np.argsort(-share[:-1], kind="stable")
-        known = {names[i]: float(share[i]) for i in order if share[i] > 0}
-        found[j] = Identity(where, known, float(share[-1]))
+        likeliest = {names[i]: float(share[i]) for i in order if share[i] > 0}
+        found[j] = Identity(place.name, likeliest, float(share[-1]))
     return found
+
+
+def _at(
+    boxes: NDArray[np.float64], places: Sequence[BeliefPlace], place: BeliefPlace
+) -> NDArray[np.float64]:
+    """The boxes of `read_positions` whose foot is at a place among others; NaN for the others."""
+    feet = [None if np.isnan(box).any() else place_at(places, box[:3]) for box in boxes]
+    here = np.array([foot is not None and foot.name == place.name for foot in feet])
+    return np.where(here[:, None], boxes, np.nan)
 
 
 def _size(seen: Detection) -> float:
@@ -135,36 +160,50 @@ def observe_detections(
     """Associate the detections of one view with objects of the map, and store them.
 
     What is surely a known object is a sighting of it. What is surely none is added. In doubt, it is
-    a sighting of the likeliest one, with such rates that the belief says how sure it is. Each row
+    a sighting of a likely one, with such rates that the belief says how sure it is. Each row
     has `type`, `object`, `probability`, `new` and `place`. Errors as `identify`; nothing is stored.
     """
     rows: list[Row] = []
     found = identify(seen, detections, frame=frame, at=at)
-    for detection, who in zip(detections, found, strict=True):
-        likeliest = next(iter(who.known), None)
-        new = likeliest is None or who.new >= SURE
-        name = _free_name(seen, detection.type) if new else str(likeliest)
-        rates = {} if new else _rates(seen, name, who)
-        if new:
+    for detection, who, known in zip(detections, found, _chosen(found), strict=True):
+        name = known or _free_name(seen, detection.type)
+        rates: dict[str, Any] = {}
+        if known is not None:
+            there = sum(one.known.get(known, 0.0) for one in found if one.place == who.place)
+            rates = _rates(seen, known, who.place, there)
+        else:
             point = detection.point
             if frame is not None:
                 x, y, z = read_agent_pose(seen, frame, at).apply([detection.point])[0]
                 point = (float(x), float(y), float(z))
             add(name, detection, point)
         row = observe_point(seen, name, detection.point, frame=frame, at=at, **rates)
-        chance = who.new if new else who.known[name]
-        rows.append({"type": detection.type, "object": name, "probability": chance, "new": new})
-        rows[-1]["place"] = row["place"]
+        chance = who.new if known is None else who.known[known]
+        rows.append({"type": detection.type, "object": name, "probability": chance})
+        rows[-1] |= {"new": known is None, "place": row["place"]}
     return rows
 
 
-def _rates(seen: Snapshot, name: str, who: Identity) -> dict[str, Any]:
-    """The rates with which a doubtful detection makes the belief that of the association."""
-    chance, place = who.known[name], who.place
-    if chance >= SURE or place is None:
+def _chosen(found: Sequence[Identity]) -> list[str | None]:
+    """The known object of each detection; None: a new one. No object has two detections.
+
+    In doubt, a detection is of a known object, if one is free that is not too improbable.
+    """
+    names = sorted({name for one in found for name in one.known})
+    share = [
+        [0.0 if one.new >= SURE else one.known.get(name, 0.0) for name in names] for one in found
+    ]
+    if not names:
+        return [None] * len(found)
+    return [None if i is None else names[i] for i in one_each(share, 1 - SURE)]
+
+
+def _rates(seen: Snapshot, name: str, place: str | None, there: float) -> dict[str, Any]:
+    """The rates with which a doubtful detection makes the belief that an object is at a place."""
+    if there >= SURE or place is None:
         return {}
     before = read_belief(seen, name).get(place, 0.0)
-    odds = chance / (1 - chance) * (1 - before) / max(before, 1e-9)
+    odds = there / (1 - there) * (1 - before) / max(before, 1e-9)
     return {"hit": HIT, "false_alarm": min(HIT / max(odds, 1.0), HIT)}
 
 

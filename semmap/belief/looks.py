@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from datetime import datetime
 from typing import Any
 
 from semmap.belief.error import BeliefError
-from semmap.belief.places import place_at
+from semmap.belief.places import BeliefPlace, place_at
 from semmap.belief.reader import read_agent_pose, read_height, read_occluders, read_places
 from semmap.belief.store.beliefs import Row, add_observations
 from semmap.belief.views import camera_at, visible_shares
@@ -23,6 +23,36 @@ HEIGHT = 0.1
 """Metres, of an object whose size is unknown."""
 
 
+def locate(
+    seen: Snapshot,
+    what: str,
+    places: Iterable[BeliefPlace],
+    point: Sequence[float],
+    *,
+    frame: str | None = None,
+    at: datetime | None = None,
+) -> tuple[BeliefPlace, list[float]]:
+    """Return the place of a detection among those given, and its point in the map's frame.
+
+    The point is in metres in the `frame` of an agent at a moment; None: in that of the map.
+    `BeliefError` if it is at no place: its message says `what` was detected.
+    """
+    numbers = finite_numbers(point, 3)
+    if numbers is None:
+        raise BeliefError(f"{what} was detected at {tuple(point)}: give x, y, z in metres")
+    there = list(numbers)
+    if frame is not None:
+        there = [float(v) for v in read_agent_pose(seen, frame, at).apply([there])[0]]
+    place = place_at(places, there)
+    if place is None:
+        x, y, z = there
+        raise BeliefError(
+            f"{what} was detected at ({x:.2f}, {y:.2f}, {z:.2f}) in the map, where no place has "
+            "room for it: check the frame, or add the furniture or room to the map"
+        )
+    return place, there
+
+
 def spot(
     seen: Snapshot,
     name: str,
@@ -30,28 +60,13 @@ def spot(
     *,
     frame: str | None = None,
     at: datetime | None = None,
-    called: str | None = None,
 ) -> Row:
     """Return the `place` of a detection and its `position` there, as `add_observations` takes them.
 
-    Only places with room for the object of the name count. The point is in metres in the `frame` of
-    an agent at a moment; None: in that of the map. `BeliefError` if it is at no place: its message
-    says what was detected, by default the name.
+    Only places with room for the object of the name count. Other arguments and errors are those of
+    `locate`.
     """
-    what = called or name
-    numbers = finite_numbers(point, 3)
-    if numbers is None:
-        raise BeliefError(f"{what} was detected at {tuple(point)}: give x, y, z in metres")
-    there = list(numbers)
-    if frame is not None:
-        there = [float(v) for v in read_agent_pose(seen, frame, at).apply([there])[0]]
-    place = place_at(read_places(seen, name), there)
-    if place is None:
-        x, y, z = there
-        raise BeliefError(
-            f"{what} was detected at ({x:.2f}, {y:.2f}, {z:.2f}) in the map, where no place has "
-            "room for it: check the frame, or add the furniture or room to the map"
-        )
+    place, there = locate(seen, name, read_places(seen, name), point, frame=frame, at=at)
     return {"place": place.name, "position": _within(place.pose, there)}
 
 

@@ -5,6 +5,7 @@ Which places have room for an object, the database decides (``places_for``).
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 
@@ -46,6 +47,13 @@ class BeliefPlace:
     pose: Pose = field(default=IDENTITY)
     storey: str | None = None
     stores: bool = False
+
+    @property
+    def area(self) -> float:
+        """Of its surfaces, else of its footprint, square metres; NaN without geometry."""
+        if self.surfaces:
+            return sum(surface.outline.area for surface in self.surfaces)
+        return math.nan if self.footprint is None else self.footprint.area
 
 
 def place_at(places: Iterable[BeliefPlace], point: ArrayLike) -> BeliefPlace | None:

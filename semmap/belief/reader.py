@@ -125,6 +125,43 @@ def is_wide(seen: Snapshot, place: str) -> bool:
     return row is not None and row[0] in ("room", "storey", "region")
 
 
+_POSITIONS = """
+SELECT e.name, (ST_XMin(w.box) + ST_XMax(w.box)) / 2 + moved.x,
+       (ST_YMin(w.box) + ST_YMax(w.box)) / 2 + moved.y,
+       ST_ZMin(w.box) + moved.z, ST_ZMax(w.box) + moved.z,
+       extract(epoch FROM %(at)s - known.since)::float8
+FROM entity e JOIN world w ON w.entity_id = e.id, LATERAL pose_at(e.id, %(at)s) p (pose),
+     LATERAL (SELECT p.pose[1] - w.pose[1], p.pose[2] - w.pose[2], p.pose[3] - w.pose[3])
+         moved (x, y, z),
+     LATERAL (SELECT max(t.at) FROM (
+         SELECT n.since FROM placement n WHERE n.entity_id = e.id
+         UNION ALL SELECT lower(h.during) FROM placement_history h WHERE h.entity_id = e.id
+         UNION ALL SELECT o.at FROM observation o
+                   WHERE o.entity_id = e.id AND o.seen AND o.position IS NOT NULL) t (at)
+      WHERE t.at <= %(at)s) known (since)
+WHERE e.map_id = current_map() AND e.name = ANY (%(names)s)
+  AND w.box IS NOT NULL AND p.pose IS NOT NULL
+"""
+
+
+def read_positions(
+    seen: Snapshot, names: Sequence[str], at: datetime | None = None
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return where the map has objects, and since when.
+
+    (n, 4) the middle x and y and the lowest and highest z in the map's frame, metres, and (n,) the
+    seconds since each was put or seen there; NaN of one without a place.
+    """
+    moment = at or datetime.now(UTC)
+    rows = seen.session.execute(_POSITIONS, {"names": list(names), "at": moment}).fetchall()
+    row_of = {name: number for number, name in enumerate(names)}
+    where, age = np.full((len(names), 4), np.nan), np.full(len(names), np.nan)
+    for name, *box, seconds in rows:
+        where[row_of[name]] = box
+        age[row_of[name]] = max(seconds, 0.0) if seconds is not None else np.nan
+    return where, age
+
+
 @dataclass(frozen=True, eq=False)
 class BeliefColumns:
     """Priors and observations of some objects, as arrays for inference.

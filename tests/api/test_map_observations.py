@@ -14,6 +14,7 @@ import shapely
 from scipy.spatial.transform import Rotation
 
 from semmap import Map
+from semmap.belief.identify import Detection
 
 TABLE = shapely.box(0.7, 1.1, 2.3, 1.9)
 
@@ -62,6 +63,44 @@ def test_a_detection_in_the_frame_of_a_robot(flat: Map) -> None:
         assert pose is not None
         np.testing.assert_allclose(pose.apply([row["position"]])[0], there, atol=1e-9)
         assert row["observer"] == "robot"
+
+
+def test_no_object_has_two_detections(flat: Map) -> None:
+    flat.add_object(
+        "cup", type="cup", size=(0.08, 0.08, 0.1), pose=(1.5, 1.5, 0.76, 0), define=True
+    )
+    seen = [Detection("cup", (x, 1.5, 0.8)) for x in (1.1, 1.95, 1.55)]
+    rows = flat.observe_objects(seen)
+    assert [row["object"] for row in rows] == ["cup_1", "cup_2", "cup"], "the nearest is the known"
+    assert [row["new"] for row in rows] == [True, True, False]
+    assert {(row["type"], row["place"]) for row in rows} == {("cup", "table")}
+    assert all(row["probability"] > 0.9 for row in rows)
+    for row, detection in zip(rows, seen, strict=True):
+        pose = flat[row["object"]].pose
+        assert pose is not None
+        np.testing.assert_allclose((pose.x, pose.y), detection.point[:2], atol=0.02)
+
+
+def test_objects_seen_again_at_their_points_are_each_itself(flat: Map) -> None:
+    points = {"a": (1.0, 1.3), "b": (1.2, 1.7), "c": (2.0, 1.5)}
+    for name, (x, y) in points.items():
+        flat.add_object(name, type="apple", size=(0.07,) * 3, pose=(x, y, 0.76, 0), define=True)
+    for order in (("c", "a", "b"), ("b", "c", "a")):
+        rows = flat.observe_objects([Detection("apple", (*points[n], 0.8)) for n in order])
+        assert [row["object"] for row in rows] == list(order)
+        assert all(row["probability"] > 0.99 for row in rows)
+    assert {name: (flat[name].pose.x, flat[name].pose.y) for name in points} == points
+
+
+def test_interchangeable_objects_at_unknown_points_are_surely_at_the_place(flat: Map) -> None:
+    for name in ("a", "b"):
+        flat.add_object(name, type="apple", size=(0.07,) * 3, define=True)
+        flat.observe(name, "table")
+    rows = flat.observe_objects([Detection("apple", (x, 1.5, 0.8)) for x in (1.0, 2.0)])
+    assert sorted(row["object"] for row in rows) == ["a", "b"]
+    for row, x in zip(rows, (1.0, 2.0), strict=True):
+        assert row["probability"] == pytest.approx(0.5, abs=0.05)
+        assert flat[row["object"]].pose.x == pytest.approx(x)
 
 
 def test_a_view_tells_what_was_seen_and_what_was_missed(flat: Map) -> None:
