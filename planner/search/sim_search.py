@@ -22,7 +22,7 @@ from planner.mission.store.missions import MissionStore
 from planner.search.problem_builder import Detector
 from planner.search.reader import read_believed_object, read_entity_shapes, read_room
 from planner.search.viewpoints import Sight
-from semmap.belief.places import BeliefPlace, place_at
+from semmap.belief.places import BeliefPlace, place_around, place_at
 from semmap.belief.views import visible_shares
 from semmap.geometry.mesh import box_mesh
 from semmap.geometry.pose import Pose
@@ -157,7 +157,8 @@ class SearchingRobot(SimulatedRobot):
         shares = {p: s for p, s in eyes.shares(base, near, name).items() if s >= LEAST_SHARE}
         found = None
         if share >= RECOGNISED and draw.random() < eyes.detector.hit and sighting is not None:
-            at = place_at(eyes.places, sighting.pose[:3])
+            point = sighting.pose[:3]
+            at = place_at(eyes.places, point) or place_around(eyes.places, point)
             found = at.name if at is not None and not inside else sighting.holder
             self._known.add(name)
         elif shares and draw.random() < eyes.detector.false_alarm:

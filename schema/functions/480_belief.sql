@@ -538,15 +538,14 @@ END $$;
 CREATE FUNCTION seen_pose(thing bigint, place bigint, spot double precision[])
 RETURNS double precision[] LANGUAGE sql STABLE SET search_path = semmap, public, pg_temp AS $$
 -- The pose in the map's frame of an entity whose middle was seen at a position in the frame of a place: turned as it
--- was, with its foot on the surface below, or on the floor.
+-- was, with its foot on the surface below, or on the floor; in a container, where it was seen. Null in the air.
 SELECT ARRAY[seen.at[1] - own.x, seen.at[2] - own.y,
-             coalesce(k.pose[3] + CASE WHEN e.kind = 'room' THEN r.floor ELSE board.height END - own.foot, seen.at[3] - own.middle)] || own.turn
+             CASE WHEN e.kind <> 'room' THEN coalesce(k.pose[3] + board.height - own.foot, seen.at[3] - own.middle)
+                  ELSE coalesce(k.pose[3] + r.floor - own.foot, seen.at[3] - own.middle) END] || own.turn
 FROM semmap.world k JOIN semmap.entity e ON e.id = k.entity_id LEFT JOIN semmap.room r ON r.entity_id = k.entity_id,
-     LATERAL (SELECT semmap.pose_compose(k.pose, spot || ARRAY[0, 0, 0, 1]::double precision[])) seen (at)
-     LEFT JOIN LATERAL (SELECT max(s.height) AS height FROM semmap.entity_model m JOIN semmap.support_surface s ON s.model_id = m.model_id
-                        WHERE m.entity_id = place AND seen.at[3] - k.pose[3] - s.height BETWEEN -0.05 AND 0.5) board ON true,
+     LATERAL (SELECT semmap.pose_compose(k.pose, spot || ARRAY[0, 0, 0, 1]::double precision[])) seen (at),
      LATERAL (SELECT (ST_XMin(b.box) + ST_XMax(b.box)) / 2, (ST_YMin(b.box) + ST_YMax(b.box)) / 2, ST_ZMin(b.box),
-                     (ST_ZMin(b.box) + ST_ZMax(b.box)) / 2, b.turn
+                     (ST_ZMin(b.box) + ST_ZMax(b.box)) / 2, ST_ZMax(b.box) - ST_ZMin(b.box), b.turn
               FROM (SELECT ST_Translate(w.box, -w.pose[1], -w.pose[2], -w.pose[3]) AS box, w.pose[4:7] AS turn, 1 AS rank
                     FROM semmap.world w WHERE w.entity_id = thing
                   UNION ALL
@@ -554,8 +553,12 @@ FROM semmap.world k JOIN semmap.entity e ON e.id = k.entity_id LEFT JOIN semmap.
                     FROM semmap.entity_model m JOIN semmap.model o ON o.id = m.model_id WHERE m.entity_id = thing HAVING count(*) > 0
                   UNION ALL
                     SELECT ST_MakeLine(ST_MakePoint(0, 0, 0), ST_MakePoint(0, 0, 0)), '{0,0,0,1}', 3) b
-              ORDER BY b.rank LIMIT 1) own (x, y, foot, middle, turn)
+              ORDER BY b.rank LIMIT 1) own (x, y, foot, middle, height, turn)
+     LEFT JOIN LATERAL (SELECT max(s.height) AS height FROM semmap.entity_model m JOIN semmap.support_surface s ON s.model_id = m.model_id
+                        WHERE m.entity_id = place AND seen.at[3] - k.pose[3] - s.height BETWEEN -0.05 AND greatest(0.5, own.height / 2)) board ON true
 WHERE k.entity_id = place
+  AND CASE WHEN e.kind = 'room' THEN coalesce(seen.at[3] - k.pose[3] - r.floor <= greatest(0.5, own.height), true)
+           ELSE board.height IS NOT NULL OR seen.at[3] <= ST_ZMax(k.box) + 0.05 END
 $$;
 
 CREATE FUNCTION follow_sighting(thing bigint)
@@ -577,7 +580,9 @@ BEGIN
         RETURN;
     ELSIF believed >= sure AND (placed.entity_id IS NULL OR seen.at > placed.since) THEN
         there := semmap.seen_pose(thing, seen.place_id, seen.position);
-        IF placed.entity_id IS NULL THEN
+        IF there IS NULL THEN
+            RETURN;
+        ELSIF placed.entity_id IS NULL THEN
             INSERT INTO semmap.placement (entity_id, pose, confidence) VALUES (thing, there, believed);
         ELSIF abs(there[1] - former[1]) > 0.01 OR abs(there[2] - former[2]) > 0.01 OR abs(there[3] - former[3]) > 0.01 THEN
             UPDATE semmap.placement p SET holder_id = NULL, relation = 'in', confidence = believed, pose = there WHERE p.entity_id = thing;

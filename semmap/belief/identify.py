@@ -16,8 +16,14 @@ from semmap.belief.error import BeliefError
 from semmap.belief.joint_posterior import joint_marginals, one_each
 from semmap.belief.looks import locate, observe_point
 from semmap.belief.motion import DAILY, MotionModel
-from semmap.belief.places import BeliefPlace, place_at
-from semmap.belief.reader import read_agent_pose, read_columns, read_places, read_positions
+from semmap.belief.places import BeliefPlace, place_around, place_at
+from semmap.belief.reader import (
+    read_agent_pose,
+    read_columns,
+    read_height,
+    read_places,
+    read_positions,
+)
 from semmap.belief.store.beliefs import Row, read_belief
 from semmap.belief.within_place import position_likelihood
 from semmap.finite_number import finite_numbers
@@ -82,9 +88,19 @@ def identify(
     columns = read_columns(seen, names, at)
     beliefs = [read_belief(seen, name, at, motion.seconds) for name in names]
     belief = np.array([[one.get(place, 0.0) for place in columns.places] for one in beliefs])
+    boxes, age = read_positions(seen, names, at)
     places = {of[0]: read_places(seen, of[0]) for of in candidates if of}
     located = [
-        locate(seen, given.type, places[of[0]], given.point, frame=frame, at=at)
+        locate(
+            seen,
+            given.type,
+            places[of[0]],
+            given.point,
+            height=given.sides[2] if given.sides else read_height(seen, of[0]) or 0.0,
+            known=boxes[[names.index(name) for name in of]],
+            frame=frame,
+            at=at,
+        )
         for given, of in zip(detections, candidates, strict=True)
         if of
     ]
@@ -100,7 +116,6 @@ def identify(
         np.cbrt(columns.volume),
         new=np.full(len(rows), new),
     )
-    boxes, age = read_positions(seen, names, at)
     known = [
         _at(boxes, places[candidates[j][0]], place)
         for j, (place, _) in zip(rows, located, strict=True)
@@ -122,7 +137,10 @@ def _at(
     boxes: NDArray[np.float64], places: Sequence[BeliefPlace], place: BeliefPlace
 ) -> NDArray[np.float64]:
     """The boxes of `read_positions` whose foot is at a place among others; NaN for the others."""
-    feet = [None if np.isnan(box).any() else place_at(places, box[:3]) for box in boxes]
+    feet = [
+        None if np.isnan(x) else place_at(places, (x, y, z)) or place_around(places, (x, y, z))
+        for x, y, z, _ in boxes.tolist()
+    ]
     here = np.array([foot is not None and foot.name == place.name for foot in feet])
     return np.where(here[:, None], boxes, np.nan)
 
@@ -177,7 +195,9 @@ def observe_detections(
                 x, y, z = read_agent_pose(seen, frame, at).apply([detection.point])[0]
                 point = (float(x), float(y), float(z))
             add(name, detection, point)
-        row = observe_point(seen, name, detection.point, frame=frame, at=at, **rates)
+        row = observe_point(
+            seen, name, detection.point, frame=frame, at=at, hangs=known is not None, **rates
+        )
         chance = who.new if known is None else who.known[known]
         rows.append({"type": detection.type, "object": name, "probability": chance})
         rows[-1] |= {"new": known is None, "place": row["place"]}

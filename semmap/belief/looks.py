@@ -6,9 +6,18 @@ from collections.abc import Collection, Iterable, Mapping, Sequence
 from datetime import datetime
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from semmap.belief.error import BeliefError
-from semmap.belief.places import BeliefPlace, place_at
-from semmap.belief.reader import read_agent_pose, read_height, read_occluders, read_places
+from semmap.belief.places import ABOVE, BeliefPlace, place_around, place_at, surface_below
+from semmap.belief.reader import (
+    read_agent_pose,
+    read_height,
+    read_occluders,
+    read_places,
+    read_positions,
+)
 from semmap.belief.store.beliefs import Row, add_observations
 from semmap.belief.views import camera_at, visible_shares
 from semmap.draw.depth_camera import DepthCamera
@@ -29,13 +38,17 @@ def locate(
     places: Iterable[BeliefPlace],
     point: Sequence[float],
     *,
+    height: float = 0.0,
+    known: NDArray[np.float64] | None = None,
     frame: str | None = None,
     at: datetime | None = None,
 ) -> tuple[BeliefPlace, list[float]]:
     """Return the place of a detection among those given, and its point in the map's frame.
 
     The point is in metres in the `frame` of an agent at a moment; None: in that of the map.
-    `BeliefError` if it is at no place: its message says `what` was detected.
+    `height` is of the object. In the air are only objects that the map has there, such as lamps:
+    `known` has where, as `read_positions` says. `BeliefError` if it is at no place: its message
+    says `what` was detected.
     """
     numbers = finite_numbers(point, 3)
     if numbers is None:
@@ -43,12 +56,22 @@ def locate(
     there = list(numbers)
     if frame is not None:
         there = [float(v) for v in read_agent_pose(seen, frame, at).apply([there])[0]]
-    place = place_at(places, there)
+    places = list(places)
+    place = place_at(places, there, height)
+    if place is None and known is not None and _is_near(known, there):
+        place = place_around(places, there)
     if place is None:
         x, y, z = there
+        lost = f"{what} was detected at ({x:.2f}, {y:.2f}, {z:.2f}) in the map, "
+        below = surface_below(places, there)
+        if below is not None and place_around(places, there) is not None:
+            raise BeliefError(
+                f"{lost}{below[1]:.2f} m above {below[0].name}, where nothing carries it: check "
+                "the point and its frame, or add what carries it to the map"
+            )
         raise BeliefError(
-            f"{what} was detected at ({x:.2f}, {y:.2f}, {z:.2f}) in the map, where no place has "
-            "room for it: check the frame, or add the furniture or room to the map"
+            f"{lost}where no place has room for it: check the frame, or add the furniture or room "
+            "to the map"
         )
     return place, there
 
@@ -60,13 +83,23 @@ def spot(
     *,
     frame: str | None = None,
     at: datetime | None = None,
+    hangs: bool = True,
 ) -> Row:
     """Return the `place` of a detection and its `position` there, as `add_observations` takes them.
 
-    Only places with room for the object of the name count. Other arguments and errors are those of
-    `locate`.
+    Only places with room for the object of the name count. What the map has in the air `hangs`
+    there: it may be seen there. Other arguments and errors are those of `locate`.
     """
-    place, there = locate(seen, name, read_places(seen, name), point, frame=frame, at=at)
+    place, there = locate(
+        seen,
+        name,
+        read_places(seen, name),
+        point,
+        height=read_height(seen, name) or 0.0,
+        known=read_positions(seen, [name], at)[0] if hangs else None,
+        frame=frame,
+        at=at,
+    )
     return {"place": place.name, "position": _within(place.pose, there)}
 
 
@@ -77,6 +110,7 @@ def observe_point(
     *,
     frame: str | None = None,
     at: datetime | None = None,
+    hangs: bool = True,
     **values: Any,
 ) -> Row:
     """Store that an object was detected at a point, and return the stored observation.
@@ -84,7 +118,7 @@ def observe_point(
     Arguments are those of `spot`; `values` are others of `add_observations`, such as `hit`.
     """
     row = {"object": name, "seen": True, "at": at, "observer": frame} | values
-    row |= spot(seen, name, point, frame=frame, at=at)
+    row |= spot(seen, name, point, frame=frame, at=at, hangs=hangs)
     add_observations(seen.session, [row])
     return row
 
@@ -159,6 +193,14 @@ def agent_view(
         yaw += pose.yaw
         there = {n: [float(v) for v in pose.apply([p])[0]] for n, p in detected.items()}
     return camera_at((x, y, z), yaw, pitch, field_of_view=opening), there
+
+
+def _is_near(boxes: NDArray[np.float64], point: Sequence[float]) -> bool:
+    """Whether one of the boxes of `read_positions` is within `ABOVE` of a point."""
+    x, y, z = point
+    outside = np.maximum(np.maximum(boxes[:, 2] - z, z - boxes[:, 3]), 0)
+    away = np.hypot(np.hypot(boxes[:, 0] - x, boxes[:, 1] - y), outside)
+    return bool((away <= ABOVE).any())
 
 
 def _within(pose: Pose, point: Sequence[float]) -> list[float]:

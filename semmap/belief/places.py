@@ -56,10 +56,13 @@ class BeliefPlace:
         return math.nan if self.footprint is None else self.footprint.area
 
 
-def place_at(places: Iterable[BeliefPlace], point: ArrayLike) -> BeliefPlace | None:
+def place_at(
+    places: Iterable[BeliefPlace], point: ArrayLike, height: float = 0.0
+) -> BeliefPlace | None:
     """Return the place of a point: the surface below it, else a container, else the room; or None.
 
-    The point (3,) is the middle or the foot of an object, metres in the map's frame.
+    The point (3,) is the middle or the foot of an object of a height, metres in the map's frame. In
+    the air, where nothing carries it, there is no place: more than `ABOVE` over a surface.
     """
     x, y, z = (float(v) for v in np.asarray(point, float))
     here = shapely.Point(x, y)
@@ -69,10 +72,21 @@ def place_at(places: Iterable[BeliefPlace], point: ArrayLike) -> BeliefPlace | N
         for place in places
         if place.kind != "room"
         for surface in place.surfaces
-        if -BELOW <= z - surface.height <= ABOVE and surface.outline.distance(here) <= BORDER
+        if -BELOW <= z - surface.height <= max(ABOVE, height / 2)
+        and surface.outline.distance(here) <= BORDER
     ]
     if below:
         return max(below, key=lambda found: found[0])[1]
+    around = place_around(places, point)
+    if around is None or around.kind != "room" or around.low is None:
+        return around
+    return around if z - around.low[2] <= max(ABOVE, height) else None
+
+
+def place_around(places: Iterable[BeliefPlace], point: ArrayLike) -> BeliefPlace | None:
+    """Return the container in which a point (3,) is, else the room, also high up in it; or None."""
+    x, y, z = (float(v) for v in np.asarray(point, float))
+    here = shapely.Point(x, y)
     around = [
         (_volume(place), place)
         for place in places
@@ -85,6 +99,24 @@ def place_at(places: Iterable[BeliefPlace], point: ArrayLike) -> BeliefPlace | N
     ]
     inside = [found for found in around if found[1].kind != "room"] or around
     return min(inside, key=lambda found: found[0])[1] if inside else None
+
+
+def surface_below(
+    places: Iterable[BeliefPlace], point: ArrayLike
+) -> tuple[BeliefPlace, float] | None:
+    """Return the place with the next surface below a point (3,), and the metres to it; or None."""
+    x, y, z = (float(v) for v in np.asarray(point, float))
+    here = shapely.Point(x, y)
+    below = [
+        (z - surface.height, place)
+        for place in places
+        for surface in place.surfaces
+        if surface.height <= z and surface.outline.distance(here) <= BORDER
+    ]
+    if not below:
+        return None
+    away, place = min(below, key=lambda found: found[0])
+    return place, away
 
 
 def _volume(place: BeliefPlace) -> float:

@@ -9,6 +9,7 @@ from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any
 
+import psycopg
 import pytest
 from PIL import Image
 from sqlalchemy import Connection, text
@@ -17,6 +18,7 @@ from semmap import Map
 from semmap.belief.belief_field import belief_map
 from semmap.belief.error import BeliefError
 from semmap.belief.heat_map import heat_map
+from semmap.belief.identify import Detection
 from semmap.belief.inference import infer
 from semmap.belief.looks import observe_point, observe_view
 from semmap.belief.problog_program import problog_program
@@ -73,6 +75,8 @@ def test_a_detection_is_put_onto_its_place_in_the_frame_of_the_place(
     ("point", "message"),
     [
         ((50, 0, 1), r"detected at \(50.00, 0.00, 1.00\) in the map, where no place"),
+        ((1.5, 1.5, 1.5), r"0\.7\d m above table, where nothing carries it"),
+        ((2.6, 0.3, 1.0), r"1\.00 m above kitchen, where nothing carries it"),
         ((1, 1), "give x, y, z"),
         ((1, 1, math.nan), "give x, y, z"),
     ],
@@ -83,6 +87,40 @@ def test_a_detection_at_no_place_is_refused(
     with pytest.raises(BeliefError, match=message):
         observe_point(seen_by(connection), "mug", point)
     assert observations(connection) == []
+
+
+def test_what_the_map_has_in_the_air_may_be_seen_there_and_stays(flat_map: Map) -> None:
+    with flat_map.transaction() as transaction:
+        flat_map.add_object("lamp", type="lamp", size=(0.3, 0.3, 0.2), pose=(2.0, 0.5, 2.2, 0))
+        pose = flat_map["lamp"].pose
+        row = flat_map.observe_point("lamp", (2.1, 0.5, 2.3))
+        assert row["place"] == "kitchen"
+        assert flat_map["lamp"].pose == pose
+        assert flat_map.where("lamp").best == "kitchen"
+        (one,) = flat_map.identify([Detection("lamp", (2.1, 0.5, 2.3))])
+        assert one.known["lamp"] > 0.9
+        with pytest.raises(BeliefError, match="where nothing carries it"):
+            flat_map.observe_point("lamp", (2.9, 0.5, 2.3))
+        with pytest.raises(BeliefError, match="where nothing carries it"):
+            flat_map.observe_objects([Detection("carrot", (2.9, 0.5, 1.3), (0.1, 0.1, 0.2))])
+        raise psycopg.Rollback(transaction)
+
+
+def test_a_position_in_the_air_says_where_it_is_but_moves_nothing(flat_map: Map) -> None:
+    with flat_map.transaction() as transaction:
+        pose = flat_map["mug"].pose
+        flat_map.observe("mug", "bench", position=(0, 0, 1.2), hit=0.999, false_alarm=1e-9)
+        assert flat_map.where("mug")["bench"] > 0.9
+        assert flat_map["mug"].pose == pose
+        raise psycopg.Rollback(transaction)
+
+
+def test_the_middle_of_a_tall_thing_is_high(flat_map: Map) -> None:
+    with flat_map.transaction() as transaction:
+        flat_map.add_object("pole", type="plant", size=(0.1, 0.1, 1.6), pose=(0.5, 0.5, 0, 0))
+        flat_map.observe_point("pole", (2.6, 0.3, 0.8))
+        assert flat_map["pole"].pose[:3] == pytest.approx((2.6, 0.3, 0.0))
+        raise psycopg.Rollback(transaction)
 
 
 def test_a_view_stores_what_it_showed_and_what_it_missed(connection: Connection) -> None:

@@ -12,7 +12,14 @@ import shapely
 import trimesh
 
 from semmap.belief.error import BeliefError
-from semmap.belief.places import BeliefPlace, Surface, place_at, sample_points
+from semmap.belief.places import (
+    BeliefPlace,
+    Surface,
+    place_around,
+    place_at,
+    sample_points,
+    surface_below,
+)
 from semmap.belief.views import camera_at, visible_points, visible_shares
 
 
@@ -113,11 +120,20 @@ def test_a_point_is_at_the_surface_below_it_else_in_the_room() -> None:
         (3, 1, 0.05): "room",
         (4.5, 4.5, 0.1): "room",
         (4.5, 4.5, 9): None,
+        (4.5, 4.5, 0.45): "room",
+        (4.5, 4.5, 1.0): None,
+        (3, 1, 1.2): "table",
+        (3, 1, 1.4): None,
         (-1, 0, 0.1): None,
     }
     for point, name in names.items():
         found = place_at(places, point)
         assert (found.name if found else None) == name, point
+    assert place_at(places, (4.5, 4.5, 1.0), height=1.1) is room
+    assert place_at(places, (3, 1, 1.4), height=1.4) is table
+    assert place_around(places, (4.5, 4.5, 1.0)) is room
+    assert surface_below(places, (3, 1, 1.4)) == (table, pytest.approx(0.65))
+    assert surface_below(places, (9, 9, 1.4)) is None
 
 
 @pytest.mark.parametrize(
