@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from types import MappingProxyType
 
 import numpy as np
 import shapely
@@ -114,17 +116,20 @@ class TaskPlanner:
         agent: str | None = None,
         without: frozenset[str] = frozenset(),
         tried: frozenset[tuple[str, Pose]] = frozenset(),
+        believed: Mapping[str, str] = MappingProxyType({}),
     ) -> Task:
         """A task on the state of the map that a transaction sees; `start` is as for `plan_task`.
 
         `agent` names the agent that may carry objects. Plans do not use the objects, connectors and
         elevators `without`, nor the base poses `tried`, each with the object that the robot could
-        not reach from it.
+        not reach from it. `believed` has the places, objects or rooms, of objects that are not
+        where the map has them.
         """
         parsed, domain = self._parsed(goal), self._domain
         graph = self._live.graph.without(without)
         state = read_state(seen, graph.topology, start)
-        words = () if domain is None else domain.words
+        words = [] if domain is None else [*domain.words]
+        words += [place for place in believed.values() if place not in graph.topology.places]
         heights = graph.robot.heights
         world = read_world(
             seen,
@@ -135,11 +140,15 @@ class TaskPlanner:
             robot=agent,
             assume_sizes=self._live.assume_sizes,
         )
-        usable = [o for o in world.objects.values() if o.name not in without]
+        usable = [
+            world.at_place(o, believed[o.name], graph.topology) if o.name in believed else o
+            for o in world.objects.values()
+            if o.name not in without
+        ]
         robots = (agent, graph.robot.name)
         misfit = grasp_check(seen, gripper=self._gripper, robots=robots)
         world = TaskWorld(usable, world.known, misfit)
-        approach_pose = _approach_poses(seen, self._live, tried)
+        approach_pose = _approach_poses(seen, self._live, tried, believed)
         return Task(graph, world, state, parsed, domain, approach_pose)
 
     def __call__(
@@ -160,9 +169,15 @@ class TaskPlanner:
 
 
 def _approach_poses(
-    seen: Snapshot, live: LiveTopology, tried: frozenset[tuple[str, Pose]]
+    seen: Snapshot,
+    live: LiveTopology,
+    tried: frozenset[tuple[str, Pose]],
+    believed: Mapping[str, str],
 ) -> ApproachPoseOf | None:
-    """Finds base poses on the costmaps that were not tried; None for a robot without shape."""
+    """Finds base poses on the costmaps that were not tried; None for a robot without shape.
+
+    An object is reached at the place where it is `believed`.
+    """
     costmaps = live.costmaps
     if costmaps is None:
         return None
@@ -174,7 +189,10 @@ def _approach_poses(
             return poses_in(costmaps.ground(of.places[0]), region, np.random.default_rng(0))
         if isinstance(of, Place):
             return poses_to_reach(costmaps.ground(of.name), floor_spot(costmaps, of.name))
-        entity = find_entities(seen, of.name)[0]
+        name = believed.get(of.name, of.name)
+        if name in live.topology.places:
+            return poses_to_reach(costmaps.ground(name), floor_spot(costmaps, name))
+        entity = find_entities(seen, name)[0]
         if of.assumed and of.pose is not None:
             (x, y), (depth, width, _) = of.pose[:2], of.size
             around = shapely.box(x - depth / 2, y - width / 2, x + depth / 2, y + width / 2)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
 from planner.plan import Action, Plan
@@ -12,7 +12,9 @@ from planner.search.receding_horizon import decide
 from planner.search.search_mission import MOST_NAMES, SearchPlanner, explain
 from planner.task_planner import TaskPlanner
 from planner.tasks.goal import Atom, Goal, parse_goal
+from planner.tasks.problem import NoPlanError
 from planner.tasks.reader import read_state
+from semmap.belief.store.beliefs import read_belief
 from semmap.geometry.pose import Pose
 from semmap.query.snapshot import Snapshot
 
@@ -101,8 +103,9 @@ def plan_with_search(
 ) -> tuple[Plan, list[str]] | None:
     """The plan of a goal with objects whose place is only believed, and why; None without such.
 
-    It begins with an action ``search`` for each such object; what follows is planned for the place
-    at which the map has the object. A mission plans again after each look.
+    It begins with an action ``search`` for each such object. What follows is planned for the place
+    where the object most probably is, or for the next one if no plan leads on from there. A mission
+    plans again after each look.
     """
     parsed = parse_goal(goal, ((FOUND, 1), *relations))
     names = objects_to_find(seen, parsed)
@@ -124,11 +127,43 @@ def plan_with_search(
     rest = [atom for atom in parsed.atoms if atom.relation != FOUND]
     bound = 0.0
     if rest:
-        task = tasks.task(seen, " and ".join(map(_text, rest)), start, agent=agent)
-        plan = task.plan(patience)
+        text = " and ".join(map(_text, rest))
+        plan, believed = _plan_rest(seen, tasks, text, start, agent, names, patience)
+        reasons += [f"What follows is for {name} at {at}" for name, at in believed.items()]
         actions += plan.actions
         bound = plan.bound
     return Plan(goal, tuple(actions), sum(a.seconds for a in actions), bound), reasons
+
+
+def _plan_rest(
+    seen: Snapshot,
+    tasks: TaskPlanner,
+    goal: str,
+    start: str | None,
+    agent: str | None,
+    names: Sequence[str],
+    patience: float,
+) -> tuple[Plan, dict[str, str]]:
+    """The plan of a goal once some objects are found, and the places for which it is.
+
+    Raises NoPlanError: none leads on from the places where they probably are.
+    """
+    places = {name: [p for p in read_belief(seen, name) if p != ELSEWHERE] for name in names}
+    why: NoPlanError | None = None
+    for number in range(MOST_NAMES):
+        believed = {name: of[number] for name, of in places.items() if number < len(of)}
+        if number > 0 and not believed:
+            break
+        task = tasks.task(seen, goal, start, agent=agent, believed=believed)
+        try:
+            plan = task.plan(patience)
+        except NoPlanError as error:
+            why = why or error
+            continue
+        if why is None or plan.actions:  # to find it where it should go explains no refusal
+            return plan, believed
+    assert why is not None
+    raise why
 
 
 def _text(atom: Atom) -> str:

@@ -51,6 +51,9 @@ SELECT e.id, e.name, e.type, e.label, e.properties, r.name AS room,
        h.name AS holder, h.id AS holder_id, h.kind AS holder_kind, w.pose,
        ST_XMin(w.box) AS x0, ST_YMin(w.box) AS y0,
        ST_ZMin(w.box) AS z0, ST_XMax(w.box) AS x1, ST_YMax(w.box) AS y1, ST_ZMax(w.box) AS z1,
+       (SELECT ARRAY[ST_XMax(b) - ST_XMin(b), ST_YMax(b) - ST_YMin(b), ST_ZMax(b) - ST_ZMin(b)]
+        FROM (SELECT ST_3DExtent(o.hull) FROM entity_model m JOIN model o ON o.id = m.model_id
+              WHERE m.entity_id = e.id AND w.box IS NULL) hull (b)) AS lost_size,
        ST_Area(w.footprint) AS ground,
        (SELECT array_agg(ARRAY[s.height, ST_Area(s.outline)]) FROM entity_model m
         JOIN support_surface s ON s.model_id = m.model_id
@@ -147,8 +150,10 @@ def _task_object(
     if row.x0 is not None:
         size = (row.x1 - row.x0, row.y1 - row.y0, row.z1 - row.z0)
         height, top = (row.z0 + row.z1) / 2 - floor, row.z1 - floor
+    elif row.lost_size is not None and None not in row.lost_size:
+        size = tuple(row.lost_size)
     surface, surface_height = float("inf") if row.ground is not None else 0.0, top
-    if row.looked:
+    if row.looked and row.pose is not None:
         levels = [(row.pose[2] - floor + z, area) for z, area in row.levels or ()]
         within = [level for level in levels if heights[0] <= level[0] <= heights[1]]
         surface = max(sum(area for _, area in within or levels) - taken, 0.0)

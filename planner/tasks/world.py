@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 from planner.tasks.goal import Word
@@ -193,6 +193,18 @@ class TaskWorld:
                 self.above.setdefault(item.holder, []).append(item.name)
             for text in {*item.types, *([item.label] if item.label else [])}:
                 self._by_word.setdefault(text, []).append(item.name)
+
+    def at_place(self, item: TaskObject, place: str, topology: Topology) -> TaskObject:
+        """Return an object as if it were on or in another one, or on the floor of a place."""
+        half = item.size[2] / 2
+        if place in topology.places:
+            return replace(item, holder=place, place=place, pose=None, height=half)
+        below = self.objects.get(place)
+        if below is None:
+            return item
+        height = below.surface_height + half
+        pose = below.pose and below.pose._replace(z=below.pose.z - below.height + height)
+        return replace(item, holder=place, place=below.place, pose=pose, height=height)
 
     def of_kind(self, word: Word) -> list[str]:
         """The names of the objects of a type or label."""

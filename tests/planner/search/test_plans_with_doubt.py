@@ -1,0 +1,79 @@
+"""Plans with objects that are believed elsewhere than the map has them, or that have no place."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+
+import pytest
+
+import semmap
+from semmap import Database, Map
+from semmap.belief.store.beliefs import ELSEWHERE
+from tests.office import delivery_robot
+
+
+@pytest.fixture
+def flat(database: str) -> Iterator[Map]:
+    """Two rooms with a door; a ball on the floor of the second one."""
+    with semmap.connect(database) as db:
+        yield made(db)
+
+
+def made(db: Database) -> Map:
+    house = db.create_map("doubt")
+    house.add_storey("ground", elevation=0, height=3)
+    house.add_room("kitchen", [(0, 0), (5, 0), (5, 5), (0, 5)], floor=0, ceiling=2.7)
+    house.add_room("living", [(5.2, 0), (11, 0), (11, 5), (5.2, 5)], floor=0, ceiling=2.7)
+    house.add_door("door", "kitchen", "living", line=((5.1, 2), (5.1, 3)))
+    for name, x, y in (("table1", 1, 1), ("table2", 9, 4)):
+        house.add_object(name, type="table", size=(1.2, 0.8, 0.75), pose=(x, y, 0, 0))
+    house.add_object("ball", type="ball", size=(0.1, 0.1, 0.1), pose=(8, 1, 0, 0))
+    return house
+
+
+def words(flat: Map, goal: str) -> list[str]:
+    return [str(action) for action in flat.plan(goal, start="kitchen").actions]
+
+
+@pytest.mark.parametrize("shaped", [False, True])
+def test_an_object_is_fetched_where_it_is_believed(flat: Map, shaped: bool) -> None:
+    robot = delivery_robot("tester") if shaped else None
+    flat.observe("ball", "table1")
+    assert flat.where("ball")["table1"] > 0.99
+    assert str(flat["ball"].room.name) == "living", "a place without a point moves nothing"
+    plan = flat.plan("on(ball, table2)", start="kitchen", robot=robot)
+    assert [a.name for a in plan.actions] == ["search", "pickup", "pass_door", "place"]
+    assert plan.actions[1].arguments == ("ball", "table1")
+    if shaped:
+        at = plan.actions[1].at
+        assert at is not None
+        assert math.dist(at[:2], (1, 1)) < 1.5, "before the table"
+    assert plan.reasons[-1] == "What follows is for ball at table1"
+
+
+def test_a_goal_that_only_the_map_has_reached_is_still_one(flat: Map) -> None:
+    flat["ball"].put_on("table2")
+    assert words(flat, "on(ball, table2)") == []
+    flat.observe("ball", "table1")
+    actions = flat.plan("on(ball, table2)", start="kitchen").actions
+    assert [a.name for a in actions] == ["search", "pickup", "pass_door", "place"]
+
+
+def test_an_object_without_a_place_is_searched_for_and_then_fetched(flat: Map) -> None:
+    while flat["ball"].pose is not None:
+        flat.observe("ball", "living", seen=False)
+    plan = flat.plan("on(ball, table2)", start="kitchen")
+    assert plan.actions[0].name == "search"
+    assert [a.name for a in plan.actions if a.name in ("pickup", "place")] == ["pickup", "place"]
+    (at,) = (a.arguments[1] for a in plan.actions if a.name == "pickup")
+    likely = [place for place in flat.where("ball") if place != ELSEWHERE]
+    assert at in likely[:4]
+    assert plan.reasons[-1] == f"What follows is for ball at {at}"
+
+
+def test_no_place_from_which_a_plan_leads_on_is_said(flat: Map) -> None:
+    flat.add_object("block", type="cube", size=(0.9, 0.9, 0.9), define=True)
+    flat.observe("block", "kitchen")
+    with pytest.raises(ValueError, match=r"block is 0\.90 m wide; the robot lifts objects up to"):
+        flat.plan("on(block, table2)", start="kitchen")
