@@ -88,7 +88,7 @@ NESTING = Limit("nesting", 64, "levels", "elements, models, nodes or lists withi
 VERTICES = Limit("vertices", 50_000, "vertices", "the outline of a room, region or object")
 ENTRIES = Limit("entries", 1_000_000, "entries", "a world file")
 NAME_CHARACTERS = Limit("name_characters", 500, "characters", "a name, type or label")
-EXTENT = Limit("extent", 10_000, "m", "coordinates, sizes and offsets in a file")
+EXTENT = Limit("extent", 10_000, "m", "coordinates, sizes and offsets in a file or percept")
 SURFACE_TRIANGLES = Limit(
     "surface_triangles", 300_000, "triangles", "a model in which support surfaces are looked for"
 )

@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import io
 from collections.abc import Callable, Mapping
+from dataclasses import fields
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -14,7 +15,9 @@ from numpy.typing import NDArray
 
 from semmap.draw.depth_camera import look_at
 from semmap.fields.sources.percepts import Gaze, People, PersonMotion, RobotState, Segmentation
+from semmap.finite_number import finite_numbers, is_finite_number
 from semmap.geometry.pose import Pose
+from semmap.limits import EXTENT
 
 Percept = Gaze | People | RobotState | Segmentation
 
@@ -32,8 +35,10 @@ def read_percept(percept: Any, folder: Path | None = None, time: datetime | None
             when = time or read_time(percept)
             try:
                 return read(percept, when, folder)
-            except (TypeError, KeyError, AttributeError) as error:
-                raise ValueError(f"the percept with {key} is wrong: {error!r}") from None
+            except KeyError as error:
+                raise ValueError(f"the percept with {key} is wrong: it has no {error}") from None
+            except (TypeError, AttributeError, ValueError) as error:
+                raise ValueError(f"the percept with {key} is wrong: {error}") from None
     raise ValueError(f"the percept has none of the keys {', '.join(_KINDS)}: add one")
 
 
@@ -52,22 +57,42 @@ def read_time(percept: Mapping[str, Any]) -> datetime:
 
 
 def _gaze(percept: Mapping[str, Any], time: datetime, _: Path | None) -> Gaze:
-    poses = percept["poses"]
-    return Gaze({str(name): _pose(pose, f"poses.{name}") for name, pose in poses.items()}, time)
+    poses = _by_name(percept["poses"], "poses", "a pose")
+    return Gaze({name: _pose(pose, f"poses.{name}") for name, pose in poses.items()}, time)
 
 
 def _people(percept: Mapping[str, Any], time: datetime, _: Path | None) -> People:
-    people = {}
-    for name, motion in percept["people"].items():
-        numbers = {str(key): float(value) for key, value in motion.items()}
-        if not all(np.isfinite(list(numbers.values()))):
-            raise ValueError(f"people.{name} has a number that is not finite: give metres")
-        people[str(name)] = PersonMotion(**({"yaw": 0.0} | numbers))
-    return People(people, time)
+    given = _by_name(percept["people"], "people", '{"x": 1.0, "y": 2.0}')
+    return People({name: _motion(each, f"people.{name}") for name, each in given.items()}, time)
+
+
+_NEEDED = ("x", "y")
+
+
+def _motion(given: Any, name: str) -> PersonMotion:
+    known = [each.name for each in fields(PersonMotion)]
+    of = f"{name} has {' and '.join(_NEEDED)}, and may have {', '.join(known[len(_NEEDED) :])}"
+    if not isinstance(given, Mapping):
+        raise ValueError(f"{name} is {given!r}: {of}")
+    for key in _NEEDED:
+        if key not in given:
+            raise ValueError(f"{name} has no {key}: give metres")
+    for key, value in given.items():
+        if key not in known:
+            raise ValueError(f"{name} has {key}: {of}")
+        if not is_finite_number(value):
+            raise ValueError(f"{name}: {key} is {value!r}, not finite: give a number")
+        _check_extent(abs(value), f"{name}: {key}")
+    return PersonMotion(**({"yaw": 0.0} | {key: float(value) for key, value in given.items()}))
 
 
 def _robot(percept: Mapping[str, Any], time: datetime, _: Path | None) -> RobotState:
-    joints = {str(name): float(value) for name, value in percept.get("joints", {}).items()}
+    given = _by_name(percept.get("joints", {}), "joints", "a number")
+    joints = {}
+    for name, value in given.items():
+        if not is_finite_number(value):
+            raise ValueError(f"joints.{name} is {value!r}: give radians or metres")
+        joints[name] = float(value)
     return RobotState(_pose(percept["pose"], "pose"), time, joints)
 
 
@@ -87,9 +112,20 @@ _KINDS: dict[str, Callable[[Mapping[str, Any], datetime, Path | None], Percept]]
 }
 
 
+def _by_name(given: Any, name: str, value: str) -> dict[str, Any]:
+    """The values by name of a part of a percept."""
+    if not isinstance(given, Mapping):
+        raise ValueError(f'{name} is {given!r}: give {value} by name, {{"anna": ...}}')
+    return {str(key): each for key, each in given.items()}
+
+
 def _pose(given: Any, name: str) -> NDArray[np.float64]:
     if isinstance(given, Mapping):
-        return np.asarray(look_at(given["from"], given["to"]), float)
+        ends = [finite_numbers(given.get(key, ()), 3) for key in ("from", "to")]
+        if None in ends:
+            raise ValueError(f'{name} is {given!r}: give {{"from": [x, y, z], "to": [x, y, z]}}')
+        _check_extent(np.abs(ends).max(), name)
+        return np.asarray(look_at(*ends), float)
     pose = np.asarray(given, float)
     if pose.shape == (7,):
         pose = np.asarray(Pose(*pose.tolist()).matrix, float)
@@ -98,7 +134,16 @@ def _pose(given: Any, name: str) -> NDArray[np.float64]:
             f'{name} is not a pose: give a 4 x 4 matrix, seven numbers, or {{"from": [x, y, z], '
             '"to": [x, y, z]}'
         )
+    _check_extent(np.abs(pose[:3, 3]).max(), name)
     return pose
+
+
+def _check_extent(furthest: float, name: str) -> None:
+    if EXTENT.exceeded_by(furthest):
+        raise ValueError(
+            f"{name} reaches {EXTENT.text(furthest)}: give positions within "
+            f"{EXTENT.text(EXTENT.value)} of the map's origin. {EXTENT.variable} raises the limit."
+        )
 
 
 def _array(given: Any, name: str, folder: Path | None) -> NDArray[Any]:
