@@ -20,7 +20,7 @@ from planner.robot_class import RobotClass
 from planner.routing_graph import RoutingGraph
 from planner.tasks.domain_file import Domain
 from planner.tasks.goal import Goal, parse_goal
-from planner.tasks.problem import Problem
+from planner.tasks.problem import NoPlanError, Problem
 from planner.tasks.problem_builder import build_problem
 from planner.tasks.reader import read_state, read_world
 from planner.tasks.sites import ApproachPoseOf, Target
@@ -140,6 +140,7 @@ class TaskPlanner:
             robot=agent,
             assume_sizes=self._live.assume_sizes,
         )
+        self._refuse_needed(world, parsed, graph, without)
         usable = [
             world.at_place(o, believed[o.name], graph.topology) if o.name in believed else o
             for o in world.objects.values()
@@ -150,6 +151,17 @@ class TaskPlanner:
         world = TaskWorld(usable, world.known, misfit)
         approach_pose = _approach_poses(seen, self._live, tried, believed)
         return Task(graph, world, state, parsed, domain, approach_pose)
+
+    @staticmethod
+    def _refuse_needed(
+        world: TaskWorld, goal: Goal, graph: RoutingGraph, without: frozenset[str]
+    ) -> None:
+        """Raise NoPlanError for a word of a goal that stands for nothing but what is left out."""
+        for word in goal.words():
+            kind, names = world.find(word, graph.topology)
+            if kind == "item" and without.issuperset(names):
+                others = "" if names == [word.text] else f", and there is no other {word.text}"
+                raise NoPlanError(f"the goal needs {' and '.join(names)}{others}")
 
     def __call__(
         self,

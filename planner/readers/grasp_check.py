@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from functools import cache
 from typing import TYPE_CHECKING, Any
 
@@ -30,6 +30,42 @@ def grasp_check(
         return None if found is None else _misfit(seen, item, *found)
 
     return misfit
+
+
+def assumed_misfits(
+    seen: Snapshot, items: Iterable[str], *, robots: tuple[str | None, ...] = ()
+) -> list[str]:
+    """Why missions may fail to pick up items for which `grasp_check` knows no gripper.
+
+    A mission then has the preferred stored gripper, else the default one. Empty where a gripper is
+    known: a plan refuses what does not fit in it.
+    """
+    from semmap.manipulation.error import ManipulationError
+    from semmap.manipulation.gripper import read_gripper
+    from semmap.manipulation.retrieval import (
+        ANY_GRIPPER,
+        DEFAULT_GRIPPER,
+        gripper_name,
+        stored_gripper,
+    )
+
+    items, session = list(items), seen.session
+    if not items or _hand(session, None, [name for name in robots if name is not None]):
+        return []
+    try:
+        if session.execute(ANY_GRIPPER).fetchone():
+            name = gripper_name(session, None)
+            gripper = stored_gripper(session, name)
+        else:
+            name, gripper = DEFAULT_GRIPPER.stem, read_gripper(DEFAULT_GRIPPER)
+    except (LookupError, ManipulationError):  # several, or its URDF is not on this machine
+        return []
+    found = (_misfit(seen, item, name, gripper) for item in items)
+    return [
+        f"{why}. A robot that states no gripper has it in missions, and fails if it tries grasps"
+        for why in found
+        if why is not None
+    ]
 
 
 def _hand(session: Any, gripper: str | None, robots: list[str]) -> tuple[str, Gripper] | None:

@@ -53,6 +53,7 @@ class MapTasks(MapDriving):
         ValueError
             The goal cannot be read, or no plan reaches it; the message says why.
         """
+        from planner.readers.grasp_check import assumed_misfits
         from planner.search.search_mission import SearchPlanner
         from planner.search.task_search import plan_with_search
         from planner.task_planner import TaskPlanner
@@ -82,6 +83,9 @@ class MapTasks(MapDriving):
                     write_pddl(task.problem(), Path(pddl))
                 found = found or (task.plan(patience), [])
             plan, reasons = found
+            items = [action.names[0] for action in plan.actions if action.name == "pickup"]
+            named = (agent, live.graph.robot.name)
+            reasons = [*reasons, *assumed_misfits(seen, dict.fromkeys(items), robots=named)]
             assumed: list[str] = []
             if assume_sizes:
                 used = {name for action in plan.actions for name in action.names}
