@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any, Generic, TypeVar, cast
 
-from semmap.api.argument_forms import EntityName
-from semmap.api.checked import checked_class
+from semmap.api.checked import EntityName, checked_class
 from semmap.api.map_questions import MapQuestions
 from semmap.suggestions import suggestion
 

@@ -8,8 +8,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
-from semmap.api.argument_forms import EntityName, Finite, Positive, Properties
-from semmap.api.checked import checked_class
+from semmap.api.checked import EntityName, Finite, Positive, Properties, checked_class
 from semmap.api.entity_collection import MapCollections
 from semmap.api.map_beliefs import MapBeliefs
 from semmap.api.map_drawing import MapDrawing

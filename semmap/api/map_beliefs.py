@@ -7,7 +7,7 @@ from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from semmap.api.argument_forms import EntityName
+from semmap.api.checked import EntityName
 from semmap.api.map_questions import MapQuestions, aware
 
 if TYPE_CHECKING:

@@ -9,7 +9,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from semmap.api.argument_forms import EntityName
+from semmap.api.checked import EntityName
 from semmap.api.map_pictures import plan_of
 from semmap.api.map_tasks import MapTasks
 

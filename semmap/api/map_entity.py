@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, Any
 from psycopg.errors import UniqueViolation
 from psycopg.types.json import Jsonb
 
-from semmap.api.argument_forms import Properties
-from semmap.api.checked import checked_class
+from semmap.api.checked import Properties, checked_class
 from semmap.error import InvalidArgumentError
 
 if TYPE_CHECKING:

@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from semmap.api.argument_forms import EntityName
+from semmap.api.checked import EntityName
 from semmap.api.map_questions import MapQuestions
 
 if TYPE_CHECKING:

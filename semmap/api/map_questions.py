@@ -12,7 +12,7 @@ import psycopg
 from psycopg import errors
 from psycopg.pq import TransactionStatus
 
-from semmap.api.argument_forms import EntityName
+from semmap.api.checked import EntityName
 from semmap.api.map_entity import Door, MapEntity
 from semmap.database.maps import see_map
 from semmap.database.session import twin_session

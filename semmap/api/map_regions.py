@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from datetime import datetime
 from typing import TYPE_CHECKING, Any
 
-from semmap.api.argument_forms import EntityName, Properties
+from semmap.api.checked import EntityName, Properties
 from semmap.api.map_questions import MapQuestions, aware
 from semmap.finite_number import finite_numbers
 

@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from semmap.api.argument_forms import EntityName, Positive
+from semmap.api.checked import EntityName, Positive
 from semmap.api.map_driving import MapDriving, Progress
 
 if TYPE_CHECKING:

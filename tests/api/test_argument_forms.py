@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from semmap.api.argument_forms import FORMS, WRONG, form_of
+from semmap.api.checked import FORMS, WRONG, form_of
 from semmap.api.database import Database
 from semmap.api.entity_collection import EntityCollection
 from semmap.api.map import Map
