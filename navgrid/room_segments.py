@@ -1,0 +1,214 @@
+"""Rooms and doorways in the free space between walls.
+
+A distance-transform segmentation as in Bormann et al., "Room Segmentation: Survey, Implementation,
+and Analysis" (ICRA 2016), section III: free space is flooded from where walls are far, and divided
+where floods meet. Two parts stay two rooms if each passage between them could be a doorway: narrow
+beside both, and in line with a wall.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import defaultdict
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+
+WIDEST = 3.7
+"""Metres: a wider passage divides no room."""
+
+DEEPEST, SHALLOWEST, STEP = 2.2, 0.2, 0.05
+"""Metres from the walls at which floods begin, from the deepest to the shallowest in steps."""
+
+ALONG = 0.4
+"""Metres beside a doorway that are searched for the wall in which it is."""
+
+LEAST = 0.35
+"""The confidence from which a passage divides two rooms."""
+
+_TURNS = np.radians(np.arange(-40, 41, 5))
+_EIGHT = np.ones((3, 3), np.bool_)
+
+Cells = NDArray[np.bool_]
+Labels = NDArray[np.int32]
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Passage:
+    """Where two segments meet: their numbers, and the walls on both sides, (2, 2) row and column."""
+
+    segments: tuple[int, int]
+    ends: Floats
+    width: float  # between the walls, metres; infinite where there are none on both sides
+    along: float  # the part beside its ends on which a wall goes on, of both sides: 0 to 2
+    confidence: float = 0.0  # that it is a doorway, 0 to 1
+
+    def judged(self, peaks: Floats) -> float:
+        """Return the confidence; `peaks` has the metres from walls within each segment."""
+        a, b = self.segments
+        if self.width > WIDEST:
+            return 0.0
+        narrow = 1 - self.width / 2 / min(peaks[a], peaks[b])
+        wide = max(0.0, self.width - 1.4) / 5
+        return float(np.clip(narrow + 0.35 * (self.along - 1) - wide, 0, 1))
+
+
+@dataclass(frozen=True, eq=False)
+class RoomSegments:
+    """The segments of free space: `labels` (rows, columns), 0 on walls; and their passages."""
+
+    labels: Labels
+    passages: tuple[Passage, ...]
+
+
+def room_segments(walls: Cells, resolution: float) -> RoomSegments:
+    """Divide the cells without walls into rooms; cells have sides of `resolution` metres."""
+    clearance, nearest = ndimage.distance_transform_edt(
+        ~walls, sampling=resolution, return_indices=True
+    )
+    labels = _flooded(clearance)
+    peaks = np.zeros(int(labels.max(initial=0)) + 1)
+    np.maximum.at(peaks, labels.ravel(), clearance.ravel())
+    passages = [
+        _passage(pair, cell, walls, nearest, resolution)
+        for pair, cells in _borders(labels).items()
+        for cell in _widest(cells, clearance)
+    ]
+    number, passages = _merged(passages, peaks)
+    return RoomSegments(number[labels], tuple(passages))
+
+
+def _flooded(clearance: Floats) -> Labels:
+    """Number the floods that begin at peaks of the distance from walls, and spread downwards."""
+    labels = np.zeros(np.add(clearance.shape, 2), np.int32)
+    inner = labels[1:-1, 1:-1]
+    flat, width = labels.reshape(-1), labels.shape[1]
+    beside = np.array([-1, 1, -width, width])
+    depths = np.arange(DEEPEST, SHALLOWEST - 1e-9, -STEP)
+    for depth in (*depths, 0.0):
+        mask = clearance > depth
+        if depth:
+            parts, count = ndimage.label(mask)
+            new = np.ones(count + 1, np.bool_)
+            new[np.unique(parts[inner > 0])] = False
+            new[0] = False
+            numbers = np.zeros(count + 1, np.int32)
+            numbers[new] = inner.max() + np.arange(1, new.sum() + 1)
+            inner[...] = np.where(new[parts], numbers[parts], inner)
+        rows, columns = np.nonzero(mask & (inner == 0))
+        left = (rows + 1) * width + columns + 1
+        while len(left):
+            spread = flat[left[:, None] + beside].max(axis=1)
+            if not spread.any():
+                break
+            flat[left] = spread
+            left = left[spread == 0]
+    return inner.copy()
+
+
+def _borders(labels: Labels) -> dict[tuple[int, int], NDArray[np.int64]]:
+    """Return by pair of segments the cells (N, 2) at which they meet."""
+    rows, columns = labels.shape
+    found: defaultdict[tuple[int, int], list[NDArray[np.int64]]] = defaultdict(list)
+    for down, right in ((0, 1), (1, 0), (1, 1), (1, -1)):
+        first = (max(0, -right), columns - max(0, right))
+        a = labels[: rows - down, first[0] : first[1]]
+        b = labels[down:, first[0] + right : first[1] + right]
+        at = np.argwhere((a != b) & (a > 0) & (b > 0))
+        pairs = np.sort(np.stack([a[tuple(at.T)], b[tuple(at.T)]], axis=1), axis=1)
+        at[:, 1] += first[0]
+        unique, which = np.unique(pairs, axis=0, return_inverse=True)
+        for i, pair in enumerate(unique.tolist()):
+            met = at[which.ravel() == i]
+            found[pair[0], pair[1]] += [met, met + (down, right)]
+    return {pair: np.unique(np.concatenate(cells), axis=0) for pair, cells in found.items()}
+
+
+def _widest(cells: NDArray[np.int64], clearance: Floats) -> list[tuple[int, int]]:
+    """Return of each connected part of a border the cell that is farthest from walls."""
+    low = cells.min(axis=0) - 1
+    mask = np.zeros(cells.max(axis=0) - low + 2, np.bool_)
+    mask[tuple((cells - low).T)] = True
+    parts, count = ndimage.label(mask, _EIGHT)
+    part_of = parts[tuple((cells - low).T)]
+    found = []
+    for part in range(1, count + 1):
+        own = cells[part_of == part]
+        row, column = own[clearance[tuple(own.T)].argmax()].tolist()
+        found.append((row, column))
+    return found
+
+
+def _passage(
+    pair: tuple[int, int],
+    cell: tuple[int, int],
+    walls: Cells,
+    nearest: NDArray[np.int32],
+    resolution: float,
+) -> Passage:
+    """Return the passage through the cell of a border that is farthest from walls."""
+    middle = np.array(cell, np.float64)
+    one = nearest[:, cell[0], cell[1]].astype(np.float64)
+    away = (middle - one) / np.hypot(*(middle - one))
+    turned = np.stack(
+        [
+            np.cos(_TURNS) * away[0] - np.sin(_TURNS) * away[1],
+            np.sin(_TURNS) * away[0] + np.cos(_TURNS) * away[1],
+        ],
+        axis=1,
+    )
+    steps = np.arange(0.5, WIDEST / resolution, 0.5)
+    rays = np.rint(middle + steps[:, None, None] * turned).astype(np.int64)
+    hit = _at(walls, rays)
+    if not hit.any():
+        return Passage(pair, np.stack([one, middle]), math.inf, 0.0)
+    step = int(hit.any(axis=1).argmax())
+    other = rays[step, int(hit[step].argmax())].astype(np.float64)
+    line = (other - one) / np.hypot(*(other - one))
+    width = (float(np.hypot(*(other - one))) - 1) * resolution
+    along = _wall_along(walls, one, -line, resolution) + _wall_along(walls, other, line, resolution)
+    return Passage(pair, np.stack([one, other]), width, along)
+
+
+def _wall_along(walls: Cells, end: Floats, way: Floats, resolution: float) -> float:
+    """Return on which part of `ALONG` metres from a point a wall goes on, two cells about."""
+    steps = np.arange(1, ALONG / resolution + 0.5)
+    beside = np.arange(-2, 3)[:, None] * np.array([-way[1], way[0]])
+    cells = np.rint(end + steps[:, None, None] * way + beside).astype(np.int64)
+    return float(_at(walls, cells).any(axis=1).mean())
+
+
+def _at(walls: Cells, cells: NDArray[np.int64]) -> Cells:
+    """Return the values of cells (..., 2); False where the grid has none."""
+    inside = ((cells >= 0) & (cells < walls.shape)).all(axis=-1)
+    rows, columns = np.where(inside[..., None], cells, 0).reshape(-1, 2).T
+    return walls[rows, columns].reshape(inside.shape) & inside
+
+
+def _merged(passages: list[Passage], peaks: Floats) -> tuple[Labels, list[Passage]]:
+    """Join the segments whose least sure passage is no doorway, the least sure pair first.
+
+    Returns the new number of each segment, and the passages that are left.
+    """
+    number = np.arange(len(peaks), dtype=np.int32)
+    peaks = peaks.copy()
+    while True:
+        sure: dict[tuple[int, int], float] = {}
+        for passage in passages:
+            pair = passage.segments
+            sure[pair] = min(sure.get(pair, 1.0), passage.judged(peaks))
+        pair = min(sure, key=lambda each: sure[each], default=(0, 0))
+        if not sure or sure[pair] >= LEAST:
+            return number, [replace(p, confidence=p.judged(peaks)) for p in passages]
+        a, b = pair
+        number[number == b] = a
+        peaks[a] = max(peaks[a], peaks[b])
+        joined = []
+        for passage in passages:
+            c, d = sorted(a if s == b else s for s in passage.segments)
+            if c != d:
+                joined.append(replace(passage, segments=(c, d)))
+        passages = joined
