@@ -38,7 +38,7 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Passage:
-    """Where two segments meet: their numbers, and the walls on both sides, (2, 2) row and column."""
+    """Where two segments meet: their numbers, the walls on both sides, (2, 2) rows and columns."""
 
     segments: tuple[int, int]
     ends: Floats
@@ -83,7 +83,7 @@ def room_segments(walls: Cells, resolution: float) -> RoomSegments:
 
 def _flooded(clearance: Floats) -> Labels:
     """Number the floods that begin at peaks of the distance from walls, and spread downwards."""
-    labels = np.zeros(np.add(clearance.shape, 2), np.int32)
+    labels = np.pad(np.zeros(clearance.shape, np.int32), 1)
     inner = labels[1:-1, 1:-1]
     flat, width = labels.reshape(-1), labels.shape[1]
     beside = np.array([-1, 1, -width, width])
@@ -123,7 +123,7 @@ def _borders(labels: Labels) -> dict[tuple[int, int], NDArray[np.int64]]:
         unique, which = np.unique(pairs, axis=0, return_inverse=True)
         for i, pair in enumerate(unique.tolist()):
             met = at[which.ravel() == i]
-            found[pair[0], pair[1]] += [met, met + (down, right)]
+            found[pair[0], pair[1]] += [met, np.add(met, (down, right))]
     return {pair: np.unique(np.concatenate(cells), axis=0) for pair, cells in found.items()}
 
 
@@ -184,8 +184,9 @@ def _wall_along(walls: Cells, end: Floats, way: Floats, resolution: float) -> fl
 def _at(walls: Cells, cells: NDArray[np.int64]) -> Cells:
     """Return the values of cells (..., 2); False where the grid has none."""
     inside = ((cells >= 0) & (cells < walls.shape)).all(axis=-1)
-    rows, columns = np.where(inside[..., None], cells, 0).reshape(-1, 2).T
-    return walls[rows, columns].reshape(inside.shape) & inside
+    rows, columns = np.moveaxis(np.where(inside[..., None], cells, 0), -1, 0)
+    found: Cells = walls[rows, columns] & inside
+    return found
 
 
 def _merged(passages: list[Passage], peaks: Floats) -> tuple[Labels, list[Passage]]:

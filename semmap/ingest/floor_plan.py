@@ -111,7 +111,7 @@ def enclose(
     plan = FloorPlan()
     faces, around_cabins = _without_cabins(faces, cabins)
     faces = _on_floors(faces, floors, plan)
-    faces.sort(key=_reading_order)
+    faces.sort(key=reading_order)
 
     openings = _openings(faces, barriers)
     reached = {i for opening in openings for i in opening.rooms}
@@ -168,7 +168,7 @@ def _is_roomy(face: Polygon) -> bool:
     return bool(face.area >= SMALLEST and not face.buffer(-NARROWEST / 2).is_empty)
 
 
-def _reading_order(face: Polygon) -> tuple[float, float]:
+def reading_order(face: Polygon) -> tuple[float, float]:
     """Return a sort key from top to bottom in rows of a decimetre, then left to right.
 
     The rows' borders lie off the round numbers that people draw at, so that noise does not
