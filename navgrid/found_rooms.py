@@ -1,0 +1,211 @@
+"""Rooms and doorways found in the geometry of a storey that has none, or not all."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from itertools import count
+from typing import NamedTuple
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+from shapely import LineString, Polygon
+
+from navgrid.grid import Grid, grid_around
+from navgrid.room_segments import Passage, room_segments
+from navgrid.slabs import occupancy
+from semmap.geometry.morphology import polygons
+from semmap.ingest.floor_plan import reading_order
+from semmap.query.storey_scene import SceneEntity, StoreyScene
+
+RESOLUTION = 0.05
+"""The sides of the cells that are divided into rooms, metres."""
+
+WALL_HEIGHTS = (0.1, 1.8)
+"""Metres above the floor in which a wall stands; a lintel above them is none."""
+
+TALL, LONG = 1.9, 2.0
+"""Metres: where no entity is a part of the building by its type, so high and long a wall is."""
+
+SMALLEST, SMALLEST_CLOSED = 0.5, 2.0
+"""Square metres of a room, and of one into which no doorway leads: a smaller one is a shaft."""
+
+WALLS = frozenset({"wall", "window", "building_shell"})
+"""Types of the parts of a building between which rooms are."""
+
+CLOSED = 0.5
+"""How sure what no doorway leads into is a room."""
+
+MARGIN = 1.0
+"""Metres of the grid around the walls: what is connected with its border is outside."""
+
+SAME = 0.5
+"""The part of a found room that a room of the map covers if it is the same one; and metres from
+another doorway within which a found one is the same."""
+
+
+class FoundRoom(NamedTuple):
+    """A room: its outline in the map's frame, metres; how sure it is one, 0 to 1."""
+
+    name: str
+    outline: Polygon
+    floor: float
+    ceiling: float | None
+    confidence: float
+
+
+class FoundDoorway(NamedTuple):
+    """A doorway of two rooms, or of one that leads outside: the line from post to post, metres."""
+
+    name: str
+    rooms: tuple[str, str | None]
+    line: LineString
+    confidence: float
+
+
+@dataclass(frozen=True, eq=False)
+class FoundRooms:
+    """The rooms and doorways of a storey that geometry shows and the map does not have yet.
+
+    `known` are the rooms of the map that were found again.
+    """
+
+    storey: str
+    rooms: tuple[FoundRoom, ...]
+    doorways: tuple[FoundDoorway, ...]
+    known: tuple[str, ...] = ()
+
+
+def find_rooms(scene: StoreyScene, resolution: float = RESOLUTION) -> FoundRooms:
+    """Divide what walls enclose on a storey into rooms, and find their doorways.
+
+    Furniture and the leaves of doors are left out. Raises ValueError where there are no walls.
+    """
+    walls = _walls(scene)
+    rectangles = [entity.bounds for entity in walls if entity.bounds is not None]
+    grid = grid_around(rectangles, resolution, MARGIN)
+    segments = room_segments(_wall_cells(walls, scene.elevation, grid), resolution)
+    outside = set(_border(segments.labels).tolist())
+    entered = {segment for passage in segments.passages for segment in passage.segments}
+    areas = np.bincount(segments.labels.ravel()) * resolution**2
+    outlines = {
+        segment: outline
+        for segment in range(1, len(areas))
+        if segment not in outside
+        and areas[segment] >= (SMALLEST if segment in entered else SMALLEST_CLOSED)
+        and (outline := _outline(segments.labels == segment, grid)) is not None
+    }
+    return _new(scene, outlines, segments.passages, grid)
+
+
+def _walls(scene: StoreyScene) -> list[SceneEntity]:
+    """Return the walls: what its type says is a part of the building, else what is tall and long.
+
+    ValueError: nothing is.
+    """
+    solid = [e for e in scene.entities if e.kind == "object" and len(e.triangles)]
+    typed = [e for e in solid if not WALLS.isdisjoint(e.types)]
+    walls = typed or [e for e in solid if _is_tall_and_long(e, scene.elevation)]
+    if not walls:
+        raise ValueError(
+            f"{scene.storey} has no walls: no object is of the type wall or building_shell, "
+            f"and none is {TALL:g} m high and {LONG:g} m long"
+        )
+    return walls
+
+
+def _is_tall_and_long(entity: SceneEntity, floor: float) -> bool:
+    if entity.bounds is None or entity.heights is None:
+        return False
+    x0, y0, x1, y1 = entity.bounds
+    low, high = entity.heights
+    return max(x1 - x0, y1 - y0) >= LONG and low <= floor + TALL / 2 and high >= floor + TALL
+
+
+def _wall_cells(walls: Sequence[SceneEntity], floor: float, grid: Grid) -> NDArray[np.bool_]:
+    triangles = np.concatenate([entity.triangles for entity in walls])
+    numbers = np.repeat(np.arange(len(walls)), [len(entity.triangles) for entity in walls])
+    low, high = (floor + height for height in WALL_HEIGHTS)
+    mesh = (triangles.reshape(-1, 3), np.arange(3 * len(triangles)).reshape(-1, 3))
+    cells: NDArray[np.bool_] = occupancy(mesh, [(low, high)], grid, solid=numbers, fill=True)[0]
+    return cells
+
+
+def _border(labels: NDArray[np.int32]) -> NDArray[np.int32]:
+    return np.concatenate([labels[0], labels[-1], labels[:, 0], labels[:, -1]])
+
+
+def _outline(cells: NDArray[np.bool_], grid: Grid) -> Polygon | None:
+    """Return the outline of cells, metres; their steps along a slanting wall become one line."""
+    edges = np.diff(np.pad(cells, ((0, 0), (1, 1))).astype(np.int8), axis=1)
+    row, begin = np.nonzero(edges == 1)
+    end = np.nonzero(edges == -1)[1]
+    flat = shapely.union_all(shapely.box(begin, row, end, row + 1))
+    scaled = shapely.transform(flat, lambda xy: xy * grid.resolution + grid.origin)
+    smooth = scaled.simplify(1.1 * grid.resolution).buffer(0)
+    return max(polygons(smooth), key=lambda part: part.area, default=None)
+
+
+def _new(
+    scene: StoreyScene,
+    outlines: dict[int, Polygon],
+    passages: Sequence[Passage],
+    grid: Grid,
+) -> FoundRooms:
+    """Name what was found, from top to bottom and left to right, but for what the map has."""
+    taken = {entity.name for entity in scene.entities}
+    room_names, door_names = (_names(f"{scene.storey}_{what}", taken) for what in ("room", "door"))
+    names: dict[int, str] = {}
+    rooms, known = [], []
+    for segment in sorted(outlines, key=lambda each: reading_order(outlines[each])):
+        outline = outlines[segment]
+        same = [e.name for e in scene.entities if e.kind == "room" and _is_same(e, outline)]
+        if same:
+            names[segment] = same[0]
+            known.append(same[0])
+            continue
+        name = names[segment] = next(room_names)
+        sure = min((p.confidence for p in passages if segment in p.segments), default=CLOSED)
+        rooms.append(FoundRoom(name, outline, scene.elevation, _ceiling(scene, outline), sure))
+    there = [
+        LineString([side.translation[:2] for side in e.sides]).interpolate(0.5, True)
+        for e in scene.entities
+        if e.sides is not None
+    ]
+    doorways: list[FoundDoorway] = []
+    for passage in sorted(passages, key=lambda each: -each.confidence):
+        a, b = sorted(passage.segments, key=lambda each: names.get(each) is None)
+        if a not in names:
+            continue
+        line = LineString((passage.ends[:, ::-1] + 0.5) * grid.resolution + grid.origin)
+        middle = line.interpolate(0.5, True)
+        if any(middle.distance(other) < SAME for other in there):
+            continue
+        there.append(middle)
+        pair = (names[a], names.get(b))
+        doorways.append(FoundDoorway(next(door_names), pair, line, passage.confidence))
+    return FoundRooms(scene.storey, tuple(rooms), tuple(doorways), tuple(known))
+
+
+def _is_same(room: SceneEntity, outline: Polygon) -> bool:
+    if room.footprint is None:
+        return False
+    return bool(room.footprint.intersection(outline).area >= SAME * outline.area)
+
+
+def _ceiling(scene: StoreyScene, outline: Polygon) -> float | None:
+    """Return the lowest ceiling above the middle of a room, where an object is one."""
+    middle = outline.representative_point()
+    above = [
+        e.heights[0]
+        for e in scene.entities
+        if "ceiling" in e.types and e.heights is not None and e.bounds is not None
+        if shapely.box(*e.bounds).contains(middle) and e.heights[0] > scene.elevation + TALL
+    ]
+    return min(above, default=None)
+
+
+def _names(stem: str, taken: set[str]) -> Iterator[str]:
+    """Yield names that the storey does not have: stem1, stem2 and so on."""
+    return (name for i in count(1) if (name := f"{stem}{i}") not in taken)
