@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import count
@@ -10,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 import shapely
 from numpy.typing import NDArray
+from scipy import ndimage
 from shapely import LineString, Polygon
 
 from navgrid.grid import Grid, grid_around
@@ -22,8 +24,11 @@ from semmap.query.storey_scene import SceneEntity, StoreyScene
 RESOLUTION = 0.05
 """The sides of the cells that are divided into rooms, metres."""
 
-WALL_HEIGHTS = (0.1, 1.8)
-"""Metres above the floor in which a wall stands; a lintel above them is none."""
+WALL_HEIGHTS, LINTEL_HEIGHTS = (0.1, 1.8), (2.25, 2.45)
+"""Metres above the floor in which a wall stands, and in which only it and lintels are."""
+
+HOLLOW = 0.3
+"""Metres between the two faces of a wall whose mesh is not closed."""
 
 TALL, LONG = 1.9, 2.0
 """Metres: where no entity is a part of the building by its type, so high and long a wall is."""
@@ -85,7 +90,8 @@ def find_rooms(scene: StoreyScene, resolution: float = RESOLUTION) -> FoundRooms
     walls = _walls(scene)
     rectangles = [entity.bounds for entity in walls if entity.bounds is not None]
     grid = grid_around(rectangles, resolution, MARGIN)
-    segments = room_segments(_wall_cells(walls, scene.elevation, grid), resolution)
+    cells, above = _wall_cells(walls, scene.elevation, grid)
+    segments = room_segments(cells, resolution, above)
     outside = set(_border(segments.labels).tolist())
     entered = {segment for passage in segments.passages for segment in passage.segments}
     areas = np.bincount(segments.labels.ravel()) * resolution**2
@@ -126,10 +132,13 @@ def _is_tall_and_long(entity: SceneEntity, floor: float) -> bool:
 def _wall_cells(walls: Sequence[SceneEntity], floor: float, grid: Grid) -> NDArray[np.bool_]:
     triangles = np.concatenate([entity.triangles for entity in walls])
     numbers = np.repeat(np.arange(len(walls)), [len(entity.triangles) for entity in walls])
-    low, high = (floor + height for height in WALL_HEIGHTS)
+    slabs = [(floor + low, floor + high) for low, high in (WALL_HEIGHTS, LINTEL_HEIGHTS)]
     mesh = (triangles.reshape(-1, 3), np.arange(3 * len(triangles)).reshape(-1, 3))
-    cells: NDArray[np.bool_] = occupancy(mesh, [(low, high)], grid, solid=numbers, fill=True)[0]
-    return cells
+    cells = occupancy(mesh, slabs, grid, solid=numbers, fill=True)
+    reach = math.ceil(HOLLOW / 2 / grid.resolution)
+    ball = np.hypot(*np.mgrid[-reach : reach + 1, -reach : reach + 1]) <= reach
+    filled: NDArray[np.bool_] = ndimage.binary_closing(cells, ball[None])
+    return filled | cells
 
 
 def _border(labels: NDArray[np.int32]) -> NDArray[np.int32]:

@@ -3,7 +3,8 @@
 A distance-transform segmentation as in Bormann et al., "Room Segmentation: Survey, Implementation,
 and Analysis" (ICRA 2016), section III: free space is flooded from where walls are far, and divided
 where floods meet. Two parts stay two rooms if each passage between them could be a doorway: narrow
-beside both, and in line with a wall.
+beside both, and in line with a wall. Where meshes show a lintel above a passage, it is one, however
+wide: a beam across a room is none, since no wall goes on in its line.
 """
 
 from __future__ import annotations
@@ -24,6 +25,9 @@ DEEPEST, SHALLOWEST, STEP = 2.2, 0.2, 0.05
 
 ALONG = 0.4
 """Metres beside a doorway that are searched for the wall in which it is."""
+
+THICKEST, NARROWEST = 0.6, 0.4
+"""Metres across a lintel, and along it."""
 
 LEAST = 0.35
 """The confidence from which a passage divides two rooms."""
@@ -64,21 +68,73 @@ class RoomSegments:
     passages: tuple[Passage, ...]
 
 
-def room_segments(walls: Cells, resolution: float) -> RoomSegments:
-    """Divide the cells without walls into rooms; cells have sides of `resolution` metres."""
+def room_segments(walls: Cells, resolution: float, above: Cells | None = None) -> RoomSegments:
+    """Divide the cells without walls into rooms; cells have sides of `resolution` metres.
+
+    `above` (rows, columns): what of the walls is higher than a person and a door.
+    """
+    lintels = [] if above is None else _lintels(walls, above, resolution)
+    closed = walls.copy()
+    for cells, _ in lintels:
+        closed[tuple(cells.T)] = True
+    full = closed
+    if above is not None and above.any():  # then a lower wall divides no room
+        full = closed & ndimage.binary_dilation(above, _EIGHT)
     clearance, nearest = ndimage.distance_transform_edt(
-        ~walls, sampling=resolution, return_indices=True
+        ~closed, sampling=resolution, return_indices=True
     )
     labels = _flooded(clearance)
     peaks = np.zeros(int(labels.max(initial=0)) + 1)
     np.maximum.at(peaks, labels.ravel(), clearance.ravel())
     passages = [
-        _passage(pair, cell, walls, nearest, resolution)
+        _passage(pair, cell, closed, nearest, full, resolution)
         for pair, cells in _borders(labels).items()
         for cell in _widest(cells, clearance)
     ]
     number, passages = _merged(passages, peaks)
-    return RoomSegments(number[labels], tuple(passages))
+    labels = number[labels]
+    passages += _below_lintels(lintels, labels, resolution)
+    return RoomSegments(labels, tuple(passages))
+
+
+def _lintels(
+    walls: Cells, above: Cells, resolution: float
+) -> list[tuple[NDArray[np.int64], Floats]]:
+    """Return the cells (N, 2) of each lintel and its ends (2, 2): it goes on from wall to wall."""
+    parts, count = ndimage.label(above & ~walls, _EIGHT)
+    found = []
+    for part in range(1, count + 1):
+        cells = np.argwhere(parts == part)
+        middle = cells.mean(axis=0)
+        way = np.linalg.svd(cells - middle, full_matrices=False)[2][0]
+        along, across = (cells - middle) @ way, (cells - middle) @ [-way[1], way[0]]
+        if np.ptp(across) * resolution > THICKEST or np.ptp(along) * resolution < NARROWEST:
+            continue
+        ends = middle + np.outer([along.min() - 1, along.max() + 1], way)
+        goes_on = [_wall_along(walls, ends[0], -way, resolution)]
+        goes_on += [_wall_along(walls, ends[1], way, resolution)]
+        if max(goes_on) > 0.8 and min(goes_on) > 0:
+            found.append((cells, ends))
+    return found
+
+
+def _below_lintels(
+    lintels: list[tuple[NDArray[np.int64], Floats]], labels: Labels, resolution: float
+) -> list[Passage]:
+    """Return the passages below lintels, each with the two segments that are most beside it."""
+    found = []
+    for cells, ends in lintels:
+        low, high = np.maximum(cells.min(axis=0) - 2, 0), cells.max(axis=0) + 3
+        near = labels[low[0] : high[0], low[1] : high[1]]
+        mask = np.zeros(near.shape, np.bool_)
+        mask[tuple((cells - low).T)] = True
+        beside = near[ndimage.binary_dilation(mask, _EIGHT, iterations=2)]
+        most = np.argsort(-np.bincount(beside[beside > 0]), kind="stable")[:2]
+        if len(most) == 2 and most.min() > 0 and (beside == most[1]).any():
+            pair = (int(most.min()), int(most.max()))
+            width = float(np.hypot(*(ends[1] - ends[0])) - 1) * resolution
+            found.append(Passage(pair, ends, width, 2.0, 1.0))
+    return found
 
 
 def _flooded(clearance: Floats) -> Labels:
@@ -147,6 +203,7 @@ def _passage(
     cell: tuple[int, int],
     walls: Cells,
     nearest: NDArray[np.int32],
+    full: Cells,
     resolution: float,
 ) -> Passage:
     """Return the passage through the cell of a border that is farthest from walls."""
@@ -169,7 +226,7 @@ def _passage(
     other = rays[step, int(hit[step].argmax())].astype(np.float64)
     line = (other - one) / np.hypot(*(other - one))
     width = (float(np.hypot(*(other - one))) - 1) * resolution
-    along = _wall_along(walls, one, -line, resolution) + _wall_along(walls, other, line, resolution)
+    along = _wall_along(full, one, -line, resolution) + _wall_along(full, other, line, resolution)
     return Passage(pair, np.stack([one, other]), width, along)
 
 
@@ -185,7 +242,7 @@ def _at(walls: Cells, cells: NDArray[np.int64]) -> Cells:
     """Return the values of cells (..., 2); False where the grid has none."""
     inside = ((cells >= 0) & (cells < walls.shape)).all(axis=-1)
     rows, columns = np.moveaxis(np.where(inside[..., None], cells, 0), -1, 0)
-    found: Cells = walls[rows, columns] & inside
+    found: Cells = np.where(inside, walls[rows, columns], False)
     return found
 
 
