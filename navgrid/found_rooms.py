@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections import defaultdict
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from itertools import count
+from types import MappingProxyType
 from typing import NamedTuple
 
 import numpy as np
@@ -51,13 +53,18 @@ another doorway within which a found one is the same."""
 
 
 class FoundRoom(NamedTuple):
-    """A room: its outline in the map's frame, metres; how sure it is one, 0 to 1."""
+    """A room: its outline in the map's frame, metres; how sure it is one, 0 to 1.
+
+    Its type follows from the objects `shown_by`; None where they show none.
+    """
 
     name: str
     outline: Polygon
     floor: float
     ceiling: float | None
     confidence: float
+    type: str | None = None
+    shown_by: tuple[str, ...] = ()
 
 
 class FoundDoorway(NamedTuple):
@@ -82,10 +89,15 @@ class FoundRooms:
     known: tuple[str, ...] = ()
 
 
-def find_rooms(scene: StoreyScene, resolution: float = RESOLUTION) -> FoundRooms:
+def find_rooms(
+    scene: StoreyScene,
+    shows: Mapping[str, Sequence[str]] = MappingProxyType({}),
+    resolution: float = RESOLUTION,
+) -> FoundRooms:
     """Divide what walls enclose on a storey into rooms, and find their doorways.
 
-    Furniture and the leaves of doors are left out. Raises ValueError where there are no walls.
+    `shows`: by type of objects, the types of rooms in which they usually are. Furniture and the
+    leaves of doors divide nothing. Raises ValueError where there are no walls.
     """
     walls = _walls(scene)
     rectangles = [entity.bounds for entity in walls if entity.bounds is not None]
@@ -102,7 +114,8 @@ def find_rooms(scene: StoreyScene, resolution: float = RESOLUTION) -> FoundRooms
         and areas[segment] >= (SMALLEST if segment in entered else SMALLEST_CLOSED)
         and (outline := _outline(segments.labels == segment, grid)) is not None
     }
-    return _new(scene, outlines, segments.passages, grid)
+    found = _new(scene, outlines, segments.passages, grid)
+    return replace(found, rooms=tuple(_typed(room, scene, shows) for room in found.rooms))
 
 
 def _walls(scene: StoreyScene) -> list[SceneEntity]:
@@ -201,6 +214,25 @@ def _is_same(room: SceneEntity, outline: Polygon) -> bool:
     if room.footprint is None:
         return False
     return bool(room.footprint.intersection(outline).area >= SAME * outline.area)
+
+
+def _typed(room: FoundRoom, scene: StoreyScene, shows: Mapping[str, Sequence[str]]) -> FoundRoom:
+    """Give a room the type for which most of its objects speak, each for those that it shows."""
+    votes: defaultdict[str, float] = defaultdict(float)
+    voters: defaultdict[str, list[str]] = defaultdict(list)
+    for entity in scene.entities:
+        told = next((shows[t] for t in entity.types if t in shows), ())
+        if not told or entity.bounds is None:
+            continue
+        if room.outline.contains(shapely.box(*entity.bounds).centroid):
+            for each in told:
+                votes[each] += 1 / len(told)
+                voters[each].append(entity.name)
+    first, second = (*sorted(votes.values(), reverse=True), 0.0, 0.0)[:2]
+    if first == second:
+        return room
+    best = max(votes, key=lambda each: votes[each])
+    return room._replace(type=best, shown_by=tuple(voters[best]))
 
 
 def _ceiling(scene: StoreyScene, outline: Polygon) -> float | None:

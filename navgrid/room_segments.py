@@ -57,7 +57,8 @@ class Passage:
             return 0.0
         narrow = 1 - self.width / 2 / min(peaks[a], peaks[b])
         wide = max(0.0, self.width - 1.4) / 5
-        return float(np.clip(narrow + 0.35 * (self.along - 1) - wide, 0, 1))
+        sure = narrow - wide + 0.35 * max(0.0, self.along - 1)
+        return float(np.clip(sure * min(1.0, self.along), 0, 1))
 
 
 @dataclass(frozen=True, eq=False)
@@ -240,9 +241,9 @@ def _wall_along(walls: Cells, end: Floats, way: Floats, resolution: float) -> fl
 
 def _at(walls: Cells, cells: NDArray[np.int64]) -> Cells:
     """Return the values of cells (..., 2); False where the grid has none."""
-    inside = ((cells >= 0) & (cells < walls.shape)).all(axis=-1)
-    rows, columns = np.moveaxis(np.where(inside[..., None], cells, 0), -1, 0)
-    found: Cells = np.where(inside, walls[rows, columns], False)
+    inside = np.asarray(((cells >= 0) & (cells < walls.shape)).all(axis=-1))
+    at = np.where(inside[..., None], cells, 0)
+    found: Cells = walls[at[..., 0], at[..., 1]] & inside
     return found
 
 

@@ -27,11 +27,15 @@ from semmap.ingest.world import (
 from semmap.query.map_check.building import STEP, WALL
 
 if TYPE_CHECKING:
+    from navgrid.found_rooms import FoundRooms
     from semmap.api.map import Map
     from semmap.api.map_entity import MapEntity
 
 HEIGHT = {"room": 2.5, "region": 0.01}
 """Metres, of what is drawn without a ceiling."""
+
+CLEARANCE = 0.6
+"""Metres from the line of a door at which a robot stands before and behind it."""
 
 SIDE = 0.05
 """Metres before and behind a door's line where its places are looked for."""
@@ -163,6 +167,33 @@ def door(
             **detail,
         ),
     )
+
+
+ROOMS_OF_TYPES = """
+SELECT s.name, array_agg(f.type) AS rooms
+FROM semantic_type s CROSS JOIN unnest(s.found_in) f (type)
+WHERE f.type = ANY (subtypes('room')) GROUP BY s.name
+"""
+"""By type of objects, the types of rooms in which they usually are."""
+
+
+def add_found_rooms(map: Map, found: FoundRooms) -> None:
+    """Add the rooms and doorways of a storey that were found."""
+    floor = 0.0
+    for room in found.rooms:
+        floor = room.floor
+        made = drawn(room.name, "room", room.outline, room.floor, room.ceiling, room.type, None)
+        made.properties["found"] = {
+            "confidence": round(room.confidence, 3),
+            "shown_by": list(room.shown_by),
+        }
+        add_entry(map, made, storey=found.storey if found.storey in map else None)
+    for way in found.doorways:
+        detail = {"width": None, "behaviour": "drive_through"}
+        made = door(map, way.name, way.rooms, way.line.coords, floor, CLEARANCE, **detail)
+        made.type = "opening"
+        made.properties["found"] = {"confidence": round(way.confidence, 3)}
+        add_entry(map, made)
 
 
 def _nearer(map: Map, door: str, form: str, room: MapEntity, ends: Any, normal: Any) -> int:

@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     import shapely
     import trimesh
 
+    from navgrid.found_rooms import FoundRooms
     from semmap.api.map_entity import Door
     from semmap.belief.identify import Detection
     from semmap.geometry.mesh import Mesh
@@ -251,6 +252,43 @@ class Map(
         made = door(self, name, places, line, height, clearance, width=width, **detail)
         add_entry(self, made)
         return self.doors[name]
+
+    def find_rooms(self, *, storey: str | None = None, add: bool = False) -> list[FoundRooms]:
+        """Find the rooms and doorways that walls show, on each storey, the lowest first.
+
+        Rooms and connectors that the map has already are left as they are, and out.
+
+        Parameters
+        ----------
+        storey : only this one
+        add : put them into the map, all of them or none; their property `found` has the confidence
+
+        Raises
+        ------
+        LookupError, ValueError
+            There is no such storey; no storey has walls.
+        """
+        from navgrid.found_rooms import find_rooms
+        from semmap.api.additions import ROOMS_OF_TYPES, add_found_rooms
+        from semmap.query.storey_reader import read_storeys
+
+        with self.snapshot() as seen:
+            scenes = read_storeys(seen, storey)
+            rows = seen.connection.exec_driver_sql(ROOMS_OF_TYPES)
+            shows = {row.name: row.rooms for row in rows}
+        found, reasons = [], []
+        for scene in scenes:
+            try:
+                found.append(find_rooms(scene, shows))
+            except ValueError as error:
+                reasons.append(str(error))
+        if not found:
+            raise ValueError("; ".join(reasons))
+        if add:
+            with self._change():
+                for each in found:
+                    add_found_rooms(self, each)
+        return found
 
     def spot(
         self, holder: MapEntity, relation: str, size: Sequence[float] = (0, 0, 0), moved: int = 0
