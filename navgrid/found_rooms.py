@@ -26,14 +26,14 @@ from semmap.query.storey_scene import SceneEntity, StoreyScene
 RESOLUTION = 0.05
 """The sides of the cells that are divided into rooms, metres."""
 
-WALL_HEIGHTS, LINTEL_HEIGHTS = (0.1, 1.8), (2.25, 2.45)
+TALL, THIN = 2.25, 0.5
+"""Metres: what has no type and is so high above the floor and so thin is a wall."""
+
+WALL_HEIGHTS, LINTEL_HEIGHTS = (0.1, 1.8), (TALL, TALL + 0.2)
 """Metres above the floor in which a wall stands, and in which only it and lintels are."""
 
 HOLLOW = 0.3
 """Metres between the two faces of a wall whose mesh is not closed."""
-
-TALL, LONG = 1.9, 2.0
-"""Metres: where no entity is a part of the building by its type, so high and long a wall is."""
 
 SMALLEST, SMALLEST_CLOSED = 0.5, 2.0
 """Square metres of a room, and of one into which no doorway leads: a smaller one is a shaft."""
@@ -119,27 +119,33 @@ def find_rooms(
 
 
 def _walls(scene: StoreyScene) -> list[SceneEntity]:
-    """Return the walls: what its type says is a part of the building, else what is tall and long.
-
-    ValueError: nothing is.
-    """
-    solid = [e for e in scene.entities if e.kind == "object" and len(e.triangles)]
-    typed = [e for e in solid if not WALLS.isdisjoint(e.types)]
-    walls = typed or [e for e in solid if _is_tall_and_long(e, scene.elevation)]
+    """Return what its type, or the shape of what has none, shows to be a wall; else ValueError."""
+    walls = [
+        entity
+        for entity in scene.entities
+        if entity.kind == "object" and len(entity.triangles)
+        if not WALLS.isdisjoint(entity.types)
+        or (entity.types[:1] in ((), ("object",)) and _is_upright(entity, scene.elevation))
+    ]
     if not walls:
         raise ValueError(
-            f"{scene.storey} has no walls: no object is of the type wall or building_shell, "
-            f"and none is {TALL:g} m high and {LONG:g} m long"
+            f"{scene.storey} has no walls: no object is of the type wall or building_shell, nor is "
+            f"one without a type {TALL:g} m high and {THIN:g} m thin"
         )
     return walls
 
 
-def _is_tall_and_long(entity: SceneEntity, floor: float) -> bool:
-    if entity.bounds is None or entity.heights is None:
+def _is_upright(entity: SceneEntity, floor: float) -> bool:
+    """Return whether an entity stands as a wall or a column does: thin, and up to the ceiling."""
+    if entity.heights is None or not (
+        entity.heights[0] <= floor + TALL / 2 and entity.heights[1] >= floor + TALL
+    ):
         return False
-    x0, y0, x1, y1 = entity.bounds
-    low, high = entity.heights
-    return max(x1 - x0, y1 - y0) >= LONG and low <= floor + TALL / 2 and high >= floor + TALL
+    around = shapely.oriented_envelope(shapely.multipoints(entity.triangles.reshape(-1, 3)[:, :2]))
+    if around.geom_type != "Polygon":
+        return True
+    corners = shapely.get_coordinates(around)[:3]
+    return bool(np.hypot(*np.diff(corners, axis=0).T).min() <= THIN)
 
 
 def _wall_cells(walls: Sequence[SceneEntity], floor: float, grid: Grid) -> NDArray[np.bool_]:

@@ -201,7 +201,7 @@ class Building:
             + "</world></sdf>"
         )
         rooms.write_text(
-            json.dumps({"type": "FeatureCollection", "features": list(self._features())})
+            json.dumps({"type": "FeatureCollection", "features": list(self.features())})
         )
         return world, rooms
 
@@ -215,7 +215,8 @@ class Building:
             f'<collision name="c">{geometry}</collision></link></model>'
         )
 
-    def _features(self) -> Iterator[dict[str, object]]:
+    def features(self) -> Iterator[dict[str, object]]:
+        """The storeys, rooms and doors as GeoJSON."""
         for name, elevation, height in self.storeys:
             yield _feature(None, kind="storey", name=name, elevation=elevation, height=height)
         for room in self.rooms:
