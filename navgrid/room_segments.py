@@ -17,8 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-WIDEST = 3.7
-"""Metres: a wider passage divides no room."""
+WIDE, WIDEST = 1.8, 3.7
+"""Metres: from the first on, a passage is the less a doorway the wider it is; from the second on, it
+is none."""
 
 DEEPEST, SHALLOWEST, STEP = 2.2, 0.2, 0.05
 """Metres from the walls at which floods begin, from the deepest to the shallowest in steps."""
@@ -29,7 +30,7 @@ ALONG = 0.4
 THICKEST, NARROWEST = 0.6, 0.4
 """Metres across a lintel, and along it."""
 
-LEAST = 0.35
+LEAST = 0.2
 """The confidence from which a passage divides two rooms."""
 
 _TURNS = np.radians(np.arange(-40, 41, 5))
@@ -56,9 +57,8 @@ class Passage:
         if self.width > WIDEST:
             return 0.0
         narrow = 1 - self.width / 2 / min(peaks[a], peaks[b])
-        wide = max(0.0, self.width - 1.4) / 5
-        sure = narrow - wide + 0.35 * max(0.0, self.along - 1)
-        return float(np.clip(sure * min(1.0, self.along), 0, 1))
+        in_line = min(1.0, self.along) * (1 + 1.5 * max(0.0, self.along - 1))
+        return float(np.clip(narrow * in_line - max(0.0, self.width - WIDE) / 10, 0, 1))
 
 
 @dataclass(frozen=True, eq=False)
