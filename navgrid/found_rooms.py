@@ -8,7 +8,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import count
 from types import MappingProxyType
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import shapely
@@ -21,6 +21,7 @@ from navgrid.room_segments import Passage, room_segments
 from navgrid.slabs import occupancy
 from semmap.geometry.morphology import polygons
 from semmap.ingest.floor_plan import reading_order
+from semmap.ingest.world import OUTSIDE
 from semmap.query.storey_scene import SceneEntity, StoreyScene
 
 RESOLUTION = 0.05
@@ -60,7 +61,6 @@ class FoundRoom(NamedTuple):
 
     name: str
     outline: Polygon
-    floor: float
     ceiling: float | None
     confidence: float
     type: str | None = None
@@ -75,6 +75,11 @@ class FoundDoorway(NamedTuple):
     line: LineString
     confidence: float
 
+    @property
+    def joins(self) -> tuple[str, str]:
+        """The rooms, or `outside`."""
+        return self.rooms[0], self.rooms[1] or OUTSIDE
+
 
 @dataclass(frozen=True, eq=False)
 class FoundRooms:
@@ -84,9 +89,36 @@ class FoundRooms:
     """
 
     storey: str
+    elevation: float
     rooms: tuple[FoundRoom, ...]
     doorways: tuple[FoundDoorway, ...]
     known: tuple[str, ...] = ()
+
+    def table(self) -> list[dict[str, Any]]:
+        """A row for each: kind, name, type, metres (square, of rooms), confidence, and `by`.
+
+        `by` are the objects that show a room's type, and the rooms that a doorway joins.
+        """
+        rooms = [
+            ("room", r.name, r.type, round(r.outline.area, 1), r.confidence, r.shown_by)
+            for r in self.rooms
+        ]
+        doorways = [
+            ("doorway", d.name, "opening", round(d.line.length, 2), d.confidence, d.joins)
+            for d in self.doorways
+        ]
+        return [
+            {
+                "storey": self.storey,
+                "kind": kind,
+                "name": name,
+                "type": type_,
+                "metres": metres,
+                "confidence": round(confidence, 2),
+                "by": ", ".join(by),
+            }
+            for kind, name, type_, metres, confidence, by in (*rooms, *doorways)
+        ]
 
 
 def find_rooms(
@@ -195,9 +227,9 @@ def _new(
             continue
         name = names[segment] = next(room_names)
         sure = min((p.confidence for p in passages if segment in p.segments), default=CLOSED)
-        rooms.append(FoundRoom(name, outline, scene.elevation, _ceiling(scene, outline), sure))
+        rooms.append(FoundRoom(name, outline, _ceiling(scene, outline), sure))
     there = [
-        LineString([side.translation[:2] for side in e.sides]).interpolate(0.5, True)
+        LineString([side.translation[:2] for side in e.sides]).interpolate(0.5, normalized=True)
         for e in scene.entities
         if e.sides is not None
     ]
@@ -207,13 +239,13 @@ def _new(
         if a not in names:
             continue
         line = LineString((passage.ends[:, ::-1] + 0.5) * grid.resolution + grid.origin)
-        middle = line.interpolate(0.5, True)
+        middle = line.interpolate(0.5, normalized=True)
         if any(middle.distance(other) < SAME for other in there):
             continue
         there.append(middle)
         pair = (names[a], names.get(b))
         doorways.append(FoundDoorway(next(door_names), pair, line, passage.confidence))
-    return FoundRooms(scene.storey, tuple(rooms), tuple(doorways), tuple(known))
+    return FoundRooms(scene.storey, scene.elevation, tuple(rooms), tuple(doorways), tuple(known))
 
 
 def _is_same(room: SceneEntity, outline: Polygon) -> bool:

@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 WIDE, WIDEST = 1.8, 3.7
-"""Metres: from the first on, a passage is the less a doorway the wider it is; from the second on, it
-is none."""
+"""Metres: from the first on, a passage is the less a doorway the wider it is; from the second on
+none."""
 
 DEEPEST, SHALLOWEST, STEP = 2.2, 0.2, 0.05
 """Metres from the walls at which floods begin, from the deepest to the shallowest in steps."""
@@ -57,7 +57,7 @@ class Passage:
         if self.width > WIDEST:
             return 0.0
         narrow = 1 - self.width / 2 / min(peaks[a], peaks[b])
-        in_line = min(1.0, self.along) * (1 + 1.5 * max(0.0, self.along - 1))
+        in_line = min(1.0, self.along) ** 2 * (1 + 1.5 * max(0.0, self.along - 1))
         return float(np.clip(narrow * in_line - max(0.0, self.width - WIDE) / 10, 0, 1))
 
 

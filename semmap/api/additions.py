@@ -179,18 +179,18 @@ WHERE f.type = ANY (subtypes('room')) GROUP BY s.name
 
 def add_found_rooms(map: Map, found: FoundRooms) -> None:
     """Add the rooms and doorways of a storey that were found."""
-    floor = 0.0
     for room in found.rooms:
-        floor = room.floor
-        made = drawn(room.name, "room", room.outline, room.floor, room.ceiling, room.type, None)
+        heights = found.elevation, room.ceiling
+        made = drawn(room.name, "room", room.outline, *heights, room.type, None)
         made.properties["found"] = {
             "confidence": round(room.confidence, 3),
             "shown_by": list(room.shown_by),
         }
         add_entry(map, made, storey=found.storey if found.storey in map else None)
     for way in found.doorways:
-        detail = {"width": None, "behaviour": "drive_through"}
-        made = door(map, way.name, way.rooms, way.line.coords, floor, CLEARANCE, **detail)
+        detail = {"width": None, "type": "door", "behaviour": "drive_through"}
+        line = way.line.coords[:]
+        made = door(map, way.name, way.rooms, line, found.elevation, CLEARANCE, **detail)
         made.type = "opening"
         made.properties["found"] = {"confidence": round(way.confidence, 3)}
         add_entry(map, made)

@@ -73,15 +73,14 @@ def without_rooms(building: Building, folder: Path) -> tuple[Path, Path]:
     return world, storeys
 
 
-def judge(building: Building, cluster: Cluster, folder: Path) -> tuple[Score, Score]:
+def judge(building: Building, database: semmap.Database, folder: Path) -> tuple[Score, Score]:
     """The scores of the rooms and doors of a building that is imported without them."""
     rooms, doors = Score(), Score()
-    with semmap.connect(cluster) as database:
-        name = f"bare{building.seed}"
-        for path in without_rooms(building, folder):
-            database.import_file(path, map=name)
-        found = {each.storey: each for each in database.map(name).find_rooms()}
-        database.drop_map(name)
+    name = f"bare{building.seed}"
+    for path in without_rooms(building, folder):
+        database.import_file(path, map=name)
+    found = {each.storey: each for each in database.map(name).find_rooms()}
+    database.drop_map(name)
     for storey, _, _ in building.storeys:
         here = found[storey]
         inside = {room.name for room in building.rooms if room.storey == storey}
@@ -106,11 +105,12 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as folder:
         Path(folder).chmod(0o755)  # another user runs the server where root began it
         cluster = Cluster(Path(folder) / "data")
-        for seed in range(given.first, given.first + given.count):
-            more_rooms, more_doors = judge(random_building(seed), cluster, Path(folder))
-            rooms, doors = rooms + more_rooms, doors + more_doors
-            if min(more_rooms.recall, more_doors.recall, more_rooms.precision) < 0.9:
-                print(seed, more_rooms, more_doors, flush=True)
+        with semmap.connect(cluster) as database:
+            for seed in range(given.first, given.first + given.count):
+                more_rooms, more_doors = judge(random_building(seed), database, Path(folder))
+                rooms, doors = rooms + more_rooms, doors + more_doors
+                if min(more_rooms.recall, more_doors.recall, more_rooms.precision) < 0.9:
+                    print(seed, more_rooms, more_doors, flush=True)
         cluster.stop()
     for what, score in (("rooms", rooms), ("doors", doors)):
         print(f"{what}: {score}, recall {score.recall:.3f}, precision {score.precision:.3f}")

@@ -1,0 +1,29 @@
+"""The command `semmap rooms find`."""
+
+from __future__ import annotations
+
+import typer
+from typer import Option
+
+from semmap import cli
+
+rooms = typer.Typer(no_args_is_help=True, help="Rooms and doorways, found in walls.")
+
+
+@rooms.command()
+def find(
+    storey: str | None = Option(None, help="Only this one."),
+    add: bool = Option(False, "--add", help="Put them into the map; else they are listed only."),
+    map_name: cli.MapName = None,
+    json_: cli.Json = False,
+) -> None:
+    """Find the rooms and doorways that the walls of the map enclose.
+
+    Rooms and connectors of the map stay as they are. Types follow from the furniture; each has a
+    confidence from 0 to 1. Once added, they can be renamed, redrawn and given other types.
+    """
+    with cli.chosen_map(map_name) as house:
+        found = house.find_rooms(storey=storey, add=add)
+    cli.show_table([row for each in found for row in each.table()], json_)
+    if not json_ and not add and any(each.rooms or each.doorways for each in found):
+        cli.err.print("to put them into the map: semmap rooms find --add", style="dim")
