@@ -85,14 +85,15 @@ class FoundDoorway(NamedTuple):
 class FoundRooms:
     """The rooms and doorways of a storey that geometry shows and the map does not have yet.
 
-    `known` are the rooms of the map that were found again.
+    `known` are the rooms of the map that were found again; `problem` says why nothing was found.
     """
 
     storey: str
     elevation: float
-    rooms: tuple[FoundRoom, ...]
-    doorways: tuple[FoundDoorway, ...]
+    rooms: tuple[FoundRoom, ...] = ()
+    doorways: tuple[FoundDoorway, ...] = ()
     known: tuple[str, ...] = ()
+    problem: str | None = None
 
     def table(self) -> list[dict[str, Any]]:
         """A row for each: kind, name, type, metres (square, of rooms), confidence, and `by`.

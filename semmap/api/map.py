@@ -253,10 +253,13 @@ class Map(
         add_entry(self, made)
         return self.doors[name]
 
-    def find_rooms(self, *, storey: str | None = None, add: bool = False) -> list[FoundRooms]:
-        """Find the rooms and doorways that walls show, on each storey, the lowest first.
+    def find_rooms(
+        self, *, storey: EntityName | None = None, add: bool = False
+    ) -> list[FoundRooms]:
+        """Find the rooms and doorways between walls, on each storey, the lowest first.
 
-        Rooms and connectors that the map has already are left as they are, and out.
+        Rooms and connectors that the map has already are left as they are, and out. A storey
+        without walls has a `problem` in their place.
 
         Parameters
         ----------
@@ -268,7 +271,7 @@ class Map(
         LookupError, ValueError
             There is no such storey; no storey has walls.
         """
-        from navgrid.found_rooms import find_rooms
+        from navgrid.found_rooms import FoundRooms, find_rooms
         from semmap.api.additions import ROOMS_OF_TYPES, add_found_rooms
         from semmap.query.storey_reader import read_storeys
 
@@ -276,14 +279,14 @@ class Map(
             scenes = read_storeys(seen, storey)
             rows = seen.connection.exec_driver_sql(ROOMS_OF_TYPES)
             shows = {row.name: row.rooms for row in rows}
-        found, reasons = [], []
+        found = []
         for scene in scenes:
             try:
                 found.append(find_rooms(scene, shows))
             except ValueError as error:
-                reasons.append(str(error))
-        if not found:
-            raise ValueError("; ".join(reasons))
+                found.append(FoundRooms(scene.storey, scene.elevation, problem=str(error)))
+        if all(each.problem for each in found):
+            raise ValueError("; ".join(str(each.problem) for each in found))
         if add:
             with self._change():
                 for each in found:

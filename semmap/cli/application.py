@@ -6,6 +6,7 @@ import gc
 import math
 import os
 import sys
+from collections.abc import Iterable
 from datetime import datetime
 from functools import partial
 from pathlib import Path
@@ -23,6 +24,7 @@ from semmap.error import Error
 from semmap.terminal import guard_streams
 
 if TYPE_CHECKING:
+    from semmap.api.database import Database
     from semmap.ingest.importer import ImportSummary
 
 
@@ -78,11 +80,22 @@ def import_(
                 summary = db.import_file(path, map=map_name, progress=bars.report, **options)
             summaries.append(summary)
             map_name = map_name or summary.map
+        _name_roomless(db, {summary.map for summary in summaries})
     if json_:
         print_json([summary.as_json() for summary in summaries])
         return
     for summary in summaries:
         print_summary(summary)
+
+
+def _name_roomless(db: Database, maps: Iterable[str]) -> None:
+    from semmap.cli.output import err
+
+    for name in sorted(maps):
+        if not db.map(name).rooms:
+            err.print(
+                f"map {name} has no rooms: semmap rooms find --map {name} finds them in walls"
+            )
 
 
 def print_summary(s: ImportSummary) -> None:

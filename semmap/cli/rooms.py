@@ -24,6 +24,9 @@ def find(
     """
     with cli.chosen_map(map_name) as house:
         found = house.find_rooms(storey=storey, add=add)
+    for each in found:
+        if each.problem:
+            cli.err.print(f"left out: {each.problem}", style="yellow")
     cli.show_table([row for each in found for row in each.table()], json_)
     if not json_ and not add and any(each.rooms or each.doorways for each in found):
         cli.err.print("to put them into the map: semmap rooms find --add", style="dim")
