@@ -219,7 +219,7 @@ class Database(DatabaseManipulation, DatabaseInterlinking):
         *,
         map: str | None = None,
         geometry: Literal["visual", "collision"] = "visual",
-        mesh_as: Literal["object", "room"] = "object",
+        mesh_as: Literal["object", "room", "scene"] = "object",
         strict: bool = False,
         source: str | None = None,
         model_path: Sequence[str | Path] = (),
@@ -233,6 +233,7 @@ class Database(DatabaseManipulation, DatabaseInterlinking):
         path : SDF, Open-RMF ``building.yaml``, GeoJSON, GeoPackage, a mesh or a point cloud
         map : made where it is not there; by default the file's own name
         geometry : of SDF models
+        mesh_as : a mesh file is one object, a room, or a scene of an object for each named node
         strict : take nothing if anything is left out
         source : the name under which a repeated import finds its entities; by default the file's
         model_path : folders of SDF models, searched first

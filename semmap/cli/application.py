@@ -52,7 +52,7 @@ def import_(
     files: list[Path] = Argument(help="SDF, building.yaml, GeoJSON, meshes, ..."),
     map_name: MapName = None,
     geometry: str = Option("visual", help="Of SDF models: visual or collision."),
-    as_: str = Option("object", "--as", help="A mesh file is an: object or room."),
+    as_: str = Option("object", "--as", help="A mesh file is: object, room, or scene of nodes."),
     strict: bool = Option(False, help="Take nothing if anything is left out."),
     source: str | None = Option(None, help="Name under which a repeat finds it."),
     model_path: list[Path] | None = Option(
@@ -64,8 +64,8 @@ def import_(
     """Read world files into the map: each in one transaction, repeatable."""
     from semmap.cli.output import StageBars, print_json
 
-    if geometry not in ("visual", "collision") or as_ not in ("object", "room"):
-        raise typer.BadParameter("--geometry is visual or collision, --as is object or room")
+    if geometry not in ("visual", "collision") or as_ not in ("object", "room", "scene"):
+        raise typer.BadParameter("--geometry is visual or collision, --as is object, room or scene")
     if not 0 < scale < math.inf:
         raise typer.BadParameter(f"--scale is a number above 0, not {scale:g}")
     for folder in model_path or ():

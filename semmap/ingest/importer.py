@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
 from functools import partial
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import psycopg
 from psycopg.types.json import Jsonb
@@ -17,7 +17,7 @@ from sqlalchemy import Connection, Engine
 
 from semmap.database.maps import driver_of, see_map
 from semmap.ingest.annotation import read_annotation
-from semmap.ingest.meshes.mesh_file import read_mesh_world
+from semmap.ingest.meshes.mesh_file import MeshAs, read_mesh_world
 from semmap.ingest.naming import GUESS
 from semmap.ingest.ontology.type_store import load_tbox
 from semmap.ingest.rmf import read_rmf
@@ -38,8 +38,6 @@ from semmap.limits import ENTRIES, NAME_CHARACTERS
 from semmap.query.geometry_notes import names_note, read_names_without_geometry
 from semmap.query.snapshot import Snapshot
 
-MeshAs = Literal["object", "room"]
-
 SDF, RMF, FEATURES = (".sdf", ".world"), (".yaml", ".yml"), (".geojson", ".json", ".gpkg")
 MESHES = (".3mf", ".bt", ".dae", ".glb", ".gltf", ".obj", ".off", ".ot", ".ply", ".stl")
 """The mesh formats that trimesh reads and whose triangles can be counted."""
@@ -58,7 +56,7 @@ def read_world(
     Parameters
     ----------
     geometry : of SDF models
-    mesh_as : what a mesh file is
+    mesh_as : what a mesh file is; `scene`: an object for each of its nodes
     model_path : folders of SDF models, searched first
     scale : metres per unit of a mesh file
 

@@ -9,7 +9,7 @@ import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Literal
+from typing import Literal, NamedTuple
 from xml.etree.ElementTree import ParseError
 
 import numpy as np
@@ -19,6 +19,7 @@ from defusedxml.ElementTree import iterparse
 from numpy.typing import ArrayLike, NDArray
 
 from semmap.geometry.mesh import Mesh, join
+from semmap.geometry.pose import Pose
 from semmap.ingest.meshes.mesh_size import SIMPLER, MeshFileError, check_size
 from semmap.ingest.meshes.octomap_file import read_octomap
 from semmap.ingest.naming import give_type
@@ -31,8 +32,15 @@ Y_UP = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])
 X_UP = np.array([[0.0, -1, 0], [0, 0, -1], [1, 0, 0]])
 """Rotation from coordinates with x up (COLLADA: right -y, towards the viewer z) to z up."""
 
-_Part = tuple[frozenset[str], Mesh]
-"""A piece of a file with its names, in the file's frame and metres."""
+MeshAs = Literal["object", "room", "scene"]
+"""What a mesh file is: one object, the shell of a room, or an object for each of its nodes."""
+
+
+class _Part(NamedTuple):
+    """A piece of a file with its names, those of its node first, in the file's frame, metres."""
+
+    names: tuple[str, ...]
+    mesh: Mesh
 
 
 def read_mesh(
@@ -50,11 +58,7 @@ def read_mesh(
     origin; `dae_up_axis` follows a COLLADA file's `<up_axis>`, which Gazebo does not; `scale` is
     metres per unit of formats without units. A MeshFileError says why there is no surface.
     """
-    if not os.path.isfile(path):  # noqa: PTH113 - False where a name is too long
-        raise MeshFileError("does not exist", other_case(path) or "Restore it.")
-    read = _READERS.get(path.suffix.lower(), _read_any)
-    with _loading(path.suffix.lstrip(".").upper() or "a mesh"), np.errstate(all="ignore"):
-        parts = read(path, dae_up_axis)
+    parts = _parts(path, dae_up_axis)
     meshes = [mesh for names, mesh in parts if len(mesh.faces) and part in (None, *names)]
     if not meshes:
         missing = "has no faces" if part is None else f"has no faces in a part named {part!r}"
@@ -63,6 +67,15 @@ def read_mesh(
     if center:
         mesh = Mesh(mesh.vertices - mesh.bounds.mean(axis=0), mesh.faces)
     return mesh
+
+
+def _parts(path: Path, dae_up_axis: bool = True) -> list[_Part]:
+    """Return the pieces of a mesh file."""
+    if not os.path.isfile(path):  # noqa: PTH113 - False where a name is too long
+        raise MeshFileError("does not exist", other_case(path) or "Restore it.")
+    read = _READERS.get(path.suffix.lower(), _read_any)
+    with _loading(path.suffix.lstrip(".").upper() or "a mesh"), np.errstate(all="ignore"):
+        return read(path, dae_up_axis)
 
 
 @contextmanager
@@ -82,18 +95,18 @@ def _loading(format_: str) -> Iterator[None]:
             ) from error
 
 
-def read_mesh_world(
-    path: Path, as_: Literal["object", "room"] = "object", *, scale: float = 1.0
-) -> World:
-    """A world of one entry: the mesh of a file as an object or as the shell of a room.
+def read_mesh_world(path: Path, as_: MeshAs = "object", *, scale: float = 1.0) -> World:
+    """A world of one entry, or of one for each named node of a scene.
 
-    A PLY file of points without faces is an object with a point cloud; the type of other objects is
-    guessed from the file's name. `scale` is metres per unit of a format without units. A WorldError
-    refuses a mesh that cannot be used.
+    A PLY file of points without faces is an object with a point cloud; the types of other objects
+    are guessed from the name of the file, in a scene from those of the nodes. `scale` is metres per
+    unit of a format without units. A WorldError refuses a mesh that cannot be used.
     """
     path = Path(path)
     name = path.stem
     try:
+        if as_ == "scene":
+            return World(name, path, _scene_entries(path, scale))
         points = _read_points(path, scale) if as_ == "object" else None
         mesh = read_mesh(path, scale=scale) if points is None else points
     except MeshFileError as error:
@@ -121,6 +134,28 @@ def read_mesh_world(
             "--scale 0.001"
         )
     return world
+
+
+def _scene_entries(path: Path, scale: float) -> list[Entry]:
+    """Return an object for each node with a mesh; its frame is below the middle of its box."""
+    by_node: dict[str, list[Mesh]] = {}
+    for names, mesh in _parts(path):
+        if len(mesh.faces):
+            by_node.setdefault(names[0] if names else path.stem, []).append(mesh)
+    if not by_node:
+        raise MeshFileError("has no faces", "Export it as triangle meshes.")
+    entries = []
+    for name, meshes in by_node.items():
+        mesh = _checked(_tidy(join(meshes), scale))
+        low, high = mesh.bounds
+        x, y = ((low + high) / 2)[:2].tolist()
+        pose = Pose(x, y, float(low[2]))
+        local = Mesh(mesh.vertices - pose.translation, mesh.faces)
+        shape = Shape("mesh", local, uri=f"{path.name}#{name}")
+        entry = Entry(name, kind="object", pose=pose, shapes=[shape])
+        give_type(entry, (name,))
+        entries.append(entry)
+    return entries
 
 
 def _read_points(path: Path, scale: float) -> Mesh | None:
@@ -167,7 +202,8 @@ def _read_dae(path: Path, up_axis: bool) -> list[_Part]:
     for number, bound in enumerate(placed, 1):
         PARTS.check(number, MeshFileError, SIMPLER)
         geometry, matrix = bound.original, np.asarray(bound.matrix, float)
-        named = {geometry.name, geometry.id, *names.get(geometry.id, ())} - {None, ""}
+        nodes = sorted(names.get(geometry.id, ()))
+        named = tuple(n for n in (*nodes, geometry.name, geometry.id) if n)
         for primitive in geometry.primitives:
             if isinstance(primitive, collada.polylist.Polylist):
                 primitive = primitive.triangleset()
@@ -177,7 +213,7 @@ def _read_dae(path: Path, up_axis: bool) -> list[_Part]:
             faces += len(mesh.faces)
             TRIANGLES.check(faces, MeshFileError, SIMPLER)
             vertices = unit * mesh.vertices @ turn.T
-            parts.append((frozenset(named), Mesh(vertices, mesh.faces)))
+            parts.append(_Part(named, Mesh(vertices, mesh.faces)))
     return parts
 
 
@@ -234,14 +270,17 @@ def _read_any(path: Path, up_axis: bool) -> list[_Part]:
             faces += len(geometry.faces)
             TRIANGLES.check(faces, MeshFileError, SIMPLER)
             mesh = _placed(geometry.vertices, geometry.faces, np.asarray(matrix, float))
-            names = frozenset({str(node), str(name)})
-            parts.append((names, Mesh(unit * mesh.vertices @ turn.T, mesh.faces)))
+            # A mesh of several materials is a node for each, named after the one that they share.
+            above = scene.graph.transforms.parents.get(node)
+            shared = above is not None and str(node).startswith(str(above))
+            names = (str(above if shared else node), str(node), str(name))
+            parts.append(_Part(names, Mesh(unit * mesh.vertices @ turn.T, mesh.faces)))
     return parts
 
 
 def _read_octomap(path: Path, _: bool) -> list[_Part]:
     check_size(path)
-    return [(frozenset(), read_octomap(path))]
+    return [_Part((), read_octomap(path))]
 
 
 _READERS: dict[str, Callable[[Path, bool], list[_Part]]] = {

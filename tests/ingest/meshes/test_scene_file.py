@@ -1,0 +1,72 @@
+"""A scene in one file: an object for each named node, and rooms and routes from it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+
+import semmap
+from semmap.ingest.meshes.mesh_file import read_mesh_world
+
+BOXES = {
+    "Wall_south": ((0, 0, 0), (8, 0.2, 2.7)),
+    "Wall_north": ((0, 4, 0), (8, 4.2, 2.7)),
+    "Wall_west": ((0, 0.2, 0), (0.2, 4, 2.7)),
+    "Wall_east": ((7.8, 0.2, 0), (8, 4, 2.7)),
+    "Wall_a": ((3.9, 0.2, 0), (4.1, 1.5, 2.7)),
+    "Wall_b": ((3.9, 2.5, 0), (4.1, 4, 2.7)),
+    "Bed": ((0.6, 1, 0), (2.4, 2, 0.5)),
+    "Stove.001": ((7, 0.3, 0), (7.6, 0.9, 0.9)),
+    "Mug": ((7.2, 0.5, 0.9), (7.3, 0.6, 1.0)),
+}
+"""Lowest and highest corners, metres, z up."""
+
+
+@pytest.fixture
+def scene(tmp_path: Path) -> Path:
+    """The boxes as nodes of a GLB file, whose y is up; each node is moved, its mesh is not."""
+    made = trimesh.Scene()
+    up = np.array([[1.0, 0, 0, 0], [0, 0, 1, 0], [0, -1, 0, 0], [0, 0, 0, 1]])
+    for name, (low, high) in BOXES.items():
+        size = np.subtract(high, low)
+        place = trimesh.transformations.translation_matrix(np.add(low, high) / 2)
+        box = trimesh.creation.box(size)
+        made.add_geometry(box, node_name=name, geom_name=f"mesh of {name}", transform=up @ place)
+    path = tmp_path / "flat.glb"
+    made.export(path)
+    return path
+
+
+def test_each_named_node_is_an_object_where_it_is(scene: Path) -> None:
+    world = read_mesh_world(scene, "scene")
+
+    found = {entry.name: entry for entry in world.entries}
+    assert set(found) == set(BOXES)
+    for name, (low, high) in BOXES.items():
+        entry = found[name]
+        assert entry.pose is not None
+        mesh = entry.shapes[0].mesh
+        assert mesh is not None
+        placed = mesh.vertices + entry.pose.translation
+        assert placed.min(axis=0) == pytest.approx(low, abs=1e-6)
+        assert placed.max(axis=0) == pytest.approx(high, abs=1e-6)
+        assert mesh.vertices[:, 2].min() == pytest.approx(0, abs=1e-6)
+    assert [found[n].type for n in ("Wall_a", "Bed", "Mug")] == ["wall", "bed", "mug"]
+
+
+def test_a_scene_gets_rooms_and_a_route(scene: Path, database: str) -> None:
+    with semmap.connect(database) as db:
+        db.import_file(scene, map="flat", mesh_as="scene")
+        flat = db.map("flat")
+        assert flat["Mug"].holder == flat["Stove.001"]
+
+        flat.find_rooms(add=True)
+
+        assert {room.type for room in flat.rooms} == {"bedroom", "kitchen"}
+        assert flat["Bed"].room is not None
+        assert flat.route(flat["Bed"].room, "Mug").metres > 2
+        again = db.import_file(scene, map="flat", mesh_as="scene")
+        assert (again.added, again.changed, again.removed) == (0, 0, 0)
