@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from sqlalchemy import Engine
 
     from planner.robot_class import RobotClass
+    from semmap.api.driving_posture import DrivingPosture
     from semmap.database.embedded import Cluster
     from semmap.ingest.importer import ImportSummary
     from semmap.ingest.store.model_store import Progress
@@ -290,11 +291,10 @@ class Database(DatabaseManipulation, DatabaseInterlinking):
         from navgrid.terrain import DriveLimits
         from planner.readers.robot_class import store_robot_class
         from planner.robot_class import RobotClass
-        from semmap.api.driving_posture import driving_posture
         from semmap.robot import load_robot, robot_parts
 
         path, grouped = Path(urdf), None if parts is None else Path(parts)
-        chosen = driving_posture(self.session, path, posture, grouped)
+        chosen = self.driving_posture(path, posture, grouped)
         shape = robot_parts(load_robot(path), chosen.joints, grouped)
         limits = DriveLimits(max_step, math.radians(max_slope))
         for key in ("behaviours", "permissions"):
@@ -304,6 +304,28 @@ class Database(DatabaseManipulation, DatabaseInterlinking):
         with self.session.transaction(), shared_engine(self.session).connect() as connection:
             store_robot_class(connection, added, urdf=path)
         return added
+
+    def driving_posture(
+        self,
+        urdf: Path | str,
+        posture: str | Mapping[str, float] | None = None,
+        parts: Path | str | None = None,
+    ) -> DrivingPosture:
+        """The posture in which a robot drives, and its origin; arguments as of `add_robot`."""
+        from semmap.api.driving_posture import driving_posture
+
+        grouped = None if parts is None else Path(parts)
+        return driving_posture(self.session, Path(urdf), posture, grouped)
+
+    def changes(self, since: str | None = None) -> tuple[str, list[dict[str, Any]]]:
+        """The cursor for the next call, and the changes of all maps after a cursor.
+
+        Without one, all that are kept: `id`, `at`, `map`, `what` (moved, removed, ...) and
+        `entities`, their ids. ValueError refuses a text that is no cursor.
+        """
+        from semmap.query.entity_query import changes_since
+
+        return changes_since(self.session, since)
 
     def delete_robot(self, name: str) -> None:
         """Delete a class of robots, and its travel times."""

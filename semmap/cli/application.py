@@ -274,10 +274,9 @@ def changes(
 ) -> None:
     """Show what changed since a cursor, and the cursor for the next call."""
     from semmap.cli.output import out, print_json, show_table
-    from semmap.query.entity_query import changes_since
 
     with open_database() as db:
-        cursor, rows = changes_since(db.session, since)
+        cursor, rows = db.changes(since)
     if json_:
         print_json({"cursor": cursor, "changes": rows})
         return

@@ -56,10 +56,8 @@ def add(
     asked: Any = {"parts": parts, "speed": speed} | vars(ground) | vars(abilities)
     asked["reach"] = numbers(reach, "--reach MIN,MAX", 2)
     asked["heights"] = numbers(heights, "--heights MIN,MAX", 2)
-    from semmap.api.driving_posture import driving_posture
-
     with cli.open_database() as db:
-        chosen = driving_posture(db.session, urdf, state, parts)
+        chosen = db.driving_posture(urdf, state, parts)
         added = db.add_robot(name, urdf, posture=chosen.joints, **asked)
     _show([added], json_)
     if not json_:

@@ -64,7 +64,7 @@ CALLS: dict[str, Call] = {
     "Map.draw_region": lambda flat, role: flat.draw_region(f"drawn_{role}", SQUARE, holder="hall"),
     "Map.find_regions": lambda flat, role: flat.find_regions("surfaces", "desk4"),
     "Map.observe": lambda flat, role: flat.observe("mug7", "desk4"),
-    "Map.observe_point": lambda flat, role: flat.observe_point("mug7", (0.8, 0.4, 0.75)),
+    "Map.observe_point": lambda flat, role: flat.observe_point("mug7", (0.8, 0.4, 0.1)),
     "Map.observe_view": lambda flat, role: flat.observe_view((2, 1, 1.2, 0, 0.4), ["mug7"]),
     "Map.update": lambda flat, role: flat.update(RDF % f"of_{role}"),
     "Map.reason": lambda flat, role: flat.reason(),
