@@ -18,7 +18,7 @@ from navgrid.field_layer import FieldLayer, FieldVoxels, field_notes, sort_field
 from navgrid.grid import MARGIN, Grid, grid_around
 from navgrid.layer_members import LayerMembers
 from navgrid.obstacle_layers import ObstacleLayers
-from navgrid.policy import Policy
+from navgrid.policy import FLOOR, Policy
 from navgrid.terrain import DriveLimits
 from semmap.draw.picture import Picture
 from semmap.query.geometry_notes import geometry_notes, level_notes
@@ -126,7 +126,8 @@ def storey_grid(
     policy, limits : optional
         Which entity is an obstacle; the steps and slopes of floors that are not.
     grid : Grid, optional
-        By default it covers the rooms and the obstacles, with a margin of `navgrid.grid.MARGIN`.
+        By default it covers the rooms, else the floors, and the obstacles, with a margin of
+        `navgrid.grid.MARGIN`.
     fields : mapping of FieldVoxels, optional
         Fields by name. Those that the policy puts on a layer of obstacles are obstacles here, too.
 
@@ -171,9 +172,14 @@ def storey_grid(
 
 
 def _grid_around(members: LayerMembers, interval: tuple[float, float], resolution: float) -> Grid:
-    """The grid around the rooms, the regions that are obstacles, and what is in the interval."""
+    """The grid around the rooms, the regions that are obstacles, and what is in the interval.
+
+    Without rooms, it is around the floors, too.
+    """
     low, high = members.floors[0] + interval[0], members.floors[-1] + interval[1]
     entities = [e for e in members.scene.entities if e.kind == "room"]
+    if not entities:
+        entities = [e for e in members.scene.entities if _is_walked(members, e, high)]
     entities += [e for e in members.obstacles() if _reaches(e, low, high)]
     corners = [entity.bounds for entity in entities if entity.bounds is not None]
     if not corners:
@@ -182,6 +188,12 @@ def _grid_around(members: LayerMembers, interval: tuple[float, float], resolutio
             "furniture or rooms"
         )
     return grid_around(corners, resolution, MARGIN)
+
+
+def _is_walked(members: LayerMembers, entity: SceneEntity, high: float) -> bool:
+    """Whether an object is a floor of the storey; the ground around a building is none."""
+    is_floor = members.policy.layer_of(entity) == FLOOR and "ground" not in entity.types
+    return is_floor and entity.heights is not None and entity.heights[0] <= high
 
 
 def _reaches(entity: SceneEntity, low: float, high: float) -> bool:

@@ -12,7 +12,7 @@ from shapely import box
 from sqlalchemy import Engine
 
 from navgrid.costmap import Costmap
-from navgrid.grid import Grid
+from navgrid.grid import MARGIN, Grid
 from navgrid.occupancy_grid import StoreyGrid, plane_heights, storey_grid
 from semmap.query.storey_reader import read_storeys
 from semmap.query.storey_scene import StoreyScene
@@ -181,3 +181,30 @@ def test_grid_and_costmap_agree_on_the_office(office_world: Engine) -> None:
         grid = storey_grid(storey).grid
         for low in np.arange(0.05, 1.8, 0.25):
             assert_agree(storey, (float(low), float(low) + 0.25), grid)
+
+
+@pytest.mark.parametrize("yaw", [0.0, 0.4])
+def test_without_rooms_a_grid_covers_the_floor_and_not_the_ground_or_the_storey_above(
+    yaw: float,
+) -> None:
+    hall = solid(1, (0, 0, -0.2), (16, 9, 0), "floor", yaw=yaw)
+    table = solid(2, (4, 4, 0), (5.2, 4.8, 0.75), "table")
+    ground = solid(3, (-200, -200, -0.5), (200, 200, -0.2), "ground", "building_element")
+    above = solid(4, (-30, -30, 3.0), (30, 30, 3.2), "floor")
+    made = storey_grid(scene(hall, table, ground, above))
+    corners = hall.triangles[:, :, :2].reshape(-1, 2)
+    low, high = corners.min(axis=0) - MARGIN, corners.max(axis=0) + MARGIN
+    size, (rows, columns) = made.grid.resolution, made.grid.shape
+    assert np.allclose(made.grid.origin, low, atol=size)
+    assert np.allclose((columns * size, rows * size), high - low, atol=2 * size)
+    y, x = np.argwhere(made.cells == 100).T
+    taken = np.array(made.grid.origin) + size * np.column_stack([x + 0.5, y + 0.5])
+    assert len(taken) == pytest.approx(1.2 * 0.8 / size**2, rel=0.15)
+    assert (np.abs(taken - (4.6, 4.4)) <= (0.6 + size, 0.4 + size)).all()
+    assert (made.cells == 0).sum() == made.cells.size - len(taken)
+
+
+def test_an_empty_floor_is_free() -> None:
+    made = storey_grid(scene(solid(1, (0, 0, -0.2), (6, 4, 0), "floor")))
+    assert (made.cells == 0).all()
+    assert made.cells.size * made.grid.resolution**2 > 6 * 4
