@@ -357,21 +357,31 @@ def add_entry(
 
 
 def _into_storey(map: Map, made: MapEntity, storey: str | None) -> None:
-    """A room or region is held by the storey that is named, else the one on whose floor it is."""
-    if storey is not None:
-        below = map[storey].id
+    """A room or region is held by the storey that is named, else the one on whose floor it is.
+
+    ValueError if its floor is below or above the storey that is named.
+    """
+    rows = map.execute(
+        "SELECT s.entity_id, w.pose[3], ST_ZMin(r.box) FROM storey s "
+        "JOIN world w ON w.entity_id = s.entity_id JOIN world r ON r.entity_id = %s "
+        "WHERE w.map_id = r.map_id ORDER BY w.pose[3]",
+        made.id,
+    )
+    if storey is None:
+        below = [number for number, elevation, floor in rows if elevation <= floor + STEP]
     else:
-        rows = map.execute(
-            "SELECT s.entity_id FROM storey s JOIN world w ON w.entity_id = s.entity_id "
-            "JOIN world r ON r.entity_id = %s WHERE w.map_id = r.map_id "
-            "AND w.pose[3] <= ST_ZMin(r.box) + %s ORDER BY w.pose[3] DESC LIMIT 1",
-            made.id,
-            STEP,
-        )
-        if not rows:
-            return
-        below = rows[0][0]
-    map.execute("SELECT put(%s, %s)", made.id, below)
+        below = [map[storey].id]
+        for elevation, floor in [row[1:] for row in rows if row[0] == below[0]]:
+            above = min((row[1] for row in rows if row[1] > elevation + STEP), default=math.inf)
+            if not elevation - STEP <= floor < above - 1e-6:
+                where = f"is from {elevation:g} to {above:g} m"
+                raise ValueError(
+                    f"the floor of {made.name}, at {floor:g} m, is not on {storey}, which "
+                    f"{where if above < math.inf else f'begins at {elevation:g} m'}: "
+                    "give its floor in the map's frame, or leave out the storey"
+                )
+    if below:
+        map.execute("SELECT put(%s, %s)", made.id, below[-1])
 
 
 def hold_rooms(map: Map, storey: MapEntity, elevation: float) -> None:

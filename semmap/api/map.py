@@ -101,7 +101,8 @@ class Map(
         Raises
         ------
         ValueError
-            The name is taken, the outline is none, or the ceiling is not above the floor.
+            The name is taken, the outline is none, the ceiling is not above the floor, or the floor
+            is below or above the storey.
         """
         from semmap.api.additions import add_entry, drawn
 

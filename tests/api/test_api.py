@@ -265,3 +265,23 @@ def test_unknown_type_is_refused_unless_it_is_defined(flat: semmap.Map) -> None:
         flat.add_agent("helper", type="zyx", in_="kitchen")
     assert len(flat) == before
     assert flat.add_object("toy", type="balll", in_="kitchen", define=True).is_a("balll")
+
+
+def test_a_room_is_on_the_storey_that_is_named_or_refused(flat: semmap.Map) -> None:
+    corners = [(0, 0), (3, 0), (3, 3), (0, 3)]
+    flat.add_storey("upper", elevation=13.1)
+    flat.add_storey("top", elevation=16.2)
+    for floor in (0.0, 12.5, 16.2, 17.0):
+        with pytest.raises(ValueError, match=r"is not on upper, which is from 13.1 to 16.2 m"):
+            flat.add_room("attic", corners, floor=floor, storey="upper")
+        assert "attic" not in flat
+    for name, floor, storey in (
+        ("sunk", 12.7, "upper"),
+        ("level", 13.1, "upper"),
+        ("gallery", 15.0, "upper"),
+        ("roof", 19.0, "top"),
+    ):
+        flat.add_room(name, corners, floor=floor, storey=storey)
+        held = flat[name].holder
+        assert held is not None
+        assert held.name == storey

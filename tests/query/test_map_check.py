@@ -134,6 +134,15 @@ def is_between_walls(here: semmap.Map, draw: random.Random) -> tuple[str, set[st
     return "outside of all rooms", {"lost"}
 
 
+def belongs_to_a_storey_below(here: semmap.Map, draw: random.Random) -> tuple[str, set[str]]:
+    top = here.add_storey("top", elevation=draw.uniform(20, 30))
+    z = top.pose.z  # type: ignore[union-attr]
+    here.add_room("attic", [(0, 0), (3, 0), (3, 3), (0, 3)], floor=z, ceiling=z + 2)
+    here.add_door("da", "attic", None, ((1, 0), (2, 0)), height=z)
+    here.execute("SELECT put(%s, %s)", here["attic"].id, here["s0"].id)
+    return "room off its storey", {"attic", "s0"}
+
+
 def is_held_elsewhere(here: semmap.Map, draw: random.Random) -> tuple[str, set[str]]:
     here.execute("SET semmap.deriving = 'on'")  # a holder that no rule derives
     here.execute("SELECT put(%s, %s, 'in', 1)", here["cr00"].id, here["s0"].id)
@@ -204,6 +213,7 @@ FAULTS: list[Fault] = [
     leads_past,
     has_no_floor,
     is_between_walls,
+    belongs_to_a_storey_below,
     is_held_elsewhere,
     is_stale,
     is_a_copy,

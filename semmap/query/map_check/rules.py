@@ -224,6 +224,29 @@ def _room_pairs(building: SupportedBuilding, same: bool) -> Found:
             yield (room.name, other.name), text, fix
 
 
+def _off_storey(building: SupportedBuilding) -> Found:
+    heights = {e.name: float(e.pose.z) for e in building.storeys if e.pose is not None}
+    for room in building.rooms:
+        held = next((e.name for e in room.chain if e.name in heights), None)
+        if held is None:
+            continue
+        floor = building.floor(room)
+        above = min((z for z in heights.values() if z > heights[held] + STEP), default=np.inf)
+        if heights[held] - STEP <= floor < above:
+            continue
+        text = (
+            f"the floor of {room.name} is at {floor:.2f} m, but it belongs to the storey {held}, "
+            f"which is at {heights[held]:.2f} m"
+        )
+        lower = [name for name, z in heights.items() if z <= floor + STEP]
+        right = max(lower, key=lambda name: heights[name], default=None)
+        fix = f"map.add_storey(name, elevation={floor:g}), then put {room.name} on it"
+        if right is not None:
+            number = next(e.row["id"] for e in building.storeys if e.name == right)
+            fix = f"map.execute('SELECT put({room.row['id']}, {number})'): on {right}"
+        yield (room.name, held), text, fix
+
+
 def _no_door(building: SupportedBuilding) -> Found:
     joined = {p for d in building.doors for p in (d.row["place_a"], d.row["place_b"])}
     for room in building.rooms if len(building.rooms) > 1 else ():
@@ -389,6 +412,7 @@ RULES: tuple[tuple[str, Severity, Callable[[SupportedBuilding], Found]], ...] = 
     ("identical rooms", "error", partial(_room_pairs, same=True)),
     ("door away from its room", "error", _far_doors),
     ("things at one point", "error", _one_point),
+    ("room off its storey", "error", _off_storey),
     ("overlapping rooms", "warning", partial(_room_pairs, same=False)),
     ("room without a door", "warning", _no_door),
     ("storey without a floor", "warning", _no_floor),
