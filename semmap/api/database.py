@@ -225,6 +225,7 @@ class Database(DatabaseManipulation, DatabaseInterlinking):
         source: str | None = None,
         model_path: Sequence[str | Path] = (),
         scale: float = 1.0,
+        define: bool = False,
         progress: Progress = lambda stage, done, total: None,
     ) -> ImportSummary:
         """Read a world file into a map, in one transaction; a repeated import updates it.
@@ -239,6 +240,8 @@ class Database(DatabaseManipulation, DatabaseInterlinking):
         source : the name under which a repeated import finds its entities; by default the file's
         model_path : folders of SDF models, searched first
         scale : metres per unit of a mesh file
+        define : add types of drawn features that the map does not have; otherwise such a feature
+            is left out
         progress : called with a stage, how much of it is done, and how much there is
 
         Raises
@@ -258,6 +261,7 @@ class Database(DatabaseManipulation, DatabaseInterlinking):
             source=source,
             model_path=[Path(folder) for folder in model_path],
             scale=scale,
+            define=define,
             progress=progress,
         )
 

@@ -59,6 +59,7 @@ def import_(
         None, help="Folder of SDF models, searched first; repeatable."
     ),
     scale: float = Option(1.0, help="Metres per unit of a mesh file: 0.001 for millimetres."),
+    define: bool = Option(False, help="Add types of features that the map does not have."),
     json_: Json = False,
 ) -> None:
     """Read world files into the map: each in one transaction, repeatable."""
@@ -73,7 +74,7 @@ def import_(
             raise typer.BadParameter(f"--model-path: {folder} is not a folder")
     summaries: list[ImportSummary] = []
     options: Any = {"geometry": geometry, "mesh_as": as_, "strict": strict, "source": source}
-    options |= {"model_path": model_path or (), "scale": scale}
+    options |= {"model_path": model_path or (), "scale": scale, "define": define}
     with open_database(migrate=True) as db:
         for path in files:
             with StageBars() as bars:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import time
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import asdict, dataclass, field
 from functools import partial
 from pathlib import Path
@@ -19,6 +19,7 @@ from semmap.database.maps import driver_of, see_map
 from semmap.ingest.annotation import read_annotation
 from semmap.ingest.meshes.mesh_file import MeshAs, read_mesh_world
 from semmap.ingest.naming import GUESS
+from semmap.ingest.ontology.tbox import own_tbox
 from semmap.ingest.ontology.type_store import load_tbox
 from semmap.ingest.rmf import read_rmf
 from semmap.ingest.route_graph.graph_file import EDGE, is_route_graph, read_route_graph
@@ -50,6 +51,7 @@ def read_world(
     *,
     model_path: Sequence[Path] = (),
     scale: float = 1.0,
+    types: Collection[str] | None = None,
 ) -> World:
     """Return the world of a file, read by the parser for its ending.
 
@@ -59,6 +61,7 @@ def read_world(
     mesh_as : what a mesh file is; `scene`: an object for each of its nodes
     model_path : folders of SDF models, searched first
     scale : metres per unit of a mesh file
+    types : of drawn features; others are left out. By default any type is taken
 
     Raises
     ------
@@ -75,7 +78,7 @@ def read_world(
     elif ending in RMF:
         world = read_rmf(path)
     elif ending in FEATURES:
-        world = read_route_graph(path) if is_route_graph(path) else read_annotation(path)
+        world = read_route_graph(path) if is_route_graph(path) else read_annotation(path, types)
     elif ending in MESHES:
         world = read_mesh_world(path, mesh_as, scale=scale)
     else:
@@ -146,16 +149,19 @@ def import_file(
     source: str | None = None,
     model_path: Sequence[Path] = (),
     scale: float = 1.0,
+    define: bool = False,
     progress: Progress = lambda stage, done, total: None,
 ) -> ImportSummary:
     """Import a world file in one transaction, into the map of a name, by default the file's own.
 
-    `strict` takes nothing if anything has to be left out. A repeated import finds its entities
+    `strict` takes nothing if anything has to be left out; `define` adds the types of features that
+    the map does not have, which are left out otherwise. A repeated import finds its entities
     again by `source`, by default the file's path. After a WorldError, nothing is written.
     """
     start = time.perf_counter()
     progress(f"reading {path.name}", 0, 0)
-    world = read_world(path, geometry, mesh_as, model_path=model_path, scale=scale)
+    types = None if define else _known_types(engine)
+    world = read_world(path, geometry, mesh_as, model_path=model_path, scale=scale, types=types)
     if strict and world.skipped:
         first = world.skipped[0]
         problem = f"{first.problem} (and {len(world.skipped) - 1} more)"
@@ -205,6 +211,13 @@ def import_file(
             )
     summary.seconds = round(time.perf_counter() - start, 3)
     return summary
+
+
+def _known_types(engine: Engine) -> set[str]:
+    """The types of the database, and those of the T-Box that an import loads."""
+    with engine.connect() as connection:
+        stored = connection.exec_driver_sql("SELECT name FROM semantic_type").scalars()
+        return {*stored, *(record.name for record in own_tbox())}
 
 
 def _settle_storeys(

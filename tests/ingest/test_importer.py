@@ -133,20 +133,39 @@ def test_a_world_imported_twice_under_two_names_stands_beside_itself(engine: Eng
     assert first.kinds["object"] == second.added == 220
 
 
-def test_a_type_missing_from_the_t_box_is_added_and_reported(
+def test_a_type_missing_from_the_t_box_is_left_out_or_defined(
     engine: Engine, tmp_path: Path
 ) -> None:
     path = tmp_path / "odd.geojson"
-    features = room_features({"room1": (0, 0, 4, 3)})
-    features["features"][0]["properties"]["type"] = "orangery"
+    features = room_features({"room1": (0, 0, 4, 3), "room2": (4, 0, 8, 3), "room3": (8, 0, 12, 3)})
+    for feature, type_ in zip(
+        features["features"], ("orangery", "kitchn", "meeting room"), strict=True
+    ):
+        feature["properties"]["type"] = type_
     path.write_text(json.dumps(features))
+    import_file(engine, box_world(tmp_path, {"a": (0, 0, 0)}), map_name="a")  # with the T-Box
+    before = types(engine)
     summary = import_file(engine, path, map_name="odd")
+    assert types(engine) - before == set()
+    assert poses(engine, "odd").keys() == {"room3"}
+    orangery, kitchen = summary.skipped
+    assert "'orangery'" in orangery.problem
+    assert "--define" in orangery.fix
+    assert "kitchen" in kitchen.fix
+    with pytest.raises(WorldError, match="orangery"):
+        import_file(engine, path, map_name="strict odd", strict=True)
+    summary = import_file(engine, path, map_name="odd", define=True)
+    assert summary.skipped == []
     assert any("orangery" in note for note in summary.notes)
+    assert types(engine) - before == {("orangery", "room"), ("kitchn", "room")}
+    assert import_file(engine, path, map_name="odd").unchanged == 3  # the map has them now
+
+
+def types(engine: Engine) -> set[tuple[str, str]]:
+    """All types with their parents."""
     with engine.connect() as connection:
-        parents = connection.execute(
-            text("SELECT parent FROM type_parent WHERE type = 'orangery'")
-        ).scalars()
-        assert list(parents) == ["room"]
+        rows = connection.execute(text("SELECT type, parent FROM type_parent"))
+        return {(row[0], row[1]) for row in rows}
 
 
 def test_strict_takes_nothing_where_something_is_left_out(engine: Engine, tmp_path: Path) -> None:
@@ -284,3 +303,14 @@ def test_scale_is_metres_per_unit_of_a_mesh_file(database: str, tmp_path: Path) 
     assert rows == [{"high": pytest.approx(3)}]
     with pytest.raises(WorldError, match="scale"):
         semmap(database, "import", box_world(tmp_path, {"a": (0, 0, 0)}), "--scale", "2")
+
+
+def test_define_adds_the_types_of_drawn_features(database: str, tmp_path: Path) -> None:
+    path = tmp_path / "odd.geojson"
+    features = room_features({"room1": (0, 0, 4, 3), "room2": (4, 0, 8, 3)})
+    features["features"][0]["properties"]["type"] = "kitchn"
+    path.write_text(json.dumps(features))
+    said = " ".join(semmap(database, "import", path).stdout.split())
+    assert "its type 'kitchn' is none that the map has" in said
+    assert "kitchen" in said
+    assert "left out: 1" not in semmap(database, "import", path, "--define").stdout

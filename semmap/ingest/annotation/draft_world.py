@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -16,6 +16,7 @@ from semmap.ingest.annotation.feature_file import Feature, read_features
 from semmap.ingest.annotation.feature_values import kind_of, number, text, type_of
 from semmap.ingest.floor_plan import middle_of
 from semmap.ingest.world import OUTSIDE, Entry, Kind, Refused, StoreyDetail, World, unique_name
+from semmap.suggestions import similar_names
 
 _COMMON = {"name", "kind", "type", "label", "storey", "holder", "heading", "heading_deg", "front"}
 _HEIGHTS = {"floor", "ceiling"}
@@ -56,7 +57,8 @@ class Draft:
 class DraftWorld:
     """A world that grows kind by kind, each holder before what it holds; `poses` are in the map."""
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, types: Collection[str] | None = None) -> None:
+        self._types = types  # None: any
         self.file = read_features(path)
         self.out = World(
             path.stem,
@@ -82,6 +84,13 @@ class DraftWorld:
 
     def _draft(self, feature: Feature) -> None:
         type_ = type_of(feature)
+        if type_ is not None and self._types is not None and type_ not in self._types:
+            similar = similar_names(type_, self._types)
+            correct = f"Correct it ({' or '.join(similar)})" if similar else "Correct it"
+            raise Refused(
+                f"its type {text(feature, 'type')!r} is none that the map has",
+                f"{correct}, or import with --define (define=True), which adds it.",
+            )
         kind = kind_of(feature, type_)
         given = text(feature, "name")
         if given == OUTSIDE:
