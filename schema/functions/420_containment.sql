@@ -20,20 +20,23 @@ SELECT CASE WHEN high > low THEN (least(high, ceiling) - greatest(low, floor)) /
 END;
 
 CREATE FUNCTION ceiling_of(place bigint)
-RETURNS double precision LANGUAGE sql STABLE PARALLEL SAFE
-BEGIN ATOMIC
+RETURNS double precision LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path = semmap, public, pg_temp
+SET plan_cache_mode = force_generic_plan AS $$
 -- The height of a room's ceiling in the map's frame: as specified, else the top of its geometry, else that of
--- its storey, else the floor of the storey above; infinite if none of them is known.
-SELECT coalesce(
-    w.pose[3] + r.ceiling,
-    CASE WHEN ST_ZMax(w.box) > w.pose[3] + r.floor + 0.1 THEN ST_ZMax(w.box) END,
-    (SELECT sw.pose[3] + s.height FROM semmap.storey s JOIN semmap.world sw ON sw.entity_id = s.entity_id
-     WHERE s.entity_id = w.storey_id),
-    (SELECT min(sw.pose[3]) FROM semmap.storey s JOIN semmap.world sw ON sw.entity_id = s.entity_id
-     WHERE sw.map_id = w.map_id AND sw.pose[3] > w.pose[3] + r.floor + 0.1),
-    'Infinity')
-FROM semmap.room r JOIN semmap.world w ON w.entity_id = r.entity_id WHERE r.entity_id = place;
-END;
+-- its storey, else the floor of the storey above; infinite if none of them is known. In PL/pgSQL, which keeps the plan:
+-- one for each call takes ten times as long.
+BEGIN
+    RETURN (
+        SELECT coalesce(
+            w.pose[3] + r.ceiling,
+            CASE WHEN ST_ZMax(w.box) > w.pose[3] + r.floor + 0.1 THEN ST_ZMax(w.box) END,
+            (SELECT sw.pose[3] + s.height FROM semmap.storey s JOIN semmap.world sw ON sw.entity_id = s.entity_id
+             WHERE s.entity_id = w.storey_id),
+            (SELECT min(sw.pose[3]) FROM semmap.storey s JOIN semmap.world sw ON sw.entity_id = s.entity_id
+             WHERE sw.map_id = w.map_id AND sw.pose[3] > w.pose[3] + r.floor + 0.1),
+            'Infinity')
+        FROM semmap.room r JOIN semmap.world w ON w.entity_id = r.entity_id WHERE r.entity_id = place);
+END $$;
 
 CREATE FUNCTION room_at(of_map integer, ground geometry, middle double precision, OUT room_id bigint, OUT share double precision)
 LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path = semmap, public, pg_temp SET plan_cache_mode = force_generic_plan AS $$

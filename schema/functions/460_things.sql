@@ -37,7 +37,8 @@ BEGIN ATOMIC
 WITH RECURSIVE down (id) AS (
     SELECT entity_id FROM semmap.placement WHERE holder_id = b
   UNION
-    SELECT p.entity_id FROM down JOIN semmap.placement p ON p.holder_id = down.id)
+    -- for each of its own: a join of all could scan the placements
+    SELECT p.id FROM down CROSS JOIN LATERAL (SELECT q.entity_id FROM semmap.placement q WHERE q.holder_id = down.id OFFSET 0) p (id))
 SELECT id FROM down;
 END;
 
@@ -61,17 +62,20 @@ END $$;
 CREATE FUNCTION things_in(b bigint, tolerance double precision DEFAULT 0.01)
 RETURNS SETOF bigint LANGUAGE sql STABLE PARALLEL SAFE ROWS 100 COST 100000
 BEGIN ATOMIC
--- What is in b: see is_in. What is in a room can be in its openings.
+-- What is in b: see is_in. What is in a room can be in its openings; of what it holds, the rest is looked at for itself.
+WITH zone AS MATERIALIZED (
+    SELECT w.map_id, w.footprint, e.kind, semmap.grown(w.box, tolerance + CASE e.kind WHEN 'room' THEN 0.5 ELSE 0 END) AS box
+    FROM semmap.entity e LEFT JOIN semmap.world w ON w.entity_id = e.id WHERE e.id = b)
 SELECT wo.entity_id
-FROM semmap.world wg
-CROSS JOIN LATERAL (SELECT semmap.grown(wg.box, tolerance + CASE e.kind WHEN 'room' THEN 0.5 ELSE 0 END)
-                    FROM semmap.entity e WHERE e.id = b OFFSET 0) g (zone)
-JOIN semmap.world wo ON wo.map_id = wg.map_id AND wo.box && g.zone AND wo.box &&& g.zone
-WHERE wg.entity_id = b AND wg.footprint IS NOT NULL AND semmap.is_in(wo.entity_id, b, tolerance)
+FROM zone z JOIN semmap.world wo ON wo.map_id = z.map_id AND wo.box && z.box AND wo.box &&& z.box
+WHERE z.footprint IS NOT NULL AND semmap.is_in(wo.entity_id, b, tolerance)
 UNION
-SELECT held.id FROM semmap.things_held(b) held (id)
-WHERE (SELECT w.footprint IS NULL FROM semmap.world w WHERE w.entity_id = b) OR semmap.is_nowhere(held.id)
-   OR (SELECT kind FROM semmap.entity WHERE id = b) = 'room' AND semmap.is_in(held.id, b, tolerance);
+SELECT held.id
+FROM zone z CROSS JOIN semmap.things_held(b) held (id)
+WHERE z.map_id IS NOT NULL AND z.footprint IS NULL OR semmap.is_nowhere(held.id)
+   OR z.kind = 'room' AND NOT coalesce((  -- by index: a join would scan the world
+          SELECT z.footprint IS NOT NULL AND wo.box && z.box AND wo.box &&& z.box FROM semmap.world wo WHERE wo.entity_id = held.id), false)
+      AND semmap.is_in(held.id, b, tolerance);
 END;
 
 CREATE FUNCTION containers_of(a bigint, tolerance double precision DEFAULT 0.01)

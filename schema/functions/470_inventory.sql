@@ -16,11 +16,12 @@ SELECT ARRAY(SELECT DISTINCT sub FROM semmap.type_closure WHERE super = ANY (sem
 END;
 
 CREATE FUNCTION is_building_part(of_type text)
-RETURNS boolean LANGUAGE sql STABLE PARALLEL SAFE
-BEGIN ATOMIC
--- Whether a type is a part of the building: its holder is its storey, and it is not a holder.
-SELECT EXISTS (SELECT FROM semmap.type_closure WHERE sub = of_type AND super = ANY (semmap.kinds_of_building_part()));
-END;
+RETURNS boolean LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path = semmap, public, pg_temp
+SET plan_cache_mode = force_generic_plan AS $$
+-- Whether a type is a part of the building: its holder is its storey, and it is not a holder. In PL/pgSQL: see ceiling_of.
+BEGIN
+    RETURN EXISTS (SELECT FROM semmap.type_closure WHERE sub = of_type AND super = ANY (semmap.kinds_of_building_part()));
+END $$;
 
 CREATE FUNCTION has_room(of_kind text, of_type text)
 RETURNS boolean LANGUAGE sql STABLE PARALLEL SAFE
@@ -158,15 +159,20 @@ BEGIN
                e.kind = 'agent' OR (e.type = ANY (parts)) IS NOT TRUE AS inside
         FROM (SELECT DISTINCT unnest(ids)) given (id) JOIN semmap.entity e ON e.id = given.id AND e.kind IN ('object', 'agent')
         JOIN semmap.world w ON w.entity_id = e.id
-    ), below AS MATERIALIZED (
-        -- objects that reach beneath an item
-        SELECT i.id, i.low, i.ground, o.entity_id AS owner, o.pose, abs(o.pose[4]) < 1e-3 AND abs(o.pose[5]) < 1e-3 AS upright
+    ), near AS MATERIALIZED (
+        -- objects over or under an item that begin no higher and reach up to it: one look into the index for both rules
+        SELECT i.id, i.low, i.high, i.ground, o.entity_id AS owner, o.pose, o.footprint,
+               ST_ZMin(o.box) AS owner_low, ST_ZMax(o.box) AS owner_high
         FROM item i
         JOIN semmap.world o ON o.map_id = i.map_id AND o.box && i.box AND o.entity_id <> i.id
         JOIN semmap.entity oe ON oe.id = o.entity_id AND oe.kind = 'object' AND (oe.type = ANY (parts)) IS NOT TRUE
         WHERE i.movable AND o.footprint IS NOT NULL
-          AND ST_ZMin(o.box) < i.low - 1e-6 AND ST_ZMax(o.box) >= i.low - contact
-          AND (ST_ZMax(o.box) - ST_ZMin(o.box) > contact OR ST_Area(o.footprint) < 0.5)
+          AND ST_ZMin(o.box) <= i.low + 2e-6 AND ST_ZMax(o.box) >= i.low - contact
+    ), below AS MATERIALIZED (
+        -- objects that reach beneath an item
+        SELECT n.id, n.low, n.ground, n.owner, n.pose, abs(n.pose[4]) < 1e-3 AND abs(n.pose[5]) < 1e-3 AS upright
+        FROM near n
+        WHERE n.owner_low < n.low - 1e-6 AND (n.owner_high - n.owner_low > contact OR ST_Area(n.footprint) < 0.5)
     ), laid AS MATERIALIZED (
         SELECT b.id, b.owner, b.ground, abs(b.pose[3] + s.height - b.low) AS gap,
                ST_Rotate(s.outline, semmap.pose_yaw(b.pose), 0, 0) AS outline, b.pose[1] AS x, b.pose[2] AS y
@@ -189,18 +195,15 @@ BEGIN
           AND NOT (EXISTS (SELECT FROM semmap.placement p WHERE p.holder_id = s.id) AND semmap.is_stated_in(s.owner, s.id))
         ORDER BY s.id, s.share DESC, s.gap, s.owner
     ), enclosed AS (
-        SELECT DISTINCT ON (i.id) i.id, o.entity_id AS owner
-        FROM item i
-        JOIN semmap.world o ON o.map_id = i.map_id AND o.box && i.box AND o.box &&& i.box AND o.entity_id <> i.id
-        JOIN semmap.entity oe ON oe.id = o.entity_id AND oe.kind = 'object' AND (oe.type = ANY (parts)) IS NOT TRUE
-        WHERE i.movable AND o.footprint IS NOT NULL AND ST_Area(o.footprint) < 4
-          AND ST_Area(o.footprint) > ST_Area(i.ground) + 1e-9
-          AND (i.low + i.high) / 2 BETWEEN ST_ZMin(o.box) AND ST_ZMax(o.box)
-          AND round(ST_ZMin(o.box)::numeric, 6) <= round(i.low::numeric, 6)
-          AND ST_Intersects(o.footprint, ST_Centroid(i.ground))
-          AND i.id NOT IN (SELECT id FROM resting)
-          AND semmap.is_in(i.id, o.entity_id) AND NOT semmap.is_stated_in(o.entity_id, i.id)
-        ORDER BY i.id, ST_Area(o.footprint), o.entity_id
+        SELECT DISTINCT ON (n.id) n.id, n.owner
+        FROM near n
+        WHERE ST_Area(n.footprint) < 4 AND ST_Area(n.footprint) > ST_Area(n.ground) + 1e-9
+          AND (n.low + n.high) / 2 BETWEEN n.owner_low AND n.owner_high
+          AND round(n.owner_low::numeric, 6) <= round(n.low::numeric, 6)
+          AND ST_Intersects(n.footprint, ST_Centroid(n.ground))
+          AND n.id NOT IN (SELECT id FROM resting)
+          AND semmap.is_in(n.id, n.owner) AND NOT semmap.is_stated_in(n.owner, n.id)
+        ORDER BY n.id, ST_Area(n.footprint), n.owner
     ), within AS (
         SELECT i.id, r.room_id AS owner, r.share
         FROM item i CROSS JOIN LATERAL (
