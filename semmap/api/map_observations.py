@@ -89,7 +89,7 @@ class MapObservations(MapQuestions):
         """
         from semmap.belief.looks import observe_point
 
-        rates = {"hit": hit, "false_alarm": false_alarm}
+        rates: dict[str, Any] = {"hit": hit, "false_alarm": false_alarm}
         with self._change() as now:
             return observe_point(now, name, point, frame=frame, at=aware(at), **rates)
 

@@ -52,8 +52,8 @@ class BeliefPlace:
     def area(self) -> float:
         """Of its surfaces, else of its footprint, square metres; NaN without geometry."""
         if self.surfaces:
-            return sum(surface.outline.area for surface in self.surfaces)
-        return math.nan if self.footprint is None else self.footprint.area
+            return float(sum(surface.outline.area for surface in self.surfaces))
+        return math.nan if self.footprint is None else float(self.footprint.area)
 
 
 def place_at(

@@ -121,11 +121,11 @@ def _by_name(given: Any, name: str, value: str) -> dict[str, Any]:
 
 def _pose(given: Any, name: str) -> NDArray[np.float64]:
     if isinstance(given, Mapping):
-        ends = [finite_numbers(given.get(key, ()), 3) for key in ("from", "to")]
-        if None in ends:
+        eye, target = (finite_numbers(given.get(key, ()), 3) for key in ("from", "to"))
+        if eye is None or target is None:
             raise ValueError(f'{name} is {given!r}: give {{"from": [x, y, z], "to": [x, y, z]}}')
-        _check_extent(np.abs(ends).max(), name)
-        return np.asarray(look_at(*ends), float)
+        _check_extent(max(map(abs, (*eye, *target))), name)
+        return np.asarray(look_at(eye, target), float)
     pose = np.asarray(given, float)
     if pose.shape == (7,):
         pose = np.asarray(Pose(*pose.tolist()).matrix, float)
