@@ -137,7 +137,7 @@ def seen_at(name: str, **occurrence: Any) -> dict[str, Any]:
         ({"model": {"speed": 1}}, "speed is not one of there"),
         ({"observation": []}, "observation is not one of knowledge"),
         ({}, "teaches nothing"),
-        ([], r"is \[\]: give names"),
+        ([], r"is \[\]: give a text, a path or a mapping"),
     ],
 )
 def test_contradictions_are_refused_and_nothing_is_stored(

@@ -310,7 +310,10 @@ def test_real_buildings_have_the_findings_that_sql_counts(
     imported: Import, worlds: Path, name: str
 ) -> None:
     path = worlds / "rmf" / name / f"{name}.building.yaml"
-    with imported((path, name)) as engine, semmap.connect(engine.url) as db:
+    with (
+        imported((path, name)) as engine,
+        semmap.connect(engine.url.render_as_string(hide_password=False)) as db,
+    ):
         here = db.map(name)
         found = here.check()
         without = here.execute(
