@@ -152,7 +152,7 @@ def test_contradictions_are_refused_and_nothing_is_stored(
             else {"relations": relations}
         )
     before = flat.execute(STATE)
-    with pytest.raises((BeliefError, LookupError), match=message):
+    with pytest.raises((BeliefError, LookupError, ValueError), match=message):
         flat.teach(taught)
     assert flat.execute(STATE) == before
 
