@@ -93,8 +93,8 @@ def store_robot_class(
         "max_slope": robot.drive_limits.max_slope,
         "behaviours": None if robot.behaviours is None else sorted(robot.behaviours),
         "permissions": sorted(robot.permissions),
-        "reach": list(robot.reach),
-        "heights": list(robot.heights),
+        "reach": [*map(float, robot.reach)],
+        "heights": [*map(float, robot.heights)],
         **{name: getattr(robot, name) for name in _SAME_NAME},
         **{column: getattr(durations, name) for name, column in _DURATIONS.items()},
     }

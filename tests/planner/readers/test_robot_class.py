@@ -44,6 +44,13 @@ classes = st.builds(
 times = st.builds(Durations, **dict.fromkeys(("call", "ride", "ride_per_metre", "open"), lengths))
 
 
+def test_whole_numbers_are_metres(connection):
+    robot = RobotClass("tester", reach=(0, 1.5), heights=(0, 2.5))
+    store_robot_class(connection, robot)
+    kept = read_robot_class(seen_by(connection), "tester").robot
+    assert (kept.reach, kept.heights) == ((0.0, 1.5), (0.0, 2.5))
+
+
 @settings(max_examples=40, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(classes, times)
 def test_what_is_read_is_what_was_kept(connection, robot, took):
