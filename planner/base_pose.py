@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import islice
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -120,6 +121,16 @@ def poses_to_reach(ground: RoomGround | None, target: LocatedEntity, most: int =
     There is at most one pose on each side of the object. `ground` is that of its room; None if the
     map has no outline of it. Raises NoBasePoseError.
     """
+    return list(islice(facing_poses(ground, target), most))
+
+
+def facing_poses(
+    ground: RoomGround | None, target: LocatedEntity, band: float = math.inf
+) -> Iterator[Pose]:
+    """The poses of `poses_to_reach`, each found when it is asked for.
+
+    On each side there is one in each `band`, metres, of distances to the object.
+    """
     if target.place is None:
         raise NoBasePoseError(f"no room holds {target.name}: it cannot be reached")
     if ground is None or target.pose is None:
@@ -137,29 +148,26 @@ def poses_to_reach(ground: RoomGround | None, target: LocatedEntity, most: int =
     middle = shape.centroid
     towards = np.array([middle.x, middle.y]) - points
     turn = np.arctan2(-towards[:, 1], -towards[:, 0]) / (2 * math.pi) + 1
-    sector = np.floor(turn * SECTORS) % SECTORS
+    sides = np.column_stack([np.floor(turn * SECTORS) % SECTORS, np.floor(away / band)])
     price = ground.costs[free[:, 0], free[:, 1]].astype(np.int64)
-    found: list[Pose] = []
-    taken: set[int] = set()
+    taken: set[tuple[float, ...]] = set()
     walls = ground.walls()
     for i in np.lexsort((np.round(away, 3), price)):
-        if int(sector[i]) in taken:
+        side = tuple(sides[i].tolist())
+        if side in taken:
             continue
         heading = _heading_to(points[i], shape, robot.reach[1])
         if ground.touches(points[i], heading):
             continue
         if _is_behind_wall(walls, ground, points[i], shape):
             continue
-        taken.add(int(sector[i]))
-        found.append(Pose.planar(float(points[i, 0]), float(points[i, 1]), heading, ground.floor))
-        if len(found) == most:
-            break
-    if not found:
+        taken.add(side)
+        yield Pose.planar(float(points[i, 0]), float(points[i, 1]), heading, ground.floor)
+    if not taken:
         raise NoBasePoseError(
             f"{robot.name} cannot face {target.name} anywhere within reach: its footprint would "
             f"touch an obstacle, or a wall is between{robot.folding_hint}"
         )
-    return found
 
 
 def poses_in(

@@ -2,20 +2,28 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
+from itertools import islice
 from types import MappingProxyType
 
 import numpy as np
 import shapely
 
-from planner.base_pose import NoBasePoseError, floor_spot, poses_in, poses_to_reach
+from planner.base_pose import (
+    NoBasePoseError,
+    RoomGround,
+    facing_poses,
+    floor_spot,
+    poses_in,
+    poses_to_reach,
+)
 from planner.live_topology import LiveTopology
 from planner.location import LocatedEntity
 from planner.mission.command import near
 from planner.plan import Plan
 from planner.readers.entity_lookup import find_entities
-from planner.readers.grasp_check import grasp_check
+from planner.readers.grasp_check import GraspCheck
 from planner.robot_class import RobotClass
 from planner.routing_graph import RoutingGraph
 from planner.tasks.domain_file import Domain
@@ -25,11 +33,14 @@ from planner.tasks.problem_builder import build_problem
 from planner.tasks.reader import read_state, read_world
 from planner.tasks.sites import ApproachPoseOf, Target
 from planner.tasks.solver import PATIENCE, find_plan
-from planner.tasks.world import TaskState, TaskWorld
+from planner.tasks.world import TaskObject, TaskState, TaskWorld
 from planner.topology import Place, PlaceRegion
 from semmap.geometry.pose import Pose
 from semmap.query.map_handle import MapSource
 from semmap.query.snapshot import Snapshot
+
+BAND = 0.2  # metres of distance to an object in which the arm is asked about one pose a side
+ASKED = 24  # the most base poses about which the arm is asked
 
 
 def plan_task(
@@ -147,9 +158,9 @@ class TaskPlanner:
             if o.name not in without
         ]
         robots = (agent, graph.robot.name)
-        misfit = grasp_check(seen, gripper=self._gripper, robots=robots)
-        world = TaskWorld(usable, world.known, misfit)
-        approach_pose = _approach_poses(seen, self._live, tried, believed)
+        check = GraspCheck(seen, gripper=self._gripper, robots=robots)
+        world = TaskWorld(usable, world.known, check.misfit)
+        approach_pose = _approach_poses(seen, self._live, world, check, tried, believed)
         return Task(graph, world, state, parsed, domain, approach_pose)
 
     @staticmethod
@@ -183,16 +194,20 @@ class TaskPlanner:
 def _approach_poses(
     seen: Snapshot,
     live: LiveTopology,
+    world: TaskWorld,
+    check: GraspCheck,
     tried: frozenset[tuple[str, Pose]],
     believed: Mapping[str, str],
 ) -> ApproachPoseOf | None:
-    """Finds base poses on the costmaps that were not tried; None for a robot without shape.
+    """Finds base poses on the costmaps that were not tried, and from which the robot's arm acts.
 
-    An object is reached at the place where it is `believed`.
+    None for a robot without shape. An object is reached at the place where it is
+    `believed`. The arm is asked about objects whose poses are known, not about floors.
     """
     costmaps = live.costmaps
     if costmaps is None:
         return None
+    robot = live.graph.robot
     found: dict[tuple[str, tuple[str, ...]], Pose] = {}
 
     def poses(of: Target) -> list[Pose]:
@@ -201,31 +216,56 @@ def _approach_poses(
             return poses_in(costmaps.ground(of.places[0]), region, np.random.default_rng(0))
         if isinstance(of, Place):
             return poses_to_reach(costmaps.ground(of.name), floor_spot(costmaps, of.name))
-        name = believed.get(of.name, of.name)
-        if name in live.topology.places:
-            return poses_to_reach(costmaps.ground(name), floor_spot(costmaps, name))
-        entity = find_entities(seen, name)[0]
-        if of.assumed and of.pose is not None:
-            (x, y), (depth, width, _) = of.pose[:2], of.size
+        place = believed.get(of.name, of.name)
+        if place in live.topology.places:
+            return poses_to_reach(costmaps.ground(place), floor_spot(costmaps, place))
+        return poses_to_reach(*located(of))
+
+    def located(item: TaskObject) -> tuple[RoomGround | None, LocatedEntity]:
+        entity = find_entities(seen, believed.get(item.name, item.name))[0]
+        if item.assumed and item.pose is not None:
+            (x, y), (depth, width, _) = item.pose[:2], item.size
             around = shapely.box(x - depth / 2, y - width / 2, x + depth / 2, y + width / 2)
             entity = replace(entity, footprint=around)
-        ground = None if entity.place is None else costmaps.ground(entity.place)
-        return poses_to_reach(ground, entity)
+        return None if entity.place is None else costmaps.ground(entity.place), entity
 
-    def untried(name: str, poses: list[Pose]) -> Pose:
+    def untried(name: str, poses: Iterable[Pose]) -> Iterator[Pose]:
         bad = [pose for failed, pose in tried if failed == name]
-        left = [pose for pose in poses if not any(near(pose, other) for other in bad)]
-        if not left:
+        seen_before = 0
+        for pose in poses:
+            if any(near(pose, other) for other in bad):
+                seen_before += 1
+            else:
+                yield pose
+        if seen_before:
             raise NoBasePoseError(
-                f"{live.graph.robot.name} has no other base pose for {name}: from "
-                f"{len(poses)} it was tried"
+                f"{robot.name} has no other base pose for {name}: from {seen_before} it was tried"
             )
-        return left[0]
+
+    def within_reach(item: TaskObject) -> Pose | None:
+        """The first base pose from which the arm acts on an object; None where it is not known."""
+        if item.name in believed or check.arm is None:
+            return None
+        carried = item.obstacle(robot.heights) is None
+        acts = check.reach(item.name, carried=carried, beneath=bool(world.above.get(item.name)))
+        if acts is None:
+            return None
+        number = 0
+        for pose in islice(untried(item.name, facing_poses(*located(item), BAND)), ASKED):
+            if acts(pose):
+                return pose
+            number += 1
+        what = f"takes {item.name} by no grasp" if carried else f"gets over no part of {item.name}"
+        raise NoBasePoseError(
+            f"{item.name} is out of reach: the arm of {check.arm[0]} {what} from the {number} base "
+            "poses around it that are free"
+        )
 
     def approach_pose(of: Target) -> Pose:
         key = (of.name, of.places if isinstance(of, PlaceRegion) else ())
         if key not in found:
-            found[key] = untried(of.name, poses(of))
+            reached = within_reach(of) if isinstance(of, TaskObject) else None
+            found[key] = reached or next(untried(of.name, poses(of)))
         return found[key]
 
     return approach_pose

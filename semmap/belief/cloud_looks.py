@@ -84,9 +84,8 @@ def read_models(seen: Snapshot, names: Collection[str]) -> list[KnownObject]:
         raise BeliefError("name the objects that the recogniser looks for")
     models = []
     for name, triangles in _read_triangles(seen, names).items():
-        corners = triangles.reshape(-1, 3) - triangles.min(axis=(0, 1))
-        faces = np.arange(len(corners), dtype=np.int32).reshape(-1, 3)
-        models.append(train_model(name, Mesh(corners, faces)))
+        mesh = Mesh.of_triangles(triangles - triangles.min(axis=(0, 1)))
+        models.append(train_model(name, mesh))
     return models
 
 

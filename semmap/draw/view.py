@@ -118,5 +118,4 @@ def _region(entity: SceneEntity, outline: Outline) -> RegionView:
 def _mesh(entity: SceneEntity) -> Mesh | None:
     if not len(entity.triangles):
         return None
-    faces = np.arange(3 * len(entity.triangles), dtype=np.int32).reshape(-1, 3)
-    return Mesh(entity.triangles.reshape(-1, 3), faces)
+    return Mesh.of_triangles(entity.triangles)

@@ -23,6 +23,13 @@ class Mesh:
     vertices: NDArray[np.float64]
     faces: NDArray[np.int32]
 
+    @classmethod
+    def of_triangles(cls, triangles: NDArray[np.float64]) -> Mesh:
+        """Triangles (F, 3, 3) with vertices of their own; `to_mesh` joins equal ones."""
+        return cls(
+            triangles.reshape(-1, 3), np.arange(3 * len(triangles), dtype=np.int32).reshape(-1, 3)
+        )
+
     @property
     def triangles(self) -> NDArray[np.float64]:
         """(F, 3, 3): the corners of each face."""

@@ -173,19 +173,33 @@ class Arm:
         far: NDArray[np.bool_] = np.linalg.norm(points - shoulder, axis=-1) > length
         return far
 
+    def reaches_point(self, point: Floats, starts: int = STARTS) -> bool:
+        """Whether the grasp frame gets to a point (3,) in the robot's frame, turned in any way."""
+        pose = np.eye(4)
+        pose[:3, 3] = point
+        return self.reach(pose, starts=starts, turned=False) is not None
+
     def reach(
-        self, pose: Floats, near: Floats | None = None, *, starts: int = STARTS, seed: int = 0
+        self,
+        pose: Floats,
+        near: Floats | None = None,
+        *,
+        starts: int = STARTS,
+        seed: int = 0,
+        turned: bool = True,
     ) -> Floats | None:
         """A position (D,) that brings the grasp frame to a pose (4, 4), robot's frame; else None.
 
         Differential inverse kinematics of mink (a quadratic program with the joints' limits), from
-        `near` (D,), by default at rest, then from random positions.
+        `near` (D,), by default at rest, then from random positions. Unless `turned`, the frame only
+        gets to the point of the pose.
         """
         mink = library("mink")
         goal = np.linalg.inv(self._root) @ pose
         random = np.random.default_rng(seed)
         target = mink.SE3.from_matrix(goal)
-        task = mink.FrameTask("grasp", "site", position_cost=1.0, orientation_cost=0.5)
+        cost, axes = (0.5, 6) if turned else (0.0, 3)
+        task = mink.FrameTask("grasp", "site", position_cost=1.0, orientation_cost=cost)
         task.set_target(target)
         configuration, limits = self._configuration()
         for attempt in range(starts):
@@ -196,7 +210,7 @@ class Arm:
             configuration.update(np.clip(begin, self.low, self.high))
             best, stuck = np.inf, 0
             for _ in range(ITERATIONS):
-                error = task.compute_error(configuration)
+                error = task.compute_error(configuration)[:axes]
                 size = float(np.linalg.norm(error))
                 stuck = stuck + 1 if size > 0.95 * best else 0
                 best = min(best, size)

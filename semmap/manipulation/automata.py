@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from semmap.belief.store.beliefs import Session
 from semmap.geometry.pose import Pose
@@ -27,6 +28,9 @@ TRIED = 200
 
 STARTS = 4
 """Positions from which inverse kinematics of a pose begins."""
+
+CUBE = 0.05
+"""Edge of a cube in which the arm reaches no point as far away as one that it missed, metres."""
 
 WAY = ("pre_pose", "pose", "end", "post_pose")
 """The poses of the gripper in an action, in the order in which it takes them."""
@@ -150,11 +154,12 @@ def stored_arm(session: Session, automaton: str) -> tuple[str, Arm]:
         raise LookupError(f"there is no robot {automaton} with a gripper{hint}")
     row = session.execute("SELECT posture FROM automaton WHERE name = %s", (found[0],)).fetchone()
     posture = tuple(sorted(row[0].items())) if row else ()
-    return found[1], _arm(stored_gripper(session, found[1]), posture)
+    return found[1], gripper_arm(stored_gripper(session, found[1]), posture)
 
 
 @lru_cache(maxsize=4)
-def _arm(gripper: Gripper, posture: tuple[tuple[str, float], ...]) -> Arm:
+def gripper_arm(gripper: Gripper, posture: tuple[tuple[str, float], ...] = ()) -> Arm:
+    """The arm that moves a gripper, made once; as `Arm`."""
     return Arm(gripper, dict(posture))
 
 
@@ -202,20 +207,43 @@ def reachable_rows(
     rows: Sequence[dict[str, Any]], arm: Arm, base: Pose, limit: int
 ) -> list[dict[str, Any]]:
     """The actions that an arm at a base reaches, with `position` of its joints; `facing_first`."""
-    inverse = np.linalg.inv(base.matrix)
     names = [joint.name for joint in arm.joints]
-    found: list[dict[str, Any]] = []
+    reach, found = Reach(arm), []
     for row in facing_first(rows, base)[:TRIED]:
-        poses = [inverse @ row[key].matrix for key in WAY if row.get(key) is not None]
-        if any(arm.is_far(pose[:3, 3]) for pose in poses):
-            continue
-        position = begin = arm.reach(poses[0], starts=STARTS)
-        for pose in poses[1:]:
-            if position is not None:
-                position = arm.reach(pose, position, starts=STARTS)
-        if begin is None or position is None:
-            continue
-        found.append(row | {"position": dict(zip(names, begin.tolist(), strict=True))})
+        position = reach.along(row, base)
+        if position is not None:
+            found.append(row | {"position": dict(zip(names, position.tolist(), strict=True))})
         if len(found) == limit:
             break
     return found
+
+
+class Reach:
+    """Which actions an arm reaches; it remembers where it does not get to, however it turns."""
+
+    def __init__(self, arm: Arm) -> None:
+        self.arm = arm
+        self._missed: dict[tuple[float, ...], float] = {}  # by cube: from which distance on
+
+    def along(self, row: dict[str, Any], base: Pose) -> NDArray[np.float64] | None:
+        """The position (D,) of the joints where an action begins; None if it is out of reach."""
+        inverse = np.linalg.inv(base.matrix)
+        poses = [inverse @ row[key].matrix for key in WAY if row.get(key) is not None]
+        points = np.array([pose[:3, 3] for pose in poses])
+        cubes = [tuple(cube) for cube in np.floor(points / CUBE)]
+        away = np.linalg.norm(points - self.arm.span[0], axis=1).tolist()
+        if self.arm.is_far(points).any():
+            return None
+        if any(d >= self._missed.get(cube, np.inf) for d, cube in zip(away, cubes, strict=True)):
+            return None
+        positions: list[NDArray[np.float64]] = []
+        for pose, cube, d in zip(poses, cubes, away, strict=True):
+            near = positions[-1] if positions else None
+            position = self.arm.reach(pose, near, starts=STARTS)
+            if position is None:
+                if self._missed.get(cube) != np.inf:
+                    gets_there = self.arm.reaches_point(pose[:3, 3], STARTS)
+                    self._missed[cube] = np.inf if gets_there else d
+                return None
+            positions.append(position)
+        return positions[0]

@@ -98,8 +98,7 @@ def find_places(
     vertices = np.asarray(model_mesh(seen, entity).vertices)
     upright = _upright(seen, item)
     triangles = entity_triangles(seen, on)
-    faces = np.arange(3 * len(triangles), dtype=np.int32).reshape(-1, 3)
-    surfaces = support_surfaces(Mesh(triangles.reshape(-1, 3), faces))
+    surfaces = support_surfaces(Mesh.of_triangles(triangles))
     if not surfaces:
         raise ManipulationError(
             f"{on}: has no level surface on which an object can stand: name another object"

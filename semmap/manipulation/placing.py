@@ -89,12 +89,8 @@ def place_candidates(
         near &= np.all(flat.max(axis=1) > (x0, y0), axis=1)
         near &= np.all(flat.min(axis=1) < (x1, y1), axis=1)
         edge, blocked = surface.outline, shapely.union_all(_outlines(flat[near]))
-        x, y = np.meshgrid(
-            np.arange(x0 + spacing / 2, x1, spacing), np.arange(y0 + spacing / 2, y1, spacing)
-        )
-        spots = np.column_stack([x.ravel(), y.ravel()])
         shapely.prepare([edge, blocked])
-        spots = spots[shapely.contains_xy(edge, spots)]
+        spots = spots_on(edge, spacing)
         tried = np.ones((len(spots), TURNS), bool)
         if not all_headings:
             tried[_room(shapely.points(spots), edge, blocked) >= radius + MARGIN, 1:] = False
@@ -108,6 +104,17 @@ def place_candidates(
             share = min(1.0, float(gap) / radius)
             found.append(PlacePose(pose, (float(at[0]), float(at[1])), number, float(gap), share))
     return sorted(found, key=lambda place: -place.clearance)
+
+
+def spots_on(outline: Polygon, spacing: float) -> Floats:
+    """(N, 2) points in an outline, metres apart."""
+    x0, y0, x1, y1 = outline.bounds
+    x, y = np.meshgrid(
+        np.arange(x0 + spacing / 2, x1, spacing), np.arange(y0 + spacing / 2, y1, spacing)
+    )
+    spots = np.column_stack([x.ravel(), y.ravel()])
+    inside: Floats = spots[shapely.contains_xy(outline, spots)]
+    return inside
 
 
 def covered(

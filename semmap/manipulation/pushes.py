@@ -101,9 +101,8 @@ def _surface(entity: str, vertices: Floats, model: Floats, obstacles: Obstacles)
     near = obstacles.within(
         np.array([-np.inf, -np.inf, lowest - 0.1]), np.array([np.inf, np.inf, lowest + 0.1])
     ).triangles
-    faces = np.arange(3 * len(near), dtype=np.int32).reshape(-1, 3)
     hull = shapely.convex_hull(shapely.multipoints(placed[:, :2]))
-    for patch in support_surfaces(Mesh(near.reshape(-1, 3), faces)):
+    for patch in support_surfaces(Mesh.of_triangles(near)):
         if abs(patch.height - lowest) < TOUCH and patch.outline.intersects(hull.centroid):
             return patch.outline
     raise ManipulationError(f"{entity}: stands on nothing level, so it cannot be pushed along it")

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from semmap.belief.store.beliefs import Session
+from semmap.geometry.pose import Pose
 from semmap.manipulation.candidates import grasp_candidates
 from semmap.manipulation.error import ManipulationError
 from semmap.manipulation.found_actions import FoundActions
@@ -19,10 +20,11 @@ from semmap.manipulation.gripper import Gripper, read_gripper
 from semmap.manipulation.linked import fitting_rows, prepare_links
 from semmap.manipulation.ranking import best_first, moved_alike, ranked
 from semmap.manipulation.reader import actions_by_shape, actions_on, entities_meant
+from semmap.manipulation.solids import PrimitiveShape
 from semmap.manipulation.store.actions import add_actions
 from semmap.manipulation.store.devices import add_gripper, gripper_id
-from semmap.manipulation.store.model_shapes import shape_of
-from semmap.manipulation.surroundings import free_rows
+from semmap.manipulation.store.model_shapes import mesh_shape, shape_of
+from semmap.manipulation.surroundings import Surroundings, entity_pose
 from semmap.query.snapshot import Snapshot
 
 DEFAULT_GRIPPER = Path(__file__).with_name("parallel_gripper.urdf")
@@ -70,7 +72,8 @@ def find_grasps(
             if generate(seen, entity, chosen):
                 generated.append(entity)
             else:
-                problems.append(_misfit(seen, entity, chosen))
+                opening = _opening(seen.session, chosen)
+                problems.append(misfit(entity, shape_of(seen, entity), chosen, opening))
         except ManipulationError as error:
             problems.append(str(error))
     if generated:
@@ -83,7 +86,8 @@ def find_grasps(
     elif rows:
         every = rows
         try:
-            rows = free_rows(seen, every, stored_gripper(seen.session, chosen), limit)
+            around = Surroundings(seen, stored_gripper(seen.session, chosen))
+            rows = around.free_rows(every, limit)
         except ManipulationError as error:
             rows = every[:limit]
             problems.append(f"not checked for collisions: {error}")
@@ -94,6 +98,36 @@ def find_grasps(
                 "or the object before it closes"
             )
     return FoundActions(rows, problems, generated)
+
+
+def known_grasps(seen: Snapshot, entity: str, name: str, gripper: Gripper) -> list[dict[str, Any]]:
+    """The stored grasps of an object by a gripper of a name, else its candidates; none is stored.
+
+    Rows have what is needed to check them, as those of `actions_on`. ManipulationError where the
+    object has no mesh or no volume.
+    """
+    if seen.session.execute(HAS_GRIPPER, (name,)).fetchone():
+        rows = actions_on(seen, name=entity, gripper=name, limit=RANKED)
+        rows = [row for row in fitting_rows(seen, rows)[0] if row["entity"] == entity]
+        if rows:
+            return rows
+    stands = entity_pose(seen, entity).matrix
+    return [
+        {
+            "entity": entity,
+            "pose": Pose.from_matrix(stands @ grasp.pose),
+            "pre_pose": Pose.from_matrix(stands @ grasp.pre_grasp),
+            "approach": grasp.approach,
+            "family": grasp.family,
+            "width": grasp.width,
+            "expected": grasp.quality,
+            "successes": 0,
+        }
+        for grasp in grasp_candidates(mesh_shape(seen, entity), gripper)
+    ]
+
+
+HAS_GRIPPER = "SELECT 1 FROM gripper g JOIN device d ON d.id = g.device_id WHERE d.name = %s"
 
 
 def stored_actions(seen: Snapshot, *, kind: str, **asked: Any) -> FoundActions:
@@ -150,11 +184,9 @@ def _opening(session: Session, gripper: str) -> float:
     return float(opening)
 
 
-def _misfit(seen: Snapshot, entity: str, gripper: str) -> str:
-    """Why no grasp of an entity was generated."""
-    shape = shape_of(seen, entity)
+def misfit(entity: str, shape: PrimitiveShape, gripper: str, opening: float) -> str:
+    """Why no grasp of an entity's shape fits a gripper, whose opening is in metres."""
     sizes = " x ".join(f"{size:.3g}" for size in shape.size)
-    opening = _opening(seen.session, gripper)
     return (
         f"{entity}: no grasp fits its shape ({shape.kind} {sizes} m); "
         f"gripper {gripper} opens {opening:.3g} m"

@@ -72,33 +72,43 @@ def _placed(seen: Snapshot, rows: Sequence[Any]) -> NDArray[np.float64]:
     return np.concatenate([np.empty((0, 3, 3)), *parts])
 
 
-def free_rows(
-    seen: Snapshot, rows: Sequence[dict[str, Any]], gripper: Gripper, limit: int
-) -> list[dict[str, Any]]:
-    """The first rows of grasps that the gripper reaches without touching anything else.
+class Surroundings:
+    """What is around objects, read once each, and which grasps of them are free of it."""
 
-    The object must not be touched either on the way, except by grasps that have succeeded: hulls of
-    links are larger than the links.
-    """
-    around: dict[str, tuple[Obstacles, Obstacles]] = {}
-    found: list[dict[str, Any]] = []
-    for start in range(0, len(rows), AT_ONCE):
-        batch = rows[start : start + AT_ONCE]
-        poses = np.array([row["pose"].matrix for row in batch])
-        before = np.array([(row["pre_pose"] or row["pose"]).matrix for row in batch])
-        grasps = Grasps.of_rows(gripper, batch, poses, before)
-        proven = np.array([row["successes"] > 0 for row in batch])
-        names = np.array([row["entity"] for row in batch])
-        free = np.zeros(len(batch), bool)
+    def __init__(self, seen: Snapshot, gripper: Gripper) -> None:
+        self._seen, self._gripper = seen, gripper
+        self._around: dict[str, tuple[Obstacles, Obstacles]] = {}
+
+    def free_rows(
+        self, rows: Sequence[dict[str, Any]], limit: int | None = None
+    ) -> list[dict[str, Any]]:
+        """The first rows of grasps that are free."""
+        found: list[dict[str, Any]] = []
+        for start in range(0, len(rows), AT_ONCE):
+            batch = rows[start : start + AT_ONCE]
+            found += [row for row, free in zip(batch, self.free(batch), strict=True) if free]
+            if limit is not None and len(found) >= limit:
+                break
+        return found[:limit]
+
+    def free(self, rows: Sequence[dict[str, Any]]) -> NDArray[np.bool_]:
+        """(N,) whether the gripper gets to grasps without touching anything else.
+
+        The object must not be touched either on the way, except by grasps that have succeeded:
+        hulls of links are larger than the links.
+        """
+        poses = np.array([row["pose"].matrix for row in rows])
+        before = np.array([(row["pre_pose"] or row["pose"]).matrix for row in rows])
+        grasps = Grasps.of_rows(self._gripper, rows, poses, before)
+        proven = np.array([row["successes"] > 0 for row in rows])
+        names = np.array([row["entity"] for row in rows])
+        free = np.zeros(len(rows), bool)
         for entity in dict.fromkeys(names.tolist()):
-            if entity not in around:
-                item = Obstacles(entity_triangles(seen, entity))
-                around[entity] = obstacles_around(seen, entity), item
-            obstacles, item = around[entity]
+            if entity not in self._around:
+                item = Obstacles(entity_triangles(self._seen, entity))
+                self._around[entity] = obstacles_around(self._seen, entity), item
+            obstacles, item = self._around[entity]
             for some, untouched in ((proven, None), (~proven, item)):
                 chosen = some & (names == entity)
                 free[chosen] = free_grasps(grasps[chosen], np.eye(4), obstacles, item=untouched)
-        found += [row for row, is_free in zip(batch, free, strict=True) if is_free]
-        if len(found) >= limit:
-            break
-    return found[:limit]
+        return free

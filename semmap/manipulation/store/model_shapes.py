@@ -20,6 +20,8 @@ if TYPE_CHECKING:
     import trimesh
     from numpy.typing import NDArray
 
+    from semmap.perception.primitives import Primitive
+
 
 @dataclass(frozen=True)
 class StoredShape:
@@ -36,16 +38,21 @@ def shape_of(seen: Snapshot, entity: str) -> StoredShape:
     model = object_model_id(seen.session, entity)
     row = read_shape(seen.session, model)
     if row is None:
-        from semmap.perception.mesh_shapes import mesh_primitive  # SciPy is slow to load
-        from semmap.perception.point_cloud import PerceptionError
-
-        try:
-            set_shape(seen.session, model, mesh_primitive(model_mesh(seen, entity)))
-        except PerceptionError as error:
-            raise ManipulationError(f"{entity}: {error}") from error
+        set_shape(seen.session, model, mesh_shape(seen, entity))
         row = read_shape(seen.session, model)
         assert row is not None
     return StoredShape(row["shape"], tuple(row["size"]), row["shape_pose"].matrix, row["inliers"])
+
+
+def mesh_shape(seen: Snapshot, entity: str) -> Primitive:
+    """The primitive of an entity's mesh; ManipulationError without a volume."""
+    from semmap.perception.mesh_shapes import mesh_primitive  # SciPy is slow to load
+    from semmap.perception.point_cloud import PerceptionError
+
+    try:
+        return mesh_primitive(model_mesh(seen, entity))
+    except PerceptionError as error:
+        raise ManipulationError(f"{entity}: {error}") from error
 
 
 def model_mesh(seen: Snapshot, entity: str) -> trimesh.Trimesh:
