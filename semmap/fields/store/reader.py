@@ -23,6 +23,9 @@ from semmap.query.storey_scene import SceneEntity
 TOUCH = 2.5e-9
 """Voxels within which a surface touches one: more than the tolerance of drawing."""
 
+BORDER = 1e-6
+"""Voxels from a border within which the end of a face is drawn on both sides of it."""
+
 PERSON = (0.25, 1.75)
 """Radius and height in metres of a person without geometry."""
 
@@ -56,14 +59,25 @@ class Occupant:
         if self.points is not None:
             return [self.points]
         mesh = to_mesh(self.triangles)
-        found: list[Region] = [
-            SurfaceRegion(mesh.vertices + np.array([x, y, 0.0]), mesh.faces)
-            for x in (-TOUCH * voxel_size, TOUCH * voxel_size)
-            for y in (-TOUCH * voxel_size, TOUCH * voxel_size)
-        ]
+        apart = np.array([(x, y, 0.0) for x in (-TOUCH, TOUCH) for y in (-TOUCH, TOUCH)])
+        ends = _ends_on_borders(self.triangles[..., :2] / voxel_size)
+        found: list[Region] = []
+        for faces, moves in ((mesh.faces[~ends], np.zeros((1, 3))), (mesh.faces[ends], apart)):
+            if len(faces):
+                found += [SurfaceRegion(mesh.vertices + m * voxel_size, faces) for m in moves]
         if not self.encloses_air and closed_as_whole(mesh):
             found.append(Solid(mesh.vertices, mesh.faces))
         return found
+
+
+def _ends_on_borders(triangles: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """(F,) whether the box of a face (F, 3, 2), in voxels, ends on a border between voxels.
+
+    Only there does drawing leave out a voxel that the face touches.
+    """
+    ends = np.stack([triangles.min(axis=1), triangles.max(axis=1)])
+    on: NDArray[np.bool_] = (np.abs(ends - np.round(ends)) < BORDER).any(axis=(0, 2))
+    return on
 
 
 def read_occupants(seen: Snapshot, ids: Iterable[int] | None = None) -> list[Occupant]:
