@@ -1,8 +1,8 @@
 """Occupancy grids of five worlds from meshes and from voxels: times, and cells that differ.
 
 The worlds are in the folder ``SEMMAP_WORLDS``, by default ``../shared/worlds``, but for the office.
-How far what voxels have and meshes do not is from cells of meshes, is measured in an interval that
-is a voxel higher and lower: one voxel is allowed, and no cell of the meshes may be missing.
+Both are of the same interval of heights. No cell of the meshes may be missing, and those that
+voxels have and meshes do not are at most a voxel away from cells of the meshes.
 """
 
 from __future__ import annotations
@@ -63,16 +63,14 @@ def measure(house: semmap.Map, name: str) -> Row:
     between = time.perf_counter()
     voxels = house.grids(interval=INTERVAL, resolution=SIZE, voxel_size=SIZE)
     end = time.perf_counter()
-    around = (INTERVAL[0] - SIZE, INTERVAL[1] + SIZE)
     lost = more = cells = 0
     farthest = 0
     for a, b in zip(meshes, voxels, strict=True):
-        there, most = occupied(a.scene, a.grid, INTERVAL, around)
-        (here,) = occupied(b.scene, a.grid, INTERVAL)
+        there, here = occupied(a.scene, a.grid), occupied(b.scene, a.grid)
         cells += int(there.sum())
         lost += int((there & ~here).sum())
         more += int((here & ~there).sum())
-        farthest = max(farthest, _farthest(here, most))
+        farthest = max(farthest, _farthest(here, there))
     return Row(
         name,
         f"voxels {end - between:.2f} s; {lost} cells lost, {more} more, {farthest} voxels away",
@@ -82,18 +80,18 @@ def measure(house: semmap.Map, name: str) -> Row:
     )
 
 
-def occupied(scene: StoreyScene, grid: Grid, *intervals: tuple[float, float]) -> NDArray[np.bool_]:
-    """The (intervals, rows, columns) cells of all layers; an interval may begin below the floor."""
+def occupied(scene: StoreyScene, grid: Grid) -> NDArray[np.bool_]:
+    """The (rows, columns) cells of all layers."""
     layers = ObstacleLayers(LayerMembers(scene, Policy.default(), DriveLimits()), grid)
     found: NDArray[np.bool_] = np.any(
-        [layers.cells(name, intervals) for name in layers.members.layers], axis=0
+        [layers.cells(name, [INTERVAL])[0] for name in layers.members.layers], axis=0
     )
     return found
 
 
-def _farthest(cells: NDArray[np.bool_], most: NDArray[np.bool_]) -> int:
+def _farthest(cells: NDArray[np.bool_], others: NDArray[np.bool_]) -> int:
     """How many cells the farthest of some cells is away from others, diagonal steps being one."""
-    away = np.asarray(distance_transform_cdt(~most, metric="chessboard"))
+    away = np.asarray(distance_transform_cdt(~others, metric="chessboard"))
     return int(away[cells].max(initial=0))
 
 

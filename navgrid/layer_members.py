@@ -91,7 +91,12 @@ class LayerMembers:
         ground = np.zeros(len(bottom), np.bool_)
         for height in self.floors:
             ground |= (bottom <= height + self.limits.ground) & (bottom + voxels.size >= height)
-        return None if ground.all() else Voxels(voxels.size, voxels.indices[~ground])
+        if ground.all():
+            return None
+        faces = voxels.triangles
+        if faces is not None:
+            faces = faces[~drivable(faces, self.floors, self.limits)]
+        return Voxels(voxels.size, voxels.indices[~ground], faces)
 
     def update(self, entities: Iterable[SceneEntity], gone: Iterable[int] = ()) -> LayerChange:
         """Replace or add entities and remove those that are gone; return what this changed.

@@ -6,7 +6,9 @@ the two agree.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Collection, Iterable, Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -76,7 +78,7 @@ class ObstacleLayers:
         """
         entities, window = self.members.obstacles(), whole(self.grid)
         found = self._slabs(_solids(entities), intervals, window, fill=fill)
-        return found | self._voxels(entities, intervals, window)
+        return found | self._voxels(entities, intervals, window, fill=fill)
 
     def occupants(
         self, layer: str, interval: Interval, cells: NDArray[np.int64]
@@ -137,15 +139,32 @@ class ObstacleLayers:
         return found
 
     def _voxels(
-        self, entities: Iterable[SceneEntity], intervals: Sequence[Interval], window: Window
+        self,
+        entities: Iterable[SceneEntity],
+        intervals: Sequence[Interval],
+        window: Window,
+        *,
+        fill: bool = True,
     ) -> NDArray[np.bool_]:
-        """(intervals, rows, columns): where voxels are in intervals above each cell's floor."""
+        """(intervals, rows, columns): where voxels are in intervals above each cell's floor.
+
+        Where an interval ends within voxels, the surfaces in them say what is in it; a plane has
+        the voxels that it meets.
+        """
         found = np.zeros((len(intervals), *self.unknown[window].shape), np.bool_)
-        by_size: dict[float, list[NDArray[np.int64]]] = {}
+        alike: dict[tuple[float, bool], list[NDArray[np.int64]]] = {}
+        meshes: dict[float, list[SceneEntity]] = {}
         for entity in entities:
-            if entity.kind != "region" and entity.voxels is not None and len(entity.voxels):
-                by_size.setdefault(entity.voxels.size, []).append(entity.voxels.indices)
-        for size, parts in by_size.items():
+            own = entity.voxels
+            if entity.kind == "region" or own is None or not len(own):
+                continue
+            alike.setdefault((own.size, own.triangles is not None), []).append(own.indices)
+            if own.triangles is not None:
+                mesh = replace(entity, triangles=own.triangles)
+                meshes.setdefault(own.size, []).append(mesh)
+        for size, solids in meshes.items():
+            found |= self._slabs(solids, intervals, window, fill=fill, size=size)
+        for (size, has_mesh), parts in alike.items():
             voxels = Voxels(size, np.concatenate(parts))
             for level in self.levels:
                 cells = level.cells[window]
@@ -156,6 +175,9 @@ class ObstacleLayers:
                     above = voxels_over(voxels, level.cells, self.grid)
                 for number, (low, high) in enumerate(intervals):
                     heights = (level.floor + low - ROUNDING, level.floor + high + ROUNDING)
+                    if has_mesh and low < high:
+                        first, last = _borders(heights, size)
+                        heights = (first + size / 2, last - size / 2)
                     found[number] |= (voxel_cells(above, heights, self.grid)[window] > 0) & cells
         return found
 
@@ -166,34 +188,55 @@ class ObstacleLayers:
         window: Window,
         *,
         fill: bool = True,
+        size: float | None = None,
     ) -> NDArray[np.bool_]:
-        """(intervals, rows, columns): where solids are in intervals above each cell's floor."""
+        """(intervals, rows, columns): where solids are in intervals above each cell's floor.
+
+        With the size of voxels, only in the ends of the intervals that have no whole voxel.
+        """
         found = np.zeros((len(intervals), *self.unknown[window].shape), np.bool_)
         floors = [level for level in self.levels if level.cells[window].any()]
         if not solids or not floors:
             return found
         triangles = np.concatenate([entity.triangles for entity in solids])
         counts = [len(entity.triangles) for entity in solids]
+        heights = [(lv.floor + low, lv.floor + high) for lv in floors for low, high in intervals]
+        if size is not None:
+            heights = [end for each in heights for end in _ends(each, size)]
         layers = occupancy(
             (
                 triangles.reshape(-1, 3),
                 np.arange(3 * len(triangles), dtype=np.int32).reshape(-1, 3),
             ),
-            [
-                (level.floor + low, level.floor + high)
-                for level in floors
-                for low, high in intervals
-            ],
+            heights,
             self.grid,
             solid=np.repeat(np.arange(len(solids), dtype=np.int32), counts),
             # The shell of a room encloses air.
             fill=np.array([fill and entity.kind != "room" for entity in solids]),
             threads=self._threads,
         )
+        if size is not None:
+            layers = layers[::2] | layers[1::2]
         for number, level in enumerate(floors):
             here = layers[number * len(intervals) : (number + 1) * len(intervals), *window]
             found |= here & level.cells[window]
         return found
+
+
+def _borders(heights: Interval, size: float) -> Interval:
+    """The lowest and the highest border of voxels in an interval of heights z."""
+    low, high = heights
+    return math.ceil(low / size) * size, math.floor(high / size) * size
+
+
+def _ends(heights: Interval, size: float) -> list[Interval]:
+    """The parts of an interval below and above its whole voxels, with the borders of these."""
+    low, high = heights
+    first, last = _borders((low - ROUNDING, high + ROUNDING), size)
+    return [
+        (low, max(low, min(high, first + ROUNDING))),
+        (min(high, max(low, last - ROUNDING)), high),
+    ]
 
 
 def _solids(entities: Iterable[SceneEntity]) -> list[SceneEntity]:

@@ -125,7 +125,8 @@ def read_mirror(source: MapSource, voxel_size: float = 0.05) -> dict[int, Voxels
     """Return the voxels of a map's objects, walls and doors by id: conservative ones, for grids.
 
     They contain each voxel of `voxel_size` metres that a mesh meets, and the inside of closed
-    meshes: their cells contain those of `navgrid.slabs`, and exceed them by at most one voxel.
+    meshes: their cells contain those of `navgrid.slabs`, and exceed them by at most one voxel. The
+    meshes are in them, for where an interval of heights ends within voxels.
     Point clouds, and voxels that were stated in place of a mesh, are those of the mirror, which is
     read where there are any. LookupError without OpenVDB, ValueError for too many voxels.
     """
@@ -143,6 +144,7 @@ def read_mirror(source: MapSource, voxel_size: float = 0.05) -> dict[int, Voxels
     names: dict[object, str] = {o.id: o.name for o in drawn}
     left_out = {names[n]: why for n, why in cover.insert_possible(regions).items()}
     found = {o.id: cover.voxels(o.id) for o in drawn}
+    meshes = {o.id: o.triangles for o in drawn}
     others = {o.id for o in occupants} - found.keys() | stated
     if others:
         mirror = VoxelMirror.resume(source.engine, source.name, voxel_size)
@@ -152,7 +154,7 @@ def read_mirror(source: MapSource, voxel_size: float = 0.05) -> dict[int, Voxels
             found |= {n: kept.voxels(n) for n in others.intersection(kept.entities())}
     for name, reason in left_out.items():
         raise ValueError(f"{name} has no voxels: {reason}; take larger voxels, or the meshes")
-    return {n: Voxels(voxel_size, each.astype(np.int64)) for n, each in found.items()}
+    return {n: Voxels(voxel_size, v.astype(np.int64), meshes.get(n)) for n, v in found.items()}
 
 
 @contextmanager

@@ -16,11 +16,13 @@ from semmap.geometry.extent import extent
 class Voxels:
     """Some voxels of a regular lattice, whose axes are those of the map's frame.
 
-    Voxel (i, j, k) covers the half-open cube at (i, j, k) * size, in metres.
+    Voxel (i, j, k) covers the half-open cube at (i, j, k) * size, in metres. `triangles` (F, 3, 3)
+    are the surface that they contain, in the same frame; None of points.
     """
 
     size: float
     indices: NDArray[np.int64]
+    triangles: NDArray[np.float64] | None = None
 
     @classmethod
     def of_points(cls, points: ArrayLike, size: float) -> Voxels:

@@ -292,10 +292,11 @@ def _measured_floor(reading: _Reading, storey: _Storey) -> float | None:
 
 
 def _faces(entity: SceneEntity) -> NDArray[np.float64]:
-    """The triangles of an entity, or the upper faces of its voxels."""
+    """The triangles of an entity or in its voxels, or else the upper faces of these."""
     if entity.voxels is None or len(entity.triangles):
         return entity.triangles
-    return entity.voxels.top_faces()
+    inside = entity.voxels.triangles
+    return entity.voxels.top_faces() if inside is None else inside
 
 
 def _home(row: Any, storeys: Sequence[_Storey]) -> str:
