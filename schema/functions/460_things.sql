@@ -31,16 +31,18 @@ $def$, name, relation, pair, reach, heights);
 END $$;
 
 CREATE FUNCTION things_held(b bigint)
-RETURNS SETOF bigint LANGUAGE sql STABLE PARALLEL SAFE ROWS 100
-BEGIN ATOMIC
--- The contents of b, and their contents, by placement.
-WITH RECURSIVE down (id) AS (
-    SELECT entity_id FROM semmap.placement WHERE holder_id = b
-  UNION
-    -- for each of its own: a join of all could scan the placements
-    SELECT p.id FROM down CROSS JOIN LATERAL (SELECT q.entity_id FROM semmap.placement q WHERE q.holder_id = down.id OFFSET 0) p (id))
-SELECT id FROM down;
-END;
+RETURNS SETOF bigint LANGUAGE plpgsql STABLE PARALLEL SAFE ROWS 100 SET search_path = semmap, public, pg_temp
+SET plan_cache_mode = force_generic_plan SET enable_seqscan = off AS $$
+-- The contents of b, and their contents, by placement. For each of its own, by index: a join of all could scan the
+-- placements, and without statistics this would, too.
+BEGIN
+    RETURN QUERY
+    WITH RECURSIVE down (id) AS (
+        SELECT p.entity_id FROM semmap.placement p WHERE p.holder_id = b
+      UNION
+        SELECT p.id FROM down CROSS JOIN LATERAL (SELECT q.entity_id FROM semmap.placement q WHERE q.holder_id = down.id OFFSET 0) p (id))
+    SELECT d.id FROM down d;
+END $$;
 
 CREATE FUNCTION contents_of(b bigint)
 RETURNS SETOF bigint LANGUAGE plpgsql STABLE ROWS 100 SET search_path = semmap, public, pg_temp AS $$
