@@ -28,7 +28,7 @@ def made(db: Database) -> Map:
     house.add_door("door", "kitchen", "living", line=((5.1, 2), (5.1, 3)))
     for name, x, y in (("table1", 1, 1), ("table2", 9, 4)):
         house.add_object(name, type="table", size=(1.2, 0.8, 0.75), pose=(x, y, 0, 0))
-    house.add_object("ball", type="ball", size=(0.1, 0.1, 0.1), pose=(8, 1, 0, 0))
+    house.add_object("ball", type="ball", size=(0.06, 0.06, 0.06), pose=(8, 1, 0, 0))
     return house
 
 
