@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import subprocess
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +12,7 @@ from alembic.migration import MigrationContext
 from sqlalchemy import Engine, create_engine, text
 from sqlalchemy.orm import configure_mappers
 
+import semmap
 from semmap.database import DatabaseError, open_engine
 from semmap.database.migrate import downgrade, upgrade
 from semmap.database.revisions import installed_on, newest, parents
@@ -22,7 +24,7 @@ from tests.next_revision import next_revision
 OFFICE = Path(__file__).parents[2] / "examples" / "office"
 
 UP = (
-    "ALTER TABLE storey ALTER COLUMN height TYPE numeric",  # functions and views depend on it
+    "ALTER TABLE room ALTER COLUMN ceiling TYPE numeric",  # functions and views depend on it
     "ALTER TABLE entity ADD COLUMN weight double precision NOT NULL DEFAULT 1",
     "CREATE TABLE weighing (entity_id bigint PRIMARY KEY REFERENCES entity ON DELETE CASCADE)",
     "INSERT INTO weighing SELECT id FROM entity",
@@ -30,7 +32,7 @@ UP = (
 DOWN = (
     "DROP TABLE weighing",
     "ALTER TABLE entity DROP COLUMN weight",
-    "ALTER TABLE storey ALTER COLUMN height TYPE double precision",
+    "ALTER TABLE room ALTER COLUMN ceiling TYPE double precision",
 )
 
 Columns = dict[str, str]
@@ -113,6 +115,20 @@ def test_revisions_are_one_line_that_begins_at_0001() -> None:
         line.append(parent)
     assert line == sorted(known, reverse=True)
     assert line[-1] == "0001"
+
+
+def test_a_change_of_functions_has_a_revision() -> None:
+    """Else databases that exist keep the functions of the last release."""
+    release = f"v{semmap.__version__}"
+    git = ["git", "-C", str(OFFICE.parents[1])]
+    if subprocess.run([*git, "rev-parse", "-q", "--verify", release], check=False).returncode:
+        pytest.skip(f"this checkout has no tag {release}")
+    code = ["schema/functions", "schema/views", "schema/roles.sql"]
+    if subprocess.run([*git, "diff", "--quiet", release, "--", *code], check=False).returncode:
+        versions = subprocess.check_output(
+            [*git, "ls-tree", "--name-only", release, "migrations/versions/"], text=True
+        )
+        assert f"/{newest()}_" not in versions, "add an empty revision"
 
 
 @pytest.fixture
