@@ -19,7 +19,7 @@ def run(world: str, rooms: str, urdf: str, posture: dict[str, float], out: str =
         table = house.find("table", in_="kitchen")[0]
         with house.subscribe(events.put):
             mug = house.add_object("mug1", type="mug", size=(0.06, 0.06, 0.1), on=table.name)
-            mug.move_to(*mug.pose[:2], mug.pose.z + 0.001)
+            mug.move_to(table.footprint.bounds[0] + 0.15, *mug.pose[1:3])  # within an arm's reach
             seen = [events.get(timeout=10) for _ in range(2)]
         db.add_robot("robot", urdf, posture=posture, reach=(0.2, 1.2))
         house.grid().write(out)

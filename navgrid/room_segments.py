@@ -95,7 +95,20 @@ def room_segments(walls: Cells, resolution: float, above: Cells | None = None) -
     number, passages = _merged(passages, peaks)
     labels = number[labels]
     passages += _below_lintels(lintels, labels, resolution)
-    return RoomSegments(labels, tuple(passages))
+    return RoomSegments(labels, tuple(_once(passages, resolution)))
+
+
+def _once(passages: list[Passage], resolution: float) -> list[Passage]:
+    """Leave out a passage at the place of a surer one: noise can part the border in a doorway."""
+    kept: list[Passage] = []
+    for passage in sorted(passages, key=lambda each: -each.confidence):
+        middle = passage.ends.mean(axis=0)
+        beside = (each for each in kept if each.segments == passage.segments)
+        if all(
+            np.hypot(*(each.ends.mean(axis=0) - middle)) * resolution > ALONG for each in beside
+        ):
+            kept.append(passage)
+    return kept
 
 
 def _lintels(

@@ -138,7 +138,7 @@ def test_export_of_a_stored_map(office: str, tmp_path: Path) -> None:
     for words, says in (
         (("--kept", "bread"), "there is no field bread"),
         (("--kept", "baked", "--version", "2"), "no version 2 of the field baked"),
-        (("--version", "2"), "--kept NAME"),
+        (("--version", "2"), "name the field by --kept"),
     ):
         with pytest.raises((ValueError, LookupError), match=says):
             run(office, "export", "-o", tmp_path / "none", *words)

@@ -160,7 +160,7 @@ def test_what_does_not_fit_is_refused_also_where_the_gripper_is_assumed(
     assumed = GraspMemory().begin(seen_by(connection), robot, table)
     assert assumed.refusal is not None
     assert assumed.refusal.message.startswith("table: no grasp fits its shape")
-    assert "parallel_gripper is assumed: --gripper names another one" in assumed.refusal.message
+    assert "parallel_gripper is assumed: gripper= names another one" in assumed.refusal.message
 
 
 def test_what_has_no_mesh_is_picked_without_a_grasp(connection: Connection, robot: int) -> None:
