@@ -28,7 +28,7 @@ RESOLUTION = 0.05
 """The sides of the cells that are divided into rooms, metres."""
 
 TALL, THIN = 2.25, 0.5
-"""Metres: what has no type and is so high above the floor and so thin is a wall."""
+"""Metres: an object without a type, so high above the floor and so thin, is a wall."""
 
 WALL_HEIGHTS, LINTEL_HEIGHTS = (0.1, 1.8), (TALL, TALL + 0.2)
 """Metres above the floor in which a wall stands, and in which only it and lintels are."""
@@ -43,10 +43,10 @@ WALLS = frozenset({"wall", "window", "building_shell"})
 """Types of the parts of a building between which rooms are."""
 
 CLOSED = 0.5
-"""How sure what no doorway leads into is a room."""
+"""The confidence of a room without a doorway."""
 
 MARGIN = 1.0
-"""Metres of the grid around the walls: what is connected with its border is outside."""
+"""Metres of the grid around the walls: the cells connected with its border are outside."""
 
 SAME = 0.5
 """The part of a found room that a room of the map covers if it is the same one; and metres from
@@ -127,7 +127,7 @@ def find_rooms(
     shows: Mapping[str, Sequence[str]] = MappingProxyType({}),
     resolution: float = RESOLUTION,
 ) -> FoundRooms:
-    """Divide what walls enclose on a storey into rooms, and find their doorways.
+    """Divide the space between the walls of a storey into rooms, and find their doorways.
 
     `shows`: by type of objects, the types of rooms in which they usually are. Furniture and the
     leaves of doors divide nothing. Raises ValueError where there are no walls.
@@ -152,7 +152,7 @@ def find_rooms(
 
 
 def _walls(scene: StoreyScene) -> list[SceneEntity]:
-    """Return what its type, or the shape of what has none, shows to be a wall; else ValueError."""
+    """Return the walls, by type, or by shape where an object has none; ValueError without any."""
     walls = [
         entity
         for entity in scene.entities
@@ -214,9 +214,9 @@ def _new(
     passages: Sequence[Passage],
     grid: Grid,
 ) -> FoundRooms:
-    """Name what was found, from top to bottom and left to right, but for what the map has."""
+    """Name the rooms that the map lacks, from top to bottom and left to right."""
     taken = {entity.name for entity in scene.entities}
-    room_names, door_names = (_names(f"{scene.storey}_{what}", taken) for what in ("room", "door"))
+    room_names, door_names = (_names(f"{scene.storey}_{kind}", taken) for kind in ("room", "door"))
     names: dict[int, str] = {}
     rooms, known = [], []
     for segment in sorted(outlines, key=lambda each: reading_order(outlines[each])):

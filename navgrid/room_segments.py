@@ -72,7 +72,7 @@ class RoomSegments:
 def room_segments(walls: Cells, resolution: float, above: Cells | None = None) -> RoomSegments:
     """Divide the cells without walls into rooms; cells have sides of `resolution` metres.
 
-    `above` (rows, columns): what of the walls is higher than a person and a door.
+    `above` (rows, columns): the cells of walls above persons and doors.
     """
     lintels = [] if above is None else _lintels(walls, above, resolution)
     closed = walls.copy()

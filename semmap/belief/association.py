@@ -67,6 +67,12 @@ def view_likelihoods(
 ) -> Likelihoods:
     """Return the likelihoods of k detections in one view, by class, size, place and time.
 
+    One cup is known, which was on the table; now a cup is seen on the shelf:
+
+    >>> cup = view_likelihoods([[0.8, 0.2]], view=[0, 1], place=[1], same_class=[[0.9]])
+    >>> associate(*cup).marginals(1).round(3)
+    array([[0.807, 0.193]])
+
     Parameters
     ----------
     belief : (n, m) where the n known instances are now, by `semmap.belief.motion.infer_with_motion`
@@ -108,36 +114,6 @@ def view_likelihoods(
         same *= _size_density(size, known_size, spread, same.shape)
         fresh /= LOG_SIZE_RANGE
     return Likelihoods(same, fresh, 1 - hit * (where @ shares))
-
-
-def moved_or_new(
-    belief: ArrayLike,
-    view: ArrayLike,
-    place: ArrayLike,
-    same_class: ArrayLike,
-    size: ArrayLike | None = None,
-    known_size: ArrayLike | None = None,
-    hit: float = 0.7,
-    new: ArrayLike = 0.05,
-    spread: float = 0.1,
-    keep: int = 10,
-) -> Association:
-    """Return the likeliest instances of k detections in one view, by class, size, place and time.
-
-    `keep` is the most hypotheses; the other arguments and errors are those of `view_likelihoods`.
-
-    Examples
-    --------
-    One cup is known, which was on the table; now a cup is seen on the shelf:
-
-    >>> found = moved_or_new([[0.8, 0.2]], view=[0, 1], place=[1], same_class=[[0.9]])
-    >>> found.marginals(1).round(3)
-    array([[0.807, 0.193]])
-    """
-    found = view_likelihoods(
-        belief, view, place, same_class, size, known_size, hit=hit, new=new, spread=spread
-    )
-    return associate(*found, keep)
 
 
 def associate(same: ArrayLike, new: ArrayLike, missed: ArrayLike, keep: int = 10) -> Association:

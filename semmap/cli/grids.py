@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Contents:
-    """What of the map counts in a grid."""
+    """The entities and fields that count in a grid."""
 
     at: datetime | None = Option(
         None, help="Leave out regions that do not hold then; by default now."

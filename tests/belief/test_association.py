@@ -10,8 +10,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from semmap.belief.association import NEW, associate, moved_or_new
+from semmap.belief.association import NEW, associate, view_likelihoods
 from semmap.belief.error import BeliefError
+
+
+def moved_or_new(*args, keep=10, **more):
+    return associate(*view_likelihoods(*args, **more), keep)
 
 
 def all_hypotheses(same, new, missed) -> dict[tuple[int, ...], float]:

@@ -1,4 +1,4 @@
-"""Figures 5, 6, 7 and 9 of Deeken et al., of one's own robot and building, and a search."""
+"""Figures 5, 6, 7 and 9 of Deeken et al., of the user's robot and building, and a search."""
 
 from __future__ import annotations
 
