@@ -1,6 +1,7 @@
 """The map as typed SQLAlchemy classes (Deeken et al., section 3); `schema/` is what they mirror.
 
-Tables that only the programs read and write have no class; SQL reaches them all.
+Tables that only the programs read and write have no class; SQL reaches them all. Indexes are the
+schema's alone.
 """
 
 from semmap.model.base import Base, PoseColumn

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from datetime import datetime
 
-from sqlalchemy import ForeignKey, Index, text
+from sqlalchemy import ForeignKey, text
 from sqlalchemy.orm import Mapped, mapped_column, relationship
 
 from semmap.model.base import Base, RowId
@@ -19,11 +19,6 @@ class Observation(Base):
     """
 
     __tablename__ = "observation"
-    __table_args__ = (
-        Index("observation_of", "entity_id", "at"),
-        Index("observation_place", "place_id"),
-        Index("observation_observer", "observer_id"),
-    )
 
     id: Mapped[RowId]
     entity_id: Mapped[int] = mapped_column(ForeignKey(Entity.id, ondelete="CASCADE"))
@@ -45,16 +40,6 @@ class Belief(Base):
     """How probable it is that an entity is at a place, elsewhere without one. Kept by triggers."""
 
     __tablename__ = "belief"
-    __table_args__ = (
-        Index("belief_of", "entity_id", "place_id", unique=True),
-        Index(
-            "belief_elsewhere",
-            "entity_id",
-            unique=True,
-            postgresql_where=text("place_id IS NULL"),
-        ),
-        Index("belief_place", "place_id"),
-    )
 
     id: Mapped[RowId]
     entity_id: Mapped[int] = mapped_column(ForeignKey(Entity.id, ondelete="CASCADE"))

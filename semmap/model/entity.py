@@ -12,7 +12,6 @@ from sqlalchemy import (
     Double,
     ForeignKey,
     Identity,
-    Index,
     Integer,
     PrimaryKeyConstraint,
     UniqueConstraint,
@@ -53,7 +52,6 @@ class EntityModel(Base):
     """That an entity has a model, to be seen (`visual`) or to be bumped into (`collision`)."""
 
     __tablename__ = "entity_model"
-    __table_args__ = (Index("entity_model_model", "model_id"),)
 
     entity_id: Mapped[EntityKey]
     model_id: Mapped[int] = mapped_column(ForeignKey(GeometricModel.id), primary_key=True)
@@ -91,16 +89,7 @@ class Entity(Base):
     """
 
     __tablename__ = "entity"
-    __table_args__: Any = (
-        UniqueConstraint("map_id", "name", name="entity_map_id_name_key"),
-        Index("entity_type", "type"),
-        Index(
-            "entity_properties",
-            "properties",
-            postgresql_using="gin",
-            postgresql_ops={"properties": "jsonb_path_ops"},
-        ),
-    )
+    __table_args__: Any = (UniqueConstraint("map_id", "name", name="entity_map_id_name_key"),)
     __mapper_args__ = {"polymorphic_on": "kind"}  # noqa: RUF012
 
     id: Mapped[RowId]
@@ -200,7 +189,6 @@ class Room(Entity):
     """A place: floor and ceiling are heights in its own frame, metres."""
 
     __tablename__ = "room"
-    __table_args__ = (Index("room_elevator", "elevator_id"),)
 
     entity_id: Mapped[int] = mapped_column(
         BigInteger, ForeignKey(Entity.id, ondelete="CASCADE"), primary_key=True
@@ -233,10 +221,6 @@ class Connector(Entity):
     """
 
     __tablename__ = "connector"
-    __table_args__ = (
-        Index("connector_place_a", "place_a"),
-        Index("connector_place_b", "place_b"),
-    )
 
     entity_id: Mapped[int] = mapped_column(
         BigInteger, ForeignKey(Entity.id, ondelete="CASCADE"), primary_key=True
@@ -277,7 +261,6 @@ class Region(Entity):
     """
 
     __tablename__ = "region"
-    __table_args__ = (Index("region_of", "of_id"), Index("region_model", "model_id"))
 
     entity_id: Mapped[int] = mapped_column(
         BigInteger, ForeignKey(Entity.id, ondelete="CASCADE"), primary_key=True
@@ -301,7 +284,6 @@ class Link(Base):
     """A named relation between two entities (section 3.3, A3)."""
 
     __tablename__ = "link"
-    __table_args__ = (Index("link_to", "to_id", "relation"),)
 
     from_id: Mapped[int] = mapped_column(
         ForeignKey(Entity.id, ondelete="CASCADE"), primary_key=True
@@ -315,16 +297,8 @@ class ObjectType(Base):
     """An entity under each of its supertypes; kept by triggers, the view `object` shows it."""
 
     __tablename__ = "object_type"
-    __table_args__ = (
+    __table_args__: Any = (
         PrimaryKeyConstraint("map_id", "type", "id", postgresql_include=["label"]),
-        Index(
-            "object_type_id",
-            "id",
-            "type",
-            unique=True,
-            postgresql_include=["map_id", "label"],
-            postgresql_where=text("id IS NOT NULL"),
-        ),
     )
 
     map_id: Mapped[int]

@@ -5,7 +5,7 @@ from __future__ import annotations
 from datetime import datetime
 from typing import Any
 
-from sqlalchemy import BigInteger, Index, text
+from sqlalchemy import BigInteger
 from sqlalchemy.dialects.postgresql import TSTZRANGE, Range
 from sqlalchemy.orm import Mapped, mapped_column
 
@@ -17,11 +17,6 @@ class EntityHistory(Base):
     """The former state of an entity, and during which time it was valid."""
 
     __tablename__ = "entity_history"
-    __table_args__ = (
-        Index("entity_history_entity", "entity_id", text("lower(during)")),
-        Index("entity_history_name", "map_id", "name"),
-        Index("entity_history_ended", text("upper(during)"), postgresql_where=text("ended")),
-    )
     __mapper_args__ = {"primary_key": ["entity_id", "during"]}  # noqa: RUF012
 
     entity_id: Mapped[int] = mapped_column(BigInteger)
@@ -43,7 +38,6 @@ class PlacementHistory(Base):
     """
 
     __tablename__ = "placement_history"
-    __table_args__ = (Index("placement_history_entity", "entity_id", text("lower(during)")),)
     __mapper_args__ = {"primary_key": ["entity_id", "during"]}  # noqa: RUF012
 
     entity_id: Mapped[int] = mapped_column(BigInteger)

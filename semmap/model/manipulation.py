@@ -10,7 +10,6 @@ from sqlalchemy import (
     Computed,
     ForeignKey,
     Identity,
-    Index,
     Integer,
     LargeBinary,
     text,
@@ -60,9 +59,6 @@ class StoredGripper(Base):
     """A device that grips: how wide it opens and how deep its fingers are, metres."""
 
     __tablename__ = "gripper"
-    __table_args__ = (
-        Index("gripper_preferred", "preferred", unique=True, postgresql_where=text("preferred")),
-    )
 
     device_id: Mapped[int] = mapped_column(
         ForeignKey(Device.id, ondelete="CASCADE"), primary_key=True
@@ -82,11 +78,6 @@ class ObjectModel(Base):
     """
 
     __tablename__ = "object_model"
-    __table_args__ = (
-        Index("object_model_type", "type"),
-        Index("object_model_functions", "functions", postgresql_using="gin"),
-        Index("object_model_shape", "shape", text("(size[1])")),
-    )
 
     id: Mapped[RowId]
     key: Mapped[str] = mapped_column(unique=True)
@@ -109,7 +100,6 @@ class EntityObject(Base):
     """The object model of an entity, as its meshes say; triggers write it."""
 
     __tablename__ = "entity_object"
-    __table_args__ = (Index("entity_object_object", "object_id"),)
 
     entity_id: Mapped[EntityKey]
     object_id: Mapped[int] = mapped_column(ForeignKey(ObjectModel.id, ondelete="CASCADE"))
@@ -122,31 +112,6 @@ class StoredAction(Base):
     """
 
     __tablename__ = "action"
-    __table_args__ = (
-        Index(
-            "action_best",
-            "object_id",
-            "gripper_id",
-            "kind",
-            text("expected DESC"),
-            "id",
-            postgresql_where=text("replaced_by IS NULL"),
-        ),
-        Index(
-            "action_ranked",
-            "gripper_id",
-            "kind",
-            text("expected DESC"),
-            "id",
-            postgresql_include=["object_id", "replaced_by"],
-        ),
-        Index(
-            "action_replaced_by",
-            "replaced_by",
-            postgresql_where=text("replaced_by IS NOT NULL"),
-        ),
-        Index("action_tried", "object_id", "kind", postgresql_where=text("attempts > 0")),
-    )
 
     id: Mapped[RowId]
     key: Mapped[UUID] = mapped_column(unique=True, server_default=text("gen_random_uuid()"))
@@ -184,12 +149,6 @@ class ManipulationTask(Base):
     """A manipulation that a robot shall do, does or did, and its outcome."""
 
     __tablename__ = "task"
-    __table_args__ = (
-        Index("task_map", "map_id"),
-        Index("task_robot", "robot_id"),
-        Index("task_entity", "entity_id"),
-        Index("task_action", "action_id"),
-    )
 
     id: Mapped[RowId]
     map_id: Mapped[int] = mapped_column(ForeignKey(StoredMap.id, ondelete="CASCADE"))

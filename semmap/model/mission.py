@@ -5,7 +5,7 @@ from __future__ import annotations
 from datetime import datetime
 from typing import Any
 
-from sqlalchemy import ForeignKey, Index, text
+from sqlalchemy import ForeignKey, text
 from sqlalchemy.orm import Mapped, mapped_column
 
 from semmap.model.base import Base, RowId
@@ -19,13 +19,6 @@ class Mission(Base):
     """
 
     __tablename__ = "mission"
-    __table_args__ = (
-        Index("mission_map", "map_id"),
-        Index("mission_robot", "robot_id"),
-        Index(
-            "mission_running", "robot_id", unique=True, postgresql_where=text("state = 'running'")
-        ),
-    )
 
     id: Mapped[RowId]
     map_id: Mapped[int] = mapped_column(ForeignKey(StoredMap.id, ondelete="CASCADE"))
@@ -43,14 +36,6 @@ class MissionStep(Base):
     """One behaviour of a mission: planned, started, done or failed, with its own message."""
 
     __tablename__ = "mission_step"
-    __table_args__ = (
-        Index(
-            "mission_step_started",
-            "mission_id",
-            unique=True,
-            postgresql_where=text("state = 'started'"),
-        ),
-    )
 
     mission_id: Mapped[int] = mapped_column(
         ForeignKey(Mission.id, ondelete="CASCADE"), primary_key=True

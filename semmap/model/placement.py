@@ -6,7 +6,7 @@ from datetime import datetime
 from typing import TYPE_CHECKING, Any
 
 from geoalchemy2 import Geometry
-from sqlalchemy import BigInteger, ForeignKey, Index, event, inspect, text
+from sqlalchemy import BigInteger, ForeignKey, event, inspect, text
 from sqlalchemy.orm import Mapped, mapped_column, relationship
 
 from semmap.geometry.pose import IDENTITY, Pose
@@ -24,14 +24,6 @@ class Placement(Base):
     """
 
     __tablename__ = "placement"
-    __table_args__ = (
-        Index(
-            "placement_holder",
-            "holder_id",
-            postgresql_include=["entity_id"],
-            postgresql_where=text("holder_id IS NOT NULL"),
-        ),
-    )
 
     entity_id: Mapped[EntityKey]
     holder_id: Mapped[int | None] = mapped_column(ForeignKey("semmap.entity.id"))
@@ -62,17 +54,6 @@ class WorldPlacement(Base):
     """
 
     __tablename__ = "world"
-    __table_args__ = (
-        Index(
-            "world_box",
-            "box",
-            postgresql_using="gist",
-            postgresql_ops={"box": "gist_geometry_ops_nd"},
-        ),
-        Index("world_flat", "box", postgresql_using="gist"),
-        Index("world_footprint", "footprint", postgresql_using="gist"),
-        Index("world_storey", "storey_id"),
-    )
 
     entity_id: Mapped[int] = mapped_column(
         ForeignKey(Placement.entity_id, ondelete="CASCADE"), primary_key=True

@@ -49,9 +49,9 @@ def differences(engine: Engine) -> list[object]:
             opts={
                 "include_schemas": True,
                 "compare_type": True,
-                # the schema's other tables have no class
+                # the schema's other tables have no class, and its indexes are the schema's alone
                 "include_object": lambda _, name, kind, in_database, ours: (
-                    not (kind == "table" and in_database and ours is None)
+                    not (kind in ("table", "index") and in_database and ours is None)
                 ),
                 "include_name": lambda name, kind, _: (
                     name == "semmap" if kind == "schema" else True
