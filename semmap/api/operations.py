@@ -5,50 +5,18 @@ It is plain data, so that the command line starts quickly. Further faces read it
 
 from __future__ import annotations
 
-import inspect
-from dataclasses import dataclass
-from functools import cached_property
-from importlib import import_module
-from typing import Any, Literal
+from typing import Literal, NamedTuple
 
 Right = Literal["reader", "robot", "admin", "owner", "none"]
 
 
-@dataclass(frozen=True)
-class Operation:
-    """One thing that can be done.
+class Operation(NamedTuple):
+    """One thing that can be done."""
 
-    Attributes
-    ----------
-    method : the class and method that does it: ``Map.route``
-    command : the words of the command line: ``route``, ``fields query``; None: Python alone
-    right : the least role that may do it; ``none``: it needs no database
-    """
+    method: str  # the class and method that does it: ``Map.route``
+    command: str | None  # the words of the command line: ``fields query``; None: Python alone
+    right: Right  # the least role that may do it; ``none``: it needs no database
 
-    method: str
-    command: str | None
-    right: Right
-
-    @cached_property
-    def function(self) -> Any:
-        """The method itself; of a property, the function that reads it."""
-        owner, name = self.method.split(".")
-        found = inspect.getattr_static(getattr(import_module(_HOMES[owner]), owner), name)
-        return found.fget if isinstance(found, property) else found
-
-    @property
-    def summary(self) -> str:
-        """The first line of the method's docstring."""
-        return (inspect.getdoc(self.function) or "").partition("\n")[0]
-
-
-_HOMES = {
-    "Database": "semmap.api.database",
-    "Map": "semmap.api.map",
-    "MapEntity": "semmap.api.map_entity",
-    "Door": "semmap.api.map_entity",
-    "SpatialFields": "semmap.api.spatial_fields",
-}
 
 COMMANDS = {
     "belief": "semmap.cli.belief:belief",
@@ -79,6 +47,26 @@ COMMANDS = {
 }
 """Where the command of a first word is: a function, or a group (`typer.Typer`)."""
 
+_PYTHON_ALONE: dict[tuple[str, Right], str] = {
+    ("Database", "admin"): "create_map",
+    ("Database", "reader"): "map",
+    ("Map", "reader"): (
+        "robot_parts changes execute topology live_topology draw draw_3d views spot check_type "
+        "ended_fields rooms objects doors storeys regions agents subscribe to_geodataframe "
+        "export"
+    ),
+    ("Map", "admin"): "add_storey add_room add_door",
+    ("Map", "robot"): "add_region add_object add_agent knowledge_client",
+    ("MapEntity", "admin"): "name delete",
+    ("MapEntity", "robot"): "type label properties move_to put_on put_in",
+    ("MapEntity", "reader"): (
+        "is_a pose holder contents room storey relation geometry footprint mesh size box history"
+    ),
+    ("Door", "robot"): "state",
+    ("Door", "reader"): "places width form",
+}
+"""What no command does: the names of members by their class and right."""
+
 OPERATIONS: tuple[Operation, ...] = (
     Operation("Database.use", "use", "reader"),
     Operation("Database.list_maps", "maps", "reader"),
@@ -90,83 +78,30 @@ OPERATIONS: tuple[Operation, ...] = (
     Operation("Map.check", "check", "reader"),
     Operation("Map.fix", "check", "admin"),
     Operation("Database.import_file", "import", "admin"),
-    Operation("Database.create_map", None, "admin"),
-    Operation("Database.map", None, "reader"),
     Operation("Database.add_robot", "robot add", "robot"),
     Operation("Database.driving_posture", "robot add", "reader"),
     Operation("Database.delete_robot", "robot rm", "admin"),
     Operation("Map.robots", "robot ls", "reader"),
-    Operation("Map.robot_parts", None, "reader"),
-    Operation("Map.add_storey", None, "admin"),
-    Operation("Map.add_room", None, "admin"),
-    Operation("Map.add_door", None, "admin"),
-    Operation("Map.add_region", None, "robot"),
-    Operation("Map.add_object", None, "robot"),
-    Operation("Map.add_agent", None, "robot"),
     Operation("Map.find", "ls", "reader"),
     Operation("Map.incomplete", "ls", "reader"),
     Operation("Map.guessed_types", "ls", "reader"),
-    Operation("Map.changes", None, "reader"),
     Operation("Database.changes", "changes", "reader"),
-    Operation("Map.execute", None, "reader"),
     Operation("Map.grid", "grid", "reader"),
     Operation("Map.grids", "grid", "reader"),
     Operation("Map.costmap", "costmap", "reader"),
     Operation("Map.costmaps", "costmap", "reader"),
     Operation("Map.route", "route", "reader"),
     Operation("Map.routes", "route", "reader"),
-    Operation("Map.topology", None, "reader"),
     Operation("Map.routing_graph", "topology", "reader"),
-    Operation("Map.live_topology", None, "reader"),
     Operation("Map.write_topology", "topology", "reader"),
-    Operation("Map.draw", None, "reader"),
-    Operation("Map.draw_3d", None, "reader"),
-    Operation("Map.views", None, "reader"),
     Operation("Map.plan", "plan", "reader"),
     Operation("Map.run", "run", "admin"),
     Operation("Map.missions", "missions", "reader"),
     Operation("Map.mission_steps", "missions", "reader"),
     Operation("Map.cancel_mission", "missions", "robot"),
     Operation("Map.search", "search", "reader"),
-    Operation("Map.spot", None, "reader"),
-    Operation("Map.check_type", None, "reader"),
-    Operation("Map.ended_fields", None, "reader"),
     Operation("Database.maps", "maps", "reader"),
-    Operation("Map.rooms", None, "reader"),
-    Operation("Map.objects", None, "reader"),
-    Operation("Map.doors", None, "reader"),
-    Operation("Map.storeys", None, "reader"),
-    Operation("Map.regions", None, "reader"),
-    Operation("Map.agents", None, "reader"),
-    Operation("Map.subscribe", None, "reader"),
-    Operation("Map.to_geodataframe", None, "reader"),
-    Operation("Map.export", None, "reader"),
-    Operation("MapEntity.name", None, "admin"),
-    Operation("MapEntity.type", None, "robot"),
-    Operation("MapEntity.label", None, "robot"),
-    Operation("MapEntity.properties", None, "robot"),
-    Operation("MapEntity.is_a", None, "reader"),
     Operation("MapEntity.describe", "show", "reader"),
-    Operation("MapEntity.pose", None, "reader"),
-    Operation("MapEntity.holder", None, "reader"),
-    Operation("MapEntity.contents", None, "reader"),
-    Operation("MapEntity.room", None, "reader"),
-    Operation("MapEntity.storey", None, "reader"),
-    Operation("MapEntity.relation", None, "reader"),
-    Operation("MapEntity.geometry", None, "reader"),
-    Operation("MapEntity.footprint", None, "reader"),
-    Operation("MapEntity.mesh", None, "reader"),
-    Operation("MapEntity.size", None, "reader"),
-    Operation("MapEntity.box", None, "reader"),
-    Operation("MapEntity.history", None, "reader"),
-    Operation("MapEntity.move_to", None, "robot"),
-    Operation("MapEntity.put_on", None, "robot"),
-    Operation("MapEntity.put_in", None, "robot"),
-    Operation("MapEntity.delete", None, "admin"),
-    Operation("Door.state", None, "robot"),
-    Operation("Door.places", None, "reader"),
-    Operation("Door.width", None, "reader"),
-    Operation("Door.form", None, "reader"),
     # what robots do with objects
     Operation("Map.grasps", "grasp", "robot"),
     Operation("Map.places", "place", "robot"),
@@ -215,7 +150,6 @@ OPERATIONS: tuple[Operation, ...] = (
     Operation("Map.sparql", "sparql", "reader"),
     Operation("Map.update", "sparql", "robot"),
     Operation("Map.watch_sparql", "sparql", "reader"),
-    Operation("Map.knowledge_client", None, "robot"),
     Operation("Map.graph", "rdf export", "reader"),
     Operation("Map.export_rdf", "rdf export", "reader"),
     Operation("Map.import_rdf", "rdf import", "robot"),
@@ -243,4 +177,9 @@ OPERATIONS: tuple[Operation, ...] = (
     Operation("SpatialFields.sources", "fields source ls", "none"),
     Operation("SpatialFields.start_source", "fields source start", "none"),
     Operation("SpatialFields.stop_source", "fields source stop", "none"),
+    *(
+        Operation(f"{owner}.{name}", None, right)
+        for (owner, right), names in _PYTHON_ALONE.items()
+        for name in names.split()
+    ),
 )

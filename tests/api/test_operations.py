@@ -19,6 +19,8 @@ from semmap.api.spatial_fields import SpatialFields
 
 ROOT = Path(__file__).parents[2]
 
+OWNERS = (semmap.Map, semmap.Database, semmap.MapEntity, semmap.Door, SpatialFields)
+
 HANDLES = {
     "address",
     "close",
@@ -64,16 +66,14 @@ def test_each_command_is_an_operation() -> None:
 
 @pytest.mark.parametrize("operation", OPERATIONS, ids=lambda each: each.method)
 def test_an_operation_is_described(operation: Operation) -> None:
-    function = operation.function
-    assert operation.summary.endswith((".", ":"))
-    if not isinstance(function, property):
-        signature = inspect.signature(function)
-        for name, one in signature.parameters.items():
-            assert name == "self" or one.annotation is not inspect.Parameter.empty, name
-        assert signature.return_annotation is not inspect.Signature.empty
-
-
-OWNERS = (semmap.Map, semmap.Database, semmap.MapEntity, semmap.Door, SpatialFields)
+    owner, method = operation.method.split(".")
+    found = inspect.getattr_static({each.__name__: each for each in OWNERS}[owner], method)
+    function = found.fget if isinstance(found, property) else found
+    assert (inspect.getdoc(function) or "").partition("\n")[0].endswith((".", ":"))
+    signature = inspect.signature(function)
+    for name, one in signature.parameters.items():
+        assert name == "self" or one.annotation is not inspect.Parameter.empty, name
+    assert signature.return_annotation is not inspect.Signature.empty
 
 
 @pytest.mark.parametrize("owner", OWNERS, ids=lambda each: each.__name__)
