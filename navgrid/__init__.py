@@ -29,56 +29,23 @@ from typing import TYPE_CHECKING
 from semmap.lazy_names import load_on_use
 
 if TYPE_CHECKING:
-    from navgrid.cost_source import CostSource
-    from navgrid.costmap import Costmap, Inflation
-    from navgrid.grid import Grid, scene_grid
-    from navgrid.inflation import inflate
-    from navgrid.map_file import MapFileError, read_map, write_map
-    from navgrid.nav2 import write_nav2
-    from navgrid.occupancy_grid import StoreyGrid, storey_grid
-    from navgrid.policy import Policy
-    from navgrid.slabs import occupancy
-    from navgrid.terrain import DriveLimits
+    from navgrid.cost_source import CostSource as CostSource
+    from navgrid.costmap import Costmap as Costmap
+    from navgrid.costmap import Inflation as Inflation
+    from navgrid.grid import Grid as Grid
+    from navgrid.grid import scene_grid as scene_grid
+    from navgrid.inflation import inflate as inflate
+    from navgrid.map_file import MapFileError as MapFileError
+    from navgrid.map_file import read_map as read_map
+    from navgrid.map_file import write_map as write_map
+    from navgrid.nav2 import write_nav2 as write_nav2
+    from navgrid.occupancy_grid import StoreyGrid as StoreyGrid
+    from navgrid.occupancy_grid import storey_grid as storey_grid
+    from navgrid.policy import Policy as Policy
+    from navgrid.slabs import occupancy as occupancy
+    from navgrid.terrain import DriveLimits as DriveLimits
 
-__all__ = [
-    "CostSource",
-    "Costmap",
-    "DriveLimits",
-    "Grid",
-    "Inflation",
-    "MapFileError",
-    "Policy",
-    "StoreyGrid",
-    "inflate",
-    "occupancy",
-    "read_map",
-    "scene_grid",
-    "storey_grid",
-    "write_map",
-    "write_nav2",
-]
-
-_MODULES = {
-    "Costmap": "costmap",
-    "CostSource": "cost_source",
-    "Inflation": "costmap",
-    "Grid": "grid",
-    "scene_grid": "grid",
-    "inflate": "inflation",
-    "MapFileError": "map_file",
-    "read_map": "map_file",
-    "write_map": "map_file",
-    "write_nav2": "nav2",
-    "occupancy": "slabs",
-    "Policy": "policy",
-    "StoreyGrid": "occupancy_grid",
-    "storey_grid": "occupancy_grid",
-    "DriveLimits": "terrain",
-}
-
-__getattr__ = load_on_use(
-    __name__, {name: f"navgrid.{module}" for name, module in _MODULES.items()}
-)
+__getattr__, __all__ = load_on_use(__name__)
 
 
 def __dir__() -> list[str]:

@@ -10,54 +10,28 @@ from typing import TYPE_CHECKING
 from semmap.lazy_names import load_on_use
 
 if TYPE_CHECKING:
-    from planner.cost_rules import CostRule, CostRules
-    from planner.live_topology import LiveTopology, TopologyChange
-    from planner.plan import Action, Plan
-    from planner.robot_class import Durations, RobotClass
-    from planner.route import NoRouteError, Route, RouteStep
-    from planner.route_planner import RoutePlanner
-    from planner.routing_graph import Endpoint, RoutingGraph
-    from planner.task_planner import plan_task
-    from planner.topology import Place, PlaceConnector, PlaceRegion, Topology, UnknownPlaceError
+    from planner.cost_rules import CostRule as CostRule
+    from planner.cost_rules import CostRules as CostRules
+    from planner.live_topology import LiveTopology as LiveTopology
+    from planner.live_topology import TopologyChange as TopologyChange
+    from planner.plan import Action as Action
+    from planner.plan import Plan as Plan
+    from planner.robot_class import Durations as Durations
+    from planner.robot_class import RobotClass as RobotClass
+    from planner.route import NoRouteError as NoRouteError
+    from planner.route import Route as Route
+    from planner.route import RouteStep as RouteStep
+    from planner.route_planner import RoutePlanner as RoutePlanner
+    from planner.routing_graph import Endpoint as Endpoint
+    from planner.routing_graph import RoutingGraph as RoutingGraph
+    from planner.task_planner import plan_task as plan_task
+    from planner.topology import Place as Place
+    from planner.topology import PlaceConnector as PlaceConnector
+    from planner.topology import PlaceRegion as PlaceRegion
+    from planner.topology import Topology as Topology
+    from planner.topology import UnknownPlaceError as UnknownPlaceError
 
-__all__ = [
-    "Action",
-    "CostRule",
-    "CostRules",
-    "Durations",
-    "Endpoint",
-    "LiveTopology",
-    "NoRouteError",
-    "Place",
-    "PlaceConnector",
-    "PlaceRegion",
-    "Plan",
-    "RobotClass",
-    "Route",
-    "RoutePlanner",
-    "RouteStep",
-    "RoutingGraph",
-    "Topology",
-    "TopologyChange",
-    "UnknownPlaceError",
-    "plan_task",
-]
-
-_MODULES = {
-    "cost_rules": ("CostRule", "CostRules"),
-    "live_topology": ("LiveTopology", "TopologyChange"),
-    "plan": ("Action", "Plan"),
-    "robot_class": ("Durations", "RobotClass"),
-    "route": ("NoRouteError", "Route", "RouteStep"),
-    "route_planner": ("RoutePlanner",),
-    "routing_graph": ("Endpoint", "RoutingGraph"),
-    "task_planner": ("plan_task",),
-    "topology": ("Place", "PlaceConnector", "PlaceRegion", "Topology", "UnknownPlaceError"),
-}
-
-__getattr__ = load_on_use(
-    __name__, {name: f"planner.{module}" for module, names in _MODULES.items() for name in names}
-)
+__getattr__, __all__ = load_on_use(__name__)
 
 
 def __dir__() -> list[str]:

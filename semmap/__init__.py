@@ -17,55 +17,25 @@ from typing import TYPE_CHECKING, Any
 from semmap.lazy_names import load_on_use
 
 if TYPE_CHECKING:
-    from semmap.api.database import Database, connect
-    from semmap.api.map import Map
-    from semmap.api.map_entity import Door, MapEntity
-    from semmap.database.embedded import Cluster
-    from semmap.database.error import DatabaseError
-    from semmap.error import Error, InvalidArgumentError, UnknownNameError
-    from semmap.geometry.pose import Pose
-    from semmap.ingest.world import WorldError
-    from semmap.query.map_events import MapEvent
-    from semmap.query.placements import EntityVersion
+    from semmap.api.database import Database as Database
+    from semmap.api.database import connect as connect
+    from semmap.api.map import Map as Map
+    from semmap.api.map_entity import Door as Door
+    from semmap.api.map_entity import MapEntity as MapEntity
+    from semmap.database.embedded import Cluster as Cluster
+    from semmap.database.error import DatabaseError as DatabaseError
+    from semmap.error import Error as Error
+    from semmap.error import InvalidArgumentError as InvalidArgumentError
+    from semmap.error import UnknownNameError as UnknownNameError
+    from semmap.geometry.pose import Pose as Pose
+    from semmap.ingest.world import WorldError as WorldError
+    from semmap.query.map_events import MapEvent as MapEvent
+    from semmap.query.placements import EntityVersion as EntityVersion
 
     __version__: str
 
-__all__ = [
-    "Cluster",
-    "Database",
-    "DatabaseError",
-    "Door",
-    "EntityVersion",
-    "Error",
-    "InvalidArgumentError",
-    "Map",
-    "MapEntity",
-    "MapEvent",
-    "Pose",
-    "UnknownNameError",
-    "WorldError",
-    "__version__",
-    "connect",
-]
-
-_HOMES = {
-    "Cluster": "semmap.database.embedded",
-    "Database": "semmap.api.database",
-    "DatabaseError": "semmap.database.error",
-    "Door": "semmap.api.map_entity",
-    "EntityVersion": "semmap.query.placements",
-    "MapEvent": "semmap.query.map_events",
-    "Error": "semmap.error",
-    "InvalidArgumentError": "semmap.error",
-    "UnknownNameError": "semmap.error",
-    "MapEntity": "semmap.api.map_entity",
-    "Pose": "semmap.geometry.pose",
-    "Map": "semmap.api.map",
-    "WorldError": "semmap.ingest.world",
-    "connect": "semmap.api.database",
-}
-
-_load = load_on_use(__name__, _HOMES)
+_load, __all__ = load_on_use(__name__)
+__all__ += ["__version__"]
 
 
 def __getattr__(name: str) -> Any:

@@ -2,27 +2,38 @@
 
 from __future__ import annotations
 
+import ast
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from importlib import import_module
 from typing import Any
 
 
-def load_on_use(package: str, homes: Mapping[str, str]) -> Callable[[str], Any]:
-    """Return the ``__getattr__`` of a package whose names are in other modules: `homes` by name.
+def load_on_use(package: str) -> tuple[Callable[[str], Any], list[str]]:
+    """Return ``__getattr__`` and ``__all__`` of a package whose names are in other modules.
 
-    >>> load = load_on_use("semmap", {"Pose": "semmap.geometry.pose"})
-    >>> load("Pose").__name__
-    'Pose'
+    They are those that its source imports for type checkers alone, ``if TYPE_CHECKING:``.
+
+    >>> load, names = load_on_use("semmap")
+    >>> "Pose" in names, load("Pose").__name__
+    (True, 'Pose')
     >>> load("Posse")
     Traceback (most recent call last):
     AttributeError: module 'semmap' has no attribute 'Posse'
     """
+    module = sys.modules[package]
+    homes = {
+        alias.name: str(node.module)
+        for block in ast.parse(module.__loader__.get_source(package)).body  # type: ignore[union-attr]
+        if isinstance(block, ast.If)
+        for node in block.body
+        if isinstance(node, ast.ImportFrom)
+        for alias in node.names
+    }
 
     def load(name: str) -> Any:
         if name not in homes:
             raise AttributeError(f"module {package!r} has no attribute {name!r}")
-        found = getattr(import_module(homes[name]), name)
-        return vars(sys.modules[package]).setdefault(name, found)
+        return vars(module).setdefault(name, getattr(import_module(homes[name]), name))
 
-    return load
+    return load, sorted(homes)

@@ -10,35 +10,18 @@ from typing import TYPE_CHECKING
 from semmap.lazy_names import load_on_use
 
 if TYPE_CHECKING:
-    from semmap.cli.application import app, main, print_summary
-    from semmap.cli.chosen import chosen_map, chosen_url, open_database
-    from semmap.cli.options import Json, MapName
-    from semmap.cli.output import err, out, print_json, show_rows, show_table
+    from semmap.cli.application import app as app
+    from semmap.cli.application import main as main
+    from semmap.cli.application import print_summary as print_summary
+    from semmap.cli.chosen import chosen_map as chosen_map
+    from semmap.cli.chosen import chosen_url as chosen_url
+    from semmap.cli.chosen import open_database as open_database
+    from semmap.cli.options import Json as Json
+    from semmap.cli.options import MapName as MapName
+    from semmap.cli.output import err as err
+    from semmap.cli.output import out as out
+    from semmap.cli.output import print_json as print_json
+    from semmap.cli.output import show_rows as show_rows
+    from semmap.cli.output import show_table as show_table
 
-__all__ = [
-    "Json",
-    "MapName",
-    "app",
-    "chosen_map",
-    "chosen_url",
-    "err",
-    "main",
-    "open_database",
-    "out",
-    "print_json",
-    "print_summary",
-    "show_rows",
-    "show_table",
-]
-
-_HOMES = {
-    "application": ("app", "main", "print_summary"),
-    "chosen": ("chosen_map", "chosen_url", "open_database"),
-    "options": ("Json", "MapName"),
-    "output": ("err", "out", "print_json", "show_rows", "show_table"),
-}
-
-__getattr__ = load_on_use(
-    __name__,
-    {name: f"semmap.cli.{module}" for module, names in _HOMES.items() for name in names},
-)
+__getattr__, __all__ = load_on_use(__name__)

@@ -15,11 +15,4 @@ if TYPE_CHECKING:
 
 __all__ = ["Cluster", "DatabaseError", "as_reader", "database_url", "open_engine", "open_session"]
 
-__getattr__ = load_on_use(
-    __name__,
-    {
-        "as_reader": "semmap.database.reading_login",
-        "open_engine": "semmap.database.engine",
-        "database_url": "semmap.database.engine",
-    },
-)
+__getattr__, _ = load_on_use(__name__)

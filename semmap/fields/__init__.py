@@ -7,62 +7,22 @@ from typing import TYPE_CHECKING
 from semmap.lazy_names import load_on_use
 
 if TYPE_CHECKING:
-    from semmap.fields.maps.lattice import Lattice
-    from semmap.fields.maps.map_buffer import MapBuffer
-    from semmap.fields.maps.representation_map import RepresentationMap
-    from semmap.fields.regions.region_map import Memory, Overlap, RegionMap
-    from semmap.fields.regions.shaped_region import (
-        Box,
-        Cone,
-        Cylinder,
-        DepthImage,
-        Hull,
-        Region,
-        Solid,
-        Sphere,
-        SurfaceRegion,
-        voxels_of,
-    )
-    from semmap.language.schema import Property
+    from semmap.fields.maps.lattice import Lattice as Lattice
+    from semmap.fields.maps.map_buffer import MapBuffer as MapBuffer
+    from semmap.fields.maps.representation_map import RepresentationMap as RepresentationMap
+    from semmap.fields.regions.region_map import Memory as Memory
+    from semmap.fields.regions.region_map import Overlap as Overlap
+    from semmap.fields.regions.region_map import RegionMap as RegionMap
+    from semmap.fields.regions.shaped_region import Box as Box
+    from semmap.fields.regions.shaped_region import Cone as Cone
+    from semmap.fields.regions.shaped_region import Cylinder as Cylinder
+    from semmap.fields.regions.shaped_region import DepthImage as DepthImage
+    from semmap.fields.regions.shaped_region import Hull as Hull
+    from semmap.fields.regions.shaped_region import Region as Region
+    from semmap.fields.regions.shaped_region import Solid as Solid
+    from semmap.fields.regions.shaped_region import Sphere as Sphere
+    from semmap.fields.regions.shaped_region import SurfaceRegion as SurfaceRegion
+    from semmap.fields.regions.shaped_region import voxels_of as voxels_of
+    from semmap.language.schema import Property as Property
 
-__all__ = [
-    "Box",
-    "Cone",
-    "Cylinder",
-    "DepthImage",
-    "Hull",
-    "Lattice",
-    "MapBuffer",
-    "Memory",
-    "Overlap",
-    "Property",
-    "Region",
-    "RegionMap",
-    "RepresentationMap",
-    "Solid",
-    "Sphere",
-    "SurfaceRegion",
-    "voxels_of",
-]
-
-_HOMES = {
-    "Box": "semmap.fields.regions.shaped_region",
-    "Cone": "semmap.fields.regions.shaped_region",
-    "Cylinder": "semmap.fields.regions.shaped_region",
-    "DepthImage": "semmap.fields.regions.shaped_region",
-    "Hull": "semmap.fields.regions.shaped_region",
-    "Lattice": "semmap.fields.maps.lattice",
-    "MapBuffer": "semmap.fields.maps.map_buffer",
-    "Memory": "semmap.fields.regions.region_map",
-    "Overlap": "semmap.fields.regions.region_map",
-    "Property": "semmap.language.schema",
-    "Region": "semmap.fields.regions.shaped_region",
-    "RegionMap": "semmap.fields.regions.region_map",
-    "RepresentationMap": "semmap.fields.maps.representation_map",
-    "Solid": "semmap.fields.regions.shaped_region",
-    "Sphere": "semmap.fields.regions.shaped_region",
-    "SurfaceRegion": "semmap.fields.regions.shaped_region",
-    "voxels_of": "semmap.fields.regions.shaped_region",
-}
-
-__getattr__ = load_on_use(__name__, _HOMES)
+__getattr__, __all__ = load_on_use(__name__)

@@ -7,25 +7,10 @@ from typing import TYPE_CHECKING
 from semmap.lazy_names import load_on_use
 
 if TYPE_CHECKING:
-    from semmap.knowledge.answer import Answer
-    from semmap.knowledge.client import KnowledgeClient
-    from semmap.knowledge.knowledge_core import KB, KbError
-    from semmap.knowledge.queries import KnowledgeError
+    from semmap.knowledge.answer import Answer as Answer
+    from semmap.knowledge.client import KnowledgeClient as KnowledgeClient
+    from semmap.knowledge.knowledge_core import KB as KB
+    from semmap.knowledge.knowledge_core import KbError as KbError
+    from semmap.knowledge.queries import KnowledgeError as KnowledgeError
 
-__all__ = [
-    "KB",
-    "Answer",
-    "KbError",
-    "KnowledgeClient",
-    "KnowledgeError",
-]
-
-_HOMES = {
-    "KB": "semmap.knowledge.knowledge_core",
-    "KbError": "semmap.knowledge.knowledge_core",
-    "Answer": "semmap.knowledge.answer",
-    "KnowledgeClient": "semmap.knowledge.client",
-    "KnowledgeError": "semmap.knowledge.queries",
-}
-
-__getattr__ = load_on_use(__name__, _HOMES)
+__getattr__, __all__ = load_on_use(__name__)

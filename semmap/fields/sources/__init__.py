@@ -7,64 +7,24 @@ from typing import TYPE_CHECKING
 from semmap.lazy_names import load_on_use
 
 if TYPE_CHECKING:
-    from semmap.fields.sources.manager import SourceManager, SourceStatus
-    from semmap.fields.sources.people import GazeSource, PersonalSpaceSource, StandingPeopleSource
-    from semmap.fields.sources.percepts import (
-        Gaze,
-        People,
-        PersonMotion,
-        RobotState,
-        Segmentation,
-        Zone,
-        Zones,
-    )
-    from semmap.fields.sources.robot_body import RobotBodySource
-    from semmap.fields.sources.segmentation import ObjectSource, PeopleSource
-    from semmap.fields.sources.source import Source, installed_sources, make_source
-    from semmap.fields.sources.zones import ZoneSource
+    from semmap.fields.sources.manager import SourceManager as SourceManager
+    from semmap.fields.sources.manager import SourceStatus as SourceStatus
+    from semmap.fields.sources.people import GazeSource as GazeSource
+    from semmap.fields.sources.people import PersonalSpaceSource as PersonalSpaceSource
+    from semmap.fields.sources.people import StandingPeopleSource as StandingPeopleSource
+    from semmap.fields.sources.percepts import Gaze as Gaze
+    from semmap.fields.sources.percepts import People as People
+    from semmap.fields.sources.percepts import PersonMotion as PersonMotion
+    from semmap.fields.sources.percepts import RobotState as RobotState
+    from semmap.fields.sources.percepts import Segmentation as Segmentation
+    from semmap.fields.sources.percepts import Zone as Zone
+    from semmap.fields.sources.percepts import Zones as Zones
+    from semmap.fields.sources.robot_body import RobotBodySource as RobotBodySource
+    from semmap.fields.sources.segmentation import ObjectSource as ObjectSource
+    from semmap.fields.sources.segmentation import PeopleSource as PeopleSource
+    from semmap.fields.sources.source import Source as Source
+    from semmap.fields.sources.source import installed_sources as installed_sources
+    from semmap.fields.sources.source import make_source as make_source
+    from semmap.fields.sources.zones import ZoneSource as ZoneSource
 
-__all__ = [
-    "Gaze",
-    "GazeSource",
-    "ObjectSource",
-    "People",
-    "PeopleSource",
-    "PersonMotion",
-    "PersonalSpaceSource",
-    "RobotBodySource",
-    "RobotState",
-    "Segmentation",
-    "Source",
-    "SourceManager",
-    "SourceStatus",
-    "StandingPeopleSource",
-    "Zone",
-    "ZoneSource",
-    "Zones",
-    "installed_sources",
-    "make_source",
-]
-
-_HOMES = {
-    "Gaze": "semmap.fields.sources.percepts",
-    "GazeSource": "semmap.fields.sources.people",
-    "PersonMotion": "semmap.fields.sources.percepts",
-    "ObjectSource": "semmap.fields.sources.segmentation",
-    "People": "semmap.fields.sources.percepts",
-    "PeopleSource": "semmap.fields.sources.segmentation",
-    "PersonalSpaceSource": "semmap.fields.sources.people",
-    "RobotBodySource": "semmap.fields.sources.robot_body",
-    "RobotState": "semmap.fields.sources.percepts",
-    "Segmentation": "semmap.fields.sources.percepts",
-    "Source": "semmap.fields.sources.source",
-    "SourceManager": "semmap.fields.sources.manager",
-    "SourceStatus": "semmap.fields.sources.manager",
-    "StandingPeopleSource": "semmap.fields.sources.people",
-    "Zone": "semmap.fields.sources.percepts",
-    "ZoneSource": "semmap.fields.sources.zones",
-    "Zones": "semmap.fields.sources.percepts",
-    "installed_sources": "semmap.fields.sources.source",
-    "make_source": "semmap.fields.sources.source",
-}
-
-__getattr__ = load_on_use(__name__, _HOMES)
+__getattr__, __all__ = load_on_use(__name__)
