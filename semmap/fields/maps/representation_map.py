@@ -57,29 +57,6 @@ class RepresentationMap:
         self._evaluate: Evaluate = lambda box: grid if box is None else grid.cropped(*box)
 
     @classmethod
-    def lazily(
-        cls,
-        property: Property,
-        value_type: ValueType,
-        lattice: Lattice,
-        evaluate: Evaluate,
-        *,
-        about: str | None = None,
-        legend: Mapping[int, str] | None = None,
-        time: datetime | None = None,
-    ) -> RepresentationMap:
-        """Return a map whose voxels are computed when they are read.
-
-        `evaluate` returns the grid of a box, or of everything for None; its values outside of the
-        box do not matter.
-        """
-        made = cls.__new__(cls)
-        made._setup(property, value_type, lattice, about, legend, time)
-        made._grid = None
-        made._evaluate = evaluate
-        return made
-
-    @classmethod
     def of_regions(
         cls,
         property: Property,
@@ -87,16 +64,17 @@ class RepresentationMap:
         voxel_size: float,
         *,
         value_type: ValueType = "bool",
-        about: str | None = None,
-        legend: Mapping[int, str] | None = None,
-        time: datetime | None = None,
+        **more: Any,
     ) -> RepresentationMap:
-        """Return a map of regions and their values; where regions overlap, the last one counts."""
+        """Return a map of regions and their values; where regions overlap, the last one counts.
+
+        `more` are `about`, `legend` and `time`.
+        """
         grid = empty_grid(value_type, Lattice(positive(voxel_size, "voxel_size")))
         for region, value in regions:
             grid.fill(shape_of(region), value)  # type: ignore[arg-type]
         grid.prune()
-        return cls(property, grid, about=about, legend=legend, time=time)
+        return cls(property, grid, **more)
 
     def _setup(
         self,
@@ -167,16 +145,17 @@ class RepresentationMap:
         return self.lattice.points_at(self.voxels() + 0.5)
 
     def like(self, evaluate: Evaluate, **changes: Any) -> RepresentationMap:
-        """Return a map with other voxels, and `changes` of what `lazily` takes."""
-        own: dict[str, Any] = {
-            "property": self.property,
-            "value_type": self.value_type,
-            "lattice": self.lattice,
-            "about": self.about,
-            "legend": self.legend,
-            "time": self.time,
-        }
-        return RepresentationMap.lazily(evaluate=evaluate, **own | changes)
+        """Return a map whose voxels are computed when they are read; else like this one.
+
+        `evaluate` returns the grid of a box, or of everything for None; its values outside of the
+        box do not matter. `changes` are of the `property`, `value_type`, `lattice`, `about`,
+        `legend` or `time`.
+        """
+        made = RepresentationMap.__new__(RepresentationMap)
+        names = ("property", "value_type", "lattice", "about", "legend", "time")
+        made._setup(**{name: getattr(self, name) for name in names} | changes)
+        made._grid, made._evaluate = None, evaluate
+        return made
 
     def placed(self, pose: ArrayLike) -> RepresentationMap:
         """Return the map with its frame at another pose (4, 4); this takes no time.
