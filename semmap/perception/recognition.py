@@ -19,7 +19,7 @@ from semmap.perception.placeholders import Placeholder, subtract_placeholder
 from semmap.perception.plane import unit_vector
 from semmap.perception.point_cloud import Floats, PerceptionError, checked_points, voxel_downsample
 from semmap.perception.registration import moved
-from semmap.perception.tabletop import euclidean_clusters, segment_tabletop
+from semmap.perception.tabletop import clusters_of, segment_tabletop
 
 SUGGESTED = 8  # views of each model whose descriptors are nearest
 ROLLS = 3  # angles about the line of sight of each view
@@ -108,7 +108,8 @@ def recognise(
             rest = subtraction.remaining
             held.append((placeholder, subtraction.pose))
         in_reach = [_in_reach(rest, placeholder, pose, up) for placeholder, pose in held]
-        clusters = _clusters(rest[np.any(in_reach, axis=0)])
+        rest = rest[np.any(in_reach, axis=0)]
+        clusters = clusters_of(voxel_downsample(rest, VOXEL) if len(rest) else rest, GAP, FEWEST)
     else:
         clusters = list(segment_tabletop(points, up=up).clusters)
     return [
@@ -125,14 +126,6 @@ def _in_reach(
     low = placeholder.surface.min(axis=0) + np.minimum(above, 0) - GAP
     high = placeholder.surface.max(axis=0) + np.maximum(above, 0) + GAP
     return np.asarray(((local > low) & (local < high)).all(axis=1))
-
-
-def _clusters(points: Floats) -> list[Floats]:
-    """What remains without furniture, the largest cluster first."""
-    sparse = voxel_downsample(points, VOXEL) if len(points) else points
-    label = euclidean_clusters(sparse, GAP)
-    clusters = [sparse[label == number] for number in range(label.max(initial=-1) + 1)]
-    return sorted((c for c in clusters if len(c) >= FEWEST), key=len, reverse=True)
 
 
 def recognise_cluster(

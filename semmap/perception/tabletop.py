@@ -66,12 +66,17 @@ def segment_tabletop(
         raise PerceptionError(f"fewer than 3 points are within {clearance} m of the table's plane")
     standing = cloud[(above >= clearance) & (above < height)]
     standing = standing[_over(surface, standing, plane, gap)]
-    label = euclidean_clusters(standing, gap)
-    clusters = [standing[label == number] for number in range(label.max(initial=-1) + 1)]
-    clusters = [c for c in clusters if len(c) >= fewest]
     # What hangs in the air, such as a lamp, does not stand on the table.
-    clusters = [c for c in clusters if plane.height(c).min() < clearance + 4 * gap]
-    return Tabletop(plane, surface, tuple(sorted(clusters, key=len, reverse=True)))
+    reach = clearance + 4 * gap
+    clusters = [c for c in clusters_of(standing, gap, fewest) if plane.height(c).min() < reach]
+    return Tabletop(plane, surface, tuple(clusters))
+
+
+def clusters_of(points: Floats, gap: float, fewest: int) -> list[Floats]:
+    """Return the `euclidean_clusters` of at least so many points, the largest first."""
+    label = euclidean_clusters(points, gap)
+    clusters = [points[label == number] for number in range(label.max(initial=-1) + 1)]
+    return sorted((c for c in clusters if len(c) >= fewest), key=len, reverse=True)
 
 
 def euclidean_clusters(points: Floats, gap: float) -> NDArray[np.int32]:
