@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import queue
 import threading
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import AbstractContextManager, ExitStack
 from itertools import takewhile
 from typing import TYPE_CHECKING, Any, Generic, Self, TypeVar
@@ -120,8 +120,7 @@ def watch_map(
 
     stop = threading.Event()
     mirror = resumed_mirror(map, voxel_size, note)
-    names: Mapping[Any, Any] = mirror.names
-    tracker = RelationTracker(mirror.regions, names=names, views=mirror.views, spaces=mirror.spaces)
+    tracker = RelationTracker.of(mirror)
     tracker.update(mirror.regions.entities())
     publisher = EventPublisher(map.engine)
     waiting: queue.SimpleQueue[Event | Exception | None] = queue.SimpleQueue()

@@ -103,12 +103,9 @@ class Cluster:
         """The URL of the map's database on a server that listens in `socket_folder`."""
         from sqlalchemy import URL  # takes longer to import than a command that reads may
 
-        return URL.create(
-            "postgresql+psycopg",
-            username=configuration.SUPERUSER,
-            database=DATABASE,
-            query={"host": str(socket_folder), "port": str(PORT)},
-        )
+        given = self.parameters(socket_folder)
+        user, database = given.pop("user"), given.pop("dbname")
+        return URL.create("postgresql+psycopg", username=user, database=database, query=given)
 
     def parameters(self, socket_folder: Path) -> dict[str, str]:
         """The same as `url`, as libpq's connection parameters."""
