@@ -108,9 +108,3 @@ REGEX_SECONDS = Limit("regex_seconds", 1, "s", "matching one name in REGEX of a 
 
 LIMITS = tuple(each for each in list(vars().values()) if isinstance(each, Limit))
 """All limits, in the order of the documentation."""
-
-
-def table() -> str:
-    """The limits as a table in Markdown: default, what is counted, and the variable."""
-    rows = [f"| {each.text(each.default)} | {each.covers} | `{each.variable}` |" for each in LIMITS]
-    return "\n".join(["| at most | in | raised by |", "|---|---|---|", *rows]) + "\n"

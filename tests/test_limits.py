@@ -16,7 +16,7 @@ from semmap.ingest.annotation.feature_file import read_features
 from semmap.ingest.importer import read_world
 from semmap.ingest.ontology.tbox import read_tbox
 from semmap.ingest.world import WorldError
-from semmap.limits import LIMITS, NAME_CHARACTERS, TRIANGLES, table
+from semmap.limits import LIMITS, NAME_CHARACTERS, TRIANGLES
 
 DOCS = Path(__file__).parents[1] / "docs"
 
@@ -24,8 +24,8 @@ DOCS = Path(__file__).parents[1] / "docs"
 def test_the_documentation_has_the_table() -> None:
     text = (DOCS / "limits.md").read_text("utf-8")
     written = text.split("<!-- limits -->\n")[1].split("<!-- end -->")[0]
-    assert written == table()
-    assert len(written.splitlines()) == len(LIMITS) + 2
+    rows = [f"| {each.text(each.default)} | {each.covers} | `{each.variable}` |" for each in LIMITS]
+    assert written.splitlines() == ["| at most | in | raised by |", "|---|---|---|", *rows]
 
 
 def test_each_limit_has_a_variable_of_its_own() -> None:

@@ -21,7 +21,6 @@ from semmap.api.map_observations import MapObservations
 from semmap.api.map_questions import aware
 from semmap.api.map_regions import MapRegions
 from semmap.api.spatial_fields import SpatialFields
-from semmap.fields.service.client import ServiceAddress
 
 if TYPE_CHECKING:
     import shapely
@@ -54,7 +53,7 @@ class Map(
     @cached_property
     def fields(self) -> SpatialFields:
         """The fields of the map: the content of space, with voxels of 5 cm."""
-        return SpatialFields(ServiceAddress(self.database.address, self.name), lambda: self)
+        return SpatialFields(self.database.address, self.name, lambda: self)
 
     def import_file(self, path: str | Path, **options: Any) -> ImportSummary:
         """Read a world file into the map; options and errors as of `Database.import_file`."""

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from semmap.api.checked import checked_class
 from semmap.api.live_events import timer
-from semmap.fields.service.client import ServiceAddress, ServiceConnection
+from semmap.fields.service.client import ServiceConnection, find_service, socket_of
 from semmap.html_table import html_table
 
 if TYPE_CHECKING:
@@ -103,17 +103,18 @@ class SpatialFields:
 
     def __init__(
         self,
-        address: ServiceAddress,
+        url: str | None,
+        map_name: str | None,
         open_map: Callable[[], MapQuestions],
         voxel_size: float = VOXEL_SIZE,
         note: Note = lambda text: None,
     ) -> None:
-        self._address, self._open_map, self._note = address, open_map, note
+        self._url, self._map_name, self._open_map, self._note = url, map_name, open_map, note
         self.voxel_size = voxel_size
 
     def with_voxel_size(self, voxel_size: float) -> SpatialFields:
         """The same with voxels of another size, metres."""
-        return SpatialFields(self._address, self._open_map, voxel_size, self._note)
+        return SpatialFields(self._url, self._map_name, self._open_map, voxel_size, self._note)
 
     def at(self, x: float, y: float, z: float) -> list[tuple[str, str]]:
         """Return name and kind of the entities that have the voxel at a point, metres."""
@@ -122,26 +123,17 @@ class SpatialFields:
         point = [float(x), float(y), float(z)]
         if not all(map(math.isfinite, point)):
             raise ValueError(f"({x}, {y}, {z}) is not a point: give three finite numbers")
-        with self._address.find(self.voxel_size) as service:
+        with self._find(self.voxel_size) as service:
             if service is not None:
                 rows = service.ask("at", point=point)
             else:
-                mirror = self._kept_space()
-                (found,) = mirror.regions.entities_at([point])
-                rows = sorted((mirror.names[n], mirror.roles[n]) for n in found)
+                rows = self._kept_space().at(point)
         return [(name, kind) for name, kind in rows]
 
     def ls(self) -> list[EntityVoxels]:
         """List the entities that have voxels."""
-        with self._address.find(self.voxel_size) as service:
-            if service is not None:
-                found = service.ask("ls")
-            else:
-                mirror = self._kept_space()
-                found = sorted(
-                    (name, mirror.roles[each], mirror.regions.size(each))
-                    for each, name in mirror.names.items()
-                )
+        with self._find(self.voxel_size) as service:
+            found = service.ask("ls") if service is not None else self._kept_space().sizes()
         cube = self.voxel_size**3
         return [EntityVoxels(name, kind, n, round(n * cube, 6)) for name, kind, n in found]
 
@@ -184,7 +176,7 @@ class SpatialFields:
             notes.append(text)
             self._note(text)
 
-        with self._address.find(self.voxel_size) as service:
+        with self._find(self.voxel_size) as service:
             if service is not None:
                 note(f"answered by the service of {service.map_name}")
                 reply = service.ask("query", text=text, **given)
@@ -220,7 +212,7 @@ class SpatialFields:
         """
         from semmap.api.kept_fields import update_kept
 
-        with self._address.find(self.voxel_size) as service:
+        with self._find(self.voxel_size) as service:
             if service is not None:
                 reply = service.ask("update", text=text)
             else:
@@ -309,7 +301,7 @@ class SpatialFields:
         """
         from semmap.api.live_events import watch_map, watch_service
 
-        found = watch_service(self._address.find(self.voxel_size), seconds, callback, self._note)
+        found = watch_service(self._find(self.voxel_size), seconds, callback, self._note)
         if found is not None:
             return found
         self._note("no service is running: relations of the map alone, without sources")
@@ -353,10 +345,10 @@ class SpatialFields:
 
         settings = read_settings(None if config is None else Path(config), sources, rates)
         map = self._open_map()
-        with ServiceAddress(self._address.url, map.name).find() as running:
+        with find_service(self._url, map.name) as running:
             if running is not None:
                 raise ValueError(f"a service of {map.name} is running: stop it first")
-        path = self._address.socket(map.name)
+        path = socket_of(self._url, map.name)
         stop = stop or threading.Event()
         service = FieldService(map.engine, map.name, self.voxel_size, settings)
         ending = timer(seconds, stop.set)
@@ -436,9 +428,12 @@ class SpatialFields:
         with self._service() as service:
             service.ask("stop", name=name)
 
+    def _find(self, size: float | None = None) -> AbstractContextManager[ServiceConnection | None]:
+        return find_service(self._url, self._map_name, size)
+
     @contextmanager
     def _service(self) -> Iterator[ServiceConnection]:
-        with self._address.find() as found:
+        with self._find() as found:
             if found is None:
                 raise LookupError(
                     "no service is running for this map: start one by semmap fields serve"

@@ -16,7 +16,6 @@ from typer import Argument, Option
 from semmap import cli
 from semmap.api.spatial_fields import SpatialFields
 from semmap.cli.texts import json_value, key_values, numbers
-from semmap.fields.service.client import ServiceAddress
 
 if TYPE_CHECKING:
     import threading
@@ -35,7 +34,8 @@ def chosen_fields(map_name: str | None, voxel_size: float = 0.05) -> Iterator[Sp
     """The fields of the chosen map; its database is opened where no service answers."""
     with ExitStack() as stack:
         yield SpatialFields(
-            ServiceAddress(cli.chosen_url(), map_name),
+            cli.chosen_url(),
+            map_name,
             cache(lambda: stack.enter_context(cli.chosen_map(map_name))),
             voxel_size,
             _note,

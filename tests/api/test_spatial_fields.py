@@ -16,7 +16,6 @@ import trimesh
 
 import semmap
 from semmap.api.spatial_fields import SpatialFields
-from semmap.fields.service.client import ServiceAddress
 
 LOOK = {"poses": {"human1": {"from": [6.5, -1.0, 1.6], "to": [7.153, 0.983, 0.85]}}}
 FRIDGE = "Refrigerator_01_001"
@@ -40,8 +39,8 @@ def points_of(path: Path) -> Any:
 def noted(small_house: semmap.Map) -> tuple[SpatialFields, list[str]]:
     """The fields of the small_house, and the notes that they make."""
     notes: list[str] = []
-    address = ServiceAddress(small_house.database.address, "house")
-    return SpatialFields(address, lambda: small_house, note=notes.append), notes
+    url = small_house.database.address
+    return SpatialFields(url, "house", lambda: small_house, note=notes.append), notes
 
 
 def test_voxels_lie_in_the_boxes_of_their_entities(small_house: semmap.Map) -> None:

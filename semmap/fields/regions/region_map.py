@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 import os
 import threading
-from collections.abc import Hashable, Iterable, Mapping
+from collections.abc import Hashable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
@@ -364,6 +364,16 @@ class NamedRegionMap:
             if not roles or self.roles.get(each, "object") in roles:
                 found.setdefault(self.names.get(each, str(each)), []).append(each)
         return found
+
+    def at(self, point: Sequence[float]) -> list[tuple[str, Role]]:
+        """Return name and role of the entities that have the voxel at a point (3,), metres."""
+        (found,) = self.regions.entities_at([point])
+        return sorted((self.names[each], self.roles[each]) for each in found)
+
+    def sizes(self) -> list[tuple[str, Role, int]]:
+        """Return name, role and number of voxels of each entity."""
+        size, names = self.regions.size, dict(self.names)
+        return sorted((name, self.roles[each], size(each)) for each, name in names.items())
 
     def agents(self) -> dict[str, int]:
         """Return the agents of the map by name; those that only sources know are left out."""

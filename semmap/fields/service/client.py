@@ -13,8 +13,7 @@ import socket
 import stat
 import tempfile
 from collections.abc import Iterator
-from contextlib import AbstractContextManager, contextmanager, suppress
-from dataclasses import dataclass
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from urllib.parse import parse_qs, quote, unquote, urlsplit
@@ -23,24 +22,6 @@ from semmap.data_folder import default_home
 
 if TYPE_CHECKING:
     import psycopg
-
-
-@dataclass(frozen=True)
-class ServiceAddress:
-    """Where the service of a map is: the `url` of its database, and its name."""
-
-    url: str | None
-    map_name: str | None
-
-    def find(
-        self, voxel_size: float | None = None
-    ) -> AbstractContextManager[ServiceConnection | None]:
-        """Connect with the service as `find_service` does."""
-        return find_service(self.url, self.map_name, voxel_size)
-
-    def socket(self, map_name: str) -> Path:
-        """Return the socket for a map of the database, as `socket_of` does."""
-        return socket_of(self.url, map_name)
 
 
 class ServiceConnection:

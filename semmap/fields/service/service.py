@@ -245,10 +245,9 @@ class FieldService:
                     driver = connection.connection.driver_connection
                     yield update_map(self.mirror, self.catalogue(), given["text"], driver)
             case "at":
-                (found,) = self.mirror.regions.entities_at([given["point"]])
-                yield sorted((self.mirror.names[n], self.mirror.roles[n]) for n in found)
+                yield self.mirror.at(given["point"])
             case "ls":
-                yield self._entities()
+                yield self.mirror.sizes()
             case "sources":
                 yield self.list_sources()
             case "start":
@@ -304,13 +303,6 @@ class FieldService:
             chosen = run(connection, "SELECT current_setting('semmap.map', true) AS name")[0].name
             maps = [row.name for row in run(connection, "SELECT name FROM map")]
         return bool(chosen == self.map_name if chosen else maps == [self.map_name])
-
-    def _entities(self) -> list[tuple[str, str, int]]:
-        mirror = self.mirror
-        return sorted(
-            (name, mirror.roles[each], mirror.regions.size(each))
-            for each, name in dict(mirror.names).items()
-        )
 
     def _watch(self, seconds: float | None = None) -> Iterator[dict[str, Any]]:
         """Yield what is true now, and then what begins and ends."""
