@@ -59,13 +59,14 @@ class MapBeliefs(MapQuestions):
             As `where`; `occlusion` and `moves` together, or an object of unknown volume.
         """
         from semmap.belief.believed_places import BelievedPlaces
-        from semmap.belief.store.beliefs import check_moves, where
+        from semmap.belief.motion import MotionModel
+        from semmap.belief.store.beliefs import where
 
         if occlusion and moves is not None:
             raise ValueError("choose occlusion or moves: no model has both")
         moment = aware(at)
         if moves is not None:
-            check_moves(moves)
+            moves = MotionModel(moves).seconds
         with self.snapshot() as seen:
             found = {n: BelievedPlaces(n, where(seen, n, moment, moves), moment) for n in names}
             if not occlusion:
@@ -152,9 +153,11 @@ class MapBeliefs(MapQuestions):
             There is no such type or agent, or a point is not finite or at no place.
         """
         from semmap.belief.identify import identify
+        from semmap.belief.motion import MotionModel
 
+        motion = MotionModel(moves)
         with self.snapshot() as seen:
-            return identify(seen, detections, frame=frame, at=aware(at), moves=moves, new=new)
+            return identify(seen, detections, frame=frame, at=aware(at), motion=motion, new=new)
 
     def belief_field(
         self,

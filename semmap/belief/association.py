@@ -75,7 +75,7 @@ def view_likelihoods(
 
     Parameters
     ----------
-    belief : (n, m) where the n known instances are now, by what was observed
+    belief : (n, m) where the n known instances are now, by `semmap.belief.motion.infer_with_motion`
     view : (m,) the share of each place that the view showed, in [0, 1]
     place : (k,) the place of each detection, as a column of the belief
     same_class : (k, n) P(detected as this class | class of the instance)

@@ -15,6 +15,7 @@ from semmap.belief.association import view_likelihoods
 from semmap.belief.error import BeliefError
 from semmap.belief.joint_posterior import joint_marginals, one_each
 from semmap.belief.looks import locate, observe_point
+from semmap.belief.motion import DAILY, MotionModel
 from semmap.belief.places import BeliefPlace, place_around, place_at
 from semmap.belief.reader import (
     read_agent_pose,
@@ -23,7 +24,7 @@ from semmap.belief.reader import (
     read_places,
     read_positions,
 )
-from semmap.belief.store.beliefs import DAY, Row, check_moves, read_belief
+from semmap.belief.store.beliefs import Row, read_belief
 from semmap.belief.within_place import position_likelihood
 from semmap.finite_number import finite_numbers
 from semmap.query.entity_query import find
@@ -63,20 +64,18 @@ def identify(
     *,
     frame: str | None = None,
     at: datetime | None = None,
-    moves: float = DAY,
+    motion: MotionModel = DAILY,
     new: float = 0.05,
 ) -> list[Identity]:
     """Return for each detection of one view which objects of its type it may be.
 
     The likelihood has the type, the size, and where each object is believed to be, as it may have
-    moved since it was observed, an object of mobility 1 once in `moves` seconds; also where it was
-    within that place. Two detections are different objects: the probabilities are those of all
-    hypotheses together. The places of the detections count as seen in full, so that other objects
-    that are believed there were missed. `new` is the expected number of objects of a type at a
-    place that the map lacks. Points are in the `frame` of an agent; None: of the map. `BeliefError`
-    if a point or size is not finite, or at no place.
+    moved since it was observed; also where it was within that place. Two detections are different
+    objects: the probabilities are those of all hypotheses together. The places of the detections
+    count as seen in full, so that other objects that are believed there were missed. `new` is the
+    expected number of objects of a type at a place that the map lacks. Points are in the `frame` of
+    an agent; None: of the map. `BeliefError` if a point or size is not finite, or at no place.
     """
-    check_moves(moves)
     candidates = [
         [row["name"] for row in find(seen, type=detection.type) if row["kind"] == "object"]
         for detection in detections
@@ -87,7 +86,7 @@ def identify(
     if not rows:
         return found
     columns = read_columns(seen, names, at)
-    beliefs = [read_belief(seen, name, at, moves) for name in names]
+    beliefs = [read_belief(seen, name, at, motion.seconds) for name in names]
     belief = np.array([[one.get(place, 0.0) for place in columns.places] for one in beliefs])
     boxes, age = read_positions(seen, names, at)
     places = {of[0]: read_places(seen, of[0]) for of in candidates if of}
@@ -122,7 +121,7 @@ def identify(
         for j, (place, _) in zip(rows, located, strict=True)
     ]
     with np.errstate(over="ignore", divide="ignore", invalid="ignore"):
-        unmoved = np.exp(-columns.mobility * age / moves)
+        unmoved = np.exp(-columns.mobility * age / motion.seconds)
         stayed = np.minimum(unmoved / belief[:, at_place].T, 1.0)
     areas = [place.area for place, _ in located]
     within = position_likelihood([point for _, point in located], known, areas, stayed)

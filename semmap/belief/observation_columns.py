@@ -84,6 +84,15 @@ class Observations:
     def __len__(self) -> int:
         return len(self.object)
 
+    def take(self, rows: ArrayLike) -> Observations:
+        """Observations of the given rows, which are indices or a mask."""
+        chosen = np.asarray(rows)
+        taken: dict[str, Any] = {}
+        for name in COLUMNS:
+            column = getattr(self, name)
+            taken[name] = None if column is None else column[chosen]
+        return Observations(**taken)
+
 
 def observation_rates(
     observations: Observations, mobility: NDArray[np.float64], model: SightingRates

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from semmap.belief.observation_columns import Observations, observation_rates
 from semmap.belief.sighting_model import THESIS
@@ -43,16 +43,6 @@ def random_case(
         random.choice([0.0, 0.3, 1.0, 4.0], objects),
         1.0 + random.integers(0, sizes, objects),
     )
-
-
-def some_of(observations: Observations, rows: ArrayLike) -> Observations:
-    """The observations of some rows, which are indices or a mask."""
-    chosen = np.asarray(rows)
-    taken = {
-        name: None if column is None else column[chosen]
-        for name, column in vars(observations).items()
-    }
-    return Observations(**taken)
 
 
 def looks_of(case: Case) -> list[Look]:

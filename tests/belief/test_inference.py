@@ -11,7 +11,7 @@ from semmap.belief.error import BeliefError
 from semmap.belief.inference import infer
 from semmap.belief.observation_columns import Observations
 from semmap.belief.sighting_model import SightingModel
-from tests.belief.cases import looks_of, random_case, some_of
+from tests.belief.cases import looks_of, random_case
 from tests.oracles.bayes import posterior
 
 seeds = st.integers(0, 2**32 - 1)
@@ -34,7 +34,7 @@ def test_observations_one_by_one_lead_to_the_same_belief(seed: int, looks: int) 
     case = random_case(random, 5, 8, looks)
     belief = case.prior
     for row in random.permutation(looks):
-        belief = infer(belief, some_of(case.observations, [row]), case.mobility)
+        belief = infer(belief, case.observations.take([row]), case.mobility)
     together = infer(case.prior, case.observations, case.mobility)
     np.testing.assert_allclose(belief, together, rtol=0, atol=1e-12)
 
@@ -160,5 +160,5 @@ def test_a_model_whose_rates_leave_the_range_is_refused() -> None:
     late = Observations([0, 0], [0, 0], [0.0, 12.0], [True, True])
     with pytest.raises(BeliefError, match=r"P\(seen \| not there\) is -0.03.* at age 12 s"):
         infer(UNIFORM, late, [1.0], Printed())
-    assert infer(UNIFORM, some_of(late, [0]), [1.0], Printed())[0, 0] > 0.5
+    assert infer(UNIFORM, late.take([0]), [1.0], Printed())[0, 0] > 0.5
     assert SightingModel().rates(12.0, 1.0)[1] > 0

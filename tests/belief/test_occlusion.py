@@ -12,7 +12,7 @@ from semmap.belief.error import BeliefError
 from semmap.belief.inference import infer
 from semmap.belief.observation_columns import Observations
 from semmap.belief.occlusion import infer_with_occlusion
-from tests.belief.cases import looks_of, random_case, some_of
+from tests.belief.cases import looks_of, random_case
 from tests.oracles.bayes import posterior
 
 seeds = st.integers(0, 2**32 - 1)
@@ -91,7 +91,7 @@ def test_places_far_apart_are_summed_apart() -> None:
     found = infer_with_occlusion(prior, looks, np.ones(36), size)
     for k in (0, 7):
         rows, columns = slice(3 * k, 3 * k + 3), slice(2 * k, 2 * k + 2)
-        mine = some_of(looks, np.isin(looks.object, np.arange(36)[rows]))
+        mine = looks.take(np.isin(looks.object, np.arange(36)[rows]))
         alone = infer_with_occlusion(
             prior[rows, columns],
             Observations(mine.object - 3 * k, mine.place - 2 * k, mine.age, mine.seen),

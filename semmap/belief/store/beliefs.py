@@ -6,7 +6,6 @@ updates the rows of the object in the table ``belief`` and announces the change.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Mapping, Sequence
 from datetime import UTC, datetime
 from typing import Any, TypeAlias
@@ -21,9 +20,6 @@ from semmap.query.entity_query import entity_id
 from semmap.query.refusal import refusal_text
 from semmap.query.snapshot import Snapshot
 from semmap.snake_case import snake_case
-
-DAY = 86_400.0
-"""Seconds in which an object of mobility 1 moves once, by default."""
 
 ELSEWHERE = "elsewhere"
 """The name of being at no place of the map."""
@@ -60,12 +56,6 @@ def where(
         raise BeliefError(f"the time {at.isoformat()} has no time zone: give it with one")
     beliefs = [_where(seen, thing, at, moves) for thing in things_named(seen, name)]
     return beliefs[0] if len(beliefs) == 1 else _of_any(beliefs)
-
-
-def check_moves(seconds: float) -> None:
-    """Raise `BeliefError` unless an object of mobility 1 can move once in so many seconds."""
-    if not (math.isfinite(seconds) and seconds > 0):
-        raise BeliefError(f"motion: seconds is {seconds:g}: give a number above 0")
 
 
 def things_named(seen: Snapshot, name: str) -> list[str]:
