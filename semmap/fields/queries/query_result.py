@@ -66,6 +66,10 @@ class SelectResult:
             raise TypeError(f"?{name} is {with_article(column.kind)}, not a voxel")
         return voxels_of_keys(column.values[column.is_bound])
 
+    def as_json(self) -> dict[str, Any]:
+        """Return names and rows for `json.dumps`: {"variables": [...], "rows": [[...], ...]}."""
+        return {"variables": list(self.names), "rows": [list(row) for row in self]}
+
     def _plain(self, column: TermColumn) -> list[Any]:
         values: list[Any]
         if column.kind == "voxel":
