@@ -12,11 +12,7 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import KW_ONLY, dataclass, field, replace
 from functools import partial
-from typing import Protocol
-
-from py_trees.behaviour import Behaviour
-from py_trees.common import Status
-from py_trees.composites import Sequence as Steps
+from typing import Protocol, TypeVar
 
 from planner.mission.behaviours import Behaviours, Outcome, RobotObservation, RunningBehaviour
 from planner.mission.claims import claims_of
@@ -26,6 +22,8 @@ from planner.mission.store.missions import GoneError, LostMissionError, MissionS
 from planner.plan import Plan
 from semmap.geometry.pose import Pose
 from semmap.query.snapshot import Snapshot
+
+Answer = TypeVar("Answer")
 
 
 class Planner(Protocol):
@@ -204,7 +202,7 @@ class Runner:
 
 
 class _Attempt:
-    """The execution of one plan as a behaviour tree."""
+    """The execution of one plan."""
 
     def __init__(
         self,
@@ -229,25 +227,33 @@ class _Attempt:
         self.failed: Outcome | None = None
 
     def work(self) -> None:
-        """Tick the tree until it succeeds or fails."""
-        tree = self._tree()
-        tree.tick_once()
-        while tree.status is Status.RUNNING:
-            time.sleep(self._runner.tick)
-            tree.tick_once()
+        """Do one command after another, until one fails or the mission does not continue."""
+        for index in range(len(self._commands)):
+            if not (self._answer(partial(self.claim, index)) and self._is_done(index)):
+                break
         if self._mine is not None:
             self._store.release(self._mission, [self._mine])
 
-    def _tree(self) -> Behaviour:
-        """A sequence of commands that ends with the first that fails.
+    def _answer(self, ask: Callable[[], Answer | None]) -> Answer | None:
+        """The answer to a question, which is asked each tick; None if the mission ends before."""
+        while self.guard():
+            answer = ask()
+            if answer is not None:
+                return answer
+            time.sleep(self._runner.tick)
+        return None
 
-        It is under a guard that is checked each tick, and stops the running command if it fails.
-        """
-        tasks = Steps("commands", memory=True)
-        for index, command in enumerate(self._commands):
-            claim, act = _Ask("claim", partial(self.claim, index)), _Act(str(command), self, index)
-            tasks.add_child(Steps(str(command), memory=True, children=[claim, act]))
-        return Steps("mission", memory=False, children=[_Ask("guard", self.guard), tasks])
+    def _is_done(self, index: int) -> bool:
+        """Whether a command succeeds; it is stopped if the mission does not continue."""
+        doing = self.begin(index)
+        if doing is None:
+            return False
+        outcome = self._answer(doing.poll)
+        if outcome is None:
+            doing.cancel()
+            outcome = Outcome("cancelled", "stopped in the middle")
+        self.end(index, outcome)
+        return outcome.succeeded
 
     def guard(self) -> bool:
         """Whether the mission continues."""
@@ -342,49 +348,6 @@ class _Attempt:
     def _event(self, kind: str, index: int, message: str = "") -> None:
         event = MissionEvent(kind, self._numbers[index], self._commands[index], message)
         self._runner.tell(event)
-
-
-class _Ask(Behaviour):
-    """A condition: true, false, or not known yet."""
-
-    def __init__(self, name: str, ask: Callable[[], bool | None]) -> None:
-        super().__init__(name)
-        self._ask = ask
-
-    def update(self) -> Status:
-        answer = self._ask()
-        if answer is None:
-            return Status.RUNNING
-        return Status.SUCCESS if answer else Status.FAILURE
-
-
-class _Act(Behaviour):
-    """A running command."""
-
-    def __init__(self, name: str, attempt: _Attempt, index: int) -> None:
-        super().__init__(name)
-        self._attempt = attempt
-        self._index = index
-        self._doing: RunningBehaviour | None = None
-
-    def initialise(self) -> None:
-        self._doing = self._attempt.begin(self._index)
-
-    def update(self) -> Status:
-        if self._doing is None:
-            return Status.FAILURE
-        outcome = self._doing.poll()
-        if outcome is None:
-            return Status.RUNNING
-        self._doing = None
-        self._attempt.end(self._index, outcome)
-        return Status.SUCCESS if outcome.succeeded else Status.FAILURE
-
-    def terminate(self, new_status: Status) -> None:
-        if new_status is Status.INVALID and self._doing is not None:
-            doing, self._doing = self._doing, None
-            doing.cancel()
-            self._attempt.end(self._index, Outcome("cancelled", "stopped in the middle"))
 
 
 def happened(command: Command, seen: RobotObservation) -> bool:

@@ -16,7 +16,7 @@ from semmap import cli
 from semmap.api.operations import COMMANDS
 from semmap.cli import plugin_group
 
-HEAVY = ("scipy", "trimesh", "rdflib", "py_trees", "clingo", "networkx")
+HEAVY = ("scipy", "trimesh", "rdflib", "clingo", "networkx")
 
 
 def modules_loaded_by(*words: str) -> set[str]:
