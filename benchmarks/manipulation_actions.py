@@ -11,11 +11,12 @@ import numpy as np
 import trimesh
 
 from benchmarks.timing import Row, median_seconds, print_rows
+from semmap.arrays import Floats
 from semmap.geometry.pose import IDENTITY
 from semmap.ingest.sdf.world_file import read_sdf
 from semmap.manipulation.arm import Arm
 from semmap.manipulation.candidates import Grasps, grasp_candidates
-from semmap.manipulation.collision import Floats, Obstacles, free_grasps
+from semmap.manipulation.collision import Obstacles, free_grasps
 from semmap.manipulation.gripper import read_gripper
 from semmap.manipulation.solids import solid_of
 from semmap.manipulation.trial import Trial, body_of

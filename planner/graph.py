@@ -12,17 +12,15 @@ import os
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 import semmap_native
+from semmap.arrays import Floats, Ints
 
 PathEnd = tuple[int, float]  # A node at which paths may begin or end, and the cost of doing so
 
-GraphPath = tuple[float, NDArray[np.int64]]
+GraphPath = tuple[float, Ints]
 """The cost of a path, its ends included, and its edges in order, (n,) int64."""
-
-Ints = NDArray[np.int64]
-Floats = NDArray[np.float64]
 
 
 class Graph:

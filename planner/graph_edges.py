@@ -12,9 +12,9 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from planner.graph import Floats, Ints
 from planner.robot_class import Durations, RobotClass
 from planner.topology import OUTSIDE, PlaceConnector
+from semmap.arrays import Floats, Ints
 from semmap.geometry.pose import Pose
 
 

@@ -10,8 +10,8 @@ from scipy.ndimage import distance_transform_edt
 
 from navgrid.grid import Grid
 from navgrid.travel import way
+from semmap.arrays import Floats
 
-Floats = NDArray[np.float64]
 _DEAR = 6.0  # how much dearer a cell beside an obstacle is than one that is clear
 
 

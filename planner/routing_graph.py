@@ -17,7 +17,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from planner.graph import Floats, Graph, Ints, PathEnd
+from planner.graph import Graph, PathEnd
 from planner.graph_edges import (
     Penalties,
     StraightTravelCost,
@@ -31,6 +31,7 @@ from planner.graph_edges import (
 )
 from planner.robot_class import Durations, RobotClass
 from planner.topology import OUTSIDE, PlaceConnector, PlaceRegion, Topology
+from semmap.arrays import Floats, Ints
 from semmap.geometry.pose import Pose
 
 Edges = Sequence[int] | Ints

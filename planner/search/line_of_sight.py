@@ -12,7 +12,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from semmap.arrays import Floats
 
 SPARED = 0.12
 """Metres before a point within which nothing hides it: the surface that carries it is there."""

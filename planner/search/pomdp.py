@@ -8,9 +8,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from semmap.arrays import Floats
 
 TOLERANCE = 1e-9  # by how much a distribution may miss a sum of 1
 

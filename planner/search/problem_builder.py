@@ -17,11 +17,10 @@ from planner.search.search_problem import SearchProblem
 from planner.search.viewpoints import Sight, choose_views, free_positions, views_from
 from planner.storey_costmaps import StoreyCostmaps
 from planner.topology import OUTSIDE
+from semmap.arrays import Floats
 from semmap.belief.places import BeliefPlace, sample_points
 from semmap.belief.views import visible_points
 from semmap.geometry.pose import Pose
-
-Floats = NDArray[np.float64]
 
 ELSEWHERE = "elsewhere"
 

@@ -18,8 +18,7 @@ from numpy.typing import NDArray
 from scipy.special import bdtrc
 
 from planner.search.search_problem import NOT_SEEN, SearchProblem
-
-Floats = NDArray[np.float64]
+from semmap.arrays import Floats
 
 VOTES = ((1, 1), (2, 2), (4, 3))
 """Numbers of looks from one viewpoint, and how many must show an object until it is declared."""

@@ -10,7 +10,6 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from planner.live_topology import LiveTopology
 from planner.mission.store.observations import read_missing, read_robot
@@ -22,10 +21,9 @@ from planner.search.reader import read_believed_object, read_looks, read_opened
 from planner.search.receding_horizon import Decision, decide
 from planner.search.search_problem import NOT_SEEN
 from planner.search.viewpoints import Sight
+from semmap.arrays import Floats
 from semmap.error import Error
 from semmap.query.snapshot import Snapshot
-
-Floats = NDArray[np.float64]
 
 MOST_NAMES = 4  # places that an explanation or a command names
 

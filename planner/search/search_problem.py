@@ -17,8 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planner.search.pomdp import Pomdp
-
-Floats = NDArray[np.float64]
+from semmap.arrays import Floats
 
 NOT_SEEN = -1  # stands for a place in the answer of a look: the object was not seen
 

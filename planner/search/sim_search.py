@@ -9,7 +9,6 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from planner.live_topology import LiveTopology
 from planner.mission.behaviours import PlaceLook, RobotObservation, Sighting
@@ -22,13 +21,12 @@ from planner.mission.store.missions import MissionStore
 from planner.search.problem_builder import Detector
 from planner.search.reader import read_believed_object, read_entity_shapes, read_room
 from planner.search.viewpoints import Sight
+from semmap.arrays import Floats
 from semmap.belief.places import BeliefPlace, place_around, place_at
 from semmap.belief.views import visible_shares
 from semmap.geometry.mesh import box_mesh
 from semmap.geometry.pose import Pose
 from semmap.query.storey_scene import NO_TRIANGLES, SceneEntity
-
-Floats = NDArray[np.float64]
 
 RECOGNISED = 0.25  # share of an object's picture that must be in view
 LEAST_SHARE = 0.02  # share of a place below which a look says nothing about it

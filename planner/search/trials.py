@@ -16,9 +16,8 @@ from numpy.typing import NDArray
 from planner.search.problem_builder import ELSEWHERE, MapSearch
 from planner.search.receding_horizon import decide
 from planner.search.search_problem import NOT_SEEN, SearchProblem
+from semmap.arrays import Floats
 from semmap.belief import SightingModel
-
-Floats = NDArray[np.float64]
 
 RUNS = 5  # searches of a trial
 

@@ -11,18 +11,15 @@ from dataclasses import dataclass
 
 import numpy as np
 import shapely
-from numpy.typing import NDArray
 from scipy.ndimage import binary_dilation
 from scipy.sparse import csr_array
 
 from planner.search.line_of_sight import LineOfSight
 from planner.storey_costmaps import StoreyCostmaps
+from semmap.arrays import Floats, Mask
 from semmap.belief.views import camera_at
 from semmap.draw.depth_camera import DepthCamera
 from semmap.geometry.pose import Pose
-
-Floats = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 HEADINGS = 8  # headings that are tried at each position
 

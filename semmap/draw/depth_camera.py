@@ -7,9 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from semmap.arrays import Floats
 from semmap.draw.rasteriser import nearest_triangles
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

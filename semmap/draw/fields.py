@@ -11,13 +11,12 @@ from matplotlib.colors import to_rgb
 from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
+from semmap.arrays import Floats
 from semmap.draw.palette import INK, PAPER
 from semmap.draw.rasteriser import Camera, nearest_triangles, quarters
 from semmap.draw.shading import Surfaces, shade
 from semmap.draw.sheet import rendered_sheet, save_sheet
 from semmap.geometry.mesh import voxel_mesh
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,7 +13,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from semmap.arrays import Floats
 
 _DEPTH_BITS, _FACE_BITS = 31, 32
 _FRAGMENTS_AT_ONCE = 4_000_000

@@ -14,6 +14,7 @@ from matplotlib.axes import Axes
 from matplotlib.colors import to_rgb
 from numpy.typing import NDArray
 
+from semmap.arrays import Floats
 from semmap.draw.labels import AROUND, Labels, Style
 from semmap.draw.palette import BOX_COLOURS, INK, PAPER, PATH, object_colour, room_colour
 from semmap.draw.rasteriser import Camera, quarters
@@ -23,8 +24,6 @@ from semmap.draw.view import ObjectView, Outline, RegionView, RoomView, StoreyVi
 from semmap.geometry.mesh import Mesh, prism_mesh
 from semmap.geometry.morphology import polygons
 from semmap.geometry.parts import closed_parts
-
-Floats = NDArray[np.float64]
 
 HIDDEN = {"ceiling", "roof", "ceiling_lamp", "beam", "ground"}
 CUT = {"building_element", "curtain", "blind", "room_divider", "picture", "mirror", "board"}

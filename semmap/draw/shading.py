@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter, uniform_filter
 
+from semmap.arrays import Floats
 from semmap.draw.rasteriser import Camera, nearest_triangles
 
-Floats = NDArray[np.float64]
 Pixels = NDArray[np.int64]
 
 _SUN_AZIMUTH, _SUN_ELEVATION = np.deg2rad(-145.0), np.deg2rad(52.0)

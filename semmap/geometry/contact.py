@@ -6,7 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import binary_erosion
 
-Floats = NDArray[np.float64]
+from semmap.arrays import Floats
+
 Ints = NDArray[np.intp]
 
 SPACING = 0.015

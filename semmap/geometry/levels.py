@@ -8,6 +8,8 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
+from semmap.arrays import Floats
+
 APART = 2.0
 """Least height from a floor to the next, metres."""
 
@@ -25,8 +27,6 @@ FURNITURE, TALL = 0.3, 0.6
 
 MANY, FEW = 3, 2
 """So many pieces of furniture at one height may stand on a floor; so many, if they are tall."""
-
-Floats = NDArray[np.float64]
 
 
 def is_furniture(boxes: Floats) -> NDArray[np.bool_]:

@@ -11,13 +11,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from semmap.arrays import Floats
 from semmap.manipulation.collision import Obstacles, convex_body, placed, touch
 from semmap.manipulation.error import ManipulationError
 from semmap.manipulation.extra import library, mujoco_pose
 from semmap.manipulation.gripper import Gripper
 from semmap.robot.urdf import Joint
-
-Floats = NDArray[np.float64]
 
 POSITION, ROTATION = 5e-4, 5e-3
 """The largest error of a solution, metres and radians."""

@@ -14,8 +14,8 @@ from itertools import islice
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from semmap.arrays import Floats
 from semmap.geometry.pose import Pose
 from semmap.manipulation.arm import Arm
 from semmap.manipulation.automata import stored_arm
@@ -35,8 +35,6 @@ from semmap.manipulation.store.devices import add_path
 from semmap.manipulation.store.model_shapes import model_mesh
 from semmap.manipulation.surroundings import entity_triangles, obstacles_around
 from semmap.query.snapshot import Snapshot
-
-Floats = NDArray[np.float64]
 
 AROUND = 1.5
 """Metres around an object whose contents are obstacles for an arm."""

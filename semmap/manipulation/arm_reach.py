@@ -15,9 +15,9 @@ from typing import Any
 
 import numpy as np
 import shapely
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from semmap.arrays import Floats
 from semmap.geometry.mesh import Mesh
 from semmap.geometry.pose import Pose
 from semmap.geometry.surfaces import LevelPatch, support_surfaces
@@ -26,8 +26,6 @@ from semmap.manipulation.automata import STARTS, Reach, facing_first
 from semmap.manipulation.placing import spots_on
 from semmap.manipulation.surroundings import Surroundings, entity_triangles
 from semmap.query.snapshot import Snapshot
-
-Floats = NDArray[np.float64]
 
 ABOVE = (0.05, 0.2)
 """Metres above a surface at which the gripper lets go of what it puts down: of low or high grasps.

@@ -15,11 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from semmap.arrays import Floats
 from semmap.manipulation.error import ManipulationError
 from semmap.manipulation.gripper import PAD, Gripper
 from semmap.manipulation.solids import ConvexSolid, PrimitiveShape, solid_of
-
-Floats = NDArray[np.float64]
 
 ANGLES = 17
 """Angles of a pass, half a turn with both ends."""

@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from semmap.arrays import Floats
 from semmap.manipulation.arm import Arm
 from semmap.manipulation.collision import Obstacles, convex_body
-
-Floats = NDArray[np.float64]
 
 DRAWN = 1000
 """Random postures that are considered, beside that at rest."""

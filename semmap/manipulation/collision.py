@@ -15,11 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import ConvexHull, QhullError
 
+from semmap.arrays import Floats
 from semmap.manipulation.candidates import Grasps
 from semmap.manipulation.extra import library
 from semmap.manipulation.gripper import Gripper
-
-Floats = NDArray[np.float64]
 
 GAP = 0.003
 """Metres by which surfaces of meshes may be uneven."""

@@ -7,12 +7,11 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from semmap.arrays import Floats
 from semmap.manipulation.candidates import Grasp
 from semmap.manipulation.trial import HEIGHT, Rest, TrialOutcome
-
-Floats = NDArray[np.float64]
 
 Cause = Literal["pushed", "missed", "dropped", "slipped", "turned"]
 

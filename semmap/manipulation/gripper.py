@@ -13,14 +13,12 @@ from pathlib import Path
 from typing import Literal, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import ConvexHull, cKDTree
 
+from semmap.arrays import Floats
 from semmap.geometry.mesh import Mesh, join
 from semmap.manipulation.error import ManipulationError
 from semmap.robot.urdf import Joint, Robot, load_robot
-
-Floats = NDArray[np.float64]
 
 FINGER = 0.35
 """The greatest length of a finger, metres; longer chains are arms and legs."""

@@ -8,14 +8,12 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from semmap.arrays import Floats
 from semmap.manipulation.arm import Arm
 from semmap.manipulation.collision import Obstacles
 from semmap.manipulation.error import ManipulationError
 from semmap.manipulation.extra import library
-
-Floats = NDArray[np.float64]
 
 STEP = 0.05
 """The largest change of a joint between checked positions, radians or metres."""

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from semmap.arrays import Floats
 from semmap.finite_number import finite_numbers
 from semmap.geometry.mesh import Mesh
 from semmap.geometry.pose import Pose
@@ -34,8 +35,6 @@ from semmap.manipulation.store.model_shapes import model_mesh, shape_of
 from semmap.manipulation.surroundings import entity_triangles, obstacles_around
 from semmap.query.entity_query import entity_id
 from semmap.query.snapshot import Snapshot
-
-Floats = NDArray[np.float64]
 
 LIFT = 0.1
 """Metres from which an object is moved straight down."""

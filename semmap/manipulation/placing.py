@@ -10,11 +10,10 @@ import shapely
 from numpy.typing import NDArray
 from shapely import Geometry, Polygon
 
+from semmap.arrays import Floats
 from semmap.geometry.surfaces import LevelPatch
 from semmap.manipulation.error import ManipulationError
 from semmap.manipulation.solids import solid_hull
-
-Floats = NDArray[np.float64]
 
 TURNS = 8
 """Headings that are tried at each spot."""

@@ -6,9 +6,9 @@ from typing import Any
 
 import numpy as np
 import shapely
-from numpy.typing import NDArray
 from shapely import Polygon
 
+from semmap.arrays import Floats
 from semmap.finite_number import is_finite_number
 from semmap.geometry.mesh import Mesh
 from semmap.geometry.pose import Pose
@@ -28,8 +28,6 @@ from semmap.manipulation.store.model_shapes import model_mesh, shape_of
 from semmap.manipulation.surroundings import entity_pose, obstacles_around
 from semmap.query.entity_query import entity_id
 from semmap.query.snapshot import Snapshot
-
-Floats = NDArray[np.float64]
 
 STORED = 1000
 """The most stored pushes of a model that are considered."""

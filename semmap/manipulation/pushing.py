@@ -13,11 +13,10 @@ from numpy.typing import NDArray
 from shapely import MultiPolygon, Polygon
 from shapely.ops import nearest_points
 
+from semmap.arrays import Floats
 from semmap.manipulation.collision import GAP, Obstacles, convex_body, swept_link
 from semmap.manipulation.error import ManipulationError
 from semmap.manipulation.gripper import Gripper
-
-Floats = NDArray[np.float64]
 
 SAFETY = 0.05
 """Metres between pre-push and push."""

@@ -12,15 +12,13 @@ from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from semmap.arrays import Floats
 from semmap.belief.store.beliefs import Session
 from semmap.geometry.pose import Pose
 from semmap.manipulation.candidates import Grasp
 from semmap.manipulation.evaluation import group_of, shifted
 from semmap.manipulation.reader import in_model, read_shape
-
-Floats = NDArray[np.float64]
 
 PRIOR = 0.5
 """Attempts that a level counts as a prior of the next one: one attempt in simulation."""

@@ -13,10 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import ConvexHull, QhullError
 
+from semmap.arrays import Floats
 from semmap.geometry.mesh import Mesh
 from semmap.manipulation.error import ManipulationError
-
-Floats = NDArray[np.float64]
 
 SIZES = {
     "cuboid": ("x", "y", "z"),

@@ -13,10 +13,10 @@ from typing import Any
 
 import numpy as np
 import trimesh
-from numpy.typing import NDArray
 from scipy.spatial import QhullError
 from scipy.spatial.transform import Rotation
 
+from semmap.arrays import Floats
 from semmap.geometry.mesh import Mesh
 from semmap.manipulation.candidates import Grasp
 from semmap.manipulation.error import ManipulationError
@@ -25,8 +25,6 @@ from semmap.manipulation.gripper import Gripper
 from semmap.manipulation.placing import ABOVE
 from semmap.manipulation.pushing import Push
 from semmap.manipulation.solids import ConvexSolid, solid_hull
-
-Floats = NDArray[np.float64]
 
 STEP = 0.002
 """Seconds of a step of the simulation."""
