@@ -9,18 +9,17 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import pairwise, permutations
+from itertools import permutations
+from typing import NamedTuple
 
-import networkx as nx
 import numpy as np
 import shapely
 
+from planner.graph import Graph
 from planner.route import NoRouteError, Route, RouteStep
 from planner.route_search import make_step, passage_steps
 from planner.routing_graph import Endpoint, RoutingGraph
 from semmap.geometry.pose import Pose
-
-START, GOAL = ("start",), ("goal",)  # the ends of a route among the names of nodes
 
 
 @dataclass(frozen=True)
@@ -83,31 +82,28 @@ def find_drawn_route(
     NoRouteError: the drawn graph has no node in the place of a start or of a goal, or does not join
     them.
     """
-    moves = nx.DiGraph()
-    for move in _moves(drawn, graph):
-        pair = move.start.name, move.end.name
-        if move.seconds < moves.get_edge_data(*pair, {"seconds": math.inf})["seconds"]:
-            moves.add_edge(*pair, seconds=move.seconds, move=move)
-    for end in starts:
-        for name, seconds, metres in _nearest_nodes(drawn, graph, end, "begins"):
-            moves.add_edge(START, name, seconds=seconds, metres=metres, endpoint=end)
-    for end in goals:
-        for name, seconds, metres in _nearest_nodes(drawn, graph, end, "ends"):
-            moves.add_edge(name, GOAL, seconds=seconds, metres=metres, endpoint=end)
-    try:
-        path = nx.dijkstra_path(moves, START, GOAL, weight="seconds")
-    except nx.NetworkXNoPath:
+    first, last = _legs(drawn, graph, starts, "begins"), _legs(drawn, graph, goals, "ends")
+    number = {name: i for i, name in enumerate(drawn.nodes)}
+    moves = [*_moves(drawn, graph)]
+    tails, heads = ([number[getattr(m, end).name] for m in moves] for end in ("start", "end"))
+    roads = Graph(tails, heads, [m.seconds for m in moves], len(number))
+    ends = ([(number[name], leg.seconds) for name, leg in legs.items()] for legs in (first, last))
+    path = roads.shortest(*ends)
+    if path is None:
         raise NoRouteError(
             f"the drawn graph does not lead from {starts[0].place} to {goals[0].place} for "
             f"{graph.robot.name}"
-        ) from None
-    edges = [moves.edges[pair] for pair in pairwise(path)]
-    start, goal = edges[0]["endpoint"], edges[-1]["endpoint"]
-    steps = _steps(graph, drawn, start, goal, edges)
-    metres = math.fsum(e["move"].metres if "move" in e else e["metres"] for e in edges)
-    return Route(
-        start.place, goal.place, tuple(steps), math.fsum(e["seconds"] for e in edges), metres
+        )
+    taken = [moves[edge] for edge in path[1]]
+    shared = sorted(first.keys() & last.keys(), key=lambda n: first[n].seconds + last[n].seconds)
+    begin = first[taken[0].start.name if taken else shared[0]]
+    end = last[taken[-1].end.name if taken else shared[0]]
+    seconds, metres = (
+        math.fsum(getattr(each, what) for each in (begin, *taken, end))
+        for what in ("seconds", "metres")
     )
+    steps = tuple(_steps(graph, begin, taken, end))
+    return Route(begin.end.place, end.end.place, steps, seconds, metres)
 
 
 def _moves(drawn: DrawnGraph, graph: RoutingGraph) -> Iterator[_Move]:
@@ -159,57 +155,60 @@ def _passage(graph: RoutingGraph, edge: DrawnEdge, start: DrawnNode, end: DrawnN
     return 2 * graph.index[connector.name] + side
 
 
-def _nearest_nodes(
-    drawn: DrawnGraph, graph: RoutingGraph, end: Endpoint, verb: str
-) -> list[tuple[str, float, float]]:
-    """The node that is nearest to a pose in its place; of a whole place, all its nodes."""
-    nodes = [node for node in drawn.nodes.values() if node.place == end.place]
-    if not nodes:
-        raise NoRouteError(
-            f"the drawn graph has no node in {end.place}, where the route {verb}: draw one, or "
-            "plan without drawn=True"
-        )
-    if end.pose is None:
-        return [(node.name, 0.0, 0.0) for node in nodes]
-    travel = graph.costs.between(end.place, [end.pose], [Pose(*node.point) for node in nodes])
-    nearest = int(np.argmin(travel.seconds[0]))
-    if not np.isfinite(travel.seconds[0, nearest]):
-        raise NoRouteError(
-            f"{graph.robot.name} reaches no node of the drawn graph in {end.place}, where the "
-            f"route {verb}"
-        )
-    return [
-        (nodes[nearest].name, float(travel.seconds[0, nearest]), float(travel.metres[0, nearest]))
-    ]
+class _Leg(NamedTuple):
+    """The drive between an end of a route and a node in its place."""
+
+    end: Endpoint
+    seconds: float
+    metres: float
+
+
+def _legs(
+    drawn: DrawnGraph, graph: RoutingGraph, ends: Sequence[Endpoint], verb: str
+) -> dict[str, _Leg]:
+    """The quickest leg to each node that is the nearest to an end in its place.
+
+    Of a whole place, all its nodes are.
+    """
+    found: dict[str, _Leg] = {}
+    for end in ends:
+        nodes = [node for node in drawn.nodes.values() if node.place == end.place]
+        if not nodes:
+            raise NoRouteError(
+                f"the drawn graph has no node in {end.place}, where the route {verb}: draw one, or "
+                "plan without drawn=True"
+            )
+        if end.pose is None:
+            found |= {node.name: _Leg(end, 0.0, 0.0) for node in nodes}
+            continue
+        travel = graph.costs.between(end.place, [end.pose], [Pose(*node.point) for node in nodes])
+        seconds, metres = travel.seconds[0], travel.metres[0]
+        nearest = int(np.argmin(seconds))
+        if not np.isfinite(seconds[nearest]):
+            raise NoRouteError(
+                f"{graph.robot.name} reaches no node of the drawn graph in {end.place}, where the "
+                f"route {verb}"
+            )
+        leg = _Leg(end, float(seconds[nearest]), float(metres[nearest]))
+        known = found.setdefault(nodes[nearest].name, leg)
+        found[nodes[nearest].name] = min(known, leg, key=lambda each: each.seconds)
+    return found
 
 
 def _steps(
-    graph: RoutingGraph,
-    drawn: DrawnGraph,
-    start: Endpoint,
-    goal: Endpoint,
-    edges: Sequence[Mapping[str, object]],
+    graph: RoutingGraph, begin: _Leg, moves: Sequence[_Move], end: _Leg
 ) -> Iterator[RouteStep]:
-    """A step for each edge that has a length, and what doors and elevators need."""
-    at = start.pose
-    for edge in edges:
-        move = edge.get("move")
-        if isinstance(move, _Move):
+    """A step for each part that has a length, and what doors and elevators need."""
+    at, place = begin.end.pose, begin.end.place
+    if moves:
+        there = _towards(moves[0].start, moves[0].end, ahead=True)
+        if begin.metres > 0:
+            yield make_step(graph, "navigate", place, place, at, there, *begin[1:])
+        for move in moves:
             yield from _steps_of(graph, move)
-            at = _towards(move.end, move.start)
-            continue
-        seconds, metres = float(edge["seconds"]), float(edge["metres"])  # type: ignore[arg-type]
-        is_last = edge is edges[-1]
-        there = goal.pose if is_last else _first(drawn, edges)
-        if there is not None and metres > 0:
-            place = goal.place if is_last else start.place
-            yield make_step(graph, "navigate", place, place, at, there, seconds, metres)
-        at = there
-
-
-def _first(drawn: DrawnGraph, edges: Sequence[Mapping[str, object]]) -> Pose | None:
-    move = edges[1].get("move") if len(edges) > 1 else None
-    return _towards(move.start, move.end, ahead=True) if isinstance(move, _Move) else None
+        at, place = _towards(moves[-1].end, moves[-1].start), end.end.place
+    if end.end.pose is not None and end.metres > 0:
+        yield make_step(graph, "navigate", place, place, at, end.end.pose, *end[1:])
 
 
 def _towards(node: DrawnNode, other: DrawnNode, *, ahead: bool = False) -> Pose:
