@@ -136,7 +136,8 @@ class TaskPlanner:
         not reach from it. `believed` has the places, objects or rooms, of objects that are not
         where the map has them.
         """
-        parsed, domain = self._parsed(goal), self._domain
+        domain = self._domain
+        parsed = parse_goal(goal, () if domain is None else domain.relations)
         graph = self._live.graph.without(without)
         state = read_state(seen, graph.topology, start)
         words = [] if domain is None else [*domain.words]
@@ -186,9 +187,6 @@ class TaskPlanner:
         """The plan of a mission (`planner.mission.runner.Planner`)."""
         self._live.catch_up()
         return self.task(seen, goal, robot, agent=robot, without=without, tried=tried).plan()
-
-    def _parsed(self, goal: str) -> Goal:
-        return parse_goal(goal, () if self._domain is None else self._domain.relations)
 
 
 def _approach_poses(

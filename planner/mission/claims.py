@@ -11,7 +11,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 from planner.mission.command import Command
-from planner.topology import PlaceConnector
 
 ROOM = 0.3  # metres between two robots that pass each other in a connector, and at its sides
 
@@ -47,10 +46,6 @@ def _claim(command: Command, elevators: Mapping[str, str], width: float | None) 
     cabin = next((elevators[p] for p in connector.places if p in elevators), None)
     if cabin is not None:
         return cabin
-    return connector.name if _narrow(connector, width) else None
-
-
-def _narrow(connector: PlaceConnector, width: float | None) -> bool:
-    if connector.width is None or width is None:
-        return True
-    return connector.width < 2 * width + 3 * ROOM
+    if connector.width is not None and width is not None:
+        return None if connector.width >= 2 * width + 3 * ROOM else connector.name
+    return connector.name

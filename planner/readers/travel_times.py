@@ -237,12 +237,13 @@ class TravelTimeStore:
         unmeasured = self._class.unmeasured
         if unmeasured is None and not len(rows):
             return None
-        self._compared = (
+        values = {"robot": self._class.id, "rule": _rule()}
+        self._compared = bool(
             some_expire
             or unmeasured is None
             or self._class.fields_changed
             or _affects_travel(seen, unmeasured)
-            or _have_other_rules(seen, self._class.id)
+            or seen.connection.execute(text(_OTHER_RULES), values).scalar()
         )
         if self._compared:
             digests = compute_place_digests(seen, _reach(self._class.robot))
@@ -273,19 +274,17 @@ class TravelTimeStore:
             with seen.connection.begin_nested():
                 if may_store_travel_times(seen, self._class.id, self._class.digest):
                     waiting = self._unstored & {*but}
-                    self._write(seen, graph, self._unstored - waiting)
+                    places = self._unstored - waiting
+                    ids = [n for p in places if (n := graph.topology.places[p].id) is not None]
+                    if ids:
+                        digests = compute_place_digests(seen, _reach(graph.robot), ids)
+                        travel = travel_in_places(graph, places)
+                        store_travel_times(seen, self._class.id, travel, digests)
                     if not waiting:
                         store_measured_until(seen, self._class.id, cursor)
                     self._unstored = waiting
         except (OperationalError, IntegrityError):
             return  # another process has stored some since this transaction began
-
-    def _write(self, seen: Snapshot, graph: RoutingGraph, places: set[str]) -> None:
-        numbers = [n for p in places if (n := graph.topology.places[p].id) is not None]
-        if numbers:
-            digests = compute_place_digests(seen, _reach(graph.robot), numbers)
-            travel = travel_in_places(graph, places)
-            store_travel_times(seen, self._class.id, travel, digests)
 
 
 def _affects_travel(seen: Snapshot, ids: Collection[int]) -> bool:
@@ -301,12 +300,6 @@ def _rule() -> str:
     """How digests of this rule and policy begin."""
     policy = (resources.files("navgrid") / "policy.yaml").read_bytes()
     return f"{RULE}.{md5(policy, usedforsecurity=False).hexdigest()[:8]}:"
-
-
-def _have_other_rules(seen: Snapshot, robot_class: int) -> bool:
-    """Whether stored travel times of the current map were measured by another rule."""
-    values = {"robot": robot_class, "rule": _rule()}
-    return bool(seen.connection.execute(text(_OTHER_RULES), values).scalar())
 
 
 def _reach(robot: RobotClass) -> float:

@@ -6,8 +6,8 @@ It chooses among thousands of viewpoints. What the chosen ones see is then compu
 
 from __future__ import annotations
 
-import hashlib
 import math
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -88,14 +88,11 @@ class LineOfSight:
         return clear
 
 
-_latest: dict[bytes, LineOfSight] = {}
+@lru_cache(maxsize=1)
+def _space(triangles: bytes) -> LineOfSight:
+    return LineOfSight(np.frombuffer(triangles).reshape(-1, 3, 3))
 
 
 def line_of_sight(triangles: Floats) -> LineOfSight:
     """The space that triangles (F, 3, 3) leave free; the latest one is kept for the next search."""
-    key = hashlib.blake2b(triangles.tobytes()).digest()
-    if key not in _latest:
-        made = LineOfSight(triangles)
-        _latest.clear()
-        _latest[key] = made
-    return _latest[key]
+    return _space(triangles.tobytes())

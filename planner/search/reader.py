@@ -44,15 +44,6 @@ class BelievedObject:
         return self.shut.union(closed)
 
 
-@dataclass(frozen=True)
-class LookRow:
-    """The answer of a look for one place."""
-
-    number: int
-    place: str
-    seen: bool
-
-
 def read_believed_object(seen: Snapshot, name: str) -> BelievedObject:
     """An object or agent of the current map, with the places at which it has room.
 
@@ -87,11 +78,13 @@ def is_doubtful(seen: Snapshot, name: str) -> bool:
     return best["probability"] < SURE or not _scalar(seen, _IS_AT, name=name, place=best["place"])
 
 
-def read_looks(seen: Snapshot, name: str, robot: str, after: int) -> tuple[list[LookRow], int]:
-    """What a robot has observed of an object since an observation, and the newest one of all."""
+def read_looks(seen: Snapshot, name: str, robot: str, after: int) -> tuple[Sequence[Any], int]:
+    """What a robot has observed of an object since an observation, and the newest one of all.
+
+    Each look has a place, and whether the object was seen there.
+    """
     values = {"name": name, "robot": robot, "after": after}
-    rows = seen.connection.execute(text(_LOOKS), values)
-    looks = [LookRow(row.id, row.place, row.seen) for row in rows]
+    looks = seen.connection.execute(text(_LOOKS), values).all()
     return looks, int(_scalar(seen, "SELECT coalesce(max(id), 0) FROM observation"))
 
 
@@ -152,7 +145,7 @@ SELECT EXISTS (SELECT FROM entity e WHERE e.map_id = current_map() AND e.name = 
 """
 
 _LOOKS = """
-SELECT o.id, p.name AS place, o.seen FROM observation o JOIN entity p ON p.id = o.place_id
+SELECT p.name AS place, o.seen FROM observation o JOIN entity p ON p.id = o.place_id
 WHERE o.entity_id = entity_id(:name) AND o.observer_id = entity_id(:robot) AND o.id > :after
 ORDER BY o.id
 """

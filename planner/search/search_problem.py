@@ -8,6 +8,7 @@ seconds, and `wrong` seconds for each object whose place is declared wrongly.
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -225,6 +226,11 @@ def as_pomdp(problem: SearchProblem, belief: Floats, *, most_states: int = 1000)
         after = np.broadcast_to(following, state.shape).ravel()
         actions.append((name, np.append(after, n - 1), np.append(reward, 0.0), answer))
 
+    def chances(viewpoint: int, spots: tuple[int, ...]) -> list[float]:
+        """The probability of each outcome of a look, if each object is at a spot for certain."""
+        answers = problem.answers(np.eye(s)[list(spots)], viewpoint)[np.arange(o), list(spots)]
+        return [math.prod(answers[np.arange(o), list(outcome)].tolist()) for outcome in outcomes]
+
     legs = np.concatenate([problem.travel, problem.start[None]])  # (V + 1, V)
     np.fill_diagonal(legs, problem.look)  # to wait takes time: a search that never ends costs more
     far = 10 * (problem.wrong * o + legs[np.isfinite(legs)].sum() + 1.0)
@@ -240,7 +246,7 @@ def as_pomdp(problem: SearchProblem, belief: Floats, *, most_states: int = 1000)
         sees = at == viewpoint
         if viewpoint in shut:
             sees &= is_open[shut.index(viewpoint)] == 1
-        each = np.array([_joint_answers(problem, viewpoint, spots, outcomes) for spots in hidden])
+        each = np.array([chances(viewpoint, spots) for spots in hidden])
         answer[:-1][sees] = each[where[sees]]
     add("look", state, np.full(n - 1, -problem.look), answer)
     places = problem.place_of[np.array(hidden)]  # (h, O)
@@ -275,20 +281,6 @@ def as_pomdp(problem: SearchProblem, belief: Floats, *, most_states: int = 1000)
 
 def _pairs(problem: SearchProblem, values: Sequence[int]) -> zip[tuple[str, int]]:
     return zip(problem.objects, values, strict=True)
-
-
-def _joint_answers(
-    problem: SearchProblem,
-    viewpoint: int,
-    spots: tuple[int, ...],
-    outcomes: Sequence[tuple[int, ...]],
-) -> Floats:
-    """The probability of each outcome of a look, if each object is at a spot for certain."""
-    belief = np.eye(len(problem.place_of))[list(spots)]
-    answers = problem.answers(belief, viewpoint)[np.arange(len(spots)), list(spots)]
-    return np.array(
-        [np.prod([answers[i, place] for i, place in enumerate(outcome)]) for outcome in outcomes]
-    )
 
 
 def _refuse_outside(name: str, value: Floats | float | None, low: float, high: float) -> None:

@@ -50,7 +50,10 @@ def build_problem(
     aside = _limit_pickups(draft, [*lifted, *draft.surfaces])
     if domain is None:
         prune(draft, aside)
-    _add_placements(draft, {*aside, *extra})
+    _add_surfaces(draft, {*aside, *extra})
+    targets = _targets(problem)
+    _add_sites(draft, targets)
+    _add_holders(draft, targets)
     _count_slots(draft, more)
     problem.finals = draft.finals
     _add_travel_times(draft)
@@ -118,17 +121,6 @@ def _off_target(draft: ProblemDraft, name: str) -> set[str]:
     return found
 
 
-def _add_placements(draft: ProblemDraft, anywhere: Collection[str]) -> None:
-    """Fill the surfaces of a problem, and the sites at which the robot reaches them.
-
-    The objects `anywhere` may be put on every surface of the problem.
-    """
-    targets = _targets(draft.problem)
-    _add_surfaces(draft, anywhere)
-    _add_sites(draft, targets)
-    _add_holders(draft, targets)
-
-
 def _targets(problem: Problem) -> set[str]:
     """The objects that the goal and the operators name."""
     targets = {n for names in problem.candidates.values() for n in names}
@@ -138,6 +130,7 @@ def _targets(problem: Problem) -> set[str]:
 
 
 def _add_surfaces(draft: ProblemDraft, anywhere: Collection[str]) -> None:
+    """Fill the surfaces of a problem; the objects `anywhere` may be put on each of them."""
     problem, world = draft.problem, draft.world
     moved = problem.limits
     surfaces = dict.fromkeys(on for name in moved for on in draft.surfaces.get(name, ()))
