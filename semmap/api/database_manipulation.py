@@ -192,9 +192,9 @@ class DatabaseManipulation:
     @staticmethod
     def manipulation_key() -> str:
         """The public key with which `export_manipulation` signs, 64 digits; others trust it."""
-        from semmap.manipulation.signing import own_key, public_key
+        from semmap.manipulation.signing import own_key
 
-        return public_key(own_key()).hex()
+        return bytes(own_key().verify_key).hex()
 
     def trust_contributor(self, name: str, key: str, level: float = 1.0) -> None:
         """Trust a contributor, so that its files can be imported.

@@ -28,7 +28,7 @@ from semmap.manipulation.found_actions import FoundActions
 from semmap.manipulation.gripper import Gripper
 from semmap.manipulation.placing import PlacePose, covered, place_candidates, stability
 from semmap.manipulation.ranking import ranked
-from semmap.manipulation.reader import actions_on, in_model
+from semmap.manipulation.reader import STORED, actions_on, in_model
 from semmap.manipulation.retrieval import find_grasps, gripper_name, stored_gripper
 from semmap.manipulation.store.actions import add_actions
 from semmap.manipulation.store.model_shapes import model_mesh, shape_of
@@ -50,9 +50,6 @@ REACHED = 150
 
 AT_SPOT = 6
 """Places at one spot whose reach is computed."""
-
-STORED = 1000
-"""The most stored places of a model that are considered."""
 
 UPRIGHT = np.cos(np.radians(5))
 """Of a stored place whose way down differs by less from the vertical."""
@@ -107,7 +104,7 @@ def find_places(
     if not places:
         return FoundActions([], problems or [f"{entity}: gripper {chosen} has no grasp of it"])
     obstacles = obstacles_around(seen, on, without=entity)
-    spots = place_candidates(vertices, upright, surfaces, obstacles.triangles, all_headings=True)
+    spots = place_candidates(vertices, upright, surfaces, obstacles.triangles)
     if not spots:
         problem = f"{on}: none of its surfaces has room for {entity}"
         return FoundActions([], [problem], generated)

@@ -57,13 +57,12 @@ def place_candidates(
     obstacles: Floats,
     *,
     spacing: float = 0.04,
-    all_headings: bool = False,
 ) -> list[PlacePose]:
     """Poses at which an object stands free on a surface, the ones with most room first.
 
     The object is (N, 3) vertices in its model's frame, which stands in the pose `upright` (4, 4);
     its place and heading are chosen here. It stays `MARGIN` from edges and `obstacles`, triangles
-    (F, 3, 3) of all else. `all_headings` returns those of a spot, too, where any is free.
+    (F, 3, 3) of all else.
     """
     standing = vertices @ upright[:3, :3].T
     low, high = standing.min(axis=0), standing.max(axis=0)
@@ -90,10 +89,7 @@ def place_candidates(
         edge, blocked = surface.outline, shapely.union_all(_outlines(flat[near]))
         shapely.prepare([edge, blocked])
         spots = spots_on(edge, spacing)
-        tried = np.ones((len(spots), TURNS), bool)
-        if not all_headings:
-            tried[_room(shapely.points(spots), edge, blocked) >= radius + MARGIN, 1:] = False
-        which, turn = np.nonzero(tried)
+        which, turn = np.indices((len(spots), TURNS)).reshape(2, -1)
         areas = shapely.polygons(turned[turn] + spots[which, None])
         inside = np.flatnonzero(shapely.contains(edge, areas))
         gaps = _room(areas[inside], edge, blocked)

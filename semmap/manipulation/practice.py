@@ -17,7 +17,7 @@ from semmap.manipulation.places import find_places
 from semmap.manipulation.pushes import find_pushes
 from semmap.manipulation.pushing import Push
 from semmap.manipulation.ranking import grasp_of_row
-from semmap.manipulation.reader import actions_on
+from semmap.manipulation.reader import STORED, actions_on
 from semmap.manipulation.retrieval import find_grasps, gripper_name, stored_gripper
 from semmap.manipulation.store.actions import add_actions
 from semmap.manipulation.store.model_shapes import model_mesh
@@ -28,9 +28,6 @@ from semmap.query.snapshot import Snapshot
 
 GRASPS = 100
 """The most grasps of an object that are considered."""
-
-STORED = 1000
-"""The most stored grasps among which those of places are looked up."""
 
 NOT_HELD = "not held"
 """The outcome at a place whose grasp fails."""

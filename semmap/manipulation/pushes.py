@@ -21,16 +21,13 @@ from semmap.manipulation.error import ManipulationError
 from semmap.manipulation.found_actions import FoundActions
 from semmap.manipulation.pushing import Push, free_pushes, push_candidates
 from semmap.manipulation.ranking import ranked
-from semmap.manipulation.reader import actions_on
+from semmap.manipulation.reader import STORED, actions_on
 from semmap.manipulation.retrieval import gripper_name, stored_gripper
 from semmap.manipulation.store.actions import add_actions
 from semmap.manipulation.store.model_shapes import model_mesh, shape_of
 from semmap.manipulation.surroundings import entity_pose, obstacles_around
 from semmap.query.entity_query import entity_id
 from semmap.query.snapshot import Snapshot
-
-STORED = 1000
-"""The most stored pushes of a model that are considered."""
 
 LEVEL = 0.02
 """The largest rise of a push that counts as level, a share of its length."""

@@ -29,6 +29,9 @@ from semmap.suggestions import suggestion
 
 Row = dict[str, Any]
 
+STORED = 1000
+"""The most stored actions on an object that are considered."""
+
 POSES = ("pose", "pre_pose", "post_pose", "model_pose", "shape_pose")
 
 

@@ -19,7 +19,7 @@ from semmap.manipulation.found_actions import FoundActions
 from semmap.manipulation.gripper import Gripper, read_gripper
 from semmap.manipulation.linked import fitting_rows, prepare_links
 from semmap.manipulation.ranking import best_first, moved_alike, ranked
-from semmap.manipulation.reader import actions_by_shape, actions_on, entities_meant
+from semmap.manipulation.reader import STORED, actions_by_shape, actions_on, entities_meant
 from semmap.manipulation.solids import PrimitiveShape
 from semmap.manipulation.store.actions import add_actions
 from semmap.manipulation.store.devices import add_gripper, gripper_id
@@ -32,9 +32,6 @@ DEFAULT_GRIPPER = Path(__file__).with_name("parallel_gripper.urdf")
 
 MODELS = 20
 """The most object models of one query for which candidates are generated."""
-
-RANKED = 1000
-"""The most grasps of one query that are ranked and checked for collisions."""
 
 
 def find_grasps(
@@ -60,7 +57,7 @@ def find_grasps(
     prepare_links(seen, entities)
 
     def stored() -> tuple[list[dict[str, Any]], list[str]]:
-        rows = actions_on(seen, **asked, gripper=chosen, limit=RANKED)  # type: ignore[arg-type]
+        rows = actions_on(seen, **asked, gripper=chosen, limit=STORED)  # type: ignore[arg-type]
         return fitting_rows(seen, rows)
 
     rows, problems = stored()
@@ -107,7 +104,7 @@ def known_grasps(seen: Snapshot, entity: str, name: str, gripper: Gripper) -> li
     object has no mesh or no volume.
     """
     if seen.session.execute(HAS_GRIPPER, (name,)).fetchone():
-        rows = actions_on(seen, name=entity, gripper=name, limit=RANKED)
+        rows = actions_on(seen, name=entity, gripper=name, limit=STORED)
         rows = [row for row in fitting_rows(seen, rows)[0] if row["entity"] == entity]
         if rows:
             return rows

@@ -14,14 +14,12 @@ from semmap.manipulation.automata import base_pose, reachable_rows, register_rob
 from semmap.manipulation.found_actions import FoundActions
 from semmap.manipulation.places import find_places
 from semmap.manipulation.pushes import find_pushes
+from semmap.manipulation.reader import STORED
 from semmap.manipulation.retrieval import find_grasps, is_urdf
 from semmap.query.snapshot import Snapshot
 
 PLANNED = 40
 """Actions within reach among which one is chosen whose motion is free."""
-
-RANKED = 1000
-"""The most grasps whose reach is computed."""
 
 
 @dataclass(frozen=True)
@@ -58,7 +56,7 @@ class RobotActions:
 
     def grasps(self, **asked: Any) -> FoundActions:
         """The grasps that the arm reaches; arguments as of `find_grasps`."""
-        found = find_grasps(self.seen, **asked, gripper=self.gripper, limit=RANKED)
+        found = find_grasps(self.seen, **asked, gripper=self.gripper, limit=STORED)
         rows = reachable_rows(found.rows, self.arm, self.base, self.count)
         problems = found.problems
         if found.rows and not rows:

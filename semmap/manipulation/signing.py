@@ -27,16 +27,6 @@ def own_key(path: Path | None = None) -> Any:
         ) from error
 
 
-def public_key(key: Any) -> bytes:
-    """Return the public half of a signing key, 32 bytes."""
-    return bytes(key.verify_key)
-
-
-def sign(key: Any, content: bytes) -> bytes:
-    """Return the signature of a content, 64 bytes."""
-    return bytes(key.sign(content).signature)
-
-
 def is_signed(content: bytes, signature: bytes, key: bytes) -> bool:
     """Return whether a signature of a content is by the owner of a public key."""
     signing, refused = library("nacl.signing"), library("nacl.exceptions").BadSignatureError

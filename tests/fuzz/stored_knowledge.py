@@ -27,7 +27,6 @@ from semmap.knowledge.queries import query
 from semmap.knowledge.updates import update
 from semmap.manipulation.error import ManipulationError
 from semmap.manipulation.household_objects import import_household_grasps
-from semmap.manipulation.signing import public_key, sign
 from semmap.manipulation.store.actions import add_actions
 from semmap.manipulation.store.bundle import export_bundle, import_bundle, trust
 from semmap.manipulation.store.devices import add_gripper
@@ -79,7 +78,7 @@ def prepare(url: str) -> None:
         set_shape(session, "cup 1", primitive("cuboid", 0.1, 0.1, 0.1))
         (known, _) = add_actions(session, "cup 1", None, [candidate(), candidate(yaw=1.0)])
         record_task(session, "cup 1", action=known, outcome="completed")
-        trust(session, "other", public_key(KEY).hex())
+        trust(session, "other", bytes(KEY.verify_key).hex())
 
 
 @cache
@@ -308,7 +307,7 @@ def one_line(random: Random, seed: bytes, _: Sequence[bytes]) -> bytes:
 def run_bundle(data: bytes, folder: Path) -> None:
     """Import what a trusted contributor signed, in a database that lost what it says."""
     path = folder / "bundle"
-    signature = json.dumps({"signature": sign(KEY, data).hex()}).encode()
+    signature = json.dumps({"signature": KEY.sign(data).signature.hex()}).encode()
     path.write_bytes(data + signature + b"\n")
     with undone() as here:
         here.execute("DELETE FROM action")

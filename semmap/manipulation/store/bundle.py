@@ -25,7 +25,7 @@ from semmap.limits import TEXT_BYTES
 from semmap.manipulation.action_record import ActionRecord, action_key, pose_of
 from semmap.manipulation.bundle_entry import check_entry
 from semmap.manipulation.error import ManipulationError
-from semmap.manipulation.signing import is_signed, own_key, public_key, sign
+from semmap.manipulation.signing import is_signed, own_key
 from semmap.manipulation.store.actions import insert_actions
 from semmap.manipulation.store.database_answers import number, refusals
 from semmap.manipulation.store.devices import add_gripper
@@ -93,7 +93,7 @@ def export_bundle(
             "format": FORMAT,
             "version": VERSION,
             "contributor": name,
-            "key": public_key(signer).hex(),
+            "key": bytes(signer.verify_key).hex(),
             "at": datetime.now(UTC).isoformat(),
         }
     ]
@@ -106,7 +106,7 @@ def export_bundle(
             row["replaced_by"] = None
         lines.append({"action": row})
     body = "".join(json.dumps(line, default=str) + "\n" for line in lines).encode()
-    signature = json.dumps({"signature": sign(signer, body).hex()}).encode() + b"\n"
+    signature = json.dumps({"signature": signer.sign(body).signature.hex()}).encode() + b"\n"
     try:
         path.write_bytes(body + signature)
     except OSError as error:

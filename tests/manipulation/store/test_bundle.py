@@ -17,7 +17,7 @@ from semmap.geometry.pose import Pose
 from semmap.manipulation.action_record import ActionRecord
 from semmap.manipulation.error import ManipulationError
 from semmap.manipulation.reader import actions_by_shape, actions_on
-from semmap.manipulation.signing import own_key, public_key, sign
+from semmap.manipulation.signing import own_key
 from semmap.manipulation.store.actions import add_actions, add_put
 from semmap.manipulation.store.bundle import export_bundle, import_bundle, trust
 from semmap.manipulation.store.devices import add_gripper
@@ -28,7 +28,7 @@ from tests.manipulation.cup_map import candidate, primitive
 from tests.seen import seen_by
 
 KEY = SigningKey(bytes(range(32)))
-PUBLIC = public_key(KEY).hex()
+PUBLIC = bytes(KEY.verify_key).hex()
 
 
 @pytest.fixture(scope="module")
@@ -143,7 +143,7 @@ def changed(content: bytes, line: int, old: str, new: str) -> bytes:
 def signed(content: bytes) -> bytes:
     """The bundle, signed again by its contributor."""
     body = content.rstrip(b"\n").rpartition(b"\n")[0] + b"\n"
-    return body + json.dumps({"signature": sign(KEY, body).hex()}).encode() + b"\n"
+    return body + json.dumps({"signature": KEY.sign(body).signature.hex()}).encode() + b"\n"
 
 
 DAMAGE = {
