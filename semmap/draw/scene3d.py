@@ -67,7 +67,6 @@ def scene3d(
     azimuth: float = -62.0,
     elevation: float = 42.0,
     width: int = 2200,
-    tint_rooms: bool = True,
     marked: Sequence[RoomView] = (),
 ) -> Path:
     """Draw storeys in 3D and save the picture as PNG; return its path.
@@ -79,7 +78,6 @@ def scene3d(
     cut : height above a storey's floor at which walls are cut open, metres
     azimuth, elevation : from which the storeys are seen, degrees
     width : pixels
-    tint_rooms : give each room's floor the colour of its type
     marked : draw a coloured box around each, with its name, in the lowest storey
 
     Raises
@@ -91,7 +89,7 @@ def scene3d(
     storeys = sorted(storeys, key=lambda s: s.elevation)
     tall = max((r.high - r.low for s in storeys for r in s.rooms), default=cut) if boxes else cut
     lifted = list(zip(storeys, _shifts(storeys, *eye, tall), strict=True))
-    surfaces = [_surfaces(s, shift, cut, tint_rooms) for s, shift in lifted]
+    surfaces = [_surfaces(s, shift, cut) for s, shift in lifted]
     rooms = [(room, shift) for s, shift in lifted for room in s.rooms]
     routes = [_lifted(p, s.elevation + 0.08) + shift for s, shift in lifted for p in s.path]
     lines: list[_Line] = []
@@ -192,11 +190,11 @@ def _floor(room: RoomView, regions: Sequence[RegionView]) -> Outline:
     return shapely.MultiPolygon(polygons(left))
 
 
-def _surfaces(storey: StoreyView, shift: Floats, cut: float, tint: bool) -> Surfaces:
+def _surfaces(storey: StoreyView, shift: Floats, cut: float) -> Surfaces:
     """The surfaces of a storey, lifted by `shift`."""
     meshes: list[tuple[Mesh, str, float, bool]] = []  # with its colour, cut and cap
     for room in storey.rooms:
-        colour = room_colour(room.types, room.name) if tint else "#ece9e2"
+        colour = room_colour(room.types, room.name)
         outline = _floor(room, storey.regions)
         for polygon in getattr(outline, "geoms", [outline]):
             floor = prism_mesh(polygon, room.low - _SLAB, room.low + 0.006)

@@ -50,14 +50,14 @@ class ActionRecord:
     shift: tuple[float, ...] | None = None
 
     @classmethod
-    def of(cls, given: Any, kind: str, where: str) -> ActionRecord:
+    def of(cls, given: Any, where: str) -> ActionRecord:
         """The record of a candidate: an object with poses (4, 4), or a record; as `checked`."""
         if isinstance(given, cls):
             return given.checked(where)
         before, after = getattr(given, "pre_grasp", None), getattr(given, "retreat", None)
         motion, shift = getattr(given, "motion", None), getattr(given, "shift", None)
         return cls(
-            kind=getattr(given, "kind", kind),
+            kind=getattr(given, "kind", "grasp"),
             pose=pose_of(given.pose, f"{where}: pose"),
             pre_pose=None if before is None else pose_of(before, f"{where}: pre_grasp"),
             post_pose=None if after is None else pose_of(after, f"{where}: retreat"),

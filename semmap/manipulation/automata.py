@@ -45,13 +45,12 @@ def register_robot(
     name: str | None = None,
     *,
     palm: str | None = None,
-    gripper: str | None = None,
     posture: Mapping[str, float] | None = None,
 ) -> str:
     """Store a robot with its gripper and sensors, as an automaton; return its name.
 
     Its sensors are devices ROBOT/SENSOR; the first one that finds objects is that of the automaton.
-    `palm` tells its gripper, by default named as it is and ``_gripper``. It drives with the joints
+    `palm` tells its gripper, which is named as it is and ``_gripper``. It drives with the joints
     in `posture`, radians or metres, by default `carrying_posture`. ManipulationError where it has
     no gripper that a joint moves, or cannot take the posture.
     """
@@ -62,7 +61,7 @@ def register_robot(
         posture = carrying_posture(arm)
     chosen = name or found.robot.name
     with session.transaction():
-        hand = register_gripper(session, urdf, gripper or f"{chosen}_gripper", palm=palm)
+        hand = register_gripper(session, urdf, f"{chosen}_gripper", palm=palm)
         add_device(
             session,
             chosen,

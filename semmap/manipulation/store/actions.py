@@ -24,9 +24,7 @@ def add_actions(
     gripper: str | None,
     actions: Iterable[Any],
     *,
-    kind: str = "grasp",
     frame: str = "model",
-    contributor: str = OWN,
 ) -> list[int]:
     """Store actions on an object model, all or none; return their ids.
 
@@ -38,20 +36,18 @@ def add_actions(
     gripper : name; the preferred one where None
     actions : records, or candidates with `pose` (4, 4), `pre_grasp`, `width`, `approach`,
         `quality`, `posture` and `pre_posture`
-    kind : of candidates that do not say
     frame : of the poses: ``model``, ``map``, or the name of an entity. The last two need the name
         of an entity as `model`: its pose now.
 
     Raises
     ------
     LookupError
-        There is no such entity, gripper, contributor or frame.
+        There is no such entity, gripper or frame.
     ManipulationError
         An action cannot be used: the text has its number, and what is wrong. None is stored.
     """
     records = [
-        ActionRecord.of(action, kind, f"{kind} {number}")
-        for number, action in enumerate(actions, 1)
+        ActionRecord.of(action, f"grasp {number}") for number, action in enumerate(actions, 1)
     ]
     outer = _frame(session, model, frame)
     if outer is not None:
@@ -68,14 +64,14 @@ def add_actions(
         for number, record in enumerate(records, 1):
             if record.width is not None and record.width > row[2] + 1e-6:
                 raise ManipulationError(
-                    f"{kind} {number}: width is {record.width:g} m, but gripper {row[1]} opens "
+                    f"grasp {number}: width is {record.width:g} m, but gripper {row[1]} opens "
                     f"{row[2]:g} m: correct the width, or name another gripper"
                 )
         keys = [action_key(record, row[0], row[1]) for record in records]
         rows = [
             (key, record, object_, of_gripper) for key, record in zip(keys, records, strict=True)
         ]
-        insert_actions(session, rows, contributor)
+        insert_actions(session, rows)
         found = dict(
             session.execute("SELECT key, id FROM action WHERE key = ANY (%s)", (keys,)).fetchall()
         )

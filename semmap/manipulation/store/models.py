@@ -49,7 +49,6 @@ def add_object(
     *,
     name: str | None = None,
     type: str | None = None,
-    functions: Sequence[str] = (),
     primitive: Any = None,
     digests: Sequence[str] = (),
 ) -> int:
@@ -62,9 +61,9 @@ def add_object(
         raise ManipulationError(f"{key}: there is no type {type}{suggestion(type, known)}")
     with refusals(), session.transaction():
         session.execute(
-            "INSERT INTO object_model (key, name, type, functions) VALUES (%s, %s, %s, %s) "
+            "INSERT INTO object_model (key, name, type) VALUES (%s, %s, %s) "
             "ON CONFLICT (key) DO NOTHING",
-            (key, name, type, list(functions)),
+            (key, name, type),
         )
         id_ = number(session.execute("SELECT id FROM object_model WHERE key = %s", (key,)))
         for digest in digests:
