@@ -67,13 +67,12 @@ def _edge(connector: PlaceConnector) -> str:
 
 
 def _rides(topology: Topology, drawn: set[str]) -> Iterator[str]:
+    def height(place: str) -> float:
+        poses = [c.poses[side] for c, side in topology.connectors_of(place)]
+        return min((pose.z for pose in poses), default=0.0)
+
     for elevator, cabins in topology.cabins().items():
-        ordered = sorted((c for c in cabins if c in drawn), key=lambda c: _height(topology, c))
+        ordered = sorted((c for c in cabins if c in drawn), key=height)
         for a, b in pairwise(ordered):
             attributes = _attributes(label=elevator, style="dashed")
             yield f"{_quoted(a)} -- {_quoted(b)} {attributes};"
-
-
-def _height(topology: Topology, place: str) -> float:
-    """The lowest z of the approach poses in a place; 0 without any."""
-    return min((c.poses[side].z for c, side in topology.connectors_of(place)), default=0.0)

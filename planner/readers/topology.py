@@ -119,22 +119,16 @@ def read_connectors(
     if not rows:
         return []
     packed = np.frombuffer(b"".join([row[0] for row in rows]), _THREE_POSES)
-    poses = packed["poses"]["value"].astype(np.float64).reshape(-1, 3, 7)
-    a, b = (map(Pose._make, _composed(poses[:, 0], poses[:, k]).tolist()) for k in (1, 2))
-    return [
-        _connector(row, names, poses)
-        for poses, row in zip(zip(a, b, strict=True), rows, strict=True)
-    ]
-
-
-def _connector(
-    row: tuple[Any, ...], names: dict[int | None, str], poses: tuple[Pose, Pose]
-) -> PlaceConnector:
-    _, place_a, place_b, name, *details, permissions, properties, number = row
-    fields: list[Any] = [name, (names[place_a], names[place_b]), poses]
-    fields += details  # from form to step, as PlaceConnector has them
-    fields += [frozenset(permissions or ()), properties or _NO_PROPERTIES, number]
-    return PlaceConnector(*fields)
+    three = packed["poses"]["value"].astype(np.float64).reshape(-1, 3, 7)
+    a, b = (map(Pose._make, _composed(three[:, 0], three[:, k]).tolist()) for k in (1, 2))
+    found = []
+    for poses, row in zip(zip(a, b, strict=True), rows, strict=True):
+        _, place_a, place_b, name, *details, permissions, properties, number = row
+        fields: list[Any] = [name, (names[place_a], names[place_b]), poses]
+        fields += details  # from form to step, as PlaceConnector has them
+        fields += [frozenset(permissions or ()), properties or _NO_PROPERTIES, number]
+        found.append(PlaceConnector(*fields))
+    return found
 
 
 def _composed(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:

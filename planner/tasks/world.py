@@ -114,7 +114,9 @@ class TaskObject:
             return f"{self.name} is not graspable (its property `graspable` says so)"
         if self.graspable is None:
             if not _FIXED_TYPES.isdisjoint(self.types):
-                return f"{self.name} is {_article(self.types[0])}; a robot does not carry it"
+                kind = self.types[0].replace("_", " ")
+                article = "an" if kind[0] in "aeiou" else "a"
+                return f"{self.name} is {article} {kind}; a robot does not carry it"
             if self.hangs:
                 return f"{self.name} hangs; a robot does not take it down"
             if not (self.classified or any(self.size)):
@@ -150,11 +152,6 @@ def _out_of_reach(name: str, height: float, heights: tuple[float, float]) -> str
     if height < heights[0]:
         return f"{name} is {height:.1f} m high, the robot reaches down to {heights[0]:.1f} m"
     return None
-
-
-def _article(kind: str) -> str:
-    kind = kind.replace("_", " ")
-    return f"{'an' if kind[0] in 'aeiou' else 'a'} {kind}"
 
 
 @dataclass(frozen=True)

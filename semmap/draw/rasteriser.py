@@ -105,7 +105,9 @@ def nearest_triangles(
         face, x, y = _spans(corners, face, row, width)
         depth = planes[face, 0] * x + planes[face, 1] * y + planes[face, 2]
         if cut is not None and isinstance(camera, Camera):
-            kept = _height(camera, y, depth) <= cut[face]
+            along_up = (camera.size[1] / 2 - y) / camera.scale + camera.centre[1]
+            z = along_up * camera.up[2] + depth * camera.back[2]  # `right` is level
+            kept = z <= cut[face]
             face, x, y, depth = face[kept], x[kept], y[kept], depth[kept]
         level = np.clip((depth - far) * steps, 0, 2**_DEPTH_BITS - 2).astype(np.int64)
         key = (level << _FACE_BITS) | face
@@ -160,13 +162,6 @@ def _spans(
     counts = np.maximum(last - first + 1, 0)
     span, column = _expand(np.arange(len(face)), counts, first)
     return face[span], column + 0.5, y[span]
-
-
-def _height(camera: Camera, y: Floats, depth: Floats) -> Floats:
-    """The z in the map's frame of pixels at a depth; `right` is level."""
-    along_up = (camera.size[1] / 2 - y) / camera.scale + camera.centre[1]
-    z: Floats = along_up * camera.up[2] + depth * camera.back[2]
-    return z
 
 
 def quarters(image: NDArray[Any]) -> NDArray[Any]:

@@ -91,7 +91,11 @@ def scene3d(
     lifted = list(zip(storeys, _shifts(storeys, *eye, tall), strict=True))
     surfaces = [_surfaces(s, shift, cut) for s, shift in lifted]
     rooms = [(room, shift) for s, shift in lifted for room in s.rooms]
-    routes = [_lifted(p, s.elevation + 0.08) + shift for s, shift in lifted for p in s.path]
+    routes = [
+        np.insert(p[:, :2], 2, s.elevation + 0.08, axis=1) + shift
+        for s, shift in lifted
+        for p in s.path
+    ]
     lines: list[_Line] = []
     if boxes:
         for (room, shift), colour in zip(rooms, cycle(BOX_COLOURS)):
@@ -250,10 +254,6 @@ def _box_edges(room: RoomView) -> list[Floats]:
     return [
         np.stack([corner[i], corner[i | bit]]) for i in range(8) for bit in (1, 2, 4) if not i & bit
     ]
-
-
-def _lifted(points: Floats, height: float) -> Floats:
-    return np.column_stack([points[:, :2], np.full(len(points), height)])
 
 
 def _rides(routes: Sequence[Floats]) -> list[_Line]:

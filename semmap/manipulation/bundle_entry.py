@@ -22,23 +22,14 @@ class _Form(NamedTuple):
 
 
 def _is_text(value: Any) -> bool:
-    return isinstance(value, str) and "\0" not in value and _is_unicode(value)
-
-
-def _is_unicode(value: str) -> bool:
     try:
-        value.encode()
+        return isinstance(value, str) and b"\0" not in value.encode()
     except UnicodeEncodeError:  # half of a pair of surrogates
         return False
-    return True
 
 
 def _is_name(value: Any) -> bool:
     return _is_text(value) and 0 < len(value) <= NAME_CHARACTERS.value
-
-
-def _is_number(value: Any) -> bool:
-    return is_finite_number(value) and abs(value) <= LARGEST
 
 
 def _is_key(value: Any) -> bool:
@@ -67,19 +58,19 @@ def _by_name(form: _Form) -> _Form:
     )
 
 
-def _or_null(form: _Form) -> _Form:
-    return _Form(f"{form.words} or null", lambda value: value is None or form.holds(value))
-
-
 NAME = _Form(f"a name of 1 to {NAME_CHARACTERS.value:g} characters", _is_name)
 TEXT = _Form("a text", _is_text)
-NUMBER = _Form(f"a number from {-LARGEST:g} to {LARGEST:g}", _is_number)
+NUMBER = _Form(
+    f"a number from {-LARGEST:g} to {LARGEST:g}",
+    lambda value: is_finite_number(value) and abs(value) <= LARGEST,
+)
 COUNT = _Form(
     f"a count up to {LARGEST:g}",
     lambda value: isinstance(value, int) and not isinstance(value, bool) and 0 <= value <= LARGEST,
 )
 KEY = _Form("a UUID", _is_key)
 NUMBERS = _list(NUMBER)
+LIMITS = _list(_Form(f"{NUMBER.words} or null", lambda value: value is None or NUMBER.holds(value)))
 
 REQUIRED: dict[str, dict[str, _Form]] = {
     "gripper": {"name": NAME, "form": NAME, "opening": NUMBER, "depth": NUMBER},
@@ -95,7 +86,7 @@ REQUIRED: dict[str, dict[str, _Form]] = {
     },
 }
 OPTIONAL: dict[str, dict[str, _Form]] = {
-    "gripper": {"urdf": TEXT, "joints": _by_name(_list(_or_null(NUMBER)))},
+    "gripper": {"urdf": TEXT, "joints": _by_name(LIMITS)},
     "object": {
         "name": NAME,
         "type": NAME,
