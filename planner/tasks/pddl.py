@@ -32,7 +32,7 @@ _DOMAIN = """\
     (takes ?y ?x - thing) (fixed ?y - thing ?l - site) (carrier ?x - thing) (single ?x - thing)
     (load ?n - count) (more ?n ?m - count) (left-of ?x - thing ?n - left) (less ?n ?m - left)
     (open ?v - word) (is ?v - word ?x - thing) (candidate ?v - word ?x - thing)
-    (taken ?v - word ?x - thing){predicates})
+    (taken ?v - word ?x - thing) (carries ?v - word) (free ?x - thing){predicates})
   (:functions (total-cost) - number (seconds ?a ?b - site) - number)
 
   (:action drive :parameters (?a ?b - site)
@@ -73,6 +73,14 @@ _DOMAIN = """\
     :precondition (and (not (working)) (open ?v) (candidate ?v ?x) (not (taken ?v ?x)))
     :effect (and (is ?v ?x) (not (open ?v)) (increase (total-cost) 0)
                  (forall (?w - word) (when (differ ?v ?w) (taken ?w ?x)))))
+
+  (:action leave :parameters (?x - thing)
+    :precondition (and (not (working)) (not (held ?x)))
+    :effect (and (free ?x) (increase (total-cost) 0)))
+
+  (:action keep :parameters (?v - word ?x - thing)
+    :precondition (and (not (working)) (carries ?v) (is ?v ?x))
+    :effect (and (free ?x) (increase (total-cost) 0)))
 {actions})
 """
 
@@ -134,37 +142,8 @@ class _Writer:
         ]
         for i in range(len(problem.operators)):
             predicates.append(f"(undone{i})")
-            actions += self._operator(i)
-        exempt = {*problem.held}
-        wanted = {
-            n
-            for a in problem.goal.atoms
-            if a.relation == "carries"
-            for n in problem.candidates[a.words[1]]
-        }
-        for name in problem.limits:
-            if name in wanted - exempt:
-                predicates.append(f"(free-{t[name]})")
-                goals.append(f"(free-{t[name]})")
-                actions.append(
-                    _action(
-                        f"let-{t[name]}",
-                        f"(not (working)) (not (held {t[name]}))",
-                        f"(free-{t[name]})",
-                    )
-                )
-                for a in problem.goal.atoms:
-                    if a.relation == "carries" and name in problem.candidates[a.words[1]]:
-                        word = self.words[a.words[1]]
-                        actions.append(
-                            _action(
-                                f"keep-{word}-{t[name]}",
-                                f"(not (working)) (is {word} {t[name]})",
-                                f"(free-{t[name]})",
-                            )
-                        )
-            elif name not in exempt:
-                goals.append(f"(not (held {t[name]}))")
+            actions.append(self._operator(i))
+        goals += [f"(free {t[name]})" for name in problem.limits if name not in problem.held]
         n, most = len(problem.sites), max([*problem.limits.values(), 0])
         objects = [
             f"{' '.join(t.values())} - thing" if t else "",
@@ -216,6 +195,8 @@ class _Writer:
         for v, w in problem.differ:
             facts.append(f"(differ {self.words[v]} {self.words[w]})")
             facts.append(f"(differ {self.words[w]} {self.words[v]})")
+        carried = [a.words[1] for a in problem.goal.atoms if a.relation == "carries"]
+        facts += [f"(carries {self.words[word]})" for word in carried]
         facts += [self._fact(f) for f in problem.facts]
         facts += [f"(undone{i})" for i in range(len(problem.operators))]
         lines = "\n    ".join
@@ -227,49 +208,32 @@ class _Writer:
         )
 
     def _reach(self, k: int) -> Iterator[str]:
-        """What makes an atom of the goal so in the end."""
-        problem, t = self.problem, self.ids
-        atom = problem.goal.atoms[k]
-        done = f"(reached{k})"
-        if atom.relation == "in" and atom.words[0].text == ROBOT:
-            for number, place in problem.finals:
-                if place in problem.regions[atom.words[1]]:
-                    yield _action(
-                        f"reach{k}-s{number}", f"(not (working)) (robot-at s{number})", done
-                    )
-            return
-        options = [
-            problem.candidates.get(w, []) if w.text != ROBOT else [ROBOT] for w in atom.words
-        ]
-        if atom.relation == "in" and atom.words[1] in problem.regions:
-            places = problem.regions[atom.words[1]]
-            for name in options[0]:
-                word = self.words[atom.words[0]]
-                for number, site in enumerate(problem.sites):
-                    if site.place in places:
-                        yield _action(
-                            f"reach{k}-{t[name]}-s{number}",
-                            f"(not (working)) (is {word} {t[name]}) (at {t[name]} s{number})",
-                            done,
-                        )
-            return
-        for chosen in product(*options):
-            pairs = [(w, n) for w, n in zip(atom.words, chosen, strict=True) if n != ROBOT]
-            means = " ".join(f"(is {self.words[w]} {t[n]})" for w, n in pairs)
-            if atom.relation == "carries":
-                fact = f"(held {t[chosen[1]]})"
-            elif atom.relation in ("on", "in"):
-                fact = f"(on {t[chosen[0]]} {t[chosen[1]]})"
-            else:
-                fact = self._fact((atom.relation, *chosen))
-            title = "-".join(t[n] for _, n in pairs)
-            yield _action(f"reach{k}-{title}", f"(not (working)) {means} {fact}", done)
+        """The actions that make an atom of the goal so in the end."""
+        problem, atom = self.problem, self.problem.goal.atoms[k]
+        things = {w: f"?x{i}" for i, w in enumerate(atom.words) if w in problem.candidates}
+        x, places = [*things.values()], problem.regions.get(atom.words[-1])
+        if atom.relation == "carries":
+            facts = [f"(held {x[0]})"]
+        elif atom.relation not in ("on", "in"):
+            facts = [f"(f-{' '.join([atom.relation, *x])})"]
+        elif places is None:
+            facts = [f"(on {' '.join(x)})"]
+        elif atom.words[0].text == ROBOT:
+            facts = [f"(robot-at s{n})" for n, place in problem.finals if place in places]
+        else:
+            sites = enumerate(problem.sites)
+            facts = [f"(at {x[0]} s{n})" for n, site in sites if site.place in places]
+        means = [f"(is {self.words[word]} {thing})" for word, thing in things.items()]
+        parameters = f"{' '.join(x)} - thing" if x else ""
+        for number, fact in enumerate(facts):
+            needs = " ".join(["(not (working))", *means, fact])
+            yield _action(f"reach{k}-{number}", parameters, needs, f"(reached{k})")
 
     def _fact(self, fact: Sequence[str]) -> str:
         return f"(f-{' '.join([fact[0], *(self.ids[n] for n in fact[1:])])})"
 
-    def _operator(self, i: int) -> Iterator[str]:
-        """An action of a domain file, at each site where it can be done."""
+    def _operator(self, i: int) -> str:
+        """An action of a domain file, at the site where it is done."""
         problem, t = self.problem, self.ids
         operator = problem.operators[i]
         needs = ["(working)", f"(undone{i})", *(f"(held {t[n]})" for n in operator.held)]
@@ -278,24 +242,18 @@ class _Writer:
         needs += [f"(not {self._fact(f)})" for f in operator.needs_not]
         effects = [f"(not (undone{i}))", "(may-drive)", *(self._fact(f) for f in operator.adds)]
         effects += [f"(not {self._fact(f)})" for f in operator.deletes if f not in operator.adds]
-        for number in [None] if operator.at is None else range(len(problem.sites)):
-            where = []
-            if number is not None and operator.at is not None:
-                if operator.at in problem.fixed and problem.spots[operator.at] != number:
-                    continue
-                kind = "fixed" if operator.at in problem.fixed else "at"
-                where = [f"(robot-at s{number})", f"({kind} {t[operator.at]} s{number})"]
-            yield _action(
-                f"do{i}-{operator.name}{'' if number is None else f'-s{number}'}",
-                " ".join([*needs, *where]),
-                " ".join(effects),
-                milliseconds(operator.seconds),
-            )
+        parameters = ""
+        if operator.at is not None:
+            kind, parameters = "fixed" if operator.at in problem.fixed else "at", "?l - site"
+            needs += ["(robot-at ?l)", f"({kind} {t[operator.at]} ?l)"]
+        cost = milliseconds(operator.seconds)
+        name = f"do{i}-{operator.name}"
+        return _action(name, parameters, " ".join(needs), " ".join(effects), cost)
 
 
-def _action(name: str, needs: str, effects: str, cost: int = 0) -> str:
+def _action(name: str, parameters: str, needs: str, effects: str, cost: int = 0) -> str:
     return (
-        f"  (:action {name} :parameters ()\n    :precondition (and {needs})\n"
+        f"  (:action {name} :parameters ({parameters})\n    :precondition (and {needs})\n"
         f"    :effect (and {effects} (increase (total-cost) {cost})))"
     )
 
