@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import numpy as np
 import shapely
 from shapely import MultiPolygon, Polygon
 from sqlalchemy import text
 
 from planner.exchange.route_graph import BuildingOutline, Cabin, DrawnLane
+from semmap.geometry.extent import extent
 from semmap.geometry.pose import Pose
 from semmap.query.snapshot import Snapshot
 
@@ -64,12 +66,9 @@ def _without(
 
 def _cabin(pose: Pose, outline: Polygon | MultiPolygon) -> Cabin:
     """The box around a cabin along the axes of its own frame."""
-    own = shapely.affinity.rotate(outline, -pose.yaw, origin=(pose.x, pose.y), use_radians=True)
-    x0, y0, x1, y1 = own.bounds
-    (middle,) = shapely.affinity.rotate(
-        shapely.Point((x0 + x1) / 2, (y0 + y1) / 2),
-        pose.yaw,
-        origin=(pose.x, pose.y),
-        use_radians=True,
-    ).coords
-    return Cabin(middle[0], middle[1], pose.yaw, x1 - x0, y1 - y0)
+    corners = shapely.get_coordinates(outline)
+    frame = Pose.planar(pose.x, pose.y, pose.yaw)
+    low, high = extent(frame.inverse().apply(np.pad(corners, ((0, 0), (0, 1)))))
+    x, y, _ = frame.apply([(low + high) / 2])[0].tolist()
+    width, depth, _ = (high - low).tolist()
+    return Cabin(x, y, pose.yaw, width, depth)

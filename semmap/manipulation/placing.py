@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from shapely import Geometry, Polygon
 
 from semmap.arrays import Floats
+from semmap.geometry.pose import Pose
 from semmap.geometry.surfaces import LevelPatch
 from semmap.manipulation.error import ManipulationError
 from semmap.manipulation.solids import solid_hull
@@ -157,11 +158,8 @@ def stability(vertices: Floats, upright: Floats) -> float:
 
 def _turned(upright: Floats, angle: float, middle: Floats, spot: Floats, height: float) -> Floats:
     """The upright pose, turned about the vertical axis through its middle and moved to a spot."""
-    turn = np.eye(4)
-    turn[:2, :2] = [[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]]
-    rotation = np.eye(4)
-    rotation[:3, :3] = upright[:3, :3]
-    pose = turn @ rotation
+    turn = Pose.planar(0.0, 0.0, angle).matrix
+    pose: Floats = turn @ upright
     pose[:2, 3] = spot - turn[:2, :2] @ middle
     pose[2, 3] = height
     return pose
