@@ -23,6 +23,39 @@ PATIENCE = 1000
 """Number of steps within which an action that is repeated must end an undiscounted process."""
 
 
+def checked(pomdp: Pomdp) -> Pomdp:
+    """A POMDP; ValueError for other shapes, and for what is no distribution."""
+    n, m, k = len(pomdp.states), len(pomdp.actions), len(pomdp.observations)
+    for kind in ("state", "action", "observation"):
+        names = getattr(pomdp, f"{kind}s")
+        twice = next((name for name in names if names.count(name) > 1), None)
+        if twice is not None:
+            raise ValueError(f"{kind} {twice}: the name is used twice; name each {kind} once")
+    shapes = {
+        "transitions": (m, n, n),
+        "likelihoods": (m, n, k),
+        "rewards": (m, n),
+        "start": (n,),
+    }
+    for name, shape in shapes.items():
+        array = getattr(pomdp, name)
+        if array.shape != shape:
+            raise ValueError(f"{name}: its shape is {array.shape}; give {shape}")
+        if not np.isfinite(array).all():
+            raise ValueError(f"{name}: a value is not finite; give finite numbers")
+    for name in ("transitions", "likelihoods", "start"):
+        array = getattr(pomdp, name)
+        if (array < 0).any() or (abs(array.sum(axis=-1) - 1) > 1e-9).any():
+            at = np.argwhere((array < 0).any(axis=-1) | (abs(array.sum(axis=-1) - 1) > 1e-9))
+            where = ", ".join(map(str, at[0])) if at.size else "the row"
+            raise ValueError(
+                f"{name}: {where} is not a distribution; give numbers from 0 on whose sum is 1"
+            )
+    if not 0 < pomdp.discount <= 1:
+        raise ValueError(f"discount is {pomdp.discount}; give a number in (0, 1]")
+    return pomdp
+
+
 @dataclass(frozen=True, eq=False)
 class SearchPolicy:
     """What to do at each belief, and what that is worth.
@@ -87,7 +120,7 @@ def solve(
     >>> door.actions[policy.action(door.start)], round(policy.value(door.start), 1)
     ('look', -2.5)
     """
-    plans = _Plans(*_repeated_actions(pomdp))
+    plans = _Plans(*_repeated_actions(checked(pomdp)))
     now = np.arange(len(plans.actions))
     beliefs = pomdp.start[None]
     moves = [_next_state(t) for t in pomdp.transitions]

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from planner.search.pomdp import Pomdp
+from tests.oracles.point_based import checked
 
 _LISTS = ("states", "actions", "observations")
 _HEADS = (*_LISTS, "discount", "values", "start", "T", "O", "R")
@@ -67,7 +68,7 @@ def read_pomdp(file: Path) -> Pomdp:
         if start == ["uniform"]
         else np.array([_number(word, f"{file}, start") for word in start])
     )
-    return Pomdp(
+    read = Pomdp(
         tuple(names["states"]),
         tuple(names["actions"]),
         tuple(names["observations"]),
@@ -77,6 +78,7 @@ def read_pomdp(file: Path) -> Pomdp:
         belief,
         _number(values["discount"][0], f"{file}, discount"),
     )
+    return checked(read)
 
 
 def _statements(file: Path) -> Iterator[tuple[int, str, list[str]]]:
