@@ -530,9 +530,12 @@ def _stands_in(costmap: Costmap, door: PlaceConnector) -> bool:
 def _stands_near(costmap: Costmap, way: shapely.LineString) -> bool:
     """Whether something other than walls is where parts of the robot come on a way."""
     reach = max(p.circumscribed_radius for p in costmap.parts) + costmap.grid.resolution
-    window = window_around([way.buffer(reach).bounds], costmap.grid)
-    if window is None:
-        return False
+    x0, y0, x1, y1 = way.buffer(reach).bounds
+    (c0, r0), (c1, r1) = (
+        np.floor((np.array(corner) - costmap.grid.origin) / costmap.grid.resolution).astype(int)
+        for corner in ((x0, y0), (x1, y1))
+    )
+    window = slice(max(0, r0), max(0, r1 + 1)), slice(max(0, c0), max(0, c1 + 1))
     there = np.zeros(costmap.grid.shape, np.bool_)[window]
     for layer, cells in costmap.occupied.items():
         if layer != WALLS:
