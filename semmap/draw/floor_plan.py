@@ -29,8 +29,8 @@ from semmap.draw.view import DoorView, ObjectView, OccupancyView, Outline, Regio
 Point = NDArray[np.float64]
 
 FLAT = {"carpet"}
-OVERHEAD = 1.9
-"""Metres above the floor from which things are not on a plan."""
+OVERHEAD, GROUND = 1.9, 0.3
+"""Metres above and below the floor beyond which things are not on a plan."""
 
 REGIONS: tuple[tuple[str, str, str], ...] = (  # type, colour, hatch
     ("blocked_region", "#c0392b", "////"),
@@ -160,14 +160,16 @@ def _bounds(storey: StoreyView) -> tuple[float, float, float, float]:
 
 
 def _shown(storey: StoreyView) -> list[ObjectView]:
-    """The objects on a plan: no parts of the building, nothing overhead, such as lamps."""
-    overhead = storey.elevation + OVERHEAD
-    return [
-        o
-        for o in storey.objects
-        if not HIDDEN & set(o.types)
-        and (o.mesh is None or (o.mesh.vertices[:, 2] < overhead).any())
-    ]
+    """The objects on a plan: no parts of the building, nothing overhead, nothing in the ground."""
+    low, high = storey.elevation - GROUND, storey.elevation + OVERHEAD
+
+    def is_between(entity: ObjectView) -> bool:
+        if entity.mesh is None:
+            return True
+        z = entity.mesh.vertices[:, 2]
+        return bool(z.min() < high and z.max() >= low)
+
+    return [o for o in storey.objects if not HIDDEN & set(o.types) and is_between(o)]
 
 
 def _height(entity: ObjectView) -> float:
@@ -268,7 +270,7 @@ def _door(axes: Axes, door: DoorView) -> None:
         stroke(end - 0.07 * way, end + 0.07 * way, 2.2)
     if door.state != "open":
         stroke(hinge, latch, 2.6)
-    elif w > _OPENING:
+    elif door.type == "opening" or w > _OPENING:
         stroke(hinge, latch, 1.2, ls=(0, (4, 3)))
     else:
         leaves = [(hinge, along), (latch, -along)][: 1 if w <= _DOUBLE else 2]

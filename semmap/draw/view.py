@@ -46,7 +46,7 @@ class DoorView:
     name: str
     poses: tuple[Pose, Pose]
     width: float | None = None  # of the clear opening
-    type: str = "door"  # or elevator_door, stairs, ramp
+    type: str = "door"  # or opening, elevator_door, stairs, ramp
     state: str = "open"  # or closed, locked
 
 
@@ -100,7 +100,8 @@ def storey_view(scene: StoreyScene) -> StoreyView:
         if e.kind in ("object", "agent"):
             view.objects.append(ObjectView(e.name, e.types, _mesh(e), outline))
         elif e.kind == "connector" and e.sides is not None:
-            form, state = e.form or "door", e.state or "open"
+            form = "opening" if "opening" in e.types else e.form or "door"
+            state = e.state or "open"
             view.doors.append(DoorView(e.name, e.sides, e.width, form, state))
         elif e.kind == "region" and outline is not None:
             view.regions.append(_region(e, outline))

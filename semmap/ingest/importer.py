@@ -17,6 +17,7 @@ from sqlalchemy import Connection, Engine
 
 from semmap.database.maps import driver_of, see_map
 from semmap.ingest.annotation import read_annotation
+from semmap.ingest.ifc import read_ifc
 from semmap.ingest.meshes.mesh_file import MeshAs, read_mesh_world
 from semmap.ingest.naming import GUESS
 from semmap.ingest.ontology.tbox import own_tbox
@@ -39,6 +40,7 @@ from semmap.limits import ENTRIES, NAME_CHARACTERS
 from semmap.query.geometry_notes import names_note, read_names_without_geometry
 from semmap.query.snapshot import Snapshot
 
+IFC = (".ifc",)
 SDF, RMF, FEATURES = (".sdf", ".world"), (".yaml", ".yml"), (".geojson", ".json", ".gpkg")
 MESHES = (".3mf", ".bt", ".dae", ".glb", ".gltf", ".obj", ".off", ".ot", ".ply", ".stl")
 """The mesh formats that trimesh reads and whose triangles can be counted."""
@@ -52,6 +54,7 @@ def read_world(
     model_path: Sequence[Path] = (),
     scale: float = 1.0,
     types: Collection[str] | None = None,
+    progress: Progress = lambda stage, done, total: None,
 ) -> World:
     """Return the world of a file, read by the parser for its ending.
 
@@ -62,6 +65,7 @@ def read_world(
     model_path : folders of SDF models, searched first
     scale : metres per unit of a mesh file
     types : of drawn features; others are left out. By default any type is taken
+    progress : called with the stage, and how much of how much is done, while IFC is read
 
     Raises
     ------
@@ -79,10 +83,12 @@ def read_world(
         world = read_rmf(path)
     elif ending in FEATURES:
         world = read_route_graph(path) if is_route_graph(path) else read_annotation(path, types)
+    elif ending in IFC:
+        world = read_ifc(path, progress)
     elif ending in MESHES:
         world = read_mesh_world(path, mesh_as, scale=scale)
     else:
-        known = f"Known: {', '.join(sorted((*SDF, *RMF, *FEATURES, *MESHES)))}."
+        known = f"Known: {', '.join(sorted((*SDF, *RMF, *IFC, *FEATURES, *MESHES)))}."
         raise WorldError(path, "ending", f"{path.suffix or 'none'} is not known", known)
     _check_names(path, world)
     return world
@@ -161,7 +167,15 @@ def import_file(
     start = time.perf_counter()
     progress(f"reading {path.name}", 0, 0)
     types = None if define else _known_types(engine)
-    world = read_world(path, geometry, mesh_as, model_path=model_path, scale=scale, types=types)
+    world = read_world(
+        path,
+        geometry,
+        mesh_as,
+        model_path=model_path,
+        scale=scale,
+        types=types,
+        progress=progress,
+    )
     if strict and world.skipped:
         first = world.skipped[0]
         problem = f"{first.problem} (and {len(world.skipped) - 1} more)"

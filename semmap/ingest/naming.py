@@ -12,7 +12,7 @@ import numpy as np
 
 from semmap.geometry.pose import IDENTITY
 from semmap.ingest.ontology.tbox import own_tbox
-from semmap.ingest.world import Entry
+from semmap.ingest.world import Entry, Kind
 
 GUESS = "type_guess"
 """The property with the type and the confidence of a guess."""
@@ -98,17 +98,17 @@ class TypeGuess:
     confidence: float
 
 
-def guess_type(name: str) -> TypeGuess | None:
-    """Return the type that the longest known phrase at the end of a model's name means.
+def guess_type(name: str, kind: Kind = "object") -> TypeGuess | None:
+    """Return the type that the longest known phrase at the end of a name means.
 
-    Known are the labels and synonyms of the T-Box's objects, and `TYPE_WORDS`. English puts the
-    head of a compound last: a `DeskPortrait` is a picture, and a `floor_2_pump` is not a floor.
-    Words that only describe (`TRAILING`) may follow.
+    Known are the labels and synonyms of the T-Box's types of a kind and, of objects, `TYPE_WORDS`.
+    English puts the head of a compound last: a `DeskPortrait` is a picture, and a `floor_2_pump` is
+    not a floor. Words that only describe (`TRAILING`) may follow.
 
     >>> guess_type("DeskPortraitA_01"), guess_type("floor_2_pump"), guess_type("chair_left").type
     (TypeGuess(type='picture', confidence=0.6), None, 'chair')
     """
-    phrases = _phrases()
+    phrases = _phrases(kind)
     tokens = words(name)
     for last in range(len(tokens), 0, -1):
         for start in range(last):
@@ -145,15 +145,15 @@ def _fits(entry: Entry, type_: str) -> bool:
 
 
 @cache
-def _phrases() -> dict[tuple[str, ...], str]:
+def _phrases(kind: Kind) -> dict[tuple[str, ...], str]:
     """The type that each phrase means."""
     known = {
         tuple(phrase.split()): type_
-        for type_, phrases in TYPE_WORDS.items()
+        for type_, phrases in (TYPE_WORDS.items() if kind == "object" else ())
         for phrase in phrases.split(", ")
     }
     for record in own_tbox():
-        if record.kind == "object" and record.name != "object":
+        if record.kind == kind and record.name != kind:
             for phrase in (record.label, *record.synonyms):
                 known[tuple(words(phrase))] = record.name
     known.pop((), None)

@@ -14,6 +14,15 @@ LEAF_THICKNESS = 0.05
 LEAF_HEIGHT = 2.1
 """Size of a door's leaf, metres."""
 
+BEHAVIOURS = {
+    "door": "pass_door",
+    "elevator_door": "call_elevator",
+    "opening": "drive_through",
+    "ramp": "drive_through",
+    "stairs": "climb_stairs",
+}
+"""The behaviour that passing a connector of this form or type needs, unless a file states it."""
+
 APPROACH_DISTANCES = (0.6, 0.5, 0.4, 0.8, 1.0, 0.3)
 """Metres from an opening at which a robot may face it, the preferred distance first."""
 

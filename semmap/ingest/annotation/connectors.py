@@ -19,7 +19,7 @@ from semmap.ingest.annotation.feature_values import (
     text,
 )
 from semmap.ingest.floor_plan import middle_of, rooms_beside
-from semmap.ingest.openings import approach_pose, door_leaf
+from semmap.ingest.openings import BEHAVIOURS, approach_pose, door_leaf
 from semmap.ingest.world import OUTSIDE, ConnectorDetail, Refused
 
 REACH = 0.5
@@ -30,14 +30,6 @@ OPENING = "opening"
 
 Form = Literal["door", "elevator_door", "stairs", "ramp"]
 FORMS: tuple[Form, ...] = ("elevator_door", "stairs", "ramp", "door")
-BEHAVIOURS = {
-    "door": "pass_door",
-    "elevator_door": "call_elevator",
-    "stairs": "climb_stairs",
-    "ramp": "drive_through",
-}
-"""The behaviour that passing a connector of this form needs, where the feature names none."""
-
 Joined = tuple[str, str] | None
 """The places that a feature names."""
 

@@ -1,0 +1,63 @@
+"""Where on the earth an IFC building stands."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Sequence
+from typing import Any
+
+from semmap.ingest.ifc.building import IfcBuilding
+
+
+def georeference_of(building: IfcBuilding) -> dict[str, Any] | None:
+    """Return the georeference of a file as of a `World`; None where it states none.
+
+    `IfcMapConversion` has the origin in a grid; else `IfcSite` has degrees, and the context the
+    direction of true north.
+    """
+    file = building.file
+    for conversion in file.of("IfcMapConversion"):
+        code = re.search(r"EPSG\D*(\d+)", str(conversion.TargetCRS.Name), re.IGNORECASE)
+        if code is None:
+            building.out.notes.append(
+                f"georeference left out: {conversion.TargetCRS.Name!r} is no EPSG code"
+            )
+            continue
+        unit = 1.0 if conversion.TargetCRS.MapUnit else file.metres
+        east, north = conversion.XAxisAbscissa, conversion.XAxisOrdinate
+        return {
+            "crs": int(code[1]),
+            "easting": conversion.Eastings * unit,
+            "northing": conversion.Northings * unit,
+            "height": (conversion.OrthogonalHeight or 0.0) * unit,
+            "rotation": math.atan2(north or 0.0, 1.0 if east is None else east),
+        }
+    for site in file.of("IfcSite"):
+        if site.RefLatitude and site.RefLongitude:
+            north = _true_north(file.of("IfcGeometricRepresentationContext"))
+            return {
+                "latitude_deg": _degrees(site.RefLatitude),
+                "longitude_deg": _degrees(site.RefLongitude),
+                "elevation": (site.RefElevation or 0.0) * file.metres,
+                "heading_deg": math.degrees(math.atan2(-north[0], north[1])),
+            }
+    return None
+
+
+def _degrees(parts: Sequence[int]) -> float:
+    """Degrees of an `IfcCompoundPlaneAngleMeasure`: degrees, minutes, seconds, millionths.
+
+    >>> _degrees((-87, -38, -21, -839999))
+    -87.6394
+    """
+    factors = (1, 60, 3600, 3600e6)
+    return round(sum(part / factor for part, factor in zip(parts, factors, strict=False)), 10)
+
+
+def _true_north(contexts: Sequence[Any]) -> tuple[float, float]:
+    for context in contexts:
+        if context.is_a() == "IfcGeometricRepresentationContext" and context.TrueNorth:
+            x, y = context.TrueNorth.DirectionRatios[:2]
+            return float(x), float(y)
+    return 0.0, 1.0

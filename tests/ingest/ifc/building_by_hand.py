@@ -1,0 +1,111 @@
+"""IFC files written by IfcOpenShell's own API: boxes for spaces, walls, doors and treads."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from ifcopenshell.api import (
+    aggregate,
+    context,
+    geometry,
+    georeference,
+    owner,
+    project,
+    root,
+    spatial,
+    unit,
+)
+
+Box = tuple[Sequence[float], Sequence[float]]
+
+
+class BuildingByHand:
+    """A building in a schema and a length unit; boxes are given in metres, in the file's frame."""
+
+    def __init__(self, schema: str = "IFC4", prefix: str | None = "MILLI") -> None:
+        self.model = project.create_file(version=schema)
+        if schema == "IFC2X3":  # demands an author
+            person = owner.add_person(self.model)
+            organisation = owner.add_organisation(self.model)
+            owner.add_person_and_organisation(self.model, person=person, organisation=organisation)
+            owner.add_application(self.model)
+        self.scale = 1000.0 if prefix == "MILLI" else 1.0
+        self.project = root.create_entity(self.model, ifc_class="IfcProject", name="house")
+        length = unit.add_si_unit(self.model, unit_type="LENGTHUNIT", prefix=prefix)
+        unit.assign_unit(self.model, units=[length])
+        whole = context.add_context(self.model, context_type="Model")
+        self.body = context.add_context(
+            self.model, "Model", "Body", target_view="MODEL_VIEW", parent=whole
+        )
+        self.building = root.create_entity(self.model, ifc_class="IfcBuilding", name="b")
+        aggregate.assign_object(self.model, products=[self.building], relating_object=self.project)
+
+    def storey(self, name: str, z: float) -> Any:
+        level = root.create_entity(self.model, ifc_class="IfcBuildingStorey", name=name)
+        aggregate.assign_object(self.model, products=[level], relating_object=self.building)
+        self._place(level, (0, 0, z), 0.0)
+        return level
+
+    def add(
+        self, class_: str, name: str, holder: Any, *boxes: Box, yaw: float = 0.0, **given: Any
+    ) -> Any:
+        """Add a product of boxes from a low to a high corner, turned about the first's low one."""
+        product = root.create_entity(self.model, ifc_class=class_, name=name)
+        for attribute, value in given.items():
+            setattr(product, attribute, value)
+        if class_ == "IfcSpace":
+            aggregate.assign_object(self.model, products=[product], relating_object=holder)
+        else:
+            spatial.assign_container(self.model, products=[product], relating_structure=holder)
+        if boxes:
+            origin = np.asarray(boxes[0][0], float)
+            self._place(product, origin, yaw)
+            items = [self._solid(np.asarray(box) - origin) for box in boxes]
+            shape = self.model.create_entity(
+                "IfcShapeRepresentation", self.body, "Body", "SweptSolid", items
+            )
+            geometry.assign_representation(self.model, product=product, representation=shape)
+        return product
+
+    def place_on_earth(self, epsg: int, easting: float, northing: float, turn: Sequence[float]):
+        georeference.add_georeferencing(self.model)
+        georeference.edit_georeferencing(
+            self.model,
+            projected_crs={"Name": f"EPSG:{epsg}"},
+            coordinate_operation={
+                "Eastings": easting,
+                "Northings": northing,
+                "XAxisAbscissa": turn[0],
+                "XAxisOrdinate": turn[1],
+            },
+        )
+
+    def write(self, path: Path) -> Path:
+        self.model.write(str(path))
+        return path
+
+    def _place(self, product: Any, at: Sequence[float], yaw: float) -> None:
+        matrix = np.eye(4)
+        matrix[:2, :2] = [[np.cos(yaw), -np.sin(yaw)], [np.sin(yaw), np.cos(yaw)]]
+        matrix[:3, 3] = at
+        geometry.edit_object_placement(self.model, product=product, matrix=matrix, is_si=True)
+
+    def _solid(self, box: np.ndarray) -> Any:
+        low, high = box * self.scale
+        (x, y, z), (width, depth, height) = low.tolist(), (high - low).tolist()
+        make = self.model.create_entity
+        middle = make("IfcCartesianPoint", (x + width / 2, y + depth / 2))
+        profile = make(
+            "IfcRectangleProfileDef",
+            "AREA",
+            None,
+            make("IfcAxis2Placement2D", middle),
+            width,
+            depth,
+        )
+        base = make("IfcAxis2Placement3D", make("IfcCartesianPoint", (0.0, 0.0, z)))
+        up = make("IfcDirection", (0.0, 0.0, 1.0))
+        return make("IfcExtrudedAreaSolid", profile, base, up, height)

@@ -1,0 +1,184 @@
+"""IFC files by hand: units, schemas, lifts, ramps, openings, georeference, and what is refused."""
+
+import math
+
+import numpy as np
+import pytest
+import shapely
+
+from semmap.geometry.pose import IDENTITY
+from semmap.ingest.ifc import read_ifc
+from semmap.ingest.importer import read_world
+from semmap.ingest.world import OUTSIDE, WorldError
+from tests.ingest.ifc.building_by_hand import BuildingByHand
+
+SCHEMAS = [("IFC2X3", None), ("IFC4", "MILLI"), ("IFC4X3", "MILLI")]
+
+
+@pytest.fixture(params=SCHEMAS, ids=[schema for schema, _ in SCHEMAS])
+def house(request):
+    """Two storeys of two rooms and a shaft, 3 m high; walls 0.2 m thick between the rooms."""
+    made = BuildingByHand(*request.param)
+    for number, name in enumerate(("ground", "first")):
+        z = 3.0 * number
+        level = made.storey(name, z)
+        made.add("IfcSpace", f"{number}1", level, ((0, 0, z), (4, 3, z + 2.6)), LongName="Kitchen")
+        made.add("IfcSpace", f"{number}2", level, ((4.2, 0, z), (8, 3, z + 2.6)), LongName="Office")
+        made.add("IfcSpace", f"{number}L", level, ((8.2, 0, z), (10, 2, z + 2.6)))
+        made.add("IfcWall", "between", level, ((4, 0, z), (4.2, 3, z + 2.6)))
+        made.add(
+            "IfcDoor",
+            "door",
+            level,
+            ((4.1, 1, z), (5, 1.05, z + 2)),
+            yaw=math.pi / 2,
+            OverallWidth=0.9 * made.scale,
+            OverallHeight=2.0 * made.scale,
+        )
+        made.add("IfcDoor", "liftdoor", level, ((8.1, 0.5, z), (9.1, 0.55, z + 2)), yaw=math.pi / 2)
+        made.add("IfcDoor", "front", level, ((1, -0.1, z), (2, -0.05, z + 2)))
+        made.level = level
+    lift = made.add("IfcTransportElement", "lift", made.level, ((8.4, 0.2, 0), (9.8, 1.8, 2.2)))
+    setattr(lift, "OperationType" if request.param[0] == "IFC2X3" else "PredefinedType", "ELEVATOR")
+    return made
+
+
+def placed(world, name):
+    """The box (2, 3) of an entry's mesh in the file's frame."""
+    entries = {entry.name: entry for entry in world.entries}
+    entry = entries[name]
+    holder = entries[entry.holder].pose if entry.holder else IDENTITY
+    points = (holder @ entry.pose).apply(entry.shapes[0].mesh.used)
+    return np.array([points.min(axis=0), points.max(axis=0)])
+
+
+def test_units_schemas_rooms_doors_and_lifts(house, tmp_path):
+    world = read_ifc(house.write(tmp_path / "house.ifc"))
+    assert not world.skipped
+    of = {entry.name: entry for entry in world.entries}
+    storeys = {
+        e.name: (e.detail.elevation, e.detail.height) for e in world.entries if e.kind == "storey"
+    }
+    assert storeys == {"ground": (0.0, pytest.approx(3.0)), "first": (pytest.approx(3.0), None)}
+    for name, low, high in (("01", (0, 0, 0), (4, 3, 2.6)), ("12", (4.2, 0, 3), (8, 3, 5.6))):
+        assert placed(world, name) == pytest.approx(np.array([low, high]), abs=1e-6)
+        assert of[name].detail.ceiling == pytest.approx(2.6)
+    assert {of[name].type for name in ("01", "11")} == {"kitchen"}
+    assert {of[name].type for name in ("02", "12")} == {"office"}
+    assert {of[name].type for name in ("0L", "1L")} == {"elevator_cabin"}
+    assert {of[name].detail.elevator for name in ("0L", "1L")} == {"lift"}
+    assert of["between"].type == "wall"
+    assert of["lift"].kind == "elevator"
+    joins = {e.name: (e.type, set(e.detail.places)) for e in world.entries if e.kind == "connector"}
+    assert joins == {
+        "door": ("door", {"01", "02"}),
+        "door_2": ("door", {"11", "12"}),
+        "liftdoor": ("elevator_door", {"02", "0L"}),
+        "liftdoor_2": ("elevator_door", {"12", "1L"}),
+        "front": ("door", {"01", OUTSIDE}),
+        "front_2": ("door", {"11", OUTSIDE}),
+    }
+    assert (of["door"].detail.width, of["door"].detail.height) == (0.9, 2.0)
+    assert of["door_2"].pose.x == pytest.approx(4.075, abs=0.03)
+    assert of["door_2"].pose.y == pytest.approx(1.45)
+
+
+def test_poses_of_doors_lie_in_the_rooms_that_they_join(house, tmp_path):
+    world = read_ifc(house.write(tmp_path / "house.ifc"))
+    of = {entry.name: entry for entry in world.entries}
+    for entry in world.entries:
+        if entry.kind == "connector":
+            for place, pose in zip(entry.detail.places, entry.detail.poses, strict=True):
+                at = entry.pose @ pose
+                inside = [
+                    room.name
+                    for room in of.values()
+                    if room.kind == "room"
+                    and room.holder == entry.holder
+                    and shapely.box(*placed(world, room.name)[:, :2].ravel()).covers(
+                        shapely.Point(at.x, at.y)
+                    )
+                ]
+                assert inside == ([] if place == OUTSIDE else [place])
+
+
+def test_spaces_that_touch_are_open_where_nothing_stands(tmp_path):
+    made = BuildingByHand()
+    level = made.storey("ground", 0.0)
+    made.add("IfcSpace", "a", level, ((0, 0, 0), (4, 4, 2.6)))
+    made.add("IfcSpace", "b", level, ((4, 0, 0), (8, 4, 2.6)))
+    made.add("IfcSpace", "c", level, ((0, 4, 0), (8, 8, 2.6)))
+    made.add("IfcWall", "screen", level, ((0, 3.95, 0), (8, 4.05, 2.6)))
+    made.add("IfcFurniture", "counter", level, ((3.7, 0, 0), (4.3, 2.5, 0.9)))
+    made.add("IfcSlab", "slab", level, ((0, 0, -0.2), (8, 8, 0)))
+    world = read_ifc(made.write(tmp_path / "open.ifc"))
+    (found,) = [entry for entry in world.entries if entry.kind == "connector"]
+    assert (found.type, set(found.detail.places)) == ("opening", {"a", "b"})
+    assert found.detail.width == pytest.approx(3.9 - 2.5, abs=0.11)
+    assert (found.pose.x, found.pose.y) == (
+        pytest.approx(4, abs=0.06),
+        pytest.approx(3.2, abs=0.06),
+    )
+
+
+def test_stairs_and_ramps_lead_from_the_lower_to_the_upper_room(tmp_path):
+    made = BuildingByHand()
+    ground, first = made.storey("ground", 0.0), made.storey("first", 3.0)
+    made.add("IfcSpace", "hall", ground, ((0, 0, 0), (10, 2, 2.6)))
+    made.add("IfcSpace", "landing", first, ((0, 0, 3), (10, 2, 5.6)))
+    treads = [((3 + 0.25 * i, 0.5, 0), (3.25 + 0.25 * i, 1.5, 0.2 * (i + 1))) for i in range(14)]
+    made.add("IfcStair", "stairs", ground, *treads)
+    world = read_ifc(made.write(tmp_path / "stairs.ifc"))
+    found = next(entry for entry in world.entries if entry.kind == "connector")
+    assert (found.type, found.detail.places) == ("stairs", ("hall", "landing"))
+    foot, head = (found.pose @ pose for pose in found.detail.poses)
+    assert (foot.x, foot.y, foot.z) == pytest.approx((2.5, 1.0, 0.0), abs=0.01)
+    assert (head.x, head.y, head.z) == pytest.approx((7.0, 1.0, 3.0), abs=0.01)
+    assert foot.yaw == pytest.approx(0)
+    assert abs(head.yaw) == pytest.approx(math.pi)
+
+
+def test_a_map_conversion_is_the_georeference(tmp_path):
+    made = BuildingByHand()
+    made.add("IfcWall", "wall", made.storey("ground", 0.0), ((0, 0, 0), (4, 0.2, 3)))
+    made.place_on_earth(25832, 691600.0, 5334700.0, (math.cos(0.3), math.sin(0.3)))
+    world = read_ifc(made.write(tmp_path / "earth.ifc"))
+    assert world.georeference["crs"] == 25832
+    assert world.georeference["rotation"] == pytest.approx(0.3)
+    # IFC4: without MapUnit, eastings and northings are in the unit of the project
+    assert world.georeference["easting"] == pytest.approx(691.6)
+
+
+@pytest.mark.parametrize(
+    ("spoil", "problem"),
+    [
+        (lambda data: data[: len(data) // 2], "no end"),
+        (lambda data: b"", "cannot be read|no IfcProject"),
+        (lambda data: b"\0\xff garbage" * 50, "cannot be read|no IfcProject"),
+    ],
+)
+def test_a_broken_file_is_refused_with_a_sentence(tmp_path, spoil, problem):
+    made = BuildingByHand()
+    made.add("IfcWall", "wall", made.storey("ground", 0.0), ((0, 0, 0), (4, 0.2, 3)))
+    path = made.write(tmp_path / "whole.ifc")
+    path.write_bytes(spoil(path.read_bytes()))
+    with pytest.raises(WorldError, match=problem):
+        read_world(path)
+
+
+def test_a_building_far_from_the_origin_is_refused(tmp_path):
+    made = BuildingByHand()
+    made.add("IfcWall", "wall", made.storey("ground", 0.0), ((5e6, 0, 0), (5e6 + 4, 0.2, 3)))
+    with pytest.raises(WorldError, match=r"from the origin.*IfcMapConversion"):
+        read_ifc(made.write(tmp_path / "far.ifc"))
+
+
+def test_a_door_without_rooms_is_left_out_and_named(tmp_path):
+    made = BuildingByHand()
+    level = made.storey("ground", 0.0)
+    made.add("IfcSpace", "a", level, ((0, 0, 0), (4, 4, 2.6)))
+    made.add("IfcDoor", "inside", level, ((1, 2, 0), (2, 2.05, 2)))
+    world = read_ifc(made.write(tmp_path / "doors.ifc"))
+    (left,) = world.skipped
+    assert "inside" in left.element
+    assert "same one" in left.problem
