@@ -1,14 +1,18 @@
-"""The georeference of a map: a place on the earth, from degrees to a UTM grid."""
+"""The georeference of a map: its frame on a grid of the earth, in metres."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from typing import Any
 
-import psycopg
+import numpy as np
+from numpy.typing import NDArray
 
 UTM_LATITUDES = (-80.0, 84.0)
 """Degrees between which UTM is defined."""
+
+WGS84 = "EPSG:4326"
 
 
 def utm_crs(latitude: float, longitude: float) -> int:
@@ -27,11 +31,7 @@ def utm_crs(latitude: float, longitude: float) -> int:
 
 
 def on_utm(
-    cursor: psycopg.Cursor[Any],
-    latitude: float,
-    longitude: float,
-    elevation: float = 0.0,
-    heading: float = 0.0,
+    latitude: float, longitude: float, elevation: float = 0.0, heading: float = 0.0
 ) -> dict[str, float]:
     """Return the pose of a level frame at a place on the earth, on the UTM grid of that place.
 
@@ -41,21 +41,48 @@ def on_utm(
     `rotation` is of the x axis from the grid's east, radians in [-pi, pi], counter-clockwise, with
     the grid's convergence, but not its scale, within 0.1 % of 1.
     """
+    from pyproj import Proj
+
     crs = utm_crs(latitude, longitude)
-    cursor.execute(
-        "SELECT ST_X(here), ST_Y(here), ST_X(north) - ST_X(here), ST_Y(north) - ST_Y(here) FROM "
-        "ST_Transform(ST_SetSRID(ST_MakePoint(%(lon)s, %(lat)s), 4326), %(crs)s::int) AS here, "
-        "ST_Transform(ST_SetSRID(ST_MakePoint(%(lon)s, %(lat)s + 1e-4), 4326), %(crs)s::int) north",
-        {"lat": latitude, "lon": longitude, "crs": crs},
-    )
-    row = cursor.fetchone()
-    assert row is not None
-    easting, northing, north_x, north_y = row
-    convergence = math.atan2(north_x, north_y)  # of true north from the grid's, clockwise
+    grid = Proj(f"EPSG:{crs}")
+    easting, northing = grid(longitude, latitude)
+    convergence = grid.get_factors(longitude, latitude).meridian_convergence
     return {
         "crs": crs,
         "easting": easting,
         "northing": northing,
         "height": elevation,
-        "rotation": -math.remainder(math.radians(heading) + convergence, math.tau),
+        "rotation": -math.remainder(math.radians(heading - convergence), math.tau),
     }
+
+
+def frame_of(points: NDArray[np.float64], crs: Any) -> dict[str, float]:
+    """Return a georeference for points (N, 2) of a CRS: their lowest whole metres on a grid.
+
+    The grid is that of the CRS if it is a projection in metres, else UTM; x points along the grid.
+    """
+    from pyproj import CRS, Transformer
+
+    given = CRS.from_user_input(crs)
+    in_metres = given.is_projected and all(a.unit_name == "metre" for a in given.axis_info)
+    code = given.to_epsg() if in_metres else None
+    if code is None:
+        to_degrees = Transformer.from_crs(given, WGS84, always_xy=True)
+        longitude, latitude = to_degrees.transform(*points.mean(axis=0))
+        code = utm_crs(latitude, longitude)
+    at = np.column_stack(Transformer.from_crs(given, code, always_xy=True).transform(*points.T))
+    easting, northing = np.floor(at.min(axis=0)).tolist()
+    return {"crs": code, "easting": easting, "northing": northing, "height": 0.0, "rotation": 0.0}
+
+
+def into_frame(
+    points: NDArray[np.float64], crs: Any, georeference: Mapping[str, float]
+) -> NDArray[np.float64]:
+    """Return points (N, 2) of a CRS, x or longitude first, in the frame of a map, metres."""
+    from pyproj import Transformer
+
+    to_grid = Transformer.from_crs(crs, int(georeference["crs"]), always_xy=True)
+    x, y = to_grid.transform(*points.T)
+    east, north = x - georeference["easting"], y - georeference["northing"]
+    cos, sin = math.cos(georeference["rotation"]), math.sin(georeference["rotation"])
+    return np.column_stack([cos * east + sin * north, cos * north - sin * east])

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import time
 from collections import Counter
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from functools import partial
 from pathlib import Path
@@ -54,6 +54,7 @@ def read_world(
     model_path: Sequence[Path] = (),
     scale: float = 1.0,
     types: Collection[str] | None = None,
+    georeference: Mapping[str, float] | None = None,
     progress: Progress = lambda stage, done, total: None,
 ) -> World:
     """Return the world of a file, read by the parser for its ending.
@@ -65,6 +66,7 @@ def read_world(
     model_path : folders of SDF models, searched first
     scale : metres per unit of a mesh file
     types : of drawn features; others are left out. By default any type is taken
+    georeference : of the map; features with coordinates of the earth are brought into its frame
     progress : called with the stage, and how much of how much is done, while IFC is read
 
     Raises
@@ -82,7 +84,10 @@ def read_world(
     elif ending in RMF:
         world = read_rmf(path)
     elif ending in FEATURES:
-        world = read_route_graph(path) if is_route_graph(path) else read_annotation(path, types)
+        if is_route_graph(path):
+            world = read_route_graph(path)
+        else:
+            world = read_annotation(path, types, georeference)
     elif ending in IFC:
         world = read_ifc(path, progress)
     elif ending in MESHES:
@@ -174,6 +179,7 @@ def import_file(
         model_path=model_path,
         scale=scale,
         types=types,
+        georeference=_georeference(engine, map_name),
         progress=progress,
     )
     if strict and world.skipped:
@@ -232,6 +238,18 @@ def _known_types(engine: Engine) -> set[str]:
     with engine.connect() as connection:
         stored = connection.exec_driver_sql("SELECT name FROM semantic_type").scalars()
         return {*stored, *(record.name for record in own_tbox())}
+
+
+def _georeference(engine: Engine, map_name: str | None) -> dict[str, float] | None:
+    """The georeference of a map that has one."""
+    with engine.connect() as connection:
+        found = connection.exec_driver_sql(
+            "SELECT crs, easting, northing, height, rotation FROM map "
+            "WHERE name = %(name)s AND crs IS NOT NULL",
+            {"name": map_name},
+        )
+        row = found.mappings().one_or_none()
+        return None if row is None else dict(row)
 
 
 def _settle_storeys(

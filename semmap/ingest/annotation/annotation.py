@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import replace
 from pathlib import Path
 
@@ -164,12 +164,18 @@ KINDS: dict[Kind, Callable[[DraftWorld, Draft], None]] = {
 """How each kind is added; a holder comes before what it holds."""
 
 
-def read_annotation(path: Path, types: Collection[str] | None = None) -> World:
+def read_annotation(
+    path: Path,
+    types: Collection[str] | None = None,
+    georeference: Mapping[str, float] | None = None,
+) -> World:
     """Return the world that the features of a GeoJSON file or GeoPackage describe.
 
     A feature whose type is none of `types` is left out; by default any type is taken.
 
-    Coordinates are metres in the map's frame; heights (`floor`, `ceiling`) are above the feature's
+    Coordinates are metres in the map's frame. Degrees, and coordinates of a projection of the
+    earth, are brought into the frame of a map with a `georeference`; without one, they set it.
+    Heights (`floor`, `ceiling`) are above the feature's
     storey, or above the map's origin where the file has no storey. Properties that every feature
     may have: `kind` (default: that of its layer, else that of its `type` in the T-Box), `name`,
     `type` (``DiningTable``, ``dining table`` or ``dining_table``), `label`, `storey` (needed where
@@ -191,7 +197,7 @@ def read_annotation(path: Path, types: Collection[str] | None = None) -> World:
     WorldError
         The file as a whole cannot be trusted. A feature that cannot be used is in `skipped`.
     """
-    draft_world = DraftWorld(Path(path), types)
+    draft_world = DraftWorld(Path(path), types, georeference)
     for kind, add in KINDS.items():
         for draft in draft_world.drafts_of(kind):
             draft_world.attempt(draft.feature, add, draft_world, draft)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -57,9 +57,14 @@ class Draft:
 class DraftWorld:
     """A world that grows kind by kind, each holder before what it holds; `poses` are in the map."""
 
-    def __init__(self, path: Path, types: Collection[str] | None = None) -> None:
+    def __init__(
+        self,
+        path: Path,
+        types: Collection[str] | None = None,
+        georeference: Mapping[str, float] | None = None,
+    ) -> None:
         self._types = types  # None: any
-        self.file = read_features(path)
+        self.file = read_features(path, georeference)
         self.out = World(
             path.stem,
             path,

@@ -7,8 +7,8 @@ import json
 import math
 import sqlite3
 import warnings
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +17,7 @@ import pyogrio
 import shapely
 from numpy.typing import NDArray
 
+from semmap.ingest.georeference import WGS84, frame_of, into_frame
 from semmap.ingest.text_file import read_text
 from semmap.ingest.world import Refused, Skipped, WorldError
 from semmap.limits import EXTENT, NESTING, VERTICES
@@ -37,24 +38,30 @@ STYLE_LAYERS = frozenset({"layer_styles", "qgis_projects"})
 """Tables of a GeoPackage that store how QGIS shows the others."""
 
 CRS_IGNORED = "the CRS is ignored: coordinates are metres of the map's own frame"
+"""Of coordinates so near 0 that they are none of a grid of the earth."""
 
 EARTH = 1e8
 """Largest coordinate of a projection of the earth, and largest EPSG code."""
 
 DEGREES = 0.1
-"""Coordinates whose extent is smaller are not metres."""
+"""Outlines within a tenth of a unit are in degrees, not metres: a building is so large."""
 
 GEOREFERENCE = ("crs", "easting", "northing", "height", "rotation")
 
 
 @dataclass(frozen=True)
 class Feature:
-    """One feature: `where` names it in messages, `layer` is the layer that contains it."""
+    """One feature: `where` names it in messages, `layer` is the layer that contains it.
+
+    Coordinates are in the layer's `crs`, if one is stated, until they are brought into the map's
+    frame.
+    """
 
     where: str
     layer: str | None
     geometry: shapely.Geometry | None
     properties: dict[str, Any]
+    crs: str | None = None
 
 
 @dataclass
@@ -65,7 +72,7 @@ class FeatureFile:
     skipped: list[Skipped] = field(default_factory=list)
     lost: set[str] = field(default_factory=set)
     notes: list[str] = field(default_factory=list)
-    georeference: dict[str, object] | None = None
+    georeference: dict[str, float] | None = None
 
     @contextlib.contextmanager
     def leaving_out(self, where: str, name: object) -> Iterator[None]:
@@ -78,34 +85,94 @@ class FeatureFile:
                 self.lost.add(name)
 
 
-def read_features(path: Path) -> FeatureFile:
-    """Return all features of a file; coordinates are metres of the map, whatever CRS is stated."""
+def read_features(path: Path, georeference: Mapping[str, float] | None = None) -> FeatureFile:
+    """Return all features of a file, in metres of the map's frame.
+
+    Degrees, and coordinates of a projection of the earth, are brought into the frame of a map with
+    a georeference; without one, the file's `georeference` is set to the lowest of them.
+    """
     ending = path.suffix.lower()
     if ending not in ENDINGS:
         problem = f"{path.suffix!r} is not the ending of an annotation"
         raise WorldError(path, "ending", problem, f"Known: {', '.join(ENDINGS)}.")
     found = _read_geopackage(path) if ending == ".gpkg" else _read_geojson(path)
-    _check_metres(path, found)
+    _into_metres(path, found, georeference)
     return found
 
 
-def _check_metres(path: Path, found: FeatureFile) -> None:
-    """Refuse coordinates in degrees: a whole building lies within a tenth of one."""
-    drawn = [f.geometry for f in found.features if f.geometry is not None]
-    outlines = [g for g in drawn if shapely.get_dimensions(g) > 0 and not g.is_empty]
-    if not outlines:
-        return
-    west, south, east, north = map(float, shapely.total_bounds(outlines))
+def _into_metres(path: Path, found: FeatureFile, georeference: Mapping[str, float] | None) -> None:
+    """Bring the coordinates of a file into the map's frame; leave out what is far from it."""
+    features, found.features = found.features, []
+    for stated in dict.fromkeys(feature.crs for feature in features):
+        of_crs = [feature for feature in features if feature.crs == stated]
+        drawn = [feature.geometry for feature in of_crs if feature.geometry is not None]
+        crs = _crs_of_earth(stated, drawn)
+        if crs is not None:
+            points = shapely.get_coordinates(drawn)
+            try:
+                if georeference is None and found.georeference is None:
+                    found.georeference = frame_of(points, crs)
+                frame = georeference or found.georeference
+                assert frame is not None
+                moved = into_frame(points, crs, frame)
+            except (ValueError, RuntimeError) as error:  # beyond UTM; pyproj
+                raise WorldError(path, "coordinates", str(error), "Give metres.") from error
+            drawn = list(shapely.set_coordinates(np.array(drawn), moved))
+            found.notes.append(
+                f"coordinates of {crs} are brought into the map's frame, with its origin at "
+                f"{frame['easting']:.0f}, {frame['northing']:.0f} of EPSG:{frame['crs']}"
+            )
+            of_crs = [_turned(feature, frame["rotation"]) for feature in of_crs]
+        elif stated is not None and CRS_IGNORED not in found.notes:
+            found.notes.append(CRS_IGNORED)
+        placed = iter(drawn)
+        for feature in of_crs:
+            with found.leaving_out(feature.where, feature.properties.get("name")):
+                geometry = None if feature.geometry is None else next(placed)
+                found.features.append(replace(feature, geometry=_checked(geometry)))
+
+
+def _crs_of_earth(stated: str | None, drawn: Sequence[shapely.Geometry]) -> str | None:
+    """Return the CRS of coordinates on the earth; None if they are of a local frame.
+
+    Outlines of less than a tenth of a degree are degrees, whatever is stated. Of a geographic CRS,
+    so are points; of a projection, coordinates that are far from its origin.
+    """
+    drawn = [geometry for geometry in drawn if not geometry.is_empty]
+    if not drawn:
+        return None
+    outlines = [geometry for geometry in drawn if shapely.get_dimensions(geometry) > 0]
+    west, south, east, north = map(float, shapely.total_bounds(outlines or drawn))
+    crs = _crs(stated)
+    geographic = crs is not None and crs.is_geographic
     small = east - west < DEGREES and north - south < DEGREES
-    if small and max(abs(west) / 180, abs(north) / 90) <= 1:
-        raise WorldError(
-            path,
-            "coordinates",
-            f"all outlines lie within {east - west:.2g} x {north - south:.2g}: they are degrees, "
-            "not metres",
-            "Give metres of the map's own frame, for example by ogr2ogr -t_srs '+proj=aeqd "
-            f"+lat_0={south:.6f} +lon_0={west:.6f}' metres.geojson {path.name}",
-        )
+    possible = max(abs(west), abs(east)) <= 180 and max(abs(south), abs(north)) <= 90
+    if small and possible and (outlines or geographic):
+        return stated if geographic else WGS84
+    far = EXTENT.exceeded_by(max(abs(west), abs(east), abs(south), abs(north)))
+    return stated if far and crs is not None and crs.is_projected else None
+
+
+def _crs(stated: str | None) -> Any:
+    """The CRS of a text; None where there is none, or where pyproj does not know it."""
+    from pyproj import CRS
+    from pyproj.exceptions import CRSError
+
+    try:
+        return None if stated is None else CRS.from_user_input(stated)
+    except CRSError:
+        return None
+
+
+def _turned(feature: Feature, rotation: float) -> Feature:
+    """A feature whose heading, of the grid, is one of the map's frame."""
+    turns = {"heading": rotation, "heading_deg": math.degrees(rotation)}
+    turned = {
+        key: feature.properties[key] - turn
+        for key, turn in turns.items()
+        if isinstance(feature.properties.get(key), int | float) and turn
+    }
+    return replace(feature, properties=feature.properties | turned)
 
 
 def _read_geojson(path: Path) -> FeatureFile:
@@ -119,8 +186,9 @@ def _read_geojson(path: Path) -> FeatureFile:
         raise WorldError(path, "features", "is not an array", "Make it the array of features.")
     out = FeatureFile()
     layer = root.get("name") if isinstance(root.get("name"), str) else None
-    if root.get("crs") is not None:
-        out.notes.append(CRS_IGNORED)
+    named = root.get("crs")
+    stated = named.get("properties") if isinstance(named, dict) else named
+    crs = str(stated.get("name")) if isinstance(stated, dict) else stated and str(stated)
     _read_georeference(root.get("georeference"), out)
     for number, member in enumerate(members):
         properties = member.get("properties") if isinstance(member, dict) else None
@@ -135,7 +203,7 @@ def _read_geojson(path: Path) -> FeatureFile:
                 {k: v for k, v in (properties or {}).items() if v is not None}
             )
             geometry = _geojson_geometry(member.get("geometry"))
-            out.features.append(Feature(where, layer, geometry, given))
+            out.features.append(Feature(where, layer, geometry, given, crs))
     return out
 
 
@@ -164,7 +232,7 @@ def _geojson_geometry(geometry: object) -> shapely.Geometry | None:
         made: shapely.Geometry = shapely.geometry.shape({"type": kind, "coordinates": coordinates})
     except (ValueError, TypeError, IndexError, shapely.errors.ShapelyError) as error:
         raise Refused(f"is not a valid {kind} ({error})", "Draw it again.") from error
-    return _checked(made)
+    return made
 
 
 def _positions(coordinates: object, depth: int) -> list[Any]:
@@ -176,11 +244,15 @@ def _positions(coordinates: object, depth: int) -> list[Any]:
     numbers = [c for c in coordinates if isinstance(c, int | float) and not isinstance(c, bool)]
     if len(numbers) != len(coordinates) or len(numbers) < 2:
         raise Refused(f"has the position {str(coordinates)[:60]}", "Give two or three numbers.")
-    _check_range(numbers)
+    if max(map(abs, numbers)) > EARTH:  # none of the earth either
+        _check_range(numbers)
     return numbers[:2]
 
 
-def _checked(geometry: shapely.Geometry) -> shapely.Geometry | None:
+def _checked(geometry: shapely.Geometry | None) -> shapely.Geometry | None:
+    if geometry is None:
+        return None
+    _check_range(shapely.get_coordinates(geometry).ravel())
     VERTICES.check(shapely.get_num_coordinates(geometry), Refused, "Simplify it.")
     return None if geometry.is_empty else geometry
 
@@ -248,8 +320,6 @@ def _not_a_geopackage(path: Path, problem: object) -> WorldError:
 
 def _read_layer(path: Path, layer: str, out: FeatureFile) -> None:
     meta, fids, wkb, columns = pyogrio.raw.read(path, layer=layer, return_fids=True)
-    if meta.get("crs") and CRS_IGNORED not in out.notes:
-        out.notes.append(CRS_IGNORED)
     kinds = list(zip(meta["fields"], meta["ogr_types"], meta["ogr_subtypes"], strict=True))
     for row, fid in enumerate(fids):
         given = {
@@ -262,7 +332,7 @@ def _read_layer(path: Path, layer: str, out: FeatureFile) -> None:
         with out.leaving_out(where, name):
             checked = checked_properties(given)
             geometry = _wkb_geometry(None if wkb is None else wkb[row])
-            out.features.append(Feature(where, layer, geometry, checked))
+            out.features.append(Feature(where, layer, geometry, checked, meta.get("crs") or None))
 
 
 def _wkb_geometry(wkb: bytes | None) -> shapely.Geometry | None:
@@ -272,8 +342,7 @@ def _wkb_geometry(wkb: bytes | None) -> shapely.Geometry | None:
         geometry = shapely.force_2d(shapely.from_wkb(wkb))
     except shapely.errors.ShapelyError as error:
         raise Refused(f"has a geometry that cannot be read ({error})", "Draw it again.") from error
-    _check_range(shapely.get_coordinates(geometry).ravel())
-    return _checked(geometry)
+    return geometry
 
 
 def _plain(value: Any, ogr_type: str, subtype: str) -> Any:

@@ -374,7 +374,7 @@ def _georeference(cursor: psycopg.Cursor[Any], map_id: int, world: World) -> Non
         return
     if "crs" not in given:
         place = ("latitude_deg", "longitude_deg", "elevation", "heading_deg")
-        given = on_utm(cursor, *(given.get(key, 0.0) for key in place))
+        given = on_utm(*(given.get(key, 0.0) for key in place))
     cursor.execute(
         "UPDATE map SET crs = %(crs)s, easting = %(easting)s, northing = %(northing)s, "
         "height = %(height)s, rotation = %(rotation)s WHERE id = %(id)s",

@@ -14,6 +14,7 @@ import pytest
 import shapely
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from pyproj import Proj
 
 from semmap.geometry.pose import IDENTITY, Pose
 from semmap.ingest.annotation import read_annotation
@@ -792,9 +793,82 @@ def test_files_that_are_not_geopackages(geopackage: Path) -> None:
             read_annotation(geopackage)
 
 
-def test_degrees_are_refused(write: Write) -> None:
+MUNICH = Proj("EPSG:32632")
+"""UTM by PROJ's own function, not by a transformation as the import has it."""
+
+
+def outlines(world: World) -> dict[str, shapely.Geometry]:
+    """The rooms' outlines in the map's frame."""
+    return {
+        entry.name: shapely.transform(
+            entry.shapes[0].outline,
+            lambda xy, pose=entry.pose: pose.apply(np.column_stack([xy, 0 * xy[:, 0]]))[:, :2],
+        )
+        for entry in world.entries
+        if entry.kind == "room"
+    }
+
+
+def test_degrees_become_metres_of_a_georeferenced_frame(write: Write) -> None:
     """A building as GIS exports it, in longitude and latitude; a point alone is no evidence."""
-    hall = room("hall", 8.0227, 52.2833, 8.0229, 52.2835)
-    with pytest.raises(WorldError, match=r"degrees, not metres.*\+lat_0=52.2833"):
-        read_annotation(write(hall))
+    hall = room("hall", 11.57, 48.14, 11.5705, 48.1402)
+    world = read_annotation(write(hall))
+    west, south = world.georeference["easting"], world.georeference["northing"]
+    corners = [(11.57, 48.14), (11.5705, 48.14), (11.5705, 48.1402), (11.57, 48.1402)]
+    expected = shapely.Polygon([np.subtract(MUNICH(*corner), (west, south)) for corner in corners])
+    found = outlines(world)["hall"]
+    assert found.symmetric_difference(expected).area < 1e-3
+    assert 37 < found.bounds[2] - found.bounds[0] < 38  # metres of half a thousandth of a degree
+    assert min(found.bounds[:2]) >= 0
+    assert (world.georeference["crs"], world.georeference["rotation"]) == (32632, 0.0)
     read_annotation(write(feature(("Point", [0.01, 0.02]), kind="region", name="spot"), LAB))
+
+
+@pytest.mark.parametrize("rotation", [0.0, 0.7, -2.0])
+def test_degrees_come_into_the_frame_of_a_map(write: Write, rotation: float) -> None:
+    easting, northing = MUNICH(11.57, 48.14)
+    frame = {"crs": 32632, "easting": easting, "northing": northing}
+    frame |= {"height": 0.0, "rotation": rotation}
+    door = feature(
+        ("Point", [11.5702, 48.1401]),
+        kind="connector",
+        name="d",
+        heading=0.3,
+        width=1.0,
+        joins="hall,outside",
+    )
+    world = read_annotation(
+        write(room("hall", 11.57, 48.14, 11.5705, 48.1402), door), georeference=frame
+    )
+    assert world.georeference is None
+    turn = np.array([[np.cos(rotation), -np.sin(rotation)], [np.sin(rotation), np.cos(rotation)]])
+    back = shapely.transform(outlines(world)["hall"], lambda xy: xy @ turn.T + (easting, northing))
+    corners = [(11.57, 48.14), (11.5705, 48.14), (11.5705, 48.1402), (11.57, 48.1402)]
+    expected = shapely.Polygon([MUNICH(*corner) for corner in corners])
+    assert back.symmetric_difference(expected).area < 1e-3
+    (placed,) = [entry for entry in world.entries if entry.name == "d"]
+    assert math.remainder(placed.pose.yaw + rotation - 0.3, math.pi) == pytest.approx(0)
+
+
+def test_a_layer_of_a_projection_comes_in_with_its_crs(tmp_path: Path) -> None:
+    path = tmp_path / "site.gpkg"
+    pyogrio.raw.write(
+        path,
+        np.array([shapely.to_wkb(shapely.box(691600.5, 5334700, 691608.5, 5334706))], object),
+        [np.array(["hall"], object), np.array(["room"], object)],
+        ["name", "kind"],
+        layer="site",
+        geometry_type="Polygon",
+        crs="EPSG:25832",
+    )
+    world = read_annotation(path)
+    assert world.georeference["crs"] == 25832
+    assert outlines(world)["hall"].equals(shapely.box(0.5, 0, 8.5, 6))
+
+
+def test_coordinates_that_are_on_no_grid_of_the_earth_are_refused(write: Write) -> None:
+    far = room("far", 691600, 5334700, 691610, 5334710)
+    (left,) = read_annotation(write(far)).skipped
+    assert "too large for a local frame" in left.problem
+    with pytest.raises(WorldError, match="beyond UTM"):
+        read_annotation(write(room("pole", 10.0, 89.0, 10.01, 89.01)))

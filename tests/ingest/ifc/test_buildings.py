@@ -37,8 +37,7 @@ def house(request):
         )
         made.add("IfcDoor", "liftdoor", level, ((8.1, 0.5, z), (9.1, 0.55, z + 2)), yaw=math.pi / 2)
         made.add("IfcDoor", "front", level, ((1, -0.1, z), (2, -0.05, z + 2)))
-        made.level = level
-    lift = made.add("IfcTransportElement", "lift", made.level, ((8.4, 0.2, 0), (9.8, 1.8, 2.2)))
+    lift = made.add("IfcTransportElement", "lift", level, ((8.4, 0.2, 0), (9.8, 1.8, 2.2)))
     setattr(lift, "OperationType" if request.param[0] == "IFC2X3" else "PredefinedType", "ELEVATOR")
     return made
 
