@@ -199,12 +199,7 @@ def _border(labels: NDArray[np.int32]) -> NDArray[np.int32]:
 
 def _outline(cells: NDArray[np.bool_], grid: Grid) -> Polygon | None:
     """Return the outline of cells, metres; their steps along a slanting wall become one line."""
-    edges = np.diff(np.pad(cells, ((0, 0), (1, 1))).astype(np.int8), axis=1)
-    row, begin = np.nonzero(edges == 1)
-    end = np.nonzero(edges == -1)[1]
-    flat = shapely.union_all(shapely.box(begin, row, end, row + 1))
-    scaled = shapely.transform(flat, lambda xy: xy * grid.resolution + grid.origin)
-    smooth = scaled.simplify(1.1 * grid.resolution).buffer(0)
+    smooth = grid.area(cells).simplify(1.1 * grid.resolution).buffer(0)
     return max(polygons(smooth), key=lambda part: part.area, default=None)
 
 

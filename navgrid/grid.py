@@ -8,6 +8,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import shapely
+from numpy.typing import NDArray
 
 from semmap.limits import GRID_CELLS
 from semmap.query.storey_scene import Bounds, StoreyScene
@@ -83,6 +85,14 @@ class Grid:
         if not (0 <= row < self.shape[0] and 0 <= column < self.shape[1]):
             raise ValueError(f"({x}, {y}) is not on the grid {self}")
         return row, column
+
+    def area(self, cells: NDArray[np.bool_]) -> shapely.Geometry:
+        """Return what cells (rows, columns) cover, metres."""
+        edges = np.diff(np.pad(cells, ((0, 0), (1, 1))).astype(np.int8), axis=1)
+        row, begin = np.nonzero(edges == 1)
+        end = np.nonzero(edges == -1)[1]
+        flat = shapely.union_all(shapely.box(begin, row, end, row + 1))
+        return shapely.transform(flat, lambda xy: xy * self.resolution + self.origin)
 
 
 def scene_grid(

@@ -226,13 +226,15 @@ class Database(DatabaseManipulation, DatabaseInterlinking):
         model_path: Sequence[str | Path] = (),
         scale: float = 1.0,
         define: bool = False,
+        find_rooms: bool = False,
         progress: Progress = lambda stage, done, total: None,
     ) -> ImportSummary:
         """Read a world file into a map, in one transaction; a repeated import updates it.
 
         Parameters
         ----------
-        path : SDF, Open-RMF ``building.yaml``, GeoJSON, GeoPackage, a mesh or a point cloud
+        path : SDF, Open-RMF ``building.yaml``, IFC, GeoJSON, GeoPackage, a mesh, a point cloud, or
+            the ``map.yaml`` of a SLAM program, which has walls for `find_rooms`
         map : made where it is not there; by default the file's own name
         geometry : of SDF models
         mesh_as : a mesh file is one object, a room, or a scene of an object for each named node
@@ -242,6 +244,8 @@ class Database(DatabaseManipulation, DatabaseInterlinking):
         scale : metres per unit of a mesh file
         define : add types of drawn features that the map does not have; otherwise such a feature
             is left out
+        find_rooms : afterwards, find rooms and doorways in the walls of a map without rooms, and
+            add them
         progress : called with a stage, how much of it is done, and how much there is
 
         Raises
@@ -249,11 +253,13 @@ class Database(DatabaseManipulation, DatabaseInterlinking):
         WorldError
             The file cannot be used as a whole; nothing is changed.
         """
+        from navgrid.explored_map import is_map_file, read_explored_map
         from semmap.ingest.importer import import_file
 
-        return import_file(
+        path = Path(path)
+        summary = import_file(
             self.engine,
-            Path(path),
+            path,
             map_name=map,
             geometry=geometry,
             mesh_as=mesh_as,
@@ -263,7 +269,16 @@ class Database(DatabaseManipulation, DatabaseInterlinking):
             scale=scale,
             define=define,
             progress=progress,
+            world=read_explored_map(path) if is_map_file(path) else None,
         )
+        made = self.map(summary.map)
+        if find_rooms and not made.rooms:
+            found = made.find_rooms(add=True)
+            summary.notes += [
+                f"{each.storey}: found {len(each.rooms)} rooms, {len(each.doorways)} doorways"
+                for each in found
+            ]
+        return summary
 
     def add_robot(
         self,

@@ -49,7 +49,7 @@ def _main(
 
 
 def import_(
-    files: list[Path] = Argument(help="SDF, building.yaml, GeoJSON, meshes, ..."),
+    files: list[Path] = Argument(help="SDF, building.yaml, IFC, GeoJSON, meshes, map.yaml, ..."),
     map_name: MapName = None,
     geometry: str = Option("visual", help="Of SDF models: visual or collision."),
     as_: str = Option("object", "--as", help="A mesh file is: object, room, or scene of nodes."),
@@ -60,6 +60,7 @@ def import_(
     ),
     scale: float = Option(1.0, help="Metres per unit of a mesh file: 0.001 for millimetres."),
     define: bool = Option(False, help="Add types of features that the map does not have."),
+    find_rooms: bool = Option(False, help="Of a map without rooms: find them in its walls."),
     json_: Json = False,
 ) -> None:
     """Read world files into the map: each in one transaction, repeatable."""
@@ -78,7 +79,9 @@ def import_(
     with open_database(migrate=True) as db:
         for path in files:
             with StageBars() as bars:
-                summary = db.import_file(path, map=map_name, progress=bars.report, **options)
+                last = find_rooms and path is files[-1]
+                options |= {"find_rooms": last, "progress": bars.report}
+                summary = db.import_file(path, map=map_name, **options)
             summaries.append(summary)
             map_name = map_name or summary.map
         _name_roomless(db, {summary.map for summary in summaries})

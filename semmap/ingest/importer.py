@@ -162,26 +162,29 @@ def import_file(
     scale: float = 1.0,
     define: bool = False,
     progress: Progress = lambda stage, done, total: None,
+    world: World | None = None,
 ) -> ImportSummary:
     """Import a world file in one transaction, into the map of a name, by default the file's own.
 
     `strict` takes nothing if anything has to be left out; `define` adds the types of features that
     the map does not have, which are left out otherwise. A repeated import finds its entities
-    again by `source`, by default the file's path. After a WorldError, nothing is written.
+    again by `source`, by default the file's path. `world` is what a caller has read of the file.
+    After a WorldError, nothing is written.
     """
     start = time.perf_counter()
     progress(f"reading {path.name}", 0, 0)
     types = None if define else _known_types(engine)
-    world = read_world(
-        path,
-        geometry,
-        mesh_as,
-        model_path=model_path,
-        scale=scale,
-        types=types,
-        georeference=_georeference(engine, map_name),
-        progress=progress,
-    )
+    if world is None:
+        world = read_world(
+            path,
+            geometry,
+            mesh_as,
+            model_path=model_path,
+            scale=scale,
+            types=types,
+            georeference=_georeference(engine, map_name),
+            progress=progress,
+        )
     if strict and world.skipped:
         first = world.skipped[0]
         problem = f"{first.problem} (and {len(world.skipped) - 1} more)"
