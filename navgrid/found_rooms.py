@@ -48,6 +48,9 @@ CLOSED = 0.5
 MARGIN = 1.0
 """Metres of the grid around the walls: the cells connected with its border are outside."""
 
+BESIDE = 0.15
+"""Metres from its room to a doorway that leads outside, at most."""
+
 SAME = 0.5
 """The part of a found room that a room of the map covers if it is the same one; and metres from
 another doorway within which a found one is the same."""
@@ -81,24 +84,40 @@ class FoundDoorway(NamedTuple):
         return self.rooms[0], self.rooms[1] or OUTSIDE
 
 
+class FoundStairs(NamedTuple):
+    """Stairs from a room to one of the storey above.
+
+    `ends` (2, 3) are where a robot stands before and behind them, `floors` the z of both, metres in
+    the map's frame; `treads` is the name of the object.
+    """
+
+    name: str
+    rooms: tuple[str, str]
+    ends: NDArray[np.float64]
+    floors: tuple[float, float]
+    treads: str
+
+
 @dataclass(frozen=True, eq=False)
 class FoundRooms:
-    """The rooms and doorways of a storey that geometry shows and the map does not have yet.
+    """What the geometry of a storey shows and the map does not have yet.
 
-    `known` are the rooms of the map that were found again; `problem` says why nothing was found.
+    These are rooms, doorways, and stairs to the storey above. `known` are the rooms of the map that
+    were found again; `problem` says why nothing was found.
     """
 
     storey: str
     elevation: float
     rooms: tuple[FoundRoom, ...] = ()
     doorways: tuple[FoundDoorway, ...] = ()
+    stairs: tuple[FoundStairs, ...] = ()
     known: tuple[str, ...] = ()
     problem: str | None = None
 
     def table(self) -> list[dict[str, Any]]:
         """A row for each: kind, name, type, metres (square, of rooms), confidence, and `by`.
 
-        `by` are the objects that show a room's type, and the rooms that a doorway joins.
+        `by` are the objects that show a room's type, and the rooms that a doorway or stairs join.
         """
         rooms = [
             ("room", r.name, r.type, round(r.outline.area, 1), r.confidence, r.shown_by)
@@ -107,6 +126,10 @@ class FoundRooms:
         doorways = [
             ("doorway", d.name, "opening", round(d.line.length, 2), d.confidence, d.joins)
             for d in self.doorways
+        ]
+        stairs = [
+            ("stairs", s.name, "stairs", round(float(np.ptp(s.ends[:, 2])), 2), 1.0, s.rooms)
+            for s in self.stairs
         ]
         return [
             {
@@ -118,7 +141,7 @@ class FoundRooms:
                 "confidence": round(confidence, 2),
                 "by": ", ".join(by),
             }
-            for kind, name, type_, metres, confidence, by in (*rooms, *doorways)
+            for kind, name, type_, metres, confidence, by in (*rooms, *doorways, *stairs)
         ]
 
 
@@ -234,14 +257,30 @@ def _new(
         a, b = sorted(passage.segments, key=lambda each: names.get(each) is None)
         if a not in names:
             continue
-        line = LineString((passage.ends[:, ::-1] + 0.5) * grid.resolution + grid.origin)
+        drawn = LineString((passage.ends[:, ::-1] + 0.5) * grid.resolution + grid.origin)
+        line = _amid(drawn, outlines[a], outlines.get(b))
         middle = line.interpolate(0.5, normalized=True)
         if any(middle.distance(other) < SAME for other in there):
             continue
         there.append(middle)
         pair = (names[a], names.get(b))
         doorways.append(FoundDoorway(next(door_names), pair, line, passage.confidence))
-    return FoundRooms(scene.storey, scene.elevation, tuple(rooms), tuple(doorways), tuple(known))
+    return FoundRooms(
+        scene.storey, scene.elevation, tuple(rooms), tuple(doorways), known=tuple(known)
+    )
+
+
+def _amid(line: LineString, first: Polygon, second: Polygon | None) -> LineString:
+    """A line in a thick wall, moved to the middle between two rooms, or to `BESIDE` one."""
+    behind = BESIDE if second is None else second.distance(line)
+    ahead = first.distance(line)
+    if second is None and ahead <= behind:
+        return line
+    middle, nearest = shapely.shortest_line(line.centroid, first).coords
+    away = np.subtract(nearest, middle)
+    reach = float(np.hypot(*away))
+    shift = away / reach * (ahead - behind) / (2 if second is not None else 1) if reach else away
+    return shapely.transform(line, lambda xy: xy + shift)
 
 
 def _is_same(room: SceneEntity, outline: Polygon) -> bool:

@@ -13,6 +13,7 @@ import shapely
 from semmap.finite_number import finite_numbers
 from semmap.geometry.mesh import Mesh, box_mesh, prism_mesh
 from semmap.geometry.pose import Pose
+from semmap.ingest.stairs import way_entry
 from semmap.ingest.store.holder_store import find_surfaces
 from semmap.ingest.store.world_store import store_world
 from semmap.ingest.world import (
@@ -193,6 +194,16 @@ def add_found_rooms(map: Map, found: FoundRooms) -> None:
         made = door(map, way.name, way.rooms, line, found.elevation, CLEARANCE, **detail)
         made.type = "opening"
         made.properties["found"] = {"confidence": round(way.confidence, 3)}
+        add_entry(map, made)
+
+
+def add_found_stairs(map: Map, found: FoundRooms) -> None:
+    """Add the stairs from a storey to the next one that were found, whose rooms the map has."""
+    for stairs in found.stairs:
+        made = way_entry(stairs.name, "stairs", stairs.ends, stairs.rooms, stairs.floors)
+        made.properties["found"] = {"shown_by": [stairs.treads]}
+        if found.storey in map and made.pose is not None:
+            made.holder, made.pose = found.storey, Pose(z=-found.elevation) @ made.pose
         add_entry(map, made)
 
 

@@ -256,7 +256,7 @@ class Map(
     def find_rooms(
         self, *, storey: EntityName | None = None, add: bool = False
     ) -> list[FoundRooms]:
-        """Find the rooms and doorways between walls, on each storey, the lowest first.
+        """Find the rooms and doorways between walls, and stairs, on each storey, the lowest first.
 
         Rooms and connectors that the map has already are left as they are, and out. A storey
         without walls has a `problem` in their place.
@@ -272,7 +272,8 @@ class Map(
             There is no such storey; no storey has walls.
         """
         from navgrid.found_rooms import FoundRooms, find_rooms
-        from semmap.api.additions import ROOMS_OF_TYPES, add_found_rooms
+        from navgrid.found_stairs import with_stairs
+        from semmap.api.additions import ROOMS_OF_TYPES, add_found_rooms, add_found_stairs
         from semmap.query.storey_reader import read_storeys
 
         with self.snapshot() as seen:
@@ -287,10 +288,13 @@ class Map(
                 found.append(FoundRooms(scene.storey, scene.elevation, problem=str(error)))
         if all(each.problem for each in found):
             raise ValueError("; ".join(str(each.problem) for each in found))
+        found = with_stairs(scenes, found)
         if add:
             with self._change():
                 for each in found:
                     add_found_rooms(self, each)
+                for each in found:
+                    add_found_stairs(self, each)
         return found
 
     def spot(

@@ -9,6 +9,7 @@ import shapely
 
 import semmap
 from semmap.ingest.ifc import read_ifc
+from semmap.ingest.importer import import_file
 from semmap.ingest.world import OUTSIDE
 
 DUPLEX = "ifc/Duplex_A_20110907.ifc"
@@ -87,6 +88,27 @@ def test_routes_reach_all_rooms_of_a_flat_and_no_other(building):
             assert building.route(start, goal).steps
     with pytest.raises(semmap.Error, match="outside"):
         building.route("A102", "B102")
+
+
+def test_rooms_and_stairs_are_found_where_the_file_has_spaces(database, worlds, duplex):
+    """The same building without its spaces and doors."""
+    bare = read_ifc(worlds / DUPLEX)
+    bare.entries = [e for e in bare.entries if e.kind not in ("room", "connector")]
+    with semmap.connect(database) as db:
+        import_file(db.engine, worlds / DUPLEX, map_name="bare", world=bare)
+        house = db.map("bare")
+        house.find_rooms(add=True)
+        stairs = [door for door in house.doors if door.form == "stairs"]
+        known = [e for e in duplex.entries if e.type == "stairs"]
+        found = sorted(tuple(door.pose.translation[:2]) for door in stairs)
+        assert found == [
+            pytest.approx(at, abs=0.1) for at in sorted((e.pose.x, e.pose.y) for e in known)
+        ]
+        for door in stairs:
+            lower, upper = door.places
+            assert (lower.storey.name, upper.storey.name) == ("Level 1", "Level 2")
+            assert "climb_stairs" in [step.behaviour for step in house.route(lower, upper).steps]
+        assert house.find_rooms()[0].stairs == ()
 
 
 def test_walls_are_where_the_file_has_them_and_spaces_are_free(building, duplex):
