@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import rdflib
 from rdflib.plugins.sparql.parserutils import CompValue
+from rdflib.term import Identifier
 
 from semmap.language import algebra
 from semmap.language.algebra import Expression
@@ -21,15 +21,8 @@ MIRRORED = {"<": ">", ">": "<", "<=": ">=", ">=": "<=", "=": "=", "!=": "!="}
 """For each comparison the one with exchanged sides."""
 
 
-@dataclass(frozen=True, eq=False)
-class _Name:
-    """A name in the text: an entity where it is compared with one, otherwise a text."""
-
-    term: Any
-    position: int
-
-
-Operand = Expression | _Name
+Operand = Expression | Identifier
+"""A name in the text is an entity where it is compared with one, otherwise a text."""
 
 
 def check_expression(tree: Any, scope: Checker) -> Expression:
@@ -37,7 +30,7 @@ def check_expression(tree: Any, scope: Checker) -> Expression:
     operand = _operand(tree, scope)
     if isinstance(operand, Expression):
         return operand
-    return (_entity if isinstance(operand.term, rdflib.URIRef) else _text)(operand, scope)
+    return (_entity if isinstance(operand, rdflib.URIRef) else _text)(operand, scope)
 
 
 def check_condition(tree: Any, scope: Checker) -> Expression:
@@ -74,8 +67,8 @@ def _operand(tree: Any, scope: Checker) -> Operand:
             return algebra.Constant("number", position, None, number)
         if name_of(tree) is None:
             raise scope.error("this is neither a number nor a name", tree)
-    if isinstance(tree, rdflib.term.Identifier):
-        return _Name(tree, position)
+    if isinstance(tree, Identifier):
+        return tree
     if isinstance(tree, CompValue):
         if tree.name.startswith("Aggregate_"):
             raise scope.error(
@@ -90,15 +83,15 @@ def _operand(tree: Any, scope: Checker) -> Operand:
     raise scope.error("this is not supported here", position)
 
 
-def _entity(name: _Name, scope: Checker) -> Expression:
+def _entity(term: Identifier, scope: Checker) -> Expression:
     """Return the one entity that an IRI stands for."""
-    entities = scope.entities(name.term, None)
-    own = name_of(name.term)
+    entities = scope.entities(term, None)
+    own = name_of(term)
     if len(entities) == 1:
         (own,) = entities
     elif own not in entities:
-        raise scope.error(f"this stands for {len(entities)} entities: name one of them", name.term)
-    return algebra.Constant("entity", name.position, None, str(own))
+        raise scope.error(f"this stands for {len(entities)} entities: name one of them", term)
+    return algebra.Constant("entity", position_of(term) or 0, None, str(own))
 
 
 def _text(operand: Operand, scope: Checker) -> Expression:
@@ -107,9 +100,9 @@ def _text(operand: Operand, scope: Checker) -> Expression:
             return operand
         fix = ": write STR(...)" if operand.kind == "entity" else ""
         raise scope.error(f"{with_article(operand.kind)} is not a text{fix}", operand.position)
-    if isinstance(operand.term, rdflib.URIRef):
-        raise scope.error('an IRI is not a text: write "..."', operand.term)
-    return algebra.Constant("text", operand.position, None, str(operand.term))
+    if isinstance(operand, rdflib.URIRef):
+        raise scope.error('an IRI is not a text: write "..."', operand)
+    return algebra.Constant("text", position_of(operand) or 0, None, str(operand))
 
 
 def _call(kind: ValueKind, function: str, *arguments: Expression) -> algebra.Call:
@@ -118,7 +111,7 @@ def _call(kind: ValueKind, function: str, *arguments: Expression) -> algebra.Cal
 
 def _number(tree: Any, scope: Checker) -> Expression:
     operand = _operand(tree, scope)
-    if isinstance(operand, _Name):
+    if isinstance(operand, Identifier):
         raise scope.error("this is not a number", tree)
     if operand.kind != "number":
         raise scope.error(f"{with_article(operand.kind)} is not a number", tree)
@@ -142,13 +135,16 @@ def _relational(tree: Any, scope: Checker) -> Expression:
 
 
 def _compared(a: Operand, operator: str, b: Operand, tree: Any, scope: Checker) -> Expression:
-    if isinstance(a, _Name):
-        if isinstance(b, _Name):
+    if isinstance(a, Identifier):
+        if isinstance(b, Identifier):
             raise scope.error("both sides are constants: one has to be a variable", tree)
         return _compared(b, MIRRORED[operator], a, tree, scope)
-    if isinstance(b, _Name):
+    if isinstance(b, Identifier):
         if a.kind == "entity":
-            return _is_one_of(a, operator, b, tree, scope)
+            if operator not in ("=", "!="):
+                raise scope.error("an entity has no order: compare STR(...)", tree)
+            entities = scope.entities(b, a.range)
+            return algebra.Membership("boolean", a.position, None, a, entities, operator == "!=")
         if a.kind != "text":
             raise scope.error(f"{with_article(a.kind)} cannot be compared with a name", tree)
         b = _text(b, scope)
@@ -162,13 +158,6 @@ def _compared(a: Operand, operator: str, b: Operand, tree: Any, scope: Checker) 
     return _call("boolean", operator, a, b)
 
 
-def _is_one_of(a: Expression, operator: str, b: _Name, tree: Any, scope: Checker) -> Expression:
-    if operator not in ("=", "!="):
-        raise scope.error("an entity has no order: compare STR(...)", tree)
-    entities = scope.entities(b.term, a.range)
-    return algebra.Membership("boolean", a.position, None, a, entities, operator == "!=")
-
-
 def _in(tree: Any, scope: Checker) -> Expression:
     items = [] if tree.other == rdflib.RDF.nil else list(tree.other)
     a = _operand(tree.expr, scope)
@@ -177,10 +166,6 @@ def _in(tree: Any, scope: Checker) -> Expression:
     if each:
         found = _call("boolean", "||", *each)
     return _call("boolean", "!", found) if tree.op == "NOT IN" else found
-
-
-def _same_term(tree: Any, scope: Checker) -> Expression:
-    return _compared(_operand(tree.arg1, scope), "=", _operand(tree.arg2, scope), tree, scope)
 
 
 def _logical(operator: str) -> Any:
@@ -226,7 +211,7 @@ def _coalesce(tree: Any, scope: Checker) -> Expression:
 
 def _str(tree: Any, scope: Checker) -> Expression:
     operand = _operand(tree.arg, scope)
-    if isinstance(operand, _Name) or operand.kind == "text":
+    if isinstance(operand, Identifier) or operand.kind == "text":
         return _text(operand, scope)
     if operand.kind != "entity":
         raise scope.error(f"{with_article(operand.kind)} has no name", tree)
@@ -298,7 +283,9 @@ _CHECKS: Mapping[str, Callable[[Any, Checker], Expression]] = {
     "Builtin_BOUND": _bound,
     "Builtin_IF": _if,
     "Builtin_COALESCE": _coalesce,
-    "Builtin_sameTerm": _same_term,
+    "Builtin_sameTerm": lambda tree, scope: _compared(
+        _operand(tree.arg1, scope), "=", _operand(tree.arg2, scope), tree, scope
+    ),
     "Builtin_STR": _str,
     "Builtin_REGEX": _regex,
     "Builtin_EXISTS": lambda tree, scope: scope.exists(tree),

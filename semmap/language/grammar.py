@@ -26,7 +26,7 @@ def read_syntax(text: NormalisedText, form: Form, *, whole: bool = False) -> Any
     """Return rdflib's syntax tree; the `whole` of SPARQL has lists, and no clauses of our own."""
     with _LOCK:
         try:
-            return _grammar(form, whole).parse_string(text.sparql, parse_all=True)
+            return _kept_grammar(form, whole).parse_string(text.sparql, parse_all=True)
         except pyparsing.ParseBaseException as error:
             grammar, failures = _recording_grammar(form, whole)
             failures.clear()
@@ -45,11 +45,6 @@ def _syntax_error(
     if 0 < len(expected) <= 8:
         reason += f": expected {' or '.join(expected)}"
     return text.error(reason, furthest)
-
-
-@cache
-def _grammar(form: Form, whole: bool) -> Any:
-    return _own_grammar(form, whole)
 
 
 @cache
@@ -81,6 +76,9 @@ def _own_grammar(form: Form, whole: bool) -> Any:
             element.add_parse_action(_set_position)
     grammar.ignore("#" + pyparsing.rest_of_line)
     return grammar
+
+
+_kept_grammar = cache(_own_grammar)
 
 
 def _loaded_parser() -> ModuleType:

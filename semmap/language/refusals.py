@@ -42,8 +42,8 @@ _UNSAFE = {
 
 def refuse_unsafe(text: NormalisedText, tree: Any) -> None:
     """Raise QueryError for the first part of a syntax tree that leads outside of the database."""
-    unsafe = [part for part in _parts(tree) if part.name in _UNSAFE and not _is_silent(part)]
-    _refuse(text, [(_UNSAFE[part.name], part) for part in unsafe])
+    unsafe = [part for part in _parts(tree) if part.name in _UNSAFE]
+    _refuse(text, [(_UNSAFE[p.name], p) for p in unsafe if p.name != "Load" or not p.silent])
     _refuse(text, [(reason, part) for part in _parts(tree) for reason in _uneven(part)])
 
 
@@ -59,10 +59,6 @@ def _refuse(text: NormalisedText, refused: list[tuple[str, Any]]) -> None:
 
 def _parts(tree: Any) -> Iterator[CompValue]:
     return (part for part in nodes_in(tree) if isinstance(part, CompValue))
-
-
-def _is_silent(part: CompValue) -> bool:
-    return part.name == "Load" and bool(part.silent)
 
 
 def _reasons(part: CompValue) -> Iterator[str]:
