@@ -90,7 +90,7 @@ class KnowledgeClient:
                 if method == "retract":
                     gone = [fact for p in patterns for fact in _matching(view, p, graph)]
                     return GraphChanges(0, FactWriter(view).delete(gone))
-                facts = [_fact(pattern, graph) for pattern in patterns]
+                facts = [Fact(*pattern, graph) for pattern in patterns]
                 removed = 0
                 if method == "update":
                     gone = [fact for new in facts for fact in _replaced(view, new)]
@@ -163,7 +163,7 @@ class KnowledgeClient:
         names = variables(parsed)
         if names:
             return self.find(names, patterns)
-        starred = [term for term in parsed[0].terms if isinstance(term, rdflib.Variable)]
+        starred = [term for term in parsed[0] if isinstance(term, rdflib.Variable)]
         if len(parsed) != 1 or len(starred) != 1:
             raise ValueError(f"{patterns!r}: name the variables that you want, such as ?x")
         rows = self.sparql(query_text(parsed, [str(starred[0])], None)).rows
@@ -299,10 +299,10 @@ class KnowledgeClient:
 
 def _refuse_variables(patterns: Sequence[ClientPattern]) -> None:
     for pattern in patterns:
-        for term in pattern.terms:
+        for term in pattern:
             if not isinstance(term, (rdflib.URIRef, rdflib.Literal)):
                 raise ValueError(
-                    f"{' '.join(t.n3() for t in pattern.terms)}: only what is retracted has "
+                    f"{' '.join(t.n3() for t in pattern)}: only what is retracted has "
                     "variables, *, or paths: name all three terms"
                 )
 
@@ -326,24 +326,19 @@ def _end(view: MapView, lifespan: float) -> datetime | None:
     return row[0]  # type: ignore[no-any-return]
 
 
-def _fact(pattern: ClientPattern, graph: rdflib.URIRef | None) -> Fact:
-    return Fact(pattern.subject, pattern.verb, pattern.object, graph)
-
-
 def _matching(view: MapView, pattern: ClientPattern, graph: rdflib.URIRef | None) -> Iterator[Fact]:
-    names = [str(t) for t in pattern.terms if isinstance(t, (rdflib.Variable, rdflib.BNode))]
+    names = [str(t) for t in pattern if isinstance(t, (rdflib.Variable, rdflib.BNode))]
     if not isinstance(pattern.verb, (rdflib.URIRef, rdflib.Variable, rdflib.BNode)):
         raise ValueError(f"{pattern.verb.n3()}: a path is not stated: name a property")
     if not names:
-        yield _fact(pattern, graph)
+        yield Fact(*pattern, graph)
         return
     free = tuple(
-        None if isinstance(term, (rdflib.Variable, rdflib.BNode)) else term
-        for term in pattern.terms
+        None if isinstance(term, (rdflib.Variable, rdflib.BNode)) else term for term in pattern
     )
     for triple in view.triples(free, graph):  # type: ignore[arg-type]
         values: dict[str, Any] = {}
-        pairs = zip(pattern.terms, triple, strict=True)
+        pairs = zip(pattern, triple, strict=True)
         if all(
             term == value or values.setdefault(str(term), value) == value for term, value in pairs
         ):

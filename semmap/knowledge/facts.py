@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
 from datetime import datetime
 from typing import Any, NamedTuple
 
@@ -40,8 +39,7 @@ _ONCE = (
 """The index `statement_once`."""
 
 
-@dataclass(frozen=True)
-class Fact:
+class Fact(NamedTuple):
     """A triple of a graph; None for the default graph."""
 
     subject: Any
@@ -52,9 +50,8 @@ class Fact:
     def shown(self) -> str:
         """Return the triple as Turtle."""
         known = prefixes("")
-        terms = (self.subject, self.property, self.object)
         return " ".join(
-            short(str(t), known) if isinstance(t, rdflib.URIRef) else t.n3() for t in terms
+            short(str(t), known) if isinstance(t, rdflib.URIRef) else t.n3() for t in self[:3]
         )
 
 
@@ -107,12 +104,7 @@ class FactWriter:
 
     def _resolved(self, facts: Iterable[Fact]) -> list[Fact]:
         found = list(dict.fromkeys(facts))
-        iris = {
-            str(term)
-            for fact in found
-            for term in (fact.subject, fact.property, fact.object)
-            if isinstance(term, rdflib.URIRef)
-        }
+        iris = {str(t) for fact in found for t in fact[:3] if isinstance(t, rdflib.URIRef)}
         self._constants = resolve(self._view.session, iris, self._view.namespace, self._view.number)
         return found
 

@@ -114,7 +114,7 @@ class KB:
             with self._client.view() as view:
                 for model in self._models(models):
                     graph = self._client.graph_of(model)
-                    placed = [type(f)(f.subject, f.property, f.object, graph) for f in facts]
+                    placed = [fact._replace(graph=graph) for fact in facts]
                     store_facts(view.session, placed, path)
 
     def revise(self, stmts: Sequence[str], policy: dict[str, Any]) -> None:
@@ -174,7 +174,7 @@ class KB:
             patterns, starred = _with_stars(patterns)
             parsed = self._client.parsed(patterns)
             known = dict.fromkeys(
-                f"?{term}" for p in parsed for term in p.terms if isinstance(term, rdflib.Variable)
+                f"?{term}" for p in parsed for term in p if isinstance(term, rdflib.Variable)
             )
             if not known:
                 return self.exist(patterns, models)

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
 from itertools import count
-from typing import Any
+from typing import Any, NamedTuple
 from urllib.parse import quote
 
 import rdflib
@@ -36,18 +35,12 @@ _ABOUT_VOCABULARY = frozenset(
 """Properties between classes and properties; bare words are individuals with all others."""
 
 
-@dataclass(frozen=True)
-class ClientPattern:
+class ClientPattern(NamedTuple):
     """A triple of terms, some of which may be variables; the verb, its property, may be a path."""
 
     subject: Any
     verb: Any
     object: Any
-
-    @property
-    def terms(self) -> tuple[Any, Any, Any]:
-        """The three terms."""
-        return self.subject, self.verb, self.object
 
 
 def parse_pattern(statement: str, map_name: str) -> ClientPattern:
@@ -57,7 +50,7 @@ def parse_pattern(statement: str, map_name: str) -> ClientPattern:
     (`oro:word`), and so the property or type of the map with that name. ``*`` is a variable without
     a name.
 
-    >>> [str(term) for term in parse_pattern("human1 looksAt ?book", "lab").terms]
+    >>> [str(term) for term in parse_pattern("human1 looksAt ?book", "lab")]
     ['urn:semmap:map:lab#human1', 'http://kb.openrobots.org#looksAt', 'book']
     """
     parts = statement.strip().removesuffix(" .").split(None, 2)
@@ -100,7 +93,7 @@ def _plain(term: Any) -> Any:
 
 def variables(patterns: Iterable[ClientPattern]) -> list[str]:
     """Return the names of the variables of patterns, in order; without those of ``*``."""
-    terms = (term for pattern in patterns for term in pattern.terms)
+    terms = (term for pattern in patterns for term in pattern)
     names = dict.fromkeys(str(term) for term in terms if isinstance(term, rdflib.Variable))
     return [name for name in names if not name.startswith(_NAMELESS)]
 
@@ -109,7 +102,7 @@ def query_text(
     patterns: Sequence[ClientPattern], names: Sequence[str], graph: rdflib.URIRef | None
 ) -> str:
     """Return the query for all patterns: SELECT of the names, or ASK where there are none."""
-    body = " . ".join(" ".join(term.n3() for term in pattern.terms) for pattern in patterns)
+    body = " . ".join(" ".join(term.n3() for term in pattern) for pattern in patterns)
     if graph is not None:
         body = f"GRAPH {graph.n3()} {{ {body} }}"
     form = f"SELECT DISTINCT {' '.join(f'?{name}' for name in names)}" if names else "ASK"

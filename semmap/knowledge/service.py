@@ -170,7 +170,7 @@ class SparqlEndpoint:
             except (WorldError, UnicodeDecodeError) as error:
                 raise _ProtocolError(400, str(error)) from error
             graph = None if named is None else rdflib.URIRef(named)
-            new = [Fact(f.subject, f.property, f.object, graph) for f in parsed]
+            new = [fact._replace(graph=graph) for fact in parsed]
         with self._limited(role, write=True) as session:
             view = MapView.of(session)
             gone = 0

@@ -9,10 +9,10 @@ from typing import Any, NamedTuple
 import psycopg
 import rdflib
 
+from semmap.knowledge.facts import Fact
 from semmap.knowledge.map_view import MapView
 from semmap.knowledge.mapping import INFERRED_GRAPH, NODES
 from semmap.knowledge.sparql.kept_queries import Term, term_of
-from semmap.knowledge.standing.parts import Quad
 from semmap.knowledge.triple_map import Form
 from semmap.knowledge.vocabulary import encode
 
@@ -61,7 +61,7 @@ class Touched:
                 if self.names.get(number) == name:
                     self.nodes[node] = (form, number)
         last = {**dict(former), **self.names}
-        self.quads: dict[Quad, bool] = {}
+        self.quads: dict[Fact, bool] = {}
         alive = answers.facts.fetchall() if answers.facts else ()
         for fact, (is_stated, is_inferred) in zip(changes.facts, alive, strict=True):
             quad = self._quad(fact, last)
@@ -79,7 +79,7 @@ class Touched:
     def _iri(self, name: str, form: Form) -> Term:
         return rdflib.URIRef(f"{self.namespace}{_OF_MAP[form]}{encode(name)}")
 
-    def _quad(self, fact: tuple[Any, ...], names: Mapping[int, str]) -> Quad | None:
+    def _quad(self, fact: tuple[Any, ...], names: Mapping[int, str]) -> Fact | None:
         graph, subject, verb, object_, tag = fact
         ends: list[Any] = []
         for end, kind in ((subject, "I"), (object_, tag)):
@@ -90,7 +90,7 @@ class Touched:
             else:
                 ends.append(term_of(end, kind))
         named = rdflib.URIRef(graph) if graph else None
-        return Quad(ends[0], rdflib.URIRef(verb), ends[1], named)
+        return Fact(ends[0], rdflib.URIRef(verb), ends[1], named)
 
 
 _SAME = (

@@ -12,12 +12,12 @@ from typing import Any
 
 import rdflib
 
+from semmap.knowledge.facts import Fact
 from semmap.knowledge.mapping import COMPUTED, TOPOLOGICAL
 from semmap.knowledge.sparql.kept_queries import Term
 from semmap.knowledge.standing.parts import (
     SIDES,
     PartPattern,
-    Quad,
     QueryPart,
     is_variable,
     name_of_variable,
@@ -31,7 +31,7 @@ COSTLY = frozenset(c.property for c in COMPUTED) | {f"{GEO}{name}" for name in T
 Key = tuple[str, int, Form]
 """A property, and the side and the form of the nodes of which triples are listed."""
 
-Triples = dict[tuple[str, int, Term], list[Quad]]
+Triples = dict[tuple[str, int, Term], list[Fact]]
 """Listed triples by property, and side and term of their node."""
 
 Needed = tuple[str, int, Term | None]
@@ -88,7 +88,7 @@ class PatternIndex:
                 if not any(is_variable(pattern.terms[side]) for side in SIDES):
                     yield "_ground", (pattern.index_key, member)
 
-    def keyed(self, quad: Quad, side: int, form: Form) -> Iterator[tuple[QueryPart, str, int]]:
+    def keyed(self, quad: Fact, side: int, form: Form) -> Iterator[tuple[QueryPart, str, int]]:
         """Yield the parts that a listed triple may concern, with variable and pattern."""
         index = self._keyed.get(side, {}).get(form)
         if index:
@@ -96,7 +96,7 @@ class PatternIndex:
                 yield from index.get(key, ())
 
     def stated(
-        self, quad: Quad, known: Triples, nodes: Mapping[Term, tuple[Form, int]]
+        self, quad: Fact, known: Triples, nodes: Mapping[Term, tuple[Form, int]]
     ) -> Iterator[tuple[QueryPart, int]]:
         """Yield the parts that a new statement may concern; nodes are all listed in `known`."""
         for key in _keys_of(quad):
@@ -111,7 +111,7 @@ class PatternIndex:
                 for some in members.values():
                     yield from some
 
-    def ground(self, quad: Quad) -> Iterator[tuple[QueryPart, int]]:
+    def ground(self, quad: Fact) -> Iterator[tuple[QueryPart, int]]:
         """Yield the parts with a pattern without variables that a statement may concern."""
         for key in _keys_of(quad):
             yield from self._ground.get(key, ())
@@ -165,7 +165,7 @@ def _told_apart(part: QueryPart, pattern: PartPattern) -> tuple[Any, Term | None
     return None, None
 
 
-def _keys_of(quad: Quad) -> Iterator[tuple[Term | None, ...]]:
+def _keys_of(quad: Fact) -> Iterator[tuple[Term | None, ...]]:
     return product((quad.property, None), (quad.subject, None), (quad.object, None))
 
 

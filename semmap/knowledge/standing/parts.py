@@ -18,6 +18,7 @@ import rdflib
 from rdflib.paths import AlternativePath, InvPath, SequencePath
 from rdflib.plugins.sparql.parserutils import CompValue
 
+from semmap.knowledge.facts import Fact
 from semmap.knowledge.mapping import COMPUTED, FACTS, INFERENCES, NODES, STATEMENTS, TOPOLOGICAL
 from semmap.knowledge.queries import plain
 from semmap.knowledge.sparql.kept_queries import Row, Term
@@ -52,15 +53,6 @@ _VOLATILE = frozenset(
 
 
 MOST_CHOICES = 16  # a query whose paths have more choices of properties is evaluated as a whole
-
-
-class Quad(NamedTuple):
-    """A triple and its graph; None for the default graph."""
-
-    subject: Term
-    property: Term
-    object: Term
-    graph: Term | None = None
 
 
 class WholeError(Exception):
@@ -103,7 +95,7 @@ class PartPattern:
             and name_of_variable(self.terms[side]) == name
         ]
 
-    def match(self, quad: Quad) -> Solution | None:
+    def match(self, quad: Fact) -> Solution | None:
         """Return the terms of the variables with which a quad matches; None if it does not."""
         found: Solution = {}
         for term, value in zip((*self.terms, self.graph), quad, strict=True):

@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 
 import rdflib
 
+from semmap.knowledge.facts import Fact
 from semmap.knowledge.fields.properties import FieldError
 from semmap.knowledge.map_view import MapView
 from semmap.knowledge.queries import plain
@@ -26,7 +27,6 @@ from semmap.knowledge.standing.evaluation import Evaluation, Job, Regions
 from semmap.knowledge.standing.index import PatternIndex, Triples
 from semmap.knowledge.standing.parts import (
     PartPattern,
-    Quad,
     QueryPart,
     Solution,
 )
@@ -309,7 +309,7 @@ class StandingQueries:
             else:
                 self._of_ended_fact(quad, regions)
 
-    def _of_new_fact(self, quad: Quad, touched: Touched, known: Triples, regions: Regions) -> None:
+    def _of_new_fact(self, quad: Fact, touched: Touched, known: Triples, regions: Regions) -> None:
         match = cache(partial(PartPattern.match, quad=quad))  # many parts have one pattern
         for part, number in self._index.stated(quad, known, touched.nodes):
             pattern = part.patterns[number]
@@ -341,7 +341,7 @@ class StandingQueries:
         else:
             regions.known_as(part, region, found)
 
-    def _of_ended_fact(self, quad: Quad, regions: Regions) -> None:
+    def _of_ended_fact(self, quad: Fact, regions: Regions) -> None:
         """Find the solutions that there are with a statement that ended."""
         ends = (quad.subject, quad.object)
         parts = {part for term in ends for part, _ in self._having.get(term, ())}

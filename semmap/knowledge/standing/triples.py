@@ -14,6 +14,7 @@ import psycopg
 import rdflib
 from rdflib.plugins.sparql.parserutils import CompValue
 
+from semmap.knowledge.facts import Fact
 from semmap.knowledge.map_view import MapView
 from semmap.knowledge.mapping import COMPUTED
 from semmap.knowledge.sparql.constants import Constants
@@ -24,7 +25,6 @@ from semmap.knowledge.standing.index import COSTLY, Key, PatternIndex, Triples
 from semmap.knowledge.standing.parts import (
     SIDES,
     PartPattern,
-    Quad,
     QueryPart,
     Solution,
     is_variable,
@@ -99,7 +99,7 @@ def _read(asked: Asked | None, touched: Touched, known: Triples) -> None:
         term, other = touched.node(number, form), term_of(text, tag)
         if other is not None:
             ends = (term, other) if side == 0 else (other, term)
-            known[verb, side, term].append(Quad(ends[0], rdflib.URIRef(verb), ends[1]))
+            known[verb, side, term].append(Fact(ends[0], rdflib.URIRef(verb), ends[1]))
 
 
 def _wanted(
@@ -122,7 +122,7 @@ def _wanted(
     return list(dict.fromkeys(ids)), None if None in others else numbers
 
 
-def _has(quads: Iterable[Quad], side: int, end: Term | None) -> bool:
+def _has(quads: Iterable[Fact], side: int, end: Term | None) -> bool:
     """Return whether there is a triple with an other end; None for any."""
     return any(end is None or quad[2 - side] == end for quad in quads)
 
