@@ -100,17 +100,12 @@ class PropertyPaths(TripleMatch, ABC):
         next_columns = f"{s}.c2, {s}.c3" if wide else f"{s}.c1"
         first = f"SELECT {next_columns} FROM ({one}) {s} WHERE {match_seed}"
         if mod == "?":
-            text = f"SELECT {begin} UNION {first}"
-            found = f"LATERAL ({text}) {q} ({columns})"
+            base = f"SELECT {begin} UNION {first}"
         else:
             base = f"SELECT {begin}" if zero else first
-            found = (
-                f"LATERAL (WITH RECURSIVE {r} ({columns}) AS ({base} UNION "
-                f"SELECT {next_columns} FROM {r}, LATERAL ({one}) {s} WHERE {match_step}) "
-                f"SELECT {columns} FROM {r}) {q}"
-            )
+        step = f"SELECT {next_columns} FROM {r}, LATERAL ({one}) {s} WHERE {match_step}"
         value = Value(form, f"{q}.x", f"{q}.xt" if wide else None)
-        return Rows([found], variables={"*": value})
+        return Rows([_closure(base, step, mod, columns, r, q)], variables={"*": value})
 
     def _all_paths(self, step: Rows, mod: str, scope: PatternScope) -> Rows:
         zero = mod in ("*", "?")
@@ -119,21 +114,12 @@ class PropertyPaths(TripleMatch, ABC):
         wide = form == "term"
         columns = "a, at, b, bt" if wide else "a, b"
         s, r, q = (self.parameters.alias(letter) for letter in "srq")
-        base = one
-        if zero:
-            base = f"{one} UNION {self._every_node(scope)}"
-        if mod == "?":
-            found = f"LATERAL ({base}) {q} ({columns})"
-        else:
-            match = f"{s}.c0 = {r}.b" + (f" AND {s}.c1 = {r}.bt" if wide else "")
-            ends = f"{r}.a, {r}.at, {s}.c2, {s}.c3" if wide else f"{r}.a, {s}.c1"
-            found = (
-                f"LATERAL (WITH RECURSIVE {r} ({columns}) AS ({base} UNION "
-                f"SELECT {ends} FROM {r}, LATERAL ({one}) {s} WHERE {match}) "
-                f"SELECT {columns} FROM {r}) {q}"
-            )
+        base = f"{one} UNION {self._every_node(scope)}" if zero else one
+        match = f"{s}.c0 = {r}.b" + (f" AND {s}.c1 = {r}.bt" if wide else "")
+        ends = f"{r}.a, {r}.at, {s}.c2, {s}.c3" if wide else f"{r}.a, {s}.c1"
+        further = f"SELECT {ends} FROM {r}, LATERAL ({one}) {s} WHERE {match}"
         return Rows(
-            [found],
+            [_closure(base, further, mod, columns, r, q)],
             variables={
                 "*a": Value(form, f"{q}.a", f"{q}.at" if wide else None),
                 "*b": Value(form, f"{q}.b", f"{q}.bt" if wide else None),
@@ -148,6 +134,13 @@ class PropertyPaths(TripleMatch, ABC):
             node = as_term(rows.variables[name], self.namespace)
             selects.append(rows.select((node, node)))
         return " UNION ".join(selects)
+
+
+def _closure(base: str, step: str, mod: str, columns: str, r: str, q: str) -> str:
+    """Return a table q of what a base has and, unless at most once, steps from it in r add."""
+    if mod != "?":
+        base = f"WITH RECURSIVE {r} ({columns}) AS ({base} UNION {step}) SELECT {columns} FROM {r}"
+    return f"LATERAL ({base}) {q} ({columns})"
 
 
 def _inner(path: Any) -> Any:

@@ -37,17 +37,14 @@ class Rows:
         """Return the variables that each solution binds."""
         return {n: v for n, v in self.variables.items() if n not in self.nullable}
 
-    def closed(
-        self, parameters: Parameters, values: Mapping[str, Value] | None = None, **options: bool
-    ) -> Rows:
-        """Return the same solutions as one subquery, of some values only where they are given."""
-        values = self.variables if values is None else values
+    def closed(self, parameters: Parameters, tail: str = "", *, distinct: bool = False) -> Rows:
+        """Return the same solutions as one subquery, with what follows its conditions."""
         alias = parameters.alias("q")
-        select = self.select(values.values(), **options)
+        select = self.select(self.variables.values(), distinct=distinct)
         return Rows(
-            [f"LATERAL ({select}) {alias}"],
-            variables=renamed(values, alias),
-            nullable=self.nullable & values.keys(),
+            [f"LATERAL ({select}{tail}) {alias}"],
+            variables=renamed(self.variables, alias),
+            nullable=self.nullable & self.variables.keys(),
         )
 
     def bind(self, name: str, value: Value, namespace: str, *, nullable: bool = False) -> None:
@@ -136,10 +133,9 @@ def union(parts: list[Rows], parameters: Parameters, namespace: str) -> Rows:
 
 def _cast(value: Value) -> Value:
     """Return a value in the SQL type of its form, so that the parts of a union agree."""
-    type_ = SQL_TYPES.get(value.form, "bigint")
-    if value.form == "term" or value.form not in ("integer", "decimal", "double"):
+    if value.form not in ("integer", "decimal", "double"):
         return value
-    return Value(value.form, f"({value.sql})::{type_}", value.tag)
+    return replace(value, sql=f"({value.sql})::{SQL_TYPES[value.form]}")
 
 
 def either(a: Value, b: Value, namespace: str) -> Value:

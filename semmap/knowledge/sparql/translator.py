@@ -28,7 +28,7 @@ from semmap.knowledge.sparql.relation import (
 )
 from semmap.knowledge.sparql.scope import MapGraph, PatternScope
 from semmap.knowledge.sparql.triples import TriplePatterns
-from semmap.knowledge.sparql.values import NUMERIC, as_term, is_null, same, tag_of, text_of
+from semmap.knowledge.sparql.values import NUMERIC, as_term, same, tag_of, text_of
 from semmap.knowledge.triple_map import Form, Value
 from semmap.knowledge.vocabulary import XSD
 
@@ -112,7 +112,7 @@ class _Translator(TriplePatterns):
             text = entity_iri(rows, value, self.namespace) or text_of(value, self.namespace)
             tag = tag_of(value)
             if value.tag is None and not isinstance(value.constant, tuple):
-                tag = f"CASE WHEN {is_null(value)} THEN NULL ELSE {tag} END"
+                tag = f"CASE WHEN {value.sql} IS NULL THEN NULL ELSE {tag} END"
             columns.append(f"{text} AS v{i}, {tag} AS t{i}")
         return columns
 
@@ -214,17 +214,14 @@ class _Translator(TriplePatterns):
         scope = self._scope
         inner = PatternScope(scope.graph, bindings=dict(seen), outer=dict(seen))
         # What may be unbound outside cannot limit the pattern.
-        rows = self.rows(self._translated(graph), replace(inner, bindings={}))
+        if graph.name in ("GroupGraphPatternSub", "SubSelect"):
+            raise UntranslatedError("EXISTS is translated in FILTER and BIND only", graph)
+        rows = self.rows(graph, replace(inner, bindings={}))
         for name in [n for n in rows.variables if n in seen]:
             value, known = rows.variables[name], seen[name]
             maybe = [known, value] if name in rows.nullable else [known]
             rows.where.append(unless_null(same(value, known, self.namespace), *maybe))
         return f"EXISTS ({rows.select(())})"
-
-    def _translated(self, graph: Any) -> Any:
-        if graph.name in ("GroupGraphPatternSub", "SubSelect"):
-            raise UntranslatedError("EXISTS is translated in FILTER and BIND only", graph)
-        return graph
 
     def _rows_Graph(self, node: Any, scope: PatternScope) -> Rows:
         graph = self.part(node.term)
@@ -252,48 +249,32 @@ class _Translator(TriplePatterns):
         if node.p.name == "values":
             return self._values(node.p.res)
         rows, order, tail = self._modified(node.p, PatternScope(scope.graph, outer=scope.outer))
-        if not tail:
-            return rows.closed(self.parameters)
-        return self._sliced(rows, order, tail)
-
-    def _sliced(self, rows: Rows, order: str, tail: str) -> Rows:
-        closed = rows.closed(self.parameters)
-        alias = closed.froms[0].rsplit(" ", 1)[1]
-        return Rows(
-            [f"LATERAL ({rows.select(rows.variables.values())}{order}{tail}) {alias}"],
-            variables=closed.variables,
-            nullable=closed.nullable,
-        )
+        return rows.closed(self.parameters, order + tail if tail else "")
 
     def _values(self, solutions: list[dict[Any, Any]]) -> Rows:
         if not solutions:
             return Rows(where=["false"])
-        names = [str(name) for name in solutions[0]]
-        columns: list[list[Value | None]] = []
-        for variable in solutions[0]:
-            found: list[Value | None] = []
-            for solution in solutions:
-                term = solution.get(variable)
-                unbound = term is None or not isinstance(term, rdflib.term.Identifier)
-                found.append(None if unbound else self.constant(term))
-            columns.append(found)
-        if not names:
+        if not solutions[0]:
             return Rows()
-        alias, number, shown = self.parameters.alias("v"), 0, {}
         lines: list[list[str]] = [[] for _ in solutions]
-        for name, values in zip(names, columns, strict=True):
+        first, nullable = {}, set()
+        for variable in solutions[0]:
+            terms = (solution.get(variable) for solution in solutions)
+            values = [
+                self.constant(term) if isinstance(term, rdflib.term.Identifier) else UNBOUND
+                for term in terms
+            ]
             form = union_form(values)
-            width = 2 if form == "term" else 1
-            for line, value in zip(lines, values, strict=True):
-                placed = in_form(UNBOUND if value is None else value, form, self.namespace)
-                line += placed.columns()
-            tag = f"{alias}.c{number + 1}" if width == 2 else None
-            shown[name] = Value(form, f"{alias}.c{number}", tag)
-            number += width
+            placed = [in_form(value, form, self.namespace) for value in values]
+            for line, value in zip(lines, placed, strict=True):
+                line += value.columns()
+            first[str(variable)] = placed[0]
+            if UNBOUND in values:
+                nullable.add(str(variable))
+        alias = self.parameters.alias("v")
         text = ", ".join(f"({', '.join(line)})" for line in lines)
-        labels = ", ".join(f"c{i}" for i in range(number))
-        nullable = {n for n, values in zip(names, columns, strict=True) if None in values}
-        return Rows([f"(VALUES {text}) {alias} ({labels})"], [], shown, nullable)
+        labels = ", ".join(f"c{i}" for i in range(len(lines[0])))
+        return Rows([f"(VALUES {text}) {alias} ({labels})"], [], renamed(first, alias), nullable)
 
     def _modified(self, node: Any, scope: PatternScope) -> tuple[Rows, str, str]:
         tail, distinct, projected, order = "", False, None, []

@@ -135,8 +135,3 @@ def same(a: Value, b: Value, namespace: str) -> str:
         return f"{a.sql} = {b.sql}"
     texts = f"{text_of(a, namespace)} = {text_of(b, namespace)}"
     return f"({texts} AND {tag_of(a)} = {tag_of(b)})"
-
-
-def is_null(value: Value) -> str:
-    """Return the condition that a variable is not bound."""
-    return f"{value.sql} IS NULL"
