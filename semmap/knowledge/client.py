@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
-from datetime import datetime
 from typing import Any
 
 import rdflib
@@ -95,7 +94,7 @@ class KnowledgeClient:
                 if method == "update":
                     gone = [fact for new in facts for fact in _replaced(view, new)]
                     removed = FactWriter(view).delete(f for f in gone if f not in facts)
-                added = FactWriter(view, _end(view, lifespan)).insert(facts)
+                added = FactWriter(view, lifespan).insert(facts)
                 return GraphChanges(added, removed)
 
     def add(
@@ -314,16 +313,6 @@ def _remove_ended(view: MapView) -> None:
         "AND until <= statement_timestamp() FOR UPDATE SKIP LOCKED)",
         (view.number,),
     )
-
-
-def _end(view: MapView, lifespan: float) -> datetime | None:
-    if not lifespan:
-        return None
-    row = view.session.execute(
-        "SELECT clock_timestamp() + make_interval(secs => %s)", (lifespan,)
-    ).fetchone()
-    assert row is not None
-    return row[0]  # type: ignore[no-any-return]
 
 
 def _matching(view: MapView, pattern: ClientPattern, graph: rdflib.URIRef | None) -> Iterator[Fact]:

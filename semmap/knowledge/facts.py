@@ -6,6 +6,7 @@ import json
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from datetime import datetime
+from functools import cache
 from typing import Any, NamedTuple
 
 import psycopg
@@ -76,14 +77,18 @@ def refusal_text(error: Exception) -> str:
 
 
 class FactWriter:
-    """Writes facts of one request; new statements end at `until`, or never."""
+    """Writes facts of one request; new statements end after `lifespan` seconds; 0: never."""
 
-    def __init__(self, view: MapView, until: datetime | None = None) -> None:
+    def __init__(self, view: MapView, lifespan: float = 0) -> None:
         self._view = view
-        self._until = until
+        self._until: datetime | None = None
+        if lifespan:
+            end = "SELECT clock_timestamp() + make_interval(secs => %s)"
+            self._until = view.value(end, lifespan)
         self._constants = Constants({})
         self._blank: dict[str, str] = {}
-        self._type_iris: dict[str, str] = {}
+        # The IRI of a type by which queries find what other IRIs of it state.
+        self._type_iri = cache(lambda name: str(view.value("SELECT type_iri(%s)", name)))
 
     def insert(self, facts: Iterable[Fact]) -> int:
         """Add facts; return how many are new or end later; without an end, one keeps none."""
@@ -206,14 +211,6 @@ class FactWriter:
             return self._blank.setdefault(str(term), f"{SKOLEM}{uuid4()}")
         form, key = self._constants.node(str(term))
         return self._type_iri(str(key)) if form == "type" else str(term)
-
-    def _type_iri(self, name: str) -> str:
-        """Return the IRI of a type, by which queries find what other IRIs of it state."""
-        if name not in self._type_iris:
-            row = self._view.session.execute("SELECT type_iri(%s)", (name,)).fetchone()
-            assert row is not None
-            self._type_iris[name] = str(row[0])
-        return self._type_iris[name]
 
     def _columns(self, fact: Fact, iri: str) -> dict[str, Any]:
         subject, object_ = self._entity(fact.subject), self._entity(fact.object)
@@ -407,10 +404,9 @@ _TABLES: dict[str, _Table] = {
 @contextmanager
 def with_consequences(view: MapView) -> Iterator[None]:
     """Run a change of facts; infer what follows. BrokenShapeError: shapes forbid it, undo it."""
-    row = view.session.execute("SELECT coalesce(max(id), 0) FROM change").fetchone()
-    assert row is not None
+    since = view.value("SELECT coalesce(max(id), 0) FROM change")
     yield
     view.chosen = None
     if refresh(view) is not None:
         view.inferred = MapView.of(view.session).inferred
-    check_binding(view, row[0])
+    check_binding(view, since)

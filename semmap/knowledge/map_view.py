@@ -58,6 +58,11 @@ class MapView:
             inferred = Inferred(*(frozenset(each or ()) for each in row[2:]))
         return cls(session, str(row[0]), int(row[1]), inferred)
 
+    def value(self, sql: str, *parameters: Any) -> Any:
+        """Return the first value of the first row of a statement; None without a row."""
+        row = self.session.execute(sql.encode(), parameters or None).fetchone()
+        return row and row[0]
+
     def parsed(self, text: str, form: Form = "query") -> ParsedText:
         """Parse a query or an update, with the prefixes of the map."""
         return parse_sparql(text, form, tuple(prefixes(self.name).items()))

@@ -165,11 +165,11 @@ _EVERYTHING = CompValue("BGP", triples=[tuple(map(rdflib.Variable, "spo"))])
 
 def _refuse_ends(view: MapView, graph: str, facts: list[Fact]) -> None:
     """Raise an error where a statement of a graph has a lifespan: a copy of it would not end."""
-    row = view.session.execute(
-        "SELECT FROM statement WHERE map_id = %s AND graph = %s AND until > statement_timestamp()",
-        (view.number, graph),
-    ).fetchone()
-    if row is not None:
+    ending = (
+        "SELECT true FROM statement "
+        "WHERE map_id = %s AND graph = %s AND until > statement_timestamp() LIMIT 1"
+    )
+    if view.value(ending, view.number, graph):
         raise RefusedError("statements with a lifespan are not copied: state them again", facts[0])
 
 

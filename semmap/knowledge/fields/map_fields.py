@@ -47,8 +47,7 @@ def ask_fields(view: MapView, query: FieldQuery) -> FieldAnswer:
     FieldError: no source provides a property, an entity is unknown, or the session's transaction
     has changed the map, of which fields see what is committed.
     """
-    row = view.session.execute(_UNSEEN).fetchone()
-    if row is not None and row[0]:
+    if view.value(_UNSEEN):
         raise FieldError(
             "this transaction has changed the map, which fields do not see before it is "
             "committed: commit first",

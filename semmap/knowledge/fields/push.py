@@ -11,7 +11,6 @@ import threading
 import time
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
-from datetime import timedelta
 from typing import Any
 
 import rdflib
@@ -158,9 +157,7 @@ class FieldPush:
     def _write(self, view: MapView, relations: Iterable[Relation]) -> None:
         facts = [self._fact(view, each) for each in relations if each[0] in self._pushed]
         if facts:
-            row = view.session.execute("SELECT clock_timestamp()").fetchone()
-            assert row is not None
-            FactWriter(view, row[0] + timedelta(seconds=LIFESPAN)).insert(facts)
+            FactWriter(view, LIFESPAN).insert(facts)
 
     def _fact(self, view: MapView, relation: Relation) -> Fact:
         name, subject, object_ = relation

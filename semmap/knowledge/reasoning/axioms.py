@@ -120,9 +120,7 @@ def node_of(view: MapView, term: Any, constants: Constants, *, as_type: bool = F
         return text, tag
     form, key = constants.node(text, as_type=as_type)
     if form == "type":
-        row = view.session.execute("SELECT type_iri(%s)", (key,)).fetchone()
-        assert row is not None
-        return str(row[0])
+        return str(view.value("SELECT type_iri(%s)", key))
     return int(key) if form == "entity" else text
 
 
@@ -134,8 +132,8 @@ class Words:
         self._prefixes = prefixes(view.name)
 
     def _name(self, entity: int) -> str:
-        row = self._view.session.execute("SELECT entity_iri(%s)", (entity,)).fetchone()
-        return f"entity {entity}" if row is None or row[0] is None else self.node(row[0])
+        iri = self._view.value("SELECT entity_iri(%s)", entity)
+        return f"entity {entity}" if iri is None else self.node(iri)
 
     def node(self, node: Node) -> str:
         """Return a term; of a string, its text."""

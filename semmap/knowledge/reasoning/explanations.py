@@ -95,10 +95,9 @@ def _proof(
 
 def _facts(session: Session) -> tuple[MapView, StoredFacts]:
     view = MapView.of(session)
-    row = session.execute("SELECT axioms FROM reasoning WHERE map_id = %s", (view.number,))
-    state = row.fetchone()
+    state = view.value("SELECT axioms FROM reasoning WHERE map_id = %s", view.number)
     if state is None:
         raise LookupError(
             f"nothing is inferred from the map {view.name}: run semmap knowledge reason"
         )
-    return view, StoredFacts(view, OntologyAxioms.read(view, state[0]))
+    return view, StoredFacts(view, OntologyAxioms.read(view, state))

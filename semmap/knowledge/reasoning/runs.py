@@ -51,8 +51,7 @@ def forget(session: Session) -> None:
 
 def is_reasoned(view: MapView) -> bool:
     """Return whether a map is reasoned about."""
-    row = view.session.execute("SELECT FROM reasoning WHERE map_id = %s", (view.number,))
-    return row.fetchone() is not None
+    return view.value("SELECT true FROM reasoning WHERE map_id = %s", view.number) is not None
 
 
 def refresh(view: MapView, *, complete: bool = False) -> Reasoned | None:
@@ -125,8 +124,7 @@ class Changed:
     @classmethod
     def since(cls, view: MapView, cursor: str, at: Any) -> Changed | None:
         """Return what changed since a run; None where it is not known, or too much."""
-        row = view.session.execute("SELECT reaches_back(%s)", (cursor,)).fetchone()
-        if row is None or not row[0]:
+        if not view.value("SELECT reaches_back(%s)", cursor):
             return None
         ids: set[int] = set()
         others = False

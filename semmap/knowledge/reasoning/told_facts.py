@@ -55,13 +55,12 @@ class Hierarchy:
     @classmethod
     def read(cls, view: MapView) -> Hierarchy:
         """Return that of the database; kept while it does not change."""
-        row = view.session.execute(
+        digest = view.value(
             "SELECT md5((SELECT coalesce(string_agg(name || ' ' || coalesce(iri, ''), ',' "
             "ORDER BY name), '') FROM semantic_type) || (SELECT coalesce(string_agg(type || ' ' || "
             "parent, ',' ORDER BY type, parent), '') FROM type_parent))"
-        ).fetchone()
-        assert row is not None
-        if _HIERARCHIES.get("last") is None or _HIERARCHIES["last"].digest != row[0]:
+        )
+        if _HIERARCHIES.get("last") is None or _HIERARCHIES["last"].digest != digest:
             named = "coalesce({0}.iri, 'urn:semmap:type#' || iri_encode({0}.name))"
             a, b = named.format("a"), named.format("b")
             join = "JOIN semantic_type a ON a.name = {} JOIN semantic_type b ON b.name = {}"
@@ -74,7 +73,7 @@ class Hierarchy:
                 f"SELECT {a}, {b} FROM type_parent c {join.format('c.type', 'c.parent')}"
             ).fetchall()
             _HIERARCHIES["last"] = cls(
-                row[0],
+                digest,
                 {sub: frozenset(above) for sub, above in supers.items()},
                 tuple((sub, above) for sub, above in parents),
             )
