@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from functools import cached_property
+from functools import cache, cached_property
 
 import numpy as np
 import shapely
@@ -58,7 +58,7 @@ class CheckedBuilding:
         self.objects = [e for e in placed if e.kind == "object"]
         self.agents = [e for e in placed if e.kind == "agent"]
         self.solids = [e for e in self.objects if len(e.triangles)]
-        self._parts: dict[str, bool] = {}
+        self.is_part = cache(self._is_part)
 
     def floor(self, room: CheckedEntity) -> float:
         """The z of a room's floor."""
@@ -104,14 +104,13 @@ class CheckedBuilding:
         whole = whole.buffer(WALL, join_style="mitre").buffer(-WALL, join_style="mitre")
         return shapely.union_all([shapely.Polygon(p.exterior) for p in shapely.get_parts(whole)])
 
-    def is_part(self, entity: CheckedEntity) -> bool:
-        """Whether an object is a part of the building: by its type, else by shape and place."""
-        if entity.name not in self._parts:
-            self._parts[entity.name] = bool(entity.row["structure"]) or self._has_form(entity)
-        return self._parts[entity.name]
+    def _is_part(self, entity: CheckedEntity) -> bool:
+        """Whether an object is a part of the building: by its type, else by shape and place.
 
-    def _has_form(self, entity: CheckedEntity) -> bool:
-        """Flat or tall and over half of a room; or tall, thin and between rooms."""
+        It is flat or tall and over half of a room; or tall, thin and between rooms.
+        """
+        if entity.row["structure"]:
+            return True
         if entity.outline is None:
             return False
         height = (entity.high - entity.low)[2]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from functools import cached_property
+from functools import cache, cached_property
 
 import numpy as np
 import shapely
@@ -31,8 +31,8 @@ class SupportedBuilding(CheckedBuilding):
 
     def __init__(self, entities: list[CheckedEntity]) -> None:
         super().__init__(entities)
-        self._gaps: dict[str, tuple[float, str | None, list[CheckedEntity]]] = {}
-        self._beside: dict[str, list[CheckedEntity]] = {}
+        self._beneath = cache(self._measured)
+        self.beside = cache(self._touching)
 
     @cached_property
     def grounds(self) -> list[tuple[shapely.Geometry | None, float]]:
@@ -60,11 +60,6 @@ class SupportedBuilding(CheckedBuilding):
     def bearers(self, entity: CheckedEntity) -> list[CheckedEntity]:
         """The solids on which an object stands that stands on no floor."""
         return self._beneath(entity)[2]
-
-    def _beneath(self, entity: CheckedEntity) -> tuple[float, str | None, list[CheckedEntity]]:
-        if entity.name not in self._gaps:
-            self._gaps[entity.name] = self._measured(entity)
-        return self._gaps[entity.name]
 
     def _measured(self, entity: CheckedEntity) -> tuple[float, str | None, list[CheckedEntity]]:
         least, name = self.above_floor(entity), None
@@ -98,19 +93,17 @@ class SupportedBuilding(CheckedBuilding):
                 return True
         return False
 
-    def beside(self, entity: CheckedEntity) -> list[CheckedEntity]:
+    def _touching(self, entity: CheckedEntity) -> list[CheckedEntity]:
         """Parts of the building and things that touch an object and can hold it.
 
         These are larger ones beside it, and what it hangs beneath.
         """
-        if entity.name not in self._beside:
-            self._beside[entity.name] = [
-                other
-                for other in self.near(entity, FASTENED)
-                if self._can_hold(other, entity)
-                and touches(entity.triangles, other.triangles, FASTENED)
-            ]
-        return self._beside[entity.name]
+        return [
+            other
+            for other in self.near(entity, FASTENED)
+            if self._can_hold(other, entity)
+            and touches(entity.triangles, other.triangles, FASTENED)
+        ]
 
     def _can_hold(self, other: CheckedEntity, entity: CheckedEntity) -> bool:
         beside = other.low[2] <= entity.low[2] + FASTENED and (
