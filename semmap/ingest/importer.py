@@ -210,16 +210,10 @@ def import_file(
             map=map_name or world.name,
             source=source,
             kinds=dict(Counter(entry.kind for entry in world.entries)),
-            added=len(stored.added),
-            changed=len(stored.changed),
-            removed=len(stored.removed),
-            unchanged=stored.unchanged,
-            models=stored.models,
-            triangles=stored.triangles,
             holders=derive_inventories(session, map_id),
             guessed=_guessed(world, parts),
             skipped=world.skipped,
-            notes=stored.notes,
+            **vars(stored),
         )
         seen = Snapshot.of(connection, see_map(connection, summary.map))
         summary.no_geometry = read_names_without_geometry(seen)

@@ -28,11 +28,11 @@ from semmap.ingest.world import (
 
 @dataclass
 class StoreSummary:
-    """The entities that storing a world added, changed and removed, by name."""
+    """How many entities storing a world added, changed and removed; meshes stored, each once."""
 
-    added: list[str] = field(default_factory=list)
-    changed: list[str] = field(default_factory=list)
-    removed: list[str] = field(default_factory=list)
+    added: int = 0
+    changed: int = 0
+    removed: int = 0
     unchanged: int = 0
     models: int = 0
     triangles: int = 0
@@ -87,9 +87,8 @@ def store_world(
         _link(cursor, map_id, world, ids, source)
         _georeference(cursor, map_id, world)
 
-        stored.added = [e.name for e in fresh]
-        stored.changed = [e.name for e in changed]
-        stored.removed = [n for n in gone if n not in kept]
+        stored.added, stored.changed = len(fresh), len(changed)
+        stored.removed = len([n for n in gone if n not in kept])
         stored.unchanged = len(entries) - len(fresh) - len(changed) - len(annotations)
         stored.triangles = sum(s.mesh.faces.shape[0] for e in entries for s in e.shapes if s.mesh)
     return stored
