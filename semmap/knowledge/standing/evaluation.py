@@ -10,7 +10,6 @@ from typing import Any, NamedTuple
 import psycopg
 import rdflib
 
-from semmap.knowledge.answer import Answer
 from semmap.knowledge.map_view import MapView
 from semmap.knowledge.queries import errors_of, limited, query
 from semmap.knowledge.sparql.constants import tag_and_text
@@ -206,7 +205,8 @@ def _alone(view: MapView, job: Job, nodes: Mapping[Term, tuple[Form, int]]) -> s
     text = job.part.query.text
     statement = _statement(view, job.part, tuple(_given(job, nodes)))
     if statement is None:
-        return _rows(query(view.session, text))
+        answer = query(view.session, text)
+        return {()} if answer.truth else set(answer.rows)
     with limited(view.session, None), errors_of(view.parsed(text)):
         group = [(job, statement)]
         sql, values = _with_values(group, nodes, set())
@@ -226,9 +226,3 @@ def _given(job: Job, nodes: Mapping[Term, tuple[Form, int]]) -> list[tuple[str, 
 def _form(term: Term) -> Form:
     """Return the form in which the database is given a term that is not a node of an entity."""
     return "iri" if isinstance(term, rdflib.URIRef) else "term"
-
-
-def _rows(answer: Answer) -> set[Row]:
-    if answer.form == "ASK":
-        return {()} if answer.truth else set()
-    return set(answer.rows)

@@ -89,7 +89,7 @@ class StandingQueries:
         self._evaluation = Evaluation()
         self._named: dict[str, set[QueryPart]] = defaultdict(set)
         self._whole: set[QueryPart] = set()
-        self._having: dict[Term, dict[tuple[QueryPart, str], int]] = defaultdict(dict)
+        self._having: dict[Term, Counter[tuple[QueryPart, str]]] = defaultdict(Counter)
         self._names: dict[int, str] = {}  # of entities that had another name
         self._inferred = NOTHING_INFERRED
 
@@ -135,9 +135,7 @@ class StandingQueries:
                 self._insert(part)
 
     def _parts(self, view: MapView, found: StandingQuery, iris: frozenset[str]) -> list[QueryPart]:
-        def canonical(term: Any, role: str) -> Term:
-            return self._canonical(view, term, role)
-
+        canonical = partial(self._canonical, view)
         template, filling = found.template, found.filling
         if filling:
             nodes = tuple(self._resolved[iri] for iri in filling)
@@ -370,9 +368,9 @@ class StandingQueries:
         The database evaluates jobs, whose terms may be `nodes`; others are known. Of queries that
         are evaluated again, former solutions are forgotten: only their answers are compared.
         """
-        deltas: dict[StandingQuery, dict[Row, int]] = {}
+        deltas: defaultdict[StandingQuery, Counter[Row]] = defaultdict(Counter)
         for found in again:
-            deltas[found] = {row: -n for row, n in found.counts.items()}
+            deltas[found].subtract(found.counts)
         errors: dict[StandingQuery, Exception] = {}
         answers = self._evaluation.answers(view, jobs, nodes or {}, errors)
         unknown = {found for found, error in errors.items() if self._is_unknown(found, error)}
@@ -385,17 +383,13 @@ class StandingQueries:
             former = part.having(job.solution)
             if not former and not now:
                 continue
-            delta = deltas.get(part.query)
-            if delta is None:
-                delta = deltas[part.query] = {}
+            delta = deltas[part.query]
             for row in former - now:
                 self._remove(part, row)
-                shown = part.shown(row)
-                delta[shown] = delta.get(shown, 0) - 1
+                delta[part.shown(row)] -= 1
             for row in now - former:
                 self._add(part, row)
-                shown = part.shown(row)
-                delta[shown] = delta.get(shown, 0) + 1
+                delta[part.shown(row)] += 1
         differences = [Difference(found, [], [], error) for found, error in errors.items()]
         for found, delta in deltas.items():
             if found in errors:
@@ -420,8 +414,7 @@ class StandingQueries:
     def _add(self, part: QueryPart, row: Row) -> None:
         part.add(row)
         for name, term in part.terms(row):
-            counts = self._having[term]
-            counts[part, name] = counts.get((part, name), 0) + 1
+            self._having[term][part, name] += 1
 
     def _remove(self, part: QueryPart, row: Row) -> None:
         part.remove(row)

@@ -7,7 +7,7 @@ else the queries need, and only to those that queries name.
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from typing import Any, NamedTuple
 
 import psycopg
@@ -113,18 +113,14 @@ def _wanted(
         term = touched.node(number, form)
         for needed, ends in index.listed[key].items():
             if all(
-                _has(known.get((verb, side, term), ()), side, end) for verb, side, end in needed
+                any(end in (None, quad[2 - side]) for quad in known.get((verb, side, term), ()))
+                for verb, side, end in needed
             ):
                 ids.append(number)
                 others |= ends.keys()
     nodes = (constants.node(str(each)) for each in others if each is not None)
     numbers = sorted({number for kind, number in nodes if kind == "entity"})
     return list(dict.fromkeys(ids)), None if None in others else numbers
-
-
-def _has(quads: Iterable[Fact], side: int, end: Term | None) -> bool:
-    """Return whether there is a triple with an other end; None for any."""
-    return any(end is None or quad[2 - side] == end for quad in quads)
 
 
 def _statement(view: MapView, lists: Iterable[tuple[Key, bool]]) -> tuple[bytes, dict[str, Any]]:
@@ -175,15 +171,12 @@ def joined(
         if pattern is None:
             return None
         waiting.remove(pattern)
-        more = []
+        more: list[Solution] = []
         for solution in solutions:
             key = _list_of(pattern, solution, touched, index)
             if key is None:
                 return None
-            for quad in known.get(key, ()):
-                match = pattern.match(quad)
-                if match is not None and all(solution.get(n, t) == t for n, t in match.items()):
-                    more.append(solution | match)
+            more += _extended(solution, pattern, known.get(key, ()))
         solutions = more
     met = []
     for solution in solutions:
@@ -193,6 +186,16 @@ def joined(
         if all(holds):
             met.append(solution)
     return met
+
+
+def _extended(
+    solution: Solution, pattern: PartPattern, quads: Iterable[Fact]
+) -> Iterator[Solution]:
+    """Yield a solution with the terms of each triple that matches a pattern and fits."""
+    for quad in quads:
+        match = pattern.match(quad)
+        if match is not None and all(solution.get(n, t) == t for n, t in match.items()):
+            yield solution | match
 
 
 def _list_of(
@@ -216,11 +219,11 @@ def has_all(part: QueryPart, name: str, form: Form, term: Term, known: Triples) 
     for number in part.keyed[name, form]:
         pattern = part.patterns[number]
         found = (
-            pattern.match(quad)
+            solution
             for side in pattern.sides(name, form)
-            for quad in known.get((pattern.property, side, term), ())
+            for solution in _extended({}, pattern, known.get((pattern.property, side, term), ()))
         )
-        if all(match is None for match in found):
+        if next(found, None) is None:
             return False
     return True
 
@@ -238,10 +241,7 @@ def may_match(
             term = solution.get(name_of_variable(end)) if is_variable(end) else None
             if term is None or touched.nodes.get(term, ("", 0))[0] != form:
                 continue
-            found = (pattern.match(quad) for quad in known.get((verb, side, term), ()))
-            if not any(
-                match is not None and all(solution.get(n, t) == t for n, t in match.items())
-                for match in found
-            ):
+            found = _extended(solution, pattern, known.get((verb, side, term), ()))
+            if next(found, None) is None:
                 return False
     return True
