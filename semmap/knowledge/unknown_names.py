@@ -10,7 +10,7 @@ from typing import Any
 from rdflib import URIRef, Variable
 from rdflib.plugins.sparql.parserutils import CompValue
 
-from semmap.knowledge.fields.properties import property_iris
+from semmap.knowledge.fields.properties import field_properties
 from semmap.knowledge.map_view import MapView
 from semmap.knowledge.mapping import COMPUTED, REWRITTEN, TRIPLES
 from semmap.knowledge.sparql.constants import Constants, iris_in
@@ -77,7 +77,7 @@ def _mapped() -> frozenset[str]:
             *(t.property for t in (*TRIPLES, *REWRITTEN)),
             *(c.property for c in COMPUTED),
             *FUNCTIONS,
-            *property_iris(),
+            *field_properties(),
             *re.findall(rf"'({SEMMAP}\w+)'", columns),
         )
         if iri.startswith(SEMMAP)

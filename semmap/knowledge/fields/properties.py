@@ -113,7 +113,8 @@ class FieldAnswer:
 
 
 @cache
-def _properties() -> Mapping[str, Property]:
+def field_properties() -> Mapping[str, Property]:
+    """Return the properties of fields by the IRIs that name them."""
     vocabulary = read_map_vocabulary()
     return {iri: p for p in vocabulary.properties for iri in (p.iri, *p.same_as)}
 
@@ -124,19 +125,9 @@ def _by_sql() -> frozenset[str]:
     return frozenset(t.property for t in TRIPLES if t.name is None) | {c.property for c in COMPUTED}
 
 
-def field_property(iri: str) -> Property | None:
-    """Return the property of fields that an IRI names; None where fields have none."""
-    return _properties().get(iri)
-
-
-def property_iris() -> frozenset[str]:
-    """Return the IRIs of the properties of fields."""
-    return frozenset(_properties())
-
-
 def is_of_fields(iri: str) -> bool:
     """Return whether fields alone state a property: sees, but neither on nor probability."""
-    return iri in _properties() and iri not in _by_sql()
+    return iri in field_properties() and iri not in _by_sql()
 
 
 def components(triples: Iterable[FieldTriple]) -> list[list[FieldTriple]]:

@@ -15,7 +15,7 @@ from semmap.knowledge.fields.properties import (
     FieldQuery,
     FieldTriple,
     components,
-    field_property,
+    field_properties,
 )
 from semmap.knowledge.sparql.constants import Constants
 from semmap.knowledge.sparql.relation import Rows
@@ -69,8 +69,7 @@ class FieldRows:
 
         stated = []
         for subject, predicate, object_ in triples:
-            property_ = field_property(constants.property(str(predicate)))
-            assert property_ is not None
+            property_ = field_properties()[constants.property(str(predicate))]
             stated.append(FieldTriple(side(subject), property_, side(object_), predicate))
         found = []
         for group in components(stated):

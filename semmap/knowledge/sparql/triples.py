@@ -8,7 +8,7 @@ from typing import Any
 import rdflib
 from rdflib.paths import AlternativePath, InvPath, MulPath, NegatedPath, SequencePath
 
-from semmap.knowledge.fields.properties import field_property, is_of_fields
+from semmap.knowledge.fields.properties import field_properties, is_of_fields
 from semmap.knowledge.mapping import (
     COMPUTED,
     INFERENCES,
@@ -126,7 +126,7 @@ class TriplePatterns(PropertyPaths):
         return rows
 
     def _field(self, iri: Any) -> Any:
-        return field_property(self.constants.property(str(iri)))
+        return field_properties().get(self.constants.property(str(iri)))
 
     def _is_of_fields(self, predicate: Any, scope: PatternScope) -> bool:
         iri = isinstance(predicate, rdflib.URIRef) and self.constants.property(str(predicate))

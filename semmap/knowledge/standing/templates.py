@@ -11,7 +11,7 @@ import rdflib
 from rdflib.paths import MulPath, NegatedPath, Path
 from rdflib.plugins.sparql.parserutils import CompValue
 
-from semmap.knowledge.fields.properties import field_property, is_of_fields
+from semmap.knowledge.fields.properties import field_properties, is_of_fields
 from semmap.knowledge.map_view import MapView
 from semmap.knowledge.mapping import FACTS
 from semmap.knowledge.sparql.constants import Constants, iris_in
@@ -290,7 +290,7 @@ def _whole_part(
 
 
 def _may_be_of_fields(iri: str) -> bool:
-    found = field_property(iri)
+    found = field_properties().get(iri)
     return found is not None and (found.subject == "voxel" or is_of_fields(iri))
 
 
