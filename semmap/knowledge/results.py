@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import json
+import re
 from collections.abc import Mapping
 from typing import Any
 from xml.sax.saxutils import escape, quoteattr
@@ -13,6 +14,8 @@ import rdflib
 
 from semmap.knowledge.answer import Answer
 from semmap.knowledge.vocabulary import short
+
+_NOT_IN_XML = re.compile(r"[^\t\n\r -\U0010ffff]")
 
 
 def shown(term: Any, known: Mapping[str, str]) -> str | None:
@@ -70,7 +73,7 @@ def sparql_xml(answer: Answer) -> str:
                 if term is not None:
                     kind, attributes = _kind(term)
                     marks = "".join(f" {k}={quoteattr(v)}" for k, v in attributes.items())
-                    text = escape("".join(c if _in_xml(c) else "�" for c in str(term)))
+                    text = escape(_NOT_IN_XML.sub("�", str(term)))
                     cells.append(
                         f"<binding name={quoteattr(name)}><{kind}{marks}>{text}</{kind}></binding>"
                     )
@@ -80,10 +83,6 @@ def sparql_xml(answer: Answer) -> str:
         '<?xml version="1.0"?><sparql xmlns="http://www.w3.org/2005/sparql-results#">'
         f"<head>{head}</head>{body}</sparql>"
     )
-
-
-def _in_xml(letter: str) -> bool:
-    return letter >= " " or letter in "\t\n\r"
 
 
 def sparql_csv(answer: Answer) -> str:

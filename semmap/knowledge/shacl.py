@@ -139,6 +139,9 @@ def _parsed(name: str, text: str, path: Path) -> Shapes:
     return Shapes(name, text, graph)
 
 
+_kept = lru_cache(maxsize=8)(_parsed)
+
+
 def validate(
     session: Session, shapes: Iterable[Shapes], *, seconds: float | None = None
 ) -> list[Violation]:
@@ -176,12 +179,7 @@ def binding_shapes(view: MapView) -> list[Shapes]:
     rows = view.session.execute(
         "SELECT name, turtle FROM binding_shapes WHERE map_id = %s ORDER BY name", (view.number,)
     )
-    return [_kept(name, turtle) for name, turtle in rows.fetchall()]
-
-
-@lru_cache(maxsize=8)
-def _kept(name: str, turtle: str) -> Shapes:
-    return _parsed(name, turtle, Path(name))
+    return [_kept(name, turtle, Path(name)) for name, turtle in rows.fetchall()]
 
 
 class BrokenShapeError(Error, ValueError):

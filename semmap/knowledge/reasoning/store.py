@@ -26,11 +26,6 @@ class Stored:
     clashes: int = 0  # how many contradictions there are more
     complete: bool = False  # nothing was there before
 
-    def note(self, verb: Node, node: Node, count: int = 1) -> None:
-        """Count new inferences with a property; of types, a class."""
-        self.added[str(verb), str(node) if verb == TYPE_OF else None] += count
-        self.clashes += count if verb == CONTRADICTION else 0
-
 
 class StoredFacts(Facts):
     """The facts of a map; of entities it is told the types, and those that subsume them."""
@@ -198,7 +193,9 @@ class StoredFacts(Facts):
             if after is not None:
                 come.append((self._view.number, *columns_of(fact), after))
             if after is False:
-                done.note(fact[1], fact[2])
+                _, verb, node = fact
+                done.added[str(verb), str(node) if verb == TYPE_OF else None] += 1
+                done.clashes += verb == CONTRADICTION
         with self._view.session.cursor() as cursor:
             for by in ("subject_id", "subject"):
                 values = _columns(gone, by)

@@ -41,6 +41,15 @@ _CASE = '{}({{0}} COLLATE "und-x-icu") COLLATE "default"'
 _SHA = "encode(sha{}(convert_to({{0}}, 'UTF8')), 'hex')"
 
 
+_OF_TEXTS = {
+    "text": "{}",
+    "entity": "entity_of_iri({})",
+    "time": "text_time({})",
+    "voxel": "NULL::text",
+}
+"""What makes an argument of another kind of the text of a term."""
+
+
 class UntranslatedError(Exception):
     """A part of SPARQL's algebra that has no translation to SQL."""
 
@@ -457,16 +466,12 @@ class Expressions:
         for kind, value in zip(function.arguments, arguments, strict=False):
             if kind == "geometry":
                 texts.append(geometry_of(value))
-            elif kind == "entity":
-                written = f"entity_of_iri({self._text(value)})"
-                texts.append(value.sql if value.form == "entity" else written)
-            elif kind == "voxel":
-                texts.append(value.sql if value.form == "voxel" else "NULL::text")
-            elif kind == "time":
-                written = f"text_time({self._text(value)})"
-                texts.append(value.sql if value.form == "time" else written)
+            elif kind == "number":
+                texts.append(self._number(value))
+            elif kind == value.form:
+                texts.append(value.sql)
             else:
-                texts.append(self._number(value) if kind == "number" else self._text(value))
+                texts.append(_OF_TEXTS[kind].format(self._text(value)))
         return Value(function.result, f"({function.sql.format(*texts)})")
 
     def _cast(self, value: Value, form: str, sql: str, kept: tuple[str, ...]) -> Value:
