@@ -53,19 +53,6 @@ class TypeRecord:
     keeps: float | None = None
 
 
-@dataclass
-class _Class:
-    path: Path
-    parents: set[URIRef]
-    label: str | None = None
-    comment: str | None = None
-    synonyms: tuple[str, ...] = ()
-    typical_size: tuple[float, float, float] | None = None
-    found_in: frozenset[URIRef] = frozenset()
-    functions: frozenset[URIRef] = frozenset()
-    keeps: float | None = None
-
-
 def ontology_files() -> list[Path]:
     """Return the files of the T-Box: in the installed package, or beside it in a source tree."""
     package = Path(__file__).resolve().parents[2]
@@ -86,37 +73,46 @@ def read_tbox(paths: Iterable[Path]) -> list[TypeRecord]:
     no file declares is left out. A WorldError refuses two classes of one name, references to what
     is not declared, and classes that subsume each other.
     """
-    classes: dict[URIRef, _Class] = {}
-    functions: set[URIRef] = set()
+    graph = Graph()
+    path_of: dict[URIRef, Path] = {}  # several files may describe one class: the first of them
+    sizes: dict[URIRef, tuple[float, float, float]] = {}
+    shares: dict[URIRef, float] = {}
     for path in paths:
-        graph = _parse(path)
-        _collect(graph, path, classes)
-        functions |= {f for f in graph.subjects(RDF.type, FUNCTION) if isinstance(f, URIRef)}
-    names = _names(classes)
-    for iri, found in classes.items():
-        _check_references(iri, found, classes, functions)
+        part = _parse(path)
+        for iri in sorted(_subjects(part, RDFS.Class) | _subjects(part, OWL.Class)):
+            path_of.setdefault(iri, path)
+            if (size := _text(part, iri, TYPICAL_SIZE)) is not None:
+                sizes[iri] = _size(size, path, iri)
+            if (share := _text(part, iri, KEEPS)) is not None:
+                shares[iri] = _share(share, path, iri)
+        graph += part
+    names, functions = _names(path_of), _subjects(graph, FUNCTION)
+    for iri, path in path_of.items():
+        _check_references(graph, iri, path, names, functions)
     parents = {
-        names[iri]: sorted(names[p] for p in found.parents if p in classes)
-        for iri, found in classes.items()
+        name: sorted(names[p] for p in _references(graph, iri, RDFS.subClassOf) if p in names)
+        for iri, name in names.items()
     }
     iri_of = {name: iri for iri, name in names.items()}
     records: dict[str, TypeRecord] = {}
     kinds: dict[str, frozenset[str]] = {}
-    for name in _parents_first(parents, {n: classes[i].path for n, i in iri_of.items()}):
-        found = classes[iri_of[name]]
+    for name in _parents_first(parents, {n: path_of[i] for n, i in iri_of.items()}):
+        iri = iri_of[name]
         kinds[name] = frozenset({name} & set(KINDS)).union(*(kinds[p] for p in parents[name]))
         records[name] = TypeRecord(
             name=name,
-            label=found.label or name.replace("_", " "),
-            iri=str(iri_of[name]),
+            label=_text(graph, iri, RDFS.label) or name.replace("_", " "),
+            iri=str(iri),
             parents=tuple(parents[name]),
             kind=next(iter(kinds[name])) if len(kinds[name]) == 1 else None,
-            comment=found.comment,
-            synonyms=found.synonyms,
-            typical_size=found.typical_size,
-            found_in=tuple(sorted(names[place] for place in found.found_in if place in names)),
-            functions=tuple(sorted(snake_case(_local_name(f)) for f in found.functions)),
-            keeps=found.keeps,
+            comment=_text(graph, iri, RDFS.comment),
+            synonyms=tuple(sorted(map(str, graph.objects(iri, SKOS.altLabel)))),
+            typical_size=sizes.get(iri),
+            found_in=tuple(sorted(names[place] for place in _references(graph, iri, FOUND_IN))),
+            functions=tuple(
+                sorted(snake_case(_local_name(f)) for f in _references(graph, iri, USED_FOR))
+            ),
+            keeps=shares.get(iri),
         )
     return list(records.values())
 
@@ -137,23 +133,8 @@ def _parse(path: Path) -> Graph:
         raise WorldError(path, "file", problem, fix) from error
 
 
-def _collect(graph: Graph, path: Path, classes: dict[URIRef, _Class]) -> None:
-    """Add the classes of a file; several files may describe one class."""
-    declared = {*graph.subjects(RDF.type, RDFS.Class), *graph.subjects(RDF.type, OWL.Class)}
-    for iri in sorted(c for c in declared if isinstance(c, URIRef)):
-        found = classes.setdefault(iri, _Class(path, set()))
-        found.parents |= _references(graph, iri, RDFS.subClassOf) - {OWL.Thing}
-        found.label = found.label or _text(graph, iri, RDFS.label)
-        found.comment = found.comment or _text(graph, iri, RDFS.comment)
-        found.synonyms += tuple(sorted(str(o) for o in graph.objects(iri, SKOS.altLabel)))
-        found.found_in |= _references(graph, iri, FOUND_IN)
-        found.functions |= _references(graph, iri, USED_FOR)
-        size = _text(graph, iri, TYPICAL_SIZE)
-        if size is not None:
-            found.typical_size = _size(size, path, iri)
-        keeps = _text(graph, iri, KEEPS)
-        if keeps is not None:
-            found.keeps = _share(keeps, path, iri)
+def _subjects(graph: Graph, class_: URIRef) -> set[URIRef]:
+    return {s for s in graph.subjects(RDF.type, class_) if isinstance(s, URIRef)}
 
 
 def _references(graph: Graph, iri: URIRef, predicate: URIRef) -> set[URIRef]:
@@ -184,33 +165,39 @@ def _share(text: str, path: Path, iri: URIRef) -> float:
     raise WorldError(path, f"class <{iri}>", f"it keeps {text!r}", fix)
 
 
-def _names(classes: dict[URIRef, _Class]) -> dict[URIRef, str]:
+def _names(path_of: dict[URIRef, Path]) -> dict[URIRef, str]:
     iri_of: dict[str, URIRef] = {}
-    for iri, found in classes.items():
+    for iri, path in path_of.items():
         name, where = snake_case(_local_name(iri)), f"class <{iri}>"
         if not name:
-            raise WorldError(found.path, where, "has no local name", "Give it one.")
+            raise WorldError(path, where, "has no local name", "Give it one.")
         if name in iri_of:
             problem = f"is named {name}, as is <{iri_of[name]}>"
-            raise WorldError(found.path, where, problem, "Rename one.")
+            raise WorldError(path, where, problem, "Rename one.")
         iri_of[name] = iri
     return {iri: name for name, iri in iri_of.items()}
 
 
 def _check_references(
-    iri: URIRef, found: _Class, classes: Collection[URIRef], functions: Collection[URIRef]
+    graph: Graph,
+    iri: URIRef,
+    path: Path,
+    classes: Collection[URIRef],
+    functions: Collection[URIRef],
 ) -> None:
     """Refuse a class that names what no file declares."""
-    parents = {p for p in found.parents if _namespace(p) == _namespace(iri)}
+    parents = _references(graph, iri, RDFS.subClassOf)
+    parents = {p for p in parents if _namespace(p) == _namespace(iri)}
+    places, uses = (_references(graph, iri, p) for p in (FOUND_IN, USED_FOR))
     for what, named, declared, kind in (
         ("its superclass <{}> is", parents, classes, "a owl:Class"),
-        ("it is found in <{}>, which is", found.found_in, classes, "a owl:Class"),
-        ("it is used for <{}>, which is", found.functions, functions, "a :Function"),
+        ("it is found in <{}>, which is", places, classes, "a owl:Class"),
+        ("it is used for <{}>, which is", uses, functions, "a :Function"),
     ):
         for missing in sorted(named.difference(declared)):
             problem = f"{what.format(missing)} declared in none of the files"
             fix = f"Declare it ({kind}), correct its name, or give the file that declares it."
-            raise WorldError(found.path, f"class <{iri}>", problem, fix)
+            raise WorldError(path, f"class <{iri}>", problem, fix)
 
 
 def _local_name(iri: URIRef) -> str:
