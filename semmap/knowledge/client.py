@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import replace
 from typing import Any
 
@@ -25,7 +25,7 @@ Statements = str | Sequence[str]
 METHODS = ("add", "retract", "update")
 
 
-class KnowledgeClient:
+class KnowledgeClient(AbstractContextManager["KnowledgeClient"]):
     """Statements on a map, in KnowledgeCore's notation; any thread may call its methods.
 
     A model is a named graph: the robot's view of an agent's knowledge. Without one, statements are
@@ -46,10 +46,6 @@ class KnowledgeClient:
             self.map_name: str = see_map(connection, source.name)
             MapView.of(driver_of(connection))
         self._subscriptions = Subscriptions(source.engine, self.map_name)
-
-    def __enter__(self) -> KnowledgeClient:
-        """Return this; the end of the ``with`` block closes it."""
-        return self
 
     def __exit__(self, *_: object) -> None:
         self.close()
@@ -84,7 +80,12 @@ class KnowledgeClient:
         if method != "retract":
             _refuse_variables(patterns)
         with self.view() as view:
-            _remove_ended(view)
+            # Rows that another transaction changes are left to it.
+            view.session.execute(
+                "DELETE FROM statement WHERE id IN (SELECT id FROM statement WHERE map_id = %s "
+                "AND until <= statement_timestamp() FOR UPDATE SKIP LOCKED)",
+                (view.number,),
+            )
             with _refusals(), with_consequences(view):
                 if method == "retract":
                     gone = [fact for p in patterns for fact in _matching(view, p, graph)]
@@ -304,15 +305,6 @@ def _refuse_variables(patterns: Sequence[ClientPattern]) -> None:
                     f"{' '.join(t.n3() for t in pattern)}: only what is retracted has "
                     "variables, *, or paths: name all three terms"
                 )
-
-
-def _remove_ended(view: MapView) -> None:
-    # Rows that another transaction changes are left to it.
-    view.session.execute(
-        "DELETE FROM statement WHERE id IN (SELECT id FROM statement WHERE map_id = %s "
-        "AND until <= statement_timestamp() FOR UPDATE SKIP LOCKED)",
-        (view.number,),
-    )
 
 
 def _matching(view: MapView, pattern: ClientPattern, graph: rdflib.URIRef | None) -> Iterator[Fact]:

@@ -7,7 +7,7 @@ import json
 import re
 import shlex
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from hashlib import md5
 from importlib.metadata import version
 from itertools import count, product
@@ -44,7 +44,7 @@ class KbError(Error):
         self.value = value
 
 
-class KB:
+class KB(AbstractContextManager["KB"]):
     """A map as KnowledgeCore's class `KB` has it; by default the chosen or only map.
 
     Models are the names of one or several; none, or "default", is the map itself, "all" is the map
@@ -65,9 +65,6 @@ class KB:
         self._client = KnowledgeClient(source)
         self.events: SimpleQueue[tuple[str, list[dict[str, Any]]]] = SimpleQueue()
         self._subscribed: dict[tuple[str, Any], list[int]] = {}
-
-    def __enter__(self) -> KB:
-        return self
 
     def __exit__(self, *_: object) -> None:
         self.close()

@@ -114,7 +114,8 @@ class MapView:
 
     def run(self, statement: SqlStatement) -> list[Row]:
         """Return the solutions of a statement."""
-        self.statements.append(_shown(statement))
+        values = (f"\n-- {name} = {value!r}" for name, value in statement.parameters.items())
+        self.statements.append(statement.sql + "".join(values))
         if time.monotonic() > self.deadline:
             raise psycopg.errors.QueryCanceled("the query took too long")
         with self.session.cursor() as cursor:
@@ -139,8 +140,3 @@ class MapView:
             known = dict(zip(free, row, strict=True))
             s, p, o = (known.get(n, t) for n, t in zip(names, pattern, strict=True))
             yield s, p, o
-
-
-def _shown(statement: SqlStatement) -> str:
-    values = "".join(f"\n-- {name} = {value!r}" for name, value in statement.parameters.items())
-    return statement.sql + values

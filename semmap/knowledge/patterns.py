@@ -76,7 +76,8 @@ def parse_pattern(statement: str, map_name: str) -> ClientPattern:
         raise ValueError(f"{statement!r}: {error.reason}: write a string in quotes") from error
     if parsed.triple is None:
         raise ValueError(f"{statement!r}: this is more than one statement: give a list of them")
-    return ClientPattern(*map(_plain, parsed.triple))
+    is_own = (rdflib.Variable, Path)
+    return ClientPattern(*(t if isinstance(t, is_own) else plain(t) for t in parsed.triple))
 
 
 def _word(word: str, prefix: str) -> str:
@@ -85,10 +86,6 @@ def _word(word: str, prefix: str) -> str:
     if word in _LITERALS or not _BARE.fullmatch(word):
         return word
     return f"{prefix}:{quote(word, safe='%')}"
-
-
-def _plain(term: Any) -> Any:
-    return term if isinstance(term, (rdflib.Variable, Path)) else plain(term)
 
 
 def variables(patterns: Iterable[ClientPattern]) -> list[str]:

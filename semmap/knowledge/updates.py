@@ -147,17 +147,14 @@ def _clear(view: MapView, graph: str) -> int:
         {"map": view.number, "graph": graph},
     ).rowcount
     if graph in ("DEFAULT", "ALL"):
-        _refuse_to_clear_map(view)
+        # Has the default graph more than statements, now that these are gone?
+        for triple in view.run(view.statement(_EVERYTHING, "spo", limit=1)):
+            raise RefusedError(
+                "the default graph is the map: delete facts of it, or drop the map with semmap "
+                "drop",
+                Fact(*triple),
+            )
     return removed
-
-
-def _refuse_to_clear_map(view: MapView) -> None:
-    """Raise an error where the default graph has more than statements, after these are gone."""
-    for triple in view.run(view.statement(_EVERYTHING, "spo", limit=1)):
-        raise RefusedError(
-            "the default graph is the map: delete facts of it, or drop the map with semmap drop",
-            Fact(*triple),
-        )
 
 
 _EVERYTHING = CompValue("BGP", triples=[tuple(map(rdflib.Variable, "spo"))])

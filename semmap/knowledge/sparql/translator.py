@@ -481,7 +481,7 @@ def count_solutions(algebra: Any) -> Any:
 
 def _counted(aggregate: Any, bound: set[rdflib.Variable]) -> Any:
     plain = aggregate.name == "Aggregate_Count" and not aggregate.distinct
-    if not (plain and _is_variable(aggregate.vars) and aggregate.vars in bound):
+    if not (plain and isinstance(aggregate.vars, rdflib.Variable) and aggregate.vars in bound):
         return aggregate
     found = aggregate.clone()
     found["vars"] = "*"
@@ -491,7 +491,9 @@ def _counted(aggregate: Any, bound: set[rdflib.Variable]) -> Any:
 def _bound(node: Any) -> set[rdflib.Variable]:
     """The variables that have a value in each solution, as far as the form of a pattern tells."""
     if node.name == "BGP":
-        return {part for triple in node.triples for part in triple if _is_variable(part)}
+        return {
+            part for triple in node.triples for part in triple if isinstance(part, rdflib.Variable)
+        }
     if node.name == "Join":
         return _bound(node.p1) | _bound(node.p2)
     if node.name == "Union":
@@ -499,11 +501,7 @@ def _bound(node: Any) -> set[rdflib.Variable]:
     if node.name in ("LeftJoin", "Minus"):
         return _bound(node.p1)
     if node.name == "Graph":
-        return _bound(node.p) | ({node.term} if _is_variable(node.term) else set())
+        return _bound(node.p) | ({node.term} if isinstance(node.term, rdflib.Variable) else set())
     if node.name in ("Project", "SelectQuery"):
         return _bound(node.p) & set(node.PV)
     return _bound(node.p) if node.name in _KEPT else set()
-
-
-def _is_variable(part: Any) -> bool:
-    return isinstance(part, rdflib.Variable)

@@ -132,7 +132,11 @@ class StandingQueries:
         for found, each in zip(queries, iris, strict=True):
             found.parts = self._parts(view, found, each)
             for part in found.parts:
-                self._insert(part)
+                for iri in part.iris:
+                    self._named[iri].add(part)
+                if not part.patterns:
+                    self._whole.add(part)
+                self._index.insert(part)
 
     def _parts(self, view: MapView, found: StandingQuery, iris: frozenset[str]) -> list[QueryPart]:
         canonical = partial(self._canonical, view)
@@ -151,13 +155,6 @@ class StandingQueries:
             template = Template(view.parsed(found.text), iris)
         shape = TemplateShape(view, template, self._constants.only(iris), canonical)
         return shape.filled(found, iris, None)
-
-    def _insert(self, part: QueryPart) -> None:
-        for iri in part.iris:
-            self._named[iri].add(part)
-        if not part.patterns:
-            self._whole.add(part)
-        self._index.insert(part)
 
     def _forget(self, found: StandingQuery) -> None:
         for part in found.parts:
@@ -231,7 +228,11 @@ class StandingQueries:
             facts = self._lists.ask(view, ids, self._index)
         known = self._lists.of(view, touched, facts, self._index, self._constants)
         self._of_entities(touched, known, regions)
-        self._of_facts(touched, known, regions)
+        for quad, alive in touched.quads.items():
+            if alive:
+                self._of_new_fact(quad, touched, known, regions)
+            else:
+                self._of_ended_fact(quad, regions)
         return self._evaluated(view, list(regions.jobs), again, regions.known, touched.nodes)
 
     def update_all(self, view: MapView) -> list[Difference]:
@@ -300,13 +301,6 @@ class StandingQueries:
                         if (name, form) not in part.keyed:
                             regions.evaluate(part, {name: node})
 
-    def _of_facts(self, touched: Touched, known: Triples, regions: Regions) -> None:
-        for quad, alive in touched.quads.items():
-            if alive:
-                self._of_new_fact(quad, touched, known, regions)
-            else:
-                self._of_ended_fact(quad, regions)
-
     def _of_new_fact(self, quad: Fact, touched: Touched, known: Triples, regions: Regions) -> None:
         match = cache(partial(PartPattern.match, quad=quad))  # many parts have one pattern
         for part, number in self._index.stated(quad, known, touched.nodes):
@@ -373,7 +367,12 @@ class StandingQueries:
             deltas[found].subtract(found.counts)
         errors: dict[StandingQuery, Exception] = {}
         answers = self._evaluation.answers(view, jobs, nodes or {}, errors)
-        unknown = {found for found, error in errors.items() if self._is_unknown(found, error)}
+        # Fields state no more what these ask, such as a source that ended.
+        unknown = {
+            found
+            for found, error in errors.items()
+            if found.text in self.queries and isinstance(error.__cause__, FieldError)
+        }
         for found in unknown:
             del errors[found]
         answers |= {job: set() for job in jobs if job.part.query in unknown}
@@ -406,10 +405,6 @@ class StandingQueries:
                     come.append(row)
             differences.append(Difference(found, gone, come))
         return differences
-
-    def _is_unknown(self, found: StandingQuery, error: Exception) -> bool:
-        """Return whether fields state no more what a query asks, such as a source that ended."""
-        return found.text in self.queries and isinstance(error.__cause__, FieldError)
 
     def _add(self, part: QueryPart, row: Row) -> None:
         part.add(row)

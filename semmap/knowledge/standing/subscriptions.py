@@ -68,7 +68,7 @@ def garbage_collected_later() -> Iterator[None]:
             gc.enable()
 
 
-class Subscriptions:
+class Subscriptions(AbstractContextManager["Subscriptions"]):
     """Standing queries on a map, by default the current one, with one thread that follows it.
 
     Examples
@@ -93,9 +93,6 @@ class Subscriptions:
         self._stop = threading.Event()
         self._thread: threading.Thread | None = None
         self._events: queue.SimpleQueue[Event | Exception | None] = queue.SimpleQueue()
-
-    def __enter__(self) -> Subscriptions:
-        return self
 
     def __exit__(self, *_: object) -> None:
         self.close()
@@ -145,15 +142,13 @@ class Subscriptions:
             if self._thread is None:
                 self._thread = threading.Thread(target=self._follow, daemon=True)
                 self._thread.start()
-            return [self._subscribe(found, one_shot, callback) for found in queries]
-
-    def _subscribe(
-        self, found: StandingQuery, one_shot: bool, callback: Callable[[Event], Any] | None
-    ) -> tuple[int, int]:
-        self._count += 1
-        self._subscribers[self._count] = _Subscriber(found, one_shot, callback)
-        self._numbers[found].append(self._count)
-        return self._count, len(found.counts)
+            numbers = []
+            for found in queries:
+                self._count += 1
+                self._subscribers[self._count] = _Subscriber(found, one_shot, callback)
+                self._numbers[found].append(self._count)
+                numbers.append((self._count, len(found.counts)))
+            return numbers
 
     def remove(self, number: int) -> None:
         """End a subscription; nothing happens where it has ended."""
