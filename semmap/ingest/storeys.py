@@ -9,6 +9,7 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
+from semmap.geometry.extent import extent
 from semmap.geometry.levels import (
     APART,
     CONTACT,
@@ -92,9 +93,7 @@ def _storey_levels(floors: Sequence[Level], bottoms: NDArray[np.float64]) -> lis
 def _box(entry: Entry) -> NDArray[np.float64]:
     """The (2, 3) box of an object in the world that has a mesh."""
     pose = entry.pose or IDENTITY
-    points = [pose.apply(mesh.used) for mesh in _meshes(entry)]
-    ends = [(p.min(axis=0), p.max(axis=0)) for p in points]
-    return np.array([np.min(ends, axis=(0, 1)), np.max(ends, axis=(0, 1))])
+    return np.array(extent(np.concatenate([pose.apply(m.used) for m in _meshes(entry)])))
 
 
 def _meshes(entry: Entry) -> list[Mesh]:

@@ -11,6 +11,7 @@ import shapely
 from numpy.typing import NDArray
 from psycopg.rows import dict_row
 
+from semmap.geometry.outline import placed_outline
 from semmap.geometry.pose import Pose
 from semmap.query.meshes import models_triangles
 from semmap.query.snapshot import Snapshot
@@ -149,7 +150,7 @@ def _place(
         if model in triangles:
             parts.append(pose.apply(triangles[model].reshape(-1, 3)).reshape(-1, 3, 3))
         if outline is not None and upright:
-            flats.append(_turned(outline, pose))
+            flats.append(placed_outline(outline, pose))
         else:
             flat = shapely.MultiPoint(hull[:, :2]).convex_hull
             flats.append(flat if flat.area else flat.buffer(0.001))
@@ -157,10 +158,3 @@ def _place(
     entity.outline = flats[0] if len(flats) == 1 else shapely.union_all(flats)
     if parts:
         entity.triangles = parts[0] if len(parts) == 1 else np.concatenate(parts)
-
-
-def _turned(outline: shapely.Geometry, pose: Pose) -> shapely.Geometry:
-    def placed(xy: Floats) -> Floats:
-        return pose.apply(np.column_stack([xy, np.zeros(len(xy))]))[:, :2]
-
-    return shapely.transform(outline, placed)

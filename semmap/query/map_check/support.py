@@ -9,6 +9,7 @@ import shapely
 from numpy.typing import NDArray
 
 from semmap.geometry.contact import heights_at, touches
+from semmap.geometry.extent import extent
 from semmap.geometry.levels import APART, are_floors, standing_levels
 from semmap.geometry.levels import CONTACT as TOUCHED
 from semmap.query.map_check.building import CEILING, CONTACT, FASTENED, SLAB, CheckedBuilding
@@ -72,7 +73,7 @@ class SupportedBuilding(CheckedBuilding):
         for other in self.beneath(entity):
             if bearers and other.high[2] < entity.low[2] - FASTENED:
                 break  # none of the lower ones bears it
-            gap = _gap(points, under, other.faces_over(*_box(under)))
+            gap = _gap(points, under, other.faces_over(*extent(under)))
             if gap < least:
                 least, name = gap, other.name
             if gap <= FASTENED:
@@ -175,7 +176,7 @@ class SupportedBuilding(CheckedBuilding):
         for slab in self.near(entity, 0.0):
             flat = slab.high[2] - slab.low[2] <= SLAB and slab.row["type"] not in ABOVE
             if flat and self.is_part(slab) and entity.low[2] + FASTENED < slab.high[2]:
-                faces = slab.faces_over(points.min(axis=0), points.max(axis=0))
+                faces = slab.faces_over(*extent(points))
                 tops = np.nan_to_num(heights_at(points, faces), nan=-np.inf).max(
                     axis=1, initial=-np.inf
                 )
@@ -256,15 +257,11 @@ def _flat(faces: Floats) -> NDArray[np.object_]:
     return np.asarray(found[shapely.area(found) > 1e-9])
 
 
-def _box(triangles: Floats) -> tuple[Floats, Floats]:
-    return triangles.min(axis=(0, 1)), triangles.max(axis=(0, 1))
-
-
 def _gap(points: Floats, under: Floats, support: Floats) -> float:
     """Metres of air between an underside and a support; infinite where it is beside or above."""
     if not len(support):
         return float(np.inf)
-    low, high = _box(under)
+    low, high = extent(under)
     tops = _samples(support)
     tops = tops[((tops[:, :2] >= low[:2]) & (tops[:, :2] <= high[:2])).all(axis=1)]
     gaps = np.concatenate(
