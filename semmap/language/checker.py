@@ -21,11 +21,11 @@ from semmap.language.terms import (
     EVERYTHING,
     PAPER_NAMESPACE,
     name_of,
-    namespace_of,
     number_of,
     position_of,
 )
 from semmap.limits import QUERY_ROWS
+from semmap.snake_case import namespace_of
 
 Declaration = tuple[ValueKind, str | None, int]
 """The kind of a variable, the semantic type of its values, and where it was declared."""

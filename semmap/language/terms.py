@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import math
-import re
 from decimal import Decimal
 from typing import Any
 
 import rdflib
+
+from semmap.snake_case import local_name
 
 EVERYTHING = "*"  # the name that stands for all visible variables
 
@@ -61,16 +62,6 @@ def with_position(term: object, position: int) -> Any:
             copy.position = position
             return copy
     return None
-
-
-def local_name(iri: str) -> str:
-    """Return an IRI without its namespace: what follows the last of # / and :."""
-    return re.split(r"[#/:]", iri)[-1]
-
-
-def namespace_of(iri: str) -> str:
-    """Return an IRI without its local name."""
-    return iri[: len(iri) - len(local_name(iri))]
 
 
 def name_of(term: object) -> str | None:

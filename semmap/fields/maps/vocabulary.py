@@ -10,8 +10,7 @@ from rdflib import OWL, RDF, RDFS, Graph, Namespace, URIRef
 from rdflib.term import Node
 
 from semmap.language.schema import Property
-from semmap.language.terms import local_name
-from semmap.snake_case import snake_case
+from semmap.snake_case import local_name, snake_case
 
 SEMMAP = Namespace("urn:semmap:ontology#")
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Collection, Iterable
 from contextlib import suppress
 from dataclasses import dataclass
@@ -16,7 +15,7 @@ from rdflib.plugins.parsers.notation3 import BadSyntax
 
 from semmap.ingest.text_file import read_text
 from semmap.ingest.world import WorldError
-from semmap.snake_case import snake_case
+from semmap.snake_case import local_name, namespace_of, snake_case
 
 ENDINGS = (".ttl", ".nt")
 """Endings of Turtle, and of N-Triples, which is a part of Turtle."""
@@ -110,7 +109,7 @@ def read_tbox(paths: Iterable[Path]) -> list[TypeRecord]:
             typical_size=sizes.get(iri),
             found_in=tuple(sorted(names[place] for place in _references(graph, iri, FOUND_IN))),
             functions=tuple(
-                sorted(snake_case(_local_name(f)) for f in _references(graph, iri, USED_FOR))
+                sorted(snake_case(local_name(f)) for f in _references(graph, iri, USED_FOR))
             ),
             keeps=shares.get(iri),
         )
@@ -168,7 +167,7 @@ def _share(text: str, path: Path, iri: URIRef) -> float:
 def _names(path_of: dict[URIRef, Path]) -> dict[URIRef, str]:
     iri_of: dict[str, URIRef] = {}
     for iri, path in path_of.items():
-        name, where = snake_case(_local_name(iri)), f"class <{iri}>"
+        name, where = snake_case(local_name(iri)), f"class <{iri}>"
         if not name:
             raise WorldError(path, where, "has no local name", "Give it one.")
         if name in iri_of:
@@ -187,7 +186,7 @@ def _check_references(
 ) -> None:
     """Refuse a class that names what no file declares."""
     parents = _references(graph, iri, RDFS.subClassOf)
-    parents = {p for p in parents if _namespace(p) == _namespace(iri)}
+    parents = {p for p in parents if namespace_of(p) == namespace_of(iri)}
     places, uses = (_references(graph, iri, p) for p in (FOUND_IN, USED_FOR))
     for what, named, declared, kind in (
         ("its superclass <{}> is", parents, classes, "a owl:Class"),
@@ -198,14 +197,6 @@ def _check_references(
             problem = f"{what.format(missing)} declared in none of the files"
             fix = f"Declare it ({kind}), correct its name, or give the file that declares it."
             raise WorldError(path, f"class <{iri}>", problem, fix)
-
-
-def _local_name(iri: URIRef) -> str:
-    return re.split(r"[#/:]", str(iri))[-1]
-
-
-def _namespace(iri: URIRef) -> str:
-    return re.sub(r"[^#/:]*$", "", str(iri))
 
 
 def _parents_first(parents: dict[str, list[str]], path_of: dict[str, Path]) -> list[str]:

@@ -22,8 +22,7 @@ from semmap.knowledge.sparql.relation import Rows
 from semmap.knowledge.sparql.values import Parameters
 from semmap.knowledge.triple_map import Value
 from semmap.knowledge.vocabulary import TYPE, decode, encode
-from semmap.language.terms import local_name
-from semmap.snake_case import snake_case
+from semmap.snake_case import local_name, snake_case
 
 if TYPE_CHECKING:
     from semmap.knowledge.map_view import MapView

@@ -14,8 +14,7 @@ from semmap.knowledge.mapping import COMPUTED, NODES, TRIPLES, is_mapped
 from semmap.knowledge.triple_map import Form
 from semmap.knowledge.vocabulary import KNOWLEDGE_CORE, SEMMAP, TYPE, XSD, decode, encode
 from semmap.language.syntax_tree import nodes_in
-from semmap.language.terms import local_name, namespace_of
-from semmap.snake_case import snake_case
+from semmap.snake_case import local_name, namespace_of, snake_case
 
 _OWN = {t.property for t in TRIPLES} | {c.property for c in COMPUTED}
 _KEY = re.compile(r"[0-9]{1,18}(\.[0-9]{1,18})?")

@@ -41,7 +41,7 @@ from semmap.knowledge.standing.templates import (
 from semmap.knowledge.standing.triples import TripleLists, has_all, joined, may_match
 from semmap.knowledge.triple_map import Form
 from semmap.knowledge.vocabulary import KNOWLEDGE_CORE, encode
-from semmap.language.terms import local_name
+from semmap.snake_case import local_name
 
 MANY = 200  # more changed entities or statements than this, and all queries are evaluated again
 
