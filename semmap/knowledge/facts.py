@@ -18,7 +18,7 @@ from semmap.knowledge.map_view import MapView
 from semmap.knowledge.mapping import INFERRED_GRAPH, is_mapped
 from semmap.knowledge.reasoning.runs import refresh
 from semmap.knowledge.shacl import check_binding
-from semmap.knowledge.sparql.constants import Constants, resolve, tag_and_text
+from semmap.knowledge.sparql.constants import Constants, tag_and_text
 from semmap.knowledge.vocabulary import (
     PROPERTY,
     RDF,
@@ -109,8 +109,7 @@ class FactWriter:
 
     def _resolved(self, facts: Iterable[Fact]) -> list[Fact]:
         found = list(dict.fromkeys(facts))
-        iris = {str(t) for fact in found for t in fact[:3] if isinstance(t, rdflib.URIRef)}
-        self._constants = resolve(self._view.session, iris, self._view.namespace, self._view.number)
+        self._constants = self._view.constants(fact[:3] for fact in found)
         return found
 
     def _change(self, fact: Fact, change: Callable[[Fact, str], int]) -> int:

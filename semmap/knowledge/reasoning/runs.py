@@ -148,18 +148,8 @@ def _consider(view: MapView, ontology: OntologyAxioms, changed: Changed) -> Stor
     facts, compiled = StoredFacts(view, ontology), ontology.rules
     if not changed.ids and not changed.others:
         return Stored()
-    wanted = compiled.classes | compiled.heads
     old = facts.read_told(changed.ids, others=changed.others)
-    new = set(
-        told_facts(
-            view,
-            ontology.hierarchy,
-            compiled.properties,
-            wanted,
-            changed.ids,
-            others=changed.others,
-        )
-    )
+    new = set(told_facts(view, ontology, changed.ids, others=changed.others))
     facts.need_subjects({fact[0] for fact in old ^ new})
     typed = {f[0] for f in old ^ new if f[1] in (DIRECT_TYPE, KIND)}
     types = {entity: facts.types_of(entity) for entity in typed}
@@ -198,8 +188,7 @@ def _first_run(view: MapView, ontology: OntologyAxioms) -> tuple[OntologyAxioms,
 
 def _closed(view: MapView, ontology: OntologyAxioms) -> StoredFacts:
     facts, rules = StoredFacts(view, ontology, empty=True), ontology.rules
-    wanted = rules.classes | rules.heads
-    for fact in told_facts(view, ontology.hierarchy, rules.properties, wanted):
+    for fact in told_facts(view, ontology):
         facts.add(fact, told=True)
     for fact in rules.stated():
         facts.add(fact)

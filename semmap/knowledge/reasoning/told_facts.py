@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from semmap.knowledge.map_view import MapView
 from semmap.knowledge.mapping import STATEMENTS, TRIPLES, WORLD
@@ -12,6 +12,9 @@ from semmap.knowledge.reasoning.engine import TYPE_OF, Node, Triple
 from semmap.knowledge.reasoning.rules import AXIOM_PROPERTIES
 from semmap.knowledge.triple_map import OWN_LETTERS, TripleMap
 from semmap.knowledge.vocabulary import SEMMAP, XSD, decode
+
+if TYPE_CHECKING:
+    from semmap.knowledge.reasoning.axioms import OntologyAxioms
 
 COLUMNS = "subject_id, subject, predicate, object_id, object, tag"
 """A triple in the tables `statement` and `inference`."""
@@ -85,19 +88,19 @@ _HIERARCHIES: dict[str, Hierarchy] = {}
 
 def told_facts(
     view: MapView,
-    hierarchy: Hierarchy,
-    properties: frozenset[Node] | None,
-    classes: frozenset[Node],
+    ontology: OntologyAxioms,
     ids: Collection[int] | None = None,
     *,
     others: bool = True,
 ) -> Iterator[Triple]:
-    """Yield the told facts of a map; for types, `DIRECT_TYPE` and `KIND`.
+    """Yield the told facts of a map that rules are about; for types, `DIRECT_TYPE` and `KIND`.
 
-    Wanted are some properties (None: all), and some classes of other vocabularies, such as
-    bot:Space; only of some entities, as subject or object; also of `others` than entities.
+    Only of some entities, as subject or object; also of `others` than entities. Classes are those
+    of other vocabularies, such as bot:Space.
     """
-    yield from _types(view, hierarchy, ids)
+    yield from _types(view, ontology.hierarchy, ids)
+    rules = ontology.rules
+    classes = rules.classes | rules.heads
     parts: list[str] = []
     values: dict[str, Any] = {"map": view.number, "ids": None if ids is None else list(ids)}
     for triple in (*TOLD, *STATEMENTS):
@@ -107,7 +110,7 @@ def told_facts(
         if triple.property == TYPE_OF and triple.object.sql[1:].split("'")[0] not in classes:
             continue
         name = f"names{len(parts)}"
-        text, names = _select(triple, properties, ids if about else None, name)
+        text, names = _select(triple, rules.properties, ids if about else None, name)
         if text:
             parts.append(text)
             values[name] = names

@@ -26,6 +26,7 @@ from semmap.knowledge.sparql.triple_match import MatchedPattern
 from semmap.knowledge.sparql.triples import prune
 from semmap.knowledge.triple_map import Computed, Form, TripleMap
 from semmap.knowledge.vocabulary import GEO, SEMMAP
+from semmap.language.expression_checker import conjuncts
 from semmap.language.syntax_tree import nodes_in
 
 SIDES = (0, 2)  # where subject and object are in a triple
@@ -379,17 +380,13 @@ class _Found:
 
 def _conditions(tree: Any) -> Iterator[Condition | None]:
     """Yield the conditions that an expression consists of; None for one that is none of these."""
-    name = getattr(tree, "name", "")
-    if name == "ConditionalAndExpression":
-        for part in (tree.expr, *tree.other):
-            yield from _conditions(part)
-        return
-    if name == "RelationalExpression" and tree.op in ("=", "!="):
-        for one, other in ((tree.expr, tree.other), (tree.other, tree.expr)):
-            if isinstance(one, rdflib.Variable) and isinstance(other, rdflib.URIRef):
-                yield Condition(str(one), tree.op == "=", other)
-                return
-    yield None
+    for part in conjuncts(tree):
+        found = None
+        if getattr(part, "name", "") == "RelationalExpression" and part.op in ("=", "!="):
+            for one, other in ((part.expr, part.other), (part.other, part.expr)):
+                if isinstance(one, rdflib.Variable) and isinstance(other, rdflib.URIRef):
+                    found = Condition(str(one), part.op == "=", other)
+        yield found
 
 
 def _is_volatile(tree: Any) -> bool:
