@@ -49,16 +49,12 @@ def find_regions(
 
     for name in names:
         search(entity_query.entity_id(seen.session, name))
-    for entity in _of_type(seen, type, kind) if type is not None else []:
+    for row in entity_query.find(seen, type=type) if type is not None else []:
+        if row["kind"] != kind or row["x"] is None:  # of another kind, or not placed
+            continue
         try:
             with seen.connection.begin_nested():
-                search(entity)
+                search(row["id"])
         except (ValueError, DBAPIError) as error:  # some of many may have none
             problems.append(str(error.orig if isinstance(error, DBAPIError) else error))
     return FoundRows(entity_query.list_regions(seen, found), problems)
-
-
-def _of_type(seen: Snapshot, type: str, kind: str) -> list[int]:
-    """The ids of the placed entities of a kind and type, by name."""
-    rows = [row for row in entity_query.find(seen, type=type) if row["kind"] == kind]
-    return [row["id"] for row in rows if row["x"] is not None]

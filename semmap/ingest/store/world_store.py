@@ -9,6 +9,7 @@ from dataclasses import asdict, dataclass, field
 from typing import Any
 
 import psycopg
+from psycopg.rows import namedtuple_row
 from psycopg.types.json import Jsonb
 
 from semmap.ingest.georeference import on_utm
@@ -94,17 +95,11 @@ def store_world(
     return stored
 
 
-@dataclass(frozen=True)
-class _Known:
-    id: int
-    kind: str
-    source: str | None
-    digest: str | None
-
-
-def _known(cursor: psycopg.Cursor[Any], map_id: int) -> dict[str, _Known]:
-    cursor.execute("SELECT name, id, kind, source, digest FROM entity WHERE map_id = %s", (map_id,))
-    return {name: _Known(*rest) for name, *rest in cursor}
+def _known(cursor: psycopg.Cursor[Any], map_id: int) -> dict[str, Any]:
+    """The rows of the map's entities by name: id, kind, source and digest."""
+    rows: psycopg.Cursor[Any] = cursor.connection.cursor(row_factory=namedtuple_row)
+    rows.execute("SELECT name, id, kind, source, digest FROM entity WHERE map_id = %s", (map_id,))
+    return {row.name: row for row in rows}
 
 
 def _unique_names(
