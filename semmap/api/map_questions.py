@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
     from semmap.api.database import Database
     from semmap.api.map import Map
-    from semmap.query.map_check import Finding
+    from semmap.query.map_check.rules import Finding
     from semmap.query.sql_statement import SqlRows
 
 ATTEMPTS = 5
@@ -153,7 +153,7 @@ class MapQuestions:
         them. An error makes answers wrong; warnings and notes are for you to judge. A finding has
         its kind, severity, the names of entities, a sentence, and its fix.
         """
-        from semmap.query.map_check import check_map
+        from semmap.query.map_check.rules import check_map
 
         with self.snapshot() as seen:
             return check_map(seen)

@@ -16,7 +16,7 @@ from psycopg.types.json import Jsonb
 from sqlalchemy import Connection, Engine
 
 from semmap.database.maps import driver_of, see_map
-from semmap.ingest.annotation import read_annotation
+from semmap.ingest.annotation.annotation import read_annotation
 from semmap.ingest.ifc import read_ifc
 from semmap.ingest.meshes.mesh_file import MeshAs, read_mesh_world
 from semmap.ingest.naming import GUESS
@@ -25,8 +25,8 @@ from semmap.ingest.ontology.type_store import load_tbox
 from semmap.ingest.rmf import read_rmf
 from semmap.ingest.route_graph.graph_file import EDGE, is_route_graph, read_route_graph
 from semmap.ingest.route_graph.node_store import check_names, settle_nodes
-from semmap.ingest.sdf import read_sdf
 from semmap.ingest.sdf.models import Role
+from semmap.ingest.sdf.world_file import read_sdf
 from semmap.ingest.store.holder_store import (
     derive_inventories,
     postpone_derivation,

@@ -24,7 +24,7 @@ from semmap.draw.picture import Picture
 from semmap.fields.sources.source import KEYS, installed_sources
 from semmap.knowledge.answer import Answer
 from semmap.manipulation.found_actions import FoundActions
-from semmap.query.map_check import Finding
+from semmap.query.map_check.rules import Finding
 from semmap.query.sql_statement import SqlRows
 
 ROOT = Path(__file__).parents[2]

@@ -12,8 +12,8 @@ import pytest
 import shapely
 import trimesh
 
-from semmap.ingest.annotation import read_annotation
-from semmap.ingest.sdf import read_sdf
+from semmap.ingest.annotation.annotation import read_annotation
+from semmap.ingest.sdf.world_file import read_sdf
 from semmap.ingest.world import ConnectorDetail, Entry, PlaceDetail, World
 
 OFFICE = Path(__file__).parents[2] / "examples/office"

@@ -13,7 +13,7 @@ from sqlalchemy import Engine, text
 
 from semmap.ingest.georeference import utm_crs
 from semmap.ingest.importer import import_file
-from semmap.ingest.sdf import read_sdf
+from semmap.ingest.sdf.world_file import read_sdf
 
 OSNABRUECK = (52.2799, 8.0472, 63.5)
 SYDNEY = (-33.8688, 151.2093, 5.0)

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from sqlalchemy import Engine, text
 
 import semmap
-from semmap.ingest.sdf import read_sdf
+from semmap.ingest.sdf.world_file import read_sdf
 from semmap.ingest.world import World, WorldError
 from tests.command_line import semmap as semmap_command
 

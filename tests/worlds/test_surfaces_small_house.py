@@ -13,7 +13,7 @@ from typer.testing import Result
 
 from semmap.database.maps import see_map
 from semmap.geometry.surfaces import support_surfaces
-from semmap.ingest.sdf import read_sdf
+from semmap.ingest.sdf.world_file import read_sdf
 from tests.command_line import semmap
 from tests.ingest.regions.test_extraction import HAIRLINE
 

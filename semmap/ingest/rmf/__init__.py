@@ -1,5 +1,28 @@
-"""Open-RMF buildings."""
+"""Open-RMF buildings: `building.yaml` into storeys, rooms, doors, lifts, places and lanes."""
 
-from semmap.ingest.rmf.building import read_rmf
+from __future__ import annotations
 
-__all__ = ["read_rmf"]
+from pathlib import Path
+
+from semmap.ingest.rmf.building_file import read_building
+from semmap.ingest.rmf.building_world import BuildingWorld
+from semmap.ingest.rmf.storey_entries import StoreyEntries
+from semmap.ingest.world import World
+
+
+def read_rmf(path: Path | str) -> World:
+    """Return the world of an Open-RMF building, in ``reference_image`` or ``cartesian_meters``.
+
+    The map's frame is the reference level's drawing in metres, y up; the frame of a storey is the
+    same, raised to its elevation. Rooms are the faces that walls, doors and floor outlines
+    enclose. Each named vertex and each end of a lane is a region, each lane a link.
+
+    Raises
+    ------
+    WorldError
+        The file cannot be trusted as a whole; nothing of it is used.
+    """
+    world = BuildingWorld(read_building(Path(path)))
+    for plan in world.building.levels.values():
+        StoreyEntries(world, plan).add_all()
+    return world.out

@@ -10,8 +10,8 @@ from pathlib import Path
 import pytest
 import shapely
 
-from semmap.ingest.annotation import read_annotation
-from semmap.ingest.sdf import read_sdf
+from semmap.ingest.annotation.annotation import read_annotation
+from semmap.ingest.sdf.world_file import read_sdf
 from semmap.ingest.world import Entry
 from tests.office import OFFICE_FILES
 

@@ -17,7 +17,7 @@ from hypothesis import strategies as st
 from pyproj import Proj
 
 from semmap.geometry.pose import IDENTITY, Pose
-from semmap.ingest.annotation import read_annotation
+from semmap.ingest.annotation.annotation import read_annotation
 from semmap.ingest.world import ConnectorDetail, Entry, PlaceDetail, StoreyDetail, World, WorldError
 
 OFFICE = Path(__file__).parents[3] / "examples/office/office_rooms.geojson"

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from semmap.geometry.pose import Pose
-from semmap.ingest.sdf import read_sdf
+from semmap.ingest.sdf.world_file import read_sdf
 from semmap.ingest.world import WorldError
 from tests.ingest.sdf.worlds_by_hand import (
     BOX,

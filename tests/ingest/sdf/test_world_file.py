@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from semmap.geometry.pose import Pose
-from semmap.ingest.sdf import read_sdf
+from semmap.ingest.sdf.world_file import read_sdf
 from tests.ingest.sdf.worlds_by_hand import (
     BOX,
     CORNERS,

@@ -9,7 +9,7 @@ import numpy as np
 import trimesh
 
 from semmap.geometry.mesh import Mesh
-from semmap.ingest.sdf import read_sdf
+from semmap.ingest.sdf.world_file import read_sdf
 from semmap.ingest.world import Entry, World
 
 TETRAHEDRON = "v 0 0 0\nv 1 0 0\nv 0 2 0\nv 0 0 3\nf 1 3 2\nf 1 4 3\nf 1 2 4\nf 2 3 4\n"
