@@ -199,7 +199,7 @@ def again(session: psycopg.Connection[Any], question: Question) -> Row:
     """The answer of a query asked before, a new translation, and SQL by hand; minima."""
 
     def translated() -> None:
-        KEPT.forget()
+        KEPT._queries.clear()
         query(session, question.sparql)
 
     by_hand = question.sql.encode()

@@ -141,8 +141,3 @@ class StoreyScene:
             return False
         low, high = entity.heights
         return low < self.band[1] and high >= self.band[0]
-
-    @property
-    def without_geometry(self) -> tuple[SceneEntity, ...]:
-        """The objects that have no geometry: grids treat their place as free floor."""
-        return tuple(e for e in self.entities if e.lacks_geometry)

@@ -23,7 +23,7 @@ from planner.live_topology import LiveTopology
 from planner.readers.robot_class import store_robot_class
 from planner.robot_class import RobotClass
 from semmap.database.maps import see_map
-from semmap.query.geometry_notes import geometry_notes, read_names_without_geometry
+from semmap.query.geometry_notes import geometry_lists, geometry_notes, read_names_without_geometry
 from semmap.query.map_handle import MapHandle
 from semmap.query.storey_reader import read_scene, read_storey_names, read_storeys
 from semmap.query.storey_scene import StoreyScene
@@ -188,11 +188,12 @@ def test_typical_sizes_of_furniture_in_the_hotel(hotel: Engine) -> None:
         scene = read_scene(seen_by(connection), "L2", assume_sizes=True)
         unknown = read_names_without_geometry(seen_by(connection))
     assert len(unknown) == 175
-    assert len(bare.without_geometry) == 59
+    missing = geometry_lists(bare.entities)["no_geometry"]
+    assert len(missing) == 59
     assert not any(entity.assumed for entity in bare.entities)
-    assert scene.without_geometry == ()
+    assert not geometry_lists(scene.entities)["no_geometry"]
     boxes = {entity.name: entity for entity in scene.entities if entity.assumed}
-    assert {*boxes} == {entity.name for entity in bare.without_geometry}
+    assert {*boxes} == {*missing}
     for entity in boxes.values():
         low, high = entity.triangles.min(axis=(0, 1)), entity.triangles.max(axis=(0, 1))
         assert np.allclose((low + high)[:2] / 2, (entity.pose.x, entity.pose.y))

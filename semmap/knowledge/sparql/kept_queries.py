@@ -163,10 +163,6 @@ class KeptQueries:
         self._queries: dict[tuple[Any, ...], _KeptQuery] = {}
         self._states: WeakKeyDictionary[Session, _State] = WeakKeyDictionary()
 
-    def forget(self) -> None:
-        """Forget all queries."""
-        self._queries.clear()
-
     def keep(
         self,
         session: Session,
