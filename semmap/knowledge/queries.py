@@ -210,9 +210,9 @@ def _by_rdflib(view: MapView, parsed: ParsedText, error: UntranslatedError, most
         raise
     except Exception as problem:  # rdflib raises anything on what it cannot evaluate
         raise KnowledgeError(
-            f"neither SQL ({error.reason}) nor rdflib ({str(problem)[:200]}) can evaluate this"
+            f"neither SQL ({error}) nor rdflib ({str(problem)[:200]}) can evaluate this"
         ) from problem
-    reason = f"evaluated by rdflib, because {error.reason}; it read these patterns:"
+    reason = f"evaluated by rdflib, because {error}; it read these patterns:"
     forms = {"SelectQuery": "SELECT", "AskQuery": "ASK", "ConstructQuery": "CONSTRUCT"}
     form = forms.get(parsed.form, "DESCRIBE")
     names = tuple(str(name) for name in found.get("vars_") or ())

@@ -193,7 +193,7 @@ def _refusals(parsed: ParsedText, at: Any) -> Iterator[None]:
     try:
         yield
     except UntranslatedError as error:
-        reason = f"{error.reason}, which updates need: write it otherwise"
+        reason = f"{error}, which updates need: write it otherwise"
         raise parsed.error(reason, at) from error
     except (RefusedError, BrokenShapeError, *DENIED) as error:
         raise parsed.error(refusal_text(error), at) from error

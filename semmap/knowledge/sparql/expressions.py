@@ -51,11 +51,7 @@ _OF_TEXTS = {
 
 
 class UntranslatedError(Exception):
-    """A part of SPARQL's algebra that has no translation to SQL."""
-
-    def __init__(self, reason: str, part: Any) -> None:
-        super().__init__(reason)
-        self.reason, self.part = reason, part
+    """A part of SPARQL's algebra that has no translation to SQL: why."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,8 +82,8 @@ class Expressions:
             if name in _ROWS:
                 translate, sql = _ROWS[name]
                 return translate(self, tree, seen, sql)
-            raise UntranslatedError(f"{name} has no translation to SQL", tree)
-        raise UntranslatedError(f"{type(tree).__name__} has no translation to SQL", tree)
+            raise UntranslatedError(f"{name} has no translation to SQL")
+        raise UntranslatedError(f"{type(tree).__name__} has no translation to SQL")
 
     def condition(self, tree: Any, seen: Environment) -> str:
         """Return the effective boolean value of an expression (section 17.2.2)."""
@@ -331,7 +327,7 @@ class Expressions:
             return value
         if tree.base is not None:
             if not isinstance(tree.arg, rdflib.Literal):
-                raise UntranslatedError("IRI resolves a computed text against BASE", tree)
+                raise UntranslatedError("IRI resolves a computed text against BASE")
             return self.constant(rdflib.URIRef(str(tree.arg), base=tree.base))
         text = value.sql if value.form == "term" else self._string(value)
         return Value("term", text, "'I'::text")
@@ -358,7 +354,7 @@ class Expressions:
 
     def _of_BNODE(self, tree: Any, seen: Environment) -> Value:
         if tree.arg is not None:
-            raise UntranslatedError("BNODE with a label has no translation to SQL", tree)
+            raise UntranslatedError("BNODE with a label has no translation to SQL")
         return Value("term", "gen_random_uuid()::text", "'B'::text")
 
     def _length(self, tree: Any, seen: Environment, sql: str) -> Value:
@@ -408,7 +404,7 @@ class Expressions:
         if tree.flags is None:
             return "''"
         if isinstance(tree.flags, rdflib.Literal) and set(str(tree.flags)) - set("imsxq"):
-            raise UntranslatedError("these flags of a regular expression are unknown", tree.flags)
+            raise UntranslatedError("these flags of a regular expression are unknown")
         flags = self._string(self.value(tree.flags, seen))
         # XPath: s lets the dot match a newline, m lets ^ and $ match at each line.
         return f"translate({flags}, 'ms', 'w')"
@@ -439,7 +435,7 @@ class Expressions:
     def _field(self, tree: Any, seen: Environment, name: str) -> Value:
         value = self.value(tree.arg, seen)
         if value.form == "term":
-            raise UntranslatedError(f"{name.upper()} of a stated time has its own time zone", tree)
+            raise UntranslatedError(f"{name.upper()} of a stated time has its own time zone")
         moment = value.sql if value.form == "time" else "NULL::timestamptz"
         form = "decimal" if name == "second" else "integer"
         return Value(form, f"extract({name} FROM {moment} AT TIME ZONE 'UTC')")
@@ -456,11 +452,11 @@ class Expressions:
             return found
         function = FUNCTIONS.get(iri)
         if function is None:
-            raise UntranslatedError(f"there is no function <{iri}>", tree)
+            raise UntranslatedError(f"there is no function <{iri}>")
         if len(arguments) not in function.counts:
             counts = " or ".join(map(str, function.counts))
             raise UntranslatedError(
-                f"{function.name} takes {counts} arguments, not {len(arguments)}", tree
+                f"{function.name} takes {counts} arguments, not {len(arguments)}"
             )
         texts = []
         for kind, value in zip(function.arguments, arguments, strict=False):

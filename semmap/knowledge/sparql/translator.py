@@ -122,7 +122,7 @@ class _Translator(TriplePatterns):
             self, f"_rows_{node.name}", None
         )
         if method is None:
-            raise UntranslatedError(f"{node.name} has no translation to SQL", node)
+            raise UntranslatedError(f"{node.name} has no translation to SQL")
         return method(node, scope)
 
     def _rows_BGP(self, node: Any, scope: PatternScope) -> Rows:
@@ -215,7 +215,7 @@ class _Translator(TriplePatterns):
         inner = PatternScope(scope.graph, bindings=dict(seen), outer=dict(seen))
         # What may be unbound outside cannot limit the pattern.
         if graph.name in ("GroupGraphPatternSub", "SubSelect"):
-            raise UntranslatedError("EXISTS is translated in FILTER and BIND only", graph)
+            raise UntranslatedError("EXISTS is translated in FILTER and BIND only")
         rows = self.rows(graph, replace(inner, bindings={}))
         for name in [n for n in rows.variables if n in seen]:
             value, known = rows.variables[name], seen[name]
@@ -303,7 +303,7 @@ class _Translator(TriplePatterns):
             for each in order:
                 if not count_variables(each.expr).keys() <= rows.variables.keys():
                     raise UntranslatedError(
-                        "ORDER BY with DISTINCT is translated for variables of the result", each
+                        "ORDER BY with DISTINCT is translated for variables of the result"
                     )
             whole = rows = rows.closed(self.parameters, distinct=True)
         keys = [key for each in order for key in self._order(each, whole, scope)]
@@ -331,7 +331,7 @@ class _Translator(TriplePatterns):
         return [key + end for key in _order_keys(value)]
 
     def _rows_Group(self, node: Any, scope: PatternScope) -> Rows:
-        raise UntranslatedError("a group without aggregates has no translation to SQL", node)
+        raise UntranslatedError("a group without aggregates has no translation to SQL")
 
     def _rows_AggregateJoin(self, node: Any, scope: PatternScope) -> Rows:
         inner_scope = PatternScope(scope.graph, outer=scope.outer)
@@ -395,7 +395,7 @@ class _Translator(TriplePatterns):
             return Value("string", f"coalesce({joined}, '')"), True
         if function in AGGREGATES:
             return Value("geometry", AGGREGATES[function].format(geometry_of(value))), False
-        raise UntranslatedError(f"{function} has no translation to SQL", each)
+        raise UntranslatedError(f"{function} has no translation to SQL")
 
     def _sum(self, function: str, distinct: str, value: Value) -> tuple[Value, bool]:
         call = "sum" if function == "Sum" else "avg"

@@ -48,7 +48,7 @@ class TriplePatterns(PropertyPaths):
             if computed is not None:
                 return computed  # type: ignore[no-any-return]
         if self._is_of_fields(predicate, scope) or self._may_be_of_fields(predicate, scope):
-            raise UntranslatedError("fields state this", predicate)
+            raise UntranslatedError("fields state this")
         return self._matched(self.part(subject), predicate, self._end(predicate, object_), scope)
 
     def _matched(
@@ -143,7 +143,7 @@ class TriplePatterns(PropertyPaths):
     ) -> None:
         """Join what fields answer; variables that nothing else needs are counted there."""
         if self._fields is None:
-            raise UntranslatedError("fields cannot be asked here", stated[0][1])
+            raise UntranslatedError("fields cannot be asked here")
 
         def is_needed(name: str, count: int) -> bool:
             return name.startswith("*") or self._uses.get(name, 0) > count
