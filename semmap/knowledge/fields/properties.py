@@ -130,6 +130,12 @@ def is_of_fields(iri: str) -> bool:
     return iri in field_properties() and iri not in _by_sql()
 
 
+def is_of_voxels(iri: str) -> bool:
+    """Return whether fields state a property of voxels; of entities, tables may state it."""
+    found = field_properties().get(iri)
+    return found is not None and found.subject == "voxel"
+
+
 def components(triples: Iterable[FieldTriple]) -> list[list[FieldTriple]]:
     """Return triples by groups that share no variable."""
     groups: list[tuple[set[str], list[FieldTriple]]] = []

@@ -80,6 +80,7 @@ class FieldPush:
     ) -> None:
         self._engine, self._map_name = engine, map_name
         self._pushed, self._perspectives = pushed, perspectives
+        self._followed = {*pushed, *([SEES] if perspectives else [])}
         self._true: set[Relation] = set()
         self._feed = ChangeFeed(engine, map_name, durable=False)
         self._renewal = 0.0
@@ -119,7 +120,7 @@ class FieldPush:
 
     def begin(self, relations: Iterable[Relation]) -> None:
         """Write relations that are true from now on."""
-        new = [each for each in relations if self._concerns(each) and each not in self._true]
+        new = [e for e in relations if e[0] in self._followed and e not in self._true]
         self._true.update(new)
         with self._view() as view:
             self._write(view, new)
@@ -150,9 +151,6 @@ class FieldPush:
             with self._view() as view:
                 self._write(view, self._true)
             self._renewal = time.monotonic() + LIFESPAN / 3
-
-    def _concerns(self, relation: Relation) -> bool:
-        return relation[0] in self._pushed or (relation[0] == SEES and self._perspectives)
 
     def _write(self, view: MapView, relations: Iterable[Relation]) -> None:
         facts = [self._fact(view, each) for each in relations if each[0] in self._pushed]

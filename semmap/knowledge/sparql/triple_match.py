@@ -196,9 +196,7 @@ class TripleMatch:
                 return Value(form, self._bind(text))
             # Terms are the same if they are written the same.
             return Value("term", self._bind(text), self._bind(tag))
-        if tag != "I" or (form == "iri" and constant.form == "entity"):
-            return None
-        if form == "iri":
+        if form == "iri" and tag == "I" and constant.form != "entity":
             return Value("iri", self._bind(text))
         # Of an IRI that is a node of another kind, or none, no row is.
         return None

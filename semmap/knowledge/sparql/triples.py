@@ -8,7 +8,7 @@ from typing import Any
 import rdflib
 from rdflib.paths import AlternativePath, InvPath, MulPath, NegatedPath, SequencePath
 
-from semmap.knowledge.fields.properties import field_properties, is_of_fields
+from semmap.knowledge.fields.properties import is_of_fields, is_of_voxels
 from semmap.knowledge.mapping import (
     COMPUTED,
     INFERENCES,
@@ -43,11 +43,10 @@ class TriplePatterns(PropertyPaths):
         """Return what can match a pattern in a graph: triple maps, or its relation."""
         subject, predicate, object_ = triple
         scope = PatternScope(None if graph is None else self.part(graph))
-        if isinstance(predicate, rdflib.URIRef):
-            computed = self._computed(predicate, scope)
-            if computed is not None:
-                return computed  # type: ignore[no-any-return]
-        if self._is_of_fields(predicate, scope) or self._may_be_of_fields(predicate, scope):
+        iri = self._of_map(predicate, scope)
+        if iri in _COMPUTED:
+            return _COMPUTED[iri]
+        if is_of_fields(iri) or is_of_voxels(iri):
             raise UntranslatedError("fields state this")
         return self._matched(self.part(subject), predicate, self._end(predicate, object_), scope)
 
@@ -96,18 +95,18 @@ class TriplePatterns(PropertyPaths):
                 parts.append(list(self._negated(subject, predicate, object_, scope)))
             elif isinstance(predicate, MulPath):
                 paths.append((subject, predicate, object_))
-            elif isinstance(predicate, rdflib.URIRef) and self._computed(predicate, scope):
-                computed.append((subject, self._computed(predicate, scope), object_))
-            elif self._is_of_fields(predicate, scope):
+            elif (iri := self._of_map(predicate, scope)) in _COMPUTED:
+                computed.append((subject, _COMPUTED[iri], object_))
+            elif is_of_fields(iri):
                 stated.append((subject, predicate, object_))
-            elif self._may_be_of_fields(predicate, scope):
+            elif is_of_voxels(iri):
                 either.append((subject, predicate, object_))
             else:
                 plain.append(self._matched(subject, predicate, object_, scope))
 
         for subject, predicate, object_ in triples:
             add(self.part(subject), predicate, self._end(predicate, object_))
-        voxels = {subject for subject, verb, _ in stated if self._field(verb).subject == "voxel"}
+        voxels = {subject for subject, verb, _ in stated if is_of_voxels(self._of_map(verb, scope))}
         for subject, predicate, object_ in either:
             if subject in voxels:
                 stated.append((subject, predicate, object_))
@@ -125,18 +124,11 @@ class TriplePatterns(PropertyPaths):
             self._relate(rows, a, relation, b, scope)
         return rows
 
-    def _field(self, iri: Any) -> Any:
-        return field_properties().get(self.constants.property(str(iri)))
-
-    def _is_of_fields(self, predicate: Any, scope: PatternScope) -> bool:
-        iri = isinstance(predicate, rdflib.URIRef) and self.constants.property(str(predicate))
-        return self._is_map(scope) and bool(iri) and is_of_fields(str(iri))
-
-    def _may_be_of_fields(self, predicate: Any, scope: PatternScope) -> bool:
-        """Return whether a property is one of voxels and, of other subjects, one of tables."""
-        iri = isinstance(predicate, rdflib.URIRef)
-        found = self._field(predicate) if iri and self._is_map(scope) else None
-        return found is not None and found.subject == "voxel"
+    def _of_map(self, predicate: Any, scope: PatternScope) -> str:
+        """Return the property of a pattern that reads the map; "" of other graphs and for any."""
+        if isinstance(predicate, rdflib.URIRef) and self._is_map(scope):
+            return self.constants.property(str(predicate))
+        return ""
 
     def _join_fields(
         self, rows: Rows, stated: list[tuple[Part, Any, Part]], scope: PatternScope
@@ -155,11 +147,6 @@ class TriplePatterns(PropertyPaths):
             for name in part.variables.keys() & equal.keys():
                 part.where.append(self._equals(part.variables.pop(name), equal[name]))
             rows.join(part, self.namespace)
-
-    def _computed(self, iri: Any, scope: PatternScope) -> Any:
-        if not self._is_map(scope):
-            return None
-        return _COMPUTED.get(self.constants.property(str(iri)))
 
     def _is_map(self, scope: PatternScope) -> bool:
         """Return whether a pattern reads the map, and not only statements of chosen graphs."""

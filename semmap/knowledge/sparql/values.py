@@ -5,6 +5,7 @@ Whatever a query says reaches the server as the value of a parameter (`Parameter
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -52,29 +53,25 @@ def are_disjoint(a: Form, b: Form) -> bool:
     return "iri" not in (a, b) or "entity" in (a, b)
 
 
+_TEXTS: Mapping[Form, str] = {
+    **dict.fromkeys(("term", "iri", "string", "gml", "geojson"), "{}"),
+    **dict.fromkeys(("integer", "boolean"), "({})::text"),
+    "decimal": "rdf_decimal(({})::numeric)",
+    "double": "rdf_double({})",
+    "time": "rdf_time({})",
+    "geometry": "ST_AsText({})",
+    # What `type_iri` returns, without a call for each row: the server inlines no subselect.
+    "type": "coalesce((SELECT n.iri FROM semantic_type n WHERE n.name = {0}), "
+    f"'{TYPE}' || iri_encode({{0}}))",
+}
+"""The SQL of the text of a term of each form but nodes of tables."""
+
+
 def text_of(value: Value, namespace: str) -> str:
     """Return the SQL of a term's text, its IRI or its lexical form, from that of the namespace."""
-    node = NODES.get(value.form)
-    match value.form:
-        case "term" | "iri" | "string" | "gml" | "geojson":
-            return value.sql
-        case "integer":
-            return f"({value.sql})::text"
-        case "decimal":
-            return f"rdf_decimal(({value.sql})::numeric)"
-        case "double":
-            return f"rdf_double({value.sql})"
-        case "boolean":
-            return f"({value.sql})::text"
-        case "time":
-            return f"rdf_time({value.sql})"
-        case "geometry":
-            return f"ST_AsText({value.sql})"
-        case "type":
-            # What `type_iri` returns, without a call for each row: the server inlines no subselect.
-            declared = f"(SELECT n.iri FROM semantic_type n WHERE n.name = {value.sql})"
-            return f"coalesce({declared}, '{TYPE}' || iri_encode({value.sql}))"
-    assert node is not None
+    if value.form in _TEXTS:
+        return _TEXTS[value.form].format(value.sql)
+    node = NODES[value.form]
     if node.of_map:
         return (
             f"(SELECT {namespace} || '{node.prefix}' || {encoded('n.name')} "

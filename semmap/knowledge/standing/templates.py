@@ -11,7 +11,7 @@ import rdflib
 from rdflib.paths import MulPath, NegatedPath, Path
 from rdflib.plugins.sparql.parserutils import CompValue
 
-from semmap.knowledge.fields.properties import field_properties, is_of_fields
+from semmap.knowledge.fields.properties import is_of_fields, is_of_voxels
 from semmap.knowledge.map_view import MapView
 from semmap.knowledge.mapping import FACTS
 from semmap.knowledge.sparql.constants import Constants, iris_in
@@ -285,13 +285,8 @@ def _whole_part(
         of_tables=is_unknown
         or any(map(reads_geometry, calls))
         or any(_may_be_of_tables(triple, translator) for triple in triples),
-        of_fields=any(map(_may_be_of_fields, properties)),
+        of_fields=any(is_of_fields(iri) or is_of_voxels(iri) for iri in properties),
     )
-
-
-def _may_be_of_fields(iri: str) -> bool:
-    found = field_properties().get(iri)
-    return found is not None and (found.subject == "voxel" or is_of_fields(iri))
 
 
 def _may_be_of_tables(triple: tuple[Any, Any, Any], translator: TriplePatterns) -> bool:
