@@ -168,6 +168,7 @@ class _Reader:
         self.path = path
         self.skipped: list[Skipped] = []
         self.flip = 1.0
+        self.vertices: list[Vertex | None] = []  # of the level that is read
 
     def fail(self, element: str, problem: str, fix: str) -> WorldError:
         return WorldError(self.path, element, problem, fix)
@@ -222,7 +223,6 @@ class _Reader:
             elevation = _number(data.get("elevation", 0.0), "elevation")
         except Refused as error:
             raise self.fail(f"{where}/elevation", error.problem, error.fix) from None
-        vertices: list[Vertex | None] = []
 
         def each(key: str, parse: Callable[..., Any]) -> list[Any]:
             """The elements of a list, which may be missing or empty; None for an unusable one."""
@@ -230,19 +230,19 @@ class _Reader:
             if not isinstance(items, list):
                 raise self.fail(f"{where}/{key}", "is not a list", "Write one element a line.")
             elements = [(f"{where}/{key}[{number}]", item) for number, item in enumerate(items)]
-            return [self.use(element, parse, item, element, vertices) for element, item in elements]
+            return [self.use(element, parse, item, element) for element, item in elements]
 
         def usable(key: str, parse: Callable[..., Any]) -> list[Any]:
             return [found for found in each(key, parse) if found is not None]
 
-        vertices += each("vertices", self.vertex)
+        self.vertices = each("vertices", self.vertex)
         fiducials: dict[str, tuple[float, float]] = {}
         for mark, at in usable("fiducials", self.fiducial):
             fiducials.setdefault(mark, at)
         return LevelPlan(
             name,
             elevation,
-            vertices,
+            self.vertices,
             fiducials,
             usable("measurements", self.edge),
             usable("walls", self.edge),
@@ -260,29 +260,29 @@ class _Reader:
             self.skipped.append(Skipped(element, error.problem, error.fix))
             return None
 
-    def vertex(self, item: object, element: str, vertices: list[Vertex | None]) -> Vertex:
+    def vertex(self, item: object, _: str) -> Vertex:
         if not isinstance(item, list) or len(item) < 2:
             raise Refused("is not [x, y, z, name]", "Write it as such.")
         name = _text(item[3]) if len(item) > 3 and item[3] is not None else ""
         params = _params(item[4] if len(item) > 4 else None)
         return Vertex(_number(item[0], "x"), self.flip * _number(item[1], "y"), name, params)
 
-    def edge(self, item: object, element: str, vertices: list[Vertex | None]) -> Edge:
+    def edge(self, item: object, element: str) -> Edge:
         if not isinstance(item, list) or len(item) < 2:
             raise Refused("is not [start, end, parameters]", "Write it as such.")
-        start, end = (_reference(i, vertices) for i in item[:2])
+        start, end = map(self.reference, item[:2])
         params = _params(item[2] if len(item) > 2 else None)
         if isinstance(params.get("graph_idx"), str):
             raise Refused("parameter graph_idx is not a number", "Write [2, 0] for graph 0.")
         return Edge(start, end, params, element)
 
-    def floor(self, item: object, element: str, vertices: list[Vertex | None]) -> FloorOutline:
+    def floor(self, item: object, element: str) -> FloorOutline:
         corners = _mapping(item, "it").get("vertices")
         if not isinstance(corners, list) or len(corners) < 3:
             raise Refused("has fewer than three vertices", "Draw the floor as a polygon.")
-        return FloorOutline(tuple(_reference(i, vertices) for i in corners), element)
+        return FloorOutline(tuple(map(self.reference, corners)), element)
 
-    def model(self, item: object, element: str, vertices: list[Vertex | None]) -> RmfModel:
+    def model(self, item: object, element: str) -> RmfModel:
         data = _mapping(item, "it")
         model = _text(data.get("model_name") or data.get("name") or "")
         if not model:
@@ -298,12 +298,20 @@ class _Reader:
             element,
         )
 
-    def fiducial(
-        self, item: object, element: str, vertices: list[Vertex | None]
-    ) -> tuple[str, tuple[float, float]]:
+    def fiducial(self, item: object, _: str) -> tuple[str, tuple[float, float]]:
         if not isinstance(item, list) or len(item) < 3:
             raise Refused("is not [x, y, name]", "Write it as such.")
         return _text(item[2]), (_number(item[0], "x"), self.flip * _number(item[1], "y"))
+
+    def reference(self, index: object) -> int:
+        if isinstance(index, bool) or not isinstance(index, int):
+            raise Refused(f"refers to vertex {index!r}", "Refer by number.")
+        if not 0 <= index < len(self.vertices):
+            problem = f"refers to vertex {index}, which does not exist"
+            raise Refused(problem, "Draw it again between vertices.")
+        if self.vertices[index] is None:
+            raise Refused(f"refers to vertex {index}, which is unusable", "Correct the vertex.")
+        return index
 
     def lifts(self, data: object, plans: dict[str, LevelPlan], reference: str) -> list[Lift]:
         if not isinstance(data, dict | None):
@@ -357,17 +365,6 @@ class _Reader:
             served,
             f"lifts/{name}",
         )
-
-
-def _reference(index: object, vertices: list[Vertex | None]) -> int:
-    if isinstance(index, bool) or not isinstance(index, int):
-        raise Refused(f"refers to vertex {index!r}", "Refer by number.")
-    if not 0 <= index < len(vertices):
-        problem = f"refers to vertex {index}, which does not exist"
-        raise Refused(problem, "Draw it again between vertices.")
-    if vertices[index] is None:
-        raise Refused(f"refers to vertex {index}, which is unusable", "Correct the vertex.")
-    return index
 
 
 def _lift_door(name: str, item: object) -> LiftDoor:

@@ -101,14 +101,6 @@ def _box(shape: Element, where: str) -> Mesh:
     return box_mesh((-x / 2, -y / 2, -z / 2), (x / 2, y / 2, z / 2))
 
 
-def _sphere(shape: Element, where: str) -> Mesh:
-    return _ball((_size(shape, "radius", where),) * 3)
-
-
-def _ellipsoid(shape: Element, where: str) -> Mesh:
-    return _ball(_positive(numbers(shape.find("radii"), 3, f"{where}: radii"), where))
-
-
 def _round(make: Callable[..., trimesh.Trimesh], **smooth: Any) -> Callable[[Element, str], Mesh]:
     """What makes a solid of a radius and a length along z, about the origin."""
 
@@ -154,8 +146,10 @@ def _polylines(shapes: list[Element], where: str) -> Mesh:
 _SOLIDS: dict[str, Callable[[Element, str], Mesh]] = {
     "box": _box,
     "cylinder": _round(trimesh.creation.cylinder, sections=SECTIONS),
-    "sphere": _sphere,
-    "ellipsoid": _ellipsoid,
+    "sphere": lambda shape, where: _ball((_size(shape, "radius", where),) * 3),
+    "ellipsoid": lambda shape, where: _ball(
+        _positive(numbers(shape.find("radii"), 3, f"{where}: radii"), where)
+    ),
     "capsule": _round(trimesh.creation.capsule, count=[SECTIONS, SECTIONS]),
     "cone": _round(trimesh.creation.cone, sections=SECTIONS),
     "plane": _plane,
