@@ -15,9 +15,9 @@ from sqlalchemy import text
 from navgrid.field_layer import FieldVoxels, field_voxels
 from navgrid.policy import Policy
 from semmap.geometry.voxels import Voxels
-from semmap.language.terms import local_name
 from semmap.query.map_handle import MapSource, open_feed
 from semmap.query.snapshot import Snapshot
+from semmap.snake_case import local_name
 from semmap.suggestions import suggestion
 
 LIVE = 60.0
