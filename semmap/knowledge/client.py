@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import contextmanager
 from dataclasses import replace
 from typing import Any
 
@@ -25,7 +25,7 @@ Statements = str | Sequence[str]
 METHODS = ("add", "retract", "update")
 
 
-class KnowledgeClient(AbstractContextManager["KnowledgeClient"]):
+class KnowledgeClient:
     """Statements on a map, in KnowledgeCore's notation; any thread may call its methods.
 
     A model is a named graph: the robot's view of an agent's knowledge. Without one, statements are
@@ -46,6 +46,10 @@ class KnowledgeClient(AbstractContextManager["KnowledgeClient"]):
             self.map_name: str = see_map(connection, source.name)
             MapView.of(driver_of(connection))
         self._subscriptions = Subscriptions(source.engine, self.map_name)
+
+    def __enter__(self) -> KnowledgeClient:
+        """Return this; the end of the ``with`` block closes it."""
+        return self
 
     def __exit__(self, *_: object) -> None:
         self.close()
