@@ -221,9 +221,8 @@ class Expressions:
         return Value("boolean", f"({near} AND {condition})" if near else condition)
 
     def _equal(self, a: Value, b: Value) -> str:
-        if a.form in NUMERIC and b.form in NUMERIC:
-            return f"({a.sql} = {b.sql})"
-        if a.form == b.form and a.form not in ("term", "geometry"):
+        both_numeric = a.form in NUMERIC and b.form in NUMERIC
+        if both_numeric or (a.form == b.form and a.form not in ("term", "geometry")):
             return f"({a.sql} = {b.sql})"
         if not is_literal(a.form) and not is_literal(b.form) and "term" not in (a.form, b.form):
             if are_disjoint(a.form, b.form):
@@ -233,14 +232,12 @@ class Expressions:
         return f"rdf_equal({x.sql}, {x.tag}, {y.sql}, {y.tag})"
 
     def _ordered(self, a: Value, operator: str, b: Value) -> str:
-        if a.form in NUMERIC and b.form in NUMERIC:
-            return f"({a.sql} {operator} {b.sql})"
-        if a.form == b.form == "string":
+        forms = {a.form, b.form}
+        if forms == {"string"}:
             return f'({a.sql} COLLATE "C" {operator} {b.sql} COLLATE "C")'
-        if a.form == b.form and a.form in ("time", "boolean"):
+        if forms <= {*NUMERIC} or forms in ({"time"}, {"boolean"}):
             return f"({a.sql} {operator} {b.sql})"
-        numeric, dynamic = {a.form, b.form} & set(NUMERIC), "term" in (a.form, b.form)
-        if numeric and dynamic:
+        if "term" in forms and forms & {*NUMERIC}:
             return f"({self._number(a)} {operator} {self._number(b)})"
         x, y = self._term(a), self._term(b)
         return f"(rdf_order({x.sql}, {x.tag}, {y.sql}, {y.tag}) {operator} 0)"

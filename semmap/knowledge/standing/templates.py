@@ -182,14 +182,15 @@ class Filled:
         self.values: dict[Any, Any] = {}
         self.terms: dict[Term, Term] = {}
         for i, (iri, (node, as_class)) in enumerate(zip(iris, nodes, strict=True)):
-            self.values[_hole(i)] = iri
+            hole, entity, name, class_ = _stand_ins(i)
+            self.values[hole] = iri
             if node[0] == "entity":
-                self.values[_id(i)] = node[1]
+                self.values[entity] = node[1]
             if as_class[0] == "type":
-                self.values[_name_in(i)] = as_class[1]
-                self.values[_class_in(i)] = class_of(as_class[1])
+                self.values[name] = as_class[1]
+                self.values[class_] = class_of(as_class[1])
             for role in _ROLES:
-                self.terms[_marked(_hole(i), role)] = canonical(rdflib.URIRef(iri), role)
+                self.terms[_marked(hole, role)] = canonical(rdflib.URIRef(iri), role)
 
 
 def translated(
@@ -202,20 +203,10 @@ def translated(
         return None
 
 
-def _hole(number: int) -> str:
-    return f"{_HOLE}{number}"
-
-
-def _id(number: int) -> int:
-    return -(10**15) - number
-
-
-def _name_in(number: int) -> str:
-    return f"{_HOLE}{number}#name"
-
-
-def _class_in(number: int) -> str:
-    return f"{_HOLE}{number}#type"
+def _stand_ins(number: int) -> tuple[str, int, str, str]:
+    """Return what stands for a hole: its IRI, the id of an entity, name and class of a type."""
+    hole = f"{_HOLE}{number}"
+    return hole, -(10**15) - number, f"{hole}#name", f"{hole}#type"
 
 
 def _marked(iri: str, role: str) -> Term:
@@ -228,11 +219,12 @@ def _with_holes_filled(known: Constants, filling: tuple[Nodes, ...]) -> Constant
     types: dict[str, str] = {}
     classes: dict[str, str] = {}
     for i, (node, as_class) in enumerate(filling):
+        hole, entity, name, class_ = _stand_ins(i)
         if node[0] == "entity":
-            nodes[_hole(i)] = ("entity", _id(i))
+            nodes[hole] = ("entity", entity)
         if as_class[0] == "type":
-            types[_hole(i)] = _name_in(i)
-            classes[_name_in(i)] = _class_in(i)
+            types[hole] = name
+            classes[name] = class_
     return Constants(
         {**known.known, **nodes}, {**known.types_of, **types}, {**known.classes, **classes}
     )
@@ -240,8 +232,7 @@ def _with_holes_filled(known: Constants, filling: tuple[Nodes, ...]) -> Constant
 
 def _is_closed(statement: SqlStatement | None, filling: tuple[Nodes, ...]) -> bool:
     """Return whether the holes of a statement are whole values of parameters."""
-    holes = range(len(filling))
-    whole = {text for i in holes for text in (_hole(i), _name_in(i), _class_in(i))}
+    whole = {each for i in range(len(filling)) for each in _stand_ins(i)}
     return (
         statement is not None
         and _HOLE not in statement.sql
