@@ -30,7 +30,7 @@ ALONG = 0.4
 THICKEST, NARROWEST = 0.6, 0.4
 """Metres across a lintel, and along it."""
 
-LEAST = 0.2
+LEAST = 0.13
 """The confidence from which a passage divides two rooms."""
 
 _TURNS = np.radians(np.arange(-40, 41, 5))
