@@ -4,10 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import Any
+from functools import cache
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    from pyproj import Transformer
 
 UTM_LATITUDES = (-80.0, 84.0)
 """Degrees between which UTM is defined."""
@@ -61,16 +65,15 @@ def frame_of(points: NDArray[np.float64], crs: Any) -> dict[str, float]:
 
     The grid is that of the CRS if it is a projection in metres, else UTM; x points along the grid.
     """
-    from pyproj import CRS, Transformer
+    from pyproj import CRS
 
     given = CRS.from_user_input(crs)
     in_metres = given.is_projected and all(a.unit_name == "metre" for a in given.axis_info)
     code = given.to_epsg() if in_metres else None
     if code is None:
-        to_degrees = Transformer.from_crs(given, WGS84, always_xy=True)
-        longitude, latitude = to_degrees.transform(*points.mean(axis=0))
+        longitude, latitude = _between(given, WGS84).transform(*points.mean(axis=0))
         code = utm_crs(latitude, longitude)
-    at = np.column_stack(Transformer.from_crs(given, code, always_xy=True).transform(*points.T))
+    at = np.column_stack(_between(given, code).transform(*points.T))
     easting, northing = np.floor(at.min(axis=0)).tolist()
     return {"crs": code, "easting": easting, "northing": northing, "height": 0.0, "rotation": 0.0}
 
@@ -78,11 +81,20 @@ def frame_of(points: NDArray[np.float64], crs: Any) -> dict[str, float]:
 def into_frame(
     points: NDArray[np.float64], crs: Any, georeference: Mapping[str, float]
 ) -> NDArray[np.float64]:
-    """Return points (N, 2) of a CRS, x or longitude first, in the frame of a map, metres."""
-    from pyproj import Transformer
+    """Return points (N, 2) of a CRS, x or longitude first, in the frame of a map, metres.
 
-    to_grid = Transformer.from_crs(crs, int(georeference["crs"]), always_xy=True)
-    x, y = to_grid.transform(*points.T)
+    A point that the map's grid does not reach is not finite.
+    """
+    x, y = _between(crs, int(georeference["crs"])).transform(*points.T)
     east, north = x - georeference["easting"], y - georeference["northing"]
     cos, sin = math.cos(georeference["rotation"]), math.sin(georeference["rotation"])
-    return np.column_stack([cos * east + sin * north, cos * north - sin * east])
+    with np.errstate(invalid="ignore"):
+        return np.column_stack([cos * east + sin * north, cos * north - sin * east])
+
+
+@cache
+def _between(crs: Any, other: Any) -> Transformer:
+    """The transformation from a CRS to another, x or longitude first."""
+    from pyproj import Transformer
+
+    return Transformer.from_crs(crs, other, always_xy=True)

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import yaml
 
+from semmap.ingest.georeference import WGS84, into_frame
 from semmap.ingest.text_file import read_text
 from semmap.ingest.world import Refused, Skipped, WorldError
 from semmap.yaml_file import FAST, check_structure
@@ -18,8 +21,8 @@ IS_IT_ONE = "Is it a building.yaml of the traffic editor?"
 LARGEST = 1e9
 """Pixels, metres or radians; also excludes NaN and infinity."""
 
-COORDINATE_SYSTEMS = {"reference_image": -1.0, "cartesian_meters": 1.0}
-"""The factor by which y points up."""
+COORDINATE_SYSTEMS = {"reference_image": -1.0, "cartesian_meters": 1.0, "wgs84": 1.0}
+"""The factor by which y points up; in `wgs84` x and y are longitude and latitude, degrees."""
 
 
 @dataclass(frozen=True)
@@ -121,6 +124,7 @@ class Building:
     lifts: list[Lift]
     skipped: list[Skipped] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
+    georeference: dict[str, float] | None = None
 
 
 def read_building(path: Path) -> Building:
@@ -168,6 +172,7 @@ class _Reader:
         self.path = path
         self.skipped: list[Skipped] = []
         self.flip = 1.0
+        self.frame: dict[str, float] | None = None  # of degrees
         self.vertices: list[Vertex | None] = []  # of the level that is read
 
     def fail(self, element: str, problem: str, fix: str) -> WorldError:
@@ -199,6 +204,8 @@ class _Reader:
             known = f"Save the building as one of {', '.join(COORDINATE_SYSTEMS)}."
             raise self.fail("coordinate_system", f"{system!r} is not read", known)
         self.flip = COORDINATE_SYSTEMS[system]
+        if system == "wgs84":
+            self.frame = self.grid_of_earth(data)
         levels = data.get("levels")
         if not isinstance(levels, dict) or not levels:
             problem = "is missing" if "levels" not in data else "holds no level"
@@ -213,7 +220,40 @@ class _Reader:
         name = _text(data.get("building_name") or data.get("name") or "") or self.path.name
         lifts = self.lifts(data.get("lifts"), plans, reference)
         pixels = system == "reference_image"
-        return Building(self.path, name, pixels, reference, plans, lifts, self.skipped)
+        made = Building(self.path, name, pixels, reference, plans, lifts, self.skipped)
+        made.georeference = self.frame
+        return made
+
+    def grid_of_earth(self, data: dict[str, Any]) -> dict[str, float]:
+        """Return the georeference that the parameters of a building in degrees state."""
+        from pyproj import CRS
+        from pyproj.exceptions import CRSError
+
+        try:
+            given = _params(data.get("parameters"))
+            code = re.fullmatch(r"EPSG:(\d{4,6})", str(given.get("generate_crs", "")))
+            if code is None:
+                problem = f"generate_crs is {given.get('generate_crs')!r}"
+                raise Refused(problem, "Set it to the EPSG code of a grid, such as EPSG:32648.")
+            x, y = (_number(given.get(f"suggested_offset_{axis}", 0.0), axis) for axis in "xy")
+            if not CRS.from_epsg(int(code[1])).is_projected:
+                raise Refused(f"generate_crs {code[0]} is no projection", "Set it to a grid.")
+        except Refused as error:
+            raise self.fail("parameters", error.problem, error.fix) from None
+        except CRSError as error:
+            raise self.fail("parameters", f"generate_crs: {error}", "Correct it.") from None
+        return {"crs": int(code[1]), "easting": x, "northing": y, "height": 0.0, "rotation": 0.0}
+
+    def at(self, x: object, y: object) -> tuple[float, float]:
+        """Return a position in the drawing's units, y up; of degrees, in metres."""
+        drawn = _number(x, "x"), self.flip * _number(y, "y")
+        if self.frame is None:
+            return drawn
+        moved = into_frame(np.array([drawn]), WGS84, self.frame)
+        if not np.isfinite(moved).all():
+            raise Refused(f"{drawn} is not on the grid", "Give longitude and latitude.")
+        east, north = moved[0].tolist()
+        return east, north
 
     def level(self, name: str, data: object) -> LevelPlan:
         where = f"levels/{name}"
@@ -265,7 +305,7 @@ class _Reader:
             raise Refused("is not [x, y, z, name]", "Write it as such.")
         name = _text(item[3]) if len(item) > 3 and item[3] is not None else ""
         params = _params(item[4] if len(item) > 4 else None)
-        return Vertex(_number(item[0], "x"), self.flip * _number(item[1], "y"), name, params)
+        return Vertex(*self.at(item[0], item[1]), name, params)
 
     def edge(self, item: object, element: str) -> Edge:
         if not isinstance(item, list) or len(item) < 2:
@@ -290,8 +330,7 @@ class _Reader:
         return RmfModel(
             _text(data.get("name") or model) or model,
             model,
-            _number(data.get("x"), "x"),
-            self.flip * _number(data.get("y"), "y"),
+            *self.at(data.get("x"), data.get("y")),
             _number(data.get("z", 0.0), "z"),
             _number(data.get("yaw", 0.0), "yaw"),
             bool(data.get("static", True)),
@@ -301,7 +340,7 @@ class _Reader:
     def fiducial(self, item: object, _: str) -> tuple[str, tuple[float, float]]:
         if not isinstance(item, list) or len(item) < 3:
             raise Refused("is not [x, y, name]", "Write it as such.")
-        return _text(item[2]), (_number(item[0], "x"), self.flip * _number(item[1], "y"))
+        return _text(item[2]), self.at(item[0], item[1])
 
     def reference(self, index: object) -> int:
         if isinstance(index, bool) or not isinstance(index, int):
@@ -354,8 +393,7 @@ class _Reader:
             raise Refused("serves no level", "Give it doors in the traffic editor.")
         return Lift(
             name,
-            _number(data.get("x"), "x"),
-            self.flip * _number(data.get("y"), "y"),
+            *self.at(data.get("x"), data.get("y")),
             _number(data.get("yaw", 0.0), "yaw"),
             width,
             depth,

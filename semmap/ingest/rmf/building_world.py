@@ -18,7 +18,11 @@ class BuildingWorld:
         self.building = building
         self.to_map = align(building)
         self.out = World(
-            building.name, building.path, skipped=building.skipped, notes=building.notes
+            building.name,
+            building.path,
+            skipped=building.skipped,
+            notes=building.notes,
+            georeference=building.georeference,
         )
         self._names: dict[str, Kind | None] = {OUTSIDE: None}
         self.storeys = {

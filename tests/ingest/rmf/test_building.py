@@ -9,6 +9,7 @@ import shapely
 import yaml
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from pyproj import Proj
 from shapely import Point
 
 from semmap.geometry.pose import Pose
@@ -413,6 +414,40 @@ def test_metres_are_taken_as_they_are(read):
     assert outline(read(data), "kitchen").hausdorff_distance(shapely.box(0, -6, 6, 0)) < 1e-3
 
 
+SINGAPORE = Proj("EPSG:3414")
+
+
+def in_degrees():
+    """The building with its corner at 28,000 m east and 38,700 m north of Singapore's grid."""
+    data = building()
+    data["coordinate_system"] = "wgs84"
+    data["parameters"] = {
+        "generate_crs": [1, "EPSG:3414"],
+        "suggested_offset_x": [3, 28000],
+        "suggested_offset_y": [3, 38700],
+    }
+    del data["levels"]["U"], data["lifts"]
+    for vertex in data["levels"]["G"]["vertices"]:
+        east, north = 28000 + vertex[0] * SCALE, 38700 - vertex[1] * SCALE
+        vertex[0], vertex[1] = SINGAPORE(east, north, inverse=True)
+    return data
+
+
+def test_degrees_become_metres_of_the_stated_grid(read):
+    world = read(in_degrees())
+    assert outline(world, "kitchen").hausdorff_distance(shapely.box(0, -6, 6, 0)) < 1e-3
+    frame = {"crs": 3414, "easting": 28000, "northing": 38700, "height": 0, "rotation": 0}
+    assert world.georeference == frame
+
+
+@pytest.mark.parametrize("crs", [None, "EPSG:99999", "EPSG:abc", 7])
+def test_degrees_without_a_grid_are_refused(read, crs):
+    data = in_degrees()
+    data["parameters"] = {} if crs is None else {"generate_crs": [1, crs]}
+    with pytest.raises(WorldError, match="parameters"):
+        read(data)
+
+
 def test_another_reference_level_turns_the_whole_map(read):
     data = building()
     data["reference_level_name"] = "U"
@@ -570,7 +605,7 @@ UNTRUSTED = {
         "measurements",
     ),
     "an unknown reference level": (text(reference_level_name="X"), "reference_level_name"),
-    "an unknown coordinate system": (text(coordinate_system="wgs84"), "coordinate_system"),
+    "an unknown coordinate system": (text(coordinate_system="mars"), "coordinate_system"),
     "lifts in a list": (text(lifts=[1]), "lifts"),
     "an alias": ("levels: &a {x: *a}\n", "line 1"),
     "an alias bomb": ("a: &a [x, x]\nb: &b [*a, *a]\nlevels: [*b, *b]\n", "line 2"),
