@@ -19,6 +19,7 @@ from semmap.database.maps import driver_of, see_map
 from semmap.ingest.annotation.annotation import read_annotation
 from semmap.ingest.ifc import read_ifc
 from semmap.ingest.meshes.mesh_file import MeshAs, read_mesh_world
+from semmap.ingest.meshes.point_cloud_file import READERS, read_point_cloud
 from semmap.ingest.naming import GUESS
 from semmap.ingest.ontology.tbox import own_tbox
 from semmap.ingest.ontology.type_store import load_tbox
@@ -77,8 +78,10 @@ def read_world(
     if not path.is_file():
         raise WorldError(path, "file", "is not there", "Check the path.")
     ending = path.suffix.lower()
-    if scale != 1.0 and ending not in MESHES:
-        raise WorldError(path, "scale", "is of mesh files only", "Leave it out for this file.")
+    if scale != 1.0 and ending not in (*MESHES, *READERS):
+        raise WorldError(
+            path, "scale", "is of meshes and point clouds only", "Leave it out for this file."
+        )
     if ending in SDF:
         world = read_sdf(path, geometry=geometry, model_path=model_path)
     elif ending in RMF:
@@ -88,12 +91,14 @@ def read_world(
             world = read_route_graph(path)
         else:
             world = read_annotation(path, types, georeference)
+    elif ending in READERS:
+        world = read_point_cloud(path, scale=scale, georeference=georeference)
     elif ending in IFC:
         world = read_ifc(path, progress)
     elif ending in MESHES:
         world = read_mesh_world(path, mesh_as, scale=scale)
     else:
-        known = f"Known: {', '.join(sorted((*SDF, *RMF, *IFC, *FEATURES, *MESHES)))}."
+        known = f"Known: {', '.join(sorted((*SDF, *RMF, *IFC, *FEATURES, *MESHES, *READERS)))}."
         raise WorldError(path, "ending", f"{path.suffix or 'none'} is not known", known)
     _check_names(path, world)
     return world

@@ -1,0 +1,107 @@
+"""Point clouds of scanners: LAS and LAZ, PCD and E57, as one object each."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from semmap.geometry.mesh import Mesh
+from semmap.ingest.georeference import frame_of, into_frame
+from semmap.ingest.world import Entry, Shape, World, WorldError
+from semmap.limits import EXTENT, MESH_BYTES, TRIANGLES
+
+FEWER = "Export fewer points, for example one a voxel."
+
+Points = NDArray[np.float64]
+Check = Callable[[int], None]
+
+
+def read_point_cloud(
+    path: Path, *, scale: float = 1.0, georeference: Mapping[str, float] | None = None
+) -> World:
+    """Return a world of one object with a point cloud, in metres.
+
+    `scale` is metres per unit. The points of a LAS file with a CRS that are far from its origin are
+    brought into the frame of a map with a `georeference`; without one, they set it. All scans of an
+    E57 file are joined by their poses. Needs the extra `semmap[clouds]`. A WorldError refuses a
+    file that cannot be read, has no points or more than the limit, or lies too far away.
+    """
+    refused = partial(WorldError, path, "points")
+    MESH_BYTES.check(path.stat().st_size, refused, FEWER)
+    read = READERS[path.suffix.lower()]
+    try:
+        points, crs = read(path, lambda count: TRIANGLES.check(count, refused, FEWER))
+    except WorldError:
+        raise
+    except ImportError as error:
+        fix = "Install the extra: pip install 'semmap[clouds]'."
+        raise WorldError(path, "file", f"needs {error.name}", fix) from error
+    except Exception as error:  # readers of broken bytes raise anything
+        reason = " ".join(str(error).split())[:160] or type(error).__name__
+        fix = "The file may be truncated or of another format: export it again."
+        raise WorldError(path, "file", f"cannot be read ({reason})", fix) from error
+    points = scale * points[np.isfinite(points).all(axis=1)]
+    if not len(points):
+        raise WorldError(path, "points", "has none", "Give another file.")
+    world = World(path.stem, path)
+    if crs is not None and EXTENT.exceeded_by(float(np.abs(points[:, :2]).max())):
+        frame = georeference or frame_of(points[:, :2], crs)
+        points[:, :2] = into_frame(points[:, :2], crs, frame)
+        world.georeference = None if georeference else dict(frame)
+    if EXTENT.exceeded_by(float(np.abs(points).max())):
+        raise WorldError(
+            path,
+            "points",
+            f"reach {np.abs(points).max():.0f} m from the origin, and no CRS is stated",
+            f"Shift them to the map's frame. {EXTENT.variable} raises the limit.",
+        )
+    cloud = Mesh(np.unique(points, axis=0), np.empty((0, 3), np.int32))
+    world.entries.append(Entry(path.stem, "object", shapes=[Shape("cloud", cloud, uri=path.name)]))
+    return world
+
+
+def _read_las(path: Path, check: Check) -> tuple[Points, Any]:
+    import laspy
+
+    with laspy.open(path) as file:
+        check(file.header.point_count)
+        crs = file.header.parse_crs()
+        return np.asarray(file.read().xyz, float), crs
+
+
+def _read_pcd(path: Path, check: Check) -> tuple[Points, None]:
+    from pypcd4.pypcd4 import PointCloud
+
+    cloud = PointCloud.from_path(path)
+    check(cloud.points)
+    return cloud.numpy(("x", "y", "z")).astype(float), None
+
+
+def _read_e57(path: Path, check: Check) -> tuple[Points, None]:
+    import pye57
+
+    file = pye57.E57(str(path))
+    try:
+        check(sum(file.get_header(number).point_count for number in range(file.scan_count)))
+        scans = []
+        for number in range(file.scan_count):
+            data = file.read_scan(number, ignore_missing_fields=True)
+            axes = [data[f"cartesian{axis}"] for axis in "XYZ"]
+            scans.append(np.column_stack(axes))
+        return np.concatenate([np.empty((0, 3)), *scans]), None
+    finally:
+        file.close()
+
+
+READERS: dict[str, Callable[[Path, Check], tuple[Points, Any]]] = {
+    ".las": _read_las,
+    ".laz": _read_las,
+    ".pcd": _read_pcd,
+    ".e57": _read_e57,
+}
+"""The reader of each ending: points (N, 3) in the file's units, and their CRS if it is stated."""

@@ -1,0 +1,106 @@
+"""Point clouds of scanners, written by the libraries of their formats."""
+
+import laspy
+import numpy as np
+import pye57
+import pytest
+from pypcd4.pypcd4 import PointCloud
+from pyproj import CRS, Proj
+from scipy.spatial import cKDTree
+
+from semmap.ingest.importer import read_world
+from semmap.ingest.world import WorldError
+
+POINTS = np.random.default_rng(5).uniform((-2, 1, 0), (3, 4, 2.5), (400, 3)).round(3)
+
+
+def same_points(found, known):
+    """Whether each known point is found within 2 mm, once."""
+    distances, which = cKDTree(found).query(known)
+    return len(found) == len(known) == len(set(which)) and distances.max() < 2e-3
+
+
+def write_las(path, points=POINTS, crs=None):
+    header = laspy.LasHeader(point_format=3, version="1.4")
+    header.scales, header.offsets = np.full(3, 0.001), np.floor(points.min(axis=0))
+    if crs is not None:
+        header.add_crs(CRS.from_user_input(crs))
+    file = laspy.LasData(header)
+    file.x, file.y, file.z = points.T
+    file.write(str(path))
+
+
+def write_pcd(path):
+    PointCloud.from_xyz_points(POINTS.astype(np.float32)).save(path)
+
+
+def write_e57(path):
+    """Two scans, the second turned by a right angle and shifted."""
+    file = pye57.E57(str(path), mode="w")
+    half = len(POINTS) // 2
+    quarter = np.array([np.cos(np.pi / 4), 0, 0, np.sin(np.pi / 4)])
+    for points, turn, shift in (
+        (POINTS[:half], np.array([1.0, 0, 0, 0]), np.zeros(3)),
+        (POINTS[half:], quarter, np.array([1.0, 2.0, 0.5])),
+    ):
+        local = points - shift
+        if turn is quarter:  # the scan's frame: turned back by a right angle about z
+            local = np.column_stack([local[:, 1], -local[:, 0], local[:, 2]])
+        data = {f"cartesian{axis}": local[:, i] for i, axis in enumerate("XYZ")}
+        file.write_scan_raw(data, rotation=turn, translation=shift)
+    file.close()
+
+
+@pytest.mark.parametrize(
+    ("name", "write"),
+    [("a.las", write_las), ("a.laz", write_las), ("a.pcd", write_pcd), ("a.e57", write_e57)],
+)
+def test_each_format_gives_the_points_in_metres(tmp_path, name, write):
+    write(tmp_path / name)
+    (entry,) = read_world(tmp_path / name).entries
+    (shape,) = entry.shapes
+    assert (entry.name, shape.kind, len(shape.mesh.faces)) == ("a", "cloud", 0)
+    assert same_points(shape.mesh.vertices, POINTS)
+    (scaled,) = read_world(tmp_path / name, scale=0.5).entries
+    assert same_points(scaled.shapes[0].mesh.vertices, POINTS / 2)
+
+
+def test_the_crs_of_a_survey_becomes_the_georeference(tmp_path):
+    east, north = Proj("EPSG:32632")(11.57, 48.14)
+    survey = np.add(POINTS, (east, north, 500))
+    write_las(tmp_path / "survey.las", survey, "EPSG:32632")
+    world = read_world(tmp_path / "survey.las")
+    frame = world.georeference
+    assert frame["crs"] == 32632
+    vertices = world.entries[0].shapes[0].mesh.vertices
+    assert vertices[:, :2].min() >= 0
+    assert vertices[:, :2].max() < 7
+    back = np.add(vertices, (frame["easting"], frame["northing"], 0))
+    assert same_points(back, survey)
+    placed = {"crs": 32632, "easting": east, "northing": north, "height": 0.0, "rotation": 0.0}
+    again = read_world(tmp_path / "survey.las", georeference=placed)
+    assert again.georeference is None
+    assert same_points(again.entries[0].shapes[0].mesh.vertices[:, :2], POINTS[:, :2])
+
+
+@pytest.mark.parametrize("ending", [".las", ".laz", ".pcd", ".e57"])
+@pytest.mark.parametrize("content", [b"", b"LASF", b"\0" * 5000])
+def test_a_broken_file_is_refused(tmp_path, ending, content):
+    path = tmp_path / f"broken{ending}"
+    path.write_bytes(content)
+    with pytest.raises(WorldError, match=r"cannot be read|has none"):
+        read_world(path)
+
+
+def test_points_far_away_without_a_crs_are_refused(tmp_path):
+    write_las(tmp_path / "far.las", np.add(POINTS, (691600, 5334700, 0)))
+    with pytest.raises(WorldError, match="no CRS is stated"):
+        read_world(tmp_path / "far.las")
+
+
+def test_more_points_than_the_limit_are_refused(tmp_path, monkeypatch):
+    monkeypatch.setenv("SEMMAP_MAX_TRIANGLES", "100")
+    for name, write in (("a.las", write_las), ("a.pcd", write_pcd), ("a.e57", write_e57)):
+        write(tmp_path / name)
+        with pytest.raises(WorldError, match="SEMMAP_MAX_TRIANGLES"):
+            read_world(tmp_path / name)
