@@ -12,6 +12,7 @@ from io import BytesIO
 from os import environ
 from pathlib import Path
 from random import Random
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
@@ -46,7 +47,9 @@ from tests.fuzz.mutate import (
     xml_tree,
     yaml_tree,
 )
+from tests.ingest.ifc.building_by_hand import BuildingByHand
 from tests.ingest.meshes.test_mesh_file import dae
+from tests.ingest.meshes.test_point_cloud_file import write_e57, write_las, write_pcd
 from tests.ingest.rmf.test_building import text as building
 from tests.ingest.route_graph.test_graph_file import graph
 from tests.ingest.sdf.test_world_file import FRAMES
@@ -140,6 +143,27 @@ def geojson() -> Iterator[bytes]:
 def rmf() -> Iterator[bytes]:
     yield building().encode()
     yield from files(".building.yaml", largest=20_000)
+
+
+def ifc() -> Iterator[bytes]:
+    """A room with a wall, a door and treads in each schema."""
+    for schema in ("IFC2X3", "IFC4"):
+        made = BuildingByHand(schema)
+        level = made.storey("ground", 0.0)
+        made.add("IfcSpace", "hall", level, ((0, 0, 0), (4, 3, 2.6)), LongName="Hall")
+        made.add("IfcWall", "wall", level, ((4, 0, 0), (4.2, 3, 2.6)))
+        made.add("IfcDoor", "door", level, ((4.1, 1, 0), (5, 1.05, 2)), yaw=1.57)
+        made.add("IfcStair", "stairs", level, ((1, 1, 0), (2, 2, 0.2)), ((2, 1, 0), (3, 2, 0.4)))
+        with TemporaryDirectory() as folder:
+            yield made.write(Path(folder) / "seed.ifc").read_bytes()
+
+
+def clouds(ending: str) -> Iterator[bytes]:
+    writers = {"las": write_las, "laz": write_las, "pcd": write_pcd, "e57": write_e57}
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / f"seed.{ending}"
+        writers[ending](path)
+        yield path.read_bytes()
 
 
 @cache
@@ -343,6 +367,7 @@ def network() -> Any:
 
 TEXT: list[Mutation] = [words_of, words_of, bytes_of, lines_of]
 BINARY: list[Mutation] = [bytes_of]
+CLOUDS = ("las", "laz", "pcd", "e57")
 
 
 def _world(
@@ -355,6 +380,8 @@ FILE_KINDS = [
     Kind("sdf", lambda: list(sdf()), [*TEXT, xml_tree, xml_tree], run_sdf, (WorldError,)),
     _world("geojson", ".geojson", geojson, [*TEXT, json_tree, json_tree, json_tree]),
     _world("rmf", ".building.yaml", rmf, [*TEXT, yaml_tree, yaml_tree]),
+    _world("ifc", ".ifc", ifc, TEXT),
+    *(_world(f"{cloud} cloud", f".{cloud}", partial(clouds, cloud), BINARY) for cloud in CLOUDS),
     _world("dae", ".dae", collada, [*TEXT, xml_tree, xml_tree]),
     _world("obj", ".obj", partial(meshes, "obj"), TEXT),
     _world("ply", ".ply", ascii_ply, [*TEXT, bytes_of]),

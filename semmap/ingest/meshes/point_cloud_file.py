@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import struct
 from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path
@@ -68,10 +69,40 @@ def read_point_cloud(
 def _read_las(path: Path, check: Check) -> tuple[Points, Any]:
     import laspy
 
+    _check_records(path)
     with laspy.open(path) as file:
         check(file.header.point_count)
+        if file.header.are_points_compressed:
+            _check_chunks(path, file.header.offset_to_point_data, file.header.point_count)
         crs = file.header.parse_crs()
         return np.asarray(file.read().xyz, float), crs
+
+
+def _check_records(path: Path) -> None:
+    """Refuse a header that claims more records than the file can hold: laspy would read them all.
+
+    LAS 1.4, table 3: their numbers are at bytes 100 and 243; each has at least 54 or 60 bytes.
+    """
+    with path.open("rb") as file:
+        header = file.read(375)
+    (records,) = struct.unpack_from("<I", header, 100)
+    (extended,) = struct.unpack_from("<I", header, 243) if header[25] >= 4 else (0,)
+    if 54 * records + 60 * extended > path.stat().st_size:
+        raise ValueError(f"{records + extended} records in {path.stat().st_size} bytes")
+
+
+def _check_chunks(path: Path, start: int, points: int) -> None:
+    """Refuse a LAZ table that claims more chunks than points: its reader would allocate for all."""
+    with path.open("rb") as file:
+        file.seek(start)
+        (table,) = struct.unpack("<q", file.read(8))
+        if table == -1:  # written at the end
+            file.seek(-8, 2)
+            (table,) = struct.unpack("<q", file.read(8))
+        file.seek(table)
+        _, chunks = struct.unpack("<II", file.read(8))
+    if chunks > points:
+        raise ValueError(f"{chunks} chunks of {points} points")
 
 
 def _read_pcd(path: Path, check: Check) -> tuple[Points, None]:
