@@ -5,9 +5,7 @@
 #include <tbb/task_arena.h>
 
 #include <algorithm>
-#include <cmath>
 #include <cstring>
-#include <limits>
 #include <map>
 #include <mutex>
 #include <set>
@@ -27,7 +25,6 @@ using Upper = Tree::RootNodeType::ChildNodeType;
 using Reader = openvdb::tree::ValueAccessor<const Tree>;
 
 constexpr std::int32_t kUnknown = -1;
-constexpr std::size_t kChunk = 64;  // leaves that one task takes; a part of what the numbers are
 constexpr std::uint64_t kAll = ~std::uint64_t{0};
 
 static_assert(Leaf::DIM == kBlock, "blocks are leaves");
@@ -41,8 +38,8 @@ bool is_uniform(const std::int32_t* values) {
     return std::memcmp(values, values + 1, 511 * sizeof *values) == 0;
 }
 
-// One entity inserted or removed; numbers of sets are assigned at once.
-struct Direct {
+// One entity inserted or removed.
+struct Toggle {
     Register& sets;
     std::vector<std::int32_t>& known;
     std::int32_t entity;
@@ -75,76 +72,6 @@ struct Direct {
     }
 };
 
-// Many entities over a few leaves: steps are numbered here, from `base` on, and become sets later.
-struct Chunk {
-    struct Step {
-        std::int32_t from;
-        std::int32_t edit;
-        std::int64_t count;
-    };
-
-    std::int32_t base = 0;
-    std::int32_t edit = 0;
-    std::vector<Step> steps{};
-    std::vector<std::int32_t> slots = std::vector<std::int32_t>(256, kUnknown);
-    std::size_t last = 0;
-    std::vector<std::int32_t> sets{};  // of the steps, once known
-
-    std::int32_t next(std::int32_t from) {
-        if (last < steps.size() && steps[last].from == from && steps[last].edit == edit) {
-            return base + static_cast<std::int32_t>(last);
-        }
-        if (2 * (steps.size() + 1) >= slots.size()) grow();
-        std::size_t i = home(from, edit);
-        for (; slots[i] != kUnknown; i = (i + 1) & (slots.size() - 1)) {
-            const Step& step = steps[static_cast<std::size_t>(slots[i])];
-            if (step.from == from && step.edit == edit) break;
-        }
-        if (slots[i] == kUnknown) {
-            slots[i] = static_cast<std::int32_t>(steps.size());
-            steps.push_back({from, edit, 0});
-        }
-        last = static_cast<std::size_t>(slots[i]);
-        return base + slots[i];
-    }
-    void moved(std::size_t, std::int32_t, std::int32_t, std::uint64_t, int count) {
-        steps[last].count += count;
-    }
-    std::size_t home(std::int32_t from, std::int32_t by) const {
-        const std::uint64_t both =
-            static_cast<std::uint64_t>(from) << 32 | static_cast<std::uint32_t>(by);
-        return static_cast<std::size_t>((both * 0x9E3779B97F4A7C15ULL) >> 32) & (slots.size() - 1);
-    }
-    void grow() {
-        slots.assign(2 * slots.size(), kUnknown);
-        for (std::size_t n = 0; n < steps.size(); ++n) {
-            std::size_t i = home(steps[n].from, steps[n].edit);
-            while (slots[i] != kUnknown) i = (i + 1) & (slots.size() - 1);
-            slots[i] = static_cast<std::int32_t>(n);
-        }
-    }
-    std::int32_t set_of(std::int32_t value) const {
-        return value < base ? value : sets[static_cast<std::size_t>(value - base)];
-    }
-};
-
-// A block that edits touch: a leaf, or a tile that they touch as a whole.
-struct Touched {
-    Leaf* leaf = nullptr;
-    std::int32_t tile = 0;
-    bool uniform = false;
-    std::uint32_t first = 0;
-    std::uint32_t last = 0;
-};
-
-struct Touch {
-    std::int32_t edit;
-    const Words* words;
-    std::uint32_t next;
-};
-
-constexpr std::uint32_t kEnd = 0xFFFFFFFF;
-
 template <typename Body>
 void in_parallel(std::size_t count, int threads, const Body& body) {
     if (threads == 1 || count <= 1) {
@@ -156,71 +83,6 @@ void in_parallel(std::size_t count, int threads, const Body& body) {
                                       static_cast<std::size_t>(threads));
     tbb::task_arena arena(threads);
     arena.execute([&] { tbb::parallel_for(std::size_t{0}, count, body); });
-}
-
-// What the steps of a chunk are as sets; only those that still have voxels become one.
-void resolve(Chunk& chunk, const std::vector<Edit>& edits, Register& sets,
-             std::vector<std::int32_t>& emptier) {
-    std::vector<std::int64_t> rest(chunk.steps.size());
-    for (std::size_t i = 0; i < rest.size(); ++i) {
-        const Chunk::Step& step = chunk.steps[i];
-        rest[i] += step.count;
-        if (step.from >= chunk.base) {
-            rest[static_cast<std::size_t>(step.from - chunk.base)] -= step.count;
-        } else {
-            sets.count(step.from) -= step.count;
-            emptier.push_back(step.from);
-        }
-    }
-    chunk.sets.assign(rest.size(), 0);
-    std::vector<std::int32_t> members;
-    for (std::size_t i = 0; i < rest.size(); ++i) {
-        if (rest[i] == 0) continue;
-        std::int32_t from = static_cast<std::int32_t>(i) + chunk.base;
-        while (from >= chunk.base) {
-            from = chunk.steps[static_cast<std::size_t>(from - chunk.base)].from;
-        }
-        members = sets.members(from);
-        for (from = static_cast<std::int32_t>(i) + chunk.base; from >= chunk.base;) {
-            const Chunk::Step& step = chunk.steps[static_cast<std::size_t>(from - chunk.base)];
-            toggle(members, edits[static_cast<std::size_t>(step.edit)].entity);
-            from = step.from;
-        }
-        chunk.sets[i] = sets.number(members);
-        sets.count(chunk.sets[i]) += rest[i];
-    }
-}
-
-// The steps of a chunk taken to their sets.
-struct Renumber {
-    const Chunk& chunk;
-    Words cleared{};
-
-    std::int32_t next(std::int32_t from) const { return chunk.set_of(from); }
-    void moved(std::size_t x, std::int32_t, std::int32_t to, std::uint64_t which, int) {
-        if (to == 0) cleared[x] |= which;
-    }
-};
-
-void rewrite(Touched& touched, const std::vector<Touch>& touches, const Chunk& chunk,
-             Family family) {
-    if (touched.leaf == nullptr) {
-        touched.tile = chunk.set_of(touched.tile);
-        return;
-    }
-    std::int32_t* values = touched.leaf->buffer().data();
-    Words all{};
-    for (std::uint32_t t = touched.first; t != kEnd; t = touches[t].next) {
-        for (std::size_t x = 0; x < 8; ++x) all[x] |= (*touches[t].words)[x];
-    }
-    Renumber step{chunk};
-    retag(family, values, all, step);
-    for (std::size_t x = 0; x < 8; ++x) {
-        std::uint64_t& active = active_word(*touched.leaf, x);
-        active = (active | all[x]) & ~step.cleared[x];
-    }
-    touched.uniform = is_uniform(values);
-    if (touched.uniform) touched.tile = values[0];
 }
 
 }  // namespace
@@ -255,14 +117,18 @@ void RegionMap::insert(std::int32_t entity, const Shape& shape) {
     Voxels voxels = rasterise(shape, voxel_size_);
     const std::unique_lock lock(mutex_);
     Spread(grid_->tree()).add(voxels);
+    add(entity, std::move(voxels));
+}
+
+void RegionMap::add(std::int32_t entity, Voxels voxels) {
     Voxels& has = region_to_change(entity);
     if (has.blocks() == 0) {
-        apply({entity, &voxels});
+        apply(entity, voxels);
         has = std::move(voxels);
         return;
     }
     const Voxels fresh = without(voxels, has);
-    apply({entity, &fresh});
+    apply(entity, fresh);
     has = united(has, fresh);
 }
 
@@ -271,7 +137,7 @@ void RegionMap::remove(std::int32_t entity) {
     if (region(entity).blocks() == 0) return;
     const Voxels had = std::move(regions_[static_cast<std::size_t>(entity)]);
     regions_[static_cast<std::size_t>(entity)] = {};
-    apply({entity, &had});
+    apply(entity, had);
     prune();
 }
 
@@ -282,8 +148,8 @@ void RegionMap::move(std::int32_t entity, const Shape& shape) {
     Voxels& has = region_to_change(entity);
     const Voxels left = without(has, voxels);
     const Voxels entered = without(voxels, has);
-    apply({entity, &entered});
-    apply({entity, &left});
+    apply(entity, entered);
+    apply(entity, left);
     has = std::move(voxels);
     prune();
 }
@@ -312,30 +178,7 @@ std::vector<std::string> RegionMap::insert_many(const std::vector<std::int32_t>&
     }
     const auto given = [](const std::string& reason) { return !reason.empty(); };
     if (!others && std::any_of(reasons.begin(), reasons.end(), given)) return reasons;
-    // An entity named twice is one edit.
-    std::map<std::int32_t, std::size_t> first;
-    std::vector<std::size_t> once;
-    for (std::size_t i = 0; i < entities.size(); ++i) {
-        const auto [found, is_new] = first.emplace(entities[i], i);
-        if (is_new) {
-            once.push_back(i);
-        } else {
-            voxels[found->second] = united(voxels[found->second], voxels[i]);
-        }
-    }
-    for (const std::size_t i : once) region_to_change(entities[i]);
-    in_parallel(once.size(), threads, [&](std::size_t n) {
-        const std::size_t i = once[n];
-        const Voxels& has = region(entities[i]);
-        if (has.blocks() > 0) voxels[i] = without(voxels[i], has);
-    });
-    std::vector<Edit> edits;
-    for (const std::size_t i : once) edits.push_back({entities[i], &voxels[i]});
-    apply_many(edits, threads);
-    for (const std::size_t i : once) {
-        Voxels& has = region_to_change(entities[i]);
-        has = has.blocks() == 0 ? std::move(voxels[i]) : united(has, voxels[i]);
-    }
+    for (std::size_t i = 0; i < entities.size(); ++i) add(entities[i], std::move(voxels[i]));
     return reasons;
 }
 
@@ -347,14 +190,14 @@ void RegionMap::make_tile(Accessor& accessor, const Origin& origin, std::int32_t
     if (emptied_.empty() || emptied_.back() != block) emptied_.push_back(block);
 }
 
-void RegionMap::apply(const Edit& edit) {
+// None of the voxels has the entity, or all have it.
+void RegionMap::apply(std::int32_t entity, const Voxels& voxels) {
     if (next_.size() < static_cast<std::size_t>(sets_.end())) {
         next_.resize(static_cast<std::size_t>(2 * sets_.end()), kUnknown);
     }
     const Family family = used_family();
-    Direct step{sets_, next_, edit.entity};
+    Toggle step{sets_, next_, entity};
     Accessor accessor(grid_->tree());
-    const Voxels& voxels = *edit.voxels;
     for (std::size_t i = 0; i < voxels.blocks(); ++i) {
         const Origin& origin = voxels.origins[i];
         const Words& words = voxels.words[i];
@@ -382,72 +225,6 @@ void RegionMap::apply(const Edit& edit) {
         }
     }
     step.finish();
-}
-
-void RegionMap::apply_many(const std::vector<Edit>& edits, int threads) {
-    OriginIndex index;
-    std::vector<Touched> blocks;
-    std::vector<Touch> touches;
-    std::vector<bool> all_full;
-    for (std::size_t e = 0; e < edits.size(); ++e) {
-        const Voxels& voxels = *edits[e].voxels;
-        for (std::size_t i = 0; i < voxels.blocks(); ++i) {
-            const std::uint32_t n = index.number(voxels.origins[i]);
-            const auto t = static_cast<std::uint32_t>(touches.size());
-            touches.push_back({static_cast<std::int32_t>(e), &voxels.words[i], kEnd});
-            if (n == blocks.size()) {
-                blocks.push_back({nullptr, 0, false, t, t});
-                all_full.push_back(is_full(voxels.words[i]));
-            } else {
-                touches[blocks[n].last].next = t;
-                blocks[n].last = t;
-                all_full[n] = all_full[n] && is_full(voxels.words[i]);
-            }
-        }
-    }
-    const std::vector<Origin>& origins = index.origins();
-    Accessor accessor(grid_->tree());
-    for (std::size_t n = 0; n < blocks.size(); ++n) {
-        blocks[n].leaf = accessor.probeLeaf(coord(origins[n]));
-        if (blocks[n].leaf != nullptr) continue;
-        if (all_full[n]) {
-            blocks[n].tile = accessor.getValue(coord(origins[n]));
-        } else {
-            blocks[n].leaf = accessor.touchLeaf(coord(origins[n]));
-        }
-    }
-    const Family family = used_family();
-    std::vector<Chunk> chunks((blocks.size() + kChunk - 1) / kChunk);
-    in_parallel(chunks.size(), threads, [&](std::size_t c) {
-        Chunk& chunk = chunks[c];
-        chunk.base = sets_.end();
-        for (std::size_t n = c * kChunk; n < std::min((c + 1) * kChunk, blocks.size()); ++n) {
-            Touched& block = blocks[n];
-            for (std::uint32_t t = block.first; t != kEnd; t = touches[t].next) {
-                chunk.edit = touches[t].edit;
-                if (block.leaf == nullptr) {
-                    block.tile = chunk.next(block.tile);
-                    chunk.moved(0, 0, 0, 0, 512);
-                } else {
-                    retag(family, block.leaf->buffer().data(), *touches[t].words, chunk);
-                }
-            }
-        }
-    });
-    std::vector<std::int32_t> emptier;
-    for (Chunk& chunk : chunks) resolve(chunk, edits, sets_, emptier);
-    for (const std::int32_t set : emptier) sets_.free_if_unused(set);
-    in_parallel(chunks.size(), threads, [&](std::size_t c) {
-        for (std::size_t n = c * kChunk; n < std::min((c + 1) * kChunk, blocks.size()); ++n) {
-            rewrite(blocks[n], touches, chunks[c], family);
-        }
-    });
-    for (std::size_t n = 0; n < blocks.size(); ++n) {
-        if (blocks[n].leaf == nullptr || blocks[n].uniform) {
-            make_tile(accessor, origins[n], blocks[n].tile);
-        }
-    }
-    prune();
 }
 
 void RegionMap::prune() {

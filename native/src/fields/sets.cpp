@@ -23,36 +23,17 @@ std::uint64_t hash_of(const std::vector<std::int32_t>& members) {
 
 }  // namespace
 
-void toggle(std::vector<std::int32_t>& members, std::int32_t entity) {
-    const auto at = std::lower_bound(members.begin(), members.end(), entity);
-    if (at != members.end() && *at == entity) {
-        members.erase(at);
-    } else {
-        members.insert(at, entity);
-    }
-}
-
 std::int32_t Register::toggled(std::int32_t set, std::int32_t entity) {
-    const Set& from = sets_[static_cast<std::size_t>(set)];
-    scratch_ = from.members;
-    toggle(scratch_, entity);
-    return number(from.hash ^ key(entity), scratch_);
-}
-
-std::int32_t Register::number(const std::vector<std::int32_t>& members) {
-    return number(hash_of(members), members);
-}
-
-std::int32_t Register::find(std::uint64_t hash, const std::vector<std::int32_t>& of) const {
-    const auto [first, last] = by_hash_.equal_range(hash);
-    const auto found =
-        std::find_if(first, last, [&](const auto& each) { return members(each.second) == of; });
-    return found == last ? 0 : found->second;
-}
-
-std::int32_t Register::number(std::uint64_t hash, const std::vector<std::int32_t>& members) {
-    if (members.empty()) return 0;
-    if (const std::int32_t known = find(hash, members)) return known;
+    const std::uint64_t hash = sets_[static_cast<std::size_t>(set)].hash ^ key(entity);
+    scratch_ = members(set);
+    const auto at = std::lower_bound(scratch_.begin(), scratch_.end(), entity);
+    if (at != scratch_.end() && *at == entity) {
+        scratch_.erase(at);
+    } else {
+        scratch_.insert(at, entity);
+    }
+    if (scratch_.empty()) return 0;
+    if (const std::int32_t known = find(hash, scratch_)) return known;
     std::int32_t made;
     if (free_.empty()) {
         made = end();
@@ -62,9 +43,16 @@ std::int32_t Register::number(std::uint64_t hash, const std::vector<std::int32_t
         made = free_.back();
         free_.pop_back();
     }
-    sets_[static_cast<std::size_t>(made)] = {hash, members};
+    sets_[static_cast<std::size_t>(made)] = {hash, scratch_};
     by_hash_.emplace(hash, made);
     return made;
+}
+
+std::int32_t Register::find(std::uint64_t hash, const std::vector<std::int32_t>& of) const {
+    const auto [first, last] = by_hash_.equal_range(hash);
+    const auto found =
+        std::find_if(first, last, [&](const auto& each) { return members(each.second) == of; });
+    return found == last ? 0 : found->second;
 }
 
 void Register::free_if_unused(std::int32_t set) {

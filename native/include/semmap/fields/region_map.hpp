@@ -19,12 +19,6 @@
 
 namespace semmap::fields {
 
-// Voxels that are inserted for one entity, or removed from it: none of them has it, or all have it.
-struct Edit {
-    std::int32_t entity;
-    const Voxels* voxels;
-};
-
 struct Memory {
     std::size_t grid;
     std::size_t index;
@@ -62,9 +56,8 @@ class RegionMap {
     void insert(std::int32_t entity, const Shape& shape);
     void remove(std::int32_t entity);
     void move(std::int32_t entity, const Shape& shape);
-    // Inserts many regions in one pass on several threads; the numbers of sets do not depend on the
-    // number of threads. Returns for each region why it cannot be inserted, or "". If one cannot,
-    // the others are inserted only if `others` is true.
+    // Inserts many regions, which several threads rasterise. Returns for each region why it cannot
+    // be inserted, or "". If one cannot, the others are inserted only if `others` is true.
     std::vector<std::string> insert_many(const std::vector<std::int32_t>& entities,
                                          const std::vector<const Shape*>& shapes, int threads,
                                          bool others);
@@ -102,8 +95,8 @@ class RegionMap {
     const Voxels& region(std::int32_t entity) const;
     std::map<std::int32_t, std::int64_t> counts_over(const Voxels& voxels) const;
     Voxels& region_to_change(std::int32_t entity);
-    void apply(const Edit& edit);
-    void apply_many(const std::vector<Edit>& edits, int threads);
+    void add(std::int32_t entity, Voxels voxels);
+    void apply(std::int32_t entity, const Voxels& voxels);
     void make_tile(Accessor& accessor, const Origin& origin, std::int32_t value);
     void prune();
 

@@ -16,8 +16,6 @@ class Register {
 
     // Returns the set with `entity` inserted if it is not a member, else removed.
     std::int32_t toggled(std::int32_t set, std::int32_t entity);
-    // Returns the set of the given members, ascending.
-    std::int32_t number(const std::vector<std::int32_t>& members);
     const std::vector<std::int32_t>& members(std::int32_t set) const {
         return sets_[static_cast<std::size_t>(set)].members;
     }
@@ -41,7 +39,6 @@ class Register {
         std::vector<std::int32_t> members;
     };
 
-    std::int32_t number(std::uint64_t hash, const std::vector<std::int32_t>& members);
     // Its number if it is there, else 0.
     std::int32_t find(std::uint64_t hash, const std::vector<std::int32_t>& members) const;
 
@@ -51,8 +48,5 @@ class Register {
     std::unordered_multimap<std::uint64_t, std::int32_t> by_hash_;
     std::vector<std::int32_t> scratch_;
 };
-
-// Inserts `entity` into ascending members, or removes it.
-void toggle(std::vector<std::int32_t>& members, std::int32_t entity);
 
 }  // namespace semmap::fields
