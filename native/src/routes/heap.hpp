@@ -1,9 +1,8 @@
 // Nodes by their keys, the least first.
 #pragma once
 
-#include <algorithm>
 #include <cstdint>
-#include <vector>
+#include <queue>
 
 namespace semmap {
 
@@ -14,25 +13,9 @@ struct Entry {
     friend bool operator<(const Entry& a, const Entry& b) { return a.key > b.key; }
 };
 
-// A std::priority_queue that keeps its memory when it is cleared.
-class Heap {
-  public:
-    bool empty() const { return entries_.empty(); }
-    void clear() { entries_.clear(); }
-    const Entry& top() const { return entries_.front(); }
-
-    void push(Entry entry) {
-        entries_.push_back(entry);
-        std::push_heap(entries_.begin(), entries_.end());
-    }
-
-    void pop() {
-        std::pop_heap(entries_.begin(), entries_.end());
-        entries_.pop_back();
-    }
-
-  private:
-    std::vector<Entry> entries_;
+// Keeps its memory when it is cleared.
+struct Heap : std::priority_queue<Entry> {
+    void clear() { c.clear(); }
 };
 
 }  // namespace semmap
