@@ -7,7 +7,6 @@
 #include <algorithm>
 #include <cstdint>
 #include <cstdlib>
-#include <new>
 #include <optional>
 #include <stdexcept>
 #include <string>
@@ -32,24 +31,6 @@ using namespace semmap::checks;
 using Solids = std::optional<Array<std::int32_t>>;
 using Marks = std::optional<Array<bool>>;
 using Ends = std::vector<std::pair<double, double>>;
-
-void say(semmap::Flaw flaw, const Array<double>& vertices) {
-    switch (flaw) {
-        case semmap::Flaw::none:
-            return;
-        case semmap::Flaw::not_finite:
-            throw py::value_error(
-                "vertices are finite and within 1e30 m: fix or leave out those that are not");
-        case semmap::Flaw::no_such_vertex:
-            if (vertices.shape(0) == 0) throw py::value_error("there are faces, but no vertices");
-            throw py::value_error("faces name vertices 0 to " +
-                                  std::to_string(vertices.shape(0) - 1));
-        case semmap::Flaw::no_such_solid:
-            throw py::value_error("solid contains a number that fill does not have");
-        case semmap::Flaw::out_of_memory:
-            throw std::bad_alloc();
-    }
-}
 
 // One result has no more numbers than that: 2 GB of doubles.
 constexpr double kMostResults = 268435456.0;
@@ -112,18 +93,13 @@ Array<bool> occupancy(const Array<double>& vertices, const Array<Index>& faces, 
     Array<bool> cells({static_cast<py::ssize_t>(intervals.size()), py::ssize_t{grid.rows},
                        py::ssize_t{grid.columns}});
     auto* data = reinterpret_cast<std::uint8_t*>(cells.mutable_data());
-    const auto draw = [&] {
-        semmap::Flaw flaw = semmap::Flaw::none;
-        for (std::size_t i = 0; i < intervals.size() && flaw == semmap::Flaw::none;
-             i += semmap::kMostIntervals) {
-            const auto first = intervals.begin() + static_cast<std::ptrdiff_t>(i);
-            const std::size_t count = std::min(semmap::kMostIntervals, intervals.size() - i);
-            flaw = semmap::occupancy(mesh, {first, first + static_cast<std::ptrdiff_t>(count)},
-                                     grid, inside, team, data + i * grid.cells());
-        }
-        return flaw;
-    };
-    say(unlocked(draw), vertices);
+    const py::gil_scoped_release release;
+    for (std::size_t i = 0; i < intervals.size(); i += semmap::kMostIntervals) {
+        const auto first = intervals.begin() + static_cast<std::ptrdiff_t>(i);
+        const std::size_t count = std::min(semmap::kMostIntervals, intervals.size() - i);
+        semmap::occupancy(mesh, {first, first + static_cast<std::ptrdiff_t>(count)}, grid, inside,
+                          team, data + i * grid.cells());
+    }
     return cells;
 }
 
@@ -135,8 +111,8 @@ Array<bool> closed_solids(const Array<double>& vertices, const Array<Index>& fac
     const unsigned team = threads(thread_count);
     Array<bool> closed(static_cast<py::ssize_t>(solid_count));
     auto* data = reinterpret_cast<std::uint8_t*>(closed.mutable_data());
-    const auto count = static_cast<std::size_t>(solid_count);
-    say(unlocked([&] { return semmap::closed_solids(mesh, count, team, data); }), vertices);
+    const py::gil_scoped_release release;
+    semmap::closed_solids(mesh, static_cast<std::size_t>(solid_count), team, data);
     return closed;
 }
 
@@ -200,7 +176,7 @@ std::pair<Array<double>, Array<double>> all_ways(std::size_t starts, std::size_t
     Array<double> prices({k, m}), metres({k, m});
     double* price = prices.mutable_data();
     double* metre = metres.mutable_data();
-    if (!unlocked([&] { return compute(price, metre); })) throw std::bad_alloc();
+    unlocked([&] { compute(price, metre); });
     return {prices, metres};
 }
 
@@ -231,7 +207,7 @@ std::pair<Array<double>, Array<double>> travel(const Array<std::uint8_t>& costs,
     const auto goals = targets ? cells_of(*targets, "targets", ground) : starts;
     const unsigned team = threads(thread_count);
     return all_ways(starts.size(), goals.size(), [&](double* prices, double* metres) {
-        return semmap::travel(ground, starts, goals, !targets, team, prices, metres);
+        semmap::travel(ground, starts, goals, !targets, team, prices, metres);
     });
 }
 
@@ -287,7 +263,7 @@ std::pair<Array<double>, Array<double>> drive(const Array<std::uint8_t>& costs, 
     const auto goals = cells_of(targets, "targets", where.terrain);
     const unsigned team = threads(thread_count);
     return all_ways(starts.size(), goals.size(), [&](double* prices, double* metres) {
-        return semmap::drive(where, starts, goals, team, prices, metres);
+        semmap::drive(where, starts, goals, team, prices, metres);
     });
 }
 
@@ -414,9 +390,7 @@ void define_graph(py::module_& module) {
                                  "sources and targets");
                 Array<double> costs({sources.size(), targets.size()});
                 double* data = costs.mutable_data();
-                if (!unlocked([&] { return graph.distances(from, to, team, data); })) {
-                    throw std::bad_alloc();
-                }
+                unlocked([&] { graph.distances(from, to, team, data); });
                 return costs;
             },
             exact("sources"), exact("targets"), py::arg("threads"));

@@ -36,15 +36,14 @@ inline PointHash hash_point(const double* p) {
     return {s, t ^ (t >> 29)};
 }
 
-// Leaves of the solids marked in `closed` those whose surface is closed: false where memory ran
-// out.
+// Leaves of the solids marked in `closed` those whose surface is closed.
 //
 // Each directed edge p-q counts s(p) t(q) - s(q) t(p). That is antisymmetric, so that opposite
 // edges cancel; and with s and t as good as random a sum over edges that do not all cancel is as
 // good as never zero (the identity test of polynomials of Schwartz and Zippel). A face's three
 // edges make one determinant.
 template <typename Index>
-bool keep_closed(const MeshView<Index>& mesh, const Team& team, std::vector<std::uint8_t>& closed) {
+void keep_closed(const MeshView<Index>& mesh, const Team& team, std::vector<std::uint8_t>& closed) {
     constexpr std::size_t kChunk = 16384;
     // Calls found(solid, first, last) for neighbouring faces of one solid.
     const auto each_run = [&](std::size_t first, std::size_t last, auto&& found) {
@@ -60,20 +59,18 @@ bool keep_closed(const MeshView<Index>& mesh, const Team& team, std::vector<std:
     // Most solids have points of their own, side by side: only theirs are hashed, by the block.
     constexpr std::size_t kBlock = 64;
     std::vector<std::atomic<std::int64_t>> change(mesh.vertex_count / kBlock + 2);
-    if (!team.share(mesh.face_count, kChunk, [&](unsigned, std::size_t first, std::size_t last) {
-            each_run(first, last, [&](std::size_t, std::size_t from, std::size_t to) {
-                Index low = mesh.faces[3 * from];
-                Index high = low;
-                for (std::size_t i = 3 * from; i < 3 * to; ++i) {
-                    low = std::min(low, mesh.faces[i]);
-                    high = std::max(high, mesh.faces[i]);
-                }
-                change[static_cast<std::size_t>(low) / kBlock] += 1;
-                change[static_cast<std::size_t>(high) / kBlock + 1] -= 1;
-            });
-        })) {
-        return false;
-    }
+    team.share(mesh.face_count, kChunk, [&](unsigned, std::size_t first, std::size_t last) {
+        each_run(first, last, [&](std::size_t, std::size_t from, std::size_t to) {
+            Index low = mesh.faces[3 * from];
+            Index high = low;
+            for (std::size_t i = 3 * from; i < 3 * to; ++i) {
+                low = std::min(low, mesh.faces[i]);
+                high = std::max(high, mesh.faces[i]);
+            }
+            change[static_cast<std::size_t>(low) / kBlock] += 1;
+            change[static_cast<std::size_t>(high) / kBlock + 1] -= 1;
+        });
+    });
     std::vector<std::size_t> blocks;
     std::int64_t wanted = 0;
     for (std::size_t block = 0; block * kBlock < mesh.vertex_count; ++block) {
@@ -81,40 +78,34 @@ bool keep_closed(const MeshView<Index>& mesh, const Team& team, std::vector<std:
         if (wanted > 0) blocks.push_back(block);
     }
     const std::unique_ptr<PointHash[]> hash(new PointHash[mesh.vertex_count]);
-    if (!team.share(blocks.size(), 256, [&](unsigned, std::size_t first, std::size_t last) {
-            for (; first < last; ++first) {
-                const std::size_t end = std::min((blocks[first] + 1) * kBlock, mesh.vertex_count);
-                for (std::size_t i = blocks[first] * kBlock; i < end; ++i) {
-                    hash[i] = hash_point(mesh.vertices + 3 * i);
-                }
+    team.share(blocks.size(), 256, [&](unsigned, std::size_t first, std::size_t last) {
+        for (; first < last; ++first) {
+            const std::size_t end = std::min((blocks[first] + 1) * kBlock, mesh.vertex_count);
+            for (std::size_t i = blocks[first] * kBlock; i < end; ++i) {
+                hash[i] = hash_point(mesh.vertices + 3 * i);
             }
-        })) {
-        return false;
-    }
+        }
+    });
     std::vector<std::vector<std::uint64_t>> sums(team.size());
     for (auto& sum : sums) sum.assign(closed.size(), 0);
-    if (!team.share(
-            mesh.face_count, kChunk, [&](unsigned thread, std::size_t first, std::size_t last) {
-                each_run(first, last, [&](std::size_t solid, std::size_t from, std::size_t to) {
-                    std::uint64_t sum = 0;
-                    for (std::size_t f = from; f < to; ++f) {
-                        const Index* face = mesh.faces + 3 * f;
-                        const PointHash a = hash[face[0]];
-                        const PointHash b = hash[face[1]];
-                        const PointHash c = hash[face[2]];
-                        sum += (b.s - a.s) * (c.t - a.t) - (c.s - a.s) * (b.t - a.t);
-                    }
-                    sums[thread][solid] += sum;
-                });
-            })) {
-        return false;
-    }
+    team.share(mesh.face_count, kChunk, [&](unsigned thread, std::size_t first, std::size_t last) {
+        each_run(first, last, [&](std::size_t solid, std::size_t from, std::size_t to) {
+            std::uint64_t sum = 0;
+            for (std::size_t f = from; f < to; ++f) {
+                const Index* face = mesh.faces + 3 * f;
+                const PointHash a = hash[face[0]];
+                const PointHash b = hash[face[1]];
+                const PointHash c = hash[face[2]];
+                sum += (b.s - a.s) * (c.t - a.t) - (c.s - a.s) * (b.t - a.t);
+            }
+            sums[thread][solid] += sum;
+        });
+    });
     for (std::size_t i = 0; i < closed.size(); ++i) {
         std::uint64_t sum = 0;
         for (const auto& part : sums) sum += part[i];
         closed[i] = closed[i] != 0 && sum == 0;
     }
-    return true;
 }
 
 }  // namespace semmap

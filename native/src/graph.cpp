@@ -258,16 +258,16 @@ std::vector<Route> Graph::alternatives(const std::vector<End>& sources,
     return routes;
 }
 
-bool Graph::distances(const std::vector<std::uint32_t>& sources,
+void Graph::distances(const std::vector<std::uint32_t>& sources,
                       const std::vector<std::uint32_t>& targets, unsigned threads,
                       double* costs) const {
-    if (sources.empty() || targets.empty()) return true;
+    if (sources.empty() || targets.empty()) return;
     const std::shared_lock reading(mutex_);
     const bool backwards = targets.size() < sources.size();  // the fewer searches
     const auto& from = backwards ? targets : sources;
     const auto& to = backwards ? sources : targets;
     threads = static_cast<unsigned>(std::min<std::size_t>(threads, from.size()));
-    return Team(threads).share(threads, 1, [&](unsigned, std::size_t part, std::size_t) {
+    Team(threads).share(threads, 1, [&](unsigned, std::size_t part, std::size_t) {
         Sweep sweep(backwards ? *entering_ : *leaving_);
         for (std::size_t i = part; i < from.size(); i += threads) {
             sweep.run({{from[i], 0.0}}, to);

@@ -1,12 +1,12 @@
 #include "semmap/occupancy.hpp"
 
 #include <algorithm>
-#include <atomic>
 #include <cmath>
 #include <cstring>
 #include <limits>
 #include <memory>
-#include <new>
+#include <stdexcept>
+#include <string>
 #include <type_traits>
 
 #include "closedness.hpp"
@@ -78,6 +78,14 @@ struct Turn {
     std::int32_t turn;
 };
 
+// Throws for a vertex that the mesh does not have.
+template <typename Index>
+[[noreturn]] void refuse_vertex(const MeshView<Index>& mesh) {
+    throw std::invalid_argument(mesh.vertex_count == 0 ? "there are faces, but no vertices"
+                                                       : "faces name vertices 0 to " +
+                                                             std::to_string(mesh.vertex_count - 1));
+}
+
 template <typename Index, typename Canvas, typename Placed>
 class Drawing {
   public:
@@ -86,7 +94,7 @@ class Drawing {
         : mesh_(mesh), slabs_(intervals), grid_(grid), fill_(fill), team_(team) {}
 
     template <typename Cell>
-    Flaw draw(Cell* cells) {
+    void draw(Cell* cells) {
         const std::size_t count = grid_.cells();
         std::fill(cells, cells + count, Canvas::kEmpty);
         std::vector<std::unique_ptr<Cell[]>> own;  // the first thread draws into the answer
@@ -99,16 +107,14 @@ class Drawing {
             }
             members_.emplace_back(grid_, Canvas{canvas, static_cast<std::size_t>(grid_.columns)});
         }
-        if (!place_vertices() || !draw_faces()) return Flaw::out_of_memory;
-        if (flaw_ != Flaw::none) return flaw_;
-        if (fill_.any && !fill_solids()) return Flaw::out_of_memory;
-        const bool merged =
-            team_.share(count, 1 << 16, [&](unsigned, std::size_t a, std::size_t b) {
-                for (const auto& other : own) {
-                    for (std::size_t i = a; i < b; ++i) cells[i] = Canvas::join(cells[i], other[i]);
-                }
-            });
-        return merged ? Flaw::none : Flaw::out_of_memory;
+        place_vertices();
+        draw_faces();
+        if (fill_.any) fill_solids();
+        team_.share(count, 1 << 16, [&](unsigned, std::size_t a, std::size_t b) {
+            for (const auto& other : own) {
+                for (std::size_t i = a; i < b; ++i) cells[i] = Canvas::join(cells[i], other[i]);
+            }
+        });
     }
 
   private:
@@ -127,14 +133,16 @@ class Drawing {
         Placed high{};
     };
 
-    bool place_vertices() {
+    void place_vertices() {
         places_.reset(new Place[mesh_.vertex_count]);
         placed_.reset(new Placed[mesh_.vertex_count]);
-        return team_.share(
+        team_.share(
             mesh_.vertex_count, kVertexChunk, [&](unsigned, std::size_t first, std::size_t last) {
                 const bool near = slabs_.planes.size() <= 2 ? place_vertices<true>(first, last)
                                                             : place_vertices<false>(first, last);
-                if (!near) flaw_ = Flaw::not_finite;
+                if (near) return;
+                throw std::invalid_argument(
+                    "vertices are finite and within 1e30 m: fix or leave out those that are not");
             });
     }
 
@@ -178,31 +186,15 @@ class Drawing {
         return locator.vertex(mesh_.vertices + 3 * vertex, {at[0], at[1]});
     }
 
-    bool draw_faces() {
-        if (flaw_ != Flaw::none) return true;
-        return team_.share(mesh_.face_count, kFaceChunk,
-                           [&](unsigned thread, std::size_t first, std::size_t last) {
-                               if (!known_solids(first, last)) return;
-                               std::array<std::uint32_t, kFaceChunk> inside;
-                               const std::size_t count = select(first, last, inside.data());
-                               for (std::size_t i = 0; i < count; ++i) {
-                                   draw_face(first + inside[i], members_[thread]);
-                               }
-                           });
-    }
-
-    // Whether faces name solids that there are.
-    bool known_solids(std::size_t first, std::size_t last) {
-        if (mesh_.solids == nullptr) return true;
-        std::uint32_t highest_solid = 0;
-        for (std::size_t i = first; i < last; ++i) {
-            highest_solid = std::max(highest_solid, static_cast<std::uint32_t>(mesh_.solids[i]));
-        }
-        if (highest_solid >= fill_.solid_count) {
-            flaw_ = Flaw::no_such_solid;
-            return false;
-        }
-        return true;
+    void draw_faces() {
+        team_.share(mesh_.face_count, kFaceChunk,
+                    [&](unsigned thread, std::size_t first, std::size_t last) {
+                        std::array<std::uint32_t, kFaceChunk> inside;
+                        const std::size_t count = select(first, last, inside.data());
+                        for (std::size_t i = 0; i < count; ++i) {
+                            draw_face(first + inside[i], members_[thread]);
+                        }
+                    });
     }
 
     // The faces, counted from the first, that reach between the lowest and the highest plane.
@@ -216,8 +208,7 @@ class Drawing {
             const std::size_t j = static_cast<Unsigned>(face[1]);
             const std::size_t k = static_cast<Unsigned>(face[2]);
             if ((i >= mesh_.vertex_count) | (j >= mesh_.vertex_count) | (k >= mesh_.vertex_count)) {
-                flaw_ = Flaw::no_such_vertex;
-                return 0;
+                refuse_vertex(mesh_);
             }
             const Place a = places_[i];
             const Place b = places_[j];
@@ -354,7 +345,7 @@ class Drawing {
     }
 
     // Fills each closed solid by the winding number of its section just above each fill plane.
-    bool fill_solids() {
+    void fill_solids() {
         // A cell that is inside throughout an interval is inside beyond it, too.
         const std::size_t planes = slabs_.fills.size();
         std::vector<std::uint8_t> beyond(fill_.solid_count * planes, 0);
@@ -370,8 +361,8 @@ class Drawing {
                 closed[static_cast<std::size_t>(cut.solid)] = 1;
             }
         }
-        if (cuts.empty()) return true;
-        if (!keep_closed(mesh_, team_, closed)) return false;
+        if (cuts.empty()) return;
+        keep_closed(mesh_, team_, closed);
 
         // Cuts of a solid and plane side by side.
         std::vector<std::size_t> start(beyond.size() + 1, 0);
@@ -381,15 +372,14 @@ class Drawing {
         std::vector<std::size_t> next = start;
         for (const Cut& cut : cuts) grouped[next[group_of(cut.plane, cut.solid)]++] = cut;
 
-        return team_.share(start.size() - 1, 16,
-                           [&](unsigned thread, std::size_t first, std::size_t last) {
-                               for (std::size_t i = first; i < last; ++i) {
-                                   if (start[i] == start[i + 1] || closed[i / planes] == 0)
-                                       continue;
-                                   fill_group(grouped.data() + start[i],
-                                              grouped.data() + start[i + 1], members_[thread]);
-                               }
-                           });
+        team_.share(start.size() - 1, 16,
+                    [&](unsigned thread, std::size_t first, std::size_t last) {
+                        for (std::size_t i = first; i < last; ++i) {
+                            if (start[i] == start[i + 1] || closed[i / planes] == 0) continue;
+                            fill_group(grouped.data() + start[i], grouped.data() + start[i + 1],
+                                       members_[thread]);
+                        }
+                    });
     }
 
     void fill_group(const Cut* first, const Cut* last, Member& member) const {
@@ -470,26 +460,25 @@ class Drawing {
     std::vector<Member> members_;
     std::unique_ptr<Place[]> places_;
     std::unique_ptr<Placed[]> placed_;
-    std::atomic<Flaw> flaw_{Flaw::none};
 };
 
 template <typename Canvas, typename Cell, typename Index>
-Flaw draw(const MeshView<Index>& mesh, const std::vector<Interval>& intervals,
+void draw(const MeshView<Index>& mesh, const std::vector<Interval>& intervals,
           const GridFrame& grid, const Fill& fill, const Team& team, Cell* cells) {
     if (std::max(grid.rows, grid.columns) < std::numeric_limits<std::int16_t>::max()) {
-        return Drawing<Index, Canvas, ShortPlacing>(mesh, intervals, grid, fill, team).draw(cells);
+        Drawing<Index, Canvas, ShortPlacing>(mesh, intervals, grid, fill, team).draw(cells);
+    } else {
+        Drawing<Index, Canvas, Placing>(mesh, intervals, grid, fill, team).draw(cells);
     }
-    return Drawing<Index, Canvas, Placing>(mesh, intervals, grid, fill, team).draw(cells);
 }
 
 template <typename Bits, typename Index>
-Flaw draw_layers(const MeshView<Index>& mesh, const std::vector<Interval>& intervals,
+void draw_layers(const MeshView<Index>& mesh, const std::vector<Interval>& intervals,
                  const GridFrame& grid, const Fill& fill, const Team& team, std::uint8_t* cells) {
     const std::size_t count = grid.cells();
     const std::unique_ptr<Bits[]> masks(new Bits[count]);
-    const Flaw flaw = draw<MaskCanvas<Bits>>(mesh, intervals, grid, fill, team, masks.get());
-    if (flaw != Flaw::none) return flaw;
-    const bool done = team.share(count, 4096, [&](unsigned, std::size_t first, std::size_t last) {
+    draw<MaskCanvas<Bits>>(mesh, intervals, grid, fill, team, masks.get());
+    team.share(count, 4096, [&](unsigned, std::size_t first, std::size_t last) {
         for (std::size_t k = 0; k < intervals.size(); ++k) {
             const Bits* __restrict mask = masks.get();
             std::uint8_t* __restrict layer = cells + k * count;
@@ -497,56 +486,39 @@ Flaw draw_layers(const MeshView<Index>& mesh, const std::vector<Interval>& inter
             for (std::size_t i = first; i < last; ++i) layer[i] = (mask[i] & bit) != 0;
         }
     });
-    return done ? Flaw::none : Flaw::out_of_memory;
 }
 
 }  // namespace
 
 template <typename Index>
-Flaw occupancy(const MeshView<Index>& mesh, const std::vector<Interval>& intervals,
+void occupancy(const MeshView<Index>& mesh, const std::vector<Interval>& intervals,
                const GridFrame& grid, const Fill& fill, unsigned threads, std::uint8_t* cells) {
     const Team team(threads);
-    try {
-        if (intervals.empty()) return Flaw::none;
-        if (intervals.size() == 1) {
-            return draw<MaskCanvas<std::uint8_t>>(mesh, intervals, grid, fill, team, cells);
-        }
-        if (intervals.size() <= 8) {
-            return draw_layers<std::uint8_t>(mesh, intervals, grid, fill, team, cells);
-        }
-        return draw_layers<Mask>(mesh, intervals, grid, fill, team, cells);
-    } catch (const std::bad_alloc&) {
-        return Flaw::out_of_memory;
+    if (intervals.empty()) return;
+    if (intervals.size() == 1) {
+        draw<MaskCanvas<std::uint8_t>>(mesh, intervals, grid, fill, team, cells);
+    } else if (intervals.size() <= 8) {
+        draw_layers<std::uint8_t>(mesh, intervals, grid, fill, team, cells);
+    } else {
+        draw_layers<Mask>(mesh, intervals, grid, fill, team, cells);
     }
 }
 
 template <typename Index>
-Flaw closed_solids(const MeshView<Index>& mesh, std::size_t solid_count, unsigned threads,
+void closed_solids(const MeshView<Index>& mesh, std::size_t solid_count, unsigned threads,
                    std::uint8_t* closed) {
-    for (std::size_t f = 0; f < mesh.face_count; ++f) {
-        for (int i = 0; i < 3; ++i) {
-            if (static_cast<std::size_t>(mesh.faces[3 * f + i]) >= mesh.vertex_count) {
-                return Flaw::no_such_vertex;
-            }
-        }
-        if (mesh.solids != nullptr && static_cast<std::size_t>(mesh.solids[f]) >= solid_count) {
-            return Flaw::no_such_solid;
-        }
+    for (std::size_t i = 0; i < 3 * mesh.face_count; ++i) {
+        if (static_cast<std::size_t>(mesh.faces[i]) >= mesh.vertex_count) refuse_vertex(mesh);
     }
-    try {
-        std::vector<std::uint8_t> all(solid_count, 1);
-        if (!keep_closed(mesh, Team(threads), all)) return Flaw::out_of_memory;
-        std::copy(all.begin(), all.end(), closed);
-        return Flaw::none;
-    } catch (const std::bad_alloc&) {
-        return Flaw::out_of_memory;
-    }
+    std::vector<std::uint8_t> all(solid_count, 1);
+    keep_closed(mesh, Team(threads), all);
+    std::copy(all.begin(), all.end(), closed);
 }
 
 #define SEMMAP_FOR_INDEX(Index)                                                      \
-    template Flaw occupancy(const MeshView<Index>&, const std::vector<Interval>&,    \
+    template void occupancy(const MeshView<Index>&, const std::vector<Interval>&,    \
                             const GridFrame&, const Fill&, unsigned, std::uint8_t*); \
-    template Flaw closed_solids(const MeshView<Index>&, std::size_t, unsigned, std::uint8_t*);
+    template void closed_solids(const MeshView<Index>&, std::size_t, unsigned, std::uint8_t*);
 
 SEMMAP_FOR_INDEX(std::int32_t)
 SEMMAP_FOR_INDEX(std::int64_t)

@@ -3,7 +3,8 @@
 
 #include <atomic>
 #include <cstddef>
-#include <new>
+#include <exception>
+#include <mutex>
 #include <system_error>
 #include <thread>
 #include <vector>
@@ -17,11 +18,12 @@ class Team {
     unsigned size() const { return threads_; }
 
     // Calls work(thread, first, last) on chunks of 0..count until all are done, each chunk once.
-    // False where memory ran out.
+    // Throws what one of them threw.
     template <typename Work>
-    bool share(std::size_t count, std::size_t chunk, Work&& work) const {
+    void share(std::size_t count, std::size_t chunk, Work&& work) const {
         std::atomic<std::size_t> next{0};
-        std::atomic<bool> enough_memory{true};
+        std::exception_ptr thrown;
+        std::mutex mutex;
         const auto member = [&](unsigned thread) {
             try {
                 for (;;) {
@@ -29,8 +31,9 @@ class Team {
                     if (first >= count) return;
                     work(thread, first, count - first < chunk ? count : first + chunk);
                 }
-            } catch (const std::bad_alloc&) {
-                enough_memory = false;
+            } catch (...) {
+                const std::lock_guard lock(mutex);
+                thrown = std::current_exception();
                 next = count;
             }
         };
@@ -45,7 +48,7 @@ class Team {
         }
         member(0);
         for (std::thread& other : others) other.join();
-        return enough_memory;
+        if (thrown) std::rethrow_exception(thrown);
     }
 
   private:

@@ -330,13 +330,13 @@ class Search {
 };
 
 template <typename States>
-bool all_ways(const States& states, double resolution, const std::vector<Cell>& starts,
+void all_ways(const States& states, double resolution, const std::vector<Cell>& starts,
               const std::vector<Cell>& goals, bool among, unsigned threads, double* prices,
               double* metres) {
     const std::size_t width = goals.size();
     std::fill_n(prices, starts.size() * width, kNowhere);
     std::fill_n(metres, starts.size() * width, kNowhere);
-    return Team(threads).share(threads, 1, [&](unsigned, std::size_t part, std::size_t) {
+    Team(threads).share(threads, 1, [&](unsigned, std::size_t part, std::size_t) {
         Search search(states);
         std::vector<std::size_t> wanted;
         for (std::size_t i = part; i < starts.size(); i += threads) {
@@ -382,16 +382,16 @@ std::vector<Stand> one_way(const States& states, Cell start, Cell goal) {
 
 }  // namespace
 
-bool travel(const Terrain& terrain, const std::vector<Cell>& starts, const std::vector<Cell>& goals,
+void travel(const Terrain& terrain, const std::vector<Cell>& starts, const std::vector<Cell>& goals,
             bool among, unsigned threads, double* prices, double* metres) {
-    return all_ways(PointStates(terrain), terrain.resolution, starts, goals, among, threads, prices,
-                    metres);
+    all_ways(PointStates(terrain), terrain.resolution, starts, goals, among, threads, prices,
+             metres);
 }
 
-bool drive(const Space& space, const std::vector<Cell>& starts, const std::vector<Cell>& goals,
+void drive(const Space& space, const std::vector<Cell>& starts, const std::vector<Cell>& goals,
            unsigned threads, double* prices, double* metres) {
-    return all_ways(ShapeStates(space), space.terrain.resolution, starts, goals, false, threads,
-                    prices, metres);
+    all_ways(ShapeStates(space), space.terrain.resolution, starts, goals, false, threads, prices,
+             metres);
 }
 
 std::vector<Stand> way(const Terrain& terrain, Cell start, Cell goal) {

@@ -55,9 +55,8 @@ class Graph {
     std::vector<Route> alternatives(const std::vector<End>& sources,
                                     const std::vector<End>& targets, std::size_t count) const;
 
-    // Writes what the cheapest routes cost (sources x targets); infinity where there is none. False
-    // where memory ran out.
-    bool distances(const std::vector<std::uint32_t>& sources,
+    // Writes what the cheapest routes cost (sources x targets); infinity where there is none.
+    void distances(const std::vector<std::uint32_t>& sources,
                    const std::vector<std::uint32_t>& targets, unsigned threads,
                    double* costs) const;
 

@@ -31,8 +31,6 @@ struct MeshView {
     const std::int32_t* solids;  // one a face, 0 or more; null where all are one solid
 };
 
-enum class Flaw { none, not_finite, no_such_vertex, no_such_solid, out_of_memory };
-
 // Which solids have an inside that counts: none, all, or those that are marked.
 struct Fill {
     bool any = false;
@@ -42,16 +40,17 @@ struct Fill {
 
 // Writes for each interval a layer of `cells` (intervals x rows x columns): 1 where occupied, else
 // 0. At most kMostIntervals. A filled solid is the inside of its surface at the lower end of each
-// interval, too, where that surface is closed.
+// interval, too, where that surface is closed. Throws std::invalid_argument for a vertex that is
+// not finite or does not exist, and std::bad_alloc.
 template <typename Index>
-Flaw occupancy(const MeshView<Index>& mesh, const std::vector<Interval>& intervals,
+void occupancy(const MeshView<Index>& mesh, const std::vector<Interval>& intervals,
                const GridFrame& grid, const Fill& fill, unsigned threads, std::uint8_t* cells);
 
 // Writes 1 for each solid whose surface is closed: each directed edge is met by as many opposite
 // ones, vertices of equal coordinates being one. Decided by a hash that an open surface meets with
-// a chance of about 2^-60.
+// a chance of about 2^-60. Throws as `occupancy`.
 template <typename Index>
-Flaw closed_solids(const MeshView<Index>& mesh, std::size_t solid_count, unsigned threads,
+void closed_solids(const MeshView<Index>& mesh, std::size_t solid_count, unsigned threads,
                    std::uint8_t* closed);
 
 }  // namespace semmap

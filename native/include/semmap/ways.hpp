@@ -38,17 +38,17 @@ struct Stand {
 
 // Writes the prices and lengths (starts x goals) of the cheapest ways of a point; infinity where
 // there is none. Cells of 253 and more are not passed. `among`: the goals are the starts, and each
-// way is searched once. False where memory ran out.
-bool travel(const Terrain& terrain, const std::vector<Cell>& starts, const std::vector<Cell>& goals,
+// way is searched once. All throw std::bad_alloc.
+void travel(const Terrain& terrain, const std::vector<Cell>& starts, const std::vector<Cell>& goals,
             bool among, unsigned threads, double* prices, double* metres);
 
 // The same of a shape, at any heading at both ends. It drives along its heading, ahead or back, and
 // turns on the spot for nothing. Its origin must not be in cells of 255.
-bool drive(const Space& space, const std::vector<Cell>& starts, const std::vector<Cell>& goals,
+void drive(const Space& space, const std::vector<Cell>& starts, const std::vector<Cell>& goals,
            unsigned threads, double* prices, double* metres);
 
 // The cells of the cheapest way, both ends included, each with the heading of the step into it;
-// none where there is none. They throw std::bad_alloc.
+// none where there is none.
 std::vector<Stand> way(const Terrain& terrain, Cell start, Cell goal);
 std::vector<Stand> drive_way(const Space& space, Cell start, Cell goal);
 
