@@ -27,6 +27,28 @@ namespace fields = semmap::fields;
 // pybind11 would convert a std::variant; a shape stays one object.
 PYBIND11_MAKE_OPAQUE(fields::Shape);
 
+namespace pybind11::detail {
+
+// From a sequence of three numbers.
+template <typename Triple, typename Number>
+struct triple_caster {
+    PYBIND11_TYPE_CASTER(Triple, const_name("three numbers"));
+
+    bool load(handle from, bool convert) {
+        make_caster<std::array<Number, 3>> three;
+        if (!three.load(from, convert)) return false;
+        value = Triple(cast_op<std::array<Number, 3>&>(three).data());
+        return true;
+    }
+};
+
+template <>
+struct type_caster<fields::Vector> : triple_caster<fields::Vector, double> {};
+template <>
+struct type_caster<fields::Coord> : triple_caster<fields::Coord, std::int32_t> {};
+
+}  // namespace pybind11::detail
+
 namespace {
 
 using namespace semmap::checks;
@@ -37,13 +59,13 @@ void expect_columns(const Array<T>& array, const char* name) {
 }
 
 fields::Vector vector(const fields::Vector& v, const char* name) {
-    for (const double at : v) finite(at, name);
+    for (int k = 0; k < 3; ++k) finite(v[k], name);
     return v;
 }
 
 fields::Vector direction(const fields::Vector& v, const char* name) {
     vector(v, name);
-    const double length = std::hypot(v[0], v[1], v[2]);
+    const double length = v.length();
     expect(std::abs(length - 1) < 1e-6, std::string(name) + " has the length " +
                                             std::to_string(length) + ": give a unit vector");
     return v;
@@ -56,7 +78,7 @@ std::vector<fields::Vector> vectors(const Array<double>& rows, const char* name)
     expect_columns(rows, name);
     expect_finite(rows, name);
     const auto* data = reinterpret_cast<const fields::Vector*>(rows.data());
-    return {data, data + rows.shape(0)};
+    return std::vector<fields::Vector>(data, data + rows.shape(0));
 }
 
 std::vector<fields::Triangle> triangles(const Array<std::int32_t>& rows, std::size_t vertices) {
@@ -157,7 +179,7 @@ std::vector<std::string> insert_many(fields::RegionMap& map,
                                      const std::vector<const fields::Shape*>& shapes,
                                      std::int64_t thread_count, bool others) {
     expect(entities.size() == shapes.size(), "entities and shapes differ in length");
-    const auto team = static_cast<int>(threads(thread_count));
+    const unsigned team = threads(thread_count);
     for (const auto* shape : shapes) expect(shape != nullptr, "shapes holds None");
     for (const std::int32_t entity : entities) {
         within(entity, 0, fields::kMostEntities - 1, "entities");
@@ -166,9 +188,7 @@ std::vector<std::string> insert_many(fields::RegionMap& map,
     return map.insert_many(entities, shapes, team, others);
 }
 
-using Matrix = std::array<std::array<double, 4>, 3>;
-
-fields::Camera camera_of(const std::array<double, 4>& intrinsics, const Matrix& pose) {
+fields::Camera camera_of(const std::array<double, 4>& intrinsics, const fields::Placement& pose) {
     for (const double number : intrinsics) finite(number, "intrinsics");
     positive(intrinsics[0], "fx");
     positive(intrinsics[1], "fy");
@@ -193,7 +213,7 @@ fields::Placement rigid(const fields::Placement& placement) {
 }
 
 fields::Shape depth_image(const Array<float>& depth, const std::optional<Array<bool>>& mask,
-                          const std::array<double, 4>& intrinsics, const Matrix& pose,
+                          const std::array<double, 4>& intrinsics, const fields::Placement& pose,
                           double farthest) {
     expect_shape(depth, "depth", {kAny, kAny}, "an (H, W) array");
     if (mask) {
@@ -230,10 +250,10 @@ std::pair<Array<std::int32_t>, Array<Value>> grid_read(const fields::Grid<Value>
 }
 
 template <typename Value>
-Array<Value> grid_read_box(const fields::Grid<Value>& grid, const std::array<std::int32_t, 3>& low,
-                           const std::array<std::int32_t, 3>& shape) {
+Array<Value> grid_read_box(const fields::Grid<Value>& grid, const fields::Coord& low,
+                           const fields::Coord& shape) {
     double voxels = 1;
-    for (std::size_t k = 0; k < 3; ++k) {
+    for (int k = 0; k < 3; ++k) {
         within(shape[k], 0, fields::kFarthestVoxel, "shape");
         within(low[k], -fields::kFarthestVoxel, fields::kFarthestVoxel, "low");
         voxels *= std::max(shape[k], 1);
@@ -267,8 +287,9 @@ fields::Join join_named(const std::string& name) {
 }
 
 fields::Grid<std::int32_t> labelled(const Array<float>& depth, const Array<std::int32_t>& labels,
-                                    const std::array<double, 4>& intrinsics, const Matrix& pose,
-                                    double farthest, double voxel_size) {
+                                    const std::array<double, 4>& intrinsics,
+                                    const fields::Placement& pose, double farthest,
+                                    double voxel_size) {
     expect_shape(depth, "depth", {kAny, kAny}, "an (H, W) array");
     expect_shape(labels, "labels", {depth.shape(0), depth.shape(1)}, "the shape of depth");
     voxel(voxel_size);
@@ -277,6 +298,8 @@ fields::Grid<std::int32_t> labelled(const Array<float>& depth, const Array<std::
     return fields::labelled(depth.data(), labels.data(), length(depth, 0), length(depth, 1), camera,
                             farthest, voxel_size);
 }
+
+using Index = std::array<std::int32_t, 3>;
 
 // Operators.
 template <typename Value>
@@ -304,7 +327,15 @@ void define_operators(py::class_<fields::Grid<Value>>& grid) {
         .def("active", &fields::active<Value>, Release())
         .def("between", &fields::between<Value>, arg("low"), arg("high"), Release())
         .def("cropped", &fields::cropped<Value>, arg("low"), arg("high"), Release())
-        .def("bounds", &fields::bounds<Value>, Release())
+        .def(
+            "bounds",
+            [](const Grid& self) -> std::optional<std::pair<Index, Index>> {
+                fields::CoordBBox box;
+                if (!self.tree().evalActiveVoxelBoundingBox(box) || box.empty()) return {};
+                return std::pair{Index{box.min().x(), box.min().y(), box.min().z()},
+                                 Index{box.max().x(), box.max().y(), box.max().z()}};
+            },
+            Release())
         .def(
             "resampled",
             [](const Grid& self, double voxel_size, const fields::Placement& placement) {
@@ -327,7 +358,8 @@ template <typename Value>
 BlocksInPython grid_blocks(const fields::Grid<Value>& grid, int edge) {
     const fields::Blocks blocks = unlocked([&] { return fields::blocks_of(grid, edge); });
     BlocksInPython found;
-    for (const auto& [cube, bytes] : blocks) found[{cube.x, cube.y, cube.z}] = py::bytes(bytes);
+    for (const auto& [cube, bytes] : blocks)
+        found[{cube.x(), cube.y(), cube.z()}] = py::bytes(bytes);
     return found;
 }
 
@@ -336,7 +368,7 @@ void grid_put_blocks(fields::Grid<Value>& grid, const BlocksInPython& given, int
     fields::Blocks blocks;
     for (const auto& [at, bytes] : given) {
         const auto [x, y, z] = at;
-        blocks[{x, y, z}] = std::string(bytes);
+        blocks[fields::Coord(x, y, z)] = std::string(bytes);
     }
     const py::gil_scoped_release release;
     fields::put_blocks(grid, blocks, edge);

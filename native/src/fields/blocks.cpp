@@ -41,7 +41,7 @@ void expect_edge(int edge) {
 // A block of 8 x 8 x 8, or a run of equal ones.
 template <typename Value>
 struct Record {
-    Origin cube;
+    Coord cube;
     std::uint16_t number;
     std::uint16_t run;
     const typename Grid<Value>::Tree::LeafNodeType* leaf;  // none: a tile
@@ -169,9 +169,9 @@ Value take_value(Reader& in) {
 }
 
 template <typename Value>
-void put_leaf(Grid<Value>& grid, const Origin& origin, Kind kind, Reader& in) {
+void put_leaf(Grid<Value>& grid, const Coord& origin, Kind kind, Reader& in) {
     const auto active = in.take<Words>();
-    auto* leaf = grid.tree().touchLeaf(coord(origin));
+    auto* leaf = grid.tree().touchLeaf(origin);
     Value value = kind == one ? take_value<Value>(in) : grid.background();
     for (std::size_t i = 0; i < kVoxels; ++i) {
         const bool here = is_on(active, i);
@@ -186,12 +186,11 @@ void put_leaf(Grid<Value>& grid, const Origin& origin, Kind kind, Reader& in) {
 }
 
 template <typename Value>
-void put_block(Grid<Value>& grid, const Origin& cube, const std::string& bytes, int edge) {
+void put_block(Grid<Value>& grid, const Coord& cube, const std::string& bytes, int edge) {
     const int side = edge / kBlock;
     const int most = side * side * side;
-    const auto place = [&](int n) -> Origin {
-        return {cube.x + kBlock * (n / (side * side)), cube.y + kBlock * (n / side % side),
-                cube.z + kBlock * (n % side)};
+    const auto place = [&](int n) -> Coord {
+        return cube + (Coord(n / (side * side), n / side % side, n % side) << 3);
     };
     Reader in(bytes);
     if (in.take<char>() != kFormat) Reader::refuse();
@@ -209,11 +208,11 @@ void put_block(Grid<Value>& grid, const Origin& cube, const std::string& bytes, 
         }
         const auto value = take_value<Value>(in);
         if (run == most && edge == 128) {
-            grid.tree().addTile(2, coord(cube), value, kind == on);
+            grid.tree().addTile(2, cube, value, kind == on);
             continue;
         }
         for (int n = first; n < next; ++n) {
-            grid.tree().addTile(1, coord(place(n)), value, kind == on);
+            grid.tree().addTile(1, place(n), value, kind == on);
         }
     }
 }
@@ -225,11 +224,9 @@ Blocks blocks_of(const Grid<Value>& grid, int edge) {
     expect_edge(edge);
     const int side = edge / kBlock;
     const auto whole = static_cast<std::uint16_t>(side * side * side);
-    const auto cube_of = [&](const openvdb::Coord& at) -> Origin {
-        return {at.x() & ~(edge - 1), at.y() & ~(edge - 1), at.z() & ~(edge - 1)};
-    };
-    const auto number_of = [&](const openvdb::Coord& at) {
-        const openvdb::Coord in = (at & (edge - 1)) >> 3;
+    const auto cube_of = [&](const Coord& at) { return at & ~(edge - 1); };
+    const auto number_of = [&](const Coord& at) {
+        const Coord in = (at & (edge - 1)) >> 3;
         return static_cast<std::uint16_t>((in.x() * side + in.y()) * side + in.z());
     };
     std::vector<Record<Value>> records;
@@ -240,7 +237,7 @@ Blocks blocks_of(const Grid<Value>& grid, int edge) {
         records.push_back(record);
     };
     for (auto leaf = grid.tree().cbeginLeaf(); leaf; ++leaf) {
-        const openvdb::Coord at = leaf->origin();
+        const Coord at = leaf->origin();
         add({cube_of(at), number_of(at), 1, &*leaf, Value{}, false});
     }
     auto tile = grid.tree().cbeginValueAll();
@@ -249,10 +246,10 @@ Blocks blocks_of(const Grid<Value>& grid, int edge) {
         const Value value = *tile;
         const bool active = tile.isValueOn();
         if (!active && same(value, grid.background())) continue;
-        const openvdb::CoordBBox box = tile.getBoundingBox();
+        const CoordBBox box = tile.getBoundingBox();
         const bool small = box.dim().x() < edge;
         const int step = small ? kBlock : edge;
-        each_cube(box, step, [&](const openvdb::Coord& at) {
+        each_cube(box, step, [&](const Coord& at) {
             add({cube_of(at), number_of(at), small ? std::uint16_t{1} : whole, nullptr, value,
                  active});
         });
@@ -262,7 +259,7 @@ Blocks blocks_of(const Grid<Value>& grid, int edge) {
     });
     Blocks blocks;
     for (std::size_t i = 0; i < records.size();) {
-        const Origin cube = records[i].cube;
+        const Coord cube = records[i].cube;
         Writer<Value> writer(grid.background());
         for (; i < records.size() && records[i].cube == cube; ++i) writer.add(records[i]);
         std::string bytes = writer.finish();
@@ -276,11 +273,11 @@ void put_blocks(Grid<Value>& grid, const Blocks& blocks, int edge) {
     expect_edge(edge);
     Spread spread(grid.tree());
     for (const auto& [cube, bytes] : blocks) {
-        for (const std::int32_t at : {cube.x, cube.y, cube.z}) {
+        for (const std::int32_t at : {cube.x(), cube.y(), cube.z()}) {
             if (at < -kFarthestVoxel || at >= kFarthestVoxel) Reader::refuse();
         }
-        spread.add(coord(cube));
-        if (((cube.x | cube.y | cube.z) & (edge - 1)) != 0) Reader::refuse();
+        spread.add(cube);
+        if ((cube & (edge - 1)) != Coord(0)) Reader::refuse();
         put_block(grid, cube, bytes, edge);
     }
 }

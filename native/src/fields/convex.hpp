@@ -1,9 +1,11 @@
 // How solids become voxels: convex ones in voxel units, with one interval of z per column; meshes.
 #pragma once
 
-#include <array>
 #include <atomic>
 #include <cstdint>
+#include <limits>
+#include <optional>
+#include <utility>
 #include <vector>
 
 #include "semmap/family.hpp"
@@ -35,16 +37,28 @@ struct Quadric {
     double number = 0;  // r^2 or k
 };
 
-struct Bounds {
-    std::array<std::int32_t, 3> low;
-    std::array<std::int32_t, 3> high;  // inclusive
-};
-
 struct Convex {
     std::vector<HalfSpace> half_spaces;
     Quadric quadric;
-    Bounds bounds;
+    CoordBBox bounds;
 };
+
+// The unit vector, if the length is not 0.
+std::optional<Vector> unit(const Vector& v);
+// The lowest and the highest coordinates of points.
+template <typename Points>
+std::pair<Vector, Vector> box_of(const Points& points) {
+    Vector low(std::numeric_limits<double>::infinity());
+    Vector high = -low;
+    for (const Vector& point : points) {
+        low = minComponent(low, point);
+        high = maxComponent(high, point);
+    }
+    return {low, high};
+}
+
+// In voxels.
+std::vector<Vector> scaled(std::vector<Vector> points, double voxel_size);
 
 Convex convex(const Ball& ball, double voxel_size);
 Convex convex(const Cylinder& cylinder, double voxel_size);
@@ -54,7 +68,7 @@ Voxels polytope_voxels(const Polytope& polytope, double voxel_size);
 // Every voxel that the polytope meets; its corners in voxel units.
 Convex meeting(const Polytope& polytope);
 
-bool is_thin(std::array<double, 3> widths_in_voxels);
+bool is_thin(const Vector& widths_in_voxels);
 Polytope prism_around(const Cylinder& cylinder, double voxel_size);
 Polytope pyramid_around(const Cone& cone, double voxel_size);
 
@@ -70,8 +84,11 @@ void expect_little(double work);
 Voxels solid_voxels(const Solid& solid, double voxel_size);
 Voxels surface_voxels(const Surface& surface, double voxel_size);
 
-// In voxels, checked against what a grid can hold.
-std::int32_t checked_index(double voxel);
+// The voxels that a box of points in voxels meets; a face on a border between voxels belongs to
+// one side of it.
+CoordBBox voxels_met(const Vector& low, const Vector& high);
+// A point in voxels; throws BadRegion beyond what a grid can hold.
+const Vector& checked(const Vector& point);
 // floor(p / voxel_size) of each of `count` numbers.
 void voxel_indices(const double* p, std::size_t count, double voxel_size, std::int32_t* out);
 

@@ -13,13 +13,9 @@ constexpr const char* kVoxelSize = "semmap_voxel_size";
 constexpr const char* kPlacement = "semmap_placement";
 
 openvdb::Mat4d matrix(const Placement& p) {
-    // OpenVDB multiplies rows.
     openvdb::Mat4d m = openvdb::Mat4d::identity();
-    for (int i = 0; i < 3; ++i) {
-        for (int j = 0; j < 4; ++j) {
-            m(j, i) = p[static_cast<std::size_t>(i)][static_cast<std::size_t>(j)];
-        }
-    }
+    m.setMat3(turn_of(p).transpose());  // OpenVDB multiplies rows
+    m.setTranslation(shift_of(p));
     return m;
 }
 
@@ -60,7 +56,7 @@ void Grid<Value>::fill(const Shape& shape, Value value) {
     Spread(grid_->constTree()).add(voxels);
     auto accessor = grid_->getAccessor();
     for (std::size_t i = 0; i < voxels.blocks(); ++i) {
-        const openvdb::Coord origin = coord(voxels.origins[i]);
+        const Coord origin = voxels.origins[i];
         if (is_full(voxels.words[i])) {
             accessor.addTile(1, origin, value, true);
             accessor.clear();  // it may still point to the deleted leaf
@@ -79,7 +75,7 @@ void Grid<Value>::clear(const Shape& shape) {
     auto accessor = grid_->getAccessor();
     const Value background = grid_->background();
     for (std::size_t i = 0; i < voxels.blocks(); ++i) {
-        const openvdb::Coord origin = coord(voxels.origins[i]);
+        const Coord origin = voxels.origins[i];
         const bool whole = is_full(voxels.words[i]);
         if (whole || (accessor.probeLeaf(origin) == nullptr && !accessor.isValueOn(origin))) {
             if (whole) {
@@ -104,66 +100,97 @@ void Grid<Value>::set(const std::int32_t* voxels, const Value* values, std::size
             throw BadRegion("a voxel lies beyond 2^30 voxels from the origin: take a nearer frame");
         }
     }
-    for (std::size_t i = 0; i < count; ++i) {
-        spread.add({voxels[3 * i], voxels[3 * i + 1], voxels[3 * i + 2]});
-    }
+    for (std::size_t i = 0; i < count; ++i) spread.add(Coord(voxels + 3 * i));
     auto accessor = grid_->getAccessor();
     for (std::size_t i = 0; i < count; ++i) {
-        accessor.setValueOn({voxels[3 * i], voxels[3 * i + 1], voxels[3 * i + 2]}, values[i]);
+        accessor.setValueOn(Coord(voxels + 3 * i), values[i]);
     }
 }
 
+// Down the tree level by level for many points at once, so that they wait for memory together.
 template <typename Value>
 void Grid<Value>::look_up(const double* points, std::size_t count, Value* values) const {
-    auto accessor = grid_->getConstAccessor();
+    using Upper = typename Tree::RootNodeType::ChildNodeType;
+    using Lower = typename Upper::ChildNodeType;
+    using Leaf = typename Lower::ChildNodeType;
     constexpr std::size_t few = 128;
     std::int32_t at[3 * few];
-    double local[3 * few];
+    Vector local[few];
+    const Lower* lowers[few];
+    const Leaf* leaves[few];
+    const Value* found[few];
+    const auto upright = turn_of(placement_).transpose();
     const bool moved = placement_ != kUnmoved;
+    Coord cell = Coord::max();
+    const Upper* upper = nullptr;
+    Value outside{};  // of a cell without a node
+    // The node beneath; none where a tile has the value.
+    const auto child = [](const auto& node, const Coord& voxel, Value& value) {
+        const auto n = node.coordToOffset(voxel);
+        const auto* found = node.isChildMaskOn(n) ? node.getTable()[n].getChild() : nullptr;
+        if (found == nullptr) value = node.getTable()[n].getValue();
+        return found;
+    };
     for (std::size_t first = 0; first < count; first += few) {
         const std::size_t here = std::min(few, count - first);
         const double* from = points + 3 * first;
         if (moved) {
             for (std::size_t i = 0; i < here; ++i) {
-                double d[3];
-                for (std::size_t k = 0; k < 3; ++k) d[k] = from[3 * i + k] - placement_[k][3];
-                for (std::size_t k = 0; k < 3; ++k) {
-                    local[3 * i + k] =
-                        placement_[0][k] * d[0] + placement_[1][k] * d[1] + placement_[2][k] * d[2];
-                }
+                local[i] = upright * (Vector(from + 3 * i) - shift_of(placement_));
             }
-            from = local;
+            from = local[0].asPointer();
         }
         voxel_indices(from, 3 * here, voxel_size_, at);
+        Value* out = values + first;
         for (std::size_t i = 0; i < here; ++i) {
-            values[first + i] = accessor.getValue({at[3 * i], at[3 * i + 1], at[3 * i + 2]});
+            const Coord voxel(at + 3 * i);
+            if ((voxel & ~static_cast<std::int32_t>(Upper::DIM - 1)) != cell) {
+                cell = voxel & ~static_cast<std::int32_t>(Upper::DIM - 1);
+                upper = tree().template probeConstNode<Upper>(voxel);
+                outside = upper == nullptr ? tree().getValue(voxel) : Value{};
+            }
+            out[i] = outside;
+            lowers[i] = upper == nullptr ? nullptr : child(*upper, voxel, out[i]);
+            if (lowers[i] == nullptr) continue;
+            __builtin_prefetch(lowers[i]->getTable() + Lower::coordToOffset(voxel));
         }
+        for (std::size_t i = 0; i < here; ++i) {
+            leaves[i] =
+                lowers[i] == nullptr ? nullptr : child(*lowers[i], Coord(at + 3 * i), out[i]);
+            __builtin_prefetch(leaves[i]);
+        }
+        for (std::size_t i = 0; i < here; ++i) {
+            found[i] = out + i;
+            if (leaves[i] == nullptr) continue;
+            const openvdb::Index n = Leaf::coordToOffset(Coord(at + 3 * i));
+            if constexpr (std::is_same_v<Value, bool>) {
+                out[i] = leaves[i]->getValue(n);
+            } else {
+                found[i] = leaves[i]->buffer().data() + n;
+                __builtin_prefetch(found[i]);
+            }
+        }
+        for (std::size_t i = 0; i < here; ++i) out[i] = *found[i];
     }
 }
 
 template <typename Value>
 void Grid<Value>::read(std::int32_t* voxels, Value* values) const {
     for (auto it = grid_->cbeginValueOn(); it; ++it) {
-        const openvdb::CoordBBox box = it.getBoundingBox();
+        const CoordBBox box = it.getBoundingBox();
         const Value value = *it;
         for (auto voxel = box.begin(); voxel; ++voxel) {
-            for (int k = 0; k < 3; ++k) *voxels++ = (*voxel)[k];
+            voxels = std::copy_n((*voxel).data(), 3, voxels);
             *values++ = value;
         }
     }
 }
 
 template <typename Value>
-void Grid<Value>::read_box(const std::array<std::int32_t, 3>& low,
-                           const std::array<std::int32_t, 3>& shape, Value* values) const {
+void Grid<Value>::read_box(const Coord& low, const Coord& shape, Value* values) const {
     auto accessor = grid_->getConstAccessor();
-    for (std::int32_t x = 0; x < shape[0]; ++x) {
-        for (std::int32_t y = 0; y < shape[1]; ++y) {
-            for (std::int32_t z = 0; z < shape[2]; ++z) {
-                *values++ = accessor.getValue({low[0] + x, low[1] + y, low[2] + z});
-            }
-        }
-    }
+    each_cube({low, low + shape - Coord(1)}, 1,
+              [&](const Coord& voxel) { *values++ = accessor.getValue(voxel); });
 }
 
 template <typename Value>

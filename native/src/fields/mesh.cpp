@@ -3,7 +3,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <limits>
 #include <numeric>
 #include <tuple>
 #include <utility>
@@ -16,26 +15,9 @@ namespace {
 constexpr double kHitsAtOnce = 1 << 22;
 constexpr double kStepsOfHit = 64;
 
-std::vector<Vector> scaled(const std::vector<Vector>& vertices, double voxel_size) {
-    std::vector<Vector> v = vertices;
-    for (Vector& vertex : v) {
-        for (double& at : vertex) at /= voxel_size;
-    }
-    return v;
-}
-
-Vector minus(const Vector& a, const Vector& b) { return {a[0] - b[0], a[1] - b[1], a[2] - b[2]}; }
-
-Polytope polytope_of(const Vector& a, const Vector& b, const Vector& c) {
-    Polytope p;
-    p.corners = {a, b, c};
-    p.edges = {minus(b, a), minus(c, b), minus(a, c)};
-    const Vector& u = p.edges[0];
-    const Vector& v = p.edges[1];
-    Vector n{u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]};
-    const double length = std::sqrt(n[0] * n[0] + n[1] * n[1] + n[2] * n[2]);
-    if (length > 1e-12) p.normals = {{n[0] / length, n[1] / length, n[2] / length}};
-    return p;
+std::array<Vector, 3> corners_of(const std::vector<Vector>& v, const Triangle& face) {
+    const auto at = [&](std::size_t k) { return v[static_cast<std::size_t>(face[k])]; };
+    return {at(0), at(1), at(2)};
 }
 
 // Where an edge crosses x; the same to the last bit for both of its triangles.
@@ -81,79 +63,44 @@ std::vector<std::int32_t> components(std::size_t vertices, const std::vector<Tri
     return part;
 }
 
+template <typename Points>
+Vector size_of(const Points& points) {
+    const auto [low, high] = box_of(points);
+    return high - low;
+}
+
 // Widths along the principal axes of the corners, in voxels.
-std::array<double, 3> principal_widths(const std::vector<Vector>& corners) {
-    Vector mean{};
-    for (const Vector& p : corners) {
-        for (std::size_t k = 0; k < 3; ++k) mean[k] += p[k] / static_cast<double>(corners.size());
-    }
+Vector principal_widths(const std::vector<Vector>& corners) {
+    Vector mean(0);
+    for (const Vector& p : corners) mean += p / static_cast<double>(corners.size());
     openvdb::Mat3d spread = openvdb::Mat3d::zero(), axes;
-    openvdb::Vec3d lengths;
-    for (const Vector& p : corners) {
-        const Vector d = minus(p, mean);
-        for (int i = 0; i < 3; ++i) {
-            for (int j = 0; j < 3; ++j) {
-                spread(i, j) += d[static_cast<std::size_t>(i)] * d[static_cast<std::size_t>(j)];
-            }
-        }
-    }
+    Vector lengths;
+    for (const Vector& p : corners) spread += outerProduct(p - mean, p - mean);
     openvdb::math::diagonalizeSymmetricMatrix(spread, axes, lengths);
-    std::array<double, 3> widths{};
-    for (std::size_t k = 0; k < 3; ++k) {
-        double low = std::numeric_limits<double>::infinity();
-        double high = -low;
-        for (const Vector& p : corners) {
-            const double at = axes.col(static_cast<int>(k)).dot({p[0], p[1], p[2]});
-            low = std::min(low, at);
-            high = std::max(high, at);
-        }
-        widths[k] = high - low;
-    }
-    return widths;
-}
-
-bool is_thin_part(const std::vector<Vector>& corners) {
-    std::array<double, 3> box{};
-    for (std::size_t k = 0; k < 3; ++k) {
-        const auto [low, high] =
-            std::minmax_element(corners.begin(), corners.end(),
-                                [k](const Vector& a, const Vector& b) { return a[k] < b[k]; });
-        box[k] = (*high)[k] - (*low)[k];
-    }
-    return is_thin(box) || is_thin(principal_widths(corners));
-}
-
-Polytope polytope_of(const std::vector<Vector>& v, const Triangle& face) {
-    const auto at = [&](std::size_t k) { return v[static_cast<std::size_t>(face[k])]; };
-    return polytope_of(at(0), at(1), at(2));
+    std::vector<Vector> turned;
+    for (const Vector& p : corners) turned.push_back(p * axes);
+    return size_of(turned);
 }
 
 void add_surface(const std::vector<Vector>& v, const Triangle& face, VoxelCollector& into) {
-    rasterise_convex(meeting(polytope_of(v, face)), into);
+    const auto [a, b, c] = corners_of(v, face);
+    Polytope flat{{a, b, c}, {}, {b - a, c - b, a - c}};
+    if (const auto n = unit((b - a).cross(c - b))) flat.normals = {*n};
+    rasterise_convex(meeting(flat), into);
 }
 
 // Steps that drawing triangles takes, as `work_of` counts them: they have 20 half-spaces.
 double work_of(const std::vector<Vector>& v, const Triangle& face) {
-    double columns = 1;
-    for (std::size_t k = 0; k < 2; ++k) {
-        const auto [low, high] = std::minmax({v[static_cast<std::size_t>(face[0])][k],
-                                              v[static_cast<std::size_t>(face[1])][k],
-                                              v[static_cast<std::size_t>(face[2])][k]});
-        columns *= high - low + 1;
-    }
-    return 21 * columns;
+    const Vector size = size_of(corners_of(v, face));
+    return 21 * (size[0] + 1) * (size[1] + 1);
 }
 
 // Estimates how often the surface of a solid crosses columns of voxels.
 double crossings(const std::vector<Vector>& v, const std::vector<Triangle>& faces) {
     double total = 0;
     for (const Triangle& face : faces) {
-        const Vector& a = v[static_cast<std::size_t>(face[0])];
-        const Vector& b = v[static_cast<std::size_t>(face[1])];
-        const Vector& c = v[static_cast<std::size_t>(face[2])];
-        const double area =
-            std::abs((b[0] - a[0]) * (c[1] - a[1]) - (c[0] - a[0]) * (b[1] - a[1])) / 2;
-        total += area + std::max({a[0], b[0], c[0]}) - std::min({a[0], b[0], c[0]});
+        const auto [a, b, c] = corners_of(v, face);
+        total += std::abs((b - a).cross(c - a)[2]) / 2 + size_of(std::array{a, b, c})[0];
     }
     return total;
 }
@@ -161,21 +108,15 @@ double crossings(const std::vector<Vector>& v, const std::vector<Triangle>& face
 // The voxels of x = first .. last whose centres the surface encloses.
 void add_inside(const std::vector<Vector>& v, const std::vector<Triangle>& faces,
                 std::int32_t first_x, std::int32_t last_x, VoxelCollector& into) {
-    double low_y = std::numeric_limits<double>::infinity();
-    double high_y = -low_y;
-    for (const Vector& p : v) {
-        low_y = std::min(low_y, p[1]);
-        high_y = std::max(high_y, p[1]);
-    }
+    const auto [lowest, highest] = box_of(v);
     // Columns of a tower of blocks follow each other: its blocks are looked up once.
     const std::int32_t corner_x = block_floor(first_x);
-    const std::int32_t corner_y = block_floor(checked_index(std::floor(low_y)));
-    const auto towers = static_cast<std::uint64_t>((std::floor(high_y) - corner_y) / kBlock) + 1;
+    const std::int32_t corner_y = block_floor(static_cast<std::int32_t>(std::floor(lowest[1])));
+    const auto towers =
+        static_cast<std::uint64_t>((std::floor(highest[1]) - corner_y) / kBlock) + 1;
     std::vector<Hit> hits;
     for (const Triangle& face : faces) {
-        const Vector& a = v[static_cast<std::size_t>(face[0])];
-        const Vector& b = v[static_cast<std::size_t>(face[1])];
-        const Vector& c = v[static_cast<std::size_t>(face[2])];
+        const auto [a, b, c] = corners_of(v, face);
         const auto from = static_cast<std::int32_t>(std::floor(std::min({a[0], b[0], c[0]}) - 0.5));
         const auto to = static_cast<std::int32_t>(std::ceil(std::max({a[0], b[0], c[0]}) - 0.5));
         for (std::int32_t x = std::max(from, first_x); x <= std::min(to, last_x); ++x) {
@@ -231,16 +172,10 @@ void add_inside(const std::vector<Vector>& v, const std::vector<Triangle>& faces
 // In strips along x, so that the hits of a strip fit into memory.
 void add_inside(const std::vector<Vector>& v, const std::vector<Triangle>& faces, double hits,
                 VoxelCollector& into) {
-    double low = std::numeric_limits<double>::infinity();
-    double high = -low;
-    for (const Vector& p : v) {
-        for (const double at : p) checked_index(std::floor(at));
-        low = std::min(low, p[0]);
-        high = std::max(high, p[0]);
-    }
-    if (!(low <= high)) return;
-    const auto first = block_floor(static_cast<std::int32_t>(std::floor(low)) - 1);
-    const auto last = static_cast<std::int32_t>(std::ceil(high)) + 1;
+    if (v.empty()) return;
+    const auto [low, high] = box_of(v);
+    const std::int32_t first = block_floor(Coord::floor(checked(low)).x() - 1);
+    const std::int32_t last = Coord::ceil(checked(high)).x() + 1;
     const double strips = std::max(1.0, std::ceil(hits / kHitsAtOnce));
     const auto width =
         std::max(kBlock, block_floor(static_cast<std::int32_t>((last - first + 1) / strips)));
@@ -321,7 +256,7 @@ Voxels solid_voxels(const Solid& solid, double voxel_size) {
                 corners.push_back(v[static_cast<std::size_t>(vertex)]);
             }
         }
-        if (!is_thin_part(corners)) {
+        if (!is_thin(size_of(corners)) && !is_thin(principal_widths(corners))) {
             i = past;
             continue;
         }

@@ -23,45 +23,19 @@ std::int64_t squared_gap(std::int32_t difference) {
     return gap * gap;
 }
 
-// The lowest and the highest voxel of a block along each axis.
-struct Bounds {
-    Origin low;
-    Origin high;
-};
-
-int lowest(std::uint64_t bits) { return __builtin_ctzll(bits); }
-int highest(std::uint64_t bits) { return 63 - __builtin_clzll(bits); }
-
-// Which z have voxels, a bit each.
-std::uint64_t levels(const Words& words) {
-    std::uint64_t rows = 0;
-    for (const std::uint64_t word : words) rows |= word;
-    for (int shift = 32; shift >= 8; shift /= 2) rows |= rows >> shift;
-    return rows & 0xFF;
-}
-
-Bounds bounds_of(const Origin& origin, const Words& words) {
-    std::uint64_t slices = 0;
-    std::uint64_t rows = 0;
-    for (std::size_t x = 0; x < 8; ++x) {
-        slices |= std::uint64_t{words[x] != 0} << x;
-        rows |= words[x];
-    }
-    const std::uint64_t along = levels(words);
-    return {
-        {origin.x + lowest(slices), origin.y + lowest(rows) / kBlock, origin.z + lowest(along)},
-        {origin.x + highest(slices), origin.y + highest(rows) / kBlock, origin.z + highest(along)}};
-}
+int lowest(unsigned bits) { return __builtin_ctz(bits); }
+int highest(unsigned bits) { return 31 - __builtin_clz(bits); }
 
 // No voxel within the one is nearer to one within the other.
-std::int64_t least_squared_gap(const Bounds& a, const Bounds& b) {
-    const auto along = [&](std::int32_t Origin::* axis) {
-        const std::int64_t up = std::int64_t{b.low.*axis} - a.high.*axis;
-        const std::int64_t down = std::int64_t{a.low.*axis} - b.high.*axis;
+std::int64_t least_squared_gap(const CoordBBox& a, const CoordBBox& b) {
+    std::int64_t squared = 0;
+    for (int k = 0; k < 3; ++k) {
+        const std::int64_t up = std::int64_t{b.min()[k]} - a.max()[k];
+        const std::int64_t down = std::int64_t{a.min()[k]} - b.max()[k];
         const std::int64_t gap = std::max({up, down, std::int64_t{1}}) - 1;
-        return gap * gap;
-    };
-    return along(&Origin::x) + along(&Origin::y) + along(&Origin::z);
+        squared += gap * gap;
+    }
+    return squared;
 }
 
 // Between rows of eight voxels along z, of which the second begins `offset` voxels further up.
@@ -74,23 +48,23 @@ std::int64_t row_gap(unsigned a, unsigned b, std::int32_t offset) {
 }
 
 // The smallest squared gap between voxels of two blocks, if it is below `best`; else `best`.
-std::int64_t block_gap(const Origin& from, const Words& a, const Origin& to, const Words& b,
+std::int64_t block_gap(const Coord& from, const Words& a, const Coord& to, const Words& b,
                        std::int64_t best) {
     for (std::int32_t i = 0; i < kBlock; ++i) {
         const std::uint64_t slice = a[static_cast<std::size_t>(i)];
         if (slice == 0) continue;
         for (std::int32_t j = 0; j < kBlock; ++j) {
             const std::uint64_t other = b[static_cast<std::size_t>(j)];
-            const std::int64_t x = squared_gap(to.x + j - from.x - i);
+            const std::int64_t x = squared_gap(to.x() + j - from.x() - i);
             if (other == 0 || x >= best) continue;
             for (std::int32_t k = 0; k < kBlock; ++k) {
                 const auto row = static_cast<unsigned>(slice >> (8 * k) & 0xFF);
                 if (row == 0) continue;
                 for (std::int32_t l = 0; l < kBlock; ++l) {
                     const auto across = static_cast<unsigned>(other >> (8 * l) & 0xFF);
-                    const std::int64_t xy = x + squared_gap(to.y + l - from.y - k);
+                    const std::int64_t xy = x + squared_gap(to.y() + l - from.y() - k);
                     if (across == 0 || xy >= best) continue;
-                    best = std::min(best, xy + row_gap(row, across, to.z - from.z));
+                    best = std::min(best, xy + row_gap(row, across, to.z() - from.z()));
                 }
             }
         }
@@ -99,14 +73,14 @@ std::int64_t block_gap(const Origin& from, const Words& a, const Origin& to, con
 }
 
 // Blocks and those up to `reach` blocks away along each axis.
-std::vector<Origin> dilated(const std::vector<Origin>& blocks, std::int32_t reach) {
-    std::vector<Origin> all = blocks;
-    for (std::int32_t Origin::* axis : {&Origin::x, &Origin::y, &Origin::z}) {
+std::vector<Coord> dilated(const std::vector<Coord>& blocks, std::int32_t reach) {
+    std::vector<Coord> all = blocks;
+    for (int axis = 0; axis < 3; ++axis) {
         OriginIndex index;
-        for (Origin origin : all) {
-            const std::int32_t middle = origin.*axis;
+        for (Coord origin : all) {
+            const std::int32_t middle = origin[axis];
             for (std::int32_t step = -reach; step <= reach; ++step) {
-                origin.*axis = middle + step * kBlock;
+                origin[axis] = middle + step * kBlock;
                 index.number(origin);
             }
             if (static_cast<std::int64_t>(index.origins().size()) > kMostBlocks) {
@@ -123,12 +97,11 @@ class Present {
   public:
     Present(const Tree& tree, const Register& sets) : reader_(tree), sets_(sets) {}
 
-    const std::vector<std::int32_t>& in(const Origin& origin) {
+    const std::vector<std::int32_t>& in(const Coord& origin) {
         entities_.clear();
-        const openvdb::Coord place(origin.x, origin.y, origin.z);
-        const auto* leaf = reader_.probeConstLeaf(place);
+        const auto* leaf = reader_.probeConstLeaf(origin);
         if (leaf == nullptr) {
-            add(reader_.getValue(place));
+            add(reader_.getValue(origin));
         } else {
             const std::int32_t* values = leaf->buffer().data();
             std::int32_t last = 0;
@@ -161,7 +134,7 @@ class Present {
     std::vector<std::int32_t> entities_;
 };
 
-const Words* block_at(const Voxels& voxels, const Origin& origin) {
+const Words* block_at(const Voxels& voxels, const Coord& origin) {
     const auto found = std::lower_bound(voxels.origins.begin(), voxels.origins.end(), origin);
     if (found == voxels.origins.end() || !(*found == origin)) return nullptr;
     return &voxels.words[static_cast<std::size_t>(found - voxels.origins.begin())];
@@ -174,22 +147,22 @@ class Near {
     Near(const Voxels& voxels, std::int32_t blocks) : voxels_(voxels), reach_(blocks * kBlock) {
         bounds_.reserve(voxels.blocks());
         for (std::size_t i = 0; i < voxels.blocks(); ++i) {
-            bounds_.push_back(bounds_of(voxels.origins[i], voxels.words[i]));
+            bounds_.push_back(box_of(voxels.origins[i], voxels.words[i]));
         }
     }
 
     // The squared gap to a block of another, if it is below `best`; else `best`.
-    std::int64_t gap(const Origin& there, const Words& words, std::int64_t best) const {
-        const Bounds bounds = bounds_of(there, words);
+    std::int64_t gap(const Coord& there, const Words& words, std::int64_t best) const {
+        const CoordBBox bounds = box_of(there, words);
         const auto first =
-            std::lower_bound(voxels_.origins.begin(), voxels_.origins.end(), there.x - reach_,
-                             [](const Origin& origin, std::int32_t x) { return origin.x < x; });
+            std::lower_bound(voxels_.origins.begin(), voxels_.origins.end(), there.x() - reach_,
+                             [](const Coord& origin, std::int32_t x) { return origin.x() < x; });
         const auto begin = static_cast<std::size_t>(first - voxels_.origins.begin());
         // The most promising block first: after it, few others can be nearer.
         std::size_t promising = voxels_.blocks();
         std::int64_t least = best;
         std::size_t end = begin;
-        for (; end < voxels_.blocks() && voxels_.origins[end].x <= there.x + reach_; ++end) {
+        for (; end < voxels_.blocks() && voxels_.origins[end].x() <= there.x() + reach_; ++end) {
             const std::int64_t here = least_squared_gap(bounds_[end], bounds);
             if (here >= least) continue;
             least = here;
@@ -205,36 +178,28 @@ class Near {
     }
 
   private:
-    std::int64_t to_block(std::size_t i, const Origin& there, const Words& words,
+    std::int64_t to_block(std::size_t i, const Coord& there, const Words& words,
                           std::int64_t best) const {
         return block_gap(voxels_.origins[i], voxels_.words[i], there, words, best);
     }
 
     const Voxels& voxels_;
-    std::vector<Bounds> bounds_;
+    std::vector<CoordBBox> bounds_;
     std::int32_t reach_;
 };
 
-// The lowest z of voxels; there is at least one.
-std::int32_t bottom(const Voxels& voxels) {
-    std::int32_t floor = voxels.origins.front().z;
-    for (const Origin& origin : voxels.origins) floor = std::min(floor, origin.z);
-    std::uint64_t rows = 0;
-    for (std::size_t i = 0; i < voxels.blocks() && (rows & 1) == 0; ++i) {
-        if (voxels.origins[i].z == floor) rows |= levels(voxels.words[i]);
+// The lowest and the highest z of voxels; there is at least one.
+std::pair<std::int32_t, std::int32_t> heights(const Voxels& voxels) {
+    std::int32_t low = std::numeric_limits<std::int32_t>::max();
+    std::int32_t high = std::numeric_limits<std::int32_t>::min();
+    for (std::size_t i = 0; i < voxels.blocks(); ++i) {
+        const Coord& origin = voxels.origins[i];
+        if (low <= origin.z() && origin.z() + kBlock <= high) continue;
+        const CoordBBox box = box_of(origin, voxels.words[i]);
+        low = std::min(low, box.min().z());
+        high = std::max(high, box.max().z());
     }
-    return floor + lowest(rows);
-}
-
-// The highest.
-std::int32_t top(const Voxels& voxels) {
-    std::int32_t ceiling = voxels.origins.front().z;
-    for (const Origin& origin : voxels.origins) ceiling = std::max(ceiling, origin.z);
-    std::uint64_t rows = 0;
-    for (std::size_t i = 0; i < voxels.blocks() && (rows & 0x80) == 0; ++i) {
-        if (voxels.origins[i].z == ceiling) rows |= levels(voxels.words[i]);
-    }
-    return ceiling + highest(rows);
+    return {low, high};
 }
 
 // The voxels of a block at a height: a word a slice x, of which bit 8 y is (x, y).
@@ -256,9 +221,9 @@ std::vector<Neighbour> RegionMap::neighbours(std::int32_t entity, std::int64_t f
     if (farthest >= 0 && voxels.blocks() > 0) {
         const auto reach = static_cast<std::int32_t>(std::sqrt(static_cast<double>(farthest))) + 1;
         const std::int32_t blocks = (reach + kBlock - 1) / kBlock;
-        Present present(grid_->tree(), sets_);
+        Present present(grid_.tree(), sets_);
         const Near near(voxels, blocks);
-        for (const Origin& there : dilated(voxels.origins, blocks)) {
+        for (const Coord& there : dilated(voxels.origins, blocks)) {
             for (const std::int32_t other : present.in(there)) {
                 if (other == entity) continue;
                 Neighbour& best =
@@ -285,15 +250,15 @@ Support RegionMap::support(std::int32_t a, std::int32_t b) const {
     const Voxels& below = region(b);
     Support support{};
     if (above.blocks() == 0 || below.blocks() == 0) return support;
-    const std::int32_t z = bottom(above);
-    const std::int32_t lower = bottom(below);
-    const bool shorter = lower <= z + 1 && lower >= z && top(below) < top(above);
+    const auto [z, top] = heights(above);
+    const auto [lower, upper] = heights(below);
+    const bool shorter = lower <= z + 1 && lower >= z && upper < top;
     const bool firm = lower < z || (lower == z && shorter);
     const bool loose = lower < z || shorter;
     if (!loose) return support;
     for (std::size_t i = 0; i < above.blocks(); ++i) {
-        const Origin& column = above.origins[i];
-        if (column.z != block_floor(z)) continue;
+        const Coord& column = above.origins[i];
+        if (column.z() != block_floor(z)) continue;
         const Words layer = plane(above.words[i], z);
         for (const std::uint64_t slice : layer) support.layer += __builtin_popcountll(slice);
         std::array<Words, 5> at{};  // from two beneath it to two above it
@@ -301,7 +266,7 @@ Support RegionMap::support(std::int32_t a, std::int32_t b) const {
         for (std::int32_t step = -2; step <= 2; ++step) {
             const std::int32_t floor = block_floor(z + step);
             if (step == -2 || floor == z + step) {
-                block = block_at(below, {column.x, column.y, floor});
+                block = block_at(below, Coord(column.x(), column.y(), floor));
             }
             if (block != nullptr) at[static_cast<std::size_t>(step + 2)] = plane(*block, z + step);
         }

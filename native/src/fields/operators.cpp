@@ -30,7 +30,7 @@ class Reader {
     explicit Reader(const Grid<Value>& grid) : accessor_(grid.tree()) {}
 
     // False where nothing is active.
-    bool read(const openvdb::Coord& origin, Block<Value>& block) {
+    bool read(const Coord& origin, Block<Value>& block) {
         if (const auto* leaf =
                 accessor_.template probeConstNode<typename Grid<Value>::Tree::LeafNodeType>(
                     origin)) {
@@ -45,7 +45,7 @@ class Reader {
     }
 
     // Whether a block has active voxels, and which: for masks.
-    bool read_mask(const openvdb::Coord& origin, Words& active) {
+    bool read_mask(const Coord& origin, Words& active) {
         if (const auto* leaf =
                 accessor_.template probeConstNode<typename Grid<Value>::Tree::LeafNodeType>(
                     origin)) {
@@ -89,26 +89,6 @@ void each_origin(const Grid<Value>& grid, Found&& found) {
     }
 }
 
-// The lowest and the highest voxel of a block that are active; some is.
-std::pair<std::array<int, 3>, std::array<int, 3>> active_box(const Words& active) {
-    std::array<unsigned, 3> used{};  // a bit for each x, y, z
-    for (unsigned x = 0; x < 8; ++x) {
-        used[0] |= static_cast<unsigned>(active[x] != 0) << x;
-        for (unsigned y = 0; y < 8; ++y) {
-            const auto row = static_cast<unsigned>(active[x] >> (8 * y) & 0xFF);
-            used[1] |= static_cast<unsigned>(row != 0) << y;
-            used[2] |= row;
-        }
-    }
-    std::array<int, 3> first;
-    std::array<int, 3> last;
-    for (std::size_t k = 0; k < 3; ++k) {
-        first[k] = __builtin_ctz(used[k]);
-        last[k] = 31 - __builtin_clz(used[k]);
-    }
-    return {first, last};
-}
-
 template <typename Value>
 std::size_t nodes(const Grid<Value>& grid) {
     return static_cast<std::size_t>(grid.tree().leafCount()) +
@@ -125,7 +105,7 @@ class Writer {
         grid_.place(like.placement());
     }
 
-    void write(const openvdb::Coord& origin, const Block<Value>& block) {
+    void write(const Coord& origin, const Block<Value>& block) {
         if (is_empty(block.active)) return;
         if (block.uniform || is_uniform(block)) {
             accessor_.addTile(1, origin, block.values[0], true);
@@ -141,9 +121,9 @@ class Writer {
     }
 
     // Throws BadRegion where blocks lie too far apart.
-    void expect_near(const std::vector<Origin>& origins) {
+    void expect_near(const std::vector<Coord>& origins) {
         Spread spread(grid_.tree());
-        for (const Origin& origin : origins) spread.add(coord(origin));
+        for (const Coord& origin : origins) spread.add(origin);
     }
 
     Grid<Value> finish() {
@@ -168,7 +148,7 @@ Grid<Value> changed(const Grid<Value>& grid, Change&& change) {
     Writer<Value> out(grid, grid.background());
     Reader<Value> reader(grid);
     Block<Value> block;
-    each_origin(grid, [&](const openvdb::Coord& origin) {
+    each_origin(grid, [&](const Coord& origin) {
         if (!reader.read(origin, block)) return;
         change(origin, block);
         out.write(origin, block);
@@ -183,7 +163,7 @@ Grid<bool> where(const Grid<Value>& grid, Holds&& holds) {
     Block<Value> block;
     Block<bool> answer;
     answer.values.fill(true);
-    each_origin(grid, [&](const openvdb::Coord& origin) {
+    each_origin(grid, [&](const Coord& origin) {
         if (!reader.read(origin, block)) return;
         answer.uniform = block.uniform;
         if (block.uniform) {
@@ -233,7 +213,7 @@ Grid<Value> joined(const Grid<Value>& a, const Grid<Value>& b, Join how) {
     Reader<Value> of_b(b);
     Block<Value> one;
     Block<Value> other;
-    each_origin(a, [&](const openvdb::Coord& origin) {
+    each_origin(a, [&](const Coord& origin) {
         if (!of_a.read(origin, one)) return;
         if (of_b.read(origin, other)) {
             for (std::size_t i = 0; i < kVoxels; ++i) {
@@ -246,7 +226,7 @@ Grid<Value> joined(const Grid<Value>& a, const Grid<Value>& b, Join how) {
         }
         out.write(origin, one);
     });
-    each_origin(b, [&](const openvdb::Coord& origin) {
+    each_origin(b, [&](const Coord& origin) {
         if (!of_a.read(origin, one) && of_b.read(origin, other)) out.write(origin, other);
     });
     return out.finish();
@@ -259,7 +239,7 @@ Grid<Value> masked(const Grid<Value>& grid, const Grid<bool>& mask, bool inside)
     Reader<bool> of_mask(mask);
     Block<Value> block;
     Words active;
-    const auto at = [&](const openvdb::Coord& origin) {
+    const auto at = [&](const Coord& origin) {
         const bool met = of_mask.read_mask(origin, active);
         if (!met && inside) return;
         if (!reader.read(origin, block)) return;
@@ -293,7 +273,7 @@ Grid<bool> between(const Grid<Value>& grid, Value low, Value high) {
 Grid<std::int32_t> renumbered(const Grid<std::int32_t>& grid,
                               const std::vector<std::pair<std::int32_t, std::int32_t>>& pairs) {
     const std::unordered_map<std::int32_t, std::int32_t> to(pairs.begin(), pairs.end());
-    return changed(grid, [&](const openvdb::Coord&, Block<std::int32_t>& block) {
+    return changed(grid, [&](const Coord&, Block<std::int32_t>& block) {
         for (std::int32_t& value : block.values) {
             const auto found = to.find(value);
             if (found != to.end()) value = found->second;
@@ -302,26 +282,19 @@ Grid<std::int32_t> renumbered(const Grid<std::int32_t>& grid,
 }
 
 template <typename Value>
-Grid<Value> cropped(const Grid<Value>& grid, const Index& low, const Index& high) {
-    Index from;
-    Index to;
-    for (std::size_t k = 0; k < 3; ++k) {
-        from[k] = std::max(low[k], -kFarthestVoxel);
-        to[k] = std::min(high[k], kFarthestVoxel);
-    }
-    const openvdb::CoordBBox box({from[0], from[1], from[2]}, {to[0], to[1], to[2]});
+Grid<Value> cropped(const Grid<Value>& grid, const Coord& low, const Coord& high) {
+    const CoordBBox box(Coord::maxComponent(low, Coord(-kFarthestVoxel)),
+                        Coord::minComponent(high, Coord(kFarthestVoxel)));
     Writer<Value> out(grid, grid.background());
     Reader<Value> reader(grid);
     Block<Value> block;
-    const auto at = [&](const openvdb::Coord& origin) {
-        const openvdb::CoordBBox here(origin, origin.offsetBy(kBlock - 1));
+    const auto at = [&](const Coord& origin) {
+        const CoordBBox here(origin, origin.offsetBy(kBlock - 1));
         if (!box.hasOverlap(here) || !reader.read(origin, block)) return;
         if (!box.isInside(here)) {
             Words inside{};
-            for (int i = 0; i < static_cast<int>(kVoxels); ++i) {
-                const auto at = origin.offsetBy(i >> 6, i >> 3 & 7, i & 7);
-                inside[static_cast<std::size_t>(i / 64)] |= std::uint64_t{box.isInside(at)}
-                                                            << i % 64;
+            for (std::size_t i = 0; i < kVoxels; ++i) {
+                inside[i / 64] |= std::uint64_t{box.isInside(voxel_of(origin, i))} << i % 64;
             }
             for (std::size_t x = 0; x < 8; ++x) block.active[x] &= inside[x];
             block.uniform = false;
@@ -329,24 +302,13 @@ Grid<Value> cropped(const Grid<Value>& grid, const Index& low, const Index& high
         out.write(origin, block);
     };
     if (box.empty()) return out.finish();
-    double blocks = 1;
-    for (int k = 0; k < 3; ++k) {
-        blocks *= (static_cast<double>(box.max()[k]) - box.min()[k]) / kBlock + 2;
-    }
-    if (blocks > static_cast<double>(nodes(grid))) {
+    const Vector blocks = (box.max().asVec3d() - box.min().asVec3d()) / double{kBlock} + Vector(2);
+    if (blocks.product() > static_cast<double>(nodes(grid))) {
         each_origin(grid, at);
         return out.finish();
     }
-    each_cube({box.min() & ~(kBlock - 1), box.max()}, kBlock, at);
+    each_cube({block_floor(box.min()), box.max()}, kBlock, at);
     return out.finish();
-}
-
-template <typename Value>
-std::optional<std::pair<Index, Index>> bounds(const Grid<Value>& grid) {
-    openvdb::CoordBBox box;
-    if (!grid.tree().evalActiveVoxelBoundingBox(box) || box.empty()) return std::nullopt;
-    return std::pair{Index{box.min().x(), box.min().y(), box.min().z()},
-                     Index{box.max().x(), box.max().y(), box.max().z()}};
 }
 
 template <typename Value>
@@ -354,77 +316,56 @@ Grid<Value> resampled(const Grid<Value>& grid, double voxel_size, const Placemen
     Grid<Value> frame(voxel_size, grid.background());
     frame.place(placement);
     // From voxels of the answer (their lowest corners) to those of the grid: p = turn q + shift.
-    const Placement& from = placement;
-    const Placement& to = grid.placement();
-    std::array<std::array<double, 3>, 3> turn;
-    Vector shift;
-    for (std::size_t i = 0; i < 3; ++i) {
-        shift[i] = 0;
-        for (std::size_t k = 0; k < 3; ++k) {
-            shift[i] += to[k][i] * (from[k][3] - to[k][3]) / grid.voxel_size();
-        }
-        for (std::size_t j = 0; j < 3; ++j) {
-            double sum = 0;
-            for (std::size_t k = 0; k < 3; ++k) sum += to[k][i] * from[k][j];
-            turn[i][j] = sum * voxel_size / grid.voxel_size();
-        }
-    }
+    const double scale = grid.voxel_size() / voxel_size;
+    const auto upright = turn_of(grid.placement()).transpose();
+    const auto turn = upright * turn_of(placement) * (1 / scale);
+    const auto back = turn.transpose() * (scale * scale);
+    const Vector shift =
+        upright * (shift_of(placement) - shift_of(grid.placement())) / grid.voxel_size();
     // Blocks of the answer that the box around the active voxels of a block of the grid meets.
     OriginIndex candidates;
-    const double scale = grid.voxel_size() / voxel_size;
     Reader<Value> reader(grid);
     Words active;
-    each_origin(grid, [&](const openvdb::Coord& origin) {
+    each_origin(grid, [&](const Coord& origin) {
         if (!reader.read_mask(origin, active)) return;
-        const auto [first, last] = active_box(active);
-        openvdb::CoordBBox box;
-        const auto blocks = static_cast<double>(candidates.origins().size());
-        double met = 1;
-        for (std::size_t j = 0; j < 3; ++j) {
-            double q =
-                0;  // turn is a rotation by 1 / scale: its inverse is its transpose by scale^2
-            double reach = 1;  // of the box, and for what is rounded
-            for (std::size_t i = 0; i < 3; ++i) {
-                const double back = turn[i][j] * scale * scale;
-                const double middle = origin[static_cast<int>(i)] + (first[i] + last[i] + 1) / 2.0;
-                q += back * (middle - shift[i]);
-                reach += std::abs(back) * (last[i] + 1 - first[i]) / 2.0;
-            }
-            const auto k = static_cast<int>(j);
-            box.min()[k] = block_floor(checked_index(std::floor(q - reach)));
-            box.max()[k] = checked_index(std::floor(q + reach));
-            met *= (static_cast<double>(box.max()[k]) - box.min()[k]) / kBlock + 1;
+        const CoordBBox here = box_of(origin, active);
+        const Vector low = here.min().asVec3d();
+        const Vector high = here.max().asVec3d() + Vector(1);
+        const Vector middle = back * ((low + high) / 2.0 - shift);
+        Vector reach;
+        for (int k = 0; k < 3; ++k) {
+            reach[k] = 1 + Abs(back.row(k)).dot(high - low) / 2;  // 1 for what is rounded
         }
-        if (blocks + met > static_cast<double>(kMostBlocks)) {
+        const CoordBBox box(block_floor(Coord::floor(checked(middle - reach))),
+                            Coord::floor(checked(middle + reach)));
+        const Vector met = (box.max().asVec3d() - box.min().asVec3d()) / double{kBlock} + Vector(1);
+        if (static_cast<double>(candidates.origins().size()) + met.product() >
+            static_cast<double>(kMostBlocks)) {
             throw BadRegion("the grid has too many voxels of that size: take larger ones");
         }
-        each_cube(box, kBlock,
-                  [&](const openvdb::Coord& at) { candidates.number({at.x(), at.y(), at.z()}); });
+        each_cube(box, kBlock, [&](const Coord& at) { candidates.number(at); });
     });
     Writer<Value> out(frame, grid.background());
     out.expect_near(candidates.origins());
     auto accessor = openvdb::tree::ValueAccessor<const typename Grid<Value>::Tree>(grid.tree());
     Block<Value> block;
     block.uniform = false;
-    for (const Origin& origin : candidates.origins()) {
+    std::array<Vector, kVoxels> centres;
+    std::array<std::int32_t, 3 * kVoxels> at;
+    for (const Coord& origin : candidates.origins()) {
         block.active.fill(0);
         block.values.fill(grid.background());
-        for (int i = 0; i < static_cast<int>(kVoxels); ++i) {
-            const Vector q{origin.x + (i >> 6) + 0.5, origin.y + (i >> 3 & 7) + 0.5,
-                           origin.z + (i & 7) + 0.5};
-            openvdb::Coord at;
-            for (std::size_t k = 0; k < 3; ++k) {
-                const double p =
-                    turn[k][0] * q[0] + turn[k][1] * q[1] + turn[k][2] * q[2] + shift[k];
-                at[static_cast<int>(k)] = checked_index(std::floor(p));
-            }
-            Value value;
-            if (!accessor.probeValue(at, value)) continue;
-            const auto n = static_cast<std::size_t>(i);
-            block.active[n / 64] |= std::uint64_t{1} << (n % 64);
-            block.values[n] = value;
+        for (std::size_t i = 0; i < kVoxels; ++i) {
+            centres[i] = turn * (voxel_of(origin, i).asVec3d() + Vector(0.5)) + shift;
         }
-        out.write(coord(origin), block);
+        voxel_indices(centres[0].asPointer(), 3 * kVoxels, 1.0, at.data());
+        for (std::size_t i = 0; i < kVoxels; ++i) {
+            Value value;
+            if (!accessor.probeValue(Coord(&at[3 * i]), value)) continue;
+            block.active[i / 64] |= std::uint64_t{1} << (i % 64);
+            block.values[i] = value;
+        }
+        out.write(origin, block);
     }
     return out.finish();
 }
@@ -439,33 +380,16 @@ Grid<std::int32_t> labelled(const float* depth, const std::int32_t* labels, std:
     };
     OriginIndex index;
     std::vector<std::array<Vote, kVoxels>> votes;
-    std::vector<double> along(columns);
-    for (std::size_t column = 0; column < columns; ++column) {
-        along[column] = (static_cast<double>(column) - camera.cx) / camera.fx;
-    }
-    const Placement& pose = camera.pose;
-    std::vector<double> points(3 * columns);
-    std::vector<std::int32_t> voxels(3 * columns);
-    std::vector<std::int32_t> shown(columns);
-    for (std::size_t row = 0; row < rows; ++row) {
-        const double y = (static_cast<double>(row) - camera.cy) / camera.fy;
-        Vector base;
-        for (std::size_t k = 0; k < 3; ++k) base[k] = pose[k][1] * y + pose[k][2];
-        std::size_t count = 0;
-        for (std::size_t column = 0; column < columns; ++column) {
-            const std::size_t i = row * columns + column;
-            const double d = depth[i];
-            if (labels[i] == 0 || !(d > 0 && d <= farthest && d < 1e30)) continue;
-            for (std::size_t k = 0; k < 3; ++k) {
-                points[3 * count + k] = d * (pose[k][0] * along[column] + base[k]) + pose[k][3];
-            }
-            shown[count++] = labels[i];
-        }
-        voxel_indices(points.data(), 3 * count, voxel_size, voxels.data());
+    constexpr std::size_t few = 512;
+    std::array<Vector, few> points;
+    std::array<std::int32_t, few> shown;
+    std::array<std::int32_t, 3 * few> voxels;
+    std::size_t count = 0;
+    const auto vote = [&] {
+        voxel_indices(points[0].asPointer(), 3 * count, voxel_size, voxels.data());
         for (std::size_t i = 0; i < count; ++i) {
-            const std::int32_t* v = &voxels[3 * i];
-            const std::size_t block =
-                index.number({block_floor(v[0]), block_floor(v[1]), block_floor(v[2])});
+            const Coord voxel(&voxels[3 * i]);
+            const std::size_t block = index.number(block_floor(voxel));
             if (block == votes.size()) {
                 // Each block takes 4 kB here.
                 if (static_cast<std::int64_t>(block) >= region_limits().blocks / 4) {
@@ -473,9 +397,7 @@ Grid<std::int32_t> labelled(const float* depth, const std::int32_t* labels, std:
                 }
                 votes.emplace_back();
             }
-            Vote& vote =
-                votes[block]
-                     [static_cast<std::size_t>((v[0] & 7) << 6 | (v[1] & 7) << 3 | (v[2] & 7))];
+            Vote& vote = votes[block][in_block(voxel)];
             if (vote.label == shown[i]) {
                 ++vote.lead;
             } else if (vote.lead == 0) {
@@ -484,7 +406,17 @@ Grid<std::int32_t> labelled(const float* depth, const std::int32_t* labels, std:
                 --vote.lead;
             }
         }
-    }
+        count = 0;
+    };
+    each_point(
+        depth, rows, columns, camera, farthest,
+        [&](std::size_t pixel) { return labels[pixel] != 0; },
+        [&](std::size_t pixel, const Vector& point) {
+            points[count] = point;
+            shown[count++] = labels[pixel];
+            if (count == few) vote();
+        });
+    vote();
     const Grid<std::int32_t> frame(voxel_size, 0);
     Writer<std::int32_t> out(frame, 0);
     out.expect_near(index.origins());
@@ -496,7 +428,7 @@ Grid<std::int32_t> labelled(const float* depth, const std::int32_t* labels, std:
             block.values[i] = votes[b][i].label;
             block.active[i / 64] |= std::uint64_t{votes[b][i].label != 0} << (i % 64);
         }
-        out.write(coord(index.origins()[b]), block);
+        out.write(index.origins()[b], block);
     }
     return out.finish();
 }
@@ -506,8 +438,7 @@ Grid<std::int32_t> labelled(const float* depth, const std::int32_t* labels, std:
     template Grid<Value> masked(const Grid<Value>&, const Grid<bool>&, bool);     \
     template Grid<bool> active(const Grid<Value>&);                               \
     template Grid<bool> between(const Grid<Value>&, Value, Value);                \
-    template Grid<Value> cropped(const Grid<Value>&, const Index&, const Index&); \
-    template std::optional<std::pair<Index, Index>> bounds(const Grid<Value>&);   \
+    template Grid<Value> cropped(const Grid<Value>&, const Coord&, const Coord&); \
     template Grid<Value> resampled(const Grid<Value>&, double, const Placement&);
 
 SEMMAP_FOR_VALUE(bool)

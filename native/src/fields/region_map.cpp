@@ -1,9 +1,5 @@
 #include "semmap/fields/region_map.hpp"
 
-#include <tbb/global_control.h>
-#include <tbb/parallel_for.h>
-#include <tbb/task_arena.h>
-
 #include <algorithm>
 #include <cstring>
 #include <map>
@@ -14,6 +10,7 @@
 #include "convex.hpp"
 #include "retag.hpp"
 #include "spread.hpp"
+#include "team.hpp"
 
 namespace semmap::fields {
 namespace {
@@ -72,30 +69,9 @@ struct Toggle {
     }
 };
 
-template <typename Body>
-void in_parallel(std::size_t count, int threads, const Body& body) {
-    if (threads == 1 || count <= 1) {
-        for (std::size_t i = 0; i < count; ++i) body(i);
-        return;
-    }
-    // More than there are processors are allowed too.
-    const tbb::global_control allowed(tbb::global_control::max_allowed_parallelism,
-                                      static_cast<std::size_t>(threads));
-    tbb::task_arena arena(threads);
-    arena.execute([&] { tbb::parallel_for(std::size_t{0}, count, body); });
-}
-
 }  // namespace
 
-RegionMap::RegionMap(double voxel_size) : voxel_size_(voxel_size) {
-    openvdb::initialize();
-    grid_ = openvdb::Int32Grid::create(0);
-    grid_->setName("regions");
-    // A voxel's index names its lowest corner; OpenVDB's transform its centre.
-    const auto transform = openvdb::math::Transform::createLinearTransform(voxel_size);
-    transform->postTranslate(openvdb::Vec3d(voxel_size / 2));
-    grid_->setTransform(transform);
-}
+RegionMap::RegionMap(double voxel_size) : grid_(voxel_size, 0) {}
 
 const Voxels& RegionMap::region(std::int32_t entity) const {
     static const Voxels none;
@@ -114,9 +90,9 @@ Voxels& RegionMap::region_to_change(std::int32_t entity) {
 }
 
 void RegionMap::insert(std::int32_t entity, const Shape& shape) {
-    Voxels voxels = rasterise(shape, voxel_size_);
+    Voxels voxels = rasterise(shape, voxel_size());
     const std::unique_lock lock(mutex_);
-    Spread(grid_->tree()).add(voxels);
+    Spread(grid_.tree()).add(voxels);
     add(entity, std::move(voxels));
 }
 
@@ -142,9 +118,9 @@ void RegionMap::remove(std::int32_t entity) {
 }
 
 void RegionMap::move(std::int32_t entity, const Shape& shape) {
-    Voxels voxels = rasterise(shape, voxel_size_);
+    Voxels voxels = rasterise(shape, voxel_size());
     const std::unique_lock lock(mutex_);
-    Spread(grid_->tree()).add(voxels);
+    Spread(grid_.tree()).add(voxels);
     Voxels& has = region_to_change(entity);
     const Voxels left = without(has, voxels);
     const Voxels entered = without(voxels, has);
@@ -156,18 +132,18 @@ void RegionMap::move(std::int32_t entity, const Shape& shape) {
 
 std::vector<std::string> RegionMap::insert_many(const std::vector<std::int32_t>& entities,
                                                 const std::vector<const Shape*>& shapes,
-                                                int threads, bool others) {
+                                                unsigned threads, bool others) {
     std::vector<Voxels> voxels(shapes.size());
     std::vector<std::string> reasons(shapes.size());
-    in_parallel(shapes.size(), threads, [&](std::size_t i) {
+    Team(threads).share(shapes.size(), 1, [&](unsigned, std::size_t i, std::size_t) {
         try {
-            voxels[i] = rasterise(*shapes[i], voxel_size_);
+            voxels[i] = rasterise(*shapes[i], voxel_size());
         } catch (const BadRegion& bad) {
             reasons[i] = bad.what();
         }
     });
     const std::unique_lock lock(mutex_);
-    Spread spread(grid_->tree());
+    Spread spread(grid_.tree());
     for (std::size_t i = 0; i < voxels.size(); ++i) {
         try {
             spread.add(voxels[i]);
@@ -182,11 +158,11 @@ std::vector<std::string> RegionMap::insert_many(const std::vector<std::int32_t>&
     return reasons;
 }
 
-void RegionMap::make_tile(Accessor& accessor, const Origin& origin, std::int32_t value) {
-    accessor.addTile(1, coord(origin), value, value != 0);
+void RegionMap::make_tile(Accessor& accessor, const Coord& origin, std::int32_t value) {
+    accessor.addTile(1, origin, value, value != 0);
     accessor.clear();  // it may still point to the deleted leaf
     if (value != 0) return;
-    const openvdb::Coord block = coord(origin) & ~std::int32_t{127};
+    const Coord block = origin & ~std::int32_t{127};
     if (emptied_.empty() || emptied_.back() != block) emptied_.push_back(block);
 }
 
@@ -197,20 +173,20 @@ void RegionMap::apply(std::int32_t entity, const Voxels& voxels) {
     }
     const Family family = used_family();
     Toggle step{sets_, next_, entity};
-    Accessor accessor(grid_->tree());
+    Accessor accessor(grid_.tree());
     for (std::size_t i = 0; i < voxels.blocks(); ++i) {
-        const Origin& origin = voxels.origins[i];
+        const Coord& origin = voxels.origins[i];
         const Words& words = voxels.words[i];
-        Leaf* leaf = accessor.probeLeaf(coord(origin));
+        Leaf* leaf = accessor.probeLeaf(origin);
         if (leaf == nullptr) {
             if (is_full(words)) {
-                const std::int32_t from = accessor.getValue(coord(origin));
+                const std::int32_t from = accessor.getValue(origin);
                 const std::int32_t to = step.next(from);
                 step.moved(0, from, to, 0, 512);
                 make_tile(accessor, origin, to);
                 continue;
             }
-            leaf = accessor.touchLeaf(coord(origin));
+            leaf = accessor.touchLeaf(origin);
         }
         std::int32_t* values = leaf->buffer().data();
         step.cleared = {};
@@ -228,8 +204,8 @@ void RegionMap::apply(std::int32_t entity, const Voxels& voxels) {
 }
 
 void RegionMap::prune() {
-    Tree& tree = grid_->tree();
-    for (const openvdb::Coord& block : emptied_) {
+    Tree& tree = grid_.tree();
+    for (const Coord& block : emptied_) {
         const auto* lower = tree.probeNode<Lower>(block);
         if (lower != nullptr && lower->isInactive()) tree.addTile(2, block, 0, false);
         const auto* upper = tree.probeNode<Upper>(block);
@@ -239,60 +215,9 @@ void RegionMap::prune() {
     emptied_.clear();
 }
 
-// Down the tree level by level for many points at once, so that they wait for memory together.
 void RegionMap::look_up(const double* points, std::size_t count, std::int32_t* numbers) const {
     const std::shared_lock lock(mutex_);
-    constexpr std::size_t few = 128;
-    std::int32_t at[3 * few];
-    const Lower* lowers[few];
-    const Leaf* leaves[few];
-    const std::int32_t* values[few];
-    const Tree& tree = grid_->tree();
-    openvdb::Coord key = openvdb::Coord::max();
-    const Upper* upper = nullptr;
-    for (std::size_t first = 0; first < count; first += few) {
-        const std::size_t here = std::min(few, count - first);
-        voxel_indices(points + 3 * first, 3 * here, voxel_size_, at);
-        const auto place = [&](std::size_t i) {
-            return openvdb::Coord(at[3 * i], at[3 * i + 1], at[3 * i + 2]);
-        };
-        std::int32_t* out = numbers + first;
-        for (std::size_t i = 0; i < here; ++i) {
-            const openvdb::Coord p = place(i);
-            if ((p & ~static_cast<std::int32_t>(Upper::DIM - 1)) != key) {
-                key = p & ~static_cast<std::int32_t>(Upper::DIM - 1);
-                upper = tree.probeConstNode<Upper>(p);
-            }
-            out[i] = 0;
-            lowers[i] = nullptr;
-            if (upper == nullptr) continue;
-            const openvdb::Index n = Upper::coordToOffset(p);
-            if (upper->isChildMaskOn(n)) {
-                lowers[i] = upper->getTable()[n].getChild();
-                __builtin_prefetch(lowers[i]->getTable() + Lower::coordToOffset(p));
-            } else {
-                out[i] = upper->getTable()[n].getValue();
-            }
-        }
-        for (std::size_t i = 0; i < here; ++i) {
-            leaves[i] = nullptr;
-            if (lowers[i] == nullptr) continue;
-            const openvdb::Index n = Lower::coordToOffset(place(i));
-            if (lowers[i]->isChildMaskOn(n)) {
-                leaves[i] = lowers[i]->getTable()[n].getChild();
-                __builtin_prefetch(leaves[i]);
-            } else {
-                out[i] = lowers[i]->getTable()[n].getValue();
-            }
-        }
-        for (std::size_t i = 0; i < here; ++i) {
-            values[i] = out + i;
-            if (leaves[i] == nullptr) continue;
-            values[i] = leaves[i]->buffer().data() + Leaf::coordToOffset(place(i));
-            __builtin_prefetch(values[i]);
-        }
-        for (std::size_t i = 0; i < here; ++i) out[i] = *values[i];
-    }
+    grid_.look_up(points, count, numbers);
 }
 
 std::vector<std::vector<std::int32_t>> RegionMap::members(
@@ -327,7 +252,7 @@ std::int64_t RegionMap::overlap(std::int32_t a, std::int32_t b) const {
 
 std::vector<std::pair<std::int32_t, std::int64_t>> RegionMap::entities_in(
     const Shape& shape) const {
-    const Voxels voxels = rasterise(shape, voxel_size_);
+    const Voxels voxels = rasterise(shape, voxel_size());
     const std::shared_lock lock(mutex_);
     const std::map<std::int32_t, std::int64_t> counts = counts_over(voxels);
     return {counts.begin(), counts.end()};
@@ -335,11 +260,11 @@ std::vector<std::pair<std::int32_t, std::int64_t>> RegionMap::entities_in(
 
 std::map<std::int32_t, std::int64_t> RegionMap::counts_over(const Voxels& voxels) const {
     std::vector<std::int64_t> by_set(static_cast<std::size_t>(sets_.end()));
-    Reader reader(grid_->tree());
+    Reader reader(grid_.tree());
     for (std::size_t i = 0; i < voxels.blocks(); ++i) {
-        const Leaf* leaf = reader.probeConstLeaf(coord(voxels.origins[i]));
+        const Leaf* leaf = reader.probeConstLeaf(voxels.origins[i]);
         if (leaf == nullptr) {
-            const std::int32_t set = reader.getValue(coord(voxels.origins[i]));
+            const std::int32_t set = reader.getValue(voxels.origins[i]);
             by_set[static_cast<std::size_t>(set)] += count(voxels.words[i]);
             continue;
         }
@@ -359,12 +284,12 @@ std::map<std::int32_t, std::int64_t> RegionMap::counts_over(const Voxels& voxels
 Memory RegionMap::memory() const {
     const std::shared_lock lock(mutex_);
     Memory memory{};
-    memory.grid = static_cast<std::size_t>(grid_->tree().memUsage());
+    memory.grid = static_cast<std::size_t>(grid_.tree().memUsage());
     for (const Voxels& region : regions_) memory.index += sizeof region + region.bytes();
     memory.sets = sets_.bytes() + next_.capacity() * sizeof(std::int32_t);
-    memory.active_voxels = static_cast<std::int64_t>(grid_->activeVoxelCount());
-    memory.leaves = grid_->tree().leafCount();
-    memory.tiles = static_cast<std::int64_t>(grid_->tree().activeTileCount());
+    memory.active_voxels = static_cast<std::int64_t>(grid_.size());
+    memory.leaves = grid_.tree().leafCount();
+    memory.tiles = static_cast<std::int64_t>(grid_.tree().activeTileCount());
     memory.set_count = sets_.size();
     return memory;
 }
@@ -375,7 +300,7 @@ void RegionMap::check() const {
         if (!holds) throw std::logic_error(text);
     };
     std::map<std::int32_t, std::int64_t> counts;
-    for (auto leaf = grid_->tree().cbeginLeaf(); leaf; ++leaf) {
+    for (auto leaf = grid_.tree().cbeginLeaf(); leaf; ++leaf) {
         const std::int32_t* values = leaf->buffer().data();
         expect(!is_uniform(values), "a uniform leaf is no tile");
         for (openvdb::Index i = 0; i < 512; ++i) {
@@ -383,7 +308,7 @@ void RegionMap::check() const {
             if (values[i] != 0) ++counts[values[i]];
         }
     }
-    for (auto tile = grid_->cbeginValueOn(); tile; ++tile) {
+    for (auto tile = grid_.tree().cbeginValueOn(); tile; ++tile) {
         if (tile.isTileValue()) counts[*tile] += static_cast<std::int64_t>(tile.getVoxelCount());
     }
     std::map<std::int32_t, std::int64_t> sizes;
@@ -401,7 +326,7 @@ void RegionMap::check() const {
         expect(regions_[e].size() == (found == sizes.end() ? 0 : found->second),
                "an entity's index is not that of its voxels");
     }
-    for (auto node = grid_->tree().cbeginNode(); node; ++node) {
+    for (auto node = grid_.tree().cbeginNode(); node; ++node) {
         if (node.getDepth() == 1) {
             const Upper* upper = nullptr;
             node.getNode(upper);
@@ -416,8 +341,8 @@ void RegionMap::check() const {
 
 std::pair<Grid<std::int32_t>, RegionMap::Sets> RegionMap::state() const {
     const std::shared_lock lock(mutex_);
-    Grid<std::int32_t> grid(voxel_size_, 0);
-    grid.tree().root() = grid_->tree().root();
+    Grid<std::int32_t> grid(voxel_size(), 0);
+    grid.tree().root() = grid_.tree().root();
     Sets sets;
     for (std::int32_t set = 1; set < sets_.end(); ++set) {
         if (!sets_.members(set).empty()) sets.emplace_back(set, sets_.members(set));
@@ -430,41 +355,36 @@ void RegionMap::restore(const Grid<std::int32_t>& grid, const Sets& sets) {
         throw std::invalid_argument("this grid and these sets are not the state of a region map");
     };
     const std::unique_lock lock(mutex_);
-    if (!grid_->tree().empty() || sets_.size() > 0) {
+    if (!grid_.tree().empty() || sets_.size() > 0) {
         throw std::invalid_argument("a region map that has entities cannot be restored");
     }
-    if (grid.voxel_size() != voxel_size_ || grid.background() != 0) refuse();
+    if (grid.voxel_size() != voxel_size() || grid.background() != 0) refuse();
     if (grid.size() > static_cast<std::size_t>(kMostBlocks) * 512) refuse();
     for (const auto& [set, members] : sets) {
         if (!sets_.restore(set, members)) refuse();
     }
     sets_.finish_restoring();
-    Tree& tree = grid_->tree();
+    Tree& tree = grid_.tree();
     tree.root() = grid.tree().root();
     // Tiles are blocks here: the first one put into a larger tile splits it.
-    std::vector<openvdb::CoordBBox> large;
+    std::vector<CoordBBox> large;
     auto tile = tree.cbeginValueOn();
     tile.setMaxDepth(Tree::ValueOnCIter::LEAF_DEPTH - 2);
     for (; tile; ++tile) large.push_back(tile.getBoundingBox());
-    std::vector<Origin> origins;
-    for (const openvdb::CoordBBox& box : large) {
+    std::vector<Coord> origins;
+    for (const CoordBBox& box : large) {
         each_cube(box, Lower::DIM,
-                  [&](const openvdb::Coord& at) { tree.addTile(1, at, tree.getValue(at), true); });
+                  [&](const Coord& at) { tree.addTile(1, at, tree.getValue(at), true); });
     }
-    for (auto leaf = tree.cbeginLeaf(); leaf; ++leaf) {
-        const openvdb::Coord at = leaf->origin();
-        origins.push_back({at.x(), at.y(), at.z()});
-    }
+    for (auto leaf = tree.cbeginLeaf(); leaf; ++leaf) origins.push_back(leaf->origin());
     for (tile = tree.cbeginValueOn(); tile; ++tile) {
-        if (!tile.isTileValue()) continue;
-        const openvdb::Coord at = tile.getBoundingBox().min();
-        origins.push_back({at.x(), at.y(), at.z()});
+        if (tile.isTileValue()) origins.push_back(tile.getBoundingBox().min());
     }
     std::sort(origins.begin(), origins.end());
     std::int32_t last = -1;
     for (const auto& [set, members] : sets) last = std::max(last, members.back());
     if (last >= 0) region_to_change(last);
-    const auto give = [&](const Origin& origin, std::int32_t set, const Words& words) {
+    const auto give = [&](const Coord& origin, std::int32_t set, const Words& words) {
         if (set <= 0 || set >= sets_.end() || sets_.members(set).empty()) refuse();
         sets_.count(set) += count(words);
         for (const std::int32_t entity : sets_.members(set)) {
@@ -474,12 +394,12 @@ void RegionMap::restore(const Grid<std::int32_t>& grid, const Sets& sets) {
         }
     };
     Accessor accessor(tree);
-    for (const Origin& origin : origins) {
-        Leaf* leaf = accessor.probeLeaf(coord(origin));
+    for (const Coord& origin : origins) {
+        Leaf* leaf = accessor.probeLeaf(origin);
         if (leaf == nullptr) {
             Words whole;
             whole.fill(kAll);
-            give(origin, accessor.getValue(coord(origin)), whole);
+            give(origin, accessor.getValue(origin), whole);
             continue;
         }
         const std::int32_t* values = leaf->buffer().data();
@@ -511,8 +431,7 @@ void RegionMap::restore(const Grid<std::int32_t>& grid, const Sets& sets) {
 
 void RegionMap::write(const std::string& path) const {
     const std::shared_lock lock(mutex_);
-    openvdb::io::File file(path);
-    file.write({grid_});
+    grid_.write(path, "regions");
 }
 
 }  // namespace semmap::fields

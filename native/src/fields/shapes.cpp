@@ -12,26 +12,12 @@ namespace {
 Voxels small_ball(const Ball& ball, double voxel_size) {
     VoxelCollector voxels;
     const double r = ball.radius / voxel_size;
-    Vector c;
-    std::array<std::int32_t, 3> low;
-    std::array<std::int32_t, 3> high;
-    for (std::size_t k = 0; k < 3; ++k) {
-        c[k] = ball.center[k] / voxel_size;
-        low[k] = checked_index(std::floor(c[k] - r + kTolerance));
-        high[k] = std::max(low[k], checked_index(std::floor(c[k] + r - kTolerance)));
-    }
-    const auto off = [](double at, std::int32_t i) {
-        return at < i ? i - at : at > i + 1.0 ? at - i - 1.0 : 0.0;
-    };
-    for (std::int32_t x = low[0]; x <= high[0]; ++x) {
-        for (std::int32_t y = low[1]; y <= high[1]; ++y) {
-            for (std::int32_t z = low[2]; z <= high[2]; ++z) {
-                const double dx = off(c[0], x);
-                const double dy = off(c[1], y);
-                const double dz = off(c[2], z);
-                if (dx * dx + dy * dy + dz * dz <= r * r) voxels.add(x, y, z);
-            }
-        }
+    const Vector center = ball.center / voxel_size;
+    const auto box = voxels_met(center - Vector(r), center + Vector(r));
+    for (auto voxel = box.begin(); voxel; ++voxel) {
+        const Vector low = (*voxel).asVec3d();
+        const Vector nearest = maxComponent(low, minComponent(center, low + Vector(1)));
+        if ((nearest - center).lengthSqr() <= r * r) voxels.add(*voxel);
     }
     return voxels.finish();
 }
@@ -64,16 +50,14 @@ struct Rasteriser {
     }
     Voxels operator()(const Polytope& polytope) const { return polytope_voxels(polytope, size); }
     Voxels operator()(const Points& points) const {
-        return voxels_of_points(points.points.empty() ? nullptr : points.points[0].data(),
+        return voxels_of_points(points.points.empty() ? nullptr : points.points[0].asPointer(),
                                 points.points.size(), size);
     }
     Voxels operator()(const Solid& solid) const { return solid_voxels(solid, size); }
     Voxels operator()(const Surface& surface) const { return surface_voxels(surface, size); }
 
     Voxels met(Polytope polytope) const {
-        for (Vector& corner : polytope.corners) {
-            for (double& at : corner) at /= size;
-        }
+        polytope.corners = scaled(std::move(polytope.corners), size);
         return rasterise_convex(meeting(polytope));
     }
 };
@@ -98,22 +82,10 @@ Points points_of_depth(const float* depth, const std::uint8_t* mask, std::size_t
                        std::size_t columns, const Camera& camera, double farthest) {
     Points all;
     if (mask == nullptr) all.points.reserve(rows * columns);
-    for (std::size_t row = 0; row < rows; ++row) {
-        const double y = (static_cast<double>(row) - camera.cy) / camera.fy;
-        for (std::size_t column = 0; column < columns; ++column) {
-            const std::size_t i = row * columns + column;
-            const double d = depth[i];
-            if ((mask != nullptr && mask[i] == 0) || !(d > 0 && d <= farthest && d < 1e30))
-                continue;
-            const double x = (static_cast<double>(column) - camera.cx) / camera.fx;
-            Vector p;
-            for (std::size_t k = 0; k < 3; ++k) {
-                const std::array<double, 4>& r = camera.pose[k];
-                p[k] = d * (r[0] * x + r[1] * y + r[2]) + r[3];
-            }
-            all.points.push_back(p);
-        }
-    }
+    each_point(
+        depth, rows, columns, camera, farthest,
+        [&](std::size_t pixel) { return mask == nullptr || mask[pixel] != 0; },
+        [&](std::size_t, const Vector& point) { all.points.push_back(point); });
     return all;
 }
 
@@ -124,7 +96,7 @@ Voxels voxels_of_points(const double* points, std::size_t count, double voxel_si
     for (std::size_t first = 0; first < count; first += few) {
         const std::size_t here = std::min(few, count - first);
         voxel_indices(points + 3 * first, 3 * here, voxel_size, at);
-        for (std::size_t i = 0; i < here; ++i) voxels.add(at[3 * i], at[3 * i + 1], at[3 * i + 2]);
+        for (std::size_t i = 0; i < here; ++i) voxels.add(Coord(at + 3 * i));
     }
     return voxels.finish();
 }

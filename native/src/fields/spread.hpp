@@ -22,22 +22,22 @@ class Spread {
     // Throws BadRegion, and changes nothing, if there would be too many cells, or if the nodes of
     // the tree would take too much for these voxels alone: a thin line has few in each.
     void add(const Voxels& voxels) {
-        std::set<openvdb::Coord> fresh;
-        std::set<openvdb::Coord> nodes;
-        openvdb::Coord last = openvdb::Coord::max();
-        for (const Origin& origin : voxels.origins) {
-            const openvdb::Coord node = node_of({origin.x, origin.y, origin.z});
+        std::set<Coord> fresh;
+        std::set<Coord> nodes;
+        Coord last = Coord::max();
+        for (const Coord& origin : voxels.origins) {
+            const Coord node = node_of(origin);
             if (node == last) continue;
             last = node;
             nodes.insert(node);
-            const openvdb::Coord cell = cell_of(node);
+            const Coord cell = cell_of(node);
             if (cells_.count(cell) == 0) fresh.insert(cell);
             if (cells_.size() + fresh.size() > kMostCells || nodes.size() > kMostNodes) refuse();
         }
         cells_.insert(fresh.begin(), fresh.end());
     }
 
-    void add(const openvdb::Coord& voxel) {
+    void add(const Coord& voxel) {
         if (cell_of(voxel) == last_) return;
         last_ = cell_of(voxel);
         cells_.insert(last_);
@@ -45,16 +45,16 @@ class Spread {
     }
 
   private:
-    static openvdb::Coord cell_of(const openvdb::Coord& voxel) { return voxel & ~4095; }
-    static openvdb::Coord node_of(const openvdb::Coord& voxel) { return voxel & ~127; }
+    static Coord cell_of(const Coord& voxel) { return voxel & ~4095; }
+    static Coord node_of(const Coord& voxel) { return voxel & ~127; }
     [[noreturn]] static void refuse() {
         throw BadRegion("the voxels lie too far apart, in more than " + std::to_string(kMostCells) +
                         " cells of 4096 x 4096 x 4096 voxels or " + std::to_string(kMostNodes) +
                         " of 128 x 128 x 128: take larger voxels, or fewer regions");
     }
 
-    std::set<openvdb::Coord> cells_;
-    openvdb::Coord last_ = openvdb::Coord::max();
+    std::set<Coord> cells_;
+    Coord last_ = Coord::max();
 };
 
 }  // namespace semmap::fields

@@ -10,14 +10,30 @@ namespace {
 
 constexpr std::uint32_t kNone = 0xFFFFFFFF;
 
-std::size_t hash(const Origin& origin) {
-    std::uint64_t h = static_cast<std::uint32_t>(origin.x) * 0x9E3779B97F4A7C15ULL;
-    h = (h ^ (h >> 29) ^ static_cast<std::uint32_t>(origin.y)) * 0xBF58476D1CE4E5B9ULL;
-    h = (h ^ (h >> 32) ^ static_cast<std::uint32_t>(origin.z)) * 0x94D049BB133111EBULL;
+std::size_t hash(const Coord& origin) {
+    std::uint64_t h = static_cast<std::uint32_t>(origin.x()) * 0x9E3779B97F4A7C15ULL;
+    h = (h ^ (h >> 29) ^ static_cast<std::uint32_t>(origin.y())) * 0xBF58476D1CE4E5B9ULL;
+    h = (h ^ (h >> 32) ^ static_cast<std::uint32_t>(origin.z())) * 0x94D049BB133111EBULL;
     return static_cast<std::size_t>(h ^ (h >> 31));
 }
 
 }  // namespace
+
+CoordBBox box_of(const Coord& block, const Words& words) {
+    unsigned slices = 0;
+    std::uint64_t rows = 0;
+    for (std::size_t x = 0; x < 8; ++x) {
+        slices |= static_cast<unsigned>(words[x] != 0) << x;
+        rows |= words[x];
+    }
+    std::uint64_t levels = rows;
+    for (int shift = 32; shift >= 8; shift /= 2) levels |= levels >> shift;
+    levels &= 0xFF;
+    return {block.offsetBy(__builtin_ctz(slices), __builtin_ctzll(rows) / kBlock,
+                           __builtin_ctzll(levels)),
+            block.offsetBy(31 - __builtin_clz(slices), (63 - __builtin_clzll(rows)) / kBlock,
+                           63 - __builtin_clzll(levels))};
+}
 
 int count(const Words& words) {
     int total = 0;
@@ -40,15 +56,14 @@ std::int64_t Voxels::size() const {
 }
 
 std::size_t Voxels::bytes() const {
-    return origins.capacity() * sizeof(Origin) + words.capacity() * sizeof(Words);
+    return origins.capacity() * sizeof(Coord) + words.capacity() * sizeof(Words);
 }
 
 void Voxels::write(std::int32_t* out) const {
     for (std::size_t i = 0; i < origins.size(); ++i) {
-        each_voxel(words[i], [&](std::size_t voxel) {
-            *out++ = origins[i].x + static_cast<std::int32_t>(voxel >> 6);
-            *out++ = origins[i].y + static_cast<std::int32_t>(voxel >> 3 & 7);
-            *out++ = origins[i].z + static_cast<std::int32_t>(voxel & 7);
+        each_voxel(words[i], [&](std::size_t number) {
+            const Coord voxel = voxel_of(origins[i], number);
+            out = std::copy_n(voxel.data(), 3, out);
         });
     }
 }
@@ -98,7 +113,7 @@ std::int64_t common(const Voxels& a, const Voxels& b) {
     for (std::size_t i = 0; i < a.blocks(); ++i) {
         while (j < b.blocks() && b.origins[j] < a.origins[i]) ++j;
         if (j == b.blocks()) break;
-        if (!(b.origins[j] == a.origins[i])) continue;
+        if (b.origins[j] != a.origins[i]) continue;
         for (std::size_t k = 0; k < 8; ++k) {
             total += __builtin_popcountll(a.words[i][k] & b.words[j][k]);
         }
@@ -123,7 +138,7 @@ void expect_few(std::size_t blocks) {
 
 OriginIndex::OriginIndex() : slots_(64, kNone) {}
 
-std::uint32_t OriginIndex::find(const Origin& origin) {
+std::uint32_t OriginIndex::find(const Coord& origin) {
     if (2 * origins_.size() >= slots_.size()) grow();
     const std::size_t most = slots_.size() - 1;
     std::size_t i = hash(origin) & most;
@@ -147,37 +162,18 @@ void OriginIndex::grow() {
 
 void VoxelCollector::add_column(std::int32_t x, std::int32_t y, std::int32_t low,
                                 std::int32_t high) {
-    const auto slice = static_cast<std::size_t>(x & 7);
-    if (tower_.x != block_floor(x) || tower_.y != block_floor(y)) {
-        tower_ = {block_floor(x), block_floor(y), block_floor(low), std::move(tower_.blocks)};
-        tower_.blocks.clear();
-    }
+    const Coord column(x, y, 0);
     for (std::int32_t z = block_floor(low); z <= high; z += kBlock) {
         const int from = std::max(low - z, 0);
         const int to = std::min(high - z, kBlock - 1);
         const std::uint64_t bits = (0xFFULL << from) & (0xFFULL >> (kBlock - 1 - to));
-        std::uint32_t& block = in_tower(z);
-        if (block == kNone) {
-            at({tower_.x, tower_.y, z});
-            block = index_.number({tower_.x, tower_.y, z});
-        }
-        words_[block][slice] |= bits << (8 * (y & 7));
+        const std::size_t i = in_block(column);
+        at(block_floor(column.offsetBy(0, 0, z)))[i / 64] |= bits << (i % 64);
     }
-}
-
-std::uint32_t& VoxelCollector::in_tower(std::int32_t z) {
-    if (z < tower_.low) {
-        const auto more = static_cast<std::size_t>((tower_.low - z) / kBlock);
-        tower_.blocks.insert(tower_.blocks.begin(), more, kNone);
-        tower_.low = z;
-    }
-    const auto n = static_cast<std::size_t>((z - tower_.low) / kBlock);
-    if (n >= tower_.blocks.size()) tower_.blocks.resize(n + 1, kNone);
-    return tower_.blocks[n];
 }
 
 Voxels VoxelCollector::finish() const {
-    const std::vector<Origin>& origins = index_.origins();
+    const std::vector<Coord>& origins = index_.origins();
     std::vector<std::uint32_t> order(origins.size());
     std::iota(order.begin(), order.end(), 0U);
     std::sort(order.begin(), order.end(),

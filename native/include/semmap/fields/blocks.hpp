@@ -13,7 +13,7 @@
 namespace semmap::fields {
 
 // Bytes by the lowest voxel of each cube. A missing cube is inactive and has the background value.
-using Blocks = std::map<Origin, std::string>;
+using Blocks = std::map<Coord, std::string>;
 
 // Returns the cubes of `edge` voxels, which is 8, 16, 32, 64 or 128.
 template <typename Value>

@@ -16,9 +16,6 @@
 
 namespace semmap::fields {
 
-// Rows of the rotation and translation that take points of the grid's frame to the shared one.
-using Placement = std::array<std::array<double, 4>, 3>;
-
 constexpr Placement kUnmoved{{{1, 0, 0, 0}, {0, 1, 0, 0}, {0, 0, 1, 0}}};
 
 // Not safe for a writer and other threads at the same time.
@@ -32,6 +29,7 @@ class Grid {
 
     double voxel_size() const { return voxel_size_; }
     Value background() const { return grid_->background(); }
+    // Takes points of the grid's frame to the shared one.
     const Placement& placement() const { return placement_; }
     void place(const Placement& placement);
     // Returns the same voxels at another placement. They are shared: do not change either grid.
@@ -49,8 +47,7 @@ class Grid {
     // Writes the voxels block by block: 3 * size() numbers to `voxels`, size() to `values`.
     void read(std::int32_t* voxels, Value* values) const;
     // Reads the box of voxels that begins at `low`, x slowest.
-    void read_box(const std::array<std::int32_t, 3>& low, const std::array<std::int32_t, 3>& shape,
-                  Value* values) const;
+    void read_box(const Coord& low, const Coord& shape, Value* values) const;
     void prune();
 
     void write(const std::string& path, const std::string& name) const;
@@ -60,8 +57,6 @@ class Grid {
     double voxel_size_;
     Placement placement_ = kUnmoved;
 };
-
-inline openvdb::Coord coord(const Origin& o) { return {o.x, o.y, o.z}; }
 
 constexpr std::size_t kVoxels = 512;  // of a block
 
@@ -86,11 +81,11 @@ void read_leaf(const typename Grid<Value>::Tree::LeafNodeType& leaf, Content<Val
 
 // Calls each(corner) for the cubes of an edge that fill a box, in whose lowest corner one begins.
 template <typename Each>
-void each_cube(const openvdb::CoordBBox& box, int edge, Each&& each) {
+void each_cube(const CoordBBox& box, int edge, Each&& each) {
     for (openvdb::Int32 x = box.min().x(); x <= box.max().x(); x += edge) {
         for (openvdb::Int32 y = box.min().y(); y <= box.max().y(); y += edge) {
             for (openvdb::Int32 z = box.min().z(); z <= box.max().z(); z += edge) {
-                each(openvdb::Coord(x, y, z));
+                each(Coord(x, y, z));
             }
         }
     }

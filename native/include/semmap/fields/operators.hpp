@@ -2,17 +2,13 @@
 // brings one to those of the other.
 #pragma once
 
-#include <array>
 #include <cstdint>
-#include <optional>
 #include <utility>
 #include <vector>
 
 #include "semmap/fields/grid.hpp"
 
 namespace semmap::fields {
-
-using Index = std::array<std::int32_t, 3>;
 
 // The value where both grids have one.
 enum class Join { first, last, max, min, sum };
@@ -39,11 +35,7 @@ Grid<std::int32_t> renumbered(const Grid<std::int32_t>& grid,
 
 // Returns the voxels in the box low..high, both included.
 template <typename Value>
-Grid<Value> cropped(const Grid<Value>& grid, const Index& low, const Index& high);
-
-// Returns the lowest and the highest index of active voxels.
-template <typename Value>
-std::optional<std::pair<Index, Index>> bounds(const Grid<Value>& grid);
+Grid<Value> cropped(const Grid<Value>& grid, const Coord& low, const Coord& high);
 
 // Returns the grid in another lattice: each voxel gets the value at its centre.
 template <typename Value>

@@ -2,8 +2,6 @@
 // Grounded Semantics for Interactive Robots, section III).
 #pragma once
 
-#include <openvdb/openvdb.h>
-
 #include <cstddef>
 #include <cstdint>
 #include <map>
@@ -51,7 +49,7 @@ class RegionMap {
   public:
     explicit RegionMap(double voxel_size);
 
-    double voxel_size() const { return voxel_size_; }
+    double voxel_size() const { return grid_.voxel_size(); }
 
     void insert(std::int32_t entity, const Shape& shape);
     void remove(std::int32_t entity);
@@ -59,7 +57,7 @@ class RegionMap {
     // Inserts many regions, which several threads rasterise. Returns for each region why it cannot
     // be inserted, or "". If one cannot, the others are inserted only if `others` is true.
     std::vector<std::string> insert_many(const std::vector<std::int32_t>& entities,
-                                         const std::vector<const Shape*>& shapes, int threads,
+                                         const std::vector<const Shape*>& shapes, unsigned threads,
                                          bool others);
 
     void look_up(const double* points, std::size_t count, std::int32_t* numbers) const;
@@ -97,15 +95,14 @@ class RegionMap {
     Voxels& region_to_change(std::int32_t entity);
     void add(std::int32_t entity, Voxels voxels);
     void apply(std::int32_t entity, const Voxels& voxels);
-    void make_tile(Accessor& accessor, const Origin& origin, std::int32_t value);
+    void make_tile(Accessor& accessor, const Coord& origin, std::int32_t value);
     void prune();
 
-    double voxel_size_;
-    openvdb::Int32Grid::Ptr grid_;
+    Grid<std::int32_t> grid_;
     Register sets_;
-    std::vector<Voxels> regions_;          // by entity
-    std::vector<std::int32_t> next_;       // by set, during one edit; -1: not known yet
-    std::vector<openvdb::Coord> emptied_;  // blocks of 128^3 that lost voxels
+    std::vector<Voxels> regions_;     // by entity
+    std::vector<std::int32_t> next_;  // by set, during one edit; -1: not known yet
+    std::vector<Coord> emptied_;      // blocks of 128^3 that lost voxels
     mutable std::shared_mutex mutex_;
 };
 

@@ -6,7 +6,11 @@
 // sqrt(2) voxels in two, or than sqrt(3) in three.
 #pragma once
 
+#include <openvdb/math/Mat3.h>
+#include <openvdb/math/Vec3.h>
+
 #include <array>
+#include <cstddef>
 #include <cstdint>
 #include <optional>
 #include <stdexcept>
@@ -18,7 +22,7 @@
 
 namespace semmap::fields {
 
-using Vector = std::array<double, 3>;
+using Vector = openvdb::math::Vec3d;
 
 struct Ball {
     Vector center;
@@ -77,17 +81,47 @@ Voxels rasterise(const Shape& shape, double voxel_size);
 // Merges vertices at the same place; returns the number of edges that are not closed.
 std::size_t weld(std::vector<Vector>& vertices, std::vector<Triangle>& faces);
 
+// Rows of a rotation and translation.
+using Placement = std::array<std::array<double, 4>, 3>;
+
+inline openvdb::math::Mat3d turn_of(const Placement& p) {
+    return {p[0][0], p[0][1], p[0][2], p[1][0], p[1][1], p[1][2], p[2][0], p[2][1], p[2][2]};
+}
+
+inline Vector shift_of(const Placement& p) { return {p[0][3], p[1][3], p[2][3]}; }
+
 // A pinhole camera; pixel (row, column) looks along ((column - cx) / fx, (row - cy) / fy, 1).
 struct Camera {
     double fx;
     double fy;
     double cx;
     double cy;
-    std::array<std::array<double, 4>, 3> pose;  // rows of its rotation and translation
+    Placement pose;
 };
 
-// Returns the points of the masked pixels of a depth image; `mask` may be null. Depths that are not
-// above 0, not finite or beyond `farthest` are left out.
+// Calls found(pixel, point) for the pixels of a depth image (rows x columns) that are
+// wanted(pixel). Depths that are not above 0, not finite or beyond `farthest` are left out.
+template <typename Wanted, typename Found>
+void each_point(const float* depth, std::size_t rows, std::size_t columns, const Camera& camera,
+                double farthest, Wanted&& wanted, Found&& found) {
+    const auto turn = turn_of(camera.pose);
+    const Vector shift = shift_of(camera.pose), right = turn.col(0);
+    std::vector<double> along(columns);
+    for (std::size_t column = 0; column < columns; ++column) {
+        along[column] = (static_cast<double>(column) - camera.cx) / camera.fx;
+    }
+    for (std::size_t row = 0, pixel = 0; row < rows; ++row) {
+        const double y = (static_cast<double>(row) - camera.cy) / camera.fy;
+        const Vector middle = y * turn.col(1) + turn.col(2);
+        for (std::size_t column = 0; column < columns; ++column, ++pixel) {
+            const double d = depth[pixel];
+            if (!wanted(pixel) || !(d > 0 && d <= farthest && d < 1e30)) continue;
+            found(pixel, d * (along[column] * right + middle) + shift);
+        }
+    }
+}
+
+// Returns the points of the masked pixels; `mask` may be null.
 Points points_of_depth(const float* depth, const std::uint8_t* mask, std::size_t rows,
                        std::size_t columns, const Camera& camera, double farthest);
 
