@@ -56,24 +56,8 @@ struct Scratch {
 constexpr int kMostInByte = 11;    // 11^2 < 255 - 11^2
 constexpr int kMostInShort = 181;  // 181^2 < 65535 - 181^2
 
-#define SEMMAP_FAMILY baseline
-#define SEMMAP_TARGET
-#define SEMMAP_BYTES 16
-#include "inflation_tile.inc"
-
-#if defined(__x86_64__)
-#define SEMMAP_FAMILY avx2
-#define SEMMAP_TARGET __attribute__((target("avx2")))
-#define SEMMAP_BYTES 32
-#define SEMMAP_SHUFFLE(table, at) ((Bytes)_mm256_shuffle_epi8((__m256i)(table), (__m256i)(at)))
-#include "inflation_tile.inc"
-
-#define SEMMAP_FAMILY avx512
-#define SEMMAP_TARGET __attribute__((target("avx512f,avx512bw,avx512vl,avx512dq")))
-#define SEMMAP_BYTES 64
-#define SEMMAP_SHUFFLE(table, at) ((Bytes)_mm512_shuffle_epi8((__m512i)(table), (__m512i)(at)))
-#include "inflation_tile.inc"
-#endif
+#define SEMMAP_BODY "inflation_tile.inc"
+#include "families.inc"
 
 template <typename Word>
 void inflate_tiles(const std::uint8_t* occupied, std::size_t rows, std::size_t columns,
@@ -90,18 +74,7 @@ void inflate_tiles(const std::uint8_t* occupied, std::size_t rows, std::size_t c
                             std::min(kTileRows, rows - row),
                             std::min(kTileColumns, columns - column),
                             table.radius};
-#if defined(__x86_64__)
-            if (family == Family::avx512) {
-                avx512::cost_tile(tile, scratch);
-                continue;
-            }
-            if (family == Family::avx2) {
-                avx2::cost_tile(tile, scratch);
-                continue;
-            }
-#endif
-            static_cast<void>(family);
-            baseline::cost_tile(tile, scratch);
+            SEMMAP_CALL(family, cost_tile(tile, scratch));
         }
     }
 }

@@ -37,4 +37,14 @@ inline Family family_named(const std::string& name) {
     throw std::invalid_argument("this processor has no variant " + name);
 }
 
+// Calls a function that native/src/families.inc has made once a family.
+#if defined(__x86_64__)
+#define SEMMAP_CALL(family, ...)                              \
+    ((family) == semmap::Family::avx512 ? avx512::__VA_ARGS__ \
+     : (family) == semmap::Family::avx2 ? avx2::__VA_ARGS__   \
+                                        : baseline::__VA_ARGS__)
+#else
+#define SEMMAP_CALL(family, ...) (static_cast<void>(family), baseline::__VA_ARGS__)
+#endif
+
 }  // namespace semmap

@@ -24,41 +24,8 @@ struct Columns {
     std::int32_t high[64];
 };
 
-#define SEMMAP_FAMILY baseline
-#define SEMMAP_TARGET
-#include "columns.inc"
-
-#if defined(__x86_64__)
-#define SEMMAP_FAMILY avx2
-#define SEMMAP_TARGET __attribute__((target("avx2")))
-#include "columns.inc"
-
-#define SEMMAP_FAMILY avx512
-#define SEMMAP_TARGET __attribute__((target("avx512f,avx512bw,avx512vl,avx512dq")))
-#include "columns.inc"
-#endif
-
-struct Kernels {
-    void (*ball_columns)(const Quadric&, std::int32_t, std::int32_t, Ends&);
-    void (*round_columns)(const Ends&, std::int32_t, std::int32_t, Columns&);
-    void (*block_words)(const Columns&, std::int32_t, Words&);
-    bool (*voxel_indices)(const double*, std::size_t, double, std::int32_t*);
-};
-
-Kernels kernels() {
-#if defined(__x86_64__)
-    const Family family = used_family();
-    if (family == Family::avx512) {
-        return {avx512::ball_columns, avx512::round_columns, avx512::block_words,
-                avx512::voxel_indices};
-    }
-    if (family == Family::avx2) {
-        return {avx2::ball_columns, avx2::round_columns, avx2::block_words, avx2::voxel_indices};
-    }
-#endif
-    return {baseline::ball_columns, baseline::round_columns, baseline::block_words,
-            baseline::voxel_indices};
-}
+#define SEMMAP_BODY "columns.inc"
+#include "families.inc"
 
 std::pair<double, double> extent(const std::vector<Vector>& corners, const Vector& n) {
     double low = std::numeric_limits<double>::infinity();
@@ -246,17 +213,17 @@ void walk(const Convex& solid, Sink&& sink) {
     const double work = work_of(solid);
     if (work == 0) return;
     expect_little(work);
-    const Kernels kernel = kernels();
+    const Family family = used_family();
     for (std::int32_t x = block_floor(first.x()); x <= last.x(); x += kBlock) {
         for (std::int32_t y = block_floor(first.y()); y <= last.y(); y += kBlock) {
             Ends ends;
             if (solid.quadric.kind == Quadric::Kind::ball) {
-                kernel.ball_columns(solid.quadric, x, y, ends);
+                SEMMAP_CALL(family, ball_columns(solid.quadric, x, y, ends));
             } else {
                 general_columns(solid, x, y, ends);
             }
             Columns columns;
-            kernel.round_columns(ends, first.z(), last.z(), columns);
+            SEMMAP_CALL(family, round_columns(ends, first.z(), last.z(), columns));
             std::int32_t lowest = last.z() + 1;
             std::int32_t highest = first.z() - 1;
             std::int32_t full_from = first.z();
@@ -279,7 +246,7 @@ void walk(const Convex& solid, Sink&& sink) {
                 if (whole && z >= full_from && z + (kBlock - 1) <= full_to) {
                     words.fill(~std::uint64_t{0});
                 } else {
-                    kernel.block_words(columns, z, words);
+                    SEMMAP_CALL(family, block_words(columns, z, words));
                     if (is_empty(words)) continue;
                 }
                 sink(Coord(x, y, z), words);
@@ -324,8 +291,8 @@ std::vector<Vector> scaled(std::vector<Vector> points, double voxel_size) {
 }
 
 void voxel_indices(const double* p, std::size_t count, double voxel_size, std::int32_t* out) {
-    const Kernels kernel = kernels();
-    if (!kernel.voxel_indices(p, count, voxel_size, out)) throw BadRegion(kTooFar);
+    const Family family = used_family();
+    if (!SEMMAP_CALL(family, voxel_indices(p, count, voxel_size, out))) throw BadRegion(kTooFar);
 }
 
 bool is_thin(const Vector& widths) {
