@@ -483,7 +483,6 @@ PYBIND11_MODULE(semmap_vdb, module) {
                                        m.set_count);
             },
             Release())
-        .def("check", &fields::RegionMap::check, Release())
         .def("write", &fields::RegionMap::write, arg("path"), Release())
         .def("state", &fields::RegionMap::state, Release())
         .def("restore", &fields::RegionMap::restore, arg("grid"), arg("sets"), Release());

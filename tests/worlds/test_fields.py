@@ -11,6 +11,7 @@ from semmap.fields.store.reader import read_occupants
 from semmap.fields.store.voxel_mirror import VoxelMirror
 from semmap.geometry.parts import closed_parts
 from semmap.geometry.tin import to_mesh
+from tests.oracles.region_map import check_region_map
 from tests.seen import seen_by
 
 SIZE = 0.05
@@ -19,7 +20,7 @@ SIZE = 0.05
 def test_every_thing_has_its_voxels(bare_house: Engine) -> None:
     mirror = VoxelMirror(bare_house, "house", SIZE)
     assert len(mirror.catch_up()) == 87
-    mirror.regions.check()
+    check_region_map(mirror.regions._native)
     with bare_house.connect() as connection:
         things = read_occupants(seen_by(connection))
     random = np.random.default_rng(3)

@@ -13,6 +13,7 @@ from semmap.fields.store.voxel_mirror import VoxelMirror
 from semmap.ingest.importer import import_file
 from tests.database.conftest import made, own
 from tests.database.test_crash import kill_server
+from tests.oracles.region_map import check_region_map
 
 __all__ = ["made", "own"]
 
@@ -20,7 +21,7 @@ SIZE = 0.05
 
 
 def equal(one: VoxelMirror, other: VoxelMirror) -> bool:
-    one.regions.check()
+    check_region_map(one.regions._native)
     return one.names == other.names and all(
         np.array_equal(one.regions.voxels(n), other.regions.voxels(n)) for n in other.names
     )

@@ -4,7 +4,6 @@
 #include <cstring>
 #include <map>
 #include <mutex>
-#include <set>
 #include <stdexcept>
 
 #include "convex.hpp"
@@ -292,51 +291,6 @@ Memory RegionMap::memory() const {
     memory.tiles = static_cast<std::int64_t>(grid_.tree().activeTileCount());
     memory.set_count = sets_.size();
     return memory;
-}
-
-void RegionMap::check() const {
-    const std::shared_lock lock(mutex_);
-    const auto expect = [](bool holds, const char* text) {
-        if (!holds) throw std::logic_error(text);
-    };
-    std::map<std::int32_t, std::int64_t> counts;
-    for (auto leaf = grid_.tree().cbeginLeaf(); leaf; ++leaf) {
-        const std::int32_t* values = leaf->buffer().data();
-        expect(!is_uniform(values), "a uniform leaf is no tile");
-        for (openvdb::Index i = 0; i < 512; ++i) {
-            expect(leaf->isValueOn(i) == (values[i] != 0), "a voxel is active without a set");
-            if (values[i] != 0) ++counts[values[i]];
-        }
-    }
-    for (auto tile = grid_.tree().cbeginValueOn(); tile; ++tile) {
-        if (tile.isTileValue()) counts[*tile] += static_cast<std::int64_t>(tile.getVoxelCount());
-    }
-    std::map<std::int32_t, std::int64_t> sizes;
-    std::set<std::vector<std::int32_t>> distinct;
-    for (const auto& [set, count] : counts) {
-        expect(set > 0 && set < sets_.end() && !sets_.members(set).empty(),
-               "a voxel holds the number of no set");
-        expect(distinct.insert(sets_.members(set)).second, "two numbers are of one set");
-        expect(sets_.count(set) == count, "a set's count is not that of its voxels");
-        for (const std::int32_t entity : sets_.members(set)) sizes[entity] += count;
-    }
-    expect(static_cast<std::int64_t>(counts.size()) == sets_.size(), "an unused set is not freed");
-    for (std::size_t e = 0; e < regions_.size(); ++e) {
-        const auto found = sizes.find(static_cast<std::int32_t>(e));
-        expect(regions_[e].size() == (found == sizes.end() ? 0 : found->second),
-               "an entity's index is not that of its voxels");
-    }
-    for (auto node = grid_.tree().cbeginNode(); node; ++node) {
-        if (node.getDepth() == 1) {
-            const Upper* upper = nullptr;
-            node.getNode(upper);
-            expect(upper == nullptr || !upper->isInactive(), "an empty node is not pruned");
-        } else if (node.getDepth() == 2) {
-            const Lower* lower = nullptr;
-            node.getNode(lower);
-            expect(lower == nullptr || !lower->isInactive(), "an empty node is not pruned");
-        }
-    }
 }
 
 std::pair<Grid<std::int32_t>, RegionMap::Sets> RegionMap::state() const {

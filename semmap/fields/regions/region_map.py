@@ -246,10 +246,6 @@ class RegionMap:
         """Return the memory of the map."""
         return Memory(*self._native.memory())
 
-    def check(self) -> None:
-        """Compare numbers, counts and indices with the whole grid, for tests."""
-        self._native.check()
-
     def write(self, path: str | Path) -> None:
         """Write the numbers of the sets to a `.vdb` file."""
         self._native.write(str(path))

@@ -14,6 +14,7 @@ from semmap.fields.queries import QueryError, update
 from semmap.fields.regions.region_text import FORMS, read_region
 from semmap.fields.regions.shaped_region import Region
 from tests.fields.queries.arrays import PREFIX, Arrays, kitchen
+from tests.oracles.region_map import check_region_map
 
 SIZE = 0.5
 TURN = (0.0, 0.0, np.sqrt(0.5), np.sqrt(0.5))
@@ -36,7 +37,7 @@ def voxels(region: Region) -> set[tuple[int, ...]]:
 
 
 def state(regions: RegionMap) -> dict[Any, set[tuple[int, ...]]]:
-    regions.check()
+    check_region_map(regions._native)
     return {e: {tuple(v) for v in regions.voxels(e).tolist()} for e in regions.entities()}
 
 

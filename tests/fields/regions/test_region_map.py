@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from semmap.fields import Box, RegionMap, Sphere, voxels_of
 from semmap.fields.regions.shaped_region import Region
 from semmap_vdb import Int32Grid
+from tests.oracles.region_map import check_region_map
 
 SIZE = 0.5
 ENTITIES = ("book_326", "fov_632", 711, ("zone", 943), "human1")
@@ -108,7 +109,7 @@ class Interleavings(RuleBasedStateMachine):
         wanted = [self.model.at.get(tuple(voxel), set()) for voxel in near.tolist()]
         numbers = []
         for each in self.maps:
-            each.check()
+            check_region_map(each._native)
             assert each.entities_at(points) == wanted
             assert each.memory().active_voxels == len(self.model.at)
             numbers.append(each.set_numbers_at(points))
@@ -150,7 +151,7 @@ def test_insert_many_equals_single_insertions() -> None:
         together = RegionMap(1.0, threads=threads)
         together.insert_many(spheres[:10])
         together.insert_many(dict(spheres))
-        together.check()
+        check_region_map(together._native)
         assert together.entities_at(points) == alone.entities_at(points)
         numbers.append(together.set_numbers_at(points))
     assert (numbers[0] == numbers[1]).all()
@@ -165,7 +166,7 @@ def test_removing_all_entities_frees_the_memory() -> None:
         assert whole.memory().set_count > 50
         for entity in range(20):
             whole.remove(entity)
-            whole.check()
+            check_region_map(whole._native)
         memory = whole.memory()
         assert (memory.active_voxels, memory.leaves, memory.tiles, memory.set_count) == (0, 0, 0, 0)
         assert memory.grid < 2000
@@ -181,7 +182,7 @@ def test_a_register_under_churn() -> None:
         points = random.integers(0, 24, (random.integers(1, 4000), 3)).astype(float)
         here.move(entity, points)
         if i % 10 == 9:
-            here.check()
+            check_region_map(here._native)
     assert here.memory().set_count > 2000
 
 
@@ -205,7 +206,7 @@ def test_whole_blocks_are_tiles() -> None:
     assert here.memory().leaves > 0
     here.remove("ball")
     assert (here.memory().leaves, here.memory().tiles) == (0, 1000)
-    here.check()
+    check_region_map(here._native)
 
 
 def test_far_apart() -> None:
@@ -214,9 +215,9 @@ def test_far_apart() -> None:
     for x in (-1e8, 1e8):
         here.insert("A", np.array([(x, -x, x)]))
     assert here.entities_at([(1e8, -1e8, 1e8), (0, 0, 0)]) == [{"A"}, set()]
-    here.check()
+    check_region_map(here._native)
     here.remove("A")
-    here.check()
+    check_region_map(here._native)
     with pytest.raises(ValueError, match="larger voxels"):
         here.entities_at([(1e9, 0, 0)])
 
@@ -234,7 +235,7 @@ def test_a_refused_region_changes_nothing() -> None:
         here.insert_many([("C", Sphere((0, 0, 0), 1)), ("B", Sphere((1e12, 0, 0), 1))])
     assert here.entities() == {"A"}
     assert (here.voxels("A") == before).all()
-    here.check()
+    check_region_map(here._native)
 
 
 @pytest.mark.parametrize("size", [0, -1, float("nan"), float("inf")])

@@ -16,6 +16,7 @@ from sqlalchemy import Engine, text
 from semmap.fields.store.reader import read_zones
 from semmap.fields.store.voxel_mirror import VoxelMirror
 from semmap.ingest.importer import import_file
+from tests.oracles.region_map import check_region_map
 from tests.seen import seen_by
 
 SIZE = 0.1
@@ -55,7 +56,7 @@ def same(mirror: VoxelMirror, engine: Engine) -> bool:
     """Return whether a mirror equals a new one, voxel by voxel."""
     fresh = VoxelMirror(engine, "scene", SIZE)
     fresh.catch_up()
-    mirror.regions.check()
+    check_region_map(mirror.regions._native)
     return mirror.names == fresh.names and all(
         np.array_equal(np.unique(one.voxels(n), axis=0), np.unique(other.voxels(n), axis=0))
         for one, other in [(mirror.regions, fresh.regions), (mirror.walls, fresh.walls)]

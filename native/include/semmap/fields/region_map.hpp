@@ -74,9 +74,6 @@ class RegionMap {
     std::vector<Neighbour> neighbours(std::int32_t entity, std::int64_t farthest) const;
     Support support(std::int32_t a, std::int32_t b) const;
     Memory memory() const;
-    // Compares numbers, counts and index with the grid; throws std::logic_error with the
-    // difference.
-    void check() const;
     void write(const std::string& path) const;
 
     // Returns the number of the set of each voxel, and the members of each set.
