@@ -98,39 +98,33 @@ class Present {
     Present(const Tree& tree, const Register& sets) : reader_(tree), sets_(sets) {}
 
     const std::vector<std::int32_t>& in(const Coord& origin) {
-        entities_.clear();
+        numbers_.clear();
         const auto* leaf = reader_.probeConstLeaf(origin);
         if (leaf == nullptr) {
-            add(reader_.getValue(origin));
+            numbers_.push_back(reader_.getValue(origin));
         } else {
             const std::int32_t* values = leaf->buffer().data();
-            std::int32_t last = 0;
             for (std::size_t i = 0; i < 512; ++i) {
-                if (values[i] != last) add(last = values[i]);
+                if (i > 0 && values[i] == values[i - 1]) continue;
+                if (std::find(numbers_.begin(), numbers_.end(), values[i]) == numbers_.end()) {
+                    numbers_.push_back(values[i]);
+                }
             }
         }
-        for (const std::int32_t set : seen_) marked_[static_cast<std::size_t>(set)] = false;
-        seen_.clear();
+        entities_.clear();
+        for (const std::int32_t set : numbers_) {
+            const std::vector<std::int32_t>& members = sets_.members(set);
+            entities_.insert(entities_.end(), members.begin(), members.end());
+        }
         std::sort(entities_.begin(), entities_.end());
         entities_.erase(std::unique(entities_.begin(), entities_.end()), entities_.end());
         return entities_;
     }
 
   private:
-    void add(std::int32_t set) {
-        if (set == 0) return;
-        if (marked_.empty()) marked_.resize(static_cast<std::size_t>(sets_.end()));
-        if (marked_[static_cast<std::size_t>(set)]) return;
-        marked_[static_cast<std::size_t>(set)] = true;
-        seen_.push_back(set);
-        const std::vector<std::int32_t>& members = sets_.members(set);
-        entities_.insert(entities_.end(), members.begin(), members.end());
-    }
-
     Reader reader_;
     const Register& sets_;
-    std::vector<bool> marked_;  // by set
-    std::vector<std::int32_t> seen_;
+    std::vector<std::int32_t> numbers_;
     std::vector<std::int32_t> entities_;
 };
 
