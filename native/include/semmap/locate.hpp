@@ -107,22 +107,8 @@ class Locator {
         corner.low = low.low;
         corner.high = high.low;
         corner.height = height;
-        corner.column = low.column;
-        if (low.column != high.column) {
-            corner.column = cell(corner.u, error, grid_.columns);
-            if (corner.column == kUnsure) {
-                corner.column = exact_cell<0>(corner, error, std::min(low.column, high.column),
-                                              std::max(low.column, high.column));
-            }
-        }
-        corner.row = low.row;
-        if (low.row != high.row) {
-            corner.row = cell(corner.v, error, grid_.rows);
-            if (corner.row == kUnsure) {
-                corner.row = exact_cell<1>(corner, error, std::min(low.row, high.row),
-                                           std::max(low.row, high.row));
-            }
-        }
+        corner.column = between<0>(corner, low.column, high.column, error);
+        corner.row = between<1>(corner, low.row, high.row, error);
         return corner;
     }
 
@@ -241,6 +227,17 @@ class Locator {
         narrow(Axis == 0 ? corner.u : corner.v, error, low, high);
         return last_reached(low, high,
                             [&](std::int32_t at) { return beyond<Axis>(corner, at).sign() >= 0; });
+    }
+
+    // The column (Axis 0) or row of a corner of the edge between two.
+    template <int Axis>
+    SEMMAP_INLINE std::int32_t between(const Corner& corner, std::int32_t from, std::int32_t to,
+                                       double error) const {
+        if (from == to) return from;
+        const std::int32_t index =
+            cell(Axis == 0 ? corner.u : corner.v, error, Axis == 0 ? grid_.columns : grid_.rows);
+        if (index != kUnsure) return index;
+        return exact_cell<Axis>(corner, error, std::min(from, to), std::max(from, to));
     }
 
     Crossing exact_crossing(const Corner& p, const Corner& q, std::int32_t row, double u,

@@ -142,20 +142,6 @@ class Writer {
     openvdb::tree::ValueAccessor<typename Grid<Value>::Tree> accessor_;
 };
 
-// Block by block of one grid; f changes the block.
-template <typename Value, typename Change>
-Grid<Value> changed(const Grid<Value>& grid, Change&& change) {
-    Writer<Value> out(grid, grid.background());
-    Reader<Value> reader(grid);
-    Block<Value> block;
-    each_origin(grid, [&](const Coord& origin) {
-        if (!reader.read(origin, block)) return;
-        change(origin, block);
-        out.write(origin, block);
-    });
-    return out.finish();
-}
-
 template <typename Value, typename Holds>
 Grid<bool> where(const Grid<Value>& grid, Holds&& holds) {
     Writer<bool> out(grid, false);
@@ -273,12 +259,18 @@ Grid<bool> between(const Grid<Value>& grid, Value low, Value high) {
 Grid<std::int32_t> renumbered(const Grid<std::int32_t>& grid,
                               const std::vector<std::pair<std::int32_t, std::int32_t>>& pairs) {
     const std::unordered_map<std::int32_t, std::int32_t> to(pairs.begin(), pairs.end());
-    return changed(grid, [&](const Coord&, Block<std::int32_t>& block) {
+    Writer<std::int32_t> out(grid, grid.background());
+    Reader<std::int32_t> reader(grid);
+    Block<std::int32_t> block;
+    each_origin(grid, [&](const Coord& origin) {
+        if (!reader.read(origin, block)) return;
         for (std::int32_t& value : block.values) {
             const auto found = to.find(value);
             if (found != to.end()) value = found->second;
         }
+        out.write(origin, block);
     });
+    return out.finish();
 }
 
 template <typename Value>

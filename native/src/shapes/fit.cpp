@@ -30,10 +30,9 @@ double median(std::vector<double>& numbers) { return quantile(numbers, 0.5); }
 
 constexpr std::size_t kAcrossNone = 3;
 
-// A flat face: which bound it has, and the axis and the side that it is across.
+// A flat face, which has the bound of its number: the axis and the side that it is across.
 struct FlatFace {
     std::size_t face;
-    std::size_t bound;
     std::size_t axis;
     double side;
 };
@@ -121,13 +120,13 @@ std::vector<FlatFace> flat_faces(ShapeKind kind) {
         case ShapeKind::sphere:
             return {};
         case ShapeKind::cylinder:
-            return {{1, 1, 2, -1}, {2, 2, 2, 1}};
+            return {{1, 2, -1}, {2, 2, 1}};
         case ShapeKind::cone:
-            return {{1, 1, 2, -1}};
+            return {{1, 2, -1}};
         case ShapeKind::cuboid:
             break;
     }
-    return {{0, 0, 0, -1}, {1, 1, 1, -1}, {2, 2, 2, -1}, {3, 3, 0, 1}, {4, 4, 1, 1}, {5, 5, 2, 1}};
+    return {{0, 0, -1}, {1, 1, -1}, {2, 2, -1}, {3, 0, 1}, {4, 1, 1}, {5, 2, 1}};
 }
 
 // Moves the ends of a shape that are not seen and returns them: to the table, or to where the
@@ -153,7 +152,7 @@ std::vector<End> place_ends(PlacedShape& shape, const Seen& seen, const PointsVi
         near.push_back(p);
         across.push_back(axis_of[face]);
     }
-    for (const auto& [face, bound, axis, side] : flat) {
+    for (const auto& [face, axis, side] : flat) {
         if (seen[face]) continue;
         std::vector<double> along;
         double farthest = 0;
@@ -172,8 +171,8 @@ std::vector<End> place_ends(PlacedShape& shape, const Seen& seen, const PointsVi
         } else if (static_cast<double>(along.size()) >= kFewest) {
             std::tie(value, deviation) = edge(along, 4 * std::max(noise, spacing), spacing);
         }
-        shape.bounds[bound] = side * value;
-        ends.push_back({bound, axis, deviation});
+        shape.bounds[face] = side * value;
+        ends.push_back({face, axis, deviation});
     }
     return ends;
 }
