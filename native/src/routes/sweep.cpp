@@ -2,6 +2,8 @@
 
 #include <algorithm>
 
+#include "search.hpp"
+
 namespace semmap {
 namespace {
 
@@ -43,7 +45,7 @@ void Sweep::run(const std::vector<End>& starts, const std::vector<std::uint32_t>
         buckets_.resize(std::max(buckets_.size(), static_cast<std::size_t>(buckets)));
         run_with_buckets(starts, missing);
     } else {
-        run_with_heap(starts, missing);
+        run_with_heap(starts);
     }
     for (const std::uint32_t node : wanted) wanted_[node] = 0;
 }
@@ -78,24 +80,13 @@ void Sweep::run_with_buckets(const std::vector<End>& starts, std::size_t missing
     }
 }
 
-void Sweep::run_with_heap(const std::vector<End>& starts, std::size_t missing) {
-    const auto reach = [&](std::uint32_t node, double cost) {
-        if (cost >= costs_[node]) return;
-        costs_[node] = cost;
-        heap_.push({cost, node});
-    };
-    heap_.clear();
-    for (const auto& [node, cost] : starts) reach(node, cost);
-    while (!heap_.empty() && missing > 0) {
-        const auto [cost, node] = heap_.top();
-        heap_.pop();
-        if (cost != costs_[node]) continue;
-        missing -= wanted_[node];
-        wanted_[node] = 0;
-        for (const Arc* arc = adjacency_.begin(node); arc != adjacency_.end(node); ++arc) {
-            reach(arc->node, cost + arc->weight);
-        }
-    }
+void Sweep::run_with_heap(const std::vector<End>& starts) {
+    const auto no_bound = [](std::uint32_t) { return 0.0; };
+    Search search(static_cast<std::uint32_t>(costs_.size()));
+    search.begin();
+    for (const auto& [node, cost] : starts) search.reach(node, cost, kNone, no_bound);
+    search.run(adjacency_, no_bound);
+    for (std::uint32_t node = 0; node < costs_.size(); ++node) costs_[node] = search.cost(node);
 }
 
 }  // namespace semmap

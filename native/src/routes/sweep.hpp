@@ -6,7 +6,6 @@
 #include <vector>
 
 #include "adjacency.hpp"
-#include "heap.hpp"
 #include "semmap/graph.hpp"
 
 namespace semmap {
@@ -25,7 +24,7 @@ class Sweep {
 
   private:
     void run_with_buckets(const std::vector<End>& starts, std::size_t missing);
-    void run_with_heap(const std::vector<End>& starts, std::size_t missing);
+    void run_with_heap(const std::vector<End>& starts);
 
     const Adjacency& adjacency_;
     double dearest_ = 0.0;  // of the arcs that are open
@@ -34,7 +33,6 @@ class Sweep {
     std::vector<double> left_;          // the cost with which a node was last left
     std::vector<std::uint8_t> wanted_;  // and without its cost yet
     std::vector<std::vector<std::uint32_t>> buckets_;
-    Heap heap_;
 };
 
 }  // namespace semmap
