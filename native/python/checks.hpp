@@ -8,6 +8,7 @@
 #include <cstdint>
 #include <initializer_list>
 #include <string>
+#include <utility>
 
 namespace semmap::checks {
 
@@ -89,6 +90,28 @@ inline std::int64_t within(std::int64_t value, std::int64_t least, std::int64_t 
 
 inline unsigned threads(std::int64_t value) {
     return static_cast<unsigned>(within(value, 1, 256, "threads"));
+}
+
+// The value of a name in a table.
+template <typename Value, std::size_t N>
+Value named(const std::string& name, const std::pair<const char*, Value> (&table)[N],
+            const std::string& otherwise) {
+    for (const auto& [known, value] : table) {
+        if (name == known) return value;
+    }
+    throw py::value_error(otherwise);
+}
+
+// Whether three vectors are at right angles and of length 1.
+template <typename Vectors>
+void expect_rotation(const Vectors& vectors, const char* otherwise) {
+    for (std::size_t a = 0; a < 3; ++a) {
+        for (std::size_t b = 0; b < 3; ++b) {
+            double product = 0;
+            for (std::size_t k = 0; k < 3; ++k) product += vectors[a][k] * vectors[b][k];
+            expect(std::abs(product - (a == b ? 1 : 0)) < 1e-6, otherwise);
+        }
+    }
 }
 
 template <typename T>

@@ -1,7 +1,6 @@
 #include <pybind11/numpy.h>
 #include <pybind11/stl.h>
 
-#include <algorithm>
 #include <cstdint>
 #include <optional>
 #include <string>
@@ -35,13 +34,8 @@ void expect_near(const Floats& array, const char* name) {
 PlacedShape placed(const std::string& kind, const Floats& rotation, const Floats& origin,
                    const Floats& bounds) {
     PlacedShape shape{};
-    const auto* found = std::find_if(std::begin(kKinds), std::end(kKinds),
-                                     [&](const auto& known) { return kind == known.first; });
-    if (found == std::end(kKinds)) {
-        throw py::value_error("kind is \"" + kind +
-                              "\": give one of sphere, cylinder, cone, cuboid");
-    }
-    shape.kind = found->second;
+    shape.kind =
+        named(kind, kKinds, "kind is \"" + kind + "\": give one of sphere, cylinder, cone, cuboid");
     expect_shape(rotation, "rotation", {3, 3}, "a (3, 3) array");
     expect_shape(origin, "origin", {3}, "a (3,) array");
     expect_shape(bounds, "bounds",
@@ -53,14 +47,7 @@ PlacedShape placed(const std::string& kind, const Floats& rotation, const Floats
         shape.origin[i] = origin.at(i);
         for (py::ssize_t k = 0; k < 3; ++k) shape.axes[k][i] = rotation.at(i, k);
     }
-    for (std::size_t a = 0; a < 3; ++a) {
-        for (std::size_t b = 0; b < 3; ++b) {
-            double product = 0;
-            for (std::size_t i = 0; i < 3; ++i) product += shape.axes[a][i] * shape.axes[b][i];
-            expect(std::abs(product - (a == b ? 1 : 0)) < 1e-6,
-                   "rotation is not a rotation: give orthogonal columns of length 1");
-        }
-    }
+    expect_rotation(shape.axes, "rotation is not a rotation: give orthogonal columns of length 1");
     for (py::ssize_t i = 0; i < bounds.size(); ++i) shape.bounds[i] = bounds.at(i);
     return shape;
 }

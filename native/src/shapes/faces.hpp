@@ -11,6 +11,7 @@
 namespace semmap::shapes {
 
 using Seen = std::array<bool, kMostBounds>;
+constexpr Seen kEveryFace{true, true, true, true, true, true};
 
 inline double dot(const Vector& a, const Vector& b) {
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];

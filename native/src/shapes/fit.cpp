@@ -231,12 +231,11 @@ void set_first_ends(PlacedShape& shape, const SurfelsView& cloud, double scale) 
 
 // Which faces have points on them with normals across them.
 Seen seen_faces(const PlacedShape& shape, const SurfelsView& cloud, double scale) {
-    Seen every, seen{};
-    every.fill(true);
+    Seen seen{};
     std::array<double, kMostBounds> count{};
     for (std::size_t i = 0; i < cloud.count; ++i) {
         const Vector p = local(shape, cloud.points[i]);
-        const auto [face, distance] = nearest_face(shape, p, every);
+        const auto [face, distance] = nearest_face(shape, p, kEveryFace);
         if (std::abs(distance) >= 3 * scale) continue;
         const Vector normal = turned_to(shape, cloud.normals[i]);
         if (std::abs(dot(face_normal(shape, p, face), normal)) > 0.85) ++count[face];

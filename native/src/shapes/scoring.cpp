@@ -15,12 +15,6 @@ constexpr double kFull = 0.9;    // so much of a face is filled at least by even
 
 using Flat = std::array<double, 2>;
 
-Seen every_face() {
-    Seen every;
-    every.fill(true);
-    return every;
-}
-
 double turn(const Flat& a, const Flat& b, const Flat& c) {
     return (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]);
 }
@@ -75,20 +69,18 @@ std::size_t size_count(ShapeKind kind) {
 }
 
 void shape_distances(const PlacedShape& shape, const PointsView& points, double* distances) {
-    const Seen every = every_face();
     for (std::size_t i = 0; i < points.count; ++i) {
-        distances[i] = nearest_face(shape, local(shape, points.points[i]), every).distance;
+        distances[i] = nearest_face(shape, local(shape, points.points[i]), kEveryFace).distance;
     }
 }
 
 double shape_cost(const PlacedShape& shape, const SurfelsView& cloud, double within) {
-    const Seen every = every_face();
     std::vector<Vector> on;
     std::vector<std::size_t> faces;
     double sum = 0;
     for (std::size_t i = 0; i < cloud.count; ++i) {
         const Vector p = local(shape, cloud.points[i]);
-        const auto [face, distance] = nearest_face(shape, p, every);
+        const auto [face, distance] = nearest_face(shape, p, kEveryFace);
         const double across =
             std::abs(dot(face_normal(shape, p, face), turned_to(shape, cloud.normals[i])));
         const double far = distance / within;
