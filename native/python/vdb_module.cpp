@@ -200,15 +200,10 @@ fields::Camera camera_of(const std::array<double, 4>& intrinsics, const fields::
 
 // A rotation and a shift.
 fields::Placement rigid(const fields::Placement& placement) {
-    for (std::size_t i = 0; i < 3; ++i) {
-        for (const double number : placement[i]) finite(number, "placement", 1e12);
-        for (std::size_t j = 0; j < 3; ++j) {
-            double product = 0;
-            for (std::size_t k = 0; k < 3; ++k) product += placement[i][k] * placement[j][k];
-            expect(std::abs(product - (i == j ? 1 : 0)) < 1e-6,
-                   "placement: its first three columns are not a rotation");
-        }
+    for (const auto& row : placement) {
+        for (const double number : row) finite(number, "placement", 1e12);
     }
+    expect_rotation(placement, "placement: its first three columns are not a rotation");
     return placement;
 }
 
@@ -275,16 +270,10 @@ void expect_same_lattice(const fields::Grid<Value>& a, double voxel_size,
     }
 }
 
-fields::Join join_named(const std::string& name) {
-    constexpr std::pair<const char*, fields::Join> kNames[] = {
-        {"first", fields::Join::first}, {"last", fields::Join::last}, {"max", fields::Join::max},
-        {"min", fields::Join::min},     {"sum", fields::Join::sum},
-    };
-    for (const auto& [known, join] : kNames) {
-        if (name == known) return join;
-    }
-    throw py::value_error("grids are joined by first, last, max, min or sum");
-}
+constexpr std::pair<const char*, fields::Join> kJoins[] = {
+    {"first", fields::Join::first}, {"last", fields::Join::last}, {"max", fields::Join::max},
+    {"min", fields::Join::min},     {"sum", fields::Join::sum},
+};
 
 fields::Grid<std::int32_t> labelled(const Array<float>& depth, const Array<std::int32_t>& labels,
                                     const std::array<double, 4>& intrinsics,
@@ -311,7 +300,8 @@ void define_operators(py::class_<fields::Grid<Value>>& grid) {
             "joined",
             [](const Grid& self, const Grid& other, const std::string& how) {
                 expect_same_lattice(self, other.voxel_size(), other.placement());
-                const fields::Join join = join_named(how);
+                const fields::Join join =
+                    named(how, kJoins, "grids are joined by first, last, max, min or sum");
                 const py::gil_scoped_release release;
                 return fields::joined(self, other, join);
             },
@@ -461,28 +451,11 @@ PYBIND11_MODULE(semmap_vdb, module) {
             [](const fields::RegionMap& self, std::int32_t entity, std::int64_t farthest) {
                 // -1: those that share a voxel.
                 within(farthest, -1, 1 << 20, "farthest");
-                std::vector<std::array<std::int64_t, 3>> rows;
-                for (const fields::Neighbour& each : self.neighbours(entity, farthest)) {
-                    rows.push_back({each.entity, each.shared, each.gap});
-                }
-                return rows;
+                return self.neighbours(entity, farthest);
             },
             arg("entity"), arg("farthest"), Release())
-        .def(
-            "support",
-            [](const fields::RegionMap& self, std::int32_t a, std::int32_t b) {
-                const fields::Support support = self.support(a, b);
-                return std::array<std::int64_t, 3>{support.layer, support.firm, support.loose};
-            },
-            arg("a"), arg("b"), Release())
-        .def(
-            "memory",
-            [](const fields::RegionMap& self) {
-                const fields::Memory m = self.memory();
-                return std::make_tuple(m.grid, m.index, m.sets, m.active_voxels, m.leaves, m.tiles,
-                                       m.set_count);
-            },
-            Release())
+        .def("support", &fields::RegionMap::support, arg("a"), arg("b"), Release())
+        .def("memory", &fields::RegionMap::memory, Release())
         .def("write", &fields::RegionMap::write, arg("path"), Release())
         .def("state", &fields::RegionMap::state, Release())
         .def("restore", &fields::RegionMap::restore, arg("grid"), arg("sets"), Release());

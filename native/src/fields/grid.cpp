@@ -51,44 +51,35 @@ Grid<Value> Grid<Value>::placed(const Placement& placement) const {
 }
 
 template <typename Value>
-void Grid<Value>::fill(const Shape& shape, Value value) {
-    const Voxels voxels = rasterise(shape, voxel_size_);
-    Spread(grid_->constTree()).add(voxels);
+void Grid<Value>::paint(const Voxels& voxels, Value value, bool active) {
     auto accessor = grid_->getAccessor();
     for (std::size_t i = 0; i < voxels.blocks(); ++i) {
-        const Coord origin = voxels.origins[i];
+        const Coord& origin = voxels.origins[i];
         if (is_full(voxels.words[i])) {
-            accessor.addTile(1, origin, value, true);
+            accessor.addTile(1, origin, value, active);
             accessor.clear();  // it may still point to the deleted leaf
             continue;
         }
+        const bool is_empty = accessor.probeLeaf(origin) == nullptr && !accessor.isValueOn(origin);
+        if (is_empty && !active) continue;
         auto* leaf = accessor.touchLeaf(origin);
         each_voxel(voxels.words[i], [&](std::size_t voxel) {
-            leaf->setValueOn(static_cast<openvdb::Index>(voxel), value);
+            leaf->setValueOnly(static_cast<openvdb::Index>(voxel), value);
+            leaf->setActiveState(static_cast<openvdb::Index>(voxel), active);
         });
     }
 }
 
 template <typename Value>
-void Grid<Value>::clear(const Shape& shape) {
+void Grid<Value>::fill(const Shape& shape, Value value) {
     const Voxels voxels = rasterise(shape, voxel_size_);
-    auto accessor = grid_->getAccessor();
-    const Value background = grid_->background();
-    for (std::size_t i = 0; i < voxels.blocks(); ++i) {
-        const Coord origin = voxels.origins[i];
-        const bool whole = is_full(voxels.words[i]);
-        if (whole || (accessor.probeLeaf(origin) == nullptr && !accessor.isValueOn(origin))) {
-            if (whole) {
-                accessor.addTile(1, origin, background, false);
-                accessor.clear();
-            }
-            continue;
-        }
-        auto* leaf = accessor.touchLeaf(origin);
-        each_voxel(voxels.words[i], [&](std::size_t voxel) {
-            leaf->setValueOff(static_cast<openvdb::Index>(voxel), background);
-        });
-    }
+    Spread(grid_->constTree()).add(voxels);
+    paint(voxels, value, true);
+}
+
+template <typename Value>
+void Grid<Value>::clear(const Shape& shape) {
+    paint(rasterise(shape, voxel_size_), background(), false);
     prune();
 }
 

@@ -220,17 +220,15 @@ std::vector<Neighbour> RegionMap::neighbours(std::int32_t entity, std::int64_t f
         for (const Coord& there : dilated(voxels.origins, blocks)) {
             for (const std::int32_t other : present.in(there)) {
                 if (other == entity) continue;
-                Neighbour& best =
-                    found.try_emplace(other, Neighbour{other, 0, farthest + 1}).first->second;
-                if (best.gap > 0) {
-                    best.gap = near.gap(there, *block_at(region(other), there), best.gap);
-                }
+                const Neighbour unmet{other, 0, farthest + 1};
+                auto& gap = found.try_emplace(other, unmet).first->second[2];
+                if (gap > 0) gap = near.gap(there, *block_at(region(other), there), gap);
             }
         }
     }
     std::vector<Neighbour> all;
     for (const auto& [other, each] : found) {
-        if (each.shared > 0 || each.gap <= farthest) all.push_back(each);
+        if (each[1] > 0 || each[2] <= farthest) all.push_back(each);
     }
     return all;
 }
@@ -243,6 +241,7 @@ Support RegionMap::support(std::int32_t a, std::int32_t b) const {
     const Voxels& above = region(a);
     const Voxels& below = region(b);
     Support support{};
+    auto& [lowest_layer, resting, nearly] = support;
     if (above.blocks() == 0 || below.blocks() == 0) return support;
     const auto [z, top] = heights(above);
     const auto [lower, upper] = heights(below);
@@ -254,7 +253,7 @@ Support RegionMap::support(std::int32_t a, std::int32_t b) const {
         const Coord& column = above.origins[i];
         if (column.z() != block_floor(z)) continue;
         const Words layer = plane(above.words[i], z);
-        for (const std::uint64_t slice : layer) support.layer += __builtin_popcountll(slice);
+        for (const std::uint64_t slice : layer) lowest_layer += __builtin_popcountll(slice);
         std::array<Words, 5> at{};  // from two beneath it to two above it
         const Words* block = nullptr;
         for (std::int32_t step = -2; step <= 2; ++step) {
@@ -268,8 +267,8 @@ Support RegionMap::support(std::int32_t a, std::int32_t b) const {
             const std::uint64_t rests = (at[1][x] | at[2][x]) & ~at[3][x];
             const std::uint64_t about =
                 (at[0][x] | at[1][x] | at[2][x] | at[3][x]) & ~(at[3][x] & at[4][x]);
-            if (firm) support.firm += __builtin_popcountll(layer[x] & rests);
-            support.loose += __builtin_popcountll(layer[x] & about);
+            if (firm) resting += __builtin_popcountll(layer[x] & rests);
+            nearly += __builtin_popcountll(layer[x] & about);
         }
     }
     return support;

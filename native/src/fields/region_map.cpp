@@ -282,15 +282,16 @@ std::map<std::int32_t, std::int64_t> RegionMap::counts_over(const Voxels& voxels
 
 Memory RegionMap::memory() const {
     const std::shared_lock lock(mutex_);
-    Memory memory{};
-    memory.grid = static_cast<std::size_t>(grid_.tree().memUsage());
-    for (const Voxels& region : regions_) memory.index += sizeof region + region.bytes();
-    memory.sets = sets_.bytes() + next_.capacity() * sizeof(std::int32_t);
-    memory.active_voxels = static_cast<std::int64_t>(grid_.size());
-    memory.leaves = grid_.tree().leafCount();
-    memory.tiles = static_cast<std::int64_t>(grid_.tree().activeTileCount());
-    memory.set_count = sets_.size();
-    return memory;
+    std::size_t index = 0;
+    for (const Voxels& region : regions_) index += sizeof region + region.bytes();
+    const auto& tree = grid_.tree();
+    return {tree.memUsage(),
+            index,
+            sets_.bytes() + next_.capacity() * sizeof(std::int32_t),
+            grid_.size(),
+            tree.leafCount(),
+            tree.activeTileCount(),
+            static_cast<std::size_t>(sets_.size())};
 }
 
 std::pair<Grid<std::int32_t>, RegionMap::Sets> RegionMap::state() const {

@@ -32,21 +32,13 @@ struct Rasteriser {
     }
     Voxels operator()(const Cylinder& cylinder) const {
         const double d = 2 * cylinder.radius / size;
-        if (!is_thin({d, d, cylinder.height / size})) {
-            Voxels voxels = rasterise_convex(convex(cylinder, size));
-            if (voxels.blocks() > 0) return voxels;
-        }
-        return met(prism_around(cylinder, size));
+        return drawn({d, d, cylinder.height / size}, cylinder, prism_around);
     }
     Voxels operator()(const Cone& cone) const {
         const double h = cone.height / size;
         const double d = 2 * h * std::tan(cone.half_angle);
         const double slant = d * std::cos(cone.half_angle);
-        if (!is_thin({std::min(h, slant), d, std::max(h, slant)})) {
-            Voxels voxels = rasterise_convex(convex(cone, size));
-            if (voxels.blocks() > 0) return voxels;
-        }
-        return met(pyramid_around(cone, size));
+        return drawn({std::min(h, slant), d, std::max(h, slant)}, cone, pyramid_around);
     }
     Voxels operator()(const Polytope& polytope) const { return polytope_voxels(polytope, size); }
     Voxels operator()(const Points& points) const {
@@ -56,7 +48,14 @@ struct Rasteriser {
     Voxels operator()(const Solid& solid) const { return solid_voxels(solid, size); }
     Voxels operator()(const Surface& surface) const { return surface_voxels(surface, size); }
 
-    Voxels met(Polytope polytope) const {
+    // By the centres of voxels, unless it is too thin for them or they all miss it.
+    template <typename Round, typename Around>
+    Voxels drawn(const Vector& widths, const Round& round, const Around& around) const {
+        if (!is_thin(widths)) {
+            Voxels voxels = rasterise_convex(convex(round, size));
+            if (voxels.blocks() > 0) return voxels;
+        }
+        Polytope polytope = around(round, size);
         polytope.corners = scaled(std::move(polytope.corners), size);
         return rasterise_convex(meeting(polytope));
     }

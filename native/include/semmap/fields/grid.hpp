@@ -53,6 +53,8 @@ class Grid {
     void write(const std::string& path, const std::string& name) const;
 
   private:
+    void paint(const Voxels& voxels, Value value, bool active);
+
     typename VdbGrid::Ptr grid_;
     double voxel_size_;
     Placement placement_ = kUnmoved;

@@ -2,6 +2,7 @@
 // Grounded Semantics for Interactive Robots, section III).
 #pragma once
 
+#include <array>
 #include <cstddef>
 #include <cstdint>
 #include <map>
@@ -17,31 +18,17 @@
 
 namespace semmap::fields {
 
-struct Memory {
-    std::size_t grid;
-    std::size_t index;
-    std::size_t sets;
-    std::int64_t active_voxels;
-    std::int64_t leaves;
-    std::int64_t tiles;
-    std::int64_t set_count;
-};
+// The bytes of the grid, the index and the sets; the number of active voxels, leaves, tiles and
+// sets.
+using Memory = std::array<std::size_t, 7>;
 
-// The placement of another entity: the number of shared voxels, and the squared gap in voxels
-// between the two nearest voxels as cubes; 0 where these touch, even if only at a corner.
-struct Neighbour {
-    std::int32_t entity;
-    std::int64_t shared;
-    std::int64_t gap;
-};
+// Another entity, the number of shared voxels, and the squared gap in voxels between the two
+// nearest voxels as cubes; 0 where these touch, even if only at a corner.
+using Neighbour = std::array<std::int64_t, 3>;
 
 // The number of voxels in the lowest layer of an entity, and how many of them rest on another one:
 // as it is, and if either is shifted up or down by a voxel. All are 0 where it begins too low.
-struct Support {
-    std::int64_t layer;
-    std::int64_t firm;
-    std::int64_t loose;
-};
+using Support = std::array<std::int64_t, 3>;
 
 // Entities are numbers from 0 to kMostEntities; use small ones. Safe for several threads: many read
 // at the same time, or one writes.
