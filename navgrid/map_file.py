@@ -12,6 +12,7 @@ import os
 import re
 import tempfile
 from collections.abc import Iterable
+from dataclasses import replace
 from io import BytesIO
 from pathlib import Path
 from typing import Any, Literal, get_args
@@ -22,8 +23,9 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from navgrid.grid import Grid, file_name
-from navgrid.slabs import occupancy
+from navgrid.voxel_cells import voxel_cells
 from semmap.error import Error
+from semmap.geometry.voxels import Voxels
 from semmap.limits import CONFIG_BYTES, PIXELS
 from semmap.yaml_file import check_structure
 
@@ -153,7 +155,10 @@ def read_map(path: Path | str) -> tuple[Grid, NDArray[np.int8]]:
     """
     path = Path(path)
     fields = _description(path)
-    mode: Mode = _choice(path, fields, "mode", get_args(Mode), default="trinary")
+    mode: Mode = fields.get("mode", "trinary")
+    if mode not in get_args(Mode):
+        fix = f"Give one of {', '.join(get_args(Mode))}"
+        raise MapFileError(path, "mode", f"is {mode!r}", fix)
     resolution = _float(path, "resolution", _required(path, fields, "resolution"))
     if resolution <= 0:
         raise MapFileError(path, "resolution", f"is {resolution}", "Give metres a cell, above zero")
@@ -307,15 +312,6 @@ def _float(path: Path, element: str, value: Any) -> float:
     return number
 
 
-def _choice(
-    path: Path, fields: dict[str, Any], name: str, choices: tuple[Any, ...], default: Any
-) -> Any:
-    value = fields.get(name, default)
-    if value not in choices:
-        raise MapFileError(path, name, f"is {value!r}", f"Give one of {', '.join(choices)}")
-    return value
-
-
 def _number(value: float) -> str:
     """The shortest text that YAML reads back as this float; YAML 1.1 needs a dot."""
     text = repr(float(value))
@@ -352,9 +348,6 @@ def folder_of(storey: str, folder: Path, storeys: int) -> Path:
     return folder if storeys == 1 else folder / file_name(storey)
 
 
-_LESS = 1e-6  # of a cell: a cell that only touches another does not occupy it
-
-
 def map_layer(path: Path | str, grid: Grid, threshold: int = 65) -> NDArray[np.bool_]:
     """Return the (rows, columns) bool cells of a grid that occupied cells of a map file overlap.
 
@@ -368,15 +361,6 @@ def map_layer(path: Path | str, grid: Grid, threshold: int = 65) -> NDArray[np.b
 def resampled(source: Grid, occupied: NDArray[np.bool_], grid: Grid) -> NDArray[np.bool_]:
     """Return the (rows, columns) bool cells of `grid` that occupied cells of `source` overlap."""
     rows, columns = np.nonzero(occupied)
-    low = np.stack([columns, rows], axis=1) + _LESS
-    high = low + 1 - 2 * _LESS
-    corners = np.stack(
-        [low, np.stack([high[:, 0], low[:, 1]], 1), high, np.stack([low[:, 0], high[:, 1]], 1)],
-        axis=1,
-    )
-    flat = corners * source.resolution + np.array(source.origin)
-    vertices = np.pad(flat.reshape(-1, 2), ((0, 0), (0, 1)))
-    first = 4 * np.arange(len(rows))[:, None]
-    faces = np.concatenate([first + np.array(corner) for corner in ((0, 1, 2), (0, 2, 3))])
-    cells: NDArray[np.bool_] = occupancy((vertices, faces), [(0, 0)], grid)[0]
-    return cells
+    squares = Voxels(source.resolution, np.stack([columns, rows, np.zeros_like(rows)], axis=1))
+    x, y = np.subtract(grid.origin, source.origin).tolist()
+    return voxel_cells(squares, (0, 0), replace(grid, origin=(x, y))) > 0
