@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from navgrid.grid import file_name
 from navgrid.inflation import INSCRIBED, LETHAL
@@ -33,32 +34,24 @@ def write_costmap(
 
 def draw_master(costmap: Costmap, path: Path) -> Path:
     """Draw the master in the colours of costmap_2d."""
-    from semmap.draw.costmap import costmap_picture  # loads matplotlib
-
-    storey, grid = costmap.scene.storey, costmap.grid
-    return costmap_picture(
-        costmap.master, grid.origin, grid.resolution, path, title=f"{storey}: master costmap"
-    )
+    return _draw(costmap, costmap.master, path, "master costmap")
 
 
 def draw_costmap(costmap: Costmap, folder: Path) -> list[Path]:
     """Draw the master and each part's costmap in the colours of costmap_2d; return the pictures."""
-    from semmap.draw.costmap import costmap_picture
-
-    storey, grid = costmap.scene.storey, costmap.grid
     drawn = [draw_master(costmap, folder / "master.png")]
-    for number, part in enumerate(costmap.parts):
+    for part, costs in zip(costmap.parts, costmap.costs, strict=True):
         low, high = part.interval
-        drawn.append(
-            costmap_picture(
-                costmap.costs[number],
-                grid.origin,
-                grid.resolution,
-                folder / f"{file_name(part.name)}.png",
-                title=f"{storey}: {part.name}, {low:.2f} to {high:.2f} m",
-            )
-        )
+        path = folder / f"{file_name(part.name)}.png"
+        drawn.append(_draw(costmap, costs, path, f"{part.name}, {low:.2f} to {high:.2f} m"))
     return drawn
+
+
+def _draw(costmap: Costmap, costs: NDArray[np.uint8], path: Path, what: str) -> Path:
+    from semmap.draw.costmap import costmap_picture  # loads matplotlib
+
+    title, grid = f"{costmap.scene.storey}: {what}", costmap.grid
+    return costmap_picture(costs, grid.origin, grid.resolution, path, title=title)
 
 
 def _write_collisions(costmap: Costmap, headings: int, folder: Path) -> Path:
