@@ -18,7 +18,7 @@ from shapely import LineString, Polygon
 
 from navgrid.grid import Grid, grid_around
 from navgrid.room_segments import Passage, room_segments
-from navgrid.slabs import occupancy
+from navgrid.slabs import mesh_of, occupancy
 from semmap.geometry.morphology import polygons
 from semmap.ingest.floor_plan import reading_order
 from semmap.ingest.world import OUTSIDE
@@ -208,8 +208,7 @@ def _wall_cells(walls: Sequence[SceneEntity], floor: float, grid: Grid) -> NDArr
     triangles = np.concatenate([entity.triangles for entity in walls])
     numbers = np.repeat(np.arange(len(walls)), [len(entity.triangles) for entity in walls])
     slabs = [(floor + low, floor + high) for low, high in (WALL_HEIGHTS, LINTEL_HEIGHTS)]
-    mesh = (triangles.reshape(-1, 3), np.arange(3 * len(triangles)).reshape(-1, 3))
-    cells = occupancy(mesh, slabs, grid, solid=numbers, fill=True)
+    cells = occupancy(mesh_of(triangles), slabs, grid, solid=numbers, fill=True)
     reach = math.ceil(HOLLOW / 2 / grid.resolution)
     ball = np.hypot(*np.mgrid[-reach : reach + 1, -reach : reach + 1]) <= reach
     filled: NDArray[np.bool_] = ndimage.binary_closing(cells, ball[None])

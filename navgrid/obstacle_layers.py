@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from navgrid.grid import Grid
 from navgrid.layer_members import LayerChange, LayerMembers
-from navgrid.slabs import area_cells, occupancy
+from navgrid.slabs import area_cells, mesh_of, occupancy
 from navgrid.terrain import FloorLevel, floor_levels
 from navgrid.voxel_cells import voxel_cells, voxels_over
 from navgrid.window import Window, whole
@@ -204,10 +204,7 @@ class ObstacleLayers:
         if size is not None:
             heights = [end for each in heights for end in _ends(each, size)]
         layers = occupancy(
-            (
-                triangles.reshape(-1, 3),
-                np.arange(3 * len(triangles), dtype=np.int32).reshape(-1, 3),
-            ),
+            mesh_of(triangles),
             heights,
             self.grid,
             solid=np.repeat(np.arange(len(solids), dtype=np.int32), counts),

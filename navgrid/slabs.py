@@ -149,12 +149,13 @@ def _threads(face_count: int) -> int:
 
 def area_cells(outline: shapely.Geometry, grid: Grid) -> NDArray[np.bool_]:
     """Return the (rows, columns) bool cells whose half-open square meets polygons, metres."""
-    triangles = flat_triangles(outline)
-    if not len(triangles):
-        return np.zeros(grid.shape, np.bool_)
-    faces = np.arange(3 * len(triangles)).reshape(-1, 3)
-    cells: NDArray[np.bool_] = occupancy((triangles.reshape(-1, 3), faces), [(0, 0)], grid)[0]
+    cells: NDArray[np.bool_] = occupancy(mesh_of(flat_triangles(outline)), [(0, 0)], grid)[0]
     return cells
+
+
+def mesh_of(triangles: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.int32]]:
+    """Return (F, 3, 3) triangles as the vertices and faces of a mesh."""
+    return triangles.reshape(-1, 3), np.arange(3 * len(triangles), dtype=np.int32).reshape(-1, 3)
 
 
 def flat_triangles(outline: shapely.Geometry) -> NDArray[np.float64]:

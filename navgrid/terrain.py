@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from shapely import box, contains_properly, polygons, union_all
 
 from navgrid.grid import Grid
-from navgrid.slabs import area_cells, occupancy
+from navgrid.slabs import area_cells, mesh_of, occupancy
 from semmap.geometry.walk import GAP, walked_faces
 from semmap.query.storey_scene import FloorArea
 
@@ -101,8 +101,7 @@ def floor_levels(
         bottom, top = float(ramps[:, :, 2].min()), float(ramps[:, :, 2].max())
         count = max(1, math.ceil((top - bottom) / max(limits.max_step / 4, THINNEST)))
         edges = [bottom + k * (top - bottom) / count for k in range(count + 1)]
-        faces = np.arange(3 * len(ramps)).reshape(-1, 3)
-        bands = occupancy((ramps.reshape(-1, 3), faces), pairwise(edges), grid)
+        bands = occupancy(mesh_of(ramps), pairwise(edges), grid)
         found += [FloorLevel(h, c) for h, c in zip(edges[1:], bands, strict=True) if c.any()]
     return found
 
