@@ -26,11 +26,10 @@ KEEPOUT, SPEED_PERCENT, SPEED_ABSOLUTE = 0, 1, 2
 
 @dataclass(frozen=True, eq=False)
 class Mask:
-    """A filter mask: cells, the type of the filter, and its base and multiplier."""
+    """A filter mask: cells, the type of the filter, and its multiplier; its base is 0."""
 
     cells: NDArray[np.int8]
     type: int
-    base: float
     multiplier: float
 
 
@@ -40,7 +39,7 @@ def keepout_mask(entities: Iterable[SceneEntity], grid: Grid) -> Mask | None:
     for region in entities:
         if region.is_blocked_region and region.footprint is not None:
             cells[area_cells(region.footprint, grid)] = 100
-    return Mask(cells, KEEPOUT, 0.0, 1.0) if cells.any() else None
+    return Mask(cells, KEEPOUT, 1.0) if cells.any() else None
 
 
 def speed_mask(entities: Iterable[SceneEntity], grid: Grid) -> Mask | None:
@@ -74,7 +73,7 @@ def speed_mask(entities: Iterable[SceneEntity], grid: Grid) -> Mask | None:
         assert region.footprint is not None
         cells[area_cells(region.footprint, grid)] = value
     kind = SPEED_ABSOLUTE if absolute == {True} else SPEED_PERCENT
-    return Mask(cells, kind, 0.0, step)
+    return Mask(cells, kind, step)
 
 
 def _limit(region: SceneEntity) -> tuple[float, bool, SceneEntity]:

@@ -74,14 +74,9 @@ def write_nav2(costmap: Costmap, folder: Path, *, laser_height: float = 0.25) ->
                 cells = costmap.occupied[field.name]
                 write(name, _occupied(cells[number], costmap.unknown))
     write("localisation", _occupied(costmap.section(laser_height), costmap.unknown))
-    masks = {
-        name: mask
-        for name, mask in (
-            ("keepout_mask", keepout_mask(costmap.scene.entities, grid)),
-            ("speed_mask", speed_mask(costmap.scene.entities, grid)),
-        )
-        if mask is not None
-    }
+    entities = costmap.scene.entities
+    found = {"keepout_mask": keepout_mask(entities, grid), "speed_mask": speed_mask(entities, grid)}
+    masks = {name: mask for name, mask in found.items() if mask is not None}
     for name, mask in masks.items():
         write(name, mask.cells, "raw")
     paths = {name: str((folder / file).resolve()) for name, file in maps.items()}
@@ -187,7 +182,7 @@ def _params(
             type=mask.type,
             filter_info_topic=f"/{kind}_filter_info",
             mask_topic=f"/{kind}_mask",
-            base=float(mask.base),
+            base=0.0,
             multiplier=float(mask.multiplier),
         )
     for name in paths:

@@ -27,8 +27,8 @@ def zone(number: int, x0: float, x1: float, *types: str, **properties: Any) -> S
 
 
 def limit(mask: Mask, row: int, column: int) -> float:
-    """What a filter makes of a cell: ``base + multiplier * value``."""
-    return mask.base + mask.multiplier * float(mask.cells[row, column])
+    """What a filter makes of a cell: ``multiplier * value``."""
+    return mask.multiplier * float(mask.cells[row, column])
 
 
 def test_blocked_regions_are_100_in_the_keepout_mask() -> None:
