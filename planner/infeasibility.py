@@ -57,6 +57,7 @@ def _blocked_edges(graph: RoutingGraph) -> dict[int, tuple[str, float]]:
     blocked: dict[int, tuple[str, float]] = {}
     for node in range(2 * len(graph.connectors)):
         reason = graph.robot.blocking_reason(graph.connectors[node // 2], node % 2)
+        reason = reason or graph.obstruction(node)
         if reason is not None:
             blocked[node] = reason, _BLOCKED
     for place, edges in graph.travel_edges.items():

@@ -140,6 +140,8 @@ class RoutingGraph:
             inside.setdefault(place, []).append(node)
         self.nodes: dict[str, Ints] = {place: np.array(nodes) for place, nodes in inside.items()}
         self._elevators = topology.elevators()
+        self._unseen: set[str] = {place for place in self._elevators if place in self.nodes}
+        self._obstructed: dict[int, str] = {}  # approach poses in cabins
         self._make_edges(stored)
         least = self._least()
         self.graph: Graph = Graph(*self.arcs, self.seconds, 2 * len(self.poses), least=least)
@@ -234,11 +236,38 @@ class RoutingGraph:
             others = self.topology.connectors
             connectors = {**others, connector.name: connector}
             self.topology = replace(self.topology, connectors=connectors)
-            edges = np.array([2 * number, 2 * number + 1])
+            edges = slice(2 * number, 2 * number + 2)
             self.base[edges] = self._passing([connector], np.repeat(connector.metres, 2))
-            blocked = blocked_passages([connector], self.robot)
-            self.seconds[edges] = np.where(blocked, math.inf, self.base[edges])
-            self.graph.set_weights(edges, self.seconds[edges])
+            self._block(number)
+
+    def _block(self, number: int) -> None:
+        """Block the passages of a connector that the robot cannot take, and no others."""
+        edges = np.array([2 * number, 2 * number + 1])
+        blocked = blocked_passages([self.connectors[number]], self.robot)
+        blocked |= self.obstruction(2 * number) is not None
+        self.seconds[edges] = np.where(blocked, math.inf, self.base[edges])
+        self.graph.set_weights(edges, self.seconds[edges])
+
+    def look_into_cabins(self) -> None:
+        """Block the doors of cabins inside of which something leaves no way to the door.
+
+        Travel says so in all other places, but a ride begins and ends at one door. As it takes the
+        costmaps of all cabins, it waits for the first search.
+        """
+        with self.lock:
+            places, self._unseen = self._unseen, set()
+            for place in places:
+                for node in map(int, self.nodes[place]):
+                    before = self._obstructed.pop(node, None)
+                    reason = self.costs.obstruction(place, self.poses[node])
+                    if reason is not None:
+                        self._obstructed[node] = reason
+                    if reason != before:
+                        self._block(node // 2)
+
+    def obstruction(self, node: int) -> str | None:
+        """What stands in a cabin before a passage, by number, in words; None if nothing does."""
+        return self._obstructed.get(node) or self._obstructed.get(node ^ 1)
 
     def change_regions(self, regions: Iterable[PlaceRegion]) -> None:
         """Replace the regions of the topology; they have an effect on edges by penalties alone."""
@@ -247,6 +276,8 @@ class RoutingGraph:
 
     def measure_again(self, place: str) -> None:
         """Measure the travel in a place again, after something changed there."""
+        if place in self._elevators and place in self.nodes:
+            self._unseen.add(place)
         edges = self.travel_edges.get(place)
         if edges is None or edges.start == edges.stop:
             return
@@ -270,6 +301,7 @@ class RoutingGraph:
     def penalised(self, penalties: Penalties) -> Iterator[None]:
         """Apply penalties inside a ``with`` block; other threads that change the graph wait."""
         with self.lock:
+            self.look_into_cabins()
             more, blocked, detours = penalties.seconds, penalties.blocked, penalties.detours
             edges = np.array(sorted({*more, *blocked, *detours}), np.int64)
             usual = self.seconds[edges], self.metres[edges]
@@ -322,18 +354,25 @@ class RoutingGraph:
     def endpoint(self, place: str, pose: Pose | None = None) -> Endpoint:
         """A place, or a pose in it, as an end of routes; raises UnknownPlaceError.
 
-        Somewhere in a place, a robot is at one of its doors, but at none that something closes.
+        Somewhere in a place, a robot is at one of its doors, but at none that something closes. In
+        a cabin, it may be there, too, and ride on.
         """
         self.topology.place(place)
         nodes = self.nodes.get(place, np.empty(0, np.int64))
         if pose is None or not len(nodes):
             seconds = np.zeros(len(nodes))
             for i in np.flatnonzero(self._cut_off(place)):
-                if self.costs.obstruction(place, self.poses[nodes[i]]) is not None:
+                at = self.poses[nodes[i]]
+                rides = place in self._elevators and self._fits(place, at)
+                if not rides and self.costs.obstruction(place, at) is not None:
                     seconds[i] = math.inf
             return Endpoint(place, pose, nodes, seconds, np.zeros(len(nodes)))
         travel = self.costs.between(place, [pose], [self.poses[n] for n in nodes])
         return Endpoint(place, pose, nodes, travel.seconds[0], travel.metres[0])
+
+    def _fits(self, place: str, pose: Pose) -> bool:
+        """Whether the robot can be at a pose in a place, or beside it."""
+        return bool(np.isfinite(self.costs.between(place, [pose], [pose]).seconds).all())
 
     def standing(self, node: int) -> Pose:
         """Where the robot stands for an approach pose, by number: aside of what is there.
@@ -371,6 +410,7 @@ class RoutingGraph:
         return self._both(goal, goal.nodes + len(self.poses), goal.nodes)
 
     def _both(self, end: Endpoint, nodes: Ints, in_cabin: Ints) -> tuple[Ints, Floats]:
+        self.look_into_cabins()
         if self.topology.places[end.place].elevator is None:
             return nodes, end.seconds
         return np.concatenate([nodes, in_cabin]), np.tile(end.seconds, 2)

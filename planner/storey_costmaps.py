@@ -232,10 +232,10 @@ class StoreyCostmaps:
         costs, room, door = self.costs(place), self.room(place), self._doors(place).get(pose)
         if costs is None or room is None or door is None:
             return None
-        passable = costs < INSCRIBED
-        joined = label(passable, np.ones((3, 3)))[0]
+        joined = label(costs < INSCRIBED, np.ones((3, 3)))[0]
         parts = self._opening(place, joined, room.grid, door)
-        if parts is None or _nearest(passable, room.grid, pose, joined, parts) is not None:
+        floor = self._standing_room(place, costs, room.grid)
+        if parts is None or _nearest(floor, room.grid, pose, joined, parts) is not None:
             return None
         costmap = self.costmap(self.storey_of(place))
         middle = door.leaf().interpolate(0.5, normalized=True)
@@ -322,18 +322,38 @@ class StoreyCostmaps:
         """For each pose the passable cell nearest to it, and its distance; None if beyond `SNAP`.
 
         Before a door it is a cell that is joined with the opening: a robot passes aside of what
-        stands there, and not through it.
+        stands there, and not through it. In a cabin, where something closes the door, it is any
+        cell, for a robot that rides on.
         """
         doors = self._doors(place)
         passable = costs < INSCRIBED
-        joined = label(passable, np.ones((3, 3)))[0] if doors.keys() & {*poses} else None
+        if not doors.keys() & {*poses}:
+            return [_nearest(passable, grid, pose) for pose in poses]
+        floor = self._standing_room(place, costs, grid)
+        joined = label(passable, np.ones((3, 3)))[0]
         found = []
         for pose in poses:
-            parts = None
-            if pose in doors and joined is not None:
+            if pose not in doors:
+                end = _nearest(passable, grid, pose)
+            else:
                 parts = self._opening(place, joined, grid, doors[pose])
-            found.append(_nearest(passable, grid, pose, joined, parts))
+                end = _nearest(floor, grid, pose, joined, parts)
+                if end is None and self.topology.places[place].elevator is not None:
+                    end = _nearest(floor, grid, pose)
+            found.append(end)
         return found
+
+    def _standing_room(self, place: str, costs: NDArray[np.uint8], grid: Grid) -> NDArray[np.bool_]:
+        """The passable cells in which the robot stands at a door; in a cabin, none of the doorway.
+
+        The door of an elevator closes before it leaves.
+        """
+        passable = costs < INSCRIBED
+        if self.topology.places[place].elevator is None:
+            return passable
+        floors = self.costmap(self.storey_of(place)).scene.floors
+        own = shapely.union_all([floor.outline for floor in floors if floor.name == place])
+        return passable & area_cells(own, grid)
 
     def _opening(
         self, place: str, joined: NDArray[np.int32], grid: Grid, door: PlaceConnector

@@ -448,6 +448,7 @@ def _add_cabin(
     ):
         building.add(kinds.choice(WALLS), "wall", box, floor, floor + height)
     name = f"cabin{number}"
+    _add_in_cabin(building, number, (near, start, far, start + CABIN), floor)
     outline = building.outline(shapely.box(near, start, far, start + CABIN))
     building.rooms.append(Room(name, storey, outline, floor, floor + height, "lift"))
     ends = building.placed(edge, middle - 0.45), building.placed(edge, middle + 0.45)
@@ -455,6 +456,17 @@ def _add_cabin(
     joins = (f"r{number}_{served[0]}", name)
     building.doors.append(Door(f"lift_door{number}", joins, ends, "elevator_door", state))
     return [Gap((served[0], served[0]), True, edge, middle - 0.45, middle + 0.45)]
+
+
+def _add_in_cabin(building: Building, number: int, box: Box, floor: float) -> None:
+    """In one cabin of three a thing that may fill it, or stand before its door."""
+    chance = random.Random(f"cabin {number} of {building.seed}")
+    if chance.random() < 1 / 3:
+        dx, dy = chance.uniform(0.1, 1.3), chance.uniform(0.2, 1.3)
+        x = chance.uniform(box[0] + 0.1, box[2] - 0.1 - dx)
+        y = chance.uniform(box[1] + 0.1, box[3] - 0.1 - dy)
+        name = chance.choice(FURNITURE)
+        building.add(name, "thing", (x, y, x + dx, y + dy), floor, floor + chance.uniform(0.4, 1.0))
 
 
 def _add_stairs(building: Building, kinds: random.Random, number: int) -> None:

@@ -21,7 +21,7 @@ import semmap
 from planner.readers.entity_lookup import find_entities
 from semmap.database import Cluster
 from tests.buildings.beliefs import judge_beliefs
-from tests.buildings.building import OUTSIDE, Building, Door, Item, room_of
+from tests.buildings.building import Building, Item, room_of
 from tests.buildings.clouds import cloud_cells, write_scans
 from tests.buildings.faults import judge_faults
 from tests.buildings.plans import judge_plans
@@ -159,13 +159,16 @@ def judge_grids(building: Building, place: semmap.Map) -> tuple[int, list[str]]:
 
 
 def judge_routes(building: Building, place: semmap.Map) -> tuple[int, list[str]]:
-    """A route goes from room to room through doors, and not through what stands in one."""
-    open_doors = [d for d in building.doors if not _is_shut(building, d)]
-    graph = doors_of(replace(building, doors=open_doors), None)
-    clear = _clear(building)
+    """A route leads where a disc surely gets, and none where its smaller one does not."""
+    through = doors_of(building, None)
+    sure, may = (_reached(building, sure=sure) for sure in (True, False))
     chance = random.Random(building.seed)
     names = [room.name for room in building.rooms]
     pairs = [tuple(chance.sample(names, 2)) for _ in range(6)] if len(names) > 1 else []
+    lifts = [door.rooms for door in building.doors if door.type == "elevator_door"]
+    pairs += [*lifts, *(rooms[::-1] for rooms in lifts)]
+    for below, above in itertools.pairwise(lifts):
+        pairs += zip(below, above, strict=True)
     wrong = []
     for start, goal in pairs:
         places, why = [], ""
@@ -173,14 +176,13 @@ def judge_routes(building: Building, place: semmap.Map) -> tuple[int, list[str]]
             places = place.route(start, goal).places
         except ValueError as error:
             why = str(error)
-        if nx.has_path(graph, start, goal) < bool(places) or (
-            nx.has_path(clear, (start, None), (None, goal)) > bool(places)
-        ):
+        ends = (start, None), (None, goal)
+        if not nx.has_path(sure, *ends) <= bool(places) <= nx.has_path(may, *ends):
             wrong.append(f"{start} to {goal}: {places or why}")
         elif places and not (
             places[0] == start
             and places[-1] == goal
-            and all(itertools.starmap(graph.has_edge, itertools.pairwise(places)))
+            and all(itertools.starmap(through.has_edge, itertools.pairwise(places)))
         ):
             wrong.append(f"{start} to {goal}: {places} is no way through doors")
     return len(pairs), wrong
@@ -230,12 +232,13 @@ BODY = Body(0.3, 0.3, 0.6, (0.0, 1.5), 1.5)
 """The robot of which nothing is known."""
 
 
-def _clear(building: Building) -> nx.DiGraph:
-    """Where its disc surely gets, from all doors of a room, (name, None), to a room, (None, name).
+def _reached(building: Building, *, sure: bool) -> nx.DiGraph:
+    """Where its disc surely gets, or may, from a room, (name, None), to a room, (None, name).
 
-    It takes stairs and ramps, too.
+    It takes stairs and ramps, too. It surely starts at all doors of a room alone. As nothing is
+    known of its shape, no door is too narrow or too low for it.
     """
-    ground = Ground(building, BODY, sure=True)
+    ground = Ground(building, BODY if sure else replace(BODY, width=0, top=0, step=1), sure=sure)
     graph = ground.graph.copy()
     for door in building.doors:
         for side in (0, 1) if door.climbs else ():
@@ -253,17 +256,6 @@ def _clear(building: Building) -> nx.DiGraph:
         parts = range(len(ground.parts[room.name]))
         graph.add_edges_from(((room.name, k), (None, room.name)) for k in parts)
     return graph
-
-
-def _is_shut(building: Building, door: Door) -> bool:
-    """Whether things leave no part of an opening free through which the robot gets, surely."""
-    if door.climbs:
-        return False
-    floor = next(building.room(room).floor for room in door.rooms if room != OUTSIDE)
-    low, high = floor + 0.1, floor + BODY.top - 0.05
-    taken = [i.ground for i in things(building) if i.low < high and i.high > low]
-    free = shapely.LineString(door.ends).difference(shapely.union_all(taken))
-    return max((part.length for part in shapely.get_parts(free)), default=0.0) < BODY.width - 0.1
 
 
 def judge_check(building: Building, place: semmap.Map) -> tuple[int, list[str]]:
