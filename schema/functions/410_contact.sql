@@ -47,12 +47,30 @@ BEGIN
     RETURN false;
 END $$;
 
+CREATE FUNCTION near_point(thing bigint, goal geometry)
+RETURNS geometry LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path = semmap, public, pg_temp AS $$
+-- The point of one patch of an entity that is nearest to a point: of the patch whose box is nearest on the ground, so
+-- that one is unpacked alone. Null without patches.
+DECLARE
+    at_pose double precision[];
+    local geometry;
+    patch geometry;
+BEGIN
+    SELECT w.pose INTO at_pose FROM semmap.world w WHERE w.entity_id = thing;
+    local := semmap.pose_apply(goal, semmap.pose_inverse(at_pose));
+    SELECT c.geom INTO patch FROM semmap.entity_chunk ec JOIN semmap.chunk c ON c.id = ec.chunk_id
+        WHERE ec.entity_id = thing ORDER BY c.geom <#> local LIMIT 1;
+    RETURN semmap.pose_apply(ST_3DClosestPoint(patch, local), at_pose);
+END $$;
+
 CREATE FUNCTION surfaces_meet(a bigint, b bigint, reach double precision)
 RETURNS boolean LANGUAGE plpgsql STABLE PARALLEL SAFE COST 10000 SET search_path = semmap, public, pg_temp AS $$
 -- Whether the surfaces of two entities come within `reach` metres of each other.
 DECLARE
     box_a box3d;
     box_b box3d;
+    at_a geometry;
+    at_b geometry;
     of_a geometry[];
     of_b geometry[];
 BEGIN
@@ -63,6 +81,15 @@ BEGIN
     ELSIF semmap.box_reach(box_a, box_b) <= reach AND NOT semmap.is_nowhere(a) AND NOT semmap.is_nowhere(b) THEN
         RETURN true;
     END IF;
+    -- Two points that are near decide most pairs that meet: from one surface to the other and back.
+    at_b := ST_PointN(semmap.grown(box_b, 0), 1);
+    FOR attempt IN 1..2 LOOP
+        at_a := semmap.near_point(a, at_b);
+        at_b := semmap.near_point(b, at_a);
+        IF ST_3DDWithin(at_a, at_b, reach) THEN
+            RETURN true;
+        END IF;
+    END LOOP;
     of_a := ARRAY(SELECT semmap.surface_within(a, semmap.grown(box_b, reach)));
     IF of_a = '{}' THEN
         RETURN false;
