@@ -6,6 +6,8 @@ import os
 import shutil
 import tempfile
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -26,14 +28,20 @@ WHERE p.entity_id = ANY (%(ids)s)
 """
 
 
-def building(rooms: int = 100, tables: int = 10, cups: int = 9) -> World:
-    """Square rooms of 10 m, each with ten tables, each table with nine cups: 10,000 objects."""
+def building(
+    rooms: int = 100, tables: int = 10, cups: int = 9, *, side: float = 10, on: bool = True
+) -> World:
+    """Square rooms of 10 m, each with ten tables, each table with nine cups: 10,000 objects.
+
+    `side` metres is the length of a room. The cups stand on their table, or before it.
+    """
     entries = [Entry("ground", "storey", detail=StoreyDetail(0, 3))]
     table = Shape("mesh", box_mesh((-0.8, -0.4, 0), (0.8, 0.4, 0.75)))
     cup = Shape("mesh", box_mesh((-0.04, -0.04, 0), (0.04, 0.04, 0.1)))
+    row = round((side - 2) / 4)
     for i in range(rooms):
-        x, y = 10.0 * (i % 10), 10.0 * (i // 10)
-        floor = Shape("mesh", box_mesh((0, 0, 0), (9.8, 9.8, 2.6)))
+        x, y = side * (i % 10), side * (i // 10)
+        floor = Shape("mesh", box_mesh((0, 0, 0), (side - 0.2, side - 0.2, 2.6)))
         entries.append(
             Entry(
                 f"room{i}",
@@ -44,13 +52,15 @@ def building(rooms: int = 100, tables: int = 10, cups: int = 9) -> World:
             )
         )
         for j in range(tables):
-            u, v = x + 2 + 4 * (j % 2), y + 1 + 1.8 * (j // 2)
+            u, v = x + 2 + 4 * (j % row), y + 1 + 1.8 * (j // row)
             entries.append(Entry(f"table{i}_{j}", "object", pose=Pose(u, v), shapes=[table]))
             entries += [
                 Entry(
                     f"cup{i}_{j}_{k}",
                     "object",
-                    pose=Pose(u - 0.6 + 0.14 * k, v, 0.75),
+                    pose=Pose(u - 0.6 + 0.14 * k, v, 0.75)
+                    if on
+                    else Pose(u - 0.6 + 0.14 * k, v + 0.9),
                     shapes=[cup],
                 )
                 for k in range(cups)
@@ -58,8 +68,9 @@ def building(rooms: int = 100, tables: int = 10, cups: int = 9) -> World:
     return World("building", Path("building"), entries)
 
 
-def measured() -> list[Row]:
-    """One statement that moves 10,000 objects, and moves of one cup and of one table with nine."""
+@contextmanager
+def stored(world: World) -> Iterator[psycopg.Connection[Any]]:
+    """A session on the map of a world, in a database of its own."""
     folder = Path(tempfile.mkdtemp(prefix="semmap-inventory-", dir="/tmp"))
     folder.chmod(0o755)
     os.environ["SEMMAP_DATA"] = str(folder)
@@ -69,13 +80,34 @@ def measured() -> list[Row]:
         number = of_map.scalar_one()
         driver: Any = connection.connection.driver_connection
         driver.execute("SET LOCAL semmap.deriving = 'off'")
-        store_world(driver, number, building(), "building")
+        store_world(driver, number, world, "building")
         derive_inventories(driver, number)
     url = engine.url.set(drivername="postgresql").render_as_string(hide_password=False)
     engine.dispose()
     with psycopg.connect(url, autocommit=True) as session:
         session.execute("SET search_path = semmap, public; SET semmap.map = 'building'")
         session.execute("VACUUM ANALYZE")
+        yield session
+    Cluster(folder).stop()
+    shutil.rmtree(folder)
+
+
+def seconds_of_a_hall() -> float:
+    """Seconds to move 10,000 objects in one statement, most of them on the floor of one hall."""
+    with stored(building(1, 1000, side=90, on=False)) as session:
+        ids = [row[0] for row in session.execute("SELECT id FROM entity WHERE kind = 'object'")]
+        took = []
+        for by in (0.01, -0.01):
+            start = time.perf_counter()
+            session.execute(MOVE, {"by": by, "ids": ids})
+            took.append(time.perf_counter() - start)
+    return min(took)
+
+
+def measured() -> list[Row]:
+    """One statement that moves 10,000 objects, and moves of one cup and of one table with nine."""
+    hall = seconds_of_a_hall()
+    with stored(building()) as session:
         by = 0.01
         ids = {
             names: [
@@ -109,8 +141,6 @@ def measured() -> list[Row]:
             "SELECT derive_again(ARRAY(SELECT id FROM entity WHERE kind = 'object'))"
         ).fetchone()
         assert left == (0,), left
-    Cluster(folder).stop()
-    shutil.rmtree(folder)
     found = [
         Row(
             "10,000 objects moved in one statement",
@@ -118,7 +148,8 @@ def measured() -> list[Row]:
             f"without deriving: {many['off']:.2f} s",
             "< 3 s",
             many[""] < 3,
-        )
+        ),
+        Row("10,000 objects of one hall, on its floor", f"{hall:.2f} s", "", "< 3 s", hall < 3),
     ]
     for names, what in (("cup50\\_5\\_5", "a cup"), ("table50\\_5", "a table with nine cups")):
         more = (one[names, ""] - one[names, "off"]) * 1e3

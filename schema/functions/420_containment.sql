@@ -56,7 +56,9 @@ BEGIN
     FROM (SELECT o.entity_id, o.footprint, semmap.ground_share(ground, o.footprint) AS share
           FROM semmap.world o JOIN semmap.room r ON r.entity_id = o.entity_id
           WHERE o.map_id = of_map AND o.footprint && ground
-            AND middle BETWEEN o.pose[3] + r.floor - contact - exact AND semmap.ceiling_of(o.entity_id) + contact + exact) c
+            AND middle BETWEEN o.pose[3] + r.floor - contact - exact
+                AND coalesce(o.pose[3] + r.ceiling, semmap.ceiling_of(o.entity_id)) + contact + exact
+          OFFSET 0) c  -- else the share is computed at each mention
     ORDER BY round(c.share::numeric, 6) DESC, round(ST_Distance(c.footprint, ST_Centroid(ground))::numeric, 6),
              round(ST_Area(c.footprint)::numeric, 6), c.entity_id
     LIMIT 1;
@@ -70,7 +72,8 @@ BEGIN
         FROM semmap.world o JOIN semmap.room r ON r.entity_id = o.entity_id
         WHERE o.map_id = of_map AND o.footprint && ST_Expand(centre, opening + exact)
           AND ST_DWithin(o.footprint, centre, opening + exact)
-          AND middle BETWEEN o.pose[3] + r.floor - contact - exact AND semmap.ceiling_of(o.entity_id) + contact + exact)
+          AND middle BETWEEN o.pose[3] + r.floor - contact - exact
+              AND coalesce(o.pose[3] + r.ceiling, semmap.ceiling_of(o.entity_id)) + contact + exact)
     SELECT c.entity_id, semmap.ground_share(ground, c.footprint) INTO room_id, share
     FROM close c
     WHERE (SELECT bool_and(ST_DWithin(p.geom, c.footprint, wall + exact)) FROM ST_DumpPoints(ground) p) OR EXISTS (
