@@ -23,7 +23,7 @@ from navgrid.grid import Grid, scene_grid
 from navgrid.headings import STEP, DriveSpace, drive, drive_space, drive_way
 from navgrid.inflation import INSCRIBED, LETHAL, UNKNOWN
 from navgrid.slabs import area_cells
-from navgrid.window import Window, grown, window_around
+from navgrid.window import Window, grown
 from planner.base_pose import WALLS, RoomGround
 from planner.graph_edges import StraightTravelCost, Travel
 from planner.robot_class import RobotClass
@@ -46,13 +46,17 @@ class RoomCostmap:
     """
 
     def __init__(self, outline: shapely.Geometry, grid: Grid) -> None:
-        window = window_around([outline.bounds], grid)
-        assert window is not None  # the grid of a storey covers its floors
-        rows, columns = self.window = window
-        low = (columns.start, rows.start)
-        x, y = (o + n * grid.resolution for o, n in zip(grid.origin, low, strict=True))
-        shape = (rows.stop - rows.start, columns.stop - columns.start)
-        self.grid = Grid((x, y), grid.resolution, shape)
+        x0, y0, x1, y1 = outline.bounds
+        (c0, r0), (c1, r1) = (
+            [math.floor((v - o) / grid.resolution) for v, o in zip(at, grid.origin, strict=True)]
+            for at in ((x0, y0), (x1, y1))
+        )
+        rows, columns = grid.shape
+        r0, c0 = (min(max(v, 0), size - 1) for v, size in ((r0, rows), (c0, columns)))
+        r1, c1 = (min(max(v, a), size - 1) for v, a, size in ((r1, r0, rows), (c1, c0, columns)))
+        self.window: Window = (slice(r0, r1 + 1), slice(c0, c1 + 1))
+        origin = (grid.origin[0] + c0 * grid.resolution, grid.origin[1] + r0 * grid.resolution)
+        self.grid = Grid(origin, grid.resolution, (r1 - r0 + 1, c1 - c0 + 1))
         self.cells = area_cells(outline, self.grid)
 
 
