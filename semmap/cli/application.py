@@ -70,18 +70,16 @@ def import_(
         raise typer.BadParameter("--geometry is visual or collision, --as is object, room or scene")
     if not 0 < scale < math.inf:
         raise typer.BadParameter(f"--scale is a number above 0, not {scale:g}")
-    for folder in model_path or ():
-        if not folder.is_dir():
-            raise typer.BadParameter(f"--model-path: {folder} is not a folder")
+    if other := [folder for folder in model_path or () if not folder.is_dir()]:
+        raise typer.BadParameter(f"--model-path: {other[0]} is not a folder")
     summaries: list[ImportSummary] = []
     options: Any = {"geometry": geometry, "mesh_as": as_, "strict": strict, "source": source}
     options |= {"model_path": model_path or (), "scale": scale, "define": define}
     with open_database(migrate=True) as db:
         for path in files:
+            options["find_rooms"] = find_rooms and path is files[-1]
             with StageBars() as bars:
-                last = find_rooms and path is files[-1]
-                options |= {"find_rooms": last, "progress": bars.report}
-                summary = db.import_file(path, map=map_name, **options)
+                summary = db.import_file(path, map=map_name, progress=bars.report, **options)
             summaries.append(summary)
             map_name = map_name or summary.map
         _name_roomless(db, {summary.map for summary in summaries})

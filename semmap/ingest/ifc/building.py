@@ -38,7 +38,7 @@ SMALLEST = 1e-6
 
 
 @dataclass(frozen=True)
-class Storey:
+class IfcStorey:
     """A storey of the map; `elevation` in metres above the file's origin."""
 
     name: str
@@ -46,12 +46,12 @@ class Storey:
 
 
 @dataclass(frozen=True)
-class Space:
+class IfcRoom:
     """A room: its outline in the map's frame, metres, and the number of the file's entity."""
 
     name: str
     outline: Polygon | MultiPolygon
-    storey: Storey
+    storey: IfcStorey
     number: int
     is_cabin: bool
 
@@ -62,9 +62,9 @@ class IfcBuilding:
     def __init__(self, file: IfcFile) -> None:
         self.file = file
         self.out = World(file.path.stem, file.path)
-        self.spaces: list[Space] = []
+        self.spaces: list[IfcRoom] = []
         self._names = {OUTSIDE}
-        self._storeys: dict[int, Storey] = {}
+        self._storeys: dict[int, IfcStorey] = {}
         self._lifts: list[tuple[str, Point]] = []
 
     def add(self, entry: Entry, about: Any = None) -> str:
@@ -81,7 +81,7 @@ class IfcBuilding:
         where = f"{element.is_a()} {element.Name or element.GlobalId}"
         self.out.skipped.append(Skipped(where, problem, fix))
 
-    def storey_of(self, element: Any) -> Storey | None:
+    def storey_of(self, element: Any) -> IfcStorey | None:
         """Return the storey that an element is in, through spaces and assemblies."""
         level = self._level(element)
         return None if level is None else self._storeys.get(level.id())
@@ -104,7 +104,7 @@ class IfcBuilding:
             entry = Entry(level.Name or "storey", "storey", "storey", level.LongName)
             entry.pose = Pose(z=heights[level])
             entry.detail = StoreyDetail(heights[level], gap or None)
-            self._storeys[level.id()] = Storey(self.add(entry, level), heights[level])
+            self._storeys[level.id()] = IfcStorey(self.add(entry, level), heights[level])
 
     def add_lifts(self) -> None:
         """Add the lifts; a space around one is its cabin."""
@@ -141,7 +141,7 @@ class IfcBuilding:
             entry.shapes = [Shape("polygon", prism_mesh(own, floor, ceiling), own)]
             entry.detail = PlaceDetail(floor, ceiling, cabin)
             name = self.add(entry, space)
-            self.spaces.append(Space(name, outline, storey, space.id(), cabin is not None))
+            self.spaces.append(IfcRoom(name, outline, storey, space.id(), cabin is not None))
 
     def add_elements(self) -> None:
         """Add each element with a surface as an object; the import derives finer holders."""

@@ -14,8 +14,8 @@ from shapely import LineString, Polygon
 
 from semmap.geometry.pose import Pose
 from semmap.ingest.floor_plan import DOORWAY, GAP, rooms_beside
-from semmap.ingest.ifc.building import IfcBuilding, Space
-from semmap.ingest.ifc.ifc_file import Solid
+from semmap.ingest.ifc.building import IfcBuilding, IfcRoom
+from semmap.ingest.ifc.ifc_file import ElementBody
 from semmap.ingest.openings import BEHAVIOURS, approach_pose, door_leaf
 from semmap.ingest.world import OUTSIDE, ConnectorDetail, Entry
 
@@ -81,13 +81,13 @@ def add_openings(building: IfcBuilding) -> None:
                 _connect(building, entry, line, pair, line.length, None)
 
 
-def _spaces_of(building: IfcBuilding, element: Any) -> list[Space]:
+def _spaces_of(building: IfcBuilding, element: Any) -> list[IfcRoom]:
     """The spaces of the storey that an element is in."""
     storey = None if element is None else building.storey_of(element)
     return [space for space in building.spaces if space.storey == storey]
 
 
-def _across(solid: Solid, yaw: float) -> LineString:
+def _across(solid: ElementBody, yaw: float) -> LineString:
     """The line of an opening: the extent of its body along a heading, at the middle across it."""
     to_wall = Pose.planar(0.0, 0.0, yaw)
     x, y, _ = to_wall.inverse().apply(solid.points).T
@@ -95,7 +95,7 @@ def _across(solid: Solid, yaw: float) -> LineString:
     return LineString(to_wall.apply(ends)[:, :2])
 
 
-def _long_side(body: Solid) -> float:
+def _long_side(body: ElementBody) -> float:
     """The heading of the long side of the rectangle around a body seen from above."""
     around = shapely.MultiPoint(body.points[:, :2]).minimum_rotated_rectangle
     sides = np.diff(shapely.get_coordinates(around)[:3], axis=0)
@@ -103,7 +103,7 @@ def _long_side(body: Solid) -> float:
     return math.atan2(y, x)
 
 
-def _beside(spaces: Sequence[Space], line: LineString) -> list[Space]:
+def _beside(spaces: Sequence[IfcRoom], line: LineString) -> list[IfcRoom]:
     """The spaces on both sides of a line; none where the same is on both."""
     sides = rooms_beside([space.outline for space in spaces], line, REACH)
     found = [spaces[side] for side in sides if side is not None]
@@ -114,7 +114,7 @@ def _connect(
     building: IfcBuilding,
     entry: Entry,
     line: LineString,
-    joined: Sequence[Space],
+    joined: Sequence[IfcRoom],
     width: float,
     height: float | None,
     element: Any = None,
@@ -144,7 +144,7 @@ def _connect(
     building.add(entry, element)
 
 
-def _free_border(building: IfcBuilding, first: Space, second: Space) -> LineString | None:
+def _free_border(building: IfcBuilding, first: IfcRoom, second: IfcRoom) -> LineString | None:
     """The longest straight part of the border of two spaces on which no element stands."""
     border = first.outline.boundary.intersection(second.outline.buffer(GAP, cap_style="flat"))
     low, high = (first.storey.elevation + height for height in BODY)

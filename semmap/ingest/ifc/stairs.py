@@ -8,7 +8,7 @@ import numpy as np
 from shapely import Point
 
 from semmap.geometry.pose import Pose
-from semmap.ingest.ifc.building import IfcBuilding, Space
+from semmap.ingest.ifc.building import IfcBuilding, IfcRoom
 from semmap.ingest.stairs import walked_corners, way_ends, way_entry
 
 NEAR = 1.0
@@ -43,7 +43,7 @@ def add_stairs(building: IfcBuilding) -> None:
             building.add(entry, way)
 
 
-def _room_at(building: IfcBuilding, x: float, y: float, z: float) -> Space | None:
+def _room_at(building: IfcBuilding, x: float, y: float, z: float) -> IfcRoom | None:
     """The room of the storey at a height in which, or else nearest to which, a way ends."""
     near = [s for s in building.spaces if abs(s.storey.elevation - z) <= NEAR]
     nearest = min(near, key=lambda space: space.outline.distance(Point(x, y)), default=None)

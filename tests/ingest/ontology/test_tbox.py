@@ -326,6 +326,6 @@ def test_an_import_parses_each_file_once(engine: Engine, monkeypatch: pytest.Mon
         connection.exec_driver_sql("DELETE FROM ontology")
         assert load_tbox(connection) > 100
         connection.rollback()
-    assert ("coffee", "table") in naming._phrases()
+    assert ("coffee", "table") in naming._phrases("object")
     assert "cup" in feature_values._type_of_word()
     assert parsed == ontology_files()
