@@ -20,6 +20,7 @@ Cause = Literal[
     "full",
     "misplaced",
     "unable",
+    "unfit",
     "interrupted",
     "cancelled",
 ]
@@ -31,6 +32,7 @@ Cause = Literal[
 - missed, dropped, gone, full: the grasp missed, the object fell or is not there, no space is free.
 - misplaced: the robot is not where the behaviour begins.
 - unable: the robot does not have the behaviour, or its gripper and arm cannot do it there.
+- unfit: its gripper cannot do it, wherever its base stands.
 - interrupted, cancelled: its process ended, or it was stopped.
 """
 

@@ -10,7 +10,7 @@ import math
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, Literal
 
 from planner.mission.behaviours import Outcome
 from semmap.geometry.pose import Pose
@@ -92,6 +92,7 @@ class GraspChooser:
     base: Pose  # where it stands, map's frame
     trial: bool = False  # a trial in simulation decides
     motion_seconds: float | None = None  # of the processor, for motions; None: no motions
+    failed: frozenset[int] = frozenset()  # grasps that come after all others
 
     @property
     def arm(self) -> Arm | None:
@@ -108,11 +109,12 @@ class GraspChooser:
         except ManipulationError as error:
             return Choice(note=f"without a grasp: {error}")
         arm = None if self._is_at(item) else self.arm
-        most = GRASPS if arm is not None else TRIED if self.trial else 1
+        most = GRASPS if arm is not None else TRIED if self.trial or self.failed else 1
         found = find_grasps(self.seen, name=item, gripper=self.hand.gripper, limit=most)
         rows = [row for row in found.rows if row["entity"] == item]
         if not rows:
-            return self._none("; ".join(found.problems) or f"{item}: no grasp is known")
+            why = "; ".join(found.problems) or f"{item}: no grasp is known"
+            return self._none(why, "unfit")
         if arm is not None:
             automaton = str(self.hand.automaton)
             rows = reachable_rows(rows, arm, self.base, REACHED)
@@ -126,6 +128,7 @@ class GraspChooser:
                     reason = f"touches something at each of {len(reached)} grasps"
                     return self._none(f"{item}: the arm of {automaton} {reason}")
         rows = self._placeable_first(item, target, rows)
+        rows.sort(key=lambda row: row["action_id"] in self.failed)
         choices = self._choices(item, target, rows)
         if self._is_at(item) and self.hand.automaton is not None:
             choice = next(choices)
@@ -170,7 +173,7 @@ class GraspChooser:
                 action, f"place {action}, not tried: the grasp does not hold in simulation"
             )
         why = f"{item}: place {action} was tried in simulation: it {cause}"
-        return Choice(action, refusal=Outcome("missed", why), tried=True)
+        return Choice(action, refusal=Outcome("unfit", why), tried=True)
 
     def _is_at(self, name: str) -> bool:
         """Whether the robot stands in an object: its class has no shape that needs free floor."""
@@ -330,9 +333,9 @@ class GraspChooser:
         note = f"grasp {action} by {self.hand.gripper}, {how}{assumed}"
         return Choice(action, note, tried=self.trial)
 
-    def _none(self, why: str) -> Choice:
+    def _none(self, why: str, cause: Literal["unable", "unfit"] = "unable") -> Choice:
         assumed = f"; {self._assumption}" if self.hand.assumed else ""
-        return Choice(refusal=Outcome("unable", f"{why}{assumed}"))
+        return Choice(refusal=Outcome(cause, f"{why}{assumed}"))
 
     @property
     def _assumption(self) -> str:

@@ -26,6 +26,11 @@ class Failure:
         """Whether the robot's gripper and arm could not do it from where its base stood."""
         return self.at is not None and self.cause in ("unable", "full")
 
+    @property
+    def is_final(self) -> bool:
+        """Whether another attempt would be the same as this one, and fail alike."""
+        return self.cause == "unfit" or (self.at is None and self.cause in ("unable", "full"))
+
 
 @dataclass(frozen=True)
 class RetryPolicy:
@@ -34,7 +39,8 @@ class RetryPolicy:
     Attributes
     ----------
     tries
-        Maximum failures of a behaviour on an entity before the mission avoids the entity.
+        Maximum failures of a behaviour on an entity before the mission avoids the entity; one where
+        another attempt would be the same.
     failures
         Maximum failures of all steps.
     wait
@@ -75,11 +81,11 @@ class RetryPolicy:
             tried = bases.setdefault(key[:2], set())
             if at is not None:
                 tried.add(at)
-            if counts[key] >= self.tries or len(tried) >= self.bases:
-                where = (
-                    f"from {len(tried)} base poses" if len(tried) > 1 else f"{counts[key]} times"
-                )
-                word = "on" if failure.action == "place" and at is not None else "of"
+            if failure.is_final or counts[key] >= self.tries or len(tried) >= self.bases:
+                times = "once" if counts[key] == 1 else f"{counts[key]} times"
+                where = f"from {len(tried)} base poses" if len(tried) > 1 else times
+                refused = at is not None or failure.is_final
+                word = "on" if failure.action == "place" and refused else "of"
                 found[failure.subject] = (
                     f"{failure.action} {word} {failure.subject} failed {where}: "
                     f"{failure.message or failure.cause}"

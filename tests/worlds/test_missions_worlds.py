@@ -338,6 +338,13 @@ class Clumsy(SimulatedRobot):
         return "unable", "the arm reaches nothing from here"
 
 
+def test_a_grasp_that_fits_nowhere_is_not_tried_again(house: Map) -> None:
+    ended = run(house, "on(Tablet_01_001, KitchenTable_01_001)", start="living-room")
+    assert (ended.state, subjects(ended, "pickup")) == ("failed", ["Tablet_01_001"])
+    assert ended.steps[-1]["cause"] == "unfit"
+    assert "pickup of Tablet_01_001 failed once" in ended.reason
+
+
 @pytest.mark.parametrize("action", ["pickup", "place"])
 @pytest.mark.parametrize(("poses", "state"), [(2, "done"), (99, "failed")])
 def test_other_base_poses_are_tried_before_giving_up(

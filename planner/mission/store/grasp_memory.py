@@ -6,7 +6,7 @@ not lose them. When an object was put down, the whole is stored as a put: the gr
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from sqlalchemy import Connection, text
@@ -24,7 +24,7 @@ from semmap.query.snapshot import Snapshot
 
 KINDS = {"pickup": "grasp", "place": "place"}  # behaviours, and the kinds of their actions
 
-TRIED = ("missed", "dropped")
+TRIED = ("missed", "dropped", "unfit")
 """Causes of failures that say something of the action; the object was not reached in others."""
 
 
@@ -60,14 +60,17 @@ class GraspMemory:
     ) -> Choice:
         """Choose how a robot does a pickup or a place, and store that it begins.
 
-        A grasp with which the gripper can put the object on `target` is preferred. Raises
-        LookupError as `check` does.
+        A grasp with which the gripper can put the object on `target` is preferred; those that have
+        failed since the last success come last. Raises LookupError as `check` does.
         """
         connection = seen.connection
         item, kind = command.arguments[0], KINDS[command.behaviour]
         with seen.session.transaction():
             chooser = self._chooser(seen, robot)
             if kind == "grasp":
+                values = {"robot": robot, "item": item}
+                failed = connection.execute(text(_FAILED), values).scalars()
+                chooser = replace(chooser, failed=frozenset(failed))
                 goes_on = target if _is_object(connection, target) else None
                 choice = chooser.grasp(item, goes_on)
             else:
@@ -187,6 +190,14 @@ UPDATE task SET outcome = :outcome, message = :message,
 WHERE robot_id = :robot AND kind = :kind AND outcome = 'running'
   AND entity_id = (SELECT id FROM entity WHERE map_id = current_map() AND name = :item)
 RETURNING id, action_id
+"""
+
+_FAILED = """
+SELECT action_id FROM task
+WHERE robot_id = :robot AND kind = 'grasp' AND outcome = 'error' AND action_id IS NOT NULL
+  AND entity_id = (SELECT id FROM entity WHERE map_id = current_map() AND name = :item)
+  AND id > (SELECT coalesce(max(t.id), 0) FROM task t WHERE t.robot_id = :robot AND t.kind = 'grasp'
+            AND t.entity_id = task.entity_id AND t.outcome = 'completed')
 """
 
 _HELD = """

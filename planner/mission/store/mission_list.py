@@ -111,7 +111,8 @@ class MissionList:
                 command = Command.of_json(row.command)
                 subject = command.subject
                 failure = Failure(row.action, subject, row.cause, row.message, command.at)
-                if row.action == "place" and failure.is_of_base:  # what it holds is not the reason
+                refused = failure.is_of_base or failure.is_final
+                if row.action == "place" and refused:  # what it holds is not the reason
                     failure = replace(failure, subject=command.arguments[-1])
                 found.append(failure)
         return found

@@ -59,3 +59,22 @@ def test_an_object_is_avoided_after_four_base_poses_or_three_failures_at_one() -
     assert "from 4 base poses" in policy.avoided(failed(1, 2, 3, 4))["cup"]
     assert policy.tried(failed(1, 2)) == {("cup", Pose(1)), ("cup", Pose(2))}
     assert policy.tried([Failure("pickup", "cup", "missed", "", Pose(1))]) == set()
+
+
+@pytest.mark.parametrize(
+    ("cause", "at", "again"),
+    [
+        ("missed", None, True),
+        ("unable", Pose(1), True),  # from another base pose
+        ("unable", None, False),
+        ("full", None, False),
+        ("unfit", None, False),
+        ("unfit", Pose(1), False),
+    ],
+)
+def test_what_would_be_the_same_again_is_not_tried(
+    cause: str, at: Pose | None, again: bool
+) -> None:
+    failed = Failure("pickup", "cup", cause, "too wide", at)
+    reasons = {} if again else {"cup": "pickup of cup failed once: too wide"}
+    assert RetryPolicy().avoided([failed]) == reasons

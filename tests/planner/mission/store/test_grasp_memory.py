@@ -95,6 +95,21 @@ def test_a_failed_grasp_is_not_tried_again_before_better_ones(
     assert begin(memory, connection, robot, MUG) == second
 
 
+def test_grasps_that_failed_come_last_although_a_simulation_teaches_nothing(
+    connection: Connection, robot: int
+) -> None:
+    memory = GraspMemory(simulated=True)
+    used = set()
+    for _ in range(3):
+        used.add(begin(memory, connection, robot, MUG))
+        memory.end(connection, robot, MUG, Outcome("missed", "it slipped"))
+    assert len(used) == 3
+    assert begin(memory, connection, robot, MUG) not in used
+    memory.end(connection, robot, MUG, Outcome())
+    assert begin(memory, connection, robot, MUG) in used  # what failed before counts no more
+    assert tried(connection) == {}
+
+
 @pytest.mark.parametrize(
     ("trial", "counts", "by"), [(False, (0, 0), "assumed"), (True, (0.5, 0.5), "simulation")]
 )
@@ -152,7 +167,7 @@ def test_what_does_not_fit_is_refused_also_where_the_gripper_is_assumed(
     refused = GraspMemory().begin(seen_by(connection), robot, table)
     assert refused.action is None
     assert refused.refusal is not None
-    assert refused.refusal.cause == "unable"
+    assert refused.refusal.cause == "unfit"
     assert "gripper parallel_gripper opens 0.09 m" in refused.refusal.message
     GraspMemory().end(connection, robot, table, refused.refusal)
     assert tasks(connection) == [("error", refused.refusal.message, None)]
