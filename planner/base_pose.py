@@ -55,20 +55,29 @@ class RoomGround:
     floor: float
     doors: tuple[shapely.LineString, ...] = ()
 
-    def free(self) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-        """The free cells of the window, (N, 2), and their middles, metres."""
-        cells = np.argwhere(self.costs < INSCRIBED)
+    def free(
+        self, within: tuple[float, float, float, float] | None = None
+    ) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+        """The free cells of the window, (N, 2), and their middles, metres.
+
+        `within` are the least and greatest x and y, metres, of cells that are wanted.
+        """
+        first = np.zeros(2, np.int64)
+        costs = self.costs
+        if within is not None:
+            ends = np.array([within[1::-1], within[:1:-1]]) - self.grid.origin[::-1]
+            first, last = np.floor(ends / self.grid.resolution).astype(np.int64).clip(0)
+            costs = costs[first[0] : last[0] + 1, first[1] : last[1] + 1]
+        cells = np.argwhere(costs < INSCRIBED) + first
         return cells, np.array(self.grid.origin) + (cells[:, ::-1] + 0.5) * self.grid.resolution
 
     def near(
         self, shape: shapely.Geometry, reach: tuple[float, float]
     ) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]:
         """The free cells from which a shape is within reach: cells, middles, distances to it."""
-        cells, points = self.free()
         x0, y0, x1, y1 = shape.bounds
         near, far = reach
-        close = ((points >= (x0 - far, y0 - far)) & (points <= (x1 + far, y1 + far))).all(axis=1)
-        cells, points = cells[close], points[close]
+        cells, points = self.free((x0 - far, y0 - far, x1 + far, y1 + far))
         away = shapely.distance(shapely.points(points), shape)
         fits = (away >= near) & (away <= far)
         return cells[fits], points[fits], away[fits]

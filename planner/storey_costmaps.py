@@ -10,7 +10,7 @@ import math
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 import shapely
@@ -31,8 +31,13 @@ from planner.topology import OUTSIDE, PlaceConnector, PlaceRegion, Topology
 from semmap.geometry.pose import Pose
 from semmap.query.storey_scene import SceneEntity, StoreyScene
 
+T = TypeVar("T")
+
 SNAP = 0.5
 """Metres within which a pose that is too close to an obstacle counts as the nearest free cell."""
+
+MOST = 10_000
+"""Results of measurements that are kept."""
 
 BELOW, TOP = 0.5, 3.0
 """Metres below and above a place's floor within which a field may be on its storey."""
@@ -95,7 +100,7 @@ class StoreyCostmaps:
         self._rooms: dict[str, RoomCostmap | None] = {}
         self._spaces: dict[str, DriveSpace] = {}
         self._avoided: dict[str, list[PlaceRegion]] = {}
-        self._stands: dict[tuple[str, Pose], Pose] = {}
+        self._known: dict[tuple[Any, ...], Any] = {}  # measured on the present costs
 
     def report_to(self, progress: Callable[[str, int], None]) -> None:
         """Call `progress` for each new place, with its name and how many places there were."""
@@ -189,16 +194,29 @@ class StoreyCostmaps:
     @contextmanager
     def also_avoiding(self, regions: Mapping[str, Sequence[PlaceRegion]]) -> Iterator[None]:
         """Keep paths out of regions, given by storey, inside a ``with`` block."""
-        before, stands = self._avoided, self._stands
+        before, known = self._avoided, self._known
         self._avoided = before | {s: [*before.get(s, ()), *more] for s, more in regions.items()}
-        self._stands = {} if regions else stands
+        self._known = {} if regions else known
         try:
             yield
         finally:
-            self._avoided, self._stands = before, stands
+            self._avoided, self._known = before, known
+
+    def _once(self, measure: Callable[..., T], *ends: Any) -> T:
+        """What a method measures, once for the present costs; the last `MOST` are kept."""
+        key = measure.__name__, *ends
+        if key not in self._known:
+            while len(self._known) >= MOST:
+                self._known.pop(next(iter(self._known)), None)
+            self._known[key] = measure(*ends)
+        found: T = self._known[key]
+        return found
 
     def between(self, place: str, a: Sequence[Pose], b: Sequence[Pose]) -> Travel:
         """The travel from each of n poses in a place to each of m; infinite without a path."""
+        return self._once(self._between, place, (*a,), (*b,))
+
+    def _between(self, place: str, a: Sequence[Pose], b: Sequence[Pose]) -> Travel:
         seconds = np.full((len(a), len(b)), math.inf)
         metres = seconds.copy()
         costs, room, space = self.costs(place), self.room(place), self.space(place)
@@ -215,6 +233,7 @@ class StoreyCostmaps:
             aside = from_pose[:, None] + to_pose[None, :]
             seconds[np.ix_(rows, columns)] = (price + aside) / self.robot.speed
             metres[np.ix_(rows, columns)] = length + aside
+        seconds.flags.writeable = metres.flags.writeable = False  # it is kept
         return Travel(seconds, metres)
 
     def path(self, place: str, a: Pose, b: Pose) -> NDArray[np.float64] | None:
@@ -233,13 +252,15 @@ class StoreyCostmaps:
 
     def obstruction(self, place: str, pose: Pose) -> str | None:
         """What stands in the door of an approach pose, and is not passed aside; else None."""
+        return self._once(self._obstruction, place, pose)
+
+    def _obstruction(self, place: str, pose: Pose) -> str | None:
         costs, room, door = self.costs(place), self.room(place), self._doors(place).get(pose)
         if costs is None or room is None or door is None:
             return None
-        joined = label(costs < INSCRIBED, np.ones((3, 3)))[0]
-        parts = self._opening(place, joined, room.grid, door)
+        joined = self._joined(place, costs, room.grid, door)
         floor = self._standing_room(place, costs, room.grid)
-        if parts is None or _nearest(floor, room.grid, pose, joined, parts) is not None:
+        if joined is None or _nearest(floor & joined, room.grid, pose) is not None:
             return None
         costmap = self.costmap(self.storey_of(place))
         middle = door.leaf().interpolate(0.5, normalized=True)
@@ -254,9 +275,7 @@ class StoreyCostmaps:
         It is the pose, or the middle of the cell that ways in `between` begin at in its place; the
         pose, too, where there is none.
         """
-        if (place, pose) not in self._stands:
-            self._stands[place, pose] = self._standing(place, pose)
-        return self._stands[place, pose]
+        return self._once(self._standing, place, pose)
 
     def _standing(self, place: str, pose: Pose) -> Pose:
         costs, room = self.costs(place), self.room(place)
@@ -287,6 +306,10 @@ class StoreyCostmaps:
         """
         if connector.type not in ("door", "elevator_door") or OUTSIDE in connector.places:
             return []
+        return self._once(self._bends, connector.name)
+
+    def _bends(self, name: str) -> list[tuple[float, float]]:
+        connector = self.topology.connectors[name]
         stands = [
             self.standing(*end) for end in zip(connector.places, connector.poses, strict=True)
         ]
@@ -329,23 +352,24 @@ class StoreyCostmaps:
         stands there, and not through it. In a cabin, where something closes the door, it is any
         cell, for a robot that rides on.
         """
-        doors = self._doors(place)
-        passable = costs < INSCRIBED
-        if not doors.keys() & {*poses}:
-            return [_nearest(passable, grid, pose) for pose in poses]
-        floor = self._standing_room(place, costs, grid)
-        joined = label(passable, np.ones((3, 3)))[0]
-        found = []
-        for pose in poses:
-            if pose not in doors:
-                end = _nearest(passable, grid, pose)
-            else:
-                parts = self._opening(place, joined, grid, doors[pose])
-                end = _nearest(floor, grid, pose, joined, parts)
-                if end is None and self.topology.places[place].elevator is not None:
-                    end = _nearest(floor, grid, pose)
-            found.append(end)
-        return found
+        doors, passable = self._doors(place), costs < INSCRIBED
+        return [
+            self._once(self._end_at_door, place, pose)
+            if pose in doors
+            else _nearest(passable, grid, pose)
+            for pose in poses
+        ]
+
+    def _end_at_door(self, place: str, pose: Pose) -> tuple[tuple[int, int], float] | None:
+        costs, room = self.costs(place), self.room(place)
+        assert costs is not None
+        assert room is not None
+        floor = self._standing_room(place, costs, room.grid)
+        joined = self._joined(place, costs, room.grid, self._doors(place)[pose])
+        end = _nearest(floor if joined is None else floor & joined, room.grid, pose)
+        if end is None and self.topology.places[place].elevator is not None:
+            end = _nearest(floor, room.grid, pose)
+        return end
 
     def _standing_room(self, place: str, costs: NDArray[np.uint8], grid: Grid) -> NDArray[np.bool_]:
         """The passable cells in which the robot stands at a door; in a cabin, none of the doorway.
@@ -359,24 +383,25 @@ class StoreyCostmaps:
         own = shapely.union_all([floor.outline for floor in floors if floor.name == place])
         return passable & area_cells(own, grid)
 
-    def _opening(
-        self, place: str, joined: NDArray[np.int32], grid: Grid, door: PlaceConnector
-    ) -> NDArray[np.int32] | None:
-        """The parts of the passable cells that a door opens to; None if walls alone narrow it.
+    def _joined(
+        self, place: str, costs: NDArray[np.uint8], grid: Grid, door: PlaceConnector
+    ) -> NDArray[np.bool_] | None:
+        """The passable cells that are joined with an opening; None if walls alone narrow it.
 
         The width of a door says whether a robot passes between its posts, more exactly than cells.
         """
         costmap = self.costmap(self.storey_of(place))
         if not _stands_near(costmap, door.way):
             return None
+        parts = label(costs < INSCRIBED, np.ones((3, 3)))[0]
         leaf = door.leaf()
         steps = np.linspace(0.0, 1.0, 2 + math.ceil(leaf.length / grid.resolution), endpoint=True)
         points = shapely.get_coordinates(leaf.interpolate(steps, normalized=True))
         cells = np.floor((points - grid.origin) / grid.resolution).astype(int)[:, ::-1]
         cells = cells[((cells >= 0) & (cells < grid.shape)).all(axis=1)]
-        parts = np.unique(joined[tuple(cells.T)])
-        parts = parts[parts > 0]
-        return parts if len(parts) or _stands_in(costmap, door) else None
+        open_ = np.unique(parts[tuple(cells.T)])
+        open_ = open_[open_ > 0]
+        return np.isin(parts, open_) if len(open_) or _stands_in(costmap, door) else None
 
     def blocking_reason(self, place: str, pose: Pose, *, measured: bool = False) -> str | None:
         """Why the robot can be neither at a pose of a place nor within `SNAP` of it; else None.
@@ -482,7 +507,7 @@ class StoreyCostmaps:
         """The places of a storey whose costs, or where the robot fits, changed in windows."""
         costmap = self.costmap(storey)
         if windows:
-            self._stands.clear()
+            self._known.clear()
         master, fits = before
         differs = (master != costmap.master) | (fits != costmap.fits).any(axis=0)
         found = set()
@@ -504,22 +529,15 @@ def _overlap(a: Window, b: Window) -> bool:
 
 
 def _nearest(
-    passable: NDArray[np.bool_],
-    grid: Grid,
-    pose: Pose,
-    joined: NDArray[np.int32] | None = None,
-    parts: NDArray[np.int32] | None = None,
+    passable: NDArray[np.bool_], grid: Grid, pose: Pose
 ) -> tuple[tuple[int, int], float] | None:
-    """The passable cell nearest to a pose, of some parts of them, and its distance; or None."""
+    """The passable cell nearest to a pose, and its distance; None if beyond `SNAP`."""
     at = (np.array([pose.y, pose.x]) - grid.origin[::-1]) / grid.resolution
     row, column = (math.floor(v) for v in at)
     reach = math.ceil(SNAP / grid.resolution)
     r0, c0 = max(0, row - reach), max(0, column - reach)
     window = slice(r0, max(r0, row + reach + 1)), slice(c0, max(c0, column + reach + 1))
-    near = passable[window]
-    if joined is not None and parts is not None:
-        near = near & np.isin(joined[window], parts)
-    free = np.argwhere(near) + np.array([r0, c0])
+    free = np.argwhere(passable[window]) + np.array([r0, c0])
     if (free == (row, column)).all(axis=1).any():
         return (row, column), 0.0
     away = np.linalg.norm(free + 0.5 - at, axis=1) * grid.resolution
