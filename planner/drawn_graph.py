@@ -141,11 +141,10 @@ def _passage(graph: RoutingGraph, edge: DrawnEdge, start: DrawnNode, end: DrawnN
     """The number of the passage that an edge takes: of the stated connector, or the crossed one."""
     here = graph.topology.connectors_of(start.place)
     joining = [(c, s) for c, s in here if c.places[1 - s] == end.place]
-    stated = [(c, s) for c, s in here if c.name == edge.connector]
+    leaves = start.place != end.place  # of a passage in pieces, one does
+    stated = [(c, s) for c, s in (here if leaves else joining) if c.name == edge.connector]
     line = shapely.LineString([start.point[:2], end.point[:2]])
-    found = stated or [
-        (c, s) for c, s in joining if start.place != end.place or c.leaf().intersects(line)
-    ]
+    found = stated or [(c, s) for c, s in joining if leaves or c.leaf().intersects(line)]
     if not found:
         return None
     ways = [

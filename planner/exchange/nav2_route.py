@@ -200,7 +200,7 @@ def _operations(
         add("use_elevator", elevator=move.elevator, **storeys)
         add("switch_map", "ON_EXIT", storey=end.storey, frame=frame_of[end.storey])
     connector = move.connector
-    if connector is not None:
+    if connector is not None and start.connector is not None:  # not again at each bend
         name = connector.name
         if move.elevator is not None:
             add("call_elevator", elevator=move.elevator, connector=name, storey=start.storey)

@@ -19,6 +19,7 @@ from planner.exchange.route_graph import (
     Cabin,
     DrawnLane,
     ExchangeError,
+    Move,
     RouteGraph,
     RouteNode,
     around_corners,
@@ -80,7 +81,7 @@ def rmf_nav_graph(
         (here, a), (there, b) = at[move.start], at[move.end]
         if move.kind == "ride" or a == b or here != there:
             continue
-        door = move.connector is not None and _is_door(move.connector)
+        door = move.connector is not None and _is_door(move.connector) and _opens(move, made)
         levels[here].lane(a, b, **({"door_name": move.connector.name} if door else {}))  # type: ignore[union-attr]
     _add_drawn_lanes(levels, building.lanes, made, at, doors)
     if not any(level.lanes for level in levels.values()):
@@ -172,6 +173,16 @@ class _Level:
 
 def _is_door(connector: PlaceConnector) -> bool:
     return connector.type == "door" and connector.behaviour == "pass_door"
+
+
+def _opens(move: Move, made: RouteGraph) -> bool:
+    """Whether a passage needs the door: the whole of it, or a piece of it at the leaf."""
+    ends = [made.nodes[n] for n in (move.start, move.end)]
+    assert move.connector is not None
+    if all(node.connector is not None for node in ends):
+        return True
+    line = shapely.LineString([node.point[:2] for node in ends])
+    return bool(move.connector.leaf().intersects(line))
 
 
 def _lifts(nodes: tuple[RouteNode, ...], building: BuildingOutline) -> dict[str, Cabin]:

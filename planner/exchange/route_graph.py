@@ -67,8 +67,9 @@ class BuildingOutline:
 class RouteNode:
     """An approach pose, or a point of a place: drawn, at a corner, or in the middle.
 
-    An approach pose has its connector, and the side (0 or 1) on which it is. A drawn point has the
-    name of its region, and the parameters of Open-RMF, such as ``is_charger``. Names are unique.
+    An approach pose has its connector, the side (0 or 1) on which it is, and a heading, radians. A
+    drawn point has the name of its region, and the parameters of Open-RMF, such as ``is_charger``.
+    Names are unique.
     """
 
     name: str
@@ -78,13 +79,9 @@ class RouteNode:
     elevator: str | None = None
     connector: PlaceConnector | None = None
     side: int = 0
+    yaw: float | None = None
     region: str | None = None
     params: Mapping[str, Any] = field(default_factory=dict)
-
-    @property
-    def yaw(self) -> float | None:
-        """The heading of an approach pose, radians."""
-        return None if self.connector is None else self.connector.poses[self.side].yaw
 
 
 @dataclass(frozen=True)
@@ -92,7 +89,8 @@ class Move:
     """A move from one node to another, by index, in one direction.
 
     A walk is inside a place; a passage has its connector and the elevator into which it leads, a
-    ride its elevator.
+    ride its elevator. The way through an opening in which something stands has a passage for each
+    piece between its bends.
     """
 
     start: int
@@ -128,14 +126,12 @@ def route_graph(
 
     Shortest paths over the moves are those of the routing graph. No move leads through `OUTSIDE`,
     which the map does not describe. One storey alone is without rides, which lead away from it;
-    places without storey are on `storeyless`. Raises ExchangeError for an unknown storey.
+    places without storey are on `storeyless`. Approach poses are where the robot stands for them:
+    beside what is there. Raises ExchangeError for an unknown storey.
     """
+    routing.look_into_cabins()
     topology = routing.topology
-    nodes = [
-        _approach_pose(topology, connector, side, storeyless)
-        for connector in routing.connectors
-        for side in (0, 1)
-    ]
+    nodes = [_approach_pose(routing, node, storeyless) for node in range(len(routing.poses))]
     kept = list(range(len(nodes)))
     if storey is not None:
         known = dict.fromkeys(p.storey or storeyless for p in topology.places.values())
@@ -143,6 +139,8 @@ def route_graph(
             raise ExchangeError(f"there is no storey {storey}; there are: {', '.join(known)}")
         kept = [n for n in kept if nodes[n].storey == storey]
     number = {node: i for i, node in enumerate(kept)}
+    found = [nodes[n] for n in kept]
+    bent: dict[tuple[int, tuple[float, float]], int] = {}  # nodes at bends, of each connector
     moves = []
     for edge, (tail, head) in enumerate(zip(routing.tails, routing.heads, strict=True)):
         start, end, seconds = int(tail), int(head), float(routing.seconds[edge])
@@ -153,10 +151,21 @@ def route_graph(
             moves.append(Move(a, b, "ride", seconds, elevator=routing.rides[edge]))
         elif edge < len(nodes):  # passages come first
             into = nodes[end].elevator if nodes[end].elevator != nodes[start].elevator else None
-            moves.append(Move(a, b, "passage", seconds, nodes[start].connector, into))
+            over = []
+            for bend in routing.bends(edge):
+                if (edge // 2, bend) not in bent:
+                    bent[edge // 2, bend] = len(found)
+                    found.append(_bend(nodes[start], len(bent), bend))
+                over.append(bent[edge // 2, bend])
+            steps = list(pairwise([a, *over, b]))
+            metres = [max(math.dist(found[i].point, found[j].point), 1e-6) for i, j in steps]
+            moves += [
+                Move(i, j, "passage", seconds * m / sum(metres), nodes[start].connector, into)
+                for (i, j), m in zip(steps, metres, strict=True)
+            ]
         elif nodes[start].place != OUTSIDE:
             moves.append(Move(a, b, "walk", seconds))
-    return RouteGraph(tuple(nodes[n] for n in kept), tuple(moves))
+    return RouteGraph(tuple(found), tuple(moves))
 
 
 PARAMS = {"charging_station": "is_charger", "parking_spot": "is_parking_spot"}
@@ -226,14 +235,20 @@ def with_middles(made: RouteGraph, outlines: Mapping[str, Outline], speed: float
     return RouteGraph(tuple(nodes), tuple(moves))
 
 
-def _approach_pose(
-    topology: Topology, connector: PlaceConnector, side: int, storeyless: str
-) -> RouteNode:
+def _approach_pose(routing: RoutingGraph, node: int, storeyless: str) -> RouteNode:
     """The node on a side of a connector; outside, on the storey of the other side."""
+    topology, connector, side = routing.topology, routing.connectors[node // 2], node % 2
     here, there = (topology.places[connector.places[s]] for s in (side, 1 - side))
     storey = here.storey or (there.storey if here.name == OUTSIDE else None) or storeyless
-    name, at = f"{connector.name}@{here.name}", connector.poses[side][:3]
-    return RouteNode(name, here.name, storey, at, here.elevator, connector, side)
+    name, pose = f"{connector.name}@{here.name}", routing.standing(node)
+    return RouteNode(name, here.name, storey, pose[:3], here.elevator, connector, side, pose.yaw)
+
+
+def _bend(start: RouteNode, number: int, at: tuple[float, float]) -> RouteNode:
+    """A node where the passage from an approach pose bends."""
+    assert start.connector is not None
+    name = f"{start.connector.name}#{number}"
+    return RouteNode(name, start.place, start.storey, (*at, start.point[2]))
 
 
 def middle_of(outline: shapely.Geometry) -> tuple[float, float]:
@@ -316,9 +331,9 @@ def _clearances(robot: RobotClass) -> list[float]:
 
 
 def _inside(made: RouteGraph) -> dict[str, list[int]]:
-    """The indices of the nodes of each place inside the building."""
+    """The indices of the approach poses and drawn points of each place inside the building."""
     inside: dict[str, list[int]] = {}
     for number, node in enumerate(made.nodes):
-        if node.place != OUTSIDE:
+        if node.place != OUTSIDE and (node.connector is not None or node.region is not None):
             inside.setdefault(node.place, []).append(number)
     return inside
