@@ -111,21 +111,30 @@ def test_rooms_and_stairs_are_found_where_the_file_has_spaces(database, worlds, 
         assert house.find_rooms()[0].stairs == ()
 
 
-def test_walls_are_where_the_file_has_them_and_spaces_are_free(building, duplex):
-    """A cell of a room's inside is free where no element stands, by Shapely over the triangles."""
-    grid = building.grid("Level 1")
-    poses = {entry.name: entry.pose for entry in duplex.entries}
-    band = (0.1, 1.8)
-    parts = []
-    for entry in duplex.entries:
-        if entry.kind != "object":
+def placed_triangles(world, types=None, storey=None):
+    """Triangles (n, 3, 3) of the objects of some types and a storey, in the map's frame."""
+    poses = {entry.name: entry.pose for entry in world.entries}
+    for entry in world.entries:
+        if entry.kind != "object" or (types and entry.type not in types):
+            continue
+        if storey and entry.holder != storey:
             continue
         pose = (poses[entry.holder] @ entry.pose) if entry.holder else entry.pose
-        triangles = pose.apply(entry.shapes[0].mesh.vertices)[entry.shapes[0].mesh.faces]
-        z = triangles[:, :, 2]
-        near = triangles[(z.min(axis=1) < band[1]) & (z.max(axis=1) > band[0])]
-        parts += [shapely.MultiPoint(t[:, :2]).convex_hull for t in near]
-    solid = shapely.union_all(parts)
+        yield pose.apply(entry.shapes[0].mesh.vertices)[entry.shapes[0].mesh.faces]
+
+
+def test_walls_are_where_the_file_has_them_and_spaces_are_free(building, duplex):
+    """Free cells lie in rooms, occupied ones where elements stand: by Shapely, from triangles."""
+    grid = building.grid("Level 1")
+    low, high = 0.1, 1.8
+    solid = shapely.union_all(
+        [
+            shapely.MultiPoint(triangle[:, :2]).convex_hull
+            for triangles in placed_triangles(duplex)
+            for triangle in triangles
+            if triangle[:, 2].min() < high and triangle[:, 2].max() > low
+        ]
+    )
     rng = np.random.default_rng(31)
     for room in (entry for entry in duplex.entries if entry.kind == "room"):
         if room.holder != "Level 1" or room.name[1:] == "105":
@@ -140,3 +149,19 @@ def test_walls_are_where_the_file_has_them_and_spaces_are_free(building, duplex)
                 row = int((y - grid.grid.origin[1]) / grid.grid.resolution)
                 column = int((x - grid.grid.origin[0]) / grid.grid.resolution)
                 assert grid.cells[row, column] == 0
+    crossed = 0
+    for triangles in placed_triangles(duplex, {"wall", "cabinet", "sofa"}, "Level 1"):
+        for triangle in triangles:
+            above = triangle[:, 2] > 0.5
+            if above.all() or not above.any():
+                continue
+            points = []
+            for one, other in combinations(triangle, 2):
+                if (one[2] > 0.5) != (other[2] > 0.5):
+                    points.append(one + (0.5 - one[2]) / (other[2] - one[2]) * (other - one))
+            x, y, _ = np.mean(points, axis=0)
+            # A face on the border of two cells occupies one of them.
+            around = [(x + dx, y + dy) for dx in (-1e-6, 1e-6) for dy in (-1e-6, 1e-6)]
+            assert 100 in {grid.cells[grid.grid.cell(*at)] for at in around}
+            crossed += 1
+    assert crossed > 200
