@@ -258,9 +258,12 @@ class StoreyCostmaps:
         costs, room, door = self.costs(place), self.room(place), self._doors(place).get(pose)
         if costs is None or room is None or door is None:
             return None
-        joined = self._joined(place, costs, room.grid, door)
+        joined = self._joined(door, pose)
+        if joined is None:
+            return None
         floor = self._standing_room(place, costs, room.grid)
-        if joined is None or _nearest(floor & joined, room.grid, pose) is not None:
+        end = _nearest(floor & joined, room.grid, pose)
+        if end is not None and self._once(self._bends, door.name) is not None:
             return None
         costmap = self.costmap(self.storey_of(place))
         middle = door.leaf().interpolate(0.5, normalized=True)
@@ -306,9 +309,9 @@ class StoreyCostmaps:
         """
         if connector.type not in ("door", "elevator_door") or OUTSIDE in connector.places:
             return []
-        return self._once(self._bends, connector.name)
+        return self._once(self._bends, connector.name) or []
 
-    def _bends(self, name: str) -> list[tuple[float, float]]:
+    def _bends(self, name: str) -> list[tuple[float, float]] | None:
         connector = self.topology.connectors[name]
         stands = [
             self.standing(*end) for end in zip(connector.places, connector.poses, strict=True)
@@ -333,7 +336,7 @@ class StoreyCostmaps:
             if ways[0] is not None and ways[1] is not None:
                 way = shapely.LineString(np.concatenate([ways[0], ways[1][::-1]]))
                 return [(x, y) for x, y in way.simplify(self.resolution / 2).coords[1:-1]]
-        return []
+        return None
 
     def _doors(self, place: str) -> dict[Pose, PlaceConnector]:
         """The doors of a place, by their approach pose in it."""
@@ -365,7 +368,7 @@ class StoreyCostmaps:
         assert costs is not None
         assert room is not None
         floor = self._standing_room(place, costs, room.grid)
-        joined = self._joined(place, costs, room.grid, self._doors(place)[pose])
+        joined = self._joined(self._doors(place)[pose], pose)
         end = _nearest(floor if joined is None else floor & joined, room.grid, pose)
         if end is None and self.topology.places[place].elevator is not None:
             end = _nearest(floor, room.grid, pose)
@@ -383,25 +386,51 @@ class StoreyCostmaps:
         own = shapely.union_all([floor.outline for floor in floors if floor.name == place])
         return passable & area_cells(own, grid)
 
-    def _joined(
-        self, place: str, costs: NDArray[np.uint8], grid: Grid, door: PlaceConnector
-    ) -> NDArray[np.bool_] | None:
-        """The passable cells that are joined with an opening; None if walls alone narrow it.
+    def _joined(self, door: PlaceConnector, pose: Pose) -> NDArray[np.bool_] | None:
+        """The cells of an approach pose's place from which a way leads through the opening.
 
-        The width of a door says whether a robot passes between its posts, more exactly than cells.
+        None if walls alone narrow it: the width of a door says whether a robot passes between its
+        posts, more exactly than cells.
         """
-        costmap = self.costmap(self.storey_of(place))
+        sides: tuple[NDArray[np.bool_], ...] | None = self._once(self._sides, door.name)
+        return None if sides is None else sides[door.poses.index(pose)]
+
+    def _sides(self, name: str) -> tuple[NDArray[np.bool_], ...] | None:
+        """The cells of both places that one gap of an opening joins, by side; see `_joined`.
+
+        Of several gaps it is the one that lies nearest to both approach poses; none, where a thing
+        leaves a gap on either side, but not the same one.
+        """
+        door = self.topology.connectors[name]
+        costmap = self.costmap(self.storey_of(next(p for p in door.places if p != OUTSIDE)))
         if not _stands_near(costmap, door.way):
             return None
-        parts = label(costs < INSCRIBED, np.ones((3, 3)))[0]
         leaf = door.leaf()
-        steps = np.linspace(0.0, 1.0, 2 + math.ceil(leaf.length / grid.resolution), endpoint=True)
+        steps = np.linspace(0.0, 1.0, 2 + math.ceil(leaf.length / self.resolution))
         points = shapely.get_coordinates(leaf.interpolate(steps, normalized=True))
-        cells = np.floor((points - grid.origin) / grid.resolution).astype(int)[:, ::-1]
-        cells = cells[((cells >= 0) & (cells < grid.shape)).all(axis=1)]
-        open_ = np.unique(parts[tuple(cells.T)])
-        open_ = open_[open_ > 0]
-        return np.isin(parts, open_) if len(open_) or _stands_in(costmap, door) else None
+        parts, gaps, ends = [], [], []  # of each side: labels of cells, and of points of the leaf
+        for place, pose in zip(door.places, door.poses, strict=True):
+            room = None if place == OUTSIDE else self.room(place)
+            costs = None if room is None else self.costs(place)
+            if costs is None or room is None:
+                parts.append(np.zeros((0, 0), np.int32))
+                gaps.append(np.ones(len(points), np.int32))
+                ends.append({1: 0.0})
+                continue
+            labels = label(costs < INSCRIBED, np.ones((3, 3)))[0]
+            cells = np.floor((points - room.grid.origin) / self.resolution).astype(int)[:, ::-1]
+            inside = ((cells >= 0) & (cells < room.grid.shape)).all(axis=1)
+            gaps.append(np.where(inside, labels[tuple(np.where(inside[:, None], cells, 0).T)], 0))
+            floor = self._standing_room(place, costs, room.grid)
+            near = {int(k): _nearest(floor & (labels == k), room.grid, pose) for k in {*gaps[-1]}}
+            ends.append({k: end[1] for k, end in near.items() if end is not None})
+            parts.append(labels)
+        pairs = {(int(a), int(b)) for a, b in zip(*gaps, strict=True) if a and b}
+        if not pairs and not _stands_in(costmap, door):
+            return None
+        reached = [(a, b) for a, b in pairs if a in ends[0] and b in ends[1]]
+        best = min(reached, key=lambda ab: ends[0][ab[0]] + ends[1][ab[1]], default=(-1, -1))
+        return tuple(labels == k for labels, k in zip(parts, best, strict=True))
 
     def blocking_reason(self, place: str, pose: Pose, *, measured: bool = False) -> str | None:
         """Why the robot can be neither at a pose of a place nor within `SNAP` of it; else None.

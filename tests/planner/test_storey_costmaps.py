@@ -206,6 +206,37 @@ def test_between_neighbours_a_route_does_not_lead_through_what_closes_the_door()
             find_route(graph, *ends)
 
 
+@pytest.mark.parametrize(
+    ("above", "below", "passes"),
+    [(True, False, True), (False, True, True), (True, True, False), (False, False, True)],
+)
+def test_gaps_of_an_opening_are_a_way_where_they_meet(above, below, passes):
+    things = [box(10, 3.1, 1.5, 0.25)]  # in the middle of an opening of 2.2 m
+    things += [box(30 + k, 2.75, 1.8 + k * 0.2, 0.15) for k in range(5 * above)]
+    things += [box(40 + k, 3.45, 0.4 + k * 0.2, 0.15) for k in range(5 * below)]
+    known = rooms()
+    wide = replace(known.connectors["door"], width=2.2)
+    known = replace(known, connectors=known.connectors | {"door": wide})
+    there = scene([*things, wall(20, -0.2, 0.4), wall(21, 2.6, 3.2)])
+    opening = FloorArea("door", shapely.box(2.3, 0.4, 3.9, 2.6), 0.0)
+    there = replace(there, floors=(*there.floors[:2], opening))
+    made = StoreyCostmaps(known, ROBOT, lambda storey: there, resolution=0.1, slow=2.0)
+    ends = [*zip(wide.places, wide.poses, strict=True)]
+    reasons = [made.obstruction(*end) for end in ends]
+    assert [reason is None for reason in reasons] == [passes, passes]
+    assert passes or all("box10" in str(reason) for reason in reasons)
+    assert bool(made.bends(wide)) == passes
+    # The plane says the same, for the disc in the robot's base.
+    free = shapely.box(0, 0, 6, 3) - shapely.union_all(
+        [
+            shapely.MultiPoint(t.triangles[:, :, :2].reshape(-1, 2)).envelope.buffer(0.2)
+            for t in there.entities
+        ]
+    )
+    stands = shapely.MultiPoint([made.standing(*end)[:2] for end in ends])
+    assert any(part.covers(stands) for part in shapely.get_parts(free)) == passes
+
+
 def test_a_base_stands_in_its_room_and_not_in_a_doorway():
     made = ground()
     free = np.argwhere(made.ground("left").costs < INSCRIBED)
