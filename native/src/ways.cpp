@@ -46,16 +46,10 @@ struct Lattice {
             const int rows = kMoves[h][0], columns = kMoves[h][1];
             offsets[h] = offset(rows, columns);
             lengths[h] = std::hypot(rows, columns);
-            // For a knight's move the two cells between.
-            beside[h][0] = offset(rows, 0);
-            beside[h][1] = offset(0, columns);
-            if (std::abs(rows) == 2) {
-                beside[h][0] = offset(rows / 2, 0);
-                beside[h][1] = offset(rows / 2, columns);
-            } else if (std::abs(columns) == 2) {
-                beside[h][0] = offset(0, columns / 2);
-                beside[h][1] = offset(rows, columns / 2);
-            }
+            // For a knight's move the two cells between; for a straight one its ends.
+            const bool diagonal = std::abs(rows) == std::abs(columns);
+            beside[h][0] = diagonal ? offset(rows, 0) : offset(rows / 2, columns / 2);
+            beside[h][1] = offsets[h] - beside[h][0];
         }
     }
 
