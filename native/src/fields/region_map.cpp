@@ -95,36 +95,27 @@ void RegionMap::insert(std::int32_t entity, const Shape& shape) {
     add(entity, std::move(voxels));
 }
 
-void RegionMap::add(std::int32_t entity, Voxels voxels) {
-    Voxels& has = region_to_change(entity);
-    if (has.blocks() == 0) {
-        apply(entity, voxels);
-        has = std::move(voxels);
-        return;
-    }
-    const Voxels fresh = without(voxels, has);
-    apply(entity, fresh);
-    has = united(has, fresh);
-}
-
 void RegionMap::remove(std::int32_t entity) {
     const std::unique_lock lock(mutex_);
-    if (region(entity).blocks() == 0) return;
-    const Voxels had = std::move(regions_[static_cast<std::size_t>(entity)]);
-    regions_[static_cast<std::size_t>(entity)] = {};
-    apply(entity, had);
-    prune();
+    if (region(entity).blocks() > 0) change(entity, {});
 }
 
 void RegionMap::move(std::int32_t entity, const Shape& shape) {
     Voxels voxels = rasterise(shape, voxel_size());
     const std::unique_lock lock(mutex_);
     Spread(grid_.tree()).add(voxels);
+    change(entity, std::move(voxels));
+}
+
+void RegionMap::add(std::int32_t entity, Voxels voxels) {
+    const Voxels& has = region(entity);
+    change(entity, has.blocks() == 0 ? std::move(voxels) : united(has, voxels));
+}
+
+void RegionMap::change(std::int32_t entity, Voxels voxels) {
     Voxels& has = region_to_change(entity);
-    const Voxels left = without(has, voxels);
-    const Voxels entered = without(voxels, has);
-    apply(entity, entered);
-    apply(entity, left);
+    apply(entity, without(voxels, has));
+    apply(entity, without(has, voxels));
     has = std::move(voxels);
     prune();
 }

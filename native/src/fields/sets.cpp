@@ -38,12 +38,11 @@ std::int32_t Register::toggled(std::int32_t set, std::int32_t entity) {
     if (free_.empty()) {
         made = end();
         sets_.emplace_back();
-        counts_.push_back(0);
     } else {
         made = free_.back();
         free_.pop_back();
     }
-    sets_[static_cast<std::size_t>(made)] = {hash, scratch_};
+    sets_[static_cast<std::size_t>(made)] = {hash, 0, scratch_};
     by_hash_.emplace(hash, made);
     return made;
 }
@@ -56,9 +55,8 @@ std::int32_t Register::find(std::uint64_t hash, const std::vector<std::int32_t>&
 }
 
 void Register::free_if_unused(std::int32_t set) {
-    if (set == 0 || counts_[static_cast<std::size_t>(set)] != 0) return;
     Set& freed = sets_[static_cast<std::size_t>(set)];
-    if (freed.members.empty()) return;  // freed already
+    if (freed.count != 0 || freed.members.empty()) return;  // in use, freed already, or set 0
     const auto [first, last] = by_hash_.equal_range(freed.hash);
     by_hash_.erase(std::find_if(first, last, [&](const auto& each) { return each.second == set; }));
     freed = {};
@@ -75,11 +73,8 @@ bool Register::restore(std::int32_t set, const std::vector<std::int32_t>& member
     if (n < sets_.size() && !sets_[n].members.empty()) return false;
     const std::uint64_t hash = hash_of(members);
     if (find(hash, members) != 0) return false;
-    if (n >= sets_.size()) {
-        sets_.resize(n + 1);
-        counts_.resize(n + 1);
-    }
-    sets_[n] = {hash, members};
+    if (n >= sets_.size()) sets_.resize(n + 1);
+    sets_[n] = {hash, 0, members};
     by_hash_.emplace(hash, set);
     return true;
 }
@@ -92,8 +87,7 @@ void Register::finish_restoring() {
 }
 
 std::size_t Register::bytes() const {
-    std::size_t total = sets_.capacity() * sizeof(Set) + counts_.capacity() * sizeof(std::int64_t) +
-                        free_.capacity() * sizeof(std::int32_t) +
+    std::size_t total = sets_.capacity() * sizeof(Set) + free_.capacity() * sizeof(std::int32_t) +
                         (by_hash_.bucket_count() + by_hash_.size() * 4) * sizeof(std::uint64_t);
     for (const Set& set : sets_) total += set.members.capacity() * sizeof(std::int32_t);
     return total;

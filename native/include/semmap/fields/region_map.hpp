@@ -78,6 +78,7 @@ class RegionMap {
     std::map<std::int32_t, std::int64_t> counts_over(const Voxels& voxels) const;
     Voxels& region_to_change(std::int32_t entity);
     void add(std::int32_t entity, Voxels voxels);
+    void change(std::int32_t entity, Voxels voxels);
     void apply(std::int32_t entity, const Voxels& voxels);
     void make_tile(Accessor& accessor, const Coord& origin, std::int32_t value);
     void prune();

@@ -12,7 +12,7 @@ namespace semmap::fields {
 // the empty set. Numbers of freed sets are used again.
 class Register {
   public:
-    Register() : sets_(1), counts_(1) {}
+    Register() : sets_(1) {}
 
     // Returns the set with `entity` inserted if it is not a member, else removed.
     std::int32_t toggled(std::int32_t set, std::int32_t entity);
@@ -24,8 +24,7 @@ class Register {
     // The number of sets, without the empty set.
     std::int64_t size() const { return static_cast<std::int64_t>(by_hash_.size()); }
     // The number of voxels of a set; the caller updates it.
-    std::int64_t& count(std::int32_t set) { return counts_[static_cast<std::size_t>(set)]; }
-    std::int64_t count(std::int32_t set) const { return counts_[static_cast<std::size_t>(set)]; }
+    std::int64_t& count(std::int32_t set) { return sets_[static_cast<std::size_t>(set)].count; }
     void free_if_unused(std::int32_t set);
     // Gives a set the number that it had. Returns false, and changes nothing, if the set or the
     // number exists already or is invalid. Call `finish_restoring` after the last set.
@@ -36,6 +35,7 @@ class Register {
   private:
     struct Set {
         std::uint64_t hash = 0;
+        std::int64_t count = 0;  // of voxels
         std::vector<std::int32_t> members;
     };
 
@@ -43,7 +43,6 @@ class Register {
     std::int32_t find(std::uint64_t hash, const std::vector<std::int32_t>& members) const;
 
     std::vector<Set> sets_;
-    std::vector<std::int64_t> counts_;
     std::vector<std::int32_t> free_;
     std::unordered_multimap<std::uint64_t, std::int32_t> by_hash_;
     std::vector<std::int32_t> scratch_;
