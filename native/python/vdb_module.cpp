@@ -136,7 +136,7 @@ fields::Shape points(const Array<double>& rows) {
 }
 
 fields::Shape solid(const Array<double>& vertices, const Array<std::int32_t>& faces) {
-    fields::Solid solid{vectors(vertices, "vertices"), {}};
+    fields::Solid solid{{vectors(vertices, "vertices"), {}}};
     solid.faces = triangles(faces, solid.vertices.size());
     const std::size_t open = unlocked([&] { return fields::weld(solid.vertices, solid.faces); });
     if (open > 0) {
@@ -149,7 +149,7 @@ fields::Shape solid(const Array<double>& vertices, const Array<std::int32_t>& fa
 }
 
 fields::Shape surface(const Array<double>& vertices, const Array<std::int32_t>& faces) {
-    fields::Surface surface{vectors(vertices, "vertices"), {}};
+    fields::Surface surface{{vectors(vertices, "vertices"), {}}};
     surface.faces = triangles(faces, surface.vertices.size());
     return {std::move(surface)};
 }

@@ -308,18 +308,18 @@ class Drawing {
         if (one_row | one_column) {
             const Slab* first = slabs_.slabs.data() + first_slab;
             const Slab* end = slabs_.slabs.data() + end_slab;
+            const auto draw = [&](const Slab& each, auto low, auto high) {
+                member.canvas.choose(each.intervals);
+                if (one_row) {
+                    member.painter.rectangle(low_row, low_row, low, high, member.canvas);
+                } else {
+                    member.painter.rectangle(low, high, low_column, low_column, member.canvas);
+                }
+            };
             if (one_row) {
-                member.painter.template strip<0>(
-                    corner, place, first, end, [&](const Slab& each, auto low, auto high) {
-                        member.canvas.choose(each.intervals);
-                        member.painter.rectangle(low_row, low_row, low, high, member.canvas);
-                    });
+                member.painter.template strip<0>(corner, place, first, end, draw);
             } else {
-                member.painter.template strip<1>(
-                    corner, place, first, end, [&](const Slab& each, auto low, auto high) {
-                        member.canvas.choose(each.intervals);
-                        member.painter.rectangle(low, high, low_column, low_column, member.canvas);
-                    });
+                member.painter.template strip<1>(corner, place, first, end, draw);
             }
             return;
         }

@@ -59,18 +59,17 @@ struct Points {
 
 using Triangle = std::array<std::int32_t, 3>;
 
-// A closed mesh: each edge occurs as often in one direction as in the other. A point is inside
-// where the winding number is not 0, so that parts may overlap, be hollow or be mirrored.
-struct Solid {
+struct Mesh {
     std::vector<Vector> vertices;
     std::vector<Triangle> faces;
 };
 
+// A closed mesh: each edge occurs as often in one direction as in the other. A point is inside
+// where the winding number is not 0, so that parts may overlap, be hollow or be mirrored.
+struct Solid : Mesh {};
+
 // Triangles without an inside.
-struct Surface {
-    std::vector<Vector> vertices;
-    std::vector<Triangle> faces;
-};
+struct Surface : Mesh {};
 
 using Shape = std::variant<Ball, Cylinder, Cone, Polytope, Points, Solid, Surface>;
 
