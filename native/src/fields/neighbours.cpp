@@ -151,32 +151,16 @@ class Near {
         const auto first =
             std::lower_bound(voxels_.origins.begin(), voxels_.origins.end(), there.x() - reach_,
                              [](const Coord& origin, std::int32_t x) { return origin.x() < x; });
-        const auto begin = static_cast<std::size_t>(first - voxels_.origins.begin());
-        // The most promising block first: after it, few others can be nearer.
-        std::size_t promising = voxels_.blocks();
-        std::int64_t least = best;
-        std::size_t end = begin;
-        for (; end < voxels_.blocks() && voxels_.origins[end].x() <= there.x() + reach_; ++end) {
-            const std::int64_t here = least_squared_gap(bounds_[end], bounds);
-            if (here >= least) continue;
-            least = here;
-            promising = end;
-        }
-        if (promising == voxels_.blocks()) return best;
-        best = to_block(promising, there, words, best);
-        for (std::size_t i = begin; i < end && best > least; ++i) {
-            if (least_squared_gap(bounds_[i], bounds) < best)
-                best = to_block(i, there, words, best);
+        for (auto i = static_cast<std::size_t>(first - voxels_.origins.begin());
+             i < voxels_.blocks() && voxels_.origins[i].x() <= there.x() + reach_; ++i) {
+            if (least_squared_gap(bounds_[i], bounds) < best) {
+                best = block_gap(voxels_.origins[i], voxels_.words[i], there, words, best);
+            }
         }
         return best;
     }
 
   private:
-    std::int64_t to_block(std::size_t i, const Coord& there, const Words& words,
-                          std::int64_t best) const {
-        return block_gap(voxels_.origins[i], voxels_.words[i], there, words, best);
-    }
-
     const Voxels& voxels_;
     std::vector<CoordBBox> bounds_;
     std::int32_t reach_;
