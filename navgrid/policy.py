@@ -126,12 +126,11 @@ class Policy:
         )
         if not layers:
             raise PolicyError(f"{file}: layers: is empty; give one or more")
-        rules = document.get("rules")
-        if not isinstance(rules, list):
-            raise PolicyError(f"{file}: rules: is {rules!r}; give a list")
+        rules: Any = document.get("rules")
         fields = document.get("fields", [])
-        if not isinstance(fields, list):
-            raise PolicyError(f"{file}: fields: is {fields!r}; give a list")
+        for name, value in (("rules", rules), ("fields", fields)):
+            if not isinstance(value, list):
+                raise PolicyError(f"{file}: {name}: is {value!r}; give a list")
         names = {layer.name for layer in layers} | {NONE, FLOOR}
         return cls(
             layers,
@@ -176,10 +175,7 @@ def _layer(name: str, value: object, file: str) -> Layer:
     if name in (NONE, FLOOR, SOCIAL):
         raise PolicyError(f"{file}: layer {name}: this name is reserved; give a different one")
     fields = _mapping({} if value is None else value, file, f"layer {name}", {"padding"})
-    padding = fields.get("padding", 0.0)
-    if not (is_finite_number(padding) and padding >= 0):
-        raise PolicyError(f"{file}: layer {name}: padding is {padding!r}; give 0 or more metres")
-    return Layer(name, float(padding))
+    return Layer(name, _number(fields, "padding", f"{file}: layer {name}", "metres"))
 
 
 def _rule(value: object, number: int, layers: set[str], file: str) -> PolicyRule:
@@ -203,12 +199,15 @@ def _field_rule(value: object, number: int, layers: set[str], file: str) -> Fiel
     properties = _names(fields.get("property", []), f"{where}: property")
     if not properties:
         raise PolicyError(f"{where}: property is missing; give a name or a list of names")
-    kept = fields.get("kept", 0.0)
-    if not (is_finite_number(kept) and kept >= 0):
-        raise PolicyError(f"{where}: kept is {kept!r}; give 0 or more seconds")
-    return FieldRule(
-        properties, _choice(fields, "layer", tuple(sorted(layers)), where), float(kept)
-    )
+    layer = _choice(fields, "layer", tuple(sorted(layers)), where)
+    return FieldRule(properties, layer, _number(fields, "kept", where, "seconds"))
+
+
+def _number(fields: Mapping[str, Any], key: str, where: str, unit: str) -> float:
+    found = fields.get(key, 0.0)
+    if not (is_finite_number(found) and found >= 0):
+        raise PolicyError(f"{where}: {key} is {found!r}; give 0 or more {unit}")
+    return float(found)
 
 
 def _choice(fields: Mapping[str, Any], key: str, choices: tuple[str, ...], where: str) -> str:
