@@ -14,6 +14,9 @@ from numpy.typing import NDArray
 from semmap.limits import GRID_CELLS
 from semmap.query.storey_scene import Bounds, StoreyScene
 
+FREE, OCCUPIED, UNKNOWN = 0, 100, -1
+"""Cells of `nav_msgs/OccupancyGrid`."""
+
 MARGIN = 0.25
 """Metres of a grid around the rooms and entities that it shows."""
 
@@ -127,6 +130,11 @@ def grid_around(rectangles: Sequence[Bounds], resolution: float, margin: float) 
     """Return the grid that covers rectangles (x0, y0, x1, y1) and a margin around them, metres."""
     low, high = np.min(rectangles, axis=0)[:2] - margin, np.max(rectangles, axis=0)[2:] + margin
     return Grid.around((float(low[0]), float(low[1])), (float(high[0]), float(high[1])), resolution)
+
+
+def as_cells(occupied: NDArray[np.bool_], unknown: NDArray[np.bool_]) -> NDArray[np.int8]:
+    """Return the cells of a map: occupied, else unknown, else free. Arrays of one shape."""
+    return np.where(occupied, OCCUPIED, np.where(unknown, UNKNOWN, FREE)).astype(np.int8)
 
 
 def frame_name(storey: str) -> str:

@@ -22,7 +22,7 @@ import yaml
 from numpy.typing import NDArray
 from PIL import Image
 
-from navgrid.grid import Grid, file_name
+from navgrid.grid import FREE, OCCUPIED, UNKNOWN, Grid, file_name
 from navgrid.voxel_cells import voxel_cells
 from semmap.error import Error
 from semmap.geometry.voxels import Voxels
@@ -30,8 +30,6 @@ from semmap.limits import CONFIG_BYTES, PIXELS
 from semmap.yaml_file import check_structure
 
 Mode = Literal["trinary", "scale", "raw"]
-
-FREE, OCCUPIED, UNKNOWN = 0, 100, -1
 
 ROWS_AT_ONCE = 256
 """Rows of an image that are computed at once: shades take many bytes a pixel."""

@@ -19,7 +19,7 @@ import yaml
 from numpy.typing import NDArray
 
 from navgrid.field_layer import field_lists
-from navgrid.grid import file_name, frame_name
+from navgrid.grid import as_cells, file_name, frame_name
 from navgrid.inflation import INSCRIBED, LETHAL, UNKNOWN
 from navgrid.map_file import Mode, write_map
 from navgrid.masks import Mask, keepout_mask, speed_mask
@@ -65,15 +65,15 @@ def write_nav2(costmap: Costmap, folder: Path, *, laser_height: float = 0.25) ->
         write(part.name, as_occupancy(costmap.costs[number]), "raw")
         for layer, cells in costmap.occupied.items():
             if layer not in costmap.fields:
-                write(f"{part.name}_{layer}", _occupied(cells[number], costmap.unknown))
+                write(f"{part.name}_{layer}", as_cells(cells[number], costmap.unknown))
         for place, field in enumerate(costmap.field_layers, 1):
             name = f"{part.name}_field{place}_{file_name(field.name)}"
             if field.is_social:
                 write(name, as_occupancy(costmap.social[field.name][number]), "raw")
             else:
                 cells = costmap.occupied[field.name]
-                write(name, _occupied(cells[number], costmap.unknown))
-    write("localisation", _occupied(costmap.section(laser_height), costmap.unknown))
+                write(name, as_cells(cells[number], costmap.unknown))
+    write("localisation", as_cells(costmap.section(laser_height), costmap.unknown))
     entities = costmap.scene.entities
     found = {"keepout_mask": keepout_mask(entities, grid), "speed_mask": speed_mask(entities, grid)}
     masks = {name: mask for name, mask in found.items() if mask is not None}
@@ -122,12 +122,6 @@ def some_headings(costmap: Costmap) -> int:
     """The cells below 253 in which the robot fits at some headings, not at all of them."""
     fits = np.bitwise_and.reduce(costmap.fits)
     return int(((costmap.master < INSCRIBED) & (fits != np.iinfo(fits.dtype).max)).sum())
-
-
-def _occupied(cells: NDArray[np.bool_], unknown: NDArray[np.bool_]) -> NDArray[np.int8]:
-    found = np.where(cells, 100, 0).astype(np.int8)
-    found[unknown & ~cells] = -1
-    return found
 
 
 _HEAD = """# Parameters for Nav2 to load these maps; merge them into your own. "ros2 launch

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from navgrid.field_layer import FieldLayer, FieldVoxels, field_notes, sort_fields
-from navgrid.grid import MARGIN, Grid, grid_around
+from navgrid.grid import MARGIN, Grid, as_cells, grid_around
 from navgrid.layer_members import LayerMembers
 from navgrid.obstacle_layers import ObstacleLayers
 from navgrid.policy import FLOOR, Policy
@@ -23,8 +23,6 @@ from navgrid.terrain import DriveLimits
 from semmap.draw.picture import Picture
 from semmap.query.geometry_notes import geometry_notes, level_notes
 from semmap.query.storey_scene import SceneEntity, StoreyScene
-
-FREE, OCCUPIED, UNKNOWN = 0, 100, -1
 
 _PLANES_AT_ONCE = 8
 
@@ -165,9 +163,7 @@ def storey_grid(
     lethal = [field for field in sorted_fields.values() if not field.is_social]
     for field in lethal:
         occupied |= field.obstacles(layers.levels, [interval], grid)[0]
-    cells = np.where(occupied, OCCUPIED, FREE).astype(np.int8)
-    if not free_outside:
-        cells[~occupied & layers.unknown] = UNKNOWN
+    cells = as_cells(occupied, np.logical_and(layers.unknown, not free_outside))
     return StoreyGrid(scene, grid, cells, tuple(lethal), tuple(without_rule), interval)
 
 
