@@ -193,18 +193,6 @@ constexpr Patience kRough{2, 0.3}, kFine{4, 0.02};
 
 constexpr double kFarthest = 1e3;  // metres: no size of an object
 
-// Two flat faces that are parallel.
-struct Opposite {
-    std::size_t low;
-    std::size_t high;
-};
-
-std::vector<Opposite> opposite_faces(ShapeKind kind) {
-    if (kind == ShapeKind::cylinder) return {{1, 2}};
-    if (kind == ShapeKind::cuboid) return {{0, 3}, {1, 4}, {2, 5}};
-    return {};
-}
-
 double diameter(const SurfelsView& cloud) {
     Vector low = cloud.points[0], high = low;
     for (std::size_t i = 0; i < cloud.count; ++i) {
@@ -244,10 +232,14 @@ Seen seen_faces(const PlacedShape& shape, const SurfelsView& cloud, double scale
     for (std::size_t face = 0; face < face_count(shape.kind); ++face) {
         seen[face] = count[face] >= fewest;
     }
-    for (const auto& [low, high] : opposite_faces(shape.kind)) {
-        // A thin view could be of either face.
-        if (seen[low] && seen[high] && shape.bounds[high] - shape.bounds[low] < 4 * scale) {
-            seen[count[low] < count[high] ? low : high] = false;
+    const std::vector<FlatFace> flat = flat_faces(shape.kind);
+    for (const auto& [low, axis, side] : flat) {
+        for (const auto& [high, same_axis, other_side] : flat) {
+            if (axis != same_axis || side >= other_side) continue;
+            // A thin view could be of either face.
+            if (seen[low] && seen[high] && shape.bounds[high] - shape.bounds[low] < 4 * scale) {
+                seen[count[low] < count[high] ? low : high] = false;
+            }
         }
     }
     return seen;
