@@ -39,7 +39,7 @@ PlacedShape placed(const std::string& kind, const Floats& rotation, const Floats
     expect_shape(rotation, "rotation", {3, 3}, "a (3, 3) array");
     expect_shape(origin, "origin", {3}, "a (3,) array");
     expect_shape(bounds, "bounds",
-                 {static_cast<py::ssize_t>(semmap::shapes::bound_count(shape.kind))},
+                 {static_cast<py::ssize_t>(semmap::shapes::counts(shape.kind).bounds)},
                  "the bounds of the kind");
     expect_near(origin, "origin");
     expect_near(bounds, "bounds");
@@ -97,11 +97,11 @@ std::optional<py::tuple> fit_shape(const std::string& kind, const Floats& rotati
     for (py::ssize_t i = 0; i < 3; ++i) {
         for (py::ssize_t k = 0; k < 3; ++k) axes.mutable_at(i, k) = shape.axes[k][i];
     }
-    Array<bool> seen(static_cast<py::ssize_t>(semmap::shapes::face_count(shape.kind)),
+    Array<bool> seen(static_cast<py::ssize_t>(semmap::shapes::counts(shape.kind).faces),
                      fit->seen.data());
     return py::make_tuple(axes, Floats(3, shape.origin.data()),
                           Floats(bounds.size(), shape.bounds.data()), seen,
-                          Floats(static_cast<py::ssize_t>(semmap::shapes::size_count(shape.kind)),
+                          Floats(static_cast<py::ssize_t>(semmap::shapes::counts(shape.kind).sizes),
                                  fit->deviations.data()));
 }
 

@@ -52,9 +52,14 @@ struct FittedShape {
     std::array<double, 3> deviations;    // of the sizes; infinite for those that are not seen
 };
 
-std::size_t bound_count(ShapeKind kind);
-std::size_t face_count(ShapeKind kind);
-std::size_t size_count(ShapeKind kind);
+struct Counts {
+    std::size_t bounds, faces, sizes;
+};
+
+constexpr Counts counts(ShapeKind kind) {
+    constexpr Counts by_kind[] = {{1, 1, 1}, {3, 3, 2}, {3, 2, 2}, {6, 6, 3}};
+    return by_kind[static_cast<std::size_t>(kind)];
+}
 
 // Returns a rough shape fitted to the points by weighted Gauss-Newton steps, or nothing if they
 // show none of its faces. The faces that are seen are determined `turns` times; with 1, the fit is

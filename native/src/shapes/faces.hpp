@@ -74,7 +74,7 @@ inline FaceDistance nearest_face(const PlacedShape& shape, const Vector& p, cons
             }
     }
     FaceDistance found{kMostBounds, -INFINITY};
-    for (std::size_t face = 0; face < face_count(shape.kind); ++face) {
+    for (std::size_t face = 0; face < counts(shape.kind).faces; ++face) {
         if (chosen[face] && (found.face == kMostBounds || distances[face] > found.distance)) {
             found = {face, distances[face]};
         }

@@ -185,11 +185,7 @@ using Row = std::array<double, kMostUnknowns>;
 using Matrix = std::array<Row, kMostUnknowns>;
 
 // The most steps of an iteration, and the part of the noise below which a step is the last.
-struct Patience {
-    int steps;
-    double end;
-};
-constexpr Patience kRough{2, 0.3}, kFine{4, 0.02};
+constexpr std::pair<int, double> kRough{2, 0.3}, kFine{4, 0.02};
 
 constexpr double kFarthest = 1e3;  // metres: no size of an object
 
@@ -229,7 +225,7 @@ Seen seen_faces(const PlacedShape& shape, const SurfelsView& cloud, double scale
         if (std::abs(dot(face_normal(shape, p, face), normal)) > 0.85) ++count[face];
     }
     const double fewest = std::max(10.0, 0.02 * static_cast<double>(cloud.count));
-    for (std::size_t face = 0; face < face_count(shape.kind); ++face) {
+    for (std::size_t face = 0; face < counts(shape.kind).faces; ++face) {
         seen[face] = count[face] >= fewest;
     }
     const std::vector<FlatFace> flat = flat_faces(shape.kind);
@@ -254,7 +250,7 @@ struct Equations {
 
 void build(Equations& equations, const PlacedShape& shape, const SurfelsView& cloud,
            const Seen& seen, double scale) {
-    const std::size_t unknowns = kMotions + bound_count(shape.kind);
+    const std::size_t unknowns = kMotions + counts(shape.kind).bounds;
     equations.normal = {};
     equations.right = {};
     equations.residuals.clear();
@@ -322,7 +318,7 @@ void move(PlacedShape& shape, const Row& step) {
             for (std::size_t j = 0; j < 3; ++j) shape.axes[k][i] += axes[j][i] * unit[j];
         }
     }
-    for (std::size_t b = 0; b < bound_count(shape.kind); ++b) {
+    for (std::size_t b = 0; b < counts(shape.kind).bounds; ++b) {
         shape.bounds[b] += step[kMotions + b];
     }
 }
@@ -346,7 +342,7 @@ std::array<std::array<double, kMostBounds>, 3> size_gradient(const PlacedShape& 
 // Standard deviations of the sizes, by the normal equations of points and ends.
 std::array<double, 3> deviations(const PlacedShape& shape, const Matrix& normal, double noise,
                                  const std::vector<End>& ends) {
-    const std::size_t unknowns = kMotions + bound_count(shape.kind);
+    const std::size_t unknowns = kMotions + counts(shape.kind).bounds;
     Matrix known = normal;
     for (Row& row : known) {
         for (double& number : row) number /= noise * noise;
@@ -361,7 +357,7 @@ std::array<double, 3> deviations(const PlacedShape& shape, const Matrix& normal,
     for (std::size_t a = 0; a < unknowns; ++a) known[a][a] += 1;  // known to a metre at least
     const auto gradient = size_gradient(shape);
     std::array<double, 3> found{};
-    for (std::size_t size = 0; size < size_count(shape.kind); ++size) {
+    for (std::size_t size = 0; size < counts(shape.kind).sizes; ++size) {
         Row row{};
         std::copy(gradient[size].begin(), gradient[size].end(), row.begin() + kMotions);
         const Row answer = solved(known, row, unknowns);
@@ -379,7 +375,7 @@ std::array<double, 3> deviations(const PlacedShape& shape, const Matrix& normal,
 
 // Whether no step diverged.
 bool is_usable(const PlacedShape& shape) {
-    for (std::size_t b = 0; b < bound_count(shape.kind); ++b) {
+    for (std::size_t b = 0; b < counts(shape.kind).bounds; ++b) {
         if (!(std::abs(shape.bounds[b]) <= kFarthest)) return false;
     }
     return std::isfinite(dot(shape.origin, shape.origin)) &&
@@ -406,7 +402,7 @@ std::optional<FittedShape> fit_shape(const PlacedShape& rough, const SurfelsView
         for (int i = 0; i < steps; ++i) {
             build(equations, shape, cloud, seen, scale);
             Row step =
-                solved(equations.normal, equations.right, kMotions + bound_count(shape.kind));
+                solved(equations.normal, equations.right, kMotions + counts(shape.kind).bounds);
             double largest = 0;
             for (double& number : step) {
                 number = -number;

@@ -58,16 +58,6 @@ double filled_share(const PlacedShape& shape, const std::vector<Vector>& points,
 
 }  // namespace
 
-std::size_t bound_count(ShapeKind kind) {
-    return kind == ShapeKind::sphere ? 1 : kind == ShapeKind::cuboid ? 6 : 3;
-}
-
-std::size_t face_count(ShapeKind kind) { return kind == ShapeKind::cone ? 2 : bound_count(kind); }
-
-std::size_t size_count(ShapeKind kind) {
-    return kind == ShapeKind::sphere ? 1 : kind == ShapeKind::cuboid ? 3 : 2;
-}
-
 void shape_distances(const PlacedShape& shape, const PointsView& points, double* distances) {
     for (std::size_t i = 0; i < points.count; ++i) {
         distances[i] = nearest_face(shape, local(shape, points.points[i]), kEveryFace).distance;
