@@ -185,11 +185,6 @@ void Grid<Value>::read_box(const Coord& low, const Coord& shape, Value* values) 
 }
 
 template <typename Value>
-void Grid<Value>::prune() {
-    grid_->pruneGrid();
-}
-
-template <typename Value>
 void Grid<Value>::write(const std::string& path, const std::string& name) const {
     const auto named = grid_->copyGrid();
     named->setName(name);

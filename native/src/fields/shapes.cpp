@@ -22,6 +22,18 @@ Voxels small_ball(const Ball& ball, double voxel_size) {
     return voxels.finish();
 }
 
+Voxels voxels_of(const std::vector<Vector>& points, double voxel_size) {
+    VoxelCollector voxels;
+    constexpr std::size_t few = 256;
+    std::int32_t at[3 * few];
+    for (std::size_t first = 0; first < points.size(); first += few) {
+        const std::size_t here = std::min(few, points.size() - first);
+        voxel_indices(points[first].asPointer(), 3 * here, voxel_size, at);
+        for (std::size_t i = 0; i < here; ++i) voxels.add(Coord(at + 3 * i));
+    }
+    return voxels.finish();
+}
+
 struct Rasteriser {
     double size;
 
@@ -41,10 +53,7 @@ struct Rasteriser {
         return drawn({std::min(h, slant), d, std::max(h, slant)}, cone, pyramid_around);
     }
     Voxels operator()(const Polytope& polytope) const { return polytope_voxels(polytope, size); }
-    Voxels operator()(const Points& points) const {
-        return voxels_of_points(points.points.empty() ? nullptr : points.points[0].asPointer(),
-                                points.points.size(), size);
-    }
+    Voxels operator()(const Points& points) const { return voxels_of(points.points, size); }
     Voxels operator()(const Solid& solid) const { return solid_voxels(solid, size); }
     Voxels operator()(const Surface& surface) const { return surface_voxels(surface, size); }
 
@@ -86,18 +95,6 @@ Points points_of_depth(const float* depth, const std::uint8_t* mask, std::size_t
         [&](std::size_t pixel) { return mask == nullptr || mask[pixel] != 0; },
         [&](std::size_t, const Vector& point) { all.points.push_back(point); });
     return all;
-}
-
-Voxels voxels_of_points(const double* points, std::size_t count, double voxel_size) {
-    VoxelCollector voxels;
-    constexpr std::size_t few = 256;
-    std::int32_t at[3 * few];
-    for (std::size_t first = 0; first < count; first += few) {
-        const std::size_t here = std::min(few, count - first);
-        voxel_indices(points + 3 * first, 3 * here, voxel_size, at);
-        for (std::size_t i = 0; i < here; ++i) voxels.add(Coord(at + 3 * i));
-    }
-    return voxels.finish();
 }
 
 }  // namespace semmap::fields

@@ -127,9 +127,8 @@ RegionLimits& region_limits() {
 }
 
 void expect_few(std::size_t blocks) {
-    constexpr std::int64_t kVoxels = kBlock * kBlock * kBlock;
     const std::int64_t most = region_limits().voxels.load(std::memory_order_relaxed);
-    if (static_cast<std::int64_t>(blocks) * kVoxels > most) {
+    if (static_cast<std::int64_t>(blocks * kVoxels) > most) {
         throw BadRegion("the region has more than " + std::to_string(most) +
                         " voxels: take larger voxels, or a smaller region "
                         "(SEMMAP_MAX_REGION_VOXELS raises the limit)");

@@ -48,7 +48,7 @@ class Grid {
     void read(std::int32_t* voxels, Value* values) const;
     // Reads the box of voxels that begins at `low`, x slowest.
     void read_box(const Coord& low, const Coord& shape, Value* values) const;
-    void prune();
+    void prune() { grid_->pruneGrid(); }
 
     void write(const std::string& path, const std::string& name) const;
 
@@ -59,8 +59,6 @@ class Grid {
     double voxel_size_;
     Placement placement_ = kUnmoved;
 };
-
-constexpr std::size_t kVoxels = 512;  // of a block
 
 template <typename Value>
 struct Content {

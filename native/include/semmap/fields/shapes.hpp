@@ -124,6 +124,4 @@ void each_point(const float* depth, std::size_t rows, std::size_t columns, const
 Points points_of_depth(const float* depth, const std::uint8_t* mask, std::size_t rows,
                        std::size_t columns, const Camera& camera, double farthest);
 
-Voxels voxels_of_points(const double* points, std::size_t count, double voxel_size);
-
 }  // namespace semmap::fields

@@ -11,6 +11,7 @@
 namespace semmap::fields {
 
 constexpr int kBlock = 8;
+constexpr std::size_t kVoxels = 512;  // of a block
 
 using openvdb::math::Coord;
 using openvdb::math::CoordBBox;
