@@ -5,6 +5,7 @@
 #include <map>
 #include <mutex>
 #include <stdexcept>
+#include <utility>
 
 #include "convex.hpp"
 #include "retag.hpp"
@@ -97,7 +98,10 @@ void RegionMap::insert(std::int32_t entity, const Shape& shape) {
 
 void RegionMap::remove(std::int32_t entity) {
     const std::unique_lock lock(mutex_);
-    if (region(entity).blocks() > 0) change(entity, {});
+    if (region(entity).blocks() == 0) return;
+    const Voxels had = std::exchange(region_to_change(entity), {});
+    apply(entity, had);
+    prune();
 }
 
 void RegionMap::move(std::int32_t entity, const Shape& shape) {
