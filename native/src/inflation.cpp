@@ -1,7 +1,6 @@
 #include "semmap/inflation.hpp"
 
 #include <algorithm>
-#include <cstdlib>
 #include <vector>
 
 #if defined(__x86_64__)

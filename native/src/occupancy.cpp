@@ -1,7 +1,6 @@
 #include "semmap/occupancy.hpp"
 
 #include <algorithm>
-#include <cmath>
 #include <cstring>
 #include <limits>
 #include <memory>

@@ -1,7 +1,6 @@
 #include "semmap/fields/grid.hpp"
 
 #include <algorithm>
-#include <cmath>
 
 #include "convex.hpp"
 #include "spread.hpp"

@@ -1,7 +1,6 @@
 #include "semmap/fields/operators.hpp"
 
 #include <algorithm>
-#include <cmath>
 #include <unordered_map>
 
 #include "convex.hpp"

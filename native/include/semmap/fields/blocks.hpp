@@ -2,7 +2,6 @@
 // the bytes restore the grid bit by bit.
 #pragma once
 
-#include <cstddef>
 #include <cstdint>
 #include <map>
 #include <string>

@@ -9,7 +9,6 @@
 #include <cstdint>
 #include <string>
 #include <type_traits>
-#include <vector>
 
 #include "semmap/fields/shapes.hpp"
 #include "semmap/fields/voxels.hpp"
