@@ -51,9 +51,10 @@ MARGIN = 1.0
 BESIDE = 0.15
 """Metres from its room to a doorway that leads outside, at most."""
 
-SAME = 0.5
-"""The part of a found room that a room of the map covers if it is the same one; and metres from
-another doorway within which a found one is the same."""
+SAME, PART = 0.5, 0.2
+"""The part of a found room that rooms of the map cover if they are the same, and of the smaller
+one's area that each of them shares with it; and metres from another doorway within which a found
+one is the same."""
 
 
 class FoundRoom(NamedTuple):
@@ -234,18 +235,17 @@ def _new(
     """Name the rooms that the map lacks, from top to bottom and left to right."""
     taken = {entity.name for entity in scene.entities}
     room_names, door_names = (_names(f"{scene.storey}_{kind}", taken) for kind in ("room", "door"))
-    names: dict[int, str] = {}
+    names: dict[int, dict[str, Any]] = {}  # of the rooms that a segment is, with their outlines
     rooms, known = [], []
     for segment in sorted(outlines, key=lambda each: reading_order(outlines[each])):
         outline = outlines[segment]
-        same = [e.name for e in scene.entities if e.kind == "room" and _is_same(e, outline)]
-        if same:
-            names[segment] = same[0]
-            known.append(same[0])
-            continue
-        name = names[segment] = next(room_names)
-        sure = min((p.confidence for p in passages if segment in p.segments), default=CLOSED)
-        rooms.append(FoundRoom(name, outline, _ceiling(scene, outline), sure))
+        names[segment] = _same(scene, outline)
+        known += [name for name in names[segment] if name not in known]
+        if not names[segment]:
+            name = next(room_names)
+            names[segment] = {name: outline}
+            sure = min((p.confidence for p in passages if segment in p.segments), default=CLOSED)
+            rooms.append(FoundRoom(name, outline, _ceiling(scene, outline), sure))
     there = [
         LineString([side.translation[:2] for side in e.sides]).interpolate(0.5, normalized=True)
         for e in scene.entities
@@ -261,8 +261,10 @@ def _new(
         middle = line.interpolate(0.5, normalized=True)
         if any(middle.distance(other) < SAME for other in there):
             continue
+        pair = _nearest(names[a], middle), _nearest(names.get(b, {}), middle)
+        if pair[0] is None or pair[0] == pair[1]:  # inside of a room that was merged
+            continue
         there.append(middle)
-        pair = (names[a], names.get(b))
         doorways.append(FoundDoorway(next(door_names), pair, line, passage.confidence))
     return FoundRooms(
         scene.storey, scene.elevation, tuple(rooms), tuple(doorways), known=tuple(known)
@@ -282,10 +284,21 @@ def _amid(line: LineString, first: Polygon, second: Polygon | None) -> LineStrin
     return shapely.transform(line, lambda xy: xy + shift)
 
 
-def _is_same(room: SceneEntity, outline: Polygon) -> bool:
-    if room.footprint is None:
-        return False
-    return bool(room.footprint.intersection(outline).area >= SAME * outline.area)
+def _same(scene: StoreyScene, outline: Polygon) -> dict[str, Any]:
+    """The rooms of the map, with their outlines, that a found one is: one, or parts of it."""
+    parts = {
+        e.name: e.footprint
+        for e in scene.entities
+        if e.kind == "room" and e.footprint is not None
+        if e.footprint.intersection(outline).area >= PART * min(outline.area, e.footprint.area)
+    }
+    whole = shapely.union_all([*parts.values()])
+    return parts if whole.intersection(outline).area >= SAME * outline.area else {}
+
+
+def _nearest(rooms: Mapping[str, Any], at: shapely.Point) -> str | None:
+    """The name of the room that is nearest to a point; None without rooms."""
+    return min(rooms, key=lambda name: rooms[name].distance(at), default=None)
 
 
 def _typed(room: FoundRoom, scene: StoreyScene, shows: Mapping[str, Sequence[str]]) -> FoundRoom:

@@ -297,6 +297,43 @@ class Map(
                     add_found_stairs(self, each)
         return found
 
+    def merge_rooms(self, name: EntityName, *others: EntityName) -> None:
+        """Make rooms that lie side by side one room, the first of them.
+
+        Doors between them go, the others' doors and contents become those of the first. The strip
+        of a wall between them becomes floor.
+
+        Raises
+        ------
+        LookupError, ValueError
+            There is no such room; they are not beside each other on one storey, at most a wall's
+            0.4 m apart.
+        """
+        from semmap.api.room_edits import merge
+
+        with self._change():
+            merge(self, [self.rooms[each] for each in (name, *others)])
+
+    def split_room(self, name: EntityName, line: Sequence[Sequence[float]], new: str) -> MapEntity:
+        """Cut a room in two along a line; return the new one, the smaller part.
+
+        An opening as wide as the line joins both; doors and contents belong to the part that they
+        are in.
+
+        Parameters
+        ----------
+        line : points (x, y) from wall to wall, or beyond, metres in the map's frame
+
+        Raises
+        ------
+        LookupError, ValueError
+            There is no such room; the name is taken, or the line does not cut the room in two.
+        """
+        from semmap.api.room_edits import cut
+
+        with self._change():
+            return cut(self, self.rooms[name], line, new)
+
     def spot(
         self, holder: MapEntity, relation: str, size: Sequence[float] = (0, 0, 0), moved: int = 0
     ) -> tuple[float, float, float]:

@@ -137,6 +137,8 @@ OPERATIONS: tuple[Operation, ...] = (
     Operation("Map.how_to", "belief how", "reader"),
     Operation("Map.grammar", "belief grammar", "reader"),
     Operation("Map.find_rooms", "rooms find", "admin"),
+    Operation("Map.merge_rooms", "rooms merge", "admin"),
+    Operation("Map.split_room", "rooms split", "admin"),
     Operation("Map.find_regions", "regions find", "admin"),
     Operation("Map.draw_region", "regions draw", "robot"),
     Operation("Map.list_regions", "regions ls", "reader"),

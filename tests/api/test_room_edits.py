@@ -1,0 +1,104 @@
+"""Rooms merged and split, and found again in the walls: Shapely says which rooms there are."""
+
+from __future__ import annotations
+
+import pytest
+import shapely
+
+import semmap
+from tests.conftest import MakeDatabase
+
+WALL = 0.2
+"""Metres of the walls around three rooms of 4 m by 4 m in a row, with doorways of 1 m."""
+
+
+@pytest.fixture
+def row(make_database: MakeDatabase):
+    with semmap.connect(make_database().render_as_string(hide_password=False)) as db:
+        row = db.create_map("row")
+        row.add_storey("ground")
+        # x, y of the middle, and sides
+        walls = [(6, y, 12.2, WALL) for y in (-0.1, 4.1)] + [(x, 2, WALL, 4) for x in (-0.1, 12.1)]
+        walls += [(x, y, WALL, 1.5) for x in (4, 8) for y in (0.75, 3.25)]
+        for number, (x, y, wide, deep) in enumerate(walls):
+            row.add_object(f"wall{number}", type="wall", size=(wide, deep, 2.5), pose=(x, y, 0))
+        row.find_rooms(add=True)
+        row.add_object("lamp", type="lamp", size=(0.3, 0.3, 1), pose=(11, 3, 0))
+        row.add_object("mug", type="mug", size=(0.1, 0.1, 0.1), pose=(5, 1, 0))
+        yield row
+
+
+def named(row: semmap.Map) -> dict[str, str]:
+    """The names of the rooms by their place in the row."""
+    rooms = sorted(row.rooms, key=lambda room: room.footprint.centroid.x)
+    return dict(zip(("left", "middle", "right"), [room.name for room in rooms], strict=False))
+
+
+def test_merged_rooms_have_the_doors_and_contents_of_all(row: semmap.Map) -> None:
+    names = named(row)
+    former = shapely.union_all([row[names[each]].footprint for each in ("middle", "right")])
+    assert len(row.doors) == 2
+    row.merge_rooms(names["middle"], names["right"])
+    both = row[names["middle"]]
+    assert former.difference(both.footprint).area < 1e-6
+    strip = both.footprint.difference(former)
+    assert len(shapely.get_parts(both.footprint)) == 1
+    assert shapely.box(7.7, 0, 8.3, 4).covers(strip)
+    (door,) = row.doors
+    assert {place.name for place in door.places} == {names["left"], names["middle"]}
+    assert row["lamp"].room == row["mug"].room == both
+    assert names["right"] not in row
+    assert row.route(names["left"], "lamp").metres > 5
+    (again,) = row.find_rooms(add=True)
+    assert (again.rooms, again.doorways) == ((), ())
+    assert {*again.known} == {names["left"], names["middle"]}
+    assert not [fault for fault in row.check() if fault.severity == "error"]
+
+
+def test_a_split_room_is_two_with_an_opening_and_is_found_as_such(row: semmap.Map) -> None:
+    names = named(row)
+    former = row[names["right"]].footprint
+    new = row.split_room(names["right"], [(10.5, -1), (10.5, 5)], "store")
+    old = row[names["right"]]
+    assert new.footprint.symmetric_difference(former & shapely.box(10.5, 0, 13, 4)).area < 1e-6
+    assert new.footprint.union(old.footprint).symmetric_difference(former).area < 1e-6
+    assert new.footprint.intersection(old.footprint).area == pytest.approx(0, abs=1e-6)
+    assert row["lamp"].room == new
+    joins = sorted(sorted(place.name for place in door.places) for door in row.doors)
+    expected = [{"left", "middle"}, {"middle", "right"}]
+    expected = [sorted(names[each] for each in pair) for pair in expected]
+    assert joins == sorted([*expected, sorted([old.name, "store"])])
+    assert row.route(names["left"], "store").places[-2:] == [old.name, "store"]
+    (again,) = row.find_rooms(add=True)
+    assert (again.rooms, again.doorways) == ((), ())
+    assert {*again.known} == {*names.values(), "store"}
+
+
+def test_a_room_split_in_the_middle_is_not_found_as_a_third(row: semmap.Map) -> None:
+    names = named(row)
+    row.split_room(names["right"], [(10.05, -1), (10.05, 5)], "store")
+    (again,) = row.find_rooms(add=True)
+    assert (again.rooms, again.doorways) == ((), ())
+    row.doors[
+        next(d.name for d in row.doors if names["left"] in {p.name for p in d.places})
+    ].delete()
+    (again,) = row.find_rooms()
+    assert [{*door.rooms} for door in again.doorways] == [{names["left"], names["middle"]}]
+
+
+def test_what_cannot_be_edited_changes_nothing(row: semmap.Map) -> None:
+    names = named(row)
+    outlines = {room.name: room.footprint for room in row.rooms}
+    for edit, message in (
+        (lambda: row.merge_rooms(names["left"], names["right"]), "does not lie beside"),
+        (lambda: row.merge_rooms(names["left"]), "two rooms"),
+        (lambda: row.merge_rooms(names["left"], names["left"]), "two rooms"),
+        (lambda: row.split_room(names["left"], [(1, 1), (2, 2)], "new"), "does not cut"),
+        (lambda: row.split_room(names["left"], [(1, -1), (1, 5)], "lamp"), "lamp"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            edit()
+    with pytest.raises(LookupError, match="nowhere"):
+        row.merge_rooms(names["left"], "nowhere")
+    assert {room.name: room.footprint for room in row.rooms} == outlines
+    assert len(row.doors) == 2
