@@ -9,7 +9,8 @@ import numpy as np
 from scipy import ndimage
 from shapely import MultiPolygon, Polygon
 
-from navgrid.map_file import FREE, OCCUPIED, UNKNOWN, MapFileError, read_map
+from navgrid.grid import FREE, OCCUPIED, UNKNOWN
+from navgrid.map_file import MapFileError, read_map
 from semmap.geometry.mesh import prism_mesh
 from semmap.ingest.world import Entry, Shape, StoreyDetail, World, WorldError
 

@@ -261,11 +261,12 @@ def _new(
         middle = line.interpolate(0.5, normalized=True)
         if any(middle.distance(other) < SAME for other in there):
             continue
-        pair = _nearest(names[a], middle), _nearest(names.get(b, {}), middle)
-        if pair[0] is None or pair[0] == pair[1]:  # inside of a room that was merged
+        first, second = _nearest(names[a], middle), _nearest(names.get(b, {}), middle)
+        if first is None or first == second:  # inside of a room that was merged
             continue
         there.append(middle)
-        doorways.append(FoundDoorway(next(door_names), pair, line, passage.confidence))
+        way = FoundDoorway(next(door_names), (first, second), line, passage.confidence)
+        doorways.append(way)
     return FoundRooms(
         scene.storey, scene.elevation, tuple(rooms), tuple(doorways), known=tuple(known)
     )

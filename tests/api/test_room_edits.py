@@ -65,8 +65,8 @@ def test_a_split_room_is_two_with_an_opening_and_is_found_as_such(row: semmap.Ma
     assert new.footprint.intersection(old.footprint).area == pytest.approx(0, abs=1e-6)
     assert row["lamp"].room == new
     joins = sorted(sorted(place.name for place in door.places) for door in row.doors)
-    expected = [{"left", "middle"}, {"middle", "right"}]
-    expected = [sorted(names[each] for each in pair) for pair in expected]
+    beside = [("left", "middle"), ("middle", "right")]
+    expected = [sorted(names[each] for each in pair) for pair in beside]
     assert joins == sorted([*expected, sorted([old.name, "store"])])
     assert row.route(names["left"], "store").places[-2:] == [old.name, "store"]
     (again,) = row.find_rooms(add=True)

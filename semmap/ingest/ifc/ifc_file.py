@@ -18,9 +18,6 @@ from semmap.geometry.pose import Pose
 from semmap.ingest.world import WorldError
 from semmap.limits import EXTENT, MESH_BYTES, TRIANGLES
 
-RIGID = 1e-6
-"""By which the axes of a placement may differ from a rotation."""
-
 SMALLER = "Export fewer elements, or simpler ones."
 
 
@@ -145,11 +142,6 @@ class IfcFile:
     def _placed(
         self, matrix: NDArray[np.float64], vertices: NDArray[np.float64], faces: NDArray[np.int32]
     ) -> ElementBody:
-        turn = matrix[:3, :3]
-        if np.abs(turn @ turn.T - np.eye(3)).max() > RIGID or np.linalg.det(turn) < 0:
-            vertices = vertices @ turn.T  # mirrored or scaled: such a mesh has a model of its own
-            faces = faces[:, ::-1] if np.linalg.det(turn) < 0 else faces
-            matrix = np.block([[np.eye(3), matrix[:3, 3:]], [0, 0, 0, 1]])
         low, high = vertices.min(axis=0), vertices.max(axis=0)
         x, y, _ = ((low + high) / 2).tolist()
         below = Pose(x, y, float(low[2]))

@@ -61,14 +61,26 @@ class BuildingByHand:
         else:
             spatial.assign_container(self.model, products=[product], relating_structure=holder)
         if boxes:
-            origin = np.asarray(boxes[0][0], float)
-            self._place(product, origin, yaw)
-            items = [self._solid(np.asarray(box) - origin) for box in boxes]
-            shape = self.model.create_entity(
-                "IfcShapeRepresentation", self.body, "Body", "SweptSolid", items
-            )
-            geometry.assign_representation(self.model, product=product, representation=shape)
+            self._shape(product, boxes, yaw)
         return product
+
+    def bound(self, space: Any, element: Any) -> None:
+        """State that an element is on the border of a space."""
+        self._relate("IfcRelSpaceBoundary", RelatingSpace=space, RelatedBuildingElement=element)
+
+    def opening(self, wall: Any, box: Box, filled_by: Any = None) -> None:
+        """Cut an opening into a wall."""
+        hole = root.create_entity(self.model, ifc_class="IfcOpeningElement", name="opening")
+        self._shape(hole, [box], 0.0)
+        self._relate("IfcRelVoidsElement", RelatingBuildingElement=wall, RelatedOpeningElement=hole)
+        if filled_by is not None:
+            names = {"RelatingOpeningElement": hole, "RelatedBuildingElement": filled_by}
+            self._relate("IfcRelFillsElement", **names)
+
+    def _relate(self, class_: str, **names: Any) -> None:
+        relation = root.create_entity(self.model, ifc_class=class_)
+        for attribute, value in names.items():
+            setattr(relation, attribute, value)
 
     def place_on_earth(self, epsg: int, easting: float, northing: float, turn: Sequence[float]):
         georeference.add_georeferencing(self.model)
@@ -86,6 +98,15 @@ class BuildingByHand:
     def write(self, path: Path) -> Path:
         self.model.write(str(path))
         return path
+
+    def _shape(self, product: Any, boxes: Sequence[Box], yaw: float) -> None:
+        origin = np.asarray(boxes[0][0], float)
+        self._place(product, origin, yaw)
+        items = [self._solid(np.asarray(box) - origin) for box in boxes]
+        shape = self.model.create_entity(
+            "IfcShapeRepresentation", self.body, "Body", "SweptSolid", items
+        )
+        geometry.assign_representation(self.model, product=product, representation=shape)
 
     def _place(self, product: Any, at: Sequence[float], yaw: float) -> None:
         matrix = np.eye(4)

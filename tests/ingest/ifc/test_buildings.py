@@ -181,3 +181,63 @@ def test_a_door_without_rooms_is_left_out_and_named(tmp_path):
     (left,) = world.skipped
     assert "inside" in left.element
     assert "same one" in left.problem
+
+
+def test_a_door_joins_the_spaces_that_the_file_states(tmp_path):
+    """A niche is drawn over a space and the door: geometry alone would take it."""
+    made = BuildingByHand()
+    level = made.storey("ground", 0.0)
+    spaces = [
+        made.add("IfcSpace", name, level, ((low, 0, 0), (high, 4, 2.6)))
+        for name, low, high in (("niche", 4.2, 5), ("a", 0, 4), ("b", 4.2, 8))
+    ]
+    door = made.add("IfcDoor", "door", level, ((4.1, 1, 0), (5, 1.05, 2)), yaw=math.pi / 2)
+    for space in spaces[1:]:
+        made.bound(space, door)
+    world = read_ifc(made.write(tmp_path / "stated.ifc"))
+    found = next(entry for entry in world.entries if entry.name == "door")
+    assert set(found.detail.places) == {"a", "b"}
+    assert found.detail.width == pytest.approx(0.9), "without a stated width, that of its shape"
+
+
+def test_openings_are_ways_where_nothing_fills_them_and_one_can_walk_through(tmp_path):
+    made = BuildingByHand()
+    level = made.storey("ground", 0.0)
+    made.add("IfcSpace", "a", level, ((0, 0, 0), (4, 9, 2.6)))
+    made.add("IfcSpace", "b", level, ((4.2, 0, 0), (8, 9, 2.6)))
+    wall = made.add("IfcWall", "wall", level, ((4, 0, 0), (4.2, 9, 2.6)))
+    door = made.add(
+        "IfcDoor", "door", level, ((4.1, 1, 0), (5, 1.05, 2)), yaw=math.pi / 2, OverallWidth=800.0
+    )
+    made.opening(wall, ((4, 1, 0), (4.2, 1.9, 2)), filled_by=door)
+    made.opening(wall, ((4, 3, 0.9), (4.2, 4.2, 2)))  # a hatch above a counter
+    made.opening(wall, ((4, 5, 0), (4.2, 6, 1.2)))  # for a cat
+    made.opening(wall, ((4, 7, 0), (4.2, 8.2, 2.1)))
+    world = read_ifc(made.write(tmp_path / "openings.ifc"))
+    ways = {e.name: e for e in world.entries if e.kind == "connector"}
+    assert {(e.type, e.detail.width) for e in ways.values()} == {("door", 0.8), ("opening", 1.2)}
+    assert all({*e.detail.places} == {"a", "b"} for e in ways.values())
+    assert ways["door"].pose.y == pytest.approx(1.45)
+
+
+def test_an_escalator_is_left_out_and_named(tmp_path):
+    made = BuildingByHand()
+    level = made.storey("ground", 0.0)
+    made.add("IfcSpace", "a", level, ((0, 0, 0), (4, 4, 2.6)))
+    moving = made.add("IfcTransportElement", "moving", level, ((1, 1, 0), (2, 3, 2)))
+    moving.PredefinedType = "ESCALATOR"
+    world = read_ifc(made.write(tmp_path / "escalator.ifc"))
+    assert [(left.element, left.problem) for left in world.skipped] == [
+        ("IfcTransportElement moving", "is of the kind ESCALATOR")
+    ]
+    assert not [entry for entry in world.entries if entry.kind == "elevator"]
+
+
+def test_without_spaces_storeys_are_those_that_have_elements(tmp_path):
+    made = BuildingByHand()
+    ground, _, roof = made.storey("ground", 0.0), made.storey("sea", -9.0), made.storey("roof", 3.0)
+    for level, z in ((ground, 0), (roof, 3)):
+        made.add("IfcWall", "wall", level, ((0, 0, z), (4, 0.2, z + 2.6)))
+    world = read_ifc(made.write(tmp_path / "walls.ifc"))
+    assert [entry.name for entry in world.entries if entry.kind == "storey"] == ["ground", "roof"]
+    assert any("sea" in note for note in world.notes)
