@@ -59,6 +59,16 @@ SELECT CASE WHEN own < pg_snapshot_xmax(now)
 FROM (SELECT pg_current_snapshot(), pg_current_xact_id_if_assigned()) s (now, own);
 END;
 
+CREATE FUNCTION settle()
+RETURNS void LANGUAGE plpgsql SECURITY DEFINER SET search_path = semmap, public, pg_temp AS $$
+-- Lets the commit of a transaction that only read wait for the disk: a cursor that is stored elsewhere must not
+-- name transactions that a crash undoes. Once a transaction, so that no login fills the log.
+BEGIN
+    IF NOT pg_is_in_recovery() AND pg_current_xact_id_if_assigned() IS NULL THEN
+        PERFORM pg_logical_emit_message(true, 'semmap', '');
+    END IF;
+END $$;
+
 CREATE FUNCTION reaches_back(cursor text)
 RETURNS boolean LANGUAGE sql STABLE STRICT
 BEGIN ATOMIC

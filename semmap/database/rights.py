@@ -36,9 +36,13 @@ FOR_THE_OWNER = (
     "lo_export",
     "pg_cancel_backend",
     "pg_terminate_backend",
+    "pg_logical_emit_message",
+    "pg_sleep",
+    "pg_sleep_for",
+    "pg_sleep_until",
 )
-"""Functions that semmap does not need: large objects, which a read-only transaction does not
-protect before PostgreSQL 16, and the end of other sessions."""
+"""Functions that roles do not need: large objects, which a read-only transaction does not protect
+before PostgreSQL 16, the end of other sessions, messages in the log, and sleep."""
 
 
 def _array(names: tuple[str, ...]) -> str:

@@ -321,10 +321,7 @@ def check_cursor(given: str | None) -> None:
         raise ValueError(f"{given} is not a cursor: give one that an earlier call printed, or none")
 
 
-SETTLE = (
-    "SELECT set_config('synchronous_commit', 'local', true), CASE WHEN pg_is_in_recovery() "
-    "THEN NULL ELSE pg_logical_emit_message(true, 'semmap', '') END"
-)
+SETTLE = "SELECT set_config('synchronous_commit', 'local', true), settle()"
 """Writes what a cursor of this transaction saw to disk when it commits.
 
 A server that crashes assigns numbers of transactions again that it had not written yet; a cursor

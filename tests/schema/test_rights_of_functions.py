@@ -17,6 +17,7 @@ from sqlalchemy.exc import DBAPIError
 from sqlalchemy.orm import Session
 
 from semmap.database import as_reader
+from semmap.database.rights import FOR_WRITERS
 from tests.schema.test_roles import scene
 
 DENIED = "42501"  # insufficient_privilege
@@ -68,13 +69,18 @@ CALLS: dict[str, set[str]] = {
     "refresh_object_type('{{{mug}}}')": set(),
     "refresh_world('{{{mug}}}')": set(),
     "reshape('{{{mug}}}')": set(),
+    "settle()": {*ROLES} - {"stranger"},
 }
 """Each function of the schema that can write, with the roles that may call it so."""
 
 OF_SCHEMA = "pronamespace = 'semmap'::regnamespace AND provolatile = 'v'"
 
-FILES = "^lo_|^lo(read|write)|file|_dir$|_ls_|dir$|import|export|backup|_slot|_wal|large"
-"""Names of the server's functions for files, large objects, backups and replication."""
+FILES = (
+    "^lo_|^lo(read|write)|file|_dir$|_ls_|dir$|import|export|backup|_slot|_wal|large"
+    "|emit|sleep|notify|advisory_(xact_)?lock|rotate|reset|summarize|pending_list|promote|restore_point"
+)
+"""Names of the server's functions for files, large objects, backups and replication, and of those
+that write, sleep, notify or lock."""
 
 VALUES = {
     "text": "'PG_VERSION'",
@@ -88,6 +94,10 @@ VALUES = {
     "regnamespace": "'semmap'",
     "regclass": "'semmap.entity'",
     "text[]": "'{{}}'",
+    "double precision": "0",
+    "interval": "'0 s'",
+    "timestamp with time zone": "now()",
+    "integer[]": "'{{}}'",
 }
 
 HARMLESS = {
@@ -106,6 +116,7 @@ NOT_NOW = {
     "25001": "active_sql_transaction: a snapshot, whose file goes with its transaction",
     "55P02": "cant_change_runtime_param: the server does not run for pg_upgrade",
     "42704": "undefined_object: lo_open, which is denied, makes the descriptors of large objects",
+    "42809": "wrong_object_type: they clean indexes of two kinds, for their owner, and it has none",
     "0A000": "feature_not_supported: it works while an extension is created",
 }
 """Refused to everybody, the superuser included."""
@@ -239,7 +250,7 @@ def test_other_functions_call_none_that_writes(
     assert connection.execute(owners).all() == []
 
 
-def test_no_role_reaches_files_or_large_objects(
+def test_no_role_reaches_files_or_large_objects_and_a_reader_no_locks(
     server: tuple[Connection, dict[str, Any]],
 ) -> None:
     connection, ids = server
@@ -264,13 +275,28 @@ def test_no_role_reaches_files_or_large_objects(
             if code == DENIED or code in NOT_NOW:
                 continue
             allowed.setdefault(f"{name}: {code}" if code else name, set()).add(role)
-    assert allowed == {name: set(ROLES) for name in HARMLESS}
+    expected = {name: set(ROLES) for name in HARMLESS}
+    assert allowed == expected | dict.fromkeys(FOR_WRITERS, WRITERS)
 
 
 @pytest.mark.parametrize("statement", STATEMENTS)
 def test_other_ways_are_closed(server: tuple[Connection, dict[str, Any]], statement: str) -> None:
     connection, ids = server
     assert may(connection, statement.format(**ids)) == STATEMENTS[statement]
+
+
+def test_a_reader_writes_one_message_a_transaction(module_engine: Engine) -> None:
+    reader = as_reader(module_engine)
+    if reader is None:
+        pytest.skip("these are the rights on an embedded database")
+    written = text("SELECT pg_current_wal_insert_lsn() - '0/0'::pg_lsn")
+    with module_engine.connect() as owner, reader.connect() as connection:
+        before = owner.execute(written).scalar_one()
+        calls = text("SELECT count(semmap.settle()) FROM generate_series(1, 100000)")
+        assert connection.execute(calls).scalar_one() == 100_000
+        connection.commit()
+        assert 0 < owner.execute(written).scalar_one() - before < 1_000_000
+    reader.dispose()
 
 
 def test_names_of_files_are_recognised() -> None:
