@@ -17,10 +17,6 @@ from semmap.query.storey_scene import SceneEntity, StoreyScene
 RISERS = (0.1, 0.25)
 """Least and largest height of a step, metres."""
 
-FEWEST = 4
-"""Treads from which a thing is stairs, not a stool. Their run is longer than their rise; shelves
-have none."""
-
 FLAT = 0.999
 """The least vertical part of the normal of a tread: a ramp has none."""
 
@@ -65,9 +61,8 @@ def _flight(entity: SceneEntity, floor: float, above: float) -> NDArray[np.float
     heights = np.unique(np.round(walked[:, 2], 2))
     if not len(heights) or np.diff(heights, prepend=floor, append=above).max() > RISERS[1]:
         return None
-    treads = heights[np.diff(np.floor((heights - heights[0]) / RISERS[0]), prepend=-1) > 0]
     run = float(np.hypot(*np.diff(way_ends(walked), axis=0)[0, :2]))
-    return walked if len(treads) >= FEWEST and run >= above - floor else None
+    return walked if run >= above - floor else None  # shelves have no run
 
 
 def _room_at(scene: StoreyScene, found: FoundRooms, at: Point) -> str | None:
