@@ -1,5 +1,7 @@
 """Point clouds of scanners, written by the libraries of their formats."""
 
+import struct
+
 import laspy
 import numpy as np
 import pye57
@@ -104,3 +106,22 @@ def test_more_points_than_the_limit_are_refused(tmp_path, monkeypatch):
         write(tmp_path / name)
         with pytest.raises(WorldError, match="SEMMAP_MAX_TRIANGLES"):
             read_world(tmp_path / name)
+
+
+def test_headers_that_claim_more_than_the_file_holds_are_refused_at_once(tmp_path):
+    """Their readers would read, or allocate, for minutes."""
+    write_las(tmp_path / "a.las")
+    records = bytearray((tmp_path / "a.las").read_bytes())
+    struct.pack_into("<I", records, 100, 4_000_000_000)
+    (tmp_path / "records.las").write_bytes(records)
+    with pytest.raises(WorldError, match="records in"):
+        read_world(tmp_path / "records.las")
+
+    write_las(tmp_path / "a.laz")
+    chunks = bytearray((tmp_path / "a.laz").read_bytes())
+    (start,) = struct.unpack_from("<I", chunks, 96)  # LAS 1.4, table 3: offset to the points
+    (table,) = struct.unpack_from("<q", chunks, start)
+    struct.pack_into("<I", chunks, table + 4, 1_000_000)
+    (tmp_path / "chunks.laz").write_bytes(chunks)
+    with pytest.raises(WorldError, match="chunks of"):
+        read_world(tmp_path / "chunks.laz")
