@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from navgrid.grid import file_name
 from planner.live_topology import LiveTopology
 from planner.mission.failures import FailureRule
 from planner.mission.runner import MissionEvent, Runner
@@ -135,9 +136,10 @@ class SimulatedRun:
                     read_believed_object(seen, name)  # refuses a name that is unknown
             spots = find_spots(store, live, self.put)
             self._place_robot(store, live, robot, new=number is None)
-            file = self.world or _WORLDS / f"{original}-{number}.sqlite"
+            stem = file_name(original)
+            file = self.world or _WORLDS / f"{stem}-{number}.sqlite"
             if self.world is None and number is None:
-                file = _WORLDS / f"{original}-new-{os.getpid()}.sqlite"
+                file = _WORLDS / f"{stem}-new-{os.getpid()}.sqlite"
                 file.unlink(missing_ok=True)
                 opened_here.callback(file.unlink, missing_ok=True)
             opened = open_world(file, store, live.topology, robot, rules, resume=resume)
@@ -148,7 +150,7 @@ class SimulatedRun:
                 if number is None:  # at last, so that what is refused leaves no mission behind
                     number = store.add(robot, goal)
                     if self.world is None:
-                        sim_world.move(_WORLDS / f"{original}-{number}.sqlite")
+                        sim_world.move(_WORLDS / f"{stem}-{number}.sqlite")
                 runner = Runner(store, body, planner, speed=self.speed, on_event=self.on_event)
                 runner.tick = min(0.05, 1.0 / self.speed)
                 result = runner.run(number)

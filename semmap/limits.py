@@ -93,6 +93,8 @@ SURFACE_TRIANGLES = Limit(
     "surface_triangles", 300_000, "triangles", "a model in which support surfaces are looked for"
 )
 PIXELS = Limit("pixels", 2**26, "pixels", "the image of an occupancy grid")
+ARRAY_VALUES = Limit("array_values", 2**26, "values", "an array of a NumPy file")
+UNPACKED = Limit("unpacked", 100, "times its size", "a recording (MCAP), unpacked")
 GRID_CELLS = Limit("grid_cells", 2**30, "cells", "an occupancy grid or costmap")
 LINKS = Limit("links", 500, "links", "a robot")
 ACTIONS = Limit("actions", 200, "actions", "a domain file")

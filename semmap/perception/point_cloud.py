@@ -12,6 +12,7 @@ from scipy.spatial import cKDTree
 
 import semmap_native
 from semmap.error import Error
+from semmap.npy_file import read_npy
 
 Floats = NDArray[np.float64]
 
@@ -35,7 +36,7 @@ def read_cloud(path: Path) -> Floats:
         raise PerceptionError(f"{path} does not exist: give a PLY or NPY file with points")
     try:
         if path.suffix.lower() == ".npy":
-            points = np.load(path, allow_pickle=False)
+            points = read_npy(path)
         else:
             import trimesh
 

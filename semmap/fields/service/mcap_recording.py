@@ -6,6 +6,7 @@ Poses are those of topics, or of frames of /tf.
 from __future__ import annotations
 
 import importlib
+import struct
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
@@ -19,12 +20,16 @@ from numpy.typing import NDArray
 
 from semmap.fields.sources.percepts import Gaze, People, PersonMotion, RobotState, Segmentation
 from semmap.geometry.pose import Pose
+from semmap.limits import UNPACKED
 
 BUFFER = 10.0  # seconds for which a transform holds, as in the buffer of tf2
 TOGETHER = 0.05  # seconds between the stamps of a depth image and of its labels, at most
 STEADY = 1.0  # seconds between two poses of a person, at most, for a velocity
 
 TRANSFORMS = ("/tf", "/tf_static")
+
+SMALL = 8 * 2**20  # bytes that any recording may unpack to
+SPLIT = "Record it again in smaller files."
 
 KIND_OF_SOURCE = {
     "gaze": "gaze",
@@ -137,6 +142,7 @@ class McapPercepts:
                 summary = _guarded(file, reader.get_summary)
             if summary is None:
                 raise ValueError(f"{file} has no summary; repair it: mcap recover")
+            _check_size(file, summary.chunk_indexes)
             for channel in summary.channels.values():
                 schema = summary.schemas.get(channel.schema_id)
                 found[channel.topic] = "unknown" if schema is None else schema.name
@@ -159,6 +165,29 @@ class McapPercepts:
                     _, channel, message = each
                     decode = partial(_decoded, file, decoders, *each)
                     yield message.log_time / 1e9, channel.topic, decode
+
+
+def _check_size(file: Path, chunks: Iterable[Any]) -> None:
+    """Refuse a recording that unpacks to far more than its size: it would take minutes to read."""
+    refused = partial(_refusal, file)
+    claimed = sum(chunk.uncompressed_size for chunk in chunks)
+    UNPACKED.check((claimed - SMALL) / max(file.stat().st_size, 1), refused, SPLIT, "unpacks to")
+    with file.open("rb") as stream:
+        for chunk in chunks:
+            if chunk.compression != "lz4":
+                continue  # zstd stops at what the chunk claims
+            stream.seek(chunk.chunk_start_offset + chunk.chunk_length - chunk.compressed_size)
+            packed = stream.read(chunk.compressed_size)
+            unpacked = _library("lz4.frame").LZ4FrameDecompressor()
+            whole = _guarded(
+                file, partial(unpacked.decompress, packed, chunk.uncompressed_size + 1)
+            )
+            if len(whole) != chunk.uncompressed_size or not unpacked.eof:
+                raise ValueError(f"{file}: a chunk is not of the size that it claims: record again")
+
+
+def _refusal(file: Path, problem: str, fix: str) -> Exception:
+    return ValueError(f"{file}: {problem}. {fix}")
 
 
 def _decoded(file: Path, decoders: Any, schema: Any, channel: Any, message: Any) -> Any:
@@ -189,12 +218,11 @@ def _files(path: Path) -> list[Path]:
 
 def _guarded(file: Path, read: Callable[[], Any]) -> Any:
     """Return what a library reads; its errors name the file."""
-    damage = _library("mcap.exceptions").McapError
-    import struct
-
+    damage = _library("mcap.exceptions").McapError, _library("zstandard").ZstdError
+    others = struct.error, EOFError, UnicodeDecodeError, IndexError, RuntimeError  # of lz4
     try:
         return read()
-    except (damage, struct.error, EOFError, UnicodeDecodeError, IndexError) as error:
+    except (*damage, *others) as error:
         raise ValueError(
             f"{file} is not a whole MCAP file ({error or type(error).__name__}); if its recording "
             "was cut off, repair it: mcap recover"

@@ -18,6 +18,7 @@ from semmap.fields.sources.percepts import Gaze, People, PersonMotion, RobotStat
 from semmap.finite_number import finite_numbers, is_finite_number
 from semmap.geometry.pose import Pose
 from semmap.limits import EXTENT
+from semmap.npy_file import read_npy
 
 Percept = Gaze | People | RobotState | Segmentation
 
@@ -166,6 +167,6 @@ def _array(given: Any, name: str, folder: Path | None) -> NDArray[Any]:
 
 def _npy(file: Any, name: str) -> NDArray[Any]:
     try:
-        return np.asarray(np.load(file, allow_pickle=False))
+        return read_npy(file)
     except ValueError as error:
         raise ValueError(f"{name} is not a NumPy file: {error}") from None

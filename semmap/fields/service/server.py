@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import socketserver
 import threading
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -12,6 +13,12 @@ from typing import Any
 
 LONGEST = 256 * 2**20
 """The most bytes of a request: an image of 20 megapixels with its labels."""
+
+SHORT = 2**20
+"""Bytes of a request that is read beside others."""
+
+PATIENCE = 60.0
+"""Seconds that a longer request may take to arrive: an unfinished one holds others up."""
 
 Answer = Callable[[dict[str, Any]], Iterator[Any]]
 """Yields the replies to a request; mostly one."""
@@ -22,9 +29,24 @@ class _Handler(socketserver.StreamRequestHandler):
 
     def handle(self) -> None:
         with suppress(OSError):  # the client went away
-            while line := self.rfile.readline(LONGEST):
+            while line := self._line():
                 for reply in self._replies(line):
                     self.wfile.write(json.dumps(reply).encode() + b"\n")
+
+    def _line(self) -> bytes:
+        """The next request; a long one waits for others, and for its rest at most `PATIENCE`."""
+        line: bytes = self.rfile.readline(SHORT)
+        if len(line) < SHORT or line.endswith(b"\n"):
+            return line
+        with self.server.one_long_request:
+            self.connection.settimeout(PATIENCE)  # it ends the connection
+            pieces, ends = [line], time.monotonic() + PATIENCE
+            while not pieces[-1].endswith(b"\n"):
+                pieces.append(self.rfile.readline(SHORT))
+                if not pieces[-1] or len(pieces) * SHORT > LONGEST or time.monotonic() > ends:
+                    return b""
+            self.connection.settimeout(None)
+            return b"".join(pieces)
 
     def _replies(self, line: bytes) -> Iterator[dict[str, Any]]:
         try:
@@ -44,6 +66,7 @@ class _Server(socketserver.ThreadingUnixStreamServer):
 
     def __init__(self, path: str, answer: Answer) -> None:
         self.answer = answer
+        self.one_long_request = threading.Lock()
         super().__init__(path, _Handler)
 
 

@@ -11,7 +11,7 @@ import json
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from datetime import UTC, datetime
+from datetime import UTC, datetime, timedelta
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -34,6 +34,9 @@ FORMAT = "semmap manipulation knowledge"
 
 VERSION = 1
 """Of the format; other versions are refused."""
+
+AHEAD = timedelta(days=1)
+"""By which the clock of another machine may be fast: later bundles must not be older."""
 
 RESERVED = ("own", "simulation", "assumed")
 
@@ -204,8 +207,11 @@ def _checked_lines(
     lines = [_json(line) for line in body.split(b"\n")[1:]]
     try:
         at = datetime.fromisoformat(str(header["at"]))
-    except (KeyError, ValueError) as problem:
-        raise error("its header has no time", "export it again") from problem
+        ahead = at - datetime.now(UTC)
+    except (KeyError, ValueError, TypeError) as problem:  # a time without a zone is of another type
+        raise error("its header has no time with a zone", "export it again") from problem
+    if ahead > AHEAD:
+        raise error(f"was made in the future, at {at}", "set the clock of the machine it is from")
     if known[2] is not None and at < known[2]:
         raise error(
             f"is older than the bundle of {known[0]} that was imported before", "get the newest one"

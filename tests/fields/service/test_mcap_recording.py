@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+import time
 from collections.abc import Callable, Iterable
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
@@ -10,6 +11,9 @@ from typing import Any
 
 import numpy as np
 import pytest
+from mcap.reader import make_reader
+from mcap.writer import CompressionType
+from mcap.writer import Writer as McapWriter
 
 from semmap.fields.service.mcap_recording import McapPercepts
 from semmap.fields.service.percept_feeds import make_feed
@@ -167,4 +171,53 @@ def test_wrong_recordings(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> No
         McapPercepts(tmp_path / "none.mcap", "gaze", {})
     monkeypatch.setitem(sys.modules, "mcap.reader", None)
     with pytest.raises(LookupError, match=r"semmap\[recordings\]"):
+        McapPercepts(path, "gaze", {})
+
+
+@pytest.mark.parametrize("packing", ["zstd", "lz4"])
+def test_a_recording_that_unpacks_to_far_more_than_its_size_is_refused(
+    tmp_path: Path, packing: str
+) -> None:
+    """49 kB of zeros kept the reader busy for over 100 s."""
+    path = tmp_path / "bomb.mcap"
+    with path.open("wb") as stream:
+        compression = CompressionType[packing.upper()]
+        writer = McapWriter(stream, chunk_size=2**25, compression=compression)
+        writer.start()
+        schema = writer.register_schema("std_msgs/msg/Empty", "ros2msg", b"")
+        channel = writer.register_channel("/tf", "cdr", schema)
+        for number in range(64):
+            writer.add_message(channel, number, bytes(2**20), number)
+        writer.finish()
+    assert path.stat().st_size < 300_000
+    began = time.monotonic()
+    with pytest.raises(ValueError, match=r"unpacks to .* times its size"):
+        McapPercepts(path, "gaze", {})
+    assert time.monotonic() - began < 5.0
+
+
+def test_a_chunk_that_claims_to_be_small_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "liar.mcap"
+    with path.open("wb") as stream:
+        writer = McapWriter(stream, chunk_size=2**25, compression=CompressionType.LZ4)
+        writer.start()
+        schema = writer.register_schema("std_msgs/msg/Empty", "ros2msg", b"")
+        channel = writer.register_channel("/tf", "cdr", schema)
+        writer.add_message(channel, 0, bytes(2**22), 0)
+        writer.finish()
+    content = path.read_bytes()
+    with path.open("rb") as stream:
+        (chunk,) = make_reader(stream).get_summary().chunk_indexes
+    claimed = chunk.uncompressed_size.to_bytes(8, "little")
+    assert content.count(claimed) >= 2  # in the chunk, and in its index
+    end = chunk.chunk_start_offset + chunk.chunk_length
+    packed = slice(end - chunk.compressed_size, end)
+    lie = bytearray(content.replace(claimed, (1000).to_bytes(8, "little")))
+    lie[packed] = content[packed]
+    path.write_bytes(lie)
+    with pytest.raises(ValueError, match=r"not of the size that it claims"):
+        McapPercepts(path, "gaze", {})
+    lie[packed] = bytes(chunk.compressed_size)
+    path.write_bytes(lie)
+    with pytest.raises(ValueError, match=r"not a whole MCAP"):
         McapPercepts(path, "gaze", {})

@@ -220,6 +220,24 @@ def test_bundles_of_strangers_of_the_distrusted_and_old_ones_are_refused(
         import_bundle(other, old)
 
 
+@pytest.mark.parametrize("at", ["2026-01-01T10:00:00", "9999-12-31T23:59:59+00:00", "noon", None])
+def test_a_time_without_a_zone_or_in_the_future_is_refused(
+    cups: Map, taught: dict[str, int], other: Any, tmp_path: Path, at: str | None
+) -> None:
+    """A contributor whose bundle is of the year 9999 could not send another one."""
+    path = tmp_path / "bundle"
+    export_bundle(cups.connection, path, "kitchen", key=KEY)
+    first, *lines = path.read_bytes().split(b"\n")[:-2]
+    body = b"\n".join([json.dumps(json.loads(first) | {"at": at}).encode(), *lines]) + b"\n"
+    signature = {"signature": KEY.sign(body).signature.hex()}
+    path.write_bytes(body + json.dumps(signature).encode() + b"\n")
+    trust(other, "kitchen", PUBLIC)
+    before = rows(other)
+    with pytest.raises(ManipulationError, match=r"no time with a zone|made in the future"):
+        import_bundle(other, path)
+    assert rows(other) == before
+
+
 def test_a_gripper_of_the_same_name_and_another_opening_is_refused(
     cups: Map, taught: dict[str, int], other: Any, tmp_path: Path
 ) -> None:

@@ -1,0 +1,65 @@
+"""The socket of fields under clients that send too much, or never end a line."""
+
+from __future__ import annotations
+
+import json
+import socket
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from semmap.fields.service import server
+from semmap.fields.service.server import serving
+
+
+@pytest.fixture
+def path(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+    monkeypatch.setattr(server, "PATIENCE", 1.0)
+    monkeypatch.setattr(server, "LONGEST", 2**22)
+
+    def answer(request: dict[str, Any]) -> Iterator[Any]:
+        yield len(request["text"])
+
+    with serving(tmp_path / "s", answer):
+        yield tmp_path / "s"
+
+
+def client(path: Path) -> socket.socket:
+    made = socket.socket(socket.AF_UNIX)
+    made.settimeout(10)
+    made.connect(str(path))
+    return made
+
+
+def asked(path: Path, length: int) -> Any:
+    with client(path) as one:
+        one.sendall(json.dumps({"text": "x" * length}).encode() + b"\n")
+        return json.loads(one.makefile().readline())
+
+
+def test_long_requests_are_answered(path: Path) -> None:
+    for length in (0, server.SHORT - 12, server.SHORT, 3 * server.SHORT):
+        assert asked(path, length) == {"reply": length}
+
+
+def test_a_line_beyond_the_limit_ends_its_connection(path: Path) -> None:
+    with client(path) as one, pytest.raises(OSError):  # noqa: PT011
+        one.sendall(bytes(16 * server.LONGEST))
+    assert asked(path, 5) == {"reply": 5}
+
+
+def test_unfinished_lines_hold_one_request_and_not_for_long(path: Path) -> None:
+    held = [client(path) for _ in range(5)]
+    for one in held:
+        one.sendall(b"x" * (server.SHORT + 10))
+    began = time.monotonic()
+    assert asked(path, 5) == {"reply": 5}
+    assert time.monotonic() - began < 0.9, "a short request waits for none of them"
+    assert asked(path, 2 * server.SHORT) == {"reply": 2 * server.SHORT}
+    assert time.monotonic() - began < 8, "a long one waits, each of them for a second"
+    for one in held:
+        assert one.recv(1) == b""
+        one.close()
