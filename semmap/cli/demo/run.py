@@ -62,6 +62,8 @@ def run_demo(
         for file in files:
             cli.print_summary(db.import_file(file, map=map_name, model_path=model_path))
         house = db.map(map_name)
+        if not house.rooms:
+            _find_rooms(house, say)
         with house.snapshot() as seen:
             choices = choose(seen, read_choices(files[0].with_name("demo.yaml")))
             topology = read_topology(seen)
@@ -113,6 +115,17 @@ def run_demo(
             say(f"   {picture}")
         say(f"\n{time.perf_counter() - began:.1f} s")
     return pictures
+
+
+def _find_rooms(house: Map, say: Say) -> None:
+    """Find rooms in the walls of a world that states none."""
+    try:
+        found = house.find_rooms(add=True)
+    except ValueError as error:
+        say(f"   no rooms: {error}")
+        return
+    rooms, doorways = (sum(len(getattr(f, k)) for f in found) for k in ("rooms", "doorways"))
+    say(f"   the world has no rooms: {rooms} rooms and {doorways} doorways found in its walls")
 
 
 def _ask(house: Map, choices: DemoChoices, say: Say, *, again: bool = False) -> None:

@@ -11,7 +11,7 @@ from semmap.cli.demo.choices import DemoChoices
 from semmap.knowledge.results import shown
 from semmap.knowledge.vocabulary import TYPE, encode, prefixes, short
 
-FIGURE_3 = """SELECT ?room ?table (geof:minX(?box) AS ?from_x) (geof:maxX(?box) AS ?to_x)
+FIGURE_3 = """SELECT DISTINCT ?room ?table (geof:minX(?box) AS ?from_x) (geof:maxX(?box) AS ?to_x)
     (geof:maxZ(?box) AS ?top) {{
     ?object a {object} ; semmap:heldBy ?table .
     ?table a {table} ; semmap:heldBy ?room ; geo:hasBoundingBox/geo:asWKT ?box .
