@@ -47,8 +47,8 @@ def speed_mask(entities: Iterable[SceneEntity], grid: Grid) -> Mask | None:
 
     Zones are regions of the type ``speed_zone`` or with the property ``speed_limit``, in m/s;
     ``speed_percent`` is in percent of the robot's highest speed. Limits in m/s are rounded down to
-    a hundredth of the highest one. ValueError for a zone without a usable limit, and for both
-    units.
+    a hundredth of the highest one. ValueError for a zone without a usable limit, for one below a
+    hundredth of the highest or below 1 percent, and for both units.
     """
     limits: list[tuple[float, bool, SceneEntity]] = []
     for region in entities:
@@ -69,7 +69,13 @@ def speed_mask(entities: Iterable[SceneEntity], grid: Grid) -> Mask | None:
     step = highest / 100 if absolute == {True} else 1.0
     cells = np.zeros(grid.shape, np.int8)
     for limit, _, region in sorted(limits, key=lambda item: -item[0]):
-        value = max(1, math.floor(limit / step + 1e-9))
+        value = math.floor(limit / step + 1e-9)
+        if value < 1:
+            raise ValueError(
+                f"speed zone {region.name}: its limit {limit:g} is below {step:g}, the lowest that "
+                f"a mask can have whose highest limit is {highest:g}: raise it, or take a zone of "
+                "type keepout_zone"
+            )
         assert region.footprint is not None
         cells[area_cells(region.footprint, grid)] = value
     kind = SPEED_ABSOLUTE if absolute == {True} else SPEED_PERCENT

@@ -79,6 +79,8 @@ def test_speed_limits_in_percent() -> None:
         ([{"speed_limit": 0}], "speed_limit is 0; give a number above 0 in m/s"),
         ([{"speed_limit": "slow"}], "speed_limit is 'slow'; give a number"),
         ([{"speed_percent": 120}], "speed_percent is 120; .* percent, at most 100"),
+        ([{"speed_percent": 0.5}], "zone0: its limit 0.5 is below 1, the lowest .* raise it"),
+        ([{"speed_limit": 2}, {"speed_limit": 0.01}], "zone1: its limit 0.01 is below 0.02"),
         ([{"speed_limit": 1.0}, {"speed_percent": 50}], "some limits are in m/s and some"),
     ],
 )
