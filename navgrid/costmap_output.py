@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from navgrid.grid import file_name
+from navgrid.grid import check_storey_names, file_name
 from navgrid.inflation import INSCRIBED, LETHAL
+from navgrid.launch_files import write_building_launch
+from navgrid.map_file import folder_of
 from navgrid.nav2 import Files, write_nav2
 from semmap.error import Error
 from semmap.query.storey_scene import SceneEntity
@@ -30,6 +33,39 @@ def write_costmap(
     if picture:
         files["pictures"] = [str(p) for p in draw_costmap(costmap, folder)]
     return {**files, "folder": str(folder)}
+
+
+def write_costmaps(
+    costmaps: Sequence[Costmap],
+    folder: Path | str,
+    *,
+    laser_height: float = 0.25,
+    headings: int = 0,
+    picture: bool = True,
+) -> list[Files]:
+    """Write the costmaps of a building's storeys, the lowest first; return what was written.
+
+    Each storey has a folder, unless there is only one, and above them lie the launch files of the
+    building. The options are those of `Costmap.write`.
+
+    Raises
+    ------
+    ValueError
+        The robot can stand nowhere on a storey, or two storeys would have the same names.
+    """
+    folder, names = Path(folder), [costmap.scene.storey for costmap in costmaps]
+    check_storey_names(names)
+    for costmap in costmaps:
+        check_free(costmap)
+    written = [
+        write_costmap(
+            costmap, folder_of(name, folder, len(names)), laser_height, headings, picture=picture
+        )
+        for name, costmap in zip(names, costmaps, strict=True)
+    ]
+    if len(written) > 1:
+        write_building_launch(folder, written)
+    return written
 
 
 def draw_master(costmap: Costmap, path: Path) -> Path:

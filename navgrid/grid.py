@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -137,13 +137,17 @@ def as_cells(occupied: NDArray[np.bool_], unknown: NDArray[np.bool_]) -> NDArray
     return np.where(occupied, OCCUPIED, np.where(unknown, UNKNOWN, FREE)).astype(np.int8)
 
 
+ROOT_FRAME = "map"
+"""The frame of the map, above those of its storeys."""
+
+
 def frame_name(storey: str) -> str:
     """Return the name of the frame in which a storey's maps are, a valid name for tf.
 
     >>> frame_name("floor-1st")
     'map_floor_1st'
     """
-    return "map_" + (re.sub(r"\W+", "_", storey).strip("_") or "storey")
+    return f"{ROOT_FRAME}_" + (re.sub(r"\W+", "_", storey).strip("_") or "storey")
 
 
 def file_name(name: str) -> str:
@@ -153,6 +157,19 @@ def file_name(name: str) -> str:
     'Level_1_B'
     """
     return re.sub(r"[^\w.-]+", "_", name).strip("._") or "storey"
+
+
+def check_storey_names(storeys: Iterable[str]) -> None:
+    """Raise ValueError if two storeys would have the same folder or the same frame."""
+    taken: dict[str, str] = {}
+    for storey in storeys:
+        for name in (file_name(storey), frame_name(storey)):
+            other = taken.setdefault(name, storey)
+            if other != storey:
+                raise ValueError(
+                    f"the storeys {other!r} and {storey!r} would both be written as {name}: "
+                    "rename one of them"
+                )
 
 
 def _check_resolution(resolution: float) -> None:

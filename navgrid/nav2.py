@@ -1,7 +1,8 @@
 """Costmaps as files that a Nav2 stack loads unchanged.
 
-`map_server` loads each map; `costmap_2d`'s static layer takes the master costmap (with
-``trinary_costmap: false``), and its filters take the masks.
+`map_server` loads each map; the static layer of `costmap_2d` takes the master costmap, and its
+filters take the masks. ``trinary_costmap: false`` is a parameter of the costmap: one of the layer
+has no effect, and each cost below lethal would be free.
 
 Why: docs/decisions/the_master_costmap_is_written_with_253_as_lethal.md
 """
@@ -9,10 +10,8 @@ Why: docs/decisions/the_master_costmap_is_written_with_253_as_lethal.md
 from __future__ import annotations
 
 import json
-import re
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
-from xml.etree import ElementTree
 
 import numpy as np
 import yaml
@@ -21,6 +20,7 @@ from numpy.typing import NDArray
 from navgrid.field_layer import field_lists
 from navgrid.grid import as_cells, file_name, frame_name
 from navgrid.inflation import INSCRIBED, LETHAL, UNKNOWN
+from navgrid.launch_files import BRINGUP, FRAMES, ros_name, write_storey_launch
 from navgrid.map_file import Mode, write_map
 from navgrid.masks import Mask, keepout_mask, speed_mask
 from semmap.query.geometry_notes import geometry_lists
@@ -37,20 +37,22 @@ def as_occupancy(costs: NDArray[np.uint8]) -> NDArray[np.int8]:
     """Return costs of costmap_2d as values of an occupancy grid, as a static layer reads them back.
 
     100 for the costs 253 and 254, where a robot without footprint must not be; lower costs as
-    ``cost * 100 / 254``, at least 1 above 0; -1 for unknown. Arrays of one shape, int8.
+    ``cost * 100 / 254``, at least 1 above 0 and at most 98, since newer versions of Nav2 read 99 as
+    253; -1 for unknown. Arrays of one shape, int8.
     """
-    found: NDArray[np.int8] = np.ceil(costs * (100 / LETHAL)).clip(0, 99).astype(np.int8)
+    found: NDArray[np.int8] = np.ceil(costs * (100 / LETHAL)).clip(0, 98).astype(np.int8)
     found[costs >= INSCRIBED] = 100
     found[costs == UNKNOWN] = -1
     return found
 
 
 def write_nav2(costmap: Costmap, folder: Path, *, laser_height: float = 0.25) -> Files:
-    """Write all maps of a costmap, ``nav2_params.yaml`` and ``costmap.json`` into a folder.
+    """Write all maps of a costmap, parameters, launch files and ``costmap.json`` into a folder.
 
     The localisation map is the section `laser_height` metres above the floor. Returns the content
-    of ``costmap.json``.
+    of ``costmap.json``. ValueError if two maps would have the same name in ROS.
     """
+    _check_names(costmap)
     folder.mkdir(parents=True, exist_ok=True)
     grid, frame = costmap.grid, frame_name(costmap.scene.storey)
     notes = costmap.notes
@@ -83,8 +85,7 @@ def write_nav2(costmap: Costmap, folder: Path, *, laser_height: float = 0.25) ->
     params = _params(costmap, paths, masks, frame)
     head = _HEAD + "".join(f"# {note}\n" for note in notes)
     (folder / "nav2_params.yaml").write_text(head + yaml.safe_dump(params, sort_keys=False))
-    bringup = ElementTree.tostring(_bringup(params), encoding="unicode")
-    (folder / "bringup.launch.xml").write_text(bringup + "\n")
+    write_storey_launch(folder, params, frame, costmap.scene.elevation)
     files: Files = {
         "storey": costmap.scene.storey,
         "frame": frame,
@@ -106,7 +107,8 @@ def write_nav2(costmap: Costmap, folder: Path, *, laser_height: float = 0.25) ->
         "posture": costmap.posture,
         "maps": maps,
         "params": "nav2_params.yaml",
-        "bringup": "bringup.launch.xml",
+        "bringup": BRINGUP,
+        "frames": FRAMES,
         "lethal": int((costmap.master == LETHAL).sum()),
         "inscribed": int((costmap.master == INSCRIBED).sum()),
         "unknown": int((costmap.master == UNKNOWN).sum()),
@@ -116,6 +118,20 @@ def write_nav2(costmap: Costmap, folder: Path, *, laser_height: float = 0.25) ->
     }
     (folder / "costmap.json").write_text(json.dumps(files, indent=1) + "\n")
     return files
+
+
+def _check_names(costmap: Costmap) -> None:
+    """Raise ValueError for a part whose map or node would replace another one."""
+    taken = {"keepout_filter_info", "keepout_mask", "localisation", "map", "master"}
+    taken |= {"speed_filter_info", "speed_mask"}
+    for part in costmap.parts:
+        for name in (part.name, *(f"{part.name}_{layer}" for layer in costmap.occupied)):
+            if ros_name(name) in taken:
+                raise ValueError(
+                    f"part {part.name}: another map has the name {ros_name(name)} in ROS, too: "
+                    "rename the part"
+                )
+            taken.add(ros_name(name))
 
 
 def some_headings(costmap: Costmap) -> int:
@@ -145,13 +161,13 @@ def _params(
         "resolution": costmap.grid.resolution,
         "track_unknown_space": True,
         "robot_radius": round(costmap.grid.resolution / 2, 6),
+        "trinary_costmap": False,
+        "lethal_cost_threshold": 100,
         "plugins": ["static_layer"],
         "static_layer": {
             "plugin": "nav2_costmap_2d::StaticLayer",
             "map_topic": "/master",
             "map_subscribe_transient_local": True,
-            "trinary_costmap": False,
-            "lethal_cost_threshold": 100,
         },
     }
     if masks:
@@ -160,6 +176,7 @@ def _params(
         "global_costmap": {"global_costmap": {"ros__parameters": layers}},
         "master_server": server("master", "master"),
         "map_server": server("localisation", "map"),
+        "amcl": _node(global_frame_id=frame),
     }
     for name, mask in masks.items():
         kind = name.removesuffix("_mask")
@@ -182,42 +199,12 @@ def _params(
     for name in paths:
         if name in ("master", "localisation", *masks):
             continue
-        params[f"{_ros_name(name)}_server"] = server(name, f"layers/{_ros_name(name)}")
+        params[f"{ros_name(name)}_server"] = server(name, f"layers/{ros_name(name)}")
     # For planners that check footprints.
     params["robot_footprints"] = _node(
         **{part.name: footprint_string(part) for part in costmap.parts}
     )
     return params
-
-
-def _bringup(params: dict[str, Any]) -> ElementTree.Element:
-    """The launch file that serves all maps beside it, wherever the folder lies."""
-    launch = ElementTree.Element("launch")
-    ElementTree.SubElement(launch, "arg", name="use_sim_time", default="false")
-
-    def add(package: str, program: str, name: str, **values: str) -> None:
-        node = ElementTree.SubElement(launch, "node", pkg=package, exec=program, name=name)
-        ElementTree.SubElement(node, "param", {"from": "$(dirname)/nav2_params.yaml"})
-        for key, value in {**values, "use_sim_time": "$(var use_sim_time)"}.items():
-            ElementTree.SubElement(node, "param", name=key, value=value)
-
-    servers = {name: node["ros__parameters"] for name, node in params.items() if "_server" in name}
-    for name, values in servers.items():
-        if "yaml_filename" in values:
-            file = f"$(dirname)/{Path(values['yaml_filename']).name}"
-            add("nav2_map_server", "map_server", name, yaml_filename=file)
-        else:
-            add("nav2_map_server", "costmap_filter_info_server", name)
-    names = f"[{', '.join(servers)}]"
-    manager = "lifecycle_manager"
-    add("nav2_lifecycle_manager", manager, f"{manager}_maps", autostart="true", node_names=names)
-    ElementTree.indent(launch)
-    return launch
-
-
-def _ros_name(name: str) -> str:
-    """The name of a map as ROS takes it for nodes and topics."""
-    return re.sub(r"\W+", "_", name, flags=re.ASCII).strip("_") or "layer"
 
 
 def _node(**parameters: Any) -> dict[str, Any]:

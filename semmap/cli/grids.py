@@ -83,6 +83,7 @@ def grid_command(
     json_: cli.Json = False,
 ) -> None:
     """Write the obstacles of each storey as a Nav2 map (map.yaml, map.pgm)."""
+    from navgrid.grid import check_storey_names
     from navgrid.map_file import folder_of
 
     asked: Any = {"storey": storey, "interval": numbers(interval, "--interval LOW,HIGH", 2)}
@@ -90,6 +91,7 @@ def grid_command(
     with cli.chosen_map(map_name) as house:
         asked |= vars(ground) | contents.arguments(house)
         grids = house.grids(policy=policy, **asked)
+    check_storey_names(made.scene.storey for made in grids)
     written = [
         made.write(folder_of(made.scene.storey, folder, len(grids)), picture=picture)
         for made in grids
@@ -211,13 +213,10 @@ def _write(costmaps: Sequence[Costmap], folder: Path, options: Any, json_: bool)
     """Write costmaps; print the files, per storey, and what costmaps say of objects and fields."""
     from rich.text import Text
 
-    from navgrid.map_file import folder_of
+    from navgrid.costmap_output import write_costmaps
     from semmap.draw.palette import PART_COLOURS
 
-    written = [
-        made.write(folder_of(made.scene.storey, folder, len(costmaps)), **options)
-        for made in costmaps
-    ]
+    written = write_costmaps(costmaps, folder, **options)
     if json_:
         print(json.dumps(written))
         return

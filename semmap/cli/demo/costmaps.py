@@ -12,8 +12,9 @@ from navgrid.costmap import Costmap
 from navgrid.costmap_output import draw_costmap
 from navgrid.grid import scene_grid
 from navgrid.inflation import INSCRIBED, UNKNOWN
+from navgrid.launch_files import write_building_launch
 from navgrid.map_file import folder_of
-from navgrid.nav2 import write_nav2
+from navgrid.nav2 import Files, write_nav2
 from navgrid.slabs import area_cells
 from planner.robot_class import RobotClass
 from semmap.api.driving_posture import driving_posture
@@ -80,16 +81,17 @@ def robot_demo(
     meshes = robot.meshes
     pictures = robot_figures(robot.parts, meshes, folder)
     wanted: list[tuple[float, StoreyView, RoomView]] = []
+    written: list[Files] = []
     with house.snapshot() as seen:
         for storey in storeys:
             scene = read_scene(seen, storey.name)
             if not scene.entities and not scene.floors:
                 continue
             costmap = Costmap(scene, robot.parts, scene_grid(scene, 0.05))
-            place = folder_of(storey.name, folder, len(storeys))
-            files = write_nav2(costmap, place / "costmap")
-            say(f"   {place / 'costmap'}: {len(files['maps'])} maps and nav2_params.yaml")
-            pictures += draw_costmap(costmap, place / "costmap")
+            place = folder_of(storey.name, folder / "costmap", len(storeys))
+            written.append(write_nav2(costmap, place))
+            say(f"   {place}: {len(written[-1]['maps'])} maps and nav2_params.yaml")
+            pictures += draw_costmap(costmap, place)
             if not any(p.name == FIGURE_5 for p in pictures):
                 region = blocked_region(costmap, storey, folder)
                 pictures += [] if region is None else [region]
@@ -98,6 +100,8 @@ def robot_demo(
             for room in storey.rooms:
                 cells = hidden & area_cells(room.outline, costmap.grid)
                 wanted.append((float(cells.sum()) * costmap.grid.resolution**2, storey, room))
+        if len(written) > 1:
+            write_building_launch(folder / "costmap", written)
         wanted = sorted((w for w in wanted if w[0] > 0), key=lambda w: -w[0])[:MOST]
         for _, storey, room in wanted:
             drawn = _passage_in(seen, storey, room, robot, meshes, folder, pixels)

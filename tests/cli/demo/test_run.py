@@ -52,9 +52,9 @@ def test_the_demo_does_the_main_job_from_end_to_end(folder, said, capsys):
     assert [str(p.relative_to(folder)) for p in pictures] == [
         "figure6_parts.png",
         "figure7_footprints.png",
-        *(f"floor-1st/costmap/{name}.png" for name in ("master", "base", "arm", "pole")),
+        *(f"costmap/floor-1st/{name}.png" for name in ("master", "base", "arm", "pole")),
         "figure5_staircase.png",
-        *(f"floor-3rd/costmap/{name}.png" for name in ("master", "base", "arm", "pole")),
+        *(f"costmap/floor-3rd/{name}.png" for name in ("master", "base", "arm", "pole")),
         "figure9_layered.png",
         "figure9_single.png",
         "figure9_robot.png",
