@@ -100,8 +100,12 @@ parallel run."""
 
 
 def pytest_configure() -> None:
-    """Workers and commands load OpenBLAS without threads, as `semmap` does: all cores are busy."""
+    """Workers and commands load OpenBLAS without threads, as `semmap` does: all cores are busy.
+
+    A cache of Gazebo Fuel on this machine would give models their meshes.
+    """
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    os.environ["GZ_FUEL_CACHE_PATH"] = os.devnull
 
 
 @pytest.hookimpl(optionalhook=True)

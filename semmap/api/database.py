@@ -240,7 +240,7 @@ class Database(DatabaseManipulation, DatabaseInterlinking):
         mesh_as : a mesh file is one object, a room, or a scene of an object for each named node
         strict : take nothing if anything is left out
         source : the name under which a repeated import finds its entities; by default the file's
-        model_path : folders of SDF models, searched first
+        model_path : folders of SDF models, also of Open-RMF buildings, searched first
         scale : metres per unit of a mesh file
         define : add types of drawn features that the map does not have; otherwise such a feature
             is left out

@@ -52,11 +52,17 @@ class MapDrawing(MapTasks):
     """The part of `Map` that draws, and writes the topology."""
 
     def draw(
-        self, storey: EntityName | None = None, *, walls: bool = True, title: str = ""
+        self,
+        storey: EntityName | None = None,
+        *,
+        walls: bool = True,
+        title: str = "",
+        assume_sizes: bool = False,
     ) -> Picture:
         """The floor plan of a storey, or those of all storeys one below another.
 
         `walls` shows the occupied cells between the rooms; without it, outlines alone.
+        `assume_sizes` draws typical boxes, dashed, for objects without geometry.
         LookupError if there is no such storey, or nothing to draw.
         """
         from navgrid.grid_output import with_grid
@@ -64,7 +70,9 @@ class MapDrawing(MapTasks):
         from semmap.draw.picture import Picture
 
         views = (
-            [with_grid(made) for made in self.grids(storey=storey)] if walls else self.views(storey)
+            [with_grid(made) for made in self.grids(storey=storey, assume_sizes=assume_sizes)]
+            if walls
+            else self.views(storey, assume_sizes=assume_sizes)
         )
         if not views:
             raise LookupError(f"the map {self.name} has nothing to draw: import a world file")
@@ -72,12 +80,22 @@ class MapDrawing(MapTasks):
             Picture.drawn(partial(floor_plan, view, title=title)) for view in views
         )
 
-    def draw_3d(self, *, cut: float | None = None, width: int = 2200, title: str = "") -> Picture:
-        """All storeys in 3D, with their furniture; walls are cut `cut` metres above each floor."""
+    def draw_3d(
+        self,
+        *,
+        cut: float | None = None,
+        width: int = 2200,
+        title: str = "",
+        assume_sizes: bool = False,
+    ) -> Picture:
+        """All storeys in 3D, with their furniture; walls are cut `cut` metres above each floor.
+
+        `assume_sizes` draws typical boxes for objects without geometry.
+        """
         from semmap.draw.picture import Picture
         from semmap.draw.scene3d import scene3d
 
-        views = self.views()
+        views = self.views(assume_sizes=assume_sizes)
         options: dict[str, Any] = {} if cut is None else {"cut": cut}
         return Picture.drawn(
             lambda path: scene3d(views, path, width=width, title=title or self.name, **options)
@@ -104,13 +122,16 @@ class MapDrawing(MapTasks):
         title = f"<div><b>{html.escape(self.name)}</b>: {counts or 'empty'}</div>"
         return title + self._repr_svg_()
 
-    def views(self, storey: EntityName | None = None) -> list[StoreyView]:
+    def views(
+        self, storey: EntityName | None = None, *, assume_sizes: bool = False
+    ) -> list[StoreyView]:
         """The content of each storey for `semmap.draw`, the lowest first."""
         from semmap.draw.view import storey_view
         from semmap.query.storey_reader import read_storeys
 
         with self.snapshot() as seen:
-            return [storey_view(scene) for scene in read_storeys(seen, storey)]
+            scenes = read_storeys(seen, storey, assume_sizes=assume_sizes)
+            return [storey_view(scene) for scene in scenes]
 
     def write_topology(
         self,

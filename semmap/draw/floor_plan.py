@@ -40,6 +40,9 @@ REGIONS: tuple[tuple[str, str, str], ...] = (  # type, colour, hatch
     ("navigation_region", "#1f6fb2", "\\\\\\\\"),
     ("region", "#7d5fb2", "\\\\"),
 )
+ASSUMED: Style = {"ls": (0, (2.5, 1.5)), "hatch": "....."}
+"""How a plan shows objects with the typical box of their type."""
+
 _WALL = "#343a46"
 _MARGIN = 0.55
 _COVERED = 0.1
@@ -237,7 +240,8 @@ def _object(axes: Axes, entity: ObjectView) -> None:
         fill, edge, above = to_rgba(colour, 0.45), (r, g, b, 0.5), 2.5
     else:
         fill, edge, above = to_rgba(colour, 0.85), (r, g, b, 0.95), 3.0
-    _fill(axes, entity.footprint, fc=fill, ec=edge, lw=0.7, zorder=above)
+    style = ASSUMED if entity.assumed else {}
+    _fill(axes, entity.footprint, **{"fc": fill, "ec": edge, "lw": 0.7, "zorder": above} | style)
 
 
 def _door(axes: Axes, door: DoorView) -> None:
@@ -428,6 +432,8 @@ def _legend(
     kinds = Counter(f for o in objects if (f := family(o.types)) is not None)
     for kind, _ in kinds.most_common(14):
         handles.append(Patch(fc=object_colour([kind]), ec="none", label=kind.replace("_", " ")))
+    if any(o.assumed for o in objects):
+        handles.append(Patch(fc="none", ec=INK, label="assumed size", **ASSUMED))
     for name, colour, hatch in dict.fromkeys(_region_style(r) for r in storey.regions):
         label_ = name.replace("_", " ")
         handles.append(Patch(fc=to_rgba(colour, 0.12), ec=colour, hatch=hatch, label=label_))

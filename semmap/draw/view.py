@@ -30,13 +30,17 @@ class RoomView:
 
 @dataclass(frozen=True, eq=False)
 class ObjectView:
-    """An object: its mesh, the area that it covers, and its colour, by default that of its type."""
+    """An object: its mesh, the area that it covers, and its colour, by default that of its type.
+
+    Where the shape is `assumed`, it is the typical box of the type.
+    """
 
     name: str
     types: tuple[str, ...] = ()
     mesh: Mesh | None = None
     footprint: Outline | None = None
     colour: str | None = None
+    assumed: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,7 +102,7 @@ def storey_view(scene: StoreyScene) -> StoreyView:
     for e in scene.inventory:
         outline = e.footprint
         if e.kind in ("object", "agent"):
-            view.objects.append(ObjectView(e.name, e.types, _mesh(e), outline))
+            view.objects.append(ObjectView(e.name, e.types, _mesh(e), outline, assumed=e.assumed))
         elif e.kind == "connector" and e.sides is not None:
             form = "opening" if "opening" in e.types else e.form or "door"
             state = e.state or "open"

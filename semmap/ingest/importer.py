@@ -62,9 +62,9 @@ def read_world(
 
     Parameters
     ----------
-    geometry : of SDF models
+    geometry : of SDF models, also those of an Open-RMF building
     mesh_as : what a mesh file is; `scene`: an object for each of its nodes
-    model_path : folders of SDF models, searched first
+    model_path : folders of SDF models, also of Open-RMF buildings, searched first
     scale : metres per unit of a mesh file
     types : of drawn features; others are left out. By default any type is taken
     georeference : of the map; features with coordinates of the earth are brought into its frame
@@ -85,7 +85,7 @@ def read_world(
     if ending in SDF:
         world = read_sdf(path, geometry=geometry, model_path=model_path)
     elif ending in RMF:
-        world = read_rmf(path)
+        world = read_rmf(path, geometry=geometry, model_path=model_path)
     elif ending in FEATURES:
         if is_route_graph(path):
             world = read_route_graph(path)

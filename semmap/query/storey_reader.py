@@ -420,6 +420,7 @@ class _Reading:
             if size is not None:
                 stand = Pose.planar(pose.x, pose.y, pose.yaw + row.front, pose.z)
                 parts, own = [_upright_box(*size, stand)], {"assumed": True}
+                footprint = shapely.MultiPoint(parts[0].reshape(-1, 3)[:, :2]).convex_hull
         return SceneEntity(
             row.id,
             row.name,

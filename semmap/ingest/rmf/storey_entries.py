@@ -18,6 +18,7 @@ from semmap.ingest.naming import give_type, words
 from semmap.ingest.openings import approach_pose, door_leaf
 from semmap.ingest.rmf.building_file import Edge, LevelPlan, RmfModel
 from semmap.ingest.rmf.building_world import BuildingWorld
+from semmap.ingest.rmf.model_shapes import ModelShapes
 from semmap.ingest.rmf.storey_drawing import DrawnDoor, StoreyDrawing
 from semmap.ingest.world import (
     OUTSIDE,
@@ -68,8 +69,8 @@ class DrawnRoom:
 class StoreyEntries:
     """Adds the entries of one level to the world of its building."""
 
-    def __init__(self, world: BuildingWorld, plan: LevelPlan) -> None:
-        self.world, self.plan = world, plan
+    def __init__(self, world: BuildingWorld, plan: LevelPlan, shapes: ModelShapes) -> None:
+        self.world, self.plan, self.shapes = world, plan, shapes
         self.drawing = StoreyDrawing(world, plan)
         self.holder = world.storeys[plan.name]
         self.height = world.height(plan)
@@ -269,7 +270,9 @@ class StoreyEntries:
         entry = Entry(model.name.rpartition("/")[2], "object", "_".join(words(own)) or None, own)
         entry.properties = {"model": model.model, "static": model.static}
         yaw = model.yaw + self.drawing.to_map.yaw
-        entry.holder, entry.pose = self._held(Pose.planar(float(x), float(y), yaw, model.z))
+        inside, entry.shapes = self.shapes.of(model.model, f"{model.element} ({model.name})")
+        stands = Pose.planar(float(x), float(y), yaw, model.z) @ inside
+        entry.holder, entry.pose = self._held(stands)
         give_type(entry, (own,))
         self.world.add(entry)
 

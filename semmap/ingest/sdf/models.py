@@ -133,6 +133,12 @@ class Models:
                 found.append(replace(model, name=name))
         return found
 
+    def model(self, folder: Path, where: str) -> SdfModel | None:
+        """Return the model in a folder; None for one that cannot be used, which is skipped."""
+        with leaving_out(self._world.skipped):
+            return self._file(str(folder.resolve()), SdfFile(self._world.source), where)
+        return None
+
     def _include(self, element: Element, source: SdfFile) -> SdfModel | None:
         """Return the model that an include places; None for a light."""
         uri = (element.findtext("uri") or "").strip()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import glob
 import os
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -14,6 +15,9 @@ from semmap.ingest.xml_file import read_xml
 
 PATH_VARIABLES = ("GZ_SIM_RESOURCE_PATH", "GAZEBO_MODEL_PATH", "SDF_PATH")
 """Environment variables with folders of models, searched last."""
+
+FUEL_VARIABLES = ("GZ_FUEL_CACHE_PATH", "IGN_FUEL_CACHE_PATH")
+"""Environment variables with the cache of Gazebo Fuel, by default in the user's folder."""
 
 _ANCESTORS = 4
 _LONGEST_PATH = 1024
@@ -33,8 +37,8 @@ class Resources:
 
     Searched in this order: the folders given; the folder of the file that names the URI, and its
     ancestors (four at most), each with the ``models`` folder in it; the folders that the variables
-    in `PATH_VARIABLES` list. The first part of a ``model://`` or ``package://`` URI may also be an
-    ancestor folder that is called otherwise here.
+    in `PATH_VARIABLES` list; for a model of Gazebo Fuel, last its local cache. The first part of a
+    ``model://`` or ``package://`` URI may also be an ancestor folder that is called otherwise here.
     """
 
     def __init__(self, model_path: Sequence[Path] = ()) -> None:
@@ -50,7 +54,10 @@ class Resources:
             scheme, rest = "", uri.strip()
         rest = unquote(rest)
         if scheme in ("http", "https", "fuel"):
-            fix = "Download it, and refer to it with model:// or file://."
+            found = self.fuel_model(rest, named_in)
+            if found is not None:
+                return found
+            fix = "Download it (gz fuel download -u URL), or give its folder with --model-path."
             raise Unusable(where, f"{uri} is on the network", fix)
         if not rest or not rest.isprintable() or len(rest) > _LONGEST_PATH:
             raise Unusable(where, f"{uri[:80]!r} does not name a file", "Correct the URI.")
@@ -74,6 +81,30 @@ class Resources:
                 return file
         raise Unusable(where, f"{uri} leads to {found.name}/, which holds no {name}", "Restore it.")
 
+    def fuel_model(self, name: str, named_in: Path) -> Path | None:
+        """Return the folder of a model of Fuel, named ``owner/name`` or by its URL; None without.
+
+        A folder of this name, where models are searched, comes before the cache, of which the
+        newest version counts.
+        """
+        *above, last = [part for part in unquote(name).split("/") if part] or [""]
+        version = last if last.isdecimal() or last == "tip" else None
+        if version is not None and above:
+            *above, last = above
+        if not last.isprintable() or len(name) > _LONGEST_PATH or last in ("", ".", ".."):
+            return None
+        for root in self._roots(named_in):
+            if os.path.isfile(root / last / "model.sdf"):  # noqa: PTH113 - False for a long name
+                return root / last
+        owner = next((part for part in reversed(above) if part != "models"), "")
+        model = f"*/{glob.escape(owner.lower()) or '*'}/models/{glob.escape(last.lower())}"
+        for cache in _fuel_caches():
+            known = {v.name: v for v in cache.glob(f"{model}/*") if v.name.isdecimal()}
+            wanted = version if version in known else max(known, key=int, default=None)
+            if wanted is not None:
+                return known[wanted]
+        return None
+
     def _roots(self, named_in: Path) -> Iterator[Path]:
         yield from self._given
         folder = named_in.resolve().parent
@@ -90,6 +121,11 @@ class Resources:
         yield from (root / relative for root in roots)
         if scheme in ("model", "package") and "/" in relative:
             yield from (root / relative.partition("/")[2] for root in roots)
+
+
+def _fuel_caches() -> list[Path]:
+    stated = [Path(p) for v in FUEL_VARIABLES if (p := os.environ.get(v))]
+    return stated or [Path.home() / ".gz" / "fuel", Path.home() / ".ignition" / "fuel"]
 
 
 def _newest_sdf(config: Path) -> str:

@@ -309,7 +309,8 @@ def _shapeless(building: SupportedBuilding) -> Found:
     if names:
         count = f"{len(names)} object{'s have' if len(names) > 1 else ' has'}"
         text = f"{count} no geometry, so grids take them as free: {listed(names)}"
-        yield names, text, "assume_sizes=True, or import their meshes"
+        fix = "import again with model_path= the folder of their models, or assume_sizes=True"
+        yield names, text, fix
 
 
 def _shapeless_places(building: SupportedBuilding) -> Found:
