@@ -9,7 +9,7 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import psycopg
 from psycopg.types.json import Jsonb
@@ -18,7 +18,7 @@ from sqlalchemy import Connection, Engine
 from semmap.database.maps import driver_of, see_map
 from semmap.ingest.annotation.annotation import read_annotation
 from semmap.ingest.ifc import read_ifc
-from semmap.ingest.meshes.mesh_file import MeshAs, read_mesh_world
+from semmap.ingest.meshes.mesh_file import read_mesh_world
 from semmap.ingest.meshes.point_cloud_file import READERS, read_point_cloud
 from semmap.ingest.naming import GUESS
 from semmap.ingest.ontology.tbox import own_tbox
@@ -26,6 +26,10 @@ from semmap.ingest.ontology.type_store import load_tbox
 from semmap.ingest.rmf import read_rmf
 from semmap.ingest.route_graph.graph_file import EDGE, is_route_graph, read_route_graph
 from semmap.ingest.route_graph.node_store import check_names, settle_nodes
+from semmap.ingest.scenes.mesh_scene import read_mesh_scene
+from semmap.ingest.scenes.mjcf_scene import read_mjcf
+from semmap.ingest.scenes.urdf_scene import read_urdf_scene
+from semmap.ingest.scenes.usd_scene import read_usd
 from semmap.ingest.sdf.models import Role
 from semmap.ingest.sdf.world_file import read_sdf
 from semmap.ingest.store.holder_store import (
@@ -41,10 +45,17 @@ from semmap.limits import ENTRIES, NAME_CHARACTERS
 from semmap.query.geometry_notes import names_note, read_names_without_geometry
 from semmap.query.snapshot import Snapshot
 
-IFC = (".ifc",)
+IFC, URDF, MJCF = (".ifc",), (".urdf",), (".xml", ".mjcf")
+USD = (".usd", ".usda", ".usdc", ".usdz")
 SDF, RMF, FEATURES = (".sdf", ".world"), (".yaml", ".yml"), (".geojson", ".json", ".gpkg")
 MESHES = (".3mf", ".bt", ".dae", ".glb", ".gltf", ".obj", ".off", ".ot", ".ply", ".stl")
 """The mesh formats that trimesh reads and whose triangles can be counted."""
+
+KNOWN = (*SDF, *RMF, *IFC, *FEATURES, *MESHES, *READERS, *USD, *MJCF, *URDF)
+"""The endings of all files that are read."""
+
+MeshAs = Literal["object", "room", "scene"]
+"""What a mesh file is: one object, the shell of a room, or an object for each of its nodes."""
 
 
 def read_world(
@@ -62,7 +73,7 @@ def read_world(
 
     Parameters
     ----------
-    geometry : of SDF models, also those of an Open-RMF building
+    geometry : of SDF models, also those of an Open-RMF building, and of MJCF, URDF and USD
     mesh_as : what a mesh file is; `scene`: an object for each of its nodes
     model_path : folders of SDF models, also of Open-RMF buildings, searched first
     scale : metres per unit of a mesh file
@@ -95,10 +106,19 @@ def read_world(
         world = read_point_cloud(path, scale=scale, georeference=georeference)
     elif ending in IFC:
         world = read_ifc(path, progress)
+    elif ending in USD:
+        world = read_usd(path, geometry=geometry)
+    elif ending in MJCF:
+        world = read_mjcf(path, geometry=geometry)
+    elif ending in URDF:
+        world = read_urdf_scene(path, geometry=geometry, model_path=model_path)
     elif ending in MESHES:
-        world = read_mesh_world(path, mesh_as, scale=scale)
+        if mesh_as == "scene":
+            world = read_mesh_scene(path, scale=scale)
+        else:
+            world = read_mesh_world(path, mesh_as, scale=scale)
     else:
-        known = f"Known: {', '.join(sorted((*SDF, *RMF, *IFC, *FEATURES, *MESHES, *READERS)))}."
+        known = f"Known: {', '.join(sorted(KNOWN))}."
         raise WorldError(path, "ending", f"{path.suffix or 'none'} is not known", known)
     _check_names(path, world)
     return world

@@ -52,6 +52,9 @@ from tests.ingest.meshes.test_mesh_file import dae
 from tests.ingest.meshes.test_point_cloud_file import write_e57, write_las, write_pcd
 from tests.ingest.rmf.test_building import text as building
 from tests.ingest.route_graph.test_graph_file import graph
+from tests.ingest.scenes.test_mjcf_scene import SCENE
+from tests.ingest.scenes.test_urdf_scene import KITCHEN
+from tests.ingest.scenes.test_usd_scene import kitchen as stage
 from tests.ingest.sdf.test_world_file import FRAMES
 from tests.ingest.sdf.worlds_by_hand import LINK, TETRAHEDRON
 from tests.planner.office import office
@@ -123,6 +126,21 @@ def sdf() -> Iterator[bytes]:
 def run_sdf(data: bytes, folder: Path) -> None:
     (folder / "solid.obj").write_text(TETRAHEDRON)
     run_world(".sdf", data, folder)
+
+
+def urdf_scenes() -> Iterator[bytes]:
+    yield KITCHEN.encode()
+    yield from urdf()
+
+
+def run_scene(ending: str, data: bytes, folder: Path) -> None:
+    (folder / "solid.obj").write_text(TETRAHEDRON)
+    run_world(ending, data, folder)
+
+
+def usd(ending: str) -> Iterator[bytes]:
+    with TemporaryDirectory() as folder:
+        yield stage(Path(folder), ending=ending).read_bytes()
 
 
 def geojson() -> Iterator[bytes]:
@@ -367,6 +385,7 @@ def network() -> Any:
 
 TEXT: list[Mutation] = [words_of, words_of, bytes_of, lines_of]
 BINARY: list[Mutation] = [bytes_of]
+XML: list[Mutation] = [*TEXT, xml_tree, xml_tree]
 CLOUDS = ("las", "laz", "pcd", "e57")
 
 
@@ -381,6 +400,12 @@ FILE_KINDS = [
     _world("geojson", ".geojson", geojson, [*TEXT, json_tree, json_tree, json_tree]),
     _world("rmf", ".building.yaml", rmf, [*TEXT, yaml_tree, yaml_tree]),
     _world("ifc", ".ifc", ifc, TEXT),
+    Kind("mjcf", lambda: [SCENE.encode()], XML, partial(run_scene, ".xml"), (WorldError,)),
+    Kind(
+        "urdf scene", lambda: list(urdf_scenes()), XML, partial(run_scene, ".urdf"), (WorldError,)
+    ),
+    _world("usda", ".usda", partial(usd, "usda"), TEXT),
+    _world("usdc", ".usdc", partial(usd, "usdc"), BINARY),
     *(_world(f"{cloud} cloud", f".{cloud}", partial(clouds, cloud), BINARY) for cloud in CLOUDS),
     _world("dae", ".dae", collada, [*TEXT, xml_tree, xml_tree]),
     _world("obj", ".obj", partial(meshes, "obj"), TEXT),

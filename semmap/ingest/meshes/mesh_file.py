@@ -19,7 +19,6 @@ from defusedxml.ElementTree import iterparse
 from numpy.typing import ArrayLike, NDArray
 
 from semmap.geometry.mesh import Mesh, join
-from semmap.geometry.pose import Pose
 from semmap.ingest.meshes.mesh_size import SIMPLER, MeshFileError, check_size
 from semmap.ingest.meshes.octomap_file import read_octomap
 from semmap.ingest.naming import give_type
@@ -32,11 +31,8 @@ Y_UP = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])
 X_UP = np.array([[0.0, -1, 0], [0, 0, -1], [1, 0, 0]])
 """Rotation from coordinates with x up (COLLADA: right -y, towards the viewer z) to z up."""
 
-MeshAs = Literal["object", "room", "scene"]
-"""What a mesh file is: one object, the shell of a room, or an object for each of its nodes."""
 
-
-class _Part(NamedTuple):
+class MeshPart(NamedTuple):
     """A piece of a file with its names, those of its node first, in the file's frame, metres."""
 
     names: tuple[str, ...]
@@ -58,19 +54,19 @@ def read_mesh(
     origin; `dae_up_axis` follows a COLLADA file's `<up_axis>`, which Gazebo does not; `scale` is
     metres per unit of formats without units. A MeshFileError says why there is no surface.
     """
-    parts = _parts(path, dae_up_axis)
+    parts = mesh_parts(path, dae_up_axis)
     meshes = [mesh for names, mesh in parts if len(mesh.faces) and part in (None, *names)]
     if not meshes:
         missing = "has no faces" if part is None else f"has no faces in a part named {part!r}"
         raise MeshFileError(missing, "Export it as a triangle mesh.")
-    mesh = _checked(_tidy(join(meshes), scale))
+    mesh = checked(tidy(join(meshes), scale))
     if center:
         mesh = Mesh(mesh.vertices - mesh.bounds.mean(axis=0), mesh.faces)
     return mesh
 
 
-def _parts(path: Path, dae_up_axis: bool = True) -> list[_Part]:
-    """Return the pieces of a mesh file."""
+def mesh_parts(path: Path, dae_up_axis: bool = True) -> list[MeshPart]:
+    """Return the pieces of a mesh file; a MeshFileError says why there are none."""
     if not os.path.isfile(path):  # noqa: PTH113 - False where a name is too long
         raise MeshFileError("does not exist", other_case(path) or "Restore it.")
     read = _READERS.get(path.suffix.lower(), _read_any)
@@ -95,18 +91,18 @@ def _loading(format_: str) -> Iterator[None]:
             ) from error
 
 
-def read_mesh_world(path: Path, as_: MeshAs = "object", *, scale: float = 1.0) -> World:
-    """A world of one entry, or of one for each named node of a scene.
+def read_mesh_world(
+    path: Path, as_: Literal["object", "room"] = "object", *, scale: float = 1.0
+) -> World:
+    """A world of one entry.
 
-    A PLY file of points without faces is an object with a point cloud; the types of other objects
-    are guessed from the name of the file, in a scene from those of the nodes. `scale` is metres per
-    unit of a format without units. A WorldError refuses a mesh that cannot be used.
+    A PLY file of points without faces is an object with a point cloud; the type of another object
+    is guessed from the name of the file. `scale` is metres per unit of a format without units. A
+    WorldError refuses a mesh that cannot be used.
     """
     path = Path(path)
     name = path.stem
     try:
-        if as_ == "scene":
-            return World(name, path, _scene_entries(path, scale))
         points = _read_points(path, scale) if as_ == "object" else None
         mesh = read_mesh(path, scale=scale) if points is None else points
     except MeshFileError as error:
@@ -136,28 +132,6 @@ def read_mesh_world(path: Path, as_: MeshAs = "object", *, scale: float = 1.0) -
     return world
 
 
-def _scene_entries(path: Path, scale: float) -> list[Entry]:
-    """Return an object for each node with a mesh; its frame is below the middle of its box."""
-    by_node: dict[str, list[Mesh]] = {}
-    for names, mesh in _parts(path):
-        if len(mesh.faces):
-            by_node.setdefault(names[0] if names else path.stem, []).append(mesh)
-    if not by_node:
-        raise MeshFileError("has no faces", "Export it as triangle meshes.")
-    entries = []
-    for name, meshes in by_node.items():
-        mesh = _checked(_tidy(join(meshes), scale))
-        low, high = mesh.bounds
-        x, y = ((low + high) / 2)[:2].tolist()
-        pose = Pose(x, y, float(low[2]))
-        local = Mesh(mesh.vertices - pose.translation, mesh.faces)
-        shape = Shape("mesh", local, uri=f"{path.name}#{name}")
-        entry = Entry(name, kind="object", pose=pose, shapes=[shape])
-        give_type(entry, (name,))
-        entries.append(entry)
-    return entries
-
-
 def _read_points(path: Path, scale: float) -> Mesh | None:
     """Return the points of a PLY file that has no faces; None for any other file."""
     if path.suffix.lower() != ".ply" or not path.is_file():
@@ -175,10 +149,10 @@ def _read_points(path: Path, scale: float) -> Mesh | None:
         points = scale * np.asarray(getattr(found, "vertices", ()), float).reshape(-1, 3)
     if not len(points):
         return None
-    return _checked(Mesh(np.unique(points, axis=0), np.empty((0, 3), np.int32)))
+    return checked(Mesh(np.unique(points, axis=0), np.empty((0, 3), np.int32)))
 
 
-def _read_dae(path: Path, up_axis: bool) -> list[_Part]:
+def _read_dae(path: Path, up_axis: bool) -> list[MeshPart]:
     """Read COLLADA through pycollada, with its unit, and with its up axis if required."""
     import collada
 
@@ -213,7 +187,7 @@ def _read_dae(path: Path, up_axis: bool) -> list[_Part]:
             faces += len(mesh.faces)
             TRIANGLES.check(faces, MeshFileError, SIMPLER)
             vertices = unit * mesh.vertices @ turn.T
-            parts.append(_Part(named, Mesh(vertices, mesh.faces)))
+            parts.append(MeshPart(named, Mesh(vertices, mesh.faces)))
     return parts
 
 
@@ -251,7 +225,7 @@ def _dae_node_names(document: object) -> dict[str, set[str]]:
     return names
 
 
-def _read_any(path: Path, up_axis: bool) -> list[_Part]:
+def _read_any(path: Path, up_axis: bool) -> list[MeshPart]:
     """Read any other format through trimesh."""
     import trimesh
 
@@ -274,16 +248,16 @@ def _read_any(path: Path, up_axis: bool) -> list[_Part]:
             above = scene.graph.transforms.parents.get(node)
             shared = above is not None and str(node).startswith(str(above))
             names = (str(above if shared else node), str(node), str(name))
-            parts.append(_Part(names, Mesh(unit * mesh.vertices @ turn.T, mesh.faces)))
+            parts.append(MeshPart(names, Mesh(unit * mesh.vertices @ turn.T, mesh.faces)))
     return parts
 
 
-def _read_octomap(path: Path, _: bool) -> list[_Part]:
+def _read_octomap(path: Path, _: bool) -> list[MeshPart]:
     check_size(path)
-    return [_Part((), read_octomap(path))]
+    return [MeshPart((), read_octomap(path))]
 
 
-_READERS: dict[str, Callable[[Path, bool], list[_Part]]] = {
+_READERS: dict[str, Callable[[Path, bool], list[MeshPart]]] = {
     ".bt": _read_octomap,
     ".dae": _read_dae,
     ".ot": _read_octomap,
@@ -325,7 +299,7 @@ def _placed(vertices: ArrayLike, faces: ArrayLike, matrix: NDArray[np.float64]) 
     return Mesh(v @ matrix[:3, :3].T + matrix[:3, 3], f.astype(np.int32))
 
 
-def _tidy(mesh: Mesh, scale: float) -> Mesh:
+def tidy(mesh: Mesh, scale: float = 1.0) -> Mesh:
     """Return the mesh scaled, without unused vertices, with coinciding vertices merged."""
     used, faces = np.unique(mesh.faces, return_inverse=True)
     points = mesh.vertices[used] * scale + 0.0  # no negative zeros
@@ -336,7 +310,8 @@ def _tidy(mesh: Mesh, scale: float) -> Mesh:
     return Mesh(points[order][new], index[faces].reshape(-1, 3))
 
 
-def _checked(mesh: Mesh) -> Mesh:
+def checked(mesh: Mesh) -> Mesh:
+    """Return the mesh; a MeshFileError refuses one that is not finite or reaches too far."""
     if not np.isfinite(mesh.vertices).all():
         raise MeshFileError("some of its coordinates are not finite numbers", "Export it again.")
     reach = float(np.abs(mesh.vertices).max())

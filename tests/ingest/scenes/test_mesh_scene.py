@@ -9,7 +9,7 @@ import pytest
 import trimesh
 
 import semmap
-from semmap.ingest.meshes.mesh_file import read_mesh_world
+from semmap.ingest.scenes.mesh_scene import read_mesh_scene
 
 BOXES = {
     "Wall_south": ((0, 0, 0), (8, 0.2, 2.7)),
@@ -41,7 +41,7 @@ def scene(tmp_path: Path) -> Path:
 
 
 def test_each_named_node_is_an_object_where_it_is(scene: Path) -> None:
-    world = read_mesh_world(scene, "scene")
+    world = read_mesh_scene(scene)
 
     found = {entry.name: entry for entry in world.entries}
     assert set(found) == set(BOXES)

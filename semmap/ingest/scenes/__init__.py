@@ -1,0 +1,1 @@
+"""Scenes of named nodes: mesh files, USD, MuJoCo's MJCF and URDF."""

@@ -1,0 +1,83 @@
+"""Named nodes of a scene as entries: an object for each node that has a surface."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from semmap.geometry.mesh import Mesh, join
+from semmap.geometry.pose import Pose
+from semmap.ingest.meshes.mesh_file import checked, tidy
+from semmap.ingest.meshes.mesh_size import SIMPLER, MeshFileError
+from semmap.ingest.naming import give_type
+from semmap.ingest.world import Entry, Shape, Skipped, World, WorldError, unique_name
+from semmap.limits import EXTENT, TRIANGLES
+
+
+@dataclass(eq=False)
+class SceneNode:
+    """A node: its name, its pose, its surfaces, and the node above it.
+
+    Pose and surfaces are in the map's frame, metres, z up.
+    """
+
+    name: str
+    pose: Pose
+    meshes: list[Mesh] = field(default_factory=list)
+    above: SceneNode | None = None
+
+
+def scene_world(path: Path, nodes: Sequence[SceneNode], name: str = "") -> World:
+    """Return the world of a scene: an object for each node with a surface.
+
+    The nearest node above it that is an object, too, holds it. Types are guessed from the names.
+
+    Raises
+    ------
+    WorldError
+        No node has a surface, or all of them have more triangles than the limit.
+    """
+    world = World(name or path.stem, path)
+    made: dict[SceneNode, Entry] = {}
+    taken: set[str] = set()
+    faces = 0
+    for node in nodes:
+        if not node.meshes:
+            continue
+        faces += sum(len(mesh.faces) for mesh in node.meshes)
+        TRIANGLES.check(faces, partial(WorldError, path, "scene"), SIMPLER)
+        try:
+            away = float(np.abs(node.pose.translation).max())
+            EXTENT.check(away, MeshFileError, "Correct its unit or pose.", "stands at")
+            mesh = checked(tidy(join(node.meshes).moved(node.pose.inverse())))
+        except MeshFileError as error:
+            world.skipped.append(Skipped(node.name, error.problem, error.fix))
+            continue
+        above = node.above
+        while above is not None and above not in made:
+            above = above.above
+        entry = Entry(unique_name(node.name, taken), "object", pose=node.pose)
+        entry.shapes = [Shape("mesh", mesh, uri=f"{path.name}#{node.name}")]
+        if above is not None:
+            entry.holder, entry.pose = made[above].name, above.pose.inverse() @ node.pose
+        give_type(entry, (node.name,))
+        taken.add(entry.name)
+        made[node] = entry
+        world.entries.append(entry)
+    if not world.entries and not world.skipped:
+        raise WorldError(path, "scene", "no node has a surface", "Export it with its meshes.")
+    return world
+
+
+def rigid_pose(matrix: NDArray[np.float64]) -> Pose:
+    """Return the pose that is nearest to an affine transform (4, 4), which may scale and mirror."""
+    u, _, v = np.linalg.svd(matrix[:3, :3])
+    turn = u @ np.diag((1.0, 1.0, float(np.sign(np.linalg.det(u @ v))))) @ v
+    found = np.eye(4)
+    found[:3, :3], found[:3, 3] = turn, matrix[:3, 3]
+    return Pose.from_matrix(found)

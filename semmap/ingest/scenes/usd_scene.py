@@ -1,0 +1,250 @@
+"""Universal Scene Description (USD), read by its own library.
+
+A component (a prim of this kind) is one object with all that is below it. Elsewhere each prim with
+a surface is an object; a transform with nothing but one of these gives it name and pose, as Blender
+and other programs write it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from contextlib import contextmanager
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from semmap.geometry.mesh import Mesh
+from semmap.ingest.meshes.mesh_file import Y_UP
+from semmap.ingest.scenes.polygon_mesh import polygon_mesh
+from semmap.ingest.scenes.scene_nodes import SceneNode, rigid_pose, scene_world
+from semmap.ingest.scenes.solids import solid
+from semmap.ingest.sdf.elements import Unusable, leaving_out
+from semmap.ingest.sdf.models import Role
+from semmap.ingest.world import Skipped, World, WorldError
+from semmap.limits import EXTENT, MESH_BYTES, NESTING, PARTS, TRIANGLES
+
+AXES = {
+    "X": np.array([[0.0, 0, 1], [0, 1, 0], [-1, 0, 0]]),
+    "Y": np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]]),
+    "Z": np.eye(3),
+}
+"""Rotations of a solid along z to the axis that a prim states."""
+
+HIDDEN = {"visual": ("guide", "proxy"), "collision": ("guide", "render")}
+"""The purposes of prims that are not read."""
+
+
+def read_usd(path: Path, *, geometry: Role = "visual") -> World:
+    """Return the world of a USD stage, with its unit and its up axis.
+
+    The nearest prim above an object that is an object, too, holds it. Invisible prims and guides
+    are left out, proxies unless `geometry` is collision. Needs the extra `semmap[usd]`.
+
+    Raises
+    ------
+    WorldError
+        The stage cannot be opened, or it has more than the limits allow.
+    """
+    refused = partial(WorldError, path, "file")
+    MESH_BYTES.check(path.stat().st_size, refused, "Split it into several files.")
+    try:
+        from pxr import UsdGeom
+    except ImportError as error:
+        fix = "Install the extra: pip install 'semmap[usd]'."
+        raise WorldError(path, "file", f"needs {error.name}", fix) from error
+    skipped: list[Skipped] = []
+    try:
+        with _diagnostics(skipped):
+            stage = _opened(path)
+            nodes = _UsdScene(path, stage, geometry, skipped).nodes()
+    except UnicodeDecodeError as error:  # of a name, or of a message that quotes one
+        raise WorldError(path, "file", "is not UTF-8", "Save it as UTF-8.") from error
+    world = scene_world(path, nodes)
+    world.skipped[:0] = skipped
+    if not UsdGeom.StageHasAuthoredMetersPerUnit(stage):
+        world.notes.append(
+            "the stage states no metersPerUnit: its unit is a centimetre, as in all USD"
+        )
+    return world
+
+
+def _opened(path: Path) -> Any:
+    from pxr import Usd
+
+    try:
+        return Usd.Stage.Open(str(path))
+    except Exception as error:  # Tf.ErrorException has all messages of the parser
+        problem = f"is not a stage of USD ({' '.join(str(error).split())[:200]})"
+        fix = "The file may be truncated: export it again."
+        raise WorldError(path, "file", problem, fix) from error
+
+
+@contextmanager
+def _diagnostics(skipped: list[Skipped]) -> Iterator[None]:
+    """Take the warnings of USD, such as those of missing files, as what is left out."""
+    from pxr import UsdUtils
+
+    delegate = UsdUtils.CoalescingDiagnosticDelegate()
+    yield
+    for found in delegate.TakeUncoalescedDiagnostics():
+        problem = " ".join(str(found.commentary).split())[:300]
+        fix = "Put the files that it names where it says."
+        if Skipped("stage", problem, fix) not in skipped:
+            skipped.append(Skipped("stage", problem, fix))
+
+
+@contextmanager
+def _reading(where: str) -> Iterator[None]:
+    """Leave out a prim at which USD fails, or whose attributes have values of another type."""
+    from pxr import Tf
+
+    try:
+        yield
+    except (Tf.ErrorException, KeyError, TypeError, ValueError) as error:
+        if isinstance(error, UnicodeDecodeError | WorldError):
+            raise
+        problem = f"cannot be read ({' '.join(str(error).split())[:200]})"
+        raise Unusable(where, problem, "Correct its attributes.") from error
+
+
+class _UsdScene:
+    """The objects of a stage."""
+
+    def __init__(self, path: Path, stage: Any, role: Role, skipped: list[Skipped]) -> None:
+        from pxr import Usd, UsdGeom
+
+        self.path, self.stage, self.skipped = path, stage, skipped
+        self.hidden = HIDDEN[role]
+        self.time = Usd.TimeCode.EarliestTime()
+        self.cache = UsdGeom.XformCache(self.time)
+        metres = float(UsdGeom.GetStageMetersPerUnit(stage))
+        if not (math.isfinite(metres) and metres > 0):
+            fix = "Give a number above 0: 1 for metres, 0.01 for centimetres."
+            raise WorldError(path, "metersPerUnit", f"is {metres}", fix)
+        turn = Y_UP if UsdGeom.GetStageUpAxis(stage) == UsdGeom.Tokens.y else np.eye(3)
+        self.to_map = np.eye(4)
+        self.to_map[:3, :3] = metres * turn
+
+    def nodes(self) -> list[SceneNode]:
+        """Return the objects, each after those above it."""
+        found: dict[Any, SceneNode] = {}
+        faces = 0
+        for parts, prim in enumerate(self._surfaces(), 1):
+            PARTS.check(parts, partial(WorldError, self.path, str(prim.GetPath())), "Split it.")
+            with leaving_out(self.skipped), _reading(str(prim.GetPath())):
+                mesh = self._mesh(prim)
+                faces += len(mesh.faces)
+                refused = partial(WorldError, self.path, str(prim.GetPath()))
+                TRIANGLES.check(faces, refused, "Split the stage, or simplify its meshes.")
+                self._node(_owner(prim), found).meshes.append(mesh)
+        for path, node in found.items():
+            above = path.GetParentPath()
+            while node.above is None and not above.isEmpty and not above.IsAbsoluteRootPath():
+                node.above, above = found.get(above), above.GetParentPath()
+        return sorted(found.values(), key=lambda node: len(_above(node)))
+
+    def _surfaces(self) -> Iterator[Any]:
+        """Yield the visible prims that have a surface."""
+        from pxr import Usd, UsdGeom
+
+        prims = iter(Usd.PrimRange(self.stage.GetPseudoRoot(), Usd.TraverseInstanceProxies()))
+        for prim in prims:
+            depth = prim.GetPath().pathElementCount
+            refused = partial(WorldError, self.path, str(prim.GetPath())[:100])
+            NESTING.check(depth, refused, "Nest it less deeply.", "is nested:")
+            shown = UsdGeom.Imageable(prim)
+            if shown and (
+                shown.GetVisibilityAttr().Get(self.time) == UsdGeom.Tokens.invisible
+                or shown.ComputePurpose() in self.hidden
+            ):
+                prims.PruneChildren()
+            elif prim.IsA(UsdGeom.PointInstancer):
+                self._skip(prim, "places copies by a PointInstancer", "Write them out as prims.")
+                prims.PruneChildren()
+            elif prim.IsA(UsdGeom.Gprim):
+                yield prim
+
+    def _skip(self, prim: Any, problem: str, fix: str) -> None:
+        self.skipped.append(Skipped(str(prim.GetPath()), problem, fix))
+
+    def _node(self, prim: Any, found: dict[Any, SceneNode]) -> SceneNode:
+        path = prim.GetPath()
+        if path not in found:
+            found[path] = SceneNode(prim.GetName(), rigid_pose(self._matrix(prim)))
+        return found[path]
+
+    def _matrix(self, prim: Any) -> NDArray[np.float64]:
+        """Return the transform (4, 4) of a prim to the map."""
+        placed = np.array(self.cache.GetLocalToWorldTransform(prim), np.float64).T
+        matrix: NDArray[np.float64] = self.to_map @ placed
+        where = str(prim.GetPath())
+        if not np.isfinite(matrix).all():
+            raise Unusable(where, "its transform is not finite", "Correct it.")
+        reach = float(np.abs(matrix[:3, 3]).max())
+        EXTENT.check(reach, partial(Unusable, where), "Correct its transform.", "reaches")
+        return matrix
+
+    def _mesh(self, prim: Any) -> Mesh:
+        """Return the surface of a prim in the map."""
+        local, matrix = self._surface(prim, str(prim.GetPath())), self._matrix(prim)
+        with np.errstate(all="ignore"):  # what is not finite is refused below
+            vertices = local.vertices @ matrix[:3, :3].T + matrix[:3, 3]
+        if not np.isfinite(vertices).all():
+            raise Unusable(str(prim.GetPath()), "its points are not finite", "Export it again.")
+        mirrored = np.linalg.det(matrix[:3, :3]) < 0
+        return Mesh(vertices, local.faces[:, ::-1] if mirrored else local.faces)
+
+    def _surface(self, prim: Any, where: str) -> Mesh:
+        from pxr import UsdGeom
+
+        def value(name: str) -> Any:
+            return prim.GetAttribute(name).Get(self.time)
+
+        if prim.IsA(UsdGeom.Mesh):
+            left = value("orientation") == UsdGeom.Tokens.leftHanded
+            points, counts, corners = (
+                value(name) for name in ("points", "faceVertexCounts", "faceVertexIndices")
+            )
+            return polygon_mesh(points, counts, corners, where, left_handed=left)
+        kind = str(prim.GetTypeName())
+        if kind == "Cube":
+            return solid("box", where, size=[float(value("size"))] * 3)
+        if kind == "Sphere":
+            return solid("sphere", where, radius=float(value("radius")))
+        if kind == "Plane":
+            x, y = float(value("width")), float(value("length"))
+            made = solid("plane", where, size=(x, y))
+        elif kind in ("Cylinder", "Capsule", "Cone"):
+            sizes = {"radius": float(value("radius")), "length": float(value("height"))}
+            made = solid(kind.lower(), where, **sizes)
+        else:
+            raise Unusable(where, f"a {kind} has no surface that is read", "Convert it to a Mesh.")
+        return Mesh(made.vertices @ AXES[str(value("axis"))].T, made.faces)
+
+
+def _owner(prim: Any) -> Any:
+    """Return the prim that is the object to which a prim with a surface belongs."""
+    from pxr import Kind, Usd
+
+    owner = parent = prim
+    while (parent := parent.GetParent()) and not parent.IsPseudoRoot():
+        if Kind.Registry.IsA(Usd.ModelAPI(parent).GetKind(), Kind.Tokens.component):
+            owner = parent
+    if owner != prim:
+        return owner
+    above = prim.GetParent()
+    alone = len(above.GetFilteredChildren(Usd.TraverseInstanceProxies())) == 1
+    is_root = above.IsPseudoRoot() or above == prim.GetStage().GetDefaultPrim()
+    return above if alone and not is_root and above.GetTypeName() == "Xform" else prim
+
+
+def _above(node: SceneNode) -> list[SceneNode]:
+    found, above = [], node.above
+    while above is not None:
+        found.append(above)
+        above = above.above
+    return found
