@@ -18,6 +18,7 @@ from semmap.geometry.mesh import Mesh, join
 from semmap.geometry.outline import hull_points
 from semmap.ingest.meshes.mesh_file import read_mesh
 from semmap.ingest.meshes.mesh_size import MeshFileError
+from semmap.ingest.sdf.resources import package_folders
 from semmap.limits import EXTENT, LINKS, PARTS, TEXT_BYTES, TRIANGLES
 from semmap.robot.error import RobotError
 
@@ -370,8 +371,7 @@ def _find(uri: str, file: Path) -> Path | None:
         place = Path(rest)
         return _first_file([place, file.parent / place])
     folders = [above for parent in file.resolve().parents for above in (parent, parent / "share")]
-    for variable, below in (("ROS_PACKAGE_PATH", ""), ("AMENT_PREFIX_PATH", "share")):
-        folders += [Path(p) / below for p in os.environ.get(variable, "").split(":") if p]
+    folders += package_folders()
     name = Path(rest)
     candidates = [folder / name for folder in folders]
     # A checkout of a package may have another name than the package.

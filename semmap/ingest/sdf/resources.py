@@ -37,15 +37,16 @@ class Resources:
 
     Searched in this order: the folders given; the folder of the file that names the URI, and its
     ancestors (four at most), each with the ``models`` folder in it; the folders that the variables
-    in `PATH_VARIABLES` list; for a model of Gazebo Fuel, last its local cache. The first part of a
-    ``model://`` or ``package://`` URI may also be an ancestor folder that is called otherwise here.
+    in `PATH_VARIABLES` list, and those of `package_folders`; for a model of Gazebo Fuel, last its
+    local cache. The first part of a ``model://`` or ``package://`` URI may also be an ancestor
+    folder that is called otherwise here.
     """
 
     def __init__(self, model_path: Sequence[Path] = ()) -> None:
         self._given = [Path(p) for p in model_path]
         self._environment = [
             Path(p) for v in PATH_VARIABLES for p in os.environ.get(v, "").split(os.pathsep) if p
-        ]
+        ] + package_folders()
 
     def find(self, uri: str, named_in: Path, where: str) -> Path:
         """Return what `uri` names in the file `named_in`; `where` is the element, for errors."""
@@ -121,6 +122,16 @@ class Resources:
         yield from (root / relative for root in roots)
         if scheme in ("model", "package") and "/" in relative:
             yield from (root / relative.partition("/")[2] for root in roots)
+
+
+def package_folders() -> list[Path]:
+    """Return the folders of ROS packages, by ``ROS_PACKAGE_PATH`` and ``AMENT_PREFIX_PATH``."""
+    return [
+        Path(folder) / below
+        for variable, below in (("ROS_PACKAGE_PATH", ""), ("AMENT_PREFIX_PATH", "share"))
+        for folder in os.environ.get(variable, "").split(os.pathsep)
+        if folder
+    ]
 
 
 def _fuel_caches() -> list[Path]:

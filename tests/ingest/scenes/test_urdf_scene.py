@@ -82,6 +82,19 @@ def test_links_stand_where_yourdfpy_has_them(tmp_path: Path) -> None:
     assert np.ptp(box(solid, "cabinet")[:, 2]) == pytest.approx(9)
 
 
+def test_meshes_are_found_in_packages_of_ros(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "ws" / "share" / "lost").mkdir(parents=True)
+    (tmp_path / "ws" / "share" / "lost" / "mug.obj").write_text(TETRAHEDRON)
+    path = written(tmp_path, KITCHEN.replace("mug.dae", "mug.obj"))
+    assert len(read_urdf_scene(path).skipped) == 1
+    monkeypatch.setenv("AMENT_PREFIX_PATH", f"/nowhere:{tmp_path / 'ws'}")
+    world = read_urdf_scene(path)
+    assert world.skipped == []
+    assert np.ptp(box(world, "mug")[:, 2]) == pytest.approx(3)
+
+
 numbers = st.floats(-3, 3)
 origins = st.tuples(numbers, numbers, numbers, numbers, numbers, numbers)
 
