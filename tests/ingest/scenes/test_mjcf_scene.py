@@ -137,6 +137,8 @@ def test_the_role_chooses_the_geoms(tmp_path: Path) -> None:
     assert np.ptp(box(seen, "mug")[:, 0]) < 0.2
     assert np.ptp(box(solid, "mug")[:, 0]) == pytest.approx(0.6, abs=0.02)
     np.testing.assert_allclose(box(seen, "table"), box(solid, "table"))
+    path.write_text(SCENE.replace('size="0.3"/>', 'size="0.3" contype="0"/>'))
+    assert np.ptp(box(read_mjcf(path), "mug")[:, 0]) < 0.2, "it collides by its affinity"
 
 
 RELAXED = settings(deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])

@@ -143,6 +143,20 @@ def test_vertices_of_a_mirrored_and_scaled_mesh(tmp_path: Path) -> None:
     assert area == pytest.approx(np.linalg.norm(np.cross(expected, rings).sum(axis=0)) / 2)
 
 
+@pytest.mark.parametrize("scale", [(1, 1, 1), (-1, 1, 2), (-1, -1, -3)])
+def test_a_mirrored_solid_faces_outwards(scale: tuple[int, ...], tmp_path: Path) -> None:
+    stage = Usd.Stage.CreateNew(str(tmp_path / "a.usda"))
+    UsdGeom.SetStageMetersPerUnit(stage, 1)
+    xform(stage, "/World", scale=scale)
+    cube(stage, "/World/Box")
+    cube(stage, "/World/Other")
+    stage.GetRootLayer().Save()
+    (shape,) = entry(read_usd(tmp_path / "a.usda"), "Box").shapes
+    a, b, c = np.moveaxis(shape.mesh.triangles, 1, 0)
+    volume = np.einsum("fk,fk->", a, np.cross(b, c)) / 6
+    assert volume == pytest.approx(8 * abs(np.prod(scale)))
+
+
 def test_references_and_instances_are_followed(tmp_path: Path) -> None:
     chair = Usd.Stage.CreateNew(str(tmp_path / "chair.usda"))
     UsdGeom.SetStageMetersPerUnit(chair, 1.0)
@@ -182,6 +196,10 @@ def test_star_shaped_faces_keep_their_area(spokes: list[tuple[float, float]]) ->
     corners = made.vertices[made.faces][:, :, :2]
     star = shapely.Polygon(flat)
     assert shapely.area(shapely.polygons(corners)).sum() == pytest.approx(star.area)
+    facing = np.linalg.det(corners[:, 1:] - corners[:, :1])
+    assert (facing > -1e-9).all(), "as the polygon, against the clock"
+    turned = polygon_mesh(tilted, [len(flat)], range(len(flat)), "star", left_handed=True)
+    assert (turned.faces == made.faces[:, ::-1]).all()
     covered = shapely.union_all(shapely.polygons(corners), grid_size=1e-9)
     assert covered.symmetric_difference(star).area == pytest.approx(0, abs=1e-6)
 
