@@ -145,6 +145,11 @@ def _check_names(path: Path, world: World) -> None:
             NAME_CHARACTERS.check(len(text or ""), refused, "Shorten it.", f"its {what} has")
 
 
+WITHOUT_SHAPES = (
+    "to give them a shape: import again with --model-path and the folder of their models; or "
+    "--assume-sizes, which grids, costmaps, routes and plans take"
+)
+
 MANY = 50
 """Number of added entities from which tables are analysed again: without, PostgreSQL scans them."""
 
@@ -243,7 +248,7 @@ def import_file(
         seen = Snapshot.of(connection, see_map(connection, summary.map))
         summary.no_geometry = read_names_without_geometry(seen)
         if summary.no_geometry and (stored.added or stored.changed):
-            summary.notes.append(names_note(summary.no_geometry))
+            summary.notes += [names_note(summary.no_geometry), WITHOUT_SHAPES]
         if stored.added or stored.changed or stored.removed:
             _log(connection, map_id, path, summary)
     if summary.added >= MANY:

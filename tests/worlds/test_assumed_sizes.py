@@ -91,6 +91,15 @@ def test_each_model_of_the_file_is_assumed_or_listed(
     assert seen[True] == chairs > 0
 
 
+def test_an_import_names_what_has_no_shape_and_the_way_out(database: str, worlds: Path) -> None:
+    with semmap.connect(database) as db:
+        summary = db.import_file(worlds / "rmf" / "hotel" / "hotel.building.yaml", map="hotel")
+    said = " ".join(summary.notes)
+    assert "175 objects with no geometry: treated as free floor" in said
+    assert "--model-path" in said
+    assert "--assume-sizes" in said
+
+
 def test_pictures_mark_what_is_assumed(hotel: Engine) -> None:
     with semmap.connect(hotel.url.render_as_string(hide_password=False)) as db:
         house = db.map("hotel")
