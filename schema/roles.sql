@@ -132,13 +132,13 @@ DECLARE
     name regclass;
 BEGIN
     FOR name IN SELECT oid FROM pg_class WHERE relnamespace = 'semmap'::regnamespace
-                AND (relkind = 'r' OR relkind = 'v' AND relname IN ('gis_room', 'gis_object', 'gis_region', 'gis_connector')) LOOP
+                AND (relkind = 'r' OR relkind = 'v' AND relname IN ('gis_storey', 'gis_room', 'gis_object', 'gis_region', 'gis_connector')) LOOP
         EXECUTE format('GRANT INSERT, UPDATE, DELETE ON %s TO semmap_admin', name);
     END LOOP;
 END $$;
 GRANT USAGE ON ALL SEQUENCES IN SCHEMA semmap TO semmap_robot, semmap_admin;
 -- Tables that triggers maintain are written by triggers only.
-REVOKE INSERT, UPDATE, DELETE ON world, object_type, type_closure, entity_chunk, change, change_pruned,
+REVOKE INSERT, UPDATE, DELETE ON world, section, object_type, type_closure, entity_chunk, change, change_pruned,
     entity_history, placement_history, belief, entity_object FROM semmap_admin;
 
 -- Functions that can write are executed by those who need them alone. A trigger function that everybody may
@@ -154,7 +154,7 @@ BEGIN
             ('prune_history', ARRAY['semmap_admin']), ('prune_changes', ARRAY['semmap_admin']),
             ('prune_observations', ARRAY['semmap_admin']),
             ('derive_again', ARRAY['semmap_admin']), ('follow_change', ARRAY['semmap_admin']), ('recognise_parts', ARRAY['semmap_admin']),
-            ('put_door', ARRAY['semmap_admin']),
+            ('put_door', ARRAY['semmap_admin']), ('turn_to', ARRAY['semmap_admin']),
             ('settle', ARRAY['semmap_reader', 'semmap_robot', 'semmap_admin']),
             ('refresh_belief', ARRAY['semmap_robot', 'semmap_admin']), ('refresh_beliefs', ARRAY['semmap_robot', 'semmap_admin']),
             ('hold_still', ARRAY['semmap_robot', 'semmap_admin']), ('queue_writer', ARRAY['semmap_robot', 'semmap_admin']),

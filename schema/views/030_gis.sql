@@ -8,13 +8,18 @@ CREATE VIEW gis_room AS
     LEFT JOIN world w ON w.entity_id = e.id LEFT JOIN entity s ON s.id = w.storey_id
     WHERE e.kind = 'room';
 
+-- Walls by their section. The heading is that of the object's x axis, degrees counterclockwise from the map's x axis.
 CREATE VIEW gis_object AS
     SELECT e.id AS fid, m.name AS map, s.name AS storey, h.name AS holder, e.name, e.type, e.label,
            ST_ZMin(w.box) AS low, ST_ZMax(w.box) AS high,
-           e.properties::text AS properties, w.footprint AS geom
+           round(degrees(pose_yaw(w.pose))::numeric, 6)::double precision AS heading,
+           EXISTS (SELECT FROM type_closure t WHERE t.sub = e.type AND t.super = 'building_element') AS structure,
+           e.properties::text AS properties,
+           coalesce(placed_section(c.outline, w.pose), w.footprint)::geometry(MultiPolygon, 0) AS geom
     FROM entity e JOIN map m ON m.id = e.map_id
     LEFT JOIN world w ON w.entity_id = e.id LEFT JOIN entity s ON s.id = w.storey_id
     LEFT JOIN placement p ON p.entity_id = e.id LEFT JOIN entity h ON h.id = p.holder_id
+    LEFT JOIN section c ON c.entity_id = e.id
     WHERE e.kind IN ('object', 'agent');
 
 CREATE VIEW gis_region AS
@@ -37,6 +42,21 @@ CREATE VIEW gis_connector AS
     LEFT JOIN world w ON w.entity_id = e.id LEFT JOIN entity s ON s.id = w.storey_id
     LEFT JOIN LATERAL (SELECT pose_compose(w.pose, c.pose_a)) pa (pose) ON true
     LEFT JOIN LATERAL (SELECT pose_compose(w.pose, c.pose_b)) pb (pose) ON true;
+
+-- A storey as the union of its rooms, else of all that is on it.
+CREATE VIEW gis_storey AS
+    SELECT e.id AS fid, m.name AS map, e.name, e.type, e.label, s.elevation, s.height, e.properties::text AS properties,
+           o.outline::geometry(MultiPolygon, 0) AS geom
+    FROM entity e JOIN map m ON m.id = e.map_id JOIN storey s ON s.entity_id = e.id
+    CROSS JOIN LATERAL (
+        SELECT ST_Multi(coalesce(ST_Union(w.footprint) FILTER (WHERE i.kind = 'room'), ST_ConvexHull(ST_Collect(w.footprint))))
+        FROM world w JOIN entity i ON i.id = w.entity_id WHERE w.storey_id = e.id) o (outline);
+
+-- The types that an entity of a kind may have: the value list of a GIS client.
+CREATE VIEW gis_type AS
+    SELECT row_number() OVER (ORDER BY k.kind, t.name) AS fid, k.kind, t.name, coalesce(t.label, t.name) AS label
+    FROM (VALUES ('room', 'room'), ('object', 'object'), ('region', 'region'), ('connector', 'connector'), ('storey', 'storey')) k (kind, top)
+    JOIN type_closure c ON c.super = k.top JOIN semantic_type t ON t.name = c.sub;
 
 CREATE FUNCTION map_named(called text)
 RETURNS integer LANGUAGE plpgsql STABLE SET search_path = semmap, public, pg_temp AS $$
@@ -72,11 +92,12 @@ BEGIN ATOMIC
 SELECT t.angle
 FROM (SELECT ST_Azimuth(ST_Centroid(outline), ST_PointN(ST_ExteriorRing(ST_GeometryN(outline, 1)), 1))
            - ST_Azimuth(ST_Centroid(former), ST_PointN(ST_ExteriorRing(ST_GeometryN(former, 1)), 1))) c (clockwise),
-     LATERAL (VALUES (0.0), (-c.clockwise)) t (angle)
+     -- first as the corners show it: a square looks the same when it is turned by a right angle
+     LATERAL (VALUES (1, CASE WHEN abs(sin(c.clockwise / 2)) < 1e-6 THEN 0.0 ELSE -c.clockwise END), (2, 0.0)) t (rank, angle)
 WHERE ST_HausdorffDistance(
     ST_Translate(ST_Rotate(former, t.angle, ST_Centroid(former)), ST_X(ST_Centroid(outline)) - ST_X(ST_Centroid(former)),
                  ST_Y(ST_Centroid(outline)) - ST_Y(ST_Centroid(former))), outline) < 1e-3
-LIMIT 1;
+ORDER BY t.rank LIMIT 1;
 END;
 
 CREATE FUNCTION put_door(thing bigint, of_map integer, on_storey bigint, whose text, line geometry)
@@ -124,12 +145,91 @@ BEGIN
     END IF;
 END $$;
 
+CREATE FUNCTION similar_types(called text)
+RETURNS text LANGUAGE sql STABLE SET search_path = semmap, public, pg_temp AS $$
+-- Up to three types that are spelt like a name, the most similar first: half of their pairs of letters are the same.
+WITH own AS (
+    SELECT DISTINCT substr(lower(called), k, 2) AS pair FROM generate_series(1, length(called) - 1) k
+), known AS (
+    SELECT DISTINCT name, substr(name, k, 2) AS pair FROM semmap.semantic_type, generate_series(1, length(name) - 1) k
+), score AS (
+    SELECT name, 2.0 * count(own.pair) / (count(*) + (SELECT count(*) FROM own)) AS likeness
+    FROM known LEFT JOIN own USING (pair) GROUP BY name
+)
+SELECT string_agg(name, ' or ' ORDER BY likeness DESC, name)
+FROM (SELECT * FROM score WHERE likeness >= 0.5 ORDER BY likeness DESC, name LIMIT 3) s
+$$;
+
+CREATE FUNCTION refuse_derived(layer text, whose text, edited text[])
+RETURNS void LANGUAGE plpgsql STABLE SET search_path = semmap, public, pg_temp AS $$
+-- An error for the first edited attribute that is derived: the edit would change nothing.
+DECLARE
+    attribute text;
+BEGIN
+    FOREACH attribute IN ARRAY edited LOOP
+        RAISE EXCEPTION '% of % is not changed here: %', attribute, whose, CASE
+                WHEN attribute IN ('fid', 'map') THEN 'a feature keeps its key and its map'
+                WHEN attribute IN ('storey', 'holder', 'place_a', 'place_b') THEN 'it follows from where the feature is'
+                WHEN attribute = 'structure' THEN 'it follows from the type'
+                WHEN attribute IN ('low', 'high') THEN 'it follows from the mesh'
+                ELSE 'the map derives it' END
+            USING ERRCODE = 'feature_not_supported', HINT = CASE
+                WHEN attribute IN ('fid', 'map') THEN 'Draw it in the other map.'
+                WHEN attribute IN ('storey', 'holder', 'place_a', 'place_b') THEN 'Move the feature.'
+                WHEN attribute = 'structure' THEN 'Change the type.'
+                ELSE 'Leave it as it is.' END;
+    END LOOP;
+END $$;
+
+CREATE FUNCTION broken_rule(rule text, whose text, told text)
+RETURNS text LANGUAGE sql IMMUTABLE
+BEGIN ATOMIC
+-- A constraint of the tables that an edit breaks, as a sentence.
+SELECT CASE rule
+    WHEN 'entity_map_id_name_key' THEN format('the map already has something named %s', whose)
+    WHEN 'entity_properties_check' THEN format('the properties of %s are not an object', whose)
+    WHEN 'connector_state_check' THEN format('the state of %s is not open, closed or locked', whose)
+    WHEN 'connector_direction_check' THEN format('the direction of %s is not both, forward or backward', whose)
+    WHEN 'connector_width_check' THEN format('the width of %s is not above 0', whose)
+    WHEN 'connector_height_check' THEN format('the height of %s is not above 0', whose)
+    WHEN 'connector_step_check' THEN format('the step of %s is below 0', whose)
+    WHEN 'storey_height_check' THEN format('the height of %s is not above 0', whose)
+    WHEN 'placement_pose_is_within_ten_thousand_kilometres'
+        THEN format('%s would be more than 10,000 km from the map''s origin', whose)
+    WHEN 'placement_pose_has_seven_finite_numbers' THEN format('the place of %s is not finite', whose)
+    ELSE format('%s: %s', whose, told) END;
+END;
+
+CREATE FUNCTION turn_to(thing bigint, angle double precision, middle geometry, target geometry)
+RETURNS void LANGUAGE plpgsql SET search_path = semmap, public, pg_temp AS $$
+-- Turns an entity about a point of the ground, counterclockwise in radians, and shifts that point to another one. Its
+-- height and tilt stay; its contents move along.
+DECLARE
+    moved double precision[];
+    holder double precision[];
+BEGIN
+    PERFORM semmap.hold_still(thing, NULL);
+    SELECT semmap.pose_compose(semmap.planar_pose(ST_X(target), ST_Y(target), angle),
+                               semmap.pose_compose(semmap.planar_pose(-ST_X(middle), -ST_Y(middle)), w.pose)), h.pose
+        INTO moved, holder
+        FROM semmap.world w JOIN semmap.placement p ON p.entity_id = w.entity_id LEFT JOIN semmap.world h ON h.entity_id = p.holder_id
+        WHERE w.entity_id = thing;
+    UPDATE semmap.placement p SET pose = CASE WHEN holder IS NULL THEN moved
+                                              ELSE semmap.pose_compose(semmap.pose_inverse(holder), moved) END
+        WHERE p.entity_id = thing;
+    IF NOT FOUND THEN
+        RAISE EXCEPTION 'entity % is not moved: it has no placement, or you may not move it', thing
+            USING ERRCODE = 'insufficient_privilege', HINT = 'A robot moves objects, regions and agents.';
+    END IF;
+END $$;
+
 CREATE FUNCTION gis_changed()
 RETURNS trigger LANGUAGE plpgsql SET search_path = semmap, public, pg_temp AS $$
--- Writes the edits of a GIS client to the map. Attributes that are derived (map, storey,
--- holder, low, high of a mesh) are taken for a new feature and left alone afterwards.
+-- Writes the edits of a GIS client to the map. Derived attributes (map, storey, holder, low and high of a mesh) are taken
+-- for a new feature; afterwards an edit of them is refused, because it would change nothing.
 DECLARE
     layer text := substr(TG_TABLE_NAME, 5);
+    of_kind text;
     thing bigint;
     of_map integer;
     below bigint;
@@ -141,10 +241,15 @@ DECLARE
     drawn boolean;
     reshaped boolean;
     given jsonb;
-    old_geom geometry;
+    spelt_like text;
+    rule text;
+    told text;
     angle double precision;
-    corner double precision[];
 BEGIN
+    IF layer = 'storey' AND TG_OP <> 'UPDATE' THEN
+        RAISE EXCEPTION 'storeys are neither drawn nor deleted here'
+            USING ERRCODE = 'feature_not_supported', HINT = 'Import a floor plan, or add one in Python: map.add_storey(name, elevation=3).';
+    END IF;
     IF TG_OP = 'DELETE' THEN
         DELETE FROM semmap.entity WHERE id = OLD.fid;
         RETURN OLD;
@@ -154,8 +259,14 @@ BEGIN
         RAISE EXCEPTION 'a % needs a name', layer USING ERRCODE = 'check_violation', HINT = 'Fill in the attribute name.';
     END IF;
     IF NEW.type IS NOT NULL AND NOT EXISTS (SELECT FROM semmap.semantic_type WHERE name = NEW.type) THEN
-        RAISE EXCEPTION 'the T-Box has no type %', NEW.type
-            USING ERRCODE = 'foreign_key_violation', HINT = 'SELECT name FROM semmap.semantic_type lists them.';
+        spelt_like := semmap.similar_types(NEW.type);
+        RAISE EXCEPTION 'the T-Box has no type %', NEW.type USING ERRCODE = 'foreign_key_violation',
+            HINT = coalesce('Did you mean ' || spelt_like || '?', 'SELECT name FROM semmap.semantic_type lists them.');
+    END IF;
+    of_kind := coalesce((SELECT kind FROM semmap.entity WHERE id = OLD.fid), layer);
+    IF NOT semmap.fits_kind(NEW.type, of_kind) AND (TG_OP = 'INSERT' OR NEW.type IS DISTINCT FROM OLD.type) THEN
+        RAISE EXCEPTION '% is not a type of %s', NEW.type, of_kind
+            USING ERRCODE = 'check_violation', HINT = format('SELECT name FROM semmap.gis_type WHERE kind = ''%s'' lists types.', of_kind);
     END IF;
     BEGIN
         given := coalesce(NULLIF(NEW.properties, ''), '{}')::jsonb;
@@ -164,8 +275,33 @@ BEGIN
             USING ERRCODE = 'check_violation', HINT = 'Write them as an object: {"key": "value"}.';
     END;
 
-    IF layer = 'connector' THEN
+    IF TG_OP = 'UPDATE' THEN
         thing := OLD.fid;
+        SELECT bool_and(m.kind = 'polygon') INTO drawn
+            FROM semmap.entity_model em JOIN semmap.model m ON m.id = em.model_id WHERE em.entity_id = thing;
+        PERFORM semmap.refuse_derived(layer, OLD.name, ARRAY(
+            SELECT n.key FROM jsonb_each_text(to_jsonb(NEW) - 'geom') n JOIN jsonb_each_text(to_jsonb(OLD) - 'geom') o USING (key)
+            WHERE n.value IS DISTINCT FROM o.value AND (n.key IN ('fid', 'map', 'storey', 'holder', 'structure', 'form', 'place_a', 'place_b', 'origin')
+                  OR n.key IN ('low', 'high') AND drawn IS FALSE)));
+    END IF;
+
+    IF layer = 'storey' THEN
+        IF ST_AsBinary(NEW.geom) IS DISTINCT FROM ST_AsBinary(OLD.geom) THEN
+            RAISE EXCEPTION 'the outline of % is not changed here: it follows from its rooms', NEW.name
+                USING ERRCODE = 'feature_not_supported', HINT = 'Reshape its rooms.';
+        END IF;
+        UPDATE semmap.entity SET name = NEW.name, type = NEW.type, label = NEW.label, properties = given
+            WHERE id = thing AND (name, type, label, properties) IS DISTINCT FROM (NEW.name, NEW.type, NEW.label, given);
+        UPDATE semmap.storey SET height = NEW.height WHERE entity_id = thing AND height IS DISTINCT FROM NEW.height;
+        IF NEW.elevation IS DISTINCT FROM OLD.elevation THEN
+            UPDATE semmap.storey SET elevation = NEW.elevation WHERE entity_id = thing;
+            PERFORM semmap.move_to(thing, w.pose[1], w.pose[2], w.pose[3] + NEW.elevation - OLD.elevation)
+                FROM semmap.world w WHERE w.entity_id = thing;
+        END IF;
+        RETURN NEW;
+    END IF;
+
+    IF layer = 'connector' THEN
         IF coalesce(OLD.form, NEW.form, 'door') <> 'door' AND (TG_OP = 'INSERT' OR NOT ST_OrderingEquals(NEW.geom, OLD.geom)) THEN
             RAISE EXCEPTION '% is no door: the line of stairs, ramps and elevator doors follows from their poses', NEW.name
                 USING ERRCODE = 'feature_not_supported', HINT = 'Change its attributes here, its place by an import.';
@@ -217,7 +353,10 @@ BEGIN
                 high := NEW.high;
             END IF;
         END IF;
-        pose := semmap.planar_pose(ST_X(ST_PointOnSurface(outline)), ST_Y(ST_PointOnSurface(outline)), 0,
+        IF layer = 'object' THEN
+            angle := radians(NEW.heading);
+        END IF;
+        pose := semmap.planar_pose(ST_X(ST_PointOnSurface(outline)), ST_Y(ST_PointOnSurface(outline)), coalesce(angle, 0),
                             CASE layer WHEN 'room' THEN 0 ELSE low END);
         INSERT INTO semmap.entity (map_id, kind, name, label, type, properties)
             VALUES (of_map, layer, NEW.name, NEW.label, NEW.type, given) RETURNING id INTO thing;
@@ -231,67 +370,87 @@ BEGIN
             low := 0;
         END IF;
         INSERT INTO semmap.entity_model (entity_id, model_id)
-            VALUES (thing, semmap.drawn_model(ST_Translate(outline, -pose[1], -pose[2]), low, high));
+            VALUES (thing, semmap.drawn_model(ST_Force2D(semmap.pose_apply(ST_Force3D(outline), semmap.pose_inverse(ARRAY[pose[1], pose[2], 0] || pose[4:7]))), low, high));
         IF below IS NOT NULL THEN
             pose := semmap.pose_compose(semmap.pose_inverse((SELECT w.pose FROM semmap.world w WHERE w.entity_id = below)),
-                                 ARRAY[pose[1], pose[2], pose[3] + (SELECT w.pose[3] FROM semmap.world w WHERE w.entity_id = below), 0, 0, 0, 1]);
+                                 ARRAY[pose[1], pose[2], pose[3] + (SELECT w.pose[3] FROM semmap.world w WHERE w.entity_id = below)] || pose[4:7]);
         END IF;
         INSERT INTO semmap.placement (entity_id, holder_id, pose) VALUES (thing, below, pose);
         NEW.fid := thing;
         RETURN NEW;
     END IF;
 
-    thing := OLD.fid;
     UPDATE semmap.entity SET name = NEW.name, type = NEW.type, label = NEW.label, properties = given
         WHERE id = thing AND (name, type, label, properties) IS DISTINCT FROM (NEW.name, NEW.type, NEW.label, given);
     reshaped := ST_AsBinary(NEW.geom) IS DISTINCT FROM ST_AsBinary(OLD.geom);
+    outline := NEW.geom;
+    IF reshaped THEN
+        outline := semmap.check_outline(NEW.geom, NEW.name);
+        IF layer <> 'room' AND OLD.geom IS NOT NULL THEN
+            angle := semmap.turned_by(OLD.geom, outline);
+        END IF;
+        IF angle IS NOT NULL THEN
+            PERFORM semmap.turn_to(thing, angle, ST_Centroid(OLD.geom), ST_Centroid(outline));
+            reshaped := false;
+        END IF;
+    END IF;
+    SELECT w.pose INTO pose FROM semmap.world w WHERE w.entity_id = thing;
     IF layer = 'room' THEN
         IF (NEW.floor, NEW.ceiling) IS DISTINCT FROM (OLD.floor, OLD.ceiling) THEN
             UPDATE semmap.room SET floor = low, ceiling = NEW.ceiling WHERE entity_id = thing;
             reshaped := true;
         END IF;
-    END IF;
-    IF reshaped THEN
-        SELECT w.pose, w.footprint INTO pose, old_geom FROM semmap.world w WHERE w.entity_id = thing;
-        outline := semmap.check_outline(NEW.geom, NEW.name);
-        SELECT bool_and(m.kind = 'polygon') INTO drawn
+    ELSE
+        SELECT coalesce(min(ST_ZMin(m.hull)), 0), max(ST_ZMax(m.hull)) INTO low, high
             FROM semmap.entity_model em JOIN semmap.model m ON m.id = em.model_id WHERE em.entity_id = thing;
-        IF layer <> 'room' THEN
-            angle := semmap.turned_by(old_geom, outline);
+        IF (NEW.low, NEW.high) IS DISTINCT FROM (OLD.low, OLD.high) THEN
+            low := NEW.low - coalesce(pose[3], 0);
+            high := NEW.high - coalesce(pose[3], 0);
+            reshaped := true;
+            IF (low < high) IS NOT TRUE THEN
+                RAISE EXCEPTION 'the top of % is not above its bottom', NEW.name
+                    USING ERRCODE = 'check_violation', HINT = 'low and high are heights in the map''s frame, metres.';
+            END IF;
         END IF;
-        IF angle IS NOT NULL THEN
-            -- The pose turns with the outline about its middle.
-            corner := ARRAY[pose[1] - ST_X(ST_Centroid(old_geom)), pose[2] - ST_Y(ST_Centroid(old_geom))];
-            PERFORM semmap.move_to(thing,
-                ST_X(ST_Centroid(outline)) + cos(angle) * corner[1] - sin(angle) * corner[2],
-                ST_Y(ST_Centroid(outline)) + sin(angle) * corner[1] + cos(angle) * corner[2], pose[3],
-                CASE WHEN angle <> 0 THEN semmap.pose_yaw(pose) + angle END);
-        ELSIF drawn OR drawn IS NULL THEN
-            IF layer <> 'room' THEN
-                SELECT min(ST_ZMin(m.hull)), max(ST_ZMax(m.hull)) INTO low, high
-                    FROM semmap.entity_model em JOIN semmap.model m ON m.id = em.model_id WHERE em.entity_id = thing;
-                low := coalesce(low, 0);
-                high := greatest(coalesce(high, 0.01), low + 0.001);
+        high := greatest(coalesce(high, low + 0.01), low + 0.001);
+    END IF;
+    IF reshaped AND NOT drawn THEN
+        RAISE EXCEPTION 'the shape of % follows from its mesh', NEW.name
+            USING ERRCODE = 'feature_not_supported', HINT = 'Move or turn the whole feature; its shape changes with its mesh.';
+    ELSIF reshaped THEN
+        IF pose IS NULL THEN
+            pose := semmap.planar_pose(ST_X(ST_PointOnSurface(outline)), ST_Y(ST_PointOnSurface(outline)));
+            INSERT INTO semmap.placement (entity_id, pose) VALUES (thing, pose);
+        ELSIF layer <> 'room' AND NOT ST_Intersects(outline, ST_MakePoint(pose[1], pose[2])) THEN
+            pose := semmap.planar_pose(ST_X(ST_PointOnSurface(outline)), ST_Y(ST_PointOnSurface(outline)), semmap.pose_yaw(pose), pose[3]);
+            PERFORM semmap.move_to(thing, pose[1], pose[2], pose[3]);
+        END IF;
+        shape := semmap.drawn_model(ST_Force2D(semmap.pose_apply(ST_Force3D(outline), semmap.pose_inverse(ARRAY[pose[1], pose[2], 0] || pose[4:7]))), low, high);
+        DELETE FROM semmap.entity_model WHERE entity_id = thing AND model_id <> shape;
+        INSERT INTO semmap.entity_model (entity_id, model_id) VALUES (thing, shape) ON CONFLICT DO NOTHING;
+    END IF;
+    IF layer = 'object' THEN
+        IF NEW.heading IS DISTINCT FROM OLD.heading THEN
+            IF NEW.heading IS NULL OR pose IS NULL OR NEW.heading IN ('NaN', 'Infinity', '-Infinity') THEN
+                RAISE EXCEPTION '% has no heading %', NEW.name, coalesce(NEW.heading::text, '')
+                    USING ERRCODE = 'check_violation', HINT = 'Give degrees, counterclockwise from the map''s x axis, of an object that has a place.';
             END IF;
-            IF pose IS NULL THEN
-                pose := semmap.planar_pose(ST_X(ST_PointOnSurface(outline)), ST_Y(ST_PointOnSurface(outline)));
-                INSERT INTO semmap.placement (entity_id, pose) VALUES (thing, pose);
-            ELSIF layer <> 'room' AND NOT ST_Intersects(outline, ST_MakePoint(pose[1], pose[2])) THEN
-                pose := semmap.planar_pose(ST_X(ST_PointOnSurface(outline)), ST_Y(ST_PointOnSurface(outline)), semmap.pose_yaw(pose), pose[3]);
-                PERFORM semmap.move_to(thing, pose[1], pose[2], pose[3]);
-            END IF;
-            shape := semmap.drawn_model(ST_Force2D(semmap.pose_apply(ST_Force3D(outline), semmap.pose_inverse(ARRAY[pose[1], pose[2], 0] || pose[4:7]))), low, high);
-            DELETE FROM semmap.entity_model WHERE entity_id = thing AND model_id <> shape;
-            INSERT INTO semmap.entity_model (entity_id, model_id) VALUES (thing, shape) ON CONFLICT DO NOTHING;
-        ELSE
-            RAISE EXCEPTION 'the footprint of % follows from its mesh', NEW.name
-                USING ERRCODE = 'feature_not_supported', HINT = 'Move or turn the whole feature; its shape changes with its mesh.';
+            PERFORM semmap.turn_to(thing, radians(NEW.heading) - semmap.pose_yaw(pose), o.middle, o.middle)
+                FROM (SELECT coalesce(ST_Centroid(outline), ST_MakePoint(pose[1], pose[2]))) o (middle);
         END IF;
     END IF;
     RETURN NEW;
+EXCEPTION WHEN integrity_constraint_violation THEN
+    GET STACKED DIAGNOSTICS rule = CONSTRAINT_NAME, told = MESSAGE_TEXT;
+    IF rule = '' THEN
+        RAISE;
+    END IF;
+    RAISE EXCEPTION '%', semmap.broken_rule(rule, NEW.name, told)
+        USING ERRCODE = 'check_violation', HINT = CASE rule WHEN 'entity_map_id_name_key' THEN 'Choose another name.' ELSE 'Correct it, or undo the edit.' END;
 END $$;
 
 CREATE TRIGGER gis_changed INSTEAD OF INSERT OR UPDATE OR DELETE ON gis_room FOR EACH ROW EXECUTE FUNCTION gis_changed();
 CREATE TRIGGER gis_changed INSTEAD OF INSERT OR UPDATE OR DELETE ON gis_object FOR EACH ROW EXECUTE FUNCTION gis_changed();
 CREATE TRIGGER gis_changed INSTEAD OF INSERT OR UPDATE OR DELETE ON gis_region FOR EACH ROW EXECUTE FUNCTION gis_changed();
 CREATE TRIGGER gis_changed INSTEAD OF INSERT OR UPDATE OR DELETE ON gis_connector FOR EACH ROW EXECUTE FUNCTION gis_changed();
+CREATE TRIGGER gis_changed INSTEAD OF INSERT OR UPDATE OR DELETE ON gis_storey FOR EACH ROW EXECUTE FUNCTION gis_changed();

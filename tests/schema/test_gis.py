@@ -115,6 +115,7 @@ def test_gdal_sees_key_srid_and_type_of_each_layer(engine: Engine) -> None:
         ("gis_object", 0, "MULTIPOLYGON"),
         ("gis_region", 0, "MULTIPOLYGON"),
         ("gis_room", 0, "MULTIPOLYGON"),
+        ("gis_storey", 0, "MULTIPOLYGON"),
     ]
 
 

@@ -68,8 +68,10 @@ CALLS: dict[str, set[str]] = {
     "weigh_experience('{{}}')": set(),
     "refresh_object_type('{{{mug}}}')": set(),
     "refresh_world('{{{mug}}}')": set(),
+    "refresh_section('{{{mug}}}')": set(),
     "reshape('{{{mug}}}')": set(),
     "settle()": {*ROLES} - {"stranger"},
+    "turn_to({mug}, 1, 'POINT(0 0)', 'POINT(1 0)')": {"admin"},
 }
 """Each function of the schema that can write, with the roles that may call it so."""
 

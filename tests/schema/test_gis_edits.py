@@ -1,0 +1,294 @@
+"""Sections, headings, storeys and refused edits in the layers that a GIS client edits."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import shapely
+import trimesh
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from shapely import affinity
+from sqlalchemy import Engine, text
+from sqlalchemy.exc import DBAPIError
+
+import semmap
+from tests.conftest import Import
+
+OFFICE = Path(__file__).parents[2] / "examples" / "office"
+
+
+def tin(*meshes: trimesh.Trimesh) -> str:
+    """The surfaces of meshes as one TIN, WKT."""
+    triangles = [mesh.triangles for mesh in meshes]
+    rings = np.concatenate([np.concatenate([t, t[:, :1]], axis=1) for t in triangles])
+    return f"TIN Z({','.join(f'(({_corners(ring)}))' for ring in rings)})"
+
+
+def _corners(ring: np.ndarray[Any, Any]) -> str:
+    return ",".join(" ".join(map(repr, map(float, corner))) for corner in ring)
+
+
+def section(engine: Engine, surface: str, height: float) -> shapely.Geometry:
+    with engine.connect() as connection:
+        found = connection.execute(
+            text("SELECT ST_AsBinary(section_of(ARRAY[ST_GeomFromText(:tin)], :z))"),
+            {"tin": surface, "z": height},
+        ).scalar_one()
+    return shapely.Polygon() if found is None else shapely.from_wkb(bytes(found))
+
+
+def box(x0: float, y0: float, x1: float, y1: float, top: float = 3) -> trimesh.Trimesh:
+    return trimesh.creation.box(bounds=[(x0, y0, 0), (x1, y1, top)])
+
+
+EDGE = st.integers(-8, 8)
+BOX = st.tuples(EDGE, EDGE, st.integers(1, 6), st.integers(1, 6))
+
+
+@settings(max_examples=25)
+@given(boxes=st.lists(BOX, min_size=1, max_size=6), degrees=st.sampled_from([0, 30, 45]))
+def test_the_section_of_solids_that_overlap_is_their_union(
+    module_engine: Engine, boxes: list[tuple[int, int, int, int]], degrees: float
+) -> None:
+    """The oracle is Shapely's union of the rectangles."""
+    areas = [(x, y, x + w, y + h) for x, y, w, h in boxes]
+    turned = trimesh.transformations.rotation_matrix(math.radians(degrees), (0, 0, 1))
+    meshes = [box(*area).apply_transform(turned) for area in areas]
+    expected = affinity.rotate(shapely.union_all([shapely.box(*a) for a in areas]), degrees, (0, 0))
+    found = section(module_engine, tin(*meshes), 1.0)
+    assert found.symmetric_difference(expected).area < 1e-4
+
+
+def test_the_room_between_walls_is_not_filled_even_where_they_have_no_top(
+    module_engine: Engine,
+) -> None:
+    outer, inner = box(0, 0, 6, 4), box(0.2, 0.2, 5.8, 3.8)
+    inner.invert()
+    upright = [
+        trimesh.Trimesh(m.vertices, m.faces[np.abs(m.face_normals[:, 2]) < 0.5], process=False)
+        for m in (outer, inner)
+    ]
+    found = section(module_engine, tin(*upright), 1.0)
+    expected = shapely.box(0, 0, 6, 4) - shapely.box(0.2, 0.2, 5.8, 3.8)
+    assert found.symmetric_difference(expected).area < 1e-4
+
+
+def test_a_sheet_is_shown_as_a_thin_line_and_what_is_lower_not_at_all(
+    module_engine: Engine,
+) -> None:
+    sheet = trimesh.Trimesh([(0, 0, 0), (4, 0, 0), (4, 0, 3), (0, 0, 3)], [(0, 1, 2), (0, 2, 3)])
+    found = section(module_engine, tin(sheet), 1.0)
+    assert found.symmetric_difference(shapely.box(-0.01, -0.01, 4.01, 0.01)).area < 1e-6
+    assert section(module_engine, tin(sheet), 3.5).is_empty
+
+
+def shown(engine: Engine, name: str, layer: str = "gis_object") -> Any:
+    with engine.connect() as connection:
+        return connection.execute(
+            text(f"SELECT *, ST_AsBinary(geom) AS wkb FROM {layer} WHERE name = :name"),
+            {"name": name},
+        ).one()
+
+
+def outline(engine: Engine, name: str) -> shapely.Geometry:
+    return shapely.from_wkb(bytes(shown(engine, name).wkb))
+
+
+def edit(engine: Engine, statement: str, **values: Any) -> None:
+    with engine.begin() as connection:
+        connection.execute(text(statement), values)
+
+
+def cut_by_trimesh(mesh: trimesh.Trimesh, height: float) -> shapely.Geometry:
+    path = mesh.section(plane_normal=(0, 0, 1), plane_origin=(0, 0, height))
+    flat, to_3d = path.to_2D(to_2D=trimesh.geometry.plane_transform((0, 0, height), (0, 0, 1)))
+    turn = to_3d[:2, :2]
+    return affinity.affine_transform(
+        shapely.union_all(flat.polygons_full), [*turn[0], *turn[1], *to_3d[:2, 3]]
+    )
+
+
+def test_walls_are_their_section_a_metre_above_the_floor_of_their_storey(
+    office_world: Engine,
+) -> None:
+    """The oracle is Trimesh; the hull of the walls is a block of 191 square metres."""
+    with semmap.connect(office_world.url.render_as_string(hide_password=False)) as database:
+        office = database.map("office")
+        for name, floor in (("walls-1st", 0.0), ("walls-3rd", 7.0)):
+            mesh = office[name].mesh
+            assert mesh is not None
+            mesh.merge_vertices()
+            expected = cut_by_trimesh(mesh, floor + 1)
+            assert outline(office_world, name).symmetric_difference(expected).area < 1e-3
+            assert 15 < expected.area < 25
+
+
+@pytest.fixture
+def office(imported: Import) -> Any:
+    names = ("office_rooms.geojson", "office.sdf")
+    with imported(*((OFFICE / name, "office") for name in names)) as engine:
+        yield engine
+
+
+def test_walls_are_moved_and_turned_by_their_section(office: Engine) -> None:
+    before = outline(office, "walls-1st")
+    pose = affinity.translate(affinity.rotate(before, 30, "centroid"), 2, 1)
+    change = "UPDATE gis_object SET geom = ST_GeomFromText(:wkt) WHERE name = :name"
+    edit(office, change, wkt=shapely.MultiPolygon(shapely.get_parts(pose)).wkt, name="walls-1st")
+    after = outline(office, "walls-1st")
+    assert after.symmetric_difference(pose).area < 1e-3
+    assert shown(office, "walls-1st").heading == pytest.approx(30)
+
+
+def test_sections_follow_what_they_are_derived_from(office: Engine) -> None:
+    """A type, a height, a model and a storey: each changes the section, or keeps it right."""
+    walls = "walls-1st"
+    area = outline(office, walls).area
+    edit(office, "UPDATE gis_object SET type = 'table' WHERE name = :name", name=walls)
+    assert outline(office, walls).area == pytest.approx(191.36)
+    edit(office, "UPDATE gis_object SET type = 'partition_wall' WHERE name = :name", name=walls)
+    assert outline(office, walls).area == pytest.approx(area)
+    raised = "SELECT move_to(fid, 0, 0, 2.5) FROM gis_object WHERE name = :name"
+    edit(office, raised, name=walls)
+    assert outline(office, walls).area == pytest.approx(191.36), "above the plane: the hull"
+    edit(office, raised.replace("2.5", "-1.5"), name=walls)
+    assert outline(office, walls).area == pytest.approx(cut_area(office, walls, 1.0))
+    storey = "UPDATE gis_storey SET elevation = elevation + 1 WHERE name = 'floor-1st'"
+    edit(office, storey)
+    assert outline(office, walls).area == pytest.approx(cut_area(office, walls, 2.0))
+    edit(office, "DELETE FROM entity_model WHERE entity_id = entity_id(:name)", name=walls)
+    assert shown(office, walls).geom is None
+
+
+def cut_area(engine: Engine, name: str, height: float) -> float:
+    with semmap.connect(engine.url.render_as_string(hide_password=False)) as database:
+        mesh = database.map("office")[name].mesh
+        assert mesh is not None
+        mesh.merge_vertices()
+        return float(cut_by_trimesh(mesh, height).area)
+
+
+@pytest.mark.parametrize("degrees", [90, -30, 200])
+def test_an_object_turns_about_its_middle_by_its_heading(office: Engine, degrees: float) -> None:
+    before = shown(office, "desk4")
+    area = outline(office, "desk4")
+    change = "UPDATE gis_object SET heading = heading + :by WHERE name = 'desk4'"
+    edit(office, change, by=degrees)
+    after = shown(office, "desk4")
+    expected = affinity.rotate(area, degrees, "centroid")
+    assert outline(office, "desk4").symmetric_difference(expected).area < 1e-6
+    assert math.remainder(after.heading - before.heading - degrees, 360) == pytest.approx(
+        0, abs=1e-5
+    )
+    assert (after.low, after.storey) == (before.low, before.storey)
+
+
+def test_a_tilted_object_keeps_its_tilt_when_it_is_turned(office: Engine) -> None:
+    """The oracle is SciPy."""
+    from scipy.spatial.transform import Rotation
+
+    tilted = Rotation.from_euler("xyz", (20, 10, 40), degrees=True)
+    edit(
+        office,
+        "UPDATE placement SET holder_id = NULL, pose = ARRAY[20, 3, 1]::float8[] || "
+        "CAST(:q AS float8[]) WHERE entity_id = entity_id('desk4')",
+        q=tilted.as_quat().tolist(),
+    )
+    edit(office, "UPDATE gis_object SET heading = heading + 35 WHERE name = 'desk4'")
+    with office.connect() as connection:
+        pose = connection.execute(
+            text("SELECT pose FROM world WHERE entity_id = entity_id('desk4')")
+        ).scalar_one()
+    expected = Rotation.from_euler("z", 35, degrees=True) * tilted
+    assert (Rotation.from_quat(pose[3:]) * expected.inv()).magnitude() < 1e-6
+
+
+def test_a_square_that_is_turned_by_a_right_angle_is_turned(office: Engine) -> None:
+    edit(
+        office,
+        "INSERT INTO gis_object (map, name, low, high, geom) VALUES ('office', 'crate', 0, 1, "
+        "ST_Multi(ST_MakeEnvelope(30, 0, 31, 1)))",
+    )
+    edit(
+        office,
+        "UPDATE gis_object SET geom = ST_Rotate(geom, radians(90), ST_Centroid(geom)) "
+        "WHERE name = 'crate'",
+    )
+    assert shown(office, "crate").heading == pytest.approx(90)
+
+
+def test_the_height_of_a_drawn_object_is_edited_and_its_heading_is_that_given(
+    office: Engine,
+) -> None:
+    edit(
+        office,
+        "INSERT INTO gis_object (map, name, low, high, heading, geom) VALUES "
+        "('office', 'crate', 0, 1, 45, ST_Multi(ST_MakeEnvelope(30, 0, 32, 1)))",
+    )
+    assert outline(office, "crate").symmetric_difference(shapely.box(30, 0, 32, 1)).area < 1e-9
+    edit(office, "UPDATE gis_object SET low = 0.5, high = 2 WHERE name = 'crate'")
+    crate = shown(office, "crate")
+    assert (crate.low, crate.high, crate.heading) == pytest.approx((0.5, 2, 45))
+    assert outline(office, "crate").symmetric_difference(shapely.box(30, 0, 32, 1)).area < 1e-9
+
+
+def test_a_storey_is_renamed_and_raised_with_all_that_is_on_it(office: Engine) -> None:
+    before = shown(office, "desk4")
+    edit(
+        office,
+        "UPDATE gis_storey SET name = 'top', elevation = 7.5, height = 3.2 "
+        "WHERE name = 'floor-3rd'",
+    )
+    storey, desk = shown(office, "top", "gis_storey"), shown(office, "desk4")
+    assert (storey.elevation, storey.height, desk.storey) == (7.5, 3.2, "top")
+    assert desk.low == pytest.approx(before.low + 0.5)
+    rooms = "SELECT ST_AsBinary(ST_Union(geom)) FROM gis_room WHERE storey = 'top'"
+    with office.connect() as connection:
+        union = shapely.from_wkb(bytes(connection.execute(text(rooms)).scalar_one()))
+    assert shapely.from_wkb(bytes(storey.wkb)).equals(union)
+
+
+@pytest.mark.parametrize(
+    ("edited", "message"),
+    [
+        ("gis_object SET storey = 'floor-1st' WHERE name = 'desk4'", "storey of desk4 .*follows"),
+        ("gis_object SET holder = 'hall' WHERE name = 'desk4'", "holder of desk4 .*follows"),
+        ("gis_object SET map = 'other' WHERE name = 'desk4'", "keeps its key and its map"),
+        ("gis_object SET high = 9 WHERE name = 'desk4'", "high of desk4 .*follows from the mesh"),
+        ("gis_object SET heading = 'NaN' WHERE name = 'desk4'", "desk4 has no heading NaN"),
+        ("gis_object SET geom = ST_Scale(geom, 2, 1) WHERE name = 'desk4'", "shape of desk4"),
+        ("gis_object SET type = 'tabel' WHERE name = 'desk4'", "no type tabel[^?]*mean table"),
+        (
+            "gis_object SET type = 'kitchen' WHERE name = 'desk4'",
+            "kitchen is not a type of objects",
+        ),
+        ("gis_object SET name = 'walls-1st' WHERE name = 'desk4'", "already has .* walls-1st"),
+        ("gis_object SET properties = '[1]' WHERE name = 'desk4'", "of desk4 are not an object"),
+        ("gis_connector SET state = 'ajar' WHERE name = 'door1'", "is not open, closed or locked"),
+        ("gis_connector SET direction = 'up' WHERE name = 'door1'", "both, forward or backward"),
+        ("gis_connector SET width = -1 WHERE name = 'door1'", "width of door1 is not above 0"),
+        ("gis_connector SET step = -1 WHERE name = 'door1'", "step of door1 is below 0"),
+        ("gis_connector SET place_a = 'hall' WHERE name = 'door1'", "place_a of door1 .*follows"),
+        ("gis_storey SET geom = ST_Scale(geom, 2, 1)", "outline of floor-... .*follows from its"),
+        ("gis_storey SET height = 0 WHERE name = 'floor-1st'", "height of floor-1st is not above"),
+    ],
+)
+def test_an_edit_that_is_refused_says_why(office_world: Engine, edited: str, message: str) -> None:
+    with pytest.raises(DBAPIError, match=f"(?s){message}") as refused:
+        edit(office_world, f"UPDATE {edited}")
+    assert "HINT" in str(refused.value)
+    assert "constraint" not in str(refused.value.orig).lower()
+
+
+def test_storeys_are_neither_drawn_nor_deleted(office_world: Engine) -> None:
+    for statement in (
+        "INSERT INTO gis_storey (map, name) VALUES ('office', 'roof')",
+        "DELETE FROM gis_storey",
+    ):
+        with pytest.raises(DBAPIError, match="neither drawn nor deleted"):
+            edit(office_world, statement)
