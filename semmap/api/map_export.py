@@ -51,6 +51,80 @@ class MapExport(MapQuestions):
         )
         return frame.set_index("id")
 
+    def write_qgis_project(self, path: str | Path) -> Path:
+        """Write a QGIS project: a floor plan of each storey whose layers edit the map.
+
+        Its layers read the views ``semmap.gis_*`` of this database and know its address, but no
+        password. They have symbols by type and state, labels, value lists and forms. It has no CRS;
+        of a map with a georeference, a layer shows all outlines on the earth. New types get their
+        colours when it is written again.
+
+        Parameters
+        ----------
+        path : ``.qgz``; a file that is there is replaced
+
+        Raises
+        ------
+        ValueError
+            The ending is another one.
+
+        See Also
+        --------
+        store_qgis_project : keep it in the database
+        """
+        path = Path(path)
+        if path.suffix.lower() != ".qgz":
+            raise ValueError(f"{path.name}: a QGIS project is a .qgz, not {path.suffix!r}")
+        path.write_bytes(self._qgis_project())
+        return path
+
+    def store_qgis_project(self) -> str:
+        """Keep the QGIS project and default styles in the database; return the project's address.
+
+        QGIS opens the address, or lists the project below the connection. It takes no socket's
+        folder in an address: start it with ``PGHOST=/folder``. They are in the tables
+        ``qgis_projects`` and ``layer_styles`` of the schema ``public``, which QGIS makes, too. A
+        view of this map that is added to another project is drawn and edited in the same way.
+
+        Raises
+        ------
+        PermissionError
+            The user may not make or write these tables.
+        """
+        from semmap.draw.qgis.layers import default_layers
+        from semmap.draw.qgis.project import project_address, style_file
+        from semmap.query.gis_project import read_contents, store_project
+
+        layers = default_layers(read_contents(self._seen).types)
+        styles = {
+            layer.view: ("Line" if layer.key == "connector" else "Polygon", style_file(layer))
+            for layer in layers
+        }
+        store_project(self._seen, self._qgis_project(), styles)
+        return project_address(self._seen.name, self._server)
+
+    def _qgis_project(self) -> bytes:
+        from semmap.draw.qgis.layers import StoreyGroup
+        from semmap.draw.qgis.project import project_file
+        from semmap.query.gis_project import read_contents
+
+        found = read_contents(self._seen)
+        return project_file(
+            self._seen.name,
+            [StoreyGroup(*row) for row in found.storeys],
+            found.types,
+            self._server,
+            section_height=found.section_height,
+            georeferenced=found.georeferenced,
+        )
+
+    @property
+    def _server(self) -> dict[str, str]:
+        """libpq's parameters of the database, without the password."""
+        info = self._seen.session.info
+        here = {"host": info.host, "port": str(info.port), "user": info.user, "dbname": info.dbname}
+        return info.get_parameters() | here
+
     def export(self, path: str | Path) -> Path:
         """Write storeys, rooms, doors, regions and objects as map features.
 
