@@ -55,9 +55,9 @@ class MapExport(MapQuestions):
         """Write a QGIS project: a floor plan of each storey whose layers edit the map.
 
         Its layers read the views ``semmap.gis_*`` of this database and know its address, but no
-        password. They have symbols by type and state, labels, value lists and forms. It has no CRS;
-        of a map with a georeference, a layer shows all outlines on the earth. New types get their
-        colours when it is written again.
+        password. They have symbols by type and state, labels, value lists and forms. Where the map
+        has a georeference, they lie there on the earth; else the project has no CRS. New types get
+        their colours when it is written again.
 
         Parameters
         ----------
@@ -106,6 +106,7 @@ class MapExport(MapQuestions):
     def _qgis_project(self) -> bytes:
         from semmap.draw.qgis.layers import StoreyGroup
         from semmap.draw.qgis.project import project_file
+        from semmap.ingest.georeference import frame_crs
         from semmap.query.gis_project import read_contents
 
         found = read_contents(self._seen)
@@ -115,7 +116,7 @@ class MapExport(MapQuestions):
             found.types,
             self._server,
             section_height=found.section_height,
-            georeferenced=found.georeferenced,
+            frame=(frame_crs(*found.georeference) if found.georeference else None) or "",
         )
 
     @property

@@ -98,3 +98,42 @@ def _between(crs: Any, other: Any) -> Transformer:
     from pyproj import Transformer
 
     return Transformer.from_crs(crs, other, always_xy=True)
+
+
+def frame_crs(crs: int, easting: float, northing: float, rotation: float) -> str | None:
+    """Return the frame of a georeferenced map as a CRS in WKT; None on a grid not in metres.
+
+    It is derived from the grid of the EPSG code `crs` by shifting and turning, so that programs
+    transform the map's coordinates, in metres, to and from other CRSs.
+    """
+    from pyproj import CRS
+
+    grid = CRS(crs)
+    if not grid.is_projected or any(axis.unit_conversion_factor != 1 for axis in grid.axis_info):
+        return None
+    # Under another name: by its own, PROJ looks up the order of its axes, which may be north first.
+    stated = grid.to_wkt("WKT2_2019").replace(f'"{grid.name}"', '"grid of the map"', 1)
+    base = "BASEPROJCRS" + stated.removeprefix("PROJCRS").partition("CS[")[0]
+    c, s = math.cos(rotation), math.sin(rotation)
+    parameters = {  # of x = A0 + A1 easting + A2 northing, y = B0 + B1 easting + B2 northing
+        "A0": -(c * easting + s * northing),
+        "A1": c,
+        "A2": s,
+        "B0": s * easting - c * northing,
+        "B1": -s,
+        "B2": c,
+    }
+    units = {"0": 'LENGTHUNIT["metre",1]', "1": 'SCALEUNIT["coefficient",1]'}
+    values = ",".join(
+        f'PARAMETER["{name}",{value!r},{units.get(name[1], units["1"])}]'
+        for name, value in parameters.items()
+    )
+    axes = ",".join(
+        f'AXIS["{axis}",unspecified,ORDER[{order}],LENGTHUNIT["metre",1]]'
+        for order, axis in enumerate("xy", 1)
+    )
+    method = 'METHOD["Affine parametric transformation",ID["EPSG",9624]]'
+    return (
+        f'DERIVEDPROJCRS["frame of the map",{base.rstrip().rstrip(",")}],'
+        f'DERIVINGCONVERSION["frame of the map",{method},{values}],CS[Cartesian,2],{axes}]'
+    )

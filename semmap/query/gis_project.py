@@ -19,7 +19,7 @@ class MapContents(NamedTuple):
     storeys: list[StoreyRow]
     types: dict[str, tuple[str, ...]]
     section_height: float
-    georeferenced: bool
+    georeference: tuple[int, float, float, float] | None  # EPSG, easting, northing, rotation
 
 
 def read_contents(seen: Snapshot) -> MapContents:
@@ -44,10 +44,12 @@ def read_contents(seen: Snapshot) -> MapContents:
         "GROUP BY super) n ON n.super = c.super GROUP BY c.sub ORDER BY c.sub"
     )
     found = {sub: tuple(above) for sub, above in types}
-    (height, georeferenced), *_ = seen.session.execute(
-        "SELECT section_height(), crs IS NOT NULL FROM map WHERE id = current_map()"
+    (height, *grid), *_ = seen.session.execute(
+        "SELECT section_height(), crs, easting, northing, rotation FROM map "
+        "WHERE id = current_map()"
     )
-    return MapContents(storeys or [(None, 0.0, None)], found, height, georeferenced)
+    georeference = None if grid[0] is None else (grid[0], grid[1], grid[2], grid[3])
+    return MapContents(storeys or [(None, 0.0, None)], found, height, georeference)
 
 
 PROJECTS = (

@@ -9,9 +9,10 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from pyproj import CRS, Transformer
 from sqlalchemy import Engine, text
 
-from semmap.ingest.georeference import utm_crs
+from semmap.ingest.georeference import frame_crs, utm_crs
 from semmap.ingest.importer import import_file
 from semmap.ingest.sdf.world_file import read_sdf
 
@@ -191,3 +192,28 @@ def test_positions_off_the_grid_are_left_out(
     assert [s.element for s in world.skipped] == ["spherical_coordinates"]
     assert problem in world.skipped[0].problem
     assert len(world.entries) == 1
+
+
+@pytest.mark.parametrize("crs", [32632, 31467, 2180, 28355])
+@pytest.mark.parametrize("rotation", [0.0, 0.7, -2.5])
+def test_the_frame_of_a_map_is_a_crs(gdaltransform: str, crs: int, rotation: float) -> None:
+    """The oracle is GDAL, which transforms the point on the grid; some grids are north first."""
+    grid = CRS(crs)
+    area, degrees_of = grid.area_of_use, grid.geodetic_crs
+    middle = ((area.west + area.east) / 2, (area.south + area.north) / 2)
+    ((easting, northing),) = gdal(
+        gdaltransform, f"EPSG:{degrees_of.to_epsg()}", f"EPSG:{crs}", [middle]
+    )
+    frame = CRS.from_wkt(frame_crs(crs, easting, northing, rotation))
+    x, y = 30.0, -12.0
+    c, s = math.cos(rotation), math.sin(rotation)
+    on_grid = (easting + c * x - s * y, northing + s * x + c * y)
+    (expected,) = gdal(gdaltransform, f"EPSG:{crs}", f"EPSG:{degrees_of.to_epsg()}", [on_grid])
+    to_degrees = Transformer.from_crs(frame, degrees_of, always_xy=True)
+    assert to_degrees.transform(x, y) == pytest.approx(expected, abs=1e-8)
+    assert to_degrees.transform(*expected, direction="INVERSE") == pytest.approx((x, y), abs=1e-3)
+
+
+def test_a_grid_in_degrees_or_feet_gives_no_frame() -> None:
+    assert frame_crs(4326, 8.0, 52.0, 0.0) is None
+    assert frame_crs(2263, 1e6, 2e5, 0.0) is None

@@ -17,12 +17,15 @@ os.environ["QT_QPA_PLATFORM"] = "offscreen"
 
 from qgis.core import (
     QgsApplication,
+    QgsCoordinateReferenceSystem,
+    QgsCoordinateTransform,
     QgsFeature,
     QgsFeatureRequest,
     QgsGeometry,
     QgsLayerTreeGroup,
     QgsMapRendererParallelJob,
     QgsMapSettings,
+    QgsPointXY,
     QgsProject,
     QgsVectorLayer,
     QgsVectorLayerUtils,
@@ -39,7 +42,7 @@ def describe(layer: QgsVectorLayer) -> dict[str, Any]:
         "name": layer.name(),
         "valid": layer.isValid(),
         "features": layer.featureCount(),
-        "crs": layer.crs().authid(),
+        "crs": layer.crs().isValid(),
         "source": layer.source(),
         "widgets": widgets,
     }
@@ -117,6 +120,13 @@ def default_style(source: str) -> tuple[str, bool]:
     return layer.renderer().type(), layer.labelsEnabled()
 
 
+def on_earth(project: QgsProject, point: tuple[float, float]) -> list[float]:
+    """Longitude and latitude of a point of the map."""
+    earth = QgsCoordinateReferenceSystem("EPSG:4326")
+    found = QgsCoordinateTransform(project.crs(), earth, project).transform(QgsPointXY(*point))
+    return [found.x(), found.y()]
+
+
 def main(wanted: dict[str, Any]) -> dict[str, Any]:
     """Do what is wanted; say what came of it."""
     project = QgsProject.instance()
@@ -131,6 +141,7 @@ def main(wanted: dict[str, Any]) -> dict[str, Any]:
     return {
         "title": project.title(),
         "crs": project.crs().isValid(),
+        "on_earth": on_earth(project, (10.0, 5.0)) if project.crs().isValid() else None,
         "layers": layers,
         "pictures": pictures,
         "errors": [edit(project, each) for each in wanted.get("edits", [])],

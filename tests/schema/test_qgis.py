@@ -126,6 +126,30 @@ def test_worlds_of_others_open_and_draw(
 
 
 @with_qgis
+def test_a_georeferenced_map_is_edited_where_it_lies_on_the_earth(
+    office: semmap.Map, tmp_path: Path
+) -> None:
+    """The oracle is PostGIS; edits stay in metres of the map's frame."""
+    office.execute(
+        "UPDATE map SET crs = 32632, easting = 434000, northing = 5792000, height = 0, "
+        "rotation = 0.5"
+    )
+    edits = [{"storey": "floor-1st", "layer": "objects", "name": "sofa1", "move": [0.5, 0.25]}]
+    path = office.write_qgis_project(tmp_path / "office.qgz")
+    before = office["sofa1"].pose
+    answer = qgis(tmp_path, project=str(path), pictures=str(tmp_path), edits=edits)
+    assert answer["errors"] == [[]]
+    assert all(each["crs"] for each in answer["layers"] if each["name"] != "types")
+    ((expected,),) = office.execute(
+        "SELECT ARRAY[ST_X(p), ST_Y(p)] FROM (SELECT on_earth(ST_MakePoint(10, 5), "
+        "current_map())) e (p)"
+    )
+    assert answer["on_earth"] == pytest.approx(expected, abs=1e-9)
+    after = office["sofa1"].pose
+    assert (after.x - before.x, after.y - before.y) == pytest.approx((0.5, 0.25))
+
+
+@with_qgis
 def test_edits_in_qgis_are_edits_of_the_map(office: semmap.Map, tmp_path: Path) -> None:
     """The oracle of moves is Shapely; QGIS turns clockwise."""
     desk, sofa, walls = (office[name] for name in ("desk2", "sofa1", "walls-1st"))

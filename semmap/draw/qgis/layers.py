@@ -66,7 +66,6 @@ class QgisLayer:
     fields: Sequence[FormField] = ()
     where: str = ""
     shown: bool = True
-    srid: int = 0
 
 
 def storey_layers(
@@ -264,15 +263,6 @@ def storeys() -> QgisLayer:
     return QgisLayer(
         "storey", "storeys", "gis_storey", "MultiPolygon", rule_renderer("fill", rules), None,
         fields, shown=False,
-    )  # fmt: skip
-
-
-def earth() -> QgisLayer:
-    """Return all outlines on the earth, where the map has a georeference."""
-    rules = [SymbolRule("outline", "ELSE", [outline(INK, "solid", 0.3)])]
-    return QgisLayer(
-        "earth", "on the earth", "gis_earth", "MultiPolygon", rule_renderer("fill", rules), None,
-        shown=False, srid=4326,
     )  # fmt: skip
 
 

@@ -15,7 +15,6 @@ from semmap.draw.qgis.layers import (
     QgisLayer,
     StoreyGroup,
     Supertypes,
-    earth,
     storey_layers,
     storeys,
     value_list,
@@ -37,7 +36,7 @@ def project_file(
     connection: Mapping[str, str],
     *,
     section_height: float,
-    georeferenced: bool = False,
+    frame: str = "",
 ) -> bytes:
     """Return a QGIS project of a map as the content of a .qgz file.
 
@@ -46,14 +45,14 @@ def project_file(
     shown : the storeys from the lowest up; the first is visible, the others when they are checked
     connection : libpq's parameters of the database; of these, the password is left out
     section_height : metres above a storey's floor at which walls are cut
-    georeferenced : add all outlines on the earth
+    frame : the CRS of the map's frame, WKT; without one, the project has none
     """
     source = _source(connection)
     tree, layers = element("layer-tree-group"), element("projectlayers")
 
     def add(layer: QgisLayer, group: Element, key: str) -> None:
         text = f"{source} {_table(layer)}"
-        layers.append(_map_layer(layer, key, text, source))
+        layers.append(_map_layer(layer, key, text, source, frame))
         group.append(_tree_layer(layer, key, text))
 
     plan = element("layer-tree-group", name=map_name, checked="Qt::Checked", expanded=1)
@@ -68,17 +67,15 @@ def project_file(
         plan.append(group)
     tree.append(plan)
     add(replace(storeys(), where=here), tree, "semmap_storeys")
-    if georeferenced:
-        add(replace(earth(), where=here), tree, "semmap_earth")
     add(value_list(), tree, TYPES)
 
     extents = [storey.extent for storey in shown if storey.extent is not None]
     root = element(
         "qgis",
         element("title", text=map_name),
-        element("projectCrs", _no_crs()),
+        element("projectCrs", _crs(frame)),
         tree,
-        _canvas(extents[0] if extents else (0, 0, 10, 10)),
+        _canvas(extents[0] if extents else (0, 0, 10, 10), frame),
         layers,
         _properties(),
         projectname=map_name,
@@ -136,7 +133,7 @@ def _connection_value(text: str) -> str:
 def _table(layer: QgisLayer) -> str:
     if layer.geometry is None:
         return f"key='fid' checkPrimaryKeyUnicity='0' table=\"{SCHEMA}\".\"{layer.view}\""
-    shape = f"srid={layer.srid} type={layer.geometry} checkPrimaryKeyUnicity='0'"
+    shape = f"srid=0 type={layer.geometry} checkPrimaryKeyUnicity='0'"
     where = f" sql={layer.where}" if layer.where else ""
     return f'key=\'fid\' {shape} table="{SCHEMA}"."{layer.view}" (geom){where}'
 
@@ -148,7 +145,7 @@ def _tree_layer(layer: QgisLayer, key: str, source: str) -> Element:
     )  # fmt: skip
 
 
-def _map_layer(layer: QgisLayer, key: str, source: str, database: str) -> Element:
+def _map_layer(layer: QgisLayer, key: str, source: str, database: str, frame: str) -> Element:
     shape = {"MultiPolygon": "Polygon", "LineString": "Line", None: "No geometry"}[layer.geometry]
     flags = {"Identifiable": 1, "Removable": 1, "Searchable": 1, "Private": int(key == TYPES)}
     return element(
@@ -156,7 +153,7 @@ def _map_layer(layer: QgisLayer, key: str, source: str, database: str) -> Elemen
         element("id", text=key),
         element("datasource", text=source),
         element("layername", text=layer.title),
-        element("srs", _crs(layer.srid)),
+        element("srs", _crs(frame)),
         element("provider", text="postgres", encoding="UTF-8"),
         element("flags", *(element(name, text=str(value)) for name, value in flags.items())),
         *_looks(layer, database),
@@ -201,25 +198,19 @@ def _widget_options(each: FormField, database: str) -> dict[str, Option]:
     return options
 
 
-def _no_crs() -> Element:
-    return _crs(0)
+def _crs(wkt: str) -> Element:
+    """A CRS, or none."""
+    return element("spatialrefsys", element("wkt", text=wkt), element("authid"))
 
 
-def _crs(srid: int) -> Element:
-    """WGS 84, or none: a map's frame is a local one in metres."""
-    if srid:
-        return element("spatialrefsys", element("authid", text=f"EPSG:{srid}"))
-    return element("spatialrefsys", element("authid"))
-
-
-def _canvas(extent: Extent) -> Element:
+def _canvas(extent: Extent, frame: str) -> Element:
     margin = 0.05 * max(extent[2] - extent[0], extent[3] - extent[1])
     sides = dict(zip(("xmin", "ymin", "xmax", "ymax"), extent, strict=True))
     sides = {k: v + (margin if k.endswith("max") else -margin) for k, v in sides.items()}
     view = element("extent", *(element(k, text=str(v)) for k, v in sides.items()))
     units = element("units", text="meters")
     made = element("mapcanvas", units, view, element("rotation", text="0"), name="theMapCanvas")
-    made.append(element("destinationsrs", _no_crs()))
+    made.append(element("destinationsrs", _crs(frame)))
     return made
 
 
@@ -237,4 +228,5 @@ def _properties() -> Element:
             for name, value in (("Red", 251), ("Green", 250), ("Blue", 247))
         ),
     )
-    return element("properties", units, colours)
+    enabled = element("ProjectionsEnabled", text="1", type="int")
+    return element("properties", units, colours, element("SpatialRefSys", enabled))
