@@ -9,12 +9,13 @@ SELECT 1.0;
 END;
 
 CREATE FUNCTION is_cut(of_type text)
-RETURNS boolean LANGUAGE sql STABLE PARALLEL SAFE
-BEGIN ATOMIC
--- Whether a floor plan shows the section of objects of a type, not their outline.
-SELECT EXISTS (SELECT FROM semmap.type_closure WHERE sub = of_type
-               AND super IN ('wall', 'building_shell', 'house', 'elevator_shaft', 'fence'));
-END;
+RETURNS boolean LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path = semmap, public, pg_temp
+SET plan_cache_mode = force_generic_plan AS $$
+-- Whether a floor plan shows the section of objects of a type, not their outline. In PL/pgSQL: see ceiling_of.
+BEGIN
+    RETURN EXISTS (SELECT FROM semmap.type_closure WHERE sub = of_type
+                   AND super IN ('wall', 'building_shell', 'house', 'elevator_shaft', 'fence'));
+END $$;
 
 CREATE FUNCTION section_of(surfaces geometry[], z double precision)
 RETURNS geometry LANGUAGE sql IMMUTABLE PARALLEL SAFE SET search_path = semmap, public, pg_temp AS $$
@@ -73,7 +74,7 @@ WHERE e.id = ANY (ids) AND e.kind = 'object' AND semmap.is_cut(e.type) AND s.out
 $$;
 
 CREATE FUNCTION placed_section(outline geometry, pose double precision[])
-RETURNS geometry LANGUAGE sql IMMUTABLE PARALLEL SAFE
+RETURNS geometry LANGUAGE sql IMMUTABLE PARALLEL SAFE STRICT
 BEGIN ATOMIC
 -- A stored section in the map's frame, for an entity at a pose.
 SELECT ST_Affine(outline, cos(y.yaw), -sin(y.yaw), sin(y.yaw), cos(y.yaw), pose[1], pose[2])

@@ -109,7 +109,7 @@ UNION SELECT relname::text FROM pg_class WHERE relnamespace = 'semmap'::regnames
 UNION SELECT conname FROM pg_constraint WHERE connamespace = 'semmap'::regnamespace
 UNION SELECT oid::regprocedure::text FROM pg_proc WHERE pronamespace = 'semmap'::regnamespace
 UNION SELECT polname || ' ' || polrelid::regclass FROM pg_policy
-UNION SELECT tgname || ' ' || tgrelid::regclass FROM pg_trigger
+UNION SELECT tgname || ' ' || tgrelid::regclass FROM pg_trigger WHERE NOT tgisinternal
 """
 
 
