@@ -8,11 +8,12 @@ CREATE VIEW gis_room AS
     LEFT JOIN world w ON w.entity_id = e.id LEFT JOIN entity s ON s.id = w.storey_id
     WHERE e.kind = 'room';
 
--- Walls by their section. The heading is that of the object's x axis, degrees counterclockwise from the map's x axis.
+-- Walls by their section. heading_deg, as in map features, is that of the object's x axis, degrees counterclockwise from
+-- the map's x axis.
 CREATE VIEW gis_object AS
     SELECT e.id AS fid, m.name AS map, s.name AS storey, h.name AS holder, e.name, e.type, e.label,
            ST_ZMin(w.box) AS low, ST_ZMax(w.box) AS high,
-           round(degrees(pose_yaw(w.pose))::numeric, 6)::double precision AS heading,
+           round(degrees(pose_yaw(w.pose))::numeric, 6)::double precision AS heading_deg,
            EXISTS (SELECT FROM type_closure t WHERE t.sub = e.type AND t.super = 'building_element') AS structure,
            e.properties::text AS properties,
            coalesce(placed_section(c.outline, w.pose), w.footprint)::geometry(MultiPolygon, 0) AS geom
@@ -354,7 +355,7 @@ BEGIN
             END IF;
         END IF;
         IF layer = 'object' THEN
-            angle := radians(NEW.heading);
+            angle := radians(NEW.heading_deg);
         END IF;
         pose := semmap.planar_pose(ST_X(ST_PointOnSurface(outline)), ST_Y(ST_PointOnSurface(outline)), coalesce(angle, 0),
                             CASE layer WHEN 'room' THEN 0 ELSE low END);
@@ -430,12 +431,12 @@ BEGIN
         INSERT INTO semmap.entity_model (entity_id, model_id) VALUES (thing, shape) ON CONFLICT DO NOTHING;
     END IF;
     IF layer = 'object' THEN
-        IF NEW.heading IS DISTINCT FROM OLD.heading THEN
-            IF NEW.heading IS NULL OR pose IS NULL OR NEW.heading IN ('NaN', 'Infinity', '-Infinity') THEN
-                RAISE EXCEPTION '% has no heading %', NEW.name, coalesce(NEW.heading::text, '')
+        IF NEW.heading_deg IS DISTINCT FROM OLD.heading_deg THEN
+            IF NEW.heading_deg IS NULL OR pose IS NULL OR NEW.heading_deg IN ('NaN', 'Infinity', '-Infinity') THEN
+                RAISE EXCEPTION '% has no heading %', NEW.name, coalesce(NEW.heading_deg::text, '')
                     USING ERRCODE = 'check_violation', HINT = 'Give degrees, counterclockwise from the map''s x axis, of an object that has a place.';
             END IF;
-            PERFORM semmap.turn_to(thing, radians(NEW.heading) - semmap.pose_yaw(pose), o.middle, o.middle)
+            PERFORM semmap.turn_to(thing, radians(NEW.heading_deg) - semmap.pose_yaw(pose), o.middle, o.middle)
                 FROM (SELECT coalesce(ST_Centroid(outline), ST_MakePoint(pose[1], pose[2]))) o (middle);
         END IF;
     END IF;

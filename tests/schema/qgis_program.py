@@ -27,6 +27,7 @@ from qgis.core import (
     QgsMapSettings,
     QgsPointXY,
     QgsProject,
+    QgsValueRelationFieldFormatter,
     QgsVectorLayer,
     QgsVectorLayerUtils,
 )
@@ -38,6 +39,9 @@ def describe(layer: QgsVectorLayer) -> dict[str, Any]:
     """What a test asks of a layer."""
     fields = layer.fields()
     widgets = {field.name(): field.editorWidgetSetup().type() for field in fields}
+    choices = QgsValueRelationFieldFormatter.createCache(
+        layer.editorWidgetSetup(fields.indexOf("type")).config()
+    )
     return {
         "name": layer.name(),
         "valid": layer.isValid(),
@@ -45,6 +49,7 @@ def describe(layer: QgsVectorLayer) -> dict[str, Any]:
         "crs": layer.crs().isValid(),
         "source": layer.source(),
         "widgets": widgets,
+        "choices": [choice.value for choice in choices],
     }
 
 

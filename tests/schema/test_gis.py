@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import shutil
 import subprocess
 from pathlib import Path
@@ -18,6 +19,7 @@ from sqlalchemy.exc import DBAPIError
 from sqlalchemy.orm import Session
 
 from semmap.geometry.pose import Pose
+from semmap.ingest.importer import import_file
 from semmap.model import Placement, StoredMap, Storey
 from tests.model.test_placement import new_map
 
@@ -362,6 +364,23 @@ def test_a_drawn_outline_that_moves_takes_its_pose_along(
     )
     _, outline = placed(engine, building, "drawn")
     assert outline.covers(Point(4, 3))
+
+
+def test_an_object_read_by_gdal_is_imported_with_its_heading(
+    engine: Engine, tmp_path: Path
+) -> None:
+    edit(engine, "INSERT INTO map (name) VALUES ('plain')")
+    edit(
+        engine,
+        "INSERT INTO gis_object (map, name, type, low, high, heading_deg, geom) VALUES "
+        "(:map, 'crate', 'object', 0, 1, 45, ST_Multi(ST_MakeEnvelope(30, 0, 32, 1)))",
+        map="plain",
+    )
+    read(engine, "gis_object", "plain", tmp_path)
+    import_file(engine, tmp_path / "gis_object.geojson", map_name="read")
+    pose, outline = placed(engine, "read", "crate")
+    assert Pose(*pose).yaw == pytest.approx(math.radians(45))
+    assert outline.symmetric_difference(shapely.box(30, 0, 32, 1)).area < 1e-6
 
 
 def test_a_reshaped_outline_has_its_pose_inside_and_what_stands_on_it_stays(

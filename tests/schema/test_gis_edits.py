@@ -142,7 +142,7 @@ def test_walls_are_moved_and_turned_by_their_section(office: Engine) -> None:
     edit(office, change, wkt=shapely.MultiPolygon(shapely.get_parts(pose)).wkt, name="walls-1st")
     after = outline(office, "walls-1st")
     assert after.symmetric_difference(pose).area < 1e-3
-    assert shown(office, "walls-1st").heading == pytest.approx(30)
+    assert shown(office, "walls-1st").heading_deg == pytest.approx(30)
 
 
 def test_sections_follow_what_they_are_derived_from(office: Engine) -> None:
@@ -177,12 +177,12 @@ def cut_area(engine: Engine, name: str, height: float) -> float:
 def test_an_object_turns_about_its_middle_by_its_heading(office: Engine, degrees: float) -> None:
     before = shown(office, "desk4")
     area = outline(office, "desk4")
-    change = "UPDATE gis_object SET heading = heading + :by WHERE name = 'desk4'"
+    change = "UPDATE gis_object SET heading_deg = heading_deg + :by WHERE name = 'desk4'"
     edit(office, change, by=degrees)
     after = shown(office, "desk4")
     expected = affinity.rotate(area, degrees, "centroid")
     assert outline(office, "desk4").symmetric_difference(expected).area < 1e-6
-    assert math.remainder(after.heading - before.heading - degrees, 360) == pytest.approx(
+    assert math.remainder(after.heading_deg - before.heading_deg - degrees, 360) == pytest.approx(
         0, abs=1e-5
     )
     assert (after.low, after.storey) == (before.low, before.storey)
@@ -199,7 +199,7 @@ def test_a_tilted_object_keeps_its_tilt_when_it_is_turned(office: Engine) -> Non
         "CAST(:q AS float8[]) WHERE entity_id = entity_id('desk4')",
         q=tilted.as_quat().tolist(),
     )
-    edit(office, "UPDATE gis_object SET heading = heading + 35 WHERE name = 'desk4'")
+    edit(office, "UPDATE gis_object SET heading_deg = heading_deg + 35 WHERE name = 'desk4'")
     with office.connect() as connection:
         pose = connection.execute(
             text("SELECT pose FROM world WHERE entity_id = entity_id('desk4')")
@@ -219,7 +219,7 @@ def test_a_square_that_is_turned_by_a_right_angle_is_turned(office: Engine) -> N
         "UPDATE gis_object SET geom = ST_Rotate(geom, radians(90), ST_Centroid(geom)) "
         "WHERE name = 'crate'",
     )
-    assert shown(office, "crate").heading == pytest.approx(90)
+    assert shown(office, "crate").heading_deg == pytest.approx(90)
 
 
 def test_the_height_of_a_drawn_object_is_edited_and_its_heading_is_that_given(
@@ -227,13 +227,13 @@ def test_the_height_of_a_drawn_object_is_edited_and_its_heading_is_that_given(
 ) -> None:
     edit(
         office,
-        "INSERT INTO gis_object (map, name, low, high, heading, geom) VALUES "
+        "INSERT INTO gis_object (map, name, low, high, heading_deg, geom) VALUES "
         "('office', 'crate', 0, 1, 45, ST_Multi(ST_MakeEnvelope(30, 0, 32, 1)))",
     )
     assert outline(office, "crate").symmetric_difference(shapely.box(30, 0, 32, 1)).area < 1e-9
     edit(office, "UPDATE gis_object SET low = 0.5, high = 2 WHERE name = 'crate'")
     crate = shown(office, "crate")
-    assert (crate.low, crate.high, crate.heading) == pytest.approx((0.5, 2, 45))
+    assert (crate.low, crate.high, crate.heading_deg) == pytest.approx((0.5, 2, 45))
     assert outline(office, "crate").symmetric_difference(shapely.box(30, 0, 32, 1)).area < 1e-9
 
 
@@ -260,7 +260,7 @@ def test_a_storey_is_renamed_and_raised_with_all_that_is_on_it(office: Engine) -
         ("gis_object SET holder = 'hall' WHERE name = 'desk4'", "holder of desk4 .*follows"),
         ("gis_object SET map = 'other' WHERE name = 'desk4'", "keeps its key and its map"),
         ("gis_object SET high = 9 WHERE name = 'desk4'", "high of desk4 .*follows from the mesh"),
-        ("gis_object SET heading = 'NaN' WHERE name = 'desk4'", "desk4 has no heading NaN"),
+        ("gis_object SET heading_deg = 'NaN' WHERE name = 'desk4'", "desk4 has no heading NaN"),
         ("gis_object SET geom = ST_Scale(geom, 2, 1) WHERE name = 'desk4'", "shape of desk4"),
         ("gis_object SET type = 'tabel' WHERE name = 'desk4'", "no type tabel[^?]*mean table"),
         (

@@ -76,7 +76,8 @@ def check_pictures(house: semmap.Map, folder: Path) -> dict[str, Any]:
     )
     assert answer["layers"]
     assert all(layer["valid"] for layer in answer["layers"]), answer["layers"]
-    assert not answer["crs"]
+    ((grid,),) = house.execute("SELECT crs FROM map WHERE id = current_map()")
+    assert answer["crs"] == (grid is not None)
     assert set(answer["pictures"]) == ({s.name for s in house.storeys} or {"on no storey"})
     for path in answer["pictures"].values():
         shades = np.asarray(Image.open(path).convert("RGB")).reshape(-1, 3)
@@ -94,6 +95,10 @@ def test_a_project_opens_with_valid_layers_and_draws_each_storey(
     for layer in answer["layers"]:
         counts[layer["name"]] = counts.get(layer["name"], 0) + layer["features"]
         assert layer["name"] == "types" or layer["widgets"]["type"] == "ValueRelation"
+        for title, offered, other in (("rooms", "kitchen", "chair"), ("objects", "chair", "door")):
+            if layer["name"] == title:
+                assert offered in layer["choices"]
+                assert other not in layer["choices"]
     assert counts["rooms"] == len(office.rooms)
     assert counts["doors"] == len(office.doors)
     assert counts["objects"] + counts["walls"] == len(office.objects)
@@ -160,7 +165,7 @@ def test_edits_in_qgis_are_edits_of_the_map(office: semmap.Map, tmp_path: Path) 
     edits = [
         {"storey": first, "layer": "objects", "name": "sofa1", "move": [0.5, 0.25]},
         {"storey": first, "layer": "objects", "name": "desk2", "turn": -30},
-        {"storey": first, "layer": "objects", "name": "chair5", "values": {"heading": 33.0}},
+        {"storey": first, "layer": "objects", "name": "chair5", "values": {"heading_deg": 33.0}},
         {"storey": first, "layer": "objects", "name": "sofa1", "values": {"type": "armchair"}},
         {"storey": first, "layer": "walls", "name": "walls-1st", "move": [0.0, 0.001]},
         {

@@ -52,6 +52,11 @@ class FormField:
     default: str = ""
     editable: bool = True
 
+    @property
+    def title(self) -> str:
+        """What the form calls it."""
+        return self.name.replace("_deg", " (degrees)").replace("_", " ")
+
 
 @dataclass(frozen=True, eq=False)
 class QgisLayer:
@@ -148,7 +153,7 @@ def objects(types: Supertypes, floor: float | None = None) -> QgisLayer:
         FormField("holder", editable=False),
         FormField("low", default=low),
         FormField("high", default=f"{low} + 1"),
-        FormField("heading", default="0"),
+        FormField("heading_deg", default="0"),
         FormField("structure", "Hidden", editable=False),
         _PROPERTIES,
     ]

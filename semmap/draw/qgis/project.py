@@ -173,7 +173,7 @@ def _looks(layer: QgisLayer, database: str) -> list[Element]:
         config = option_map(_widget_options(each, database))
         widget = element("editWidget", element("config", config), type=each.widget)
         configured.append(element("field", widget, name=each.name, configurationFlags="None"))
-        aliases.append(element("alias", field=each.name, name=each.name.replace("_", " ")))
+        aliases.append(element("alias", field=each.name, name=each.title))
         default = element("default", field=each.name, expression=each.default, applyOnUpdate=0)
         defaults.append(default)
         editable.append(element("field", name=each.name, editable=int(each.editable)))
