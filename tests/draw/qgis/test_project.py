@@ -24,7 +24,7 @@ from tests.conftest import PASSWORD, Import
 
 PYTHON = "/usr/bin/python3"
 PROGRAM = Path(__file__).with_name("qgis_program.py")
-OFFICE = Path(__file__).parents[2] / "examples" / "office"
+OFFICE = Path(__file__).parents[3] / "examples" / "office"
 
 with_qgis = pytest.mark.skipif(
     not Path(PYTHON).exists()
@@ -259,3 +259,22 @@ def test_no_password_is_in_a_project(office: semmap.Map, tmp_path: Path) -> None
     assert "dbname='maps' host='db' port='5433' user='ann'" in written
     assert "\"map\" = 'it''s'" in written
     assert PASSWORD not in project_address("it's", server)
+
+
+def test_a_reader_writes_a_project_and_only_who_may_make_tables_stores_it(
+    office: semmap.Map, tmp_path: Path
+) -> None:
+    office.execute("REVOKE CREATE ON SCHEMA public FROM PUBLIC")
+    office.execute("SET ROLE semmap_reader")
+    assert zipfile.is_zipfile(office.write_qgis_project(tmp_path / "office.qgz"))
+    with pytest.raises(PermissionError, match=r"public\.qgis_projects.*Let the owner"):
+        office.store_qgis_project()
+    office.execute("RESET ROLE")
+    assert office.execute("SELECT to_regclass('public.qgis_projects')") == [(None,)]
+    assert "project=office" in office.store_qgis_project()
+
+
+def test_a_project_is_a_qgz(office: semmap.Map, tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match=r"is a \.qgz, not '\.qgs'"):
+        office.write_qgis_project(tmp_path / "office.qgs")
+    assert not list(tmp_path.iterdir())
