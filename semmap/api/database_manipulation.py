@@ -160,6 +160,7 @@ class DatabaseManipulation:
 
         Parameters
         ----------
+        path : of the file
         name : of the contributor; by default that of this machine
         simulated : with outcomes of simulated robots
 
@@ -201,6 +202,7 @@ class DatabaseManipulation:
 
         Parameters
         ----------
+        name : of the contributor
         key : the 64 digits of its `manipulation_key`
         level : how much its outcomes count, 0 to 1; with 0 its files are refused
 

@@ -64,6 +64,7 @@ class MapManipulation(MapQuestions):
             the pose of the agent of its name
         plan : plan the motion of the arm to the first grasp that it can do, and back
         state : positions of its joints before the motion, radians or metres; others are at rest
+        limit : the most rows
 
         Raises
         ------
@@ -170,6 +171,7 @@ class MapManipulation(MapQuestions):
 
         Parameters
         ----------
+        name : the object
         distance : metres that the object is pushed
         gripper, robot, base, plan, state, limit : as for `grasps`; the gripper is closed
 
@@ -229,9 +231,13 @@ class MapManipulation(MapQuestions):
 
         Parameters
         ----------
+        name : the object
         action : the `action_id` of a row of `grasps`, `places` or `pushes`; None: no stored one
         outcome : completed or error
+        kind : grasp, place, push, turn, open or put
         instead_of : the action that failed before and is replaced by this one
+        robot : the agent that acted
+        message : why it failed
         simulated : the outcome counts less
 
         Raises
@@ -274,8 +280,11 @@ class MapManipulation(MapQuestions):
 
         Parameters
         ----------
+        name : the object
         on : try places of the object on this one; by default its grasps are tried
+        push : try pushes of the object
         gripper : a stored one; by default the preferred one
+        tries : the most attempts
         mass : kilograms; by default the object's property, else by its volume
         friction : between the pads and the object
         attempt : does a grasp on a robot and returns its outcome, in place of the simulation

@@ -7,6 +7,8 @@ from __future__ import annotations
 
 from typing import Literal, NamedTuple
 
+from semmap.api.signatures import Argument, read_signature
+
 Right = Literal["reader", "robot", "admin", "owner", "none"]
 
 
@@ -16,6 +18,21 @@ class Operation(NamedTuple):
     method: str  # the class and method that does it: ``Map.route``
     command: str | None  # the words of the command line: ``fields query``; None: Python alone
     right: Right  # the least role that may do it; ``none``: it needs no database
+
+    @property
+    def arguments(self) -> tuple[Argument, ...]:
+        """What the method takes: names, types, defaults and help, as its source has them."""
+        return read_signature(self.method).arguments
+
+    @property
+    def result(self) -> str:
+        """The type that the method returns."""
+        return read_signature(self.method).result
+
+    @property
+    def help(self) -> str:
+        """The first line of the method's docstring."""
+        return read_signature(self.method).help
 
 
 COMMANDS = {

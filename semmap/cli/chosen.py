@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
+from functools import cache
 from typing import TYPE_CHECKING
 
 import typer
@@ -11,6 +13,7 @@ import typer
 if TYPE_CHECKING:
     from semmap.api.database import Database
     from semmap.api.map import Map
+    from semmap.api.spatial_fields import SpatialFields
 
 
 class CliOptions:
@@ -45,3 +48,27 @@ def chosen_map(name: str | None, *, migrate: bool = False) -> Iterator[Map]:
         except LookupError as error:
             raise typer.BadParameter(str(error)) from None
         yield found
+
+
+@contextmanager
+def chosen_fields(map_name: str | None, voxel_size: float = 0.05) -> Iterator[SpatialFields]:
+    """The fields of the chosen map; its database is opened where no service answers."""
+    from semmap.api.spatial_fields import SpatialFields
+
+    with ExitStack() as stack:
+        yield SpatialFields(
+            chosen_url(),
+            map_name,
+            cache(lambda: stack.enter_context(chosen_map(map_name))),
+            voxel_size,
+            _note,
+        )
+
+
+def _note(text: str) -> None:
+    if text.startswith("left out: "):
+        from semmap.cli.output import err
+
+        err.print(text, style="yellow")
+    else:
+        print(text, file=sys.stderr)

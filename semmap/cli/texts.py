@@ -1,12 +1,44 @@
-"""Texts of options as values: numbers with commas between them, KEY=VALUE, and JSON."""
+"""Texts of options as values, by the annotations of the arguments that get them."""
 
 from __future__ import annotations
 
 import json
 import math
 import re
-from collections.abc import Iterable
-from typing import Any
+from collections.abc import Callable, Iterable
+from datetime import datetime
+from typing import Any, NamedTuple
+
+
+class Kind(NamedTuple):
+    """What an option reads, and the value of what it read; the option is named in errors."""
+
+    type: Any
+    value: Callable[[Any, str], Any] = lambda read, option: read
+    metavar: str | None = None
+
+
+def kind_of(annotation: str, shape: str = "") -> Kind | None:
+    """The kind of an option for an argument; None where no text becomes such a value.
+
+    `shape` has the names of numbers, as ``X,Y,Z`` or in a docstring's ``(x, y, z)``.
+
+    >>> kind_of("Sequence[float] | None", "(x, y), metres").value("1,2.5", "--near")
+    (1.0, 2.5)
+    """
+    parts = [part for part in re.split(r" \| (?![^\[]*\])", annotation) if part != "None"]
+    for part in parts:
+        if re.match(r"(Sequence|Iterable|Collection)\[(str|EntityName)", part):
+            return Kind(list[str])
+    for part, kind in KINDS.items():
+        if part in parts:
+            return kind
+    if any(part in NUMBERS for part in parts):
+        names = re.search(r"\w+(, ?\w+)+(?=\)|$)", shape)
+        given = names[0].replace(" ", "").upper() if names else None
+        count = len(given.split(",")) if given else None
+        return Kind(str, lambda text, option: numbers(text, option, count), given)
+    return None
 
 
 def numbers(text: str, option: str, count: int | None = None) -> tuple[float, ...]:
@@ -42,6 +74,80 @@ def key_values(given: Iterable[str] | None, option: str) -> dict[str, Any]:
             found[key] = value
     return found
 
+
+def pairs(given: Iterable[str], option: str) -> dict[str, str]:
+    """Return the texts of ``NAME=TEXT`` by name.
+
+    >>> pairs(["hand=gripper1"], "--gripper")
+    {'hand': 'gripper1'}
+    """
+    found: dict[str, str] = {}
+    for each in given:
+        name, equals, text = each.partition("=")
+        if not equals or not name:
+            raise ValueError(f"{option} takes NAME=TEXT, not {each}")
+        if name in found:
+            raise ValueError(f"{option} has {name} twice")
+        found[name] = text
+    return found
+
+
+def points(given: Iterable[str], option: str) -> dict[str, tuple[float, ...]]:
+    """Return the points of ``NAME=X,Y,Z`` by name."""
+    return {name: numbers(text, option, 3) for name, text in pairs(given, option).items()}
+
+
+def joints(text: str, option: str) -> dict[str, float]:
+    """Return the positions of joints in JSON by name."""
+    try:
+        return {name: float(value) for name, value in json.loads(text).items()}
+    except (ValueError, AttributeError, TypeError):
+        raise ValueError(
+            f'{option} takes JSON, {{"joint": 0.5}}, with a number for each joint, not {text}'
+        ) from None
+
+
+def corners(text: str, option: str) -> list[tuple[float, ...]]:
+    """Return the corners of ``x,y x,y x,y ...``."""
+    try:
+        found = [tuple(float(v) for v in corner.split(",")) for corner in text.split()]
+    except ValueError:
+        found = []
+    if len(found) < 3 or any(len(corner) != 2 for corner in found):
+        raise ValueError(f'{option} takes three corners or more, "x,y x,y x,y", not {text}')
+    return found
+
+
+def place(text: str, option: str) -> str | tuple[float, ...]:
+    """Return the point of ``X,Y`` or ``X,Y,Z``, metres; other texts are names."""
+    try:
+        point = numbers(text, option)
+    except ValueError:
+        return text
+    return point if len(point) in (2, 3) else text
+
+
+KINDS = {
+    "bool": Kind(bool),
+    "LocationLike": Kind(str, place),
+    "RobotLike": Kind(str),
+    "EntityName": Kind(str),
+    "str": Kind(str),
+    "int": Kind(int),
+    "float": Kind(float),
+    "Positive": Kind(float),
+    "datetime": Kind(datetime),
+    "Mapping[str, str]": Kind(list[str], pairs),
+    "Mapping[str, float]": Kind(str, joints),
+    "Mapping[str, Sequence[float]]": Kind(list[str], points),
+    "Mapping[str, Any]": Kind(list[str], key_values),
+    "Properties": Kind(list[str], key_values),
+    "Sequence[Sequence[float]]": Kind(str, corners),
+}
+"""What an option reads for an argument, by a part of its annotation; the first that it has."""
+
+NUMBERS = {"Sequence[float]", "tuple[float, float]", "Bounds"}
+"""Annotations of numbers with commas between them."""
 
 OPTIONS = {
     "drawn=True": "--graph",

@@ -247,5 +247,6 @@ def test_the_commands_of_a_robot(cup_map):
     assert np.shape(row["to_pre_grasp"])[1] == len(row["joints"]) == 7
     far = semmap(url, *words, "--base", "3.5,1,0")
     assert (far.exit_code, far.stdout) == (1, "")
-    assert semmap(url, "grasp", "cup1", "--plan").exit_code == 2
+    with pytest.raises(ValueError, match="plan: only for a robot"):
+        semmap(url, "grasp", "cup1", "--plan")
     assert semmap(url, *words, "--base", "0.85,1.0,0.6", "--state", "[1]", "--plan").exit_code == 2
