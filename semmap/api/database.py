@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, Self
@@ -289,16 +289,34 @@ class Database(DatabaseManipulation, DatabaseInterlinking):
         parts: Path | str | None = None,
         max_step: float = 0.02,
         max_slope: float = 6.0,
-        **abilities: Any,
+        speed: float = 0.5,
+        reach: tuple[float, float] = (0.2, 0.8),
+        heights: tuple[float, float] = (0.0, 1.6),
+        capacity: int = 1,
+        behaviours: Iterable[str] | None = None,
+        permissions: Iterable[str] = (),
+        opens: bool = True,
+        unlocks: bool = False,
+        outside: bool = False,
     ) -> RobotClass:
         """Store a class of robots from a URDF, or replace the one of this name.
 
         Parameters
         ----------
+        name : of the class
+        urdf : of the robot
         posture, parts : as for `Map.costmaps`
-        max_step, max_slope : that it drives over, metres and degrees
-        abilities : attributes of `planner.RobotClass`: `speed`, `reach`, `heights`, `capacity`,
-            `behaviours`, `permissions`, `opens`, `unlocks`, `outside`
+        max_step : the highest step that it drives over, metres
+        max_slope : the steepest slope that it climbs, degrees
+        speed : metres a second on clear ground
+        reach : lowest and highest distance of objects that it takes, metres
+        heights : lowest and highest height of objects that it takes, metres
+        capacity : how many objects it carries at once
+        behaviours : that it has; by default all
+        permissions : that it has
+        opens : closed doors
+        unlocks : locked doors
+        outside : it may leave the building
 
         Raises
         ------
@@ -316,10 +334,20 @@ class Database(DatabaseManipulation, DatabaseInterlinking):
         chosen = self.driving_posture(path, posture, grouped)
         shape = robot_parts(load_robot(path), chosen.joints, grouped)
         limits = DriveLimits(max_step, math.radians(max_slope))
-        for key in ("behaviours", "permissions"):
-            if abilities.get(key) is not None:
-                abilities[key] = frozenset(abilities[key])
-        added = RobotClass(name, tuple(shape), limits, **{"speed": 0.5} | abilities)
+        added = RobotClass(
+            name,
+            tuple(shape),
+            limits,
+            speed,
+            None if behaviours is None else frozenset(behaviours),
+            frozenset(permissions),
+            opens,
+            unlocks,
+            outside,
+            reach,
+            heights,
+            capacity,
+        )
         with self.session.transaction(), shared_engine(self.session).connect() as connection:
             store_robot_class(connection, added, urdf=path)
         return added

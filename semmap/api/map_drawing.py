@@ -7,7 +7,7 @@ from dataclasses import asdict, replace
 from enum import StrEnum
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 from semmap.api.checked import EntityName
 from semmap.api.map_pictures import plan_of
@@ -137,7 +137,7 @@ class MapDrawing(MapTasks):
         self,
         file: Path | str,
         *,
-        format: str | None = None,
+        format: Literal["nav2", "rmf", "dot", "png", "json"] | None = None,
         storey: EntityName | None = None,
         robot: str | RobotClass | None = None,
         unlocks: bool = False,
@@ -149,9 +149,12 @@ class MapDrawing(MapTasks):
 
         Parameters
         ----------
-        format : nav2, rmf, dot, png or json; by default that of the file's ending
+        file : its ending says the format
+        format : by default that of the file's ending
+        storey : only this one
         robot : a stored class whose paths and times are used, in place of straight lines
-        unlocks, speed : of the robot, metres a second, where none is named
+        unlocks : the robot unlocks doors, where none is named
+        speed : metres a second, where no robot is named
 
         Raises
         ------

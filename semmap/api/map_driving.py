@@ -58,12 +58,14 @@ class MapDriving(MapQuestions):
 
         Parameters
         ----------
+        storey : only this one
         interval : lowest and highest end of obstacles above the floor, metres
         resolution : side of a cell, metres
         increment : cut the meshes by planes so many metres apart, as in the paper; by default exact
         free_outside : cells outside of rooms are free, not unknown
         policy : a YAML file that says which entity is an obstacle
-        max_step, max_slope : that a robot drives over, metres and degrees
+        max_step : the highest step that a robot drives over, metres
+        max_slope : the steepest slope that it climbs, degrees
         at : leave out regions that do not hold then; by default now
         fields : names of stored fields that count; by default all, () for none
         voxel_size : take the voxels of the mirror, of this edge in metres, in place of the meshes
@@ -140,8 +142,11 @@ class MapDriving(MapQuestions):
             default that of the stored class or robot, or one that is found, near its axis;
             `Costmap.posture` says which
         parts : a YAML file that groups the links of a URDF into parts
-        storey, rooms, bounds : only this storey, these rooms, or (x0, y0, x1, y1) in metres
-        inflation_radius, cost_scaling_factor : as in costmap_2d, metres and 1/metre
+        storey : only this one
+        rooms : only these
+        bounds : only (x0, y0, x1, y1), metres
+        inflation_radius : as in costmap_2d, metres
+        cost_scaling_factor : as in costmap_2d, 1/metre
         static_map : a ``map.yaml``, such as one from SLAM, as a further layer
         resolution, policy, max_step, max_slope, at, fields, voxel_size, assume_sizes :
             as for `grids`
@@ -255,9 +260,11 @@ class MapDriving(MapQuestions):
         at: datetime | None = None,
         rules: Path | str | None = None,
         drawn: bool = False,
+        opens: bool | None = None,
+        unlocks: bool | None = None,
+        outside: bool | None = None,
         assume_sizes: bool = False,
         progress: Progress | None = None,
-        **abilities: bool,
     ) -> MapRoute:
         """The quickest route, with its doors in order, each with an approach and a leave pose.
 
@@ -272,9 +279,11 @@ class MapDriving(MapQuestions):
         at : the moment, for rules that have hours; by default now
         rules : a YAML file: the costs of places, doors and regions
         drawn : on the graph that people drew: imported Nav2 edges or Open-RMF lanes
+        opens, unlocks : whether the robot opens closed doors, and unlocks locked ones; by default
+            as its class, or it opens and does not unlock
+        outside : whether it may leave the building; by default as its class, or not
         assume_sizes : give objects without geometry a typical box
         progress : called with a place that is measured, its number, and the number of places
-        abilities : `opens` closed doors, `unlocks` locked ones, may go `outside`
 
         Raises
         ------
@@ -286,7 +295,8 @@ class MapDriving(MapQuestions):
         from planner.readers.drawn_graph import read_drawn_graph
 
         options: Any = {"avoid": avoid, "at": at or datetime.now()}
-        live, planner = self._route_planner(robot, rules, assume_sizes, progress, abilities)
+        able = {"opens": opens, "unlocks": unlocks, "outside": outside}
+        live, planner = self._route_planner(robot, rules, assume_sizes, progress, able)
         if drawn:
             with live.snapshot() as seen:
                 graph = read_drawn_graph(seen, live.topology)
@@ -303,12 +313,15 @@ class MapDriving(MapQuestions):
         avoid: Sequence[EntityName] = (),
         at: datetime | None = None,
         rules: Path | str | None = None,
+        opens: bool | None = None,
+        unlocks: bool | None = None,
+        outside: bool | None = None,
         assume_sizes: bool = False,
         progress: Progress | None = None,
-        **abilities: bool,
     ) -> list[MapRoute]:
         """The quickest routes, at most `count`, the quickest first; as `route`."""
-        live, planner = self._route_planner(robot, rules, assume_sizes, progress, abilities)
+        able = {"opens": opens, "unlocks": unlocks, "outside": outside}
+        live, planner = self._route_planner(robot, rules, assume_sizes, progress, able)
         moment = at or datetime.now()
         found = planner.alternatives(start, goal, count, avoid=avoid, at=moment)
         return [self._route(live, route) for route in found]
@@ -351,24 +364,22 @@ class MapDriving(MapQuestions):
         rules: Path | str | None,
         assume_sizes: bool,
         progress: Progress | None,
-        abilities: dict[str, bool],
+        abilities: dict[str, bool | None],
     ) -> tuple[LiveTopology, Any]:
         from planner.cost_rules import CostRules
         from planner.route_planner import RoutePlanner
 
-        unknown = set(abilities) - {"opens", "unlocks", "outside"}
-        if unknown:
-            raise TypeError(f"route() has no argument {', '.join(sorted(unknown))}")
+        able = {name: value for name, value in abilities.items() if value is not None}
         live = self.live_topology(
-            _robot_with(**abilities) if robot is None else robot,
+            _robot_with(**able) if robot is None else robot,
             assume_sizes=assume_sizes,
             progress=progress,
             body=True,
         )
         costs = None if rules is None else CostRules.read(Path(rules))
         planner = RoutePlanner.of_live(live, rules=costs)
-        if robot is not None and abilities:
-            planner.graph = live.graph.with_abilities(**abilities)
+        if robot is not None and able:
+            planner.graph = live.graph.with_abilities(**able)
         return live, planner
 
     def _route(self, live: LiveTopology, route: Any) -> MapRoute:

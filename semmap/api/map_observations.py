@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping, Sequence
 from datetime import datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 from semmap.api.checked import EntityName
 from semmap.api.map_questions import MapQuestions, aware
@@ -195,7 +195,7 @@ class MapObservations(MapQuestions):
         with self.snapshot() as seen:
             return how_to(seen, goal, given)
 
-    def grammar(self, format: str = "gbnf") -> str:
+    def grammar(self, format: Literal["gbnf", "jsgf"] = "gbnf") -> str:
         """A grammar of the names that the map knows, for speech recognisers and language models.
 
         `format` is ``gbnf``, of llama.cpp and others, or ``jsgf``, of speech recognisers.

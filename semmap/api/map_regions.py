@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from datetime import datetime
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 from semmap.api.checked import EntityName, Properties
 from semmap.api.map_questions import MapQuestions, aware
@@ -21,7 +21,7 @@ class MapRegions(MapQuestions):
 
     def find_regions(
         self,
-        sort: str,
+        sort: Literal["surfaces", "floor", "observation"],
         names: EntityName | Sequence[EntityName] = (),
         *,
         type: str | None = None,
@@ -43,8 +43,10 @@ class MapRegions(MapQuestions):
             as it is now; ``observation``, the ring around an object from which to observe it
         names : rooms for ``floor``, else objects
         type : all of this type: table, kitchen, room
-        near, far : of ``observation``: distances from the object, metres
-        headroom, max_step : of ``floor``: free height above it, and the highest step, metres
+        near : of ``observation``: least distance from the object, metres
+        far : of ``observation``: largest distance from the object, metres
+        headroom : of ``floor``: free height above it, metres
+        max_step : of ``floor``: the highest step up or down, metres
 
         Raises
         ------

@@ -126,11 +126,13 @@ class MapTasks(MapDriving):
 
         Parameters
         ----------
-        goal, start : as for `plan`; no goal to resume a mission
+        goal : as for `plan`; none to resume a mission
+        start : as for `plan`
         robot : a stored class; by default robots without shape
+        agent : the name of the robot in the map
         speed : how many times faster than real time
-        fail, seed : failures (``door3 locked``, ``Lift 1 broken``, ``pickup fails twice``), and
-            the seed of chance
+        fail : failures: ``door3 locked``, ``Lift 1 broken``, ``pickup fails twice``
+        seed : of random failures and detections
         put : where objects are in the simulated world: ``mug1 on table2``
         gripper : by default the robot's own, or the preferred one
         world : a file for the state of the simulated world
@@ -139,7 +141,8 @@ class MapTasks(MapDriving):
         try_grasps : try each grasp in physics; by default where MuJoCo is installed
         assume_sizes : give objects without geometry a typical box for their type, in the copy; the
             answer names them
-        resume, mission : go on with this mission, by default the oldest, whose process has ended
+        resume : go on with a mission whose process has ended
+        mission : the one to resume; by default the oldest
         sight, detector : of searches: the camera, and how well it recognises objects
         on_event, say : called with events, and with notes for a person
 

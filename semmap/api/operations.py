@@ -35,35 +35,63 @@ class Operation(NamedTuple):
         return read_signature(self.method).help
 
 
+class CommandWord(NamedTuple):
+    """A first word of the command line: the module of `semmap.cli` that has it, and its help."""
+
+    module: str
+    help: str
+
+
 COMMANDS = {
-    "belief": "semmap.cli.belief:belief",
-    "costmap": "semmap.cli.grids:costmap_command",
-    "demo": "semmap.cli.demo.command:demo_command",
-    "fields": "semmap.cli.fields:fields",
-    "gis": "semmap.cli.gis:gis",
-    "grasp": "semmap.cli.manipulation:grasp_command",
-    "grid": "semmap.cli.grids:grid_command",
-    "interlink": "semmap.cli.interlinking:interlink",
-    "knowledge": "semmap.cli.knowledge:knowledge",
-    "manipulation": "semmap.cli.manipulation_group:manipulation",
-    "missions": "semmap.cli.missions:missions_command",
-    "observe": "semmap.cli.belief:observe_command",
-    "place": "semmap.cli.manipulation:place_command",
-    "plan": "semmap.cli.plan:plan_command",
-    "push": "semmap.cli.manipulation:push_command",
-    "rdf": "semmap.cli.knowledge:rdf",
-    "regions": "semmap.cli.regions:regions",
-    "robot": "semmap.cli.robot:robot",
-    "rooms": "semmap.cli.rooms:rooms",
-    "route": "semmap.cli.route:route_command",
-    "run": "semmap.cli.missions:run_command",
-    "search": "semmap.cli.missions:search_command",
-    "sparql": "semmap.cli.knowledge:sparql_command",
-    "teach": "semmap.cli.belief:teach_command",
-    "topology": "semmap.cli.topology:topology_command",
-    "where": "semmap.cli.belief:where_command",
+    "import": CommandWord("imports", "Read world files into the map: each in one transaction."),
+    "maps": CommandWord("entities", "List the maps of the database."),
+    "use": CommandWord("entities", "Choose the map that commands take when none is named."),
+    "types": CommandWord("entities", "List the semantic types, and how many entities are of each."),
+    "ls": CommandWord(
+        "entities", "List entities: of a type, with properties, in a room, near a point."
+    ),
+    "show": CommandWord("entities", "Show all that the map has of one entity."),
+    "check": CommandWord("entities", "Judge a map; exit code 1 if there are errors."),
+    "sql": CommandWord("entities", "Run a SQL statement; one that reads, unless --write is given."),
+    "changes": CommandWord("entities", "Show what changed since a cursor, and the next cursor."),
+    "drop": CommandWord("entities", "Delete a map and all that is in it."),
+    "db": CommandWord("database_commands", "The database: start, stop, revisions, psql."),
+    "belief": CommandWord("belief", "Messages, ProbLog, fields and grammars of beliefs."),
+    "costmap": CommandWord("grids", "Compute a robot's layered costmaps and write them for Nav2."),
+    "demo": CommandWord("demo.command", "Import a world, and show what follows from it."),
+    "fields": CommandWord("fields", "What space contains, voxel by voxel."),
+    "gis": CommandWord("gis", "The map in QGIS: a project that shows and edits it."),
+    "grasp": CommandWord(
+        "manipulation", "Show how to grasp an object: stored grasps, else generated."
+    ),
+    "grid": CommandWord("grids", "Write the obstacles of each storey as a Nav2 map."),
+    "interlink": CommandWord("interlinking", "Find which records of two data sets are the same."),
+    "knowledge": CommandWord("knowledge", "Infer facts, explain contradictions, validate shapes."),
+    "manipulation": CommandWord(
+        "manipulation_group", "Grippers, shapes, outcomes, and their sharing."
+    ),
+    "missions": CommandWord("missions", "List missions, or the steps of one; cancel one."),
+    "observe": CommandWord("belief", "Store what was seen where, or was looked for and not seen."),
+    "place": CommandWord("manipulation", "Show where and how to put an object down."),
+    "plan": CommandWord("plan", "Plan a task: the actions that reach a goal in the least time."),
+    "push": CommandWord("manipulation", "Show how to push an object along what it stands on."),
+    "rdf": CommandWord("knowledge", "Write the map as RDF, and read facts from RDF."),
+    "regions": CommandWord(
+        "regions", "Parts of rooms and objects: drawn, or found in the geometry."
+    ),
+    "robot": CommandWord("robot", "Classes of robots: their shape and abilities."),
+    "rooms": CommandWord("rooms", "Rooms and doorways, found in walls."),
+    "route": CommandWord("route", "Find the quickest route: its doors in order, with poses."),
+    "run": CommandWord("missions", "Let a robot pursue a goal, through failures and restarts."),
+    "search": CommandWord("missions", "Search for an object: where to look first and why."),
+    "sparql": CommandWord(
+        "knowledge", "Answer a SPARQL query on the map: facts, geometry and T-Box."
+    ),
+    "teach": CommandWord("belief", "Teach the map: knowledge, relations, actions and objects."),
+    "topology": CommandWord("topology", "Write the topology for Nav2 or Open-RMF, as DOT or JSON."),
+    "where": CommandWord("belief", "Show where objects or agents probably are, or any of a type."),
 }
-"""Where the command of a first word is: a function, or a group (`typer.Typer`)."""
+"""The commands by their first words, in the order of help; ``NAME_command`` is one of a module."""
 
 _PYTHON_ALONE: dict[tuple[str, Right], str] = {
     ("Database", "admin"): "create_map",

@@ -12,10 +12,10 @@ from semmap.lazy_names import load_on_use
 if TYPE_CHECKING:
     from semmap.cli.application import app as app
     from semmap.cli.application import main as main
-    from semmap.cli.application import print_summary as print_summary
     from semmap.cli.chosen import chosen_map as chosen_map
     from semmap.cli.chosen import chosen_url as chosen_url
     from semmap.cli.chosen import open_database as open_database
+    from semmap.cli.imports import print_summary as print_summary
     from semmap.cli.options import Json as Json
     from semmap.cli.options import MapName as MapName
     from semmap.cli.output import err as err

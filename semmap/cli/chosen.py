@@ -51,7 +51,7 @@ def chosen_map(name: str | None, *, migrate: bool = False) -> Iterator[Map]:
 
 
 @contextmanager
-def chosen_fields(map_name: str | None, voxel_size: float = 0.05) -> Iterator[SpatialFields]:
+def chosen_fields(map_name: str | None, voxel_size: float) -> Iterator[SpatialFields]:
     """The fields of the chosen map; its database is opened where no service answers."""
     from semmap.api.spatial_fields import SpatialFields
 

@@ -17,7 +17,7 @@ from semmap.cli.chosen import CliOptions
 if TYPE_CHECKING:
     from sqlalchemy import URL, Engine
 
-app = typer.Typer(no_args_is_help=True, help="The database: start, stop, revisions, psql.")
+db_command = typer.Typer(no_args_is_help=True, help="The database: start, stop, revisions, psql.")
 
 
 def _choose(url: str | None) -> str | None:
@@ -45,7 +45,7 @@ def _as_it_is() -> Iterator[Engine]:
         engine.dispose()
 
 
-@app.command()
+@db_command.command()
 def start() -> None:
     """Start the embedded database; it is made at first use."""
     from semmap.database.embedded import Cluster
@@ -60,7 +60,7 @@ def start() -> None:
     )
 
 
-@app.command()
+@db_command.command()
 def stop() -> None:
     """Stop the embedded database."""
     from semmap.database.embedded import Cluster
@@ -69,7 +69,7 @@ def stop() -> None:
     print(f"{cluster.home}: {'stopped' if cluster.stop() else 'was not running'}")
 
 
-@app.command()
+@db_command.command()
 def status(db: Db = None) -> None:
     """Show which database is used, and the revision of its schema; starts nothing."""
     from semmap.database import revisions
@@ -104,7 +104,7 @@ def status(db: Db = None) -> None:
     )
 
 
-@app.command()
+@db_command.command()
 def url(db: Db = None) -> None:
     """Print the database's URL, for psql, QGIS and other clients; the embedded one is started."""
     from semmap.database.engine import database_url
@@ -112,7 +112,7 @@ def url(db: Db = None) -> None:
     print(_libpq(database_url(CliOptions.url)))
 
 
-@app.command()
+@db_command.command()
 def upgrade(
     revision: str = Argument("head", help="A revision, or head."),
     db: Db = None,
@@ -125,7 +125,7 @@ def upgrade(
         print(f"schema at revision {revisions.installed_on(engine)}")
 
 
-@app.command()
+@db_command.command()
 def downgrade(
     revision: str = Argument(help="A revision, -1, or base."),
     db: Db = None,
@@ -138,7 +138,7 @@ def downgrade(
         print(f"schema at revision {revisions.installed_on(engine) or 'none'}")
 
 
-@app.command()
+@db_command.command()
 def drop(
     yes: bool = Option(False, "--yes", help="Don't ask."),
     db: Db = None,
@@ -154,7 +154,7 @@ def drop(
     print("dropped")
 
 
-@app.command(context_settings={"allow_extra_args": True, "ignore_unknown_options": True})
+@db_command.command(context_settings={"allow_extra_args": True, "ignore_unknown_options": True})
 def psql(context: typer.Context) -> None:
     """Open psql on the database; arguments that follow are passed to it."""
     from semmap.database.engine import open_engine

@@ -8,22 +8,16 @@ import typer
 from typer import Option
 
 from semmap import cli
-
-gis = typer.Typer(no_args_is_help=True, help="The map in QGIS.")
-
-
-@gis.callback()
-def _group() -> None:
-    """Keep `project` a command of the group, though it is the only one."""
+from semmap.cli.made import MethodCall, group, made
 
 
-@gis.command()
-def project(
+@made("Map.write_qgis_project", path=None)
+def _project(
+    call: MethodCall,
     path: Path | None = Option(None, "--output", "-o", help="The project's file, .qgz."),
     store: bool = Option(
         False, "--store", help="Keep the project and default styles in the database, too."
     ),
-    map_name: cli.MapName = None,
 ) -> None:
     """Write a QGIS project: a floor plan of each storey whose layers edit the map.
 
@@ -31,12 +25,14 @@ def project(
     """
     if path is None and not store:
         raise typer.BadParameter("give --output FILE.qgz, or --store, or both")
-    with cli.chosen_map(map_name) as house:
-        if path is not None:
-            print(house.write_qgis_project(path))
-        if store:
-            address = house.store_qgis_project()
-            print(address)
-            if "@?" in address:
-                note = "start QGIS with PGHOST=FOLDER, the host of: semmap db url"
-                cli.err.print(f"the database is on a socket: {note}", style="dim")
+    if path is not None:
+        print(call(path=path))
+    if store:
+        address = call.handle.store_qgis_project()
+        print(address)
+        if "@?" in address:
+            note = "start QGIS with PGHOST=FOLDER, the host of: semmap db url"
+            cli.err.print(f"the database is on a socket: {note}", style="dim")
+
+
+gis_command = group(_project)

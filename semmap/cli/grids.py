@@ -8,7 +8,6 @@ from __future__ import annotations
 import json
 from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass
-from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -16,8 +15,8 @@ import typer
 from typer import Option
 
 from semmap import cli
-from semmap.cli import options
-from semmap.cli.option_group import grouped
+from semmap.cli.made import MethodCall, made
+from semmap.cli.options import Json
 from semmap.cli.output import print_folded
 from semmap.cli.texts import numbers
 
@@ -29,13 +28,10 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Contents:
-    """The entities and fields that count in a grid."""
+    """The fields, and the voxels, that count in a grid."""
 
-    at: datetime | None = Option(
-        None, help="Leave out regions that do not hold then; by default now."
-    )
-    field: list[str] | None = Option(
-        None, help="Only this field of the map; may be repeated. By default all."
+    field: list[str] = Option(
+        (), help="Only this field of the map; may be repeated. By default all."
     )
     no_fields: bool = Option(False, "--no-fields", help="Leave out the fields of the map.")
     from_voxels: bool = Option(
@@ -44,7 +40,6 @@ class Contents:
     voxel_size: float = Option(
         0.05, help="Edge of the mirror's voxels, metres, with --from-voxels."
     )
-    assume_sizes: options.AssumeSizes = False
 
     def arguments(self, house: Map) -> dict[str, Any]:
         """What `Map.grids` takes; the fields whose sources ended are noted."""
@@ -57,44 +52,29 @@ class Contents:
             what = f"fields of sources without an update for {LIVE:.0f} s, not used"
             cli.err.print(f"{what}: {', '.join(ended)}", style="yellow")
         return {
-            "at": self.at,
             "fields": [] if self.no_fields else self.field or None,
             "voxel_size": self.voxel_size if self.from_voxels else None,
-            "assume_sizes": self.assume_sizes,
         }
 
 
-@grouped
+@made("Map.grids", interval="LOW,HIGH", fields=None, voxel_size=None)
 def grid_command(
+    call: MethodCall,
     *,
     folder: Path = Option(..., "--output", "-o", help="Folder for the maps."),
-    map_name: cli.MapName = None,
-    storey: options.Storey = None,
-    interval: str = Option(
-        "0.05,1.8", metavar="LOW,HIGH", help="Lowest and highest end above the floor, metres."
-    ),
-    increment: float | None = Option(None, help="Cut by planes so many metres apart; else exact."),
-    resolution: float = Option(0.05, help="Side of a cell, metres."),
-    free_outside: bool = Option(False, "--free-outside", help="Free, not unknown, outside rooms."),
-    policy: options.PolicyFile = None,
-    ground: options.Ground,
     contents: Contents,
     picture: bool = Option(True, help="Draw each grid as plan.png, too."),
-    json_: cli.Json = False,
+    json_: Json = False,
 ) -> None:
     """Write the obstacles of each storey as a Nav2 map (map.yaml, map.pgm)."""
     from navgrid.grid import check_storey_names
     from navgrid.map_file import folder_of
 
-    asked: Any = {"storey": storey, "interval": numbers(interval, "--interval LOW,HIGH", 2)}
-    asked |= {"increment": increment, "resolution": resolution, "free_outside": free_outside}
-    with cli.chosen_map(map_name) as house:
-        asked |= vars(ground) | contents.arguments(house)
-        grids = house.grids(policy=policy, **asked)
-    check_storey_names(made.scene.storey for made in grids)
+    grids = call(**contents.arguments(call.handle))
+    check_storey_names(grid.scene.storey for grid in grids)
     written = [
-        made.write(folder_of(made.scene.storey, folder, len(grids)), picture=picture)
-        for made in grids
+        grid.write(folder_of(grid.scene.storey, folder, len(grids)), picture=picture)
+        for grid in grids
     ]
     if json_:
         print(json.dumps(written))
@@ -103,42 +83,30 @@ def grid_command(
 
 
 def _show_grids(grids: Sequence[StoreyGrid], written: Sequence[dict[str, Any]]) -> None:
-    for made, row in zip(grids, written, strict=True):
-        cli.out.print(
+    for grid, row in zip(grids, written, strict=True):
+        print(
             f"{row['storey']}: {row['map']}, {row['width']} x {row['height']} cells of "
             f"{row['resolution']:g} m: {row['occupied']} occupied, {row['free']} free, "
             f"{row['unknown']} unknown"
         )
-        for note in made.notes:
+        for note in grid.notes:
             cli.out.print(f"{row['storey']}: {note}", style="yellow")
 
 
-@dataclass(frozen=True)
-class Costs:
-    """The cells of a costmap."""
-
-    resolution: float = Option(0.05, help="Side of a cell, metres.")
-    inflation_radius: float = Option(0.55, help="Metres, as in costmap_2d.")
-    cost_scaling_factor: float = Option(3.0, help="1/metre, as in costmap_2d.")
-
-
-@grouped
+@made(
+    "Map.costmaps",
+    robot="--robot",
+    posture="--state",
+    bounds="--box",
+    rooms=None,
+    fields=None,
+    voxel_size=None,
+)
 def costmap_command(
+    call: MethodCall,
     *,
-    robot: options.Urdf,
     folder: Path | None = Option(None, "--output", "-o", help="Folder for maps and pictures."),
-    state: options.State = None,
-    parts: options.Parts = None,
-    policy: options.PolicyFile = None,
-    static_map: Path | None = Option(
-        None, help="A map.yaml, as one from SLAM, as a further layer."
-    ),
-    map_name: cli.MapName = None,
-    storey: options.Storey = None,
     rooms: str | None = Option(None, help="Only these rooms: bath,hall (semmap route --rooms)."),
-    box: str | None = Option(None, help="Only X0,Y0,X1,Y1, metres."),
-    costs: Costs,
-    ground: options.Ground,
     laser_height: float = Option(0.25, help="Of the localisation map above the floor, metres."),
     contents: Contents,
     headings: int = Option(0, help="Also write collisions by heading, for so many headings."),
@@ -146,18 +114,14 @@ def costmap_command(
         None, "--explain", "--why", metavar="X,Y", help="Show the causes of a place's cost."
     ),
     picture: bool = Option(True, help="Draw each costmap as a PNG, too."),
-    json_: cli.Json = False,
+    json_: Json = False,
 ) -> None:
     """Compute a robot's layered costmaps and write them for Nav2."""
     if folder is None and explain is None:
         raise typer.BadParameter("give a folder (-o) or a point (--explain X,Y)")
-    bounds = None if box is None else numbers(box, "--box X0,Y0,X1,Y1", 4)
     point = None if explain is None else numbers(explain, "--explain X,Y", 2)
     names = None if rooms is None else [name.strip() for name in rooms.split(",")]
-    asked: Any = {"posture": state, "parts": parts, "policy": policy, "static_map": static_map}
-    asked |= {"storey": storey, "rooms": names, "bounds": bounds} | vars(costs) | vars(ground)
-    with cli.chosen_map(map_name) as house:
-        costmaps = house.costmaps(robot, **asked, **contents.arguments(house))
+    costmaps = call(rooms=names, **contents.arguments(call.handle))
     if point is not None:
         _show_explanation(costmaps, point[0], point[1], json_)
     elif folder is not None:
@@ -186,7 +150,7 @@ def _show_explanation(costmaps: Iterable[Costmap], x: float, y: float, json_: bo
         print(json.dumps(rows))
         return
     for found in rows:
-        cli.out.print(f"{found['storey']}: cost {found['cost']}")
+        print(f"{found['storey']}: cost {found['cost']}")
         lines = [
             (
                 str(source["cost"]),

@@ -7,11 +7,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import typer
-from typer import Argument, Option
+from typer import Option
 from typer.core import TyperGroup
 
-from semmap import cli
-from semmap.cli.output import StageBars
+from semmap.cli.chosen import open_database
+from semmap.cli.made import MethodCall, group, made, printed
+from semmap.cli.options import Json, MapName
+from semmap.cli.output import StageBars, print_json, show_table
 
 # NumPy, SciPy and rdflib are slow to import: the functions below import what they use.
 if TYPE_CHECKING:
@@ -20,8 +22,6 @@ if TYPE_CHECKING:
     from semmap.api.database import Database
     from semmap.api.map import Map
     from semmap.interlinking.interlink import Interlinking, PairQuestion
-
-QUESTIONS = 25
 
 
 class _FilesOrCommand(TyperGroup):
@@ -33,37 +33,27 @@ class _FilesOrCommand(TyperGroup):
         return super().parse_args(ctx, args)
 
 
-interlink = typer.Typer(
-    cls=_FilesOrCommand,
-    no_args_is_help=True,
-    help="Find which records of two data sets are the same, and store the links.",
-)
-
-
-@interlink.command()
-def link(
-    left: str = Argument(metavar="A", help="RDF or CSV file, map[:NAME], or models."),
-    right: str = Argument(metavar="B", help="The same."),
-    labels: Path | None = Option(
-        None, help="CSV of LEFT,RIGHT,yes|no, or an alignment; --ask adds to a CSV file."
-    ),
+@made("Database.interlink", left="A", right="B", labels="--labels", store="--dry-run")
+def _link(
+    call: MethodCall,
     ask: bool = Option(False, "--ask", help="Ask for the labels that tell most: y, n; q ends."),
-    questions: int = Option(QUESTIONS, min=1, help="The most questions."),
     turtle: Path | None = Option(None, help="Write the links as owl:sameAs to it."),
     reference: Path | None = Option(
         None, help="All true links (CSV or alignment): show precision, recall."
     ),
-    type_name: str | None = Option(None, "--type", help="Of the resources in RDF files."),
-    dry_run: bool = Option(False, "--dry-run", help="Store nothing."),
-    map_name: cli.MapName = None,
-    json_: cli.Json = False,
+    map_name: MapName = None,
+    json_: Json = False,
 ) -> None:
     """Find which records of two data sets are the same, and store the links.
+
+    A and B are an RDF or CSV file, map[:NAME], or models. --ask adds to a CSV file of labels.
 
     semmap interlink people.rdf clients.csv --labels labels.csv --ask
     """
     from semmap.interlinking.link_file import read_labels, write_same_as
 
+    given = call.texts
+    labels = None if given["labels"] is None else Path(given["labels"])
     if labels is None and not ask:
         raise typer.BadParameter("give --labels FILE, or --ask, or both")
     if ask and labels is not None and labels.suffix.lower() in (".rdf", ".xml"):
@@ -71,9 +61,9 @@ def link(
     known = read_labels(labels) if labels and (labels.exists() or not ask) else {}
     truth = {pair for pair, same in read_labels(reference).items() if same} if reference else None
     with StageBars() as bar:
-        asked: Any = {"ask": _asker(labels, bar) if ask else None, "questions": questions}
-        asked |= {"progress": bar.report}
-        found = _linked((left, right), known, map_name, type_name, store=not dry_run, **asked)
+        asked: Any = {"ask": _asker(labels, bar) if ask else None, "questions": given["questions"]}
+        asked |= {"store": call.values["store"], "progress": bar.report}
+        found = _linked((given["left"], given["right"]), known, map_name, given["type"], **asked)
     if turtle is not None:
         write_same_as(turtle, found.left, found.right, found.links())
     _show(found, truth, json_)
@@ -91,7 +81,7 @@ def _linked(
     if all(files) and not store:
         left, right = (read_records(Path(each), type_) for each in given)
         return link_records(left, right, known, **asked)
-    with cli.open_database(migrate=all(files)) as db:
+    with open_database(migrate=all(files)) as db:
         one, other = (
             Path(each) if is_file else _stored_set(db, each, map_name)
             for each, is_file in zip(given, files, strict=True)
@@ -134,7 +124,7 @@ def _show(found: Interlinking, truth: set[tuple[str, str]] | None, json_: bool) 
             "unexplained": [list(pair) for pair in found.unexplained],
             "quality": vars(quality) if quality else None,
         }
-        cli.print_json(summary)
+        print_json(summary)
         return
     for c in found.correspondences:
         print(f"{c.left} = {c.right} ({c.measure})")
@@ -147,32 +137,15 @@ def _show(found: Interlinking, truth: set[tuple[str, str]] | None, json_: bool) 
     print(f"{len(found.pairs)} links of {len(found.labels)} labels: {stored}")
 
 
-@interlink.command()
-def ls(json_: cli.Json = False) -> None:
-    """List the stored link sets, the newest first."""
-    with cli.open_database() as db:
-        rows = db.list_link_sets()
-    cli.show_table(rows, json_, ("id", "left", "right", "links", "labels", "by", "at"))
-
-
-@interlink.command()
-def show(
-    link_set: int = Argument(metavar="ID", help="As ls lists them."),
+@made("Database.merged_records", link_set="ID")
+def _merged(
+    call: MethodCall,
     all_: bool = Option(False, "--all", help="Also records without a link."),
-    json_: cli.Json = False,
+    json_: Json = False,
 ) -> None:
     """Show both data sets of a link set as one."""
-    with cli.open_database() as db:
-        rows = db.merged_records(link_set)
     columns = ("resource", "left_keys", "right_keys", "confidence") + ("properties",) * json_
-    cli.show_table([r for r in rows if all_ or r["resource"] is not None], json_, columns)
-
-
-@interlink.command()
-def undo(link_set: int = Argument(metavar="ID")) -> None:
-    """Take a link set back."""
-    with cli.open_database() as db:
-        print(f"{db.undo_links(link_set)} links taken back")
+    show_table([r for r in call() if all_ or r["resource"] is not None], json_, columns)
 
 
 def _asker(labels: Path | None, bar: StageBars) -> Callable[[PairQuestion], bool | None]:
@@ -202,3 +175,12 @@ def _asker(labels: Path | None, bar: StageBars) -> Callable[[PairQuestion], bool
                 return None
 
     return answer
+
+
+interlink_command = group(
+    _link,
+    printed("Database.list_link_sets", ("id", "left", "right", "links", "labels", "by", "at")),
+    _merged,
+    printed("Database.undo_links", "{0} links taken back", link_set="ID"),
+    cls=_FilesOrCommand,
+)

@@ -82,7 +82,7 @@ def _counted(counts: Mapping[str, int]) -> str:
     return ", ".join(f"{count} {what}" for what, count in counts.items())
 
 
-manipulation = group(
+manipulation_command = group(
     printed("Database.add_gripper", "{0}"),
     printed("Database.add_manipulator", "{0}", posture="--state"),
     _robots,
@@ -99,5 +99,4 @@ manipulation = group(
     printed(
         "Database.list_contributors", ("name", "trust", "actions", "attempts", "latest", "key")
     ),
-    help="Grippers, shapes, outcomes, and sharing of manipulation knowledge.",
 )

@@ -11,8 +11,8 @@ import typer
 from typer import Argument, Option
 
 from semmap import cli
-from semmap.cli import options
-from semmap.cli.option_group import grouped
+from semmap.cli.made import MethodCall, made
+from semmap.cli.options import Json
 from semmap.cli.output import place_progress, print_folded
 
 if TYPE_CHECKING:
@@ -21,102 +21,44 @@ if TYPE_CHECKING:
     from semmap.api.map_results import ObjectSearch
 
 
-@dataclass(frozen=True)
-class Actor:
-    """Which robot acts, and where it starts."""
-
-    start: str | None = Option(
-        None, "--from", help="Room in which the robot starts; by default its room."
-    )
-    agent: str = Option("robot", "--agent", help="Name of the robot in the map.")
-    robot: str | None = Option(None, "--robot", help="Class of the robot (semmap robot).")
-
-
-@dataclass(frozen=True)
-class Chance:
-    """What happens in a simulated world, and how fast."""
-
-    speed: float = Option(20.0, help="Speed of the simulated clock; 1 is real time.")
-    fail: list[str] = Option(
-        (), help="'door5 locked', 'Lift 1 broken', 'pickup fails twice', 'drop fails .1'"
-    )
-    seed: int = Option(0, help="Seed of random failures and detections.")
-
-
-@dataclass(frozen=True)
-class Written:
-    """Where the state of the world and of the map goes."""
-
-    world: Path | None = Option(
-        None, help="File with the state of the simulation; several robots may share it."
-    )
-    apply: bool = Option(
-        False, "--apply", help="Write what happens into the map; by default into a copy."
-    )
-
-
-PUT = Option((), "--put", help="'mug on table1': where an object truly is; repeatable.")
-
-
-@grouped
+@made(
+    "Map.run",
+    goal="[GOAL]",
+    start="--from",
+    simulate=None,
+    try_grasps="--try-grasps/--assume-grasps",
+)
 def run_command(
-    *,
-    goal: str | None = Argument(None, help="on(muffin, desk1) and in(robot, kitchen), ..."),
-    actor: Actor,
+    call: MethodCall,
     simulate: bool = Option(False, "--simulate", help="Simulate the robot."),
-    chance: Chance,
-    put: list[str] = PUT,
-    gripper: str | None = Option(
-        None, help="Gripper of the robot; by default its own or the preferred one."
-    ),
-    written: Written,
-    try_grasps: bool | None = Option(
-        None,
-        "--try-grasps/--assume-grasps",
-        help="Try each grasp in simulation, by default where MuJoCo is installed; or assume "
-        "that it succeeds and learn nothing.",
-    ),
-    assume_sizes: options.AssumeSizes = False,
-    resume: bool = Option(False, "--resume", help="Continue a mission whose process has ended."),
-    mission: int | None = Option(None, help="Mission to resume; by default the oldest."),
-    domain_file: options.DomainFile = None,
-    map_name: cli.MapName = None,
-    json_: cli.Json = False,
+    json_: Json = False,
 ) -> None:
     """Let a robot pursue a goal, step by step, through failures and restarts."""
-    if not simulate and not resume:
+    if not simulate and not call.values["resume"]:
         raise typer.BadParameter(
             "the command line can only simulate a robot: add --simulate; for a real robot, use "
             "planner.mission.Runner with its behaviours"
         )
-    if resume == (goal is not None):
-        raise typer.BadParameter("give either a goal, or --resume")
-    asked: Any = {"put": put, "gripper": gripper, "try_grasps": try_grasps, "resume": resume}
-    asked |= {"mission": mission, "domain": domain_file, "assume_sizes": assume_sizes}
-    asked |= vars(actor) | vars(chance) | vars(written) | _told(json_)
-    with cli.chosen_map(map_name) as house:
-        ended = house.run(goal, **asked)
-    _show_mission(ended, json_)
+    _show_mission(call(**_told(json_)), json_)
 
 
+@made("Map.missions")
 def missions_command(
+    call: MethodCall,
     mission: int | None = Argument(None, help="Show the steps of this mission."),
     cancel: int | None = Option(None, help="Cancel this mission; its robot stops."),
-    map_name: cli.MapName = None,
-    json_: cli.Json = False,
+    json_: Json = False,
 ) -> None:
     """List missions, or the steps of one; cancel one."""
-    with cli.chosen_map(map_name) as house:
-        if cancel is not None:
-            house.cancel_mission(cancel)
-        rows = house.missions() if mission is None else house.mission_steps(mission)
+    if cancel is not None:
+        call.handle.cancel_mission(cancel)
+    rows = call() if mission is None else call.handle.mission_steps(mission)
     if json_:
         print(json.dumps(rows, default=str))
-        return
-    if rows:
+    elif rows:
         print_folded([*rows[0]], [[_readable(v) for v in row.values()] for row in rows])
     else:
-        cli.out.print("none")
+        print("none")
 
 
 def _readable(value: Any) -> str:
@@ -151,40 +93,53 @@ class Looks:
         return {"sight": sight, "detector": detector}
 
 
-@grouped
+@dataclass(frozen=True)
+class Simulation:
+    """What a simulated robot that searches does and meets."""
+
+    agent: str = Option("robot", "--agent", help="Name of the robot in the map.")
+    put: list[str] = Option(
+        (), "--put", help="'mug on table1': where an object truly is; repeatable."
+    )
+    speed: float = Option(20.0, help="Speed of the simulated clock; 1 is real time.")
+    fail: list[str] = Option((), help="'door5 locked', 'pickup fails twice'; repeatable.")
+    seed: int = Option(0, help="Seed of random failures and detections.")
+    world: Path | None = Option(
+        None, help="File with the state of the simulation; several robots may share it."
+    )
+    apply: bool = Option(
+        False, "--apply", help="Write what happens into the map; by default into a copy."
+    )
+
+
+@made("Map.search", start="--from")
 def search_command(
+    call: MethodCall,
     *,
-    name: str = Argument(help="Name of the object."),
-    actor: Actor,
     simulate: bool = Option(False, "--simulate", help="Let a simulated robot search."),
-    put: list[str] = PUT,
     looks: Looks,
     trials: int = Option(0, help="Compare so many random searches with other strategies."),
     pomdp: Path | None = Option(None, help="Write the search as a .pomdp file for other solvers."),
-    chance: Chance,
-    written: Written,
-    map_name: cli.MapName = None,
-    json_: cli.Json = False,
+    simulation: Simulation,
+    json_: Json = False,
 ) -> None:
     """Search for an object: say where to look first and why, or let a simulated robot do it."""
     seeing = looks.arguments()
-    with cli.chosen_map(map_name) as house:
-        if simulate:
-            asked: Any = vars(actor) | vars(chance) | vars(written) | _told(json_)
-            _show_mission(house.run(f'found("{name}")', put=put, **asked, **seeing), json_)
-            return
-        with place_progress(quiet=json_) as progress:
-            who: Any = {"start": actor.start, "robot": actor.robot}
-            search = house.search(name, progress=progress, **who, **seeing)
+    if simulate:
+        name, told = call.values.pop("name"), vars(simulation) | _told(json_)
+        _show_mission(call.handle.run(f'found("{name}")', **call.values, **told, **seeing), json_)
+        return
+    with place_progress(quiet=json_) as progress:
+        search = call(progress=progress, **seeing)
     if pomdp is not None:
         search.write_pomdp(pomdp)
     if trials:
-        found = search.compare(trials, chance.seed)
+        found = search.compare(trials, simulation.seed)
         print(json.dumps(found)) if json_ else _show_trials(found)
     elif json_:
         print(json.dumps(_search_as_json(search)))
     else:
-        cli.out.print(search.reason)
+        print(search.reason)
         _show_tour(search)
 
 

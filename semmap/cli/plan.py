@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import json
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from typer import Argument, Option
-
 from semmap import cli
-from semmap.cli.options import AssumeSizes, DomainFile
+from semmap.cli.made import MethodCall, made
+from semmap.cli.options import Json
 from semmap.cli.output import print_folded
 from semmap.cli.route import step_as_json
 
@@ -18,27 +16,15 @@ if TYPE_CHECKING:
     from semmap.api.map_results import MapPlan
 
 
-def plan_command(
-    goal: str = Argument(help="on(muffin, desk1) and in(robot, kitchen), ..."),
-    start: str | None = Option(None, "--from", help="Room where it starts; by default its own."),
-    map_name: cli.MapName = None,
-    robot: str | None = Option(None, help="Class of robots (semmap robot)."),
-    domain_file: DomainFile = None,
-    assume_sizes: AssumeSizes = False,
-    pddl: Path | None = Option(None, help="Write domain.pddl and problem.pddl into this folder."),
-    patience: float = Option(10.0, help="Seconds after which the best plan found so far is taken."),
-    json_: cli.Json = False,
-) -> None:
+@made("Map.plan", start="--from")
+def plan_command(call: MethodCall, json_: Json = False) -> None:
     """Plan a task: the actions that reach a goal in the least time."""
-    asked: Any = {"start": start, "robot": robot, "domain": domain_file, "pddl": pddl}
-    asked |= {"patience": patience, "assume_sizes": assume_sizes}
-    with cli.chosen_map(map_name) as house:
-        plan = house.plan(goal, **asked)
+    plan = call()
     if json_:
         print(json.dumps(_plan_as_json(plan)))
         return
-    if pddl is not None:
-        cli.out.print(f"{pddl / 'domain.pddl'}, {pddl / 'problem.pddl'}")
+    if (folder := call.values.get("pddl")) is not None:
+        print(f"{folder}/domain.pddl, {folder}/problem.pddl")
     if plan.assumed:
         from semmap.query.geometry_notes import names_note
 
@@ -82,4 +68,4 @@ def _show_plan(plan: Plan) -> None:
     if plan.optimal:
         proof = "no plan is shorter"
     took = f"{plan.seconds:.1f} s" if plan.actions else "nothing to do, the goal is reached"
-    cli.out.print(f"{plan.goal}: {took} ({proof})")
+    print(f"{plan.goal}: {took} ({proof})")

@@ -5,68 +5,48 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from datetime import datetime
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import typer
-from typer import Argument, Option
+from typer import Option
 
 from semmap import cli
-from semmap.cli.option_group import grouped
-from semmap.cli.options import AssumeSizes
+from semmap.cli.made import MethodCall, made
+from semmap.cli.options import Json
 from semmap.cli.output import place_progress, print_folded
-from semmap.cli.texts import numbers
 
 if TYPE_CHECKING:
     from planner.route import Route, RouteStep
     from semmap.geometry.pose import Pose
 
 
-@dataclass(frozen=True)
-class Conditions:
-    """Who goes, when, and what counts."""
-
-    robot: str | None = Option(None, help="Class of robots (semmap robot), with costmaps.")
-    avoid: list[str] = Option((), help="Avoid this place, door, region, type; repeatable.")
-    at: datetime | None = Option(None, help="Moment for rules that have hours; by default now.")
-    rules: Path | None = Option(None, help="YAML file: what places, doors and regions cost.")
-
-
-@grouped
+@made(
+    "Map.route",
+    start="FROM",
+    goal="TO",
+    drawn="--graph",
+    unlocks="--locked",
+    outside="--outside",
+    opens="--closed/--no-closed",
+)
 def route_command(
-    *,
-    start: str = Argument(metavar="FROM", help="A room, an object in one, or X,Y or X,Y,Z."),
-    goal: str = Argument(
-        metavar="TO", help="As FROM, or a type or label: kitchen; a region: home."
-    ),
-    map_name: cli.MapName = None,
-    conditions: Conditions,
+    call: MethodCall,
     count: int = Option(1, "-k", help="Number of routes, the quickest first."),
-    locked: bool = Option(False, "--locked", help="The robot unlocks doors."),
-    closed: bool = Option(True, help="The robot opens closed doors."),
-    outside: bool = Option(False, "--outside", help="The robot may leave the building."),
-    drawn: bool = Option(False, "--graph", help="On imported Nav2 edges or Open-RMF lanes."),
-    assume_sizes: AssumeSizes = False,
     rooms: bool = Option(False, "--rooms", help="Print only the rooms on the route, with commas."),
-    json_: cli.Json = False,
+    json_: Json = False,
 ) -> None:
     """Find the quickest route: its doors in order, each with an approach and a leave pose."""
+    drawn, assume_sizes = call.values["drawn"], call.values["assume_sizes"]
     if drawn and count != 1:
         raise typer.BadParameter("--graph finds one route: leave out -k")
-    given = {"unlocks": locked, "outside": outside, "opens": closed}
-    abilities = {name: value for name, value in given.items() if value == (name != "opens")}
-    options: Any = vars(conditions) | {"assume_sizes": assume_sizes} | abilities
-    ends = _location(start), _location(goal)
-    with cli.chosen_map(map_name) as house:
-        with place_progress(quiet=json_ or rooms) as progress:
-            if count == 1:
-                found = [house.route(*ends, drawn=drawn, progress=progress, **options)]
-            else:
-                found = house.routes(*ends, count, progress=progress, **options)
-        unknown = found[0].without_geometry(assume_sizes=assume_sizes)
-        assumed = sorted({*found[0].without_geometry()} - {*unknown}) if assume_sizes else []
+    with place_progress(quiet=json_ or rooms) as progress:
+        if count == 1:
+            found = [call(progress=progress)]
+        else:
+            del call.values["drawn"]
+            found = call.handle.routes(count=count, progress=progress, **call.values)
+    unknown = found[0].without_geometry(assume_sizes=assume_sizes)
+    assumed = sorted({*found[0].without_geometry()} - {*unknown}) if assume_sizes else []
     notes = {"no_geometry": unknown, "assumed_sizes": assumed}
     if rooms:
         print(",".join(found[0].places))
@@ -74,7 +54,7 @@ def route_command(
         others = {"alternatives": [_route_as_json(r) for r in found[1:]]} if count > 1 else {}
         print(json.dumps(_route_as_json(found[0]) | notes | others))
     else:
-        _show_routes(found, notes, conditions.robot is not None)
+        _show_routes(found, notes, "robot" in call.values)
 
 
 def _show_routes(
@@ -84,22 +64,11 @@ def _show_routes(
 
     for number, route in enumerate(found, 1):
         if len(found) > 1:
-            cli.out.print(f"{number}.")
+            print(f"{number}.")
         _show_route(route, timed=timed)
     for key, names in without_shape.items():
         if names:
             cli.out.print(names_note(names, key), style="yellow")
-
-
-def _location(word: str) -> str | Pose:
-    """A point in metres from numbers with commas; other words stand for entities."""
-    from semmap.geometry.pose import Pose
-
-    try:
-        x, y, *z = numbers(word, "a point")
-    except ValueError:
-        return word
-    return word if len(z) > 1 else Pose(x, y, *z)
 
 
 def _route_as_json(route: Route) -> dict[str, Any]:
@@ -164,7 +133,7 @@ def _show_route(route: Route, *, timed: bool = False) -> None:
         print_folded(names[:shown], [line[:shown] for line in lines], right=("seconds",))
     doors = ", ".join(s.connector.name for s in route.doors if s.connector is not None)
     took = f"{route.metres:.1f} m" + (f", {route.seconds:.0f} s" if timed else "")
-    cli.out.print(f"{route.start} -> {route.goal}: {doors or 'no door'} ({took})")
+    print(f"{route.start} -> {route.goal}: {doors or 'no door'} ({took})")
 
 
 def readable_pose(pose: Pose | None) -> str:

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import ast
 import json
 import math
 import re
 from collections.abc import Callable, Iterable
 from datetime import datetime
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
+
+if TYPE_CHECKING:
+    from semmap.belief.identify import Detection
 
 
 class Kind(NamedTuple):
@@ -33,11 +37,14 @@ def kind_of(annotation: str, shape: str = "") -> Kind | None:
     for part, kind in KINDS.items():
         if part in parts:
             return kind
+    if parts[0].startswith("Literal["):
+        return Kind(Literal[tuple(ast.literal_eval(parts[0].removeprefix("Literal")))])
     if any(part in NUMBERS for part in parts):
         names = re.search(r"\w+(, ?\w+)+(?=\)|$)", shape)
         given = names[0].replace(" ", "").upper() if names else None
         count = len(given.split(",")) if given else None
-        return Kind(str, lambda text, option: numbers(text, option, count), given)
+        named = f" {given}" if given else ""
+        return Kind(str, lambda text, option: numbers(text, option + named, count), given)
     return None
 
 
@@ -97,6 +104,35 @@ def points(given: Iterable[str], option: str) -> dict[str, tuple[float, ...]]:
     return {name: numbers(text, option, 3) for name, text in pairs(given, option).items()}
 
 
+def detections(given: Iterable[str], option: str) -> list[Detection]:
+    """Return the detections of ``TYPE=X,Y,Z`` or ``TYPE=X,Y,Z,W,D,H``, metres."""
+    from semmap.belief.identify import Detection
+
+    found = []
+    for text in given:
+        type_, _, values = text.partition("=")
+        count = 6 if values.count(",") > 2 else 3
+        x, y, z, *sides = numbers(values, f"{option} TYPE=X,Y,Z[,W,D,H]: {text!r}", count)
+        found.append(Detection(type_, (x, y, z), (sides[0], sides[1], sides[2]) if sides else None))
+    return found
+
+
+def near(text: str, option: str) -> str | tuple[float, ...]:
+    """Return the point of ``X,Y,Z``, metres; a text without commas is a name."""
+    return numbers(text, option, 3) if "," in text else text
+
+
+def moment(text: str, option: str) -> datetime:
+    """Return the time of a text in ISO 8601; without a zone, it is local."""
+    try:
+        found = datetime.fromisoformat(text)
+    except ValueError:
+        raise ValueError(
+            f"{option} takes an ISO 8601 time (2026-01-31T10:00), not {text}"
+        ) from None
+    return found if found.tzinfo else found.astimezone()
+
+
 def joints(text: str, option: str) -> dict[str, float]:
     """Return the positions of joints in JSON by name."""
     try:
@@ -130,16 +166,18 @@ def place(text: str, option: str) -> str | tuple[float, ...]:
 KINDS = {
     "bool": Kind(bool),
     "LocationLike": Kind(str, place),
+    "Near": Kind(str, near),
     "RobotLike": Kind(str),
     "EntityName": Kind(str),
     "str": Kind(str),
     "int": Kind(int),
     "float": Kind(float),
     "Positive": Kind(float),
-    "datetime": Kind(datetime),
+    "datetime": Kind(str, moment, "TIME"),
     "Mapping[str, str]": Kind(list[str], pairs),
     "Mapping[str, float]": Kind(str, joints),
     "Mapping[str, Sequence[float]]": Kind(list[str], points),
+    "Sequence[Detection]": Kind(list[str], detections),
     "Mapping[str, Any]": Kind(list[str], key_values),
     "Properties": Kind(list[str], key_values),
     "Sequence[Sequence[float]]": Kind(str, corners),
@@ -159,6 +197,8 @@ OPTIONS = {
     "pddl=": "--pddl",
     "perspectives=True": "--perspectives",
     "posture=": "--state",
+    "resume=True": "--resume",
+    "robot=": "--robot",
     "rooms=": "--rooms",
     "source=": "--source ",
     "start=": "--from",

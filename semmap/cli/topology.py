@@ -3,62 +3,33 @@
 from __future__ import annotations
 
 import json
-from pathlib import Path
-from typing import Any
 
 import typer
-from typer import Option
 
-from semmap import cli
-from semmap.api.map_drawing import TopologyFormat, topology_as_json, topology_format
-from semmap.cli.options import Storey
+from semmap.api.map_drawing import topology_as_json
+from semmap.cli.made import MethodCall, made
+from semmap.cli.options import Json
 
 
-def topology_command(
-    file: Path | None = Option(None, "--output", "-o", help="File; else DOT and JSON are printed."),
-    format_: TopologyFormat | None = Option(
-        None, "--format", help="By default the format of the file's ending, or dot."
-    ),
-    map_name: cli.MapName = None,
-    storey: Storey = None,
-    robot: str | None = Option(
-        None, help="Class of robots whose paths and times are used, not straight lines."
-    ),
-    locked: bool = Option(False, "--locked", help="The robot unlocks doors."),
-    speed: float = Option(0.5, help="Metres a second, without --robot."),
-    json_: cli.Json = False,
-) -> None:
-    """Write the topology: a route graph for Nav2 or Open-RMF, DOT, a picture or JSON."""
+@made("Map.write_topology", file="[--output -o]", unlocks="--locked")
+def topology_command(call: MethodCall, json_: Json = False) -> None:
+    """Write the topology: a route graph for Nav2 or Open-RMF, DOT, a picture or JSON.
+
+    Without a file, DOT and JSON are printed.
+    """
+    if "file" in call.values:
+        written = [str(path) for path in call()]
+        as_file = json_ and call.texts["format"] != "json"
+        print(json.dumps(written) if as_file else "\n".join(written))
+        return
+    format_ = call.values.pop("format", "json" if json_ else "dot")
+    if format_ not in ("dot", "json"):
+        raise typer.BadParameter(f"--format {format_} is written to a file: give -o FILE")
+    storey = call.values.pop("storey", None)
+    topology = call.handle.routing_graph(**call.values).topology
+    if format_ == "json":
+        print(json.dumps(topology_as_json(topology, storey)))
+        return
     from planner.exchange.dot import dot
 
-    chosen = _format(file, format_, json_)
-    options: Any = {"robot": robot, "unlocks": locked, "speed": speed}
-    with cli.chosen_map(map_name) as house:
-        if file is not None:
-            written = house.write_topology(file, format=chosen, storey=storey, **options)
-        elif chosen is TopologyFormat.dot:
-            graph = house.routing_graph(**options)
-            print(dot(graph.topology, storey=storey, name=house.name).rstrip("\n"))
-            return
-        else:
-            topology = house.routing_graph(**options).topology
-            print(json.dumps(topology_as_json(topology, storey)))
-            return
-    if json_ and chosen is not TopologyFormat.json:
-        print(json.dumps([str(path) for path in written]))
-    else:
-        for path in written:
-            cli.out.print(str(path))
-
-
-def _format(file: Path | None, given: TopologyFormat | None, as_json: bool) -> TopologyFormat:
-    if file is not None:
-        try:
-            return topology_format(file, given)
-        except ValueError as error:
-            raise typer.BadParameter(str(error)) from None
-    if given is None:
-        return TopologyFormat.json if as_json else TopologyFormat.dot
-    if given not in (TopologyFormat.dot, TopologyFormat.json):
-        raise typer.BadParameter(f"--format {given} is written to a file: give -o FILE")
-    return given
+    print(dot(topology, storey=storey, name=call.handle.name).rstrip("\n"))

@@ -79,7 +79,7 @@ def test_surfaces_of_real_furniture_are_faces_that_look_up(real_house: Engine) -
 NAN = math.nan
 BOX = (0, 0, 0, 1, 1, 1)
 REFUSED: dict[str, tuple[str, tuple[Any, ...], dict[str, Any], str]] = {
-    "sort": ("find_regions", ("walls", "table"), {}, "walls is not one of surfaces, floor, obs"),
+    "sort": ("find_regions", ("walls", "table"), {}, "sort is .walls.: give one of surfaces"),
     "nothing": ("find_regions", ("floor",), {}, "name rooms or objects, or give their type"),
     "name": ("find_regions", ("surfaces", "tabel"), {}, "no entity tabel; did you mean table"),
     "NUL": ("find_regions", ("surfaces", "tab\0"), {}, "no entity tab"),

@@ -5,17 +5,20 @@ from __future__ import annotations
 import ast
 import inspect
 from collections.abc import Iterator
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
 import click
 import pytest
 import typer
+from typer.testing import CliRunner
 
 import semmap
 from semmap import cli
 from semmap.api.operations import COMMANDS, OPERATIONS, Operation
 from semmap.api.spatial_fields import SpatialFields
+from semmap.cli.made import MadeCommand
 
 ROOT = Path(__file__).parents[2]
 
@@ -106,6 +109,33 @@ def test_a_command_is_short() -> None:
     assert long == []
 
 
-def test_the_face_holds_each_command_once() -> None:
-    homes = [home.partition(":")[0] for home in COMMANDS.values()]
-    assert all(home.startswith("semmap.cli.") for home in homes)
+def made_commands() -> Iterator[MadeCommand]:
+    """The commands that are made of a method, in all modules of the command line."""
+    for module in {command.module for command in COMMANDS.values()}:
+        for each in vars(import_module(f"semmap.cli.{module}")).values():
+            if isinstance(each, MadeCommand):
+                yield each
+            elif isinstance(each, typer.Typer):
+                functions = (one.callback for one in each.registered_commands)
+                yield from (one.made for one in functions if hasattr(one, "made"))
+
+
+def test_a_made_command_is_the_command_of_its_operation() -> None:
+    known, seen = commands(), set()
+    for made in made_commands():
+        if made.operation.command in seen:
+            continue
+        seen.add(made.operation.command)
+        arguments = {argument.name for argument in made.operation.arguments}
+        assert made.rows.keys() <= arguments | {"voxel_size"}, made.method
+        options = {one.name for one in known[made.operation.command].params}
+        assert options == set(inspect.signature(made.function).parameters), made.method
+        assert made.options.keys() <= options & arguments, made.method
+    assert len(seen) > 50
+
+
+@pytest.mark.parametrize("words", commands())
+def test_each_command_has_a_help(words: str) -> None:
+    done = CliRunner().invoke(cli.app, [*words.split(), "--help"])
+    assert done.exit_code == 0
+    assert f"Usage: semmap {words}" in done.output.replace("root", "semmap")

@@ -86,7 +86,7 @@ TYPES: dict[str, tuple[Call, str]] = {
     "moved to text": (lambda h: h["mug1"].move_to("1", 2, 3), "x is '1': give a number"),
     "reach 5": (
         lambda h: h.database.add_robot("r", "examples/office/delivery_robot.urdf", reach=5),
-        "robot r: reach is 5; give two numbers",
+        "reach is 5: give",
     ),
 }
 

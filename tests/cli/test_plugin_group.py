@@ -5,7 +5,6 @@ from __future__ import annotations
 import subprocess
 import sys
 from importlib.metadata import EntryPoint
-from pathlib import Path
 
 import pytest
 import typer
@@ -55,33 +54,6 @@ def test_all_are_listed_each_with_its_help() -> None:
     helps = {row[0]: row[1:] for row in rows if row}
     for name in COMMANDS:
         assert len(helps[name]) > 3
-
-
-def test_a_help_is_found_in_any_source(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    source = '''
-sing = typer.Typer(
-    help="""Sing.
-
-at the left""",
-)
-singing = 1
-
-
-def hum(
-    low: bool = False,
-) -> None:
-    """Hum.
-
-at the left too
-"""
-
-
-def hummed(): "No."
-'''
-    (tmp_path / "choir.py").write_text(source)
-    monkeypatch.syspath_prepend(tmp_path)
-    for name, says in (("sing", "Sing."), ("hum", "Hum."), ("singing", ""), ("absent", "")):
-        assert plugin_group.help_line(EntryPoint("it", f"choir:{name}", "")) == says
 
 
 def test_a_typo_gets_a_suggestion() -> None:

@@ -7,16 +7,16 @@ from typing import Annotated
 
 from typer import Argument, Option
 
-from semmap.cli.options import Parts, State, Urdf
-
 
 def demo_command(
     world: Annotated[list[Path], Argument(help="World files, or folders of them.")],
-    urdf: Urdf,
+    urdf: Path = Option(..., "--robot", help="The robot's URDF."),
     start: str | None = Option(None, "--from", help="Room to start in."),
     goal: str | None = Option(None, "--to", help="Room to go to."),
-    state: State = None,
-    parts: Parts = None,
+    state: str | None = Option(
+        None, help="Joint positions as JSON, a file, or a state of its SRDF; by default found."
+    ),
+    parts: Path | None = Option(None, help="YAML that groups links into parts; else found."),
     model_path: list[Path] | None = Option(
         None, help="Folder of SDF models, searched first; repeatable."
     ),

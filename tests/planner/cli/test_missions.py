@@ -143,17 +143,14 @@ def test_resumed_and_cancelled(said: Commands, world: World) -> None:
 
 
 @pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (("on(muffin, desk1)",), "add --simulate"),
-        (("--simulate",), "give either a goal, or --resume"),
-        (("on(muffin, desk1)", "--resume", "--simulate"), "give either a goal, or --resume"),
-    ],
+    "arguments", [("--simulate",), ("on(muffin, desk1)", "--resume", "--simulate")]
 )
-def test_what_was_not_said(said: Commands, arguments: tuple[str, ...], message: str) -> None:
-    found = said.run("run", *arguments)
+def test_what_was_not_said(said: Commands, arguments: tuple[str, ...]) -> None:
+    found = said.run("run", "on(muffin, desk1)")
     assert found.exit_code == 2
-    assert message in " ".join(found.output.split())
+    assert "add --simulate" in " ".join(found.output.split())
+    with pytest.raises(ValueError, match="give either a goal, or --resume"):
+        said.run("run", *arguments)
 
 
 @pytest.mark.parametrize(
