@@ -183,6 +183,7 @@ class Database(DatabaseManipulation, DatabaseInterlinking):
     def sql(self, statement: str, *values: Any, write: bool = False) -> SqlRows:
         """As `Map.sql` of the map that `map` takes, where there is one.
 
+        `statement`: a statement of PostgreSQL. `write`: let the statement change the map.
         Without maps, ``current_map()`` is NULL; with several and no choice, it is a ValueError.
         """
         row = self.session.execute(
@@ -304,7 +305,7 @@ class Database(DatabaseManipulation, DatabaseInterlinking):
         Parameters
         ----------
         name : of the class
-        urdf : of the robot
+        urdf : the robot's URDF
         posture, parts : as for `Map.costmaps`
         max_step : the highest step that it drives over, metres
         max_slope : the steepest slope that it climbs, degrees
@@ -312,10 +313,10 @@ class Database(DatabaseManipulation, DatabaseInterlinking):
         reach : lowest and highest distance of objects that it takes, metres
         heights : lowest and highest height of objects that it takes, metres
         capacity : how many objects it carries at once
-        behaviours : that it has; by default all
-        permissions : that it has
-        opens : closed doors
-        unlocks : locked doors
+        behaviours : those that it has; by default all
+        permissions : those that it has
+        opens : it opens closed doors
+        unlocks : it unlocks locked doors
         outside : it may leave the building
 
         Raises
@@ -367,8 +368,9 @@ class Database(DatabaseManipulation, DatabaseInterlinking):
     def changes(self, since: str | None = None) -> tuple[str, list[dict[str, Any]]]:
         """The cursor for the next call, and the changes of all maps after a cursor.
 
-        Without one, all that are kept: `id`, `at`, `map`, `what` (moved, removed, ...) and
-        `entities`, their ids. ValueError refuses a text that is no cursor.
+        `since`: a cursor of an earlier call. Without one, all that are kept: `id`, `at`, `map`,
+        `what` (moved, removed, ...) and `entities`, their ids. ValueError refuses a text that is no
+        cursor.
         """
         from semmap.query.entity_query import changes_since
 

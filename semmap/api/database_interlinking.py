@@ -64,6 +64,7 @@ class DatabaseInterlinking:
         labels : whether (left key, right key) are the same, for few pairs; or a file of them: CSV
             of left, right and yes or no, or an alignment
         ask : answers whether a pair is the same, None to end; called for the most informative pairs
+        questions : the most calls of `ask`
         type : of the resources in RDF files
         store : store a link set; its number is `link_set` of the result
 

@@ -119,9 +119,9 @@ class MapBeliefs(MapQuestions):
     ) -> dict[str, list[Any]]:
         """The initial belief as a message: `location`, and the probabilities for each name.
 
-        `location` has the names of all places, `elsewhere` last; each of `names` has its
-        probabilities in that order. Errors are those of `where`; an object of the name ``location``
-        is one, too.
+        `at`: as for `where`. `location` has the names of all places, `elsewhere` last; each of
+        `names` has its probabilities in that order. Errors are those of `where`; an object of the
+        name ``location`` is one, too.
         """
         from semmap.belief.store.beliefs import initial_belief
 
@@ -173,6 +173,7 @@ class MapBeliefs(MapQuestions):
 
         Parameters
         ----------
+        name, at : as for `where`
         keep_as : the name of the field; by default ``belief-NAME``
         voxel_size : edge of a voxel in metres
 
@@ -209,8 +210,9 @@ class MapBeliefs(MapQuestions):
     ) -> str:
         """Priors and observations of objects as a ProbLog program, for other programs.
 
-        `occlusion`: the larger ones of `names` may hide the smaller ones. Errors are those of
-        `where`; a name that appears twice, or with occlusion an unknown volume, is one, too.
+        `occlusion`: the larger ones of `names` may hide the smaller ones. `at`: as for `where`.
+        Errors are those of `where`; a name that appears twice, or with occlusion an unknown volume,
+        is one, too.
         """
         from semmap.belief.problog_program import problog_program
         from semmap.belief.reader import read_columns, read_model

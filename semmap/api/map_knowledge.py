@@ -40,7 +40,8 @@ class MapKnowledge(MapReasoning):
         ----------
         text : the usual prefixes are declared, and the empty one is that of the map's entities, so
             that ``:table1`` is the entity table1
-        seconds, rows : limits; by default those of `semmap.limits`
+        seconds : stop after this time; by default the limit of `semmap.limits`
+        rows : the most rows of an answer; by default the limit of `semmap.limits`
         inferred : see inferences, too
 
         Raises
@@ -222,9 +223,11 @@ class MapKnowledge(MapReasoning):
 
         Parameters
         ----------
+        host, port : where to listen
         tokens : a file with a token and its database role in each line; without it, nobody may
             write
-        seconds, rows : limits of a request
+        seconds : stop a request after this time
+        rows : the most rows of an answer
         stop : ends the call when it is set; by default an interrupt does
         started : called with the URL before requests are answered
 

@@ -184,6 +184,7 @@ class MapObservations(MapQuestions):
         Parameters
         ----------
         goal : a taught state, or an entity or type
+        given : states that hold already
 
         Raises
         ------

@@ -96,6 +96,7 @@ class MapQuestions:
         ----------
         type : a semantic type; its subtypes count
         in_ : name of an entity that holds them, directly or not
+        where : values of its properties
         label : the property label of the entity or of its type, such as ``kitchen``
         near : a point (x, y, z) in the map's frame, metres, or the name of an entity: its origin
         within : metres from `near` to the entity's shape: to its triangles, not to its box. It is 0
@@ -131,7 +132,10 @@ class MapQuestions:
         return [{key: value for key, value in row.items() if key != "id"} for row in rows]
 
     def describe(self, name: EntityName, at: datetime | None = None) -> dict[str, Any]:
-        """All that the map has of an entity; with `at`, also where it was then."""
+        """All that the map has of an entity.
+
+        `at`: a time; where the entity was then, too.
+        """
         return entity_query.describe(self._seen, name, at)
 
     def types(self) -> list[dict[str, Any]]:

@@ -133,6 +133,8 @@ class MapReasoning(MapQuestions):
     def bind_shapes(self, path: str | Path) -> None:
         """Let the shapes of a file bind the map: an update that breaks them is refused.
 
+        `path`: SHACL in Turtle.
+
         Raises
         ------
         WorldError, ValueError

@@ -46,14 +46,16 @@ def read_signature(method: str) -> Signature:
     owner, _, name = method.partition(".")
     function = _function(owner, name)
     doc = ast.get_docstring(function) or ""
-    said = described(sections(doc).get("Parameters", ""))
+    prose, said = sections(doc)[""], described(sections(doc).get("Parameters", ""))
     given = function.args
     named = [*given.posonlyargs, *given.args]
     absent = [None] * (len(named) - len(given.defaults))
     pairs = [*zip(named, [*absent, *given.defaults], strict=True)]
     pairs += zip(given.kwonlyargs, given.kw_defaults, strict=True)
     arguments = [
-        Argument(one.arg, _text(one.annotation), _value(default), _help(owner, one.arg, said))
+        Argument(
+            one.arg, _text(one.annotation), _value(default), _help(owner, one.arg, said, prose)
+        )
         for one, default in pairs
         if one.arg != "self"
     ]
@@ -81,8 +83,14 @@ def described(section: str) -> dict[str, str]:
     return found
 
 
-def _help(owner: str, name: str, said: dict[str, str]) -> str:
-    text = said.get(name, "")
+def _mentioned(name: str, prose: str) -> str:
+    """What a sentence of a docstring says of an argument that it begins with: ```name`: text.``"""
+    found = re.search(rf"(?<![^.]\s)`{name}`:? (.*?)\.(?=\s|$)", " ".join(prose.split()))
+    return found[1] if found else ""
+
+
+def _help(owner: str, name: str, said: dict[str, str], prose: str) -> str:
+    text = said.get(name) or _mentioned(name, prose)
     reference = _AS_FOR.match(text)
     if reference is None:
         return text

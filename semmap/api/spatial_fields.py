@@ -149,6 +149,8 @@ class SpatialFields:
 
         Parameters
         ----------
+        text : SPARQL, see docs/fields_language.md
+        limit : the most rows
         output : file for the map of STORE (.vdb)
         keep : name under which the map of STORE is stored in the database
 
@@ -262,6 +264,7 @@ class SpatialFields:
         Parameters
         ----------
         folder : gets sets.vdb, sets.json and points.ply, or field.vdb, points.ply and legend.json
+        kept : the stored field to export; by default all entities
         version : of the stored field; by default the newest
 
         Raises
@@ -364,6 +367,7 @@ class SpatialFields:
 
         Parameters
         ----------
+        name : of the source
         percepts : with the keys of docs/fields.md, such as ``{"poses": {"human1": {"from": [6.5,
             -1, 1.6], "to": [7.1, 1, 0.8]}}}``
 
@@ -397,10 +401,12 @@ class SpatialFields:
 
         Parameters
         ----------
+        name : of the source
         percepts : socket, recording:FOLDER, mcap:FILE or plugin:NAME
         source : the installed source; by default that of `name`
         rate : the most updates per second
         timeout : seconds without a percept until its properties are unknown; 0 for never
+        options : of the source
 
         Raises
         ------

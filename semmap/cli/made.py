@@ -200,7 +200,8 @@ def _option(argument: Argument, row: str | None) -> _Option | None:
     if isinstance(default, tuple) and kind.type is str:
         default = ",".join(map(str, default))
     told: dict[str, Any] = {"metavar": metavar or kind.metavar}
-    told["help"] = _sentence(f"do not {argument.help}" if off else argument.help)
+    many = "; repeatable" if kind.type == list[str] and names else ""
+    told["help"] = _sentence(f"{'do not ' if off else ''}{argument.help}{many}")
     word = argument.name.strip("_").replace("_", "-")
     if not names and (default is ... or row.startswith("[")):
         found, title = typer.Argument(default, **told), word.upper()

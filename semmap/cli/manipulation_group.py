@@ -72,7 +72,7 @@ def _export(call: MethodCall) -> None:
 
 
 @made("Database.import_manipulation", path=None)
-def _import(call: MethodCall, files: list[Path] = Argument()) -> None:
+def _import(call: MethodCall, files: list[Path] = Argument(help="Signed files.")) -> None:
     """Store the knowledge of signed files: each as a whole, from those whom you trust."""
     for file in files:
         print(f"{file}: {_counted(call(path=file))}")

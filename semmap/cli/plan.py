@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from semmap import cli
@@ -24,7 +25,7 @@ def plan_command(call: MethodCall, json_: Json = False) -> None:
         print(json.dumps(_plan_as_json(plan)))
         return
     if (folder := call.values.get("pddl")) is not None:
-        print(f"{folder}/domain.pddl, {folder}/problem.pddl")
+        print(f"{Path(folder, 'domain.pddl')}, {Path(folder, 'problem.pddl')}")
     if plan.assumed:
         from semmap.query.geometry_notes import names_note
 

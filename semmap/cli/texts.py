@@ -8,6 +8,7 @@ import math
 import re
 from collections.abc import Callable, Iterable
 from datetime import datetime
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 if TYPE_CHECKING:
@@ -117,6 +118,11 @@ def detections(given: Iterable[str], option: str) -> list[Detection]:
     return found
 
 
+def file_or_name(text: str, option: str) -> str | Path:
+    """Return the path of a file that is there; another text is a name."""
+    return Path(text) if Path(text).is_file() else text
+
+
 def near(text: str, option: str) -> str | tuple[float, ...]:
     """Return the point of ``X,Y,Z``, metres; a text without commas is a name."""
     return numbers(text, option, 3) if "," in text else text
@@ -167,7 +173,7 @@ KINDS = {
     "bool": Kind(bool),
     "LocationLike": Kind(str, place),
     "Near": Kind(str, near),
-    "RobotLike": Kind(str),
+    "RobotLike": Kind(str, file_or_name),
     "EntityName": Kind(str),
     "str": Kind(str),
     "int": Kind(int),
