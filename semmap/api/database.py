@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Literal, Self
 import psycopg
 from psycopg import sql
 
-from semmap.api.checked import checked, checked_class
+from semmap.api.checked import Positive, checked, checked_class
 from semmap.api.database_interlinking import DatabaseInterlinking
 from semmap.api.database_manipulation import DatabaseManipulation
 from semmap.api.map import Map
@@ -225,7 +225,7 @@ class Database(DatabaseManipulation, DatabaseInterlinking):
         strict: bool = False,
         source: str | None = None,
         model_path: Sequence[str | Path] = (),
-        scale: float = 1.0,
+        scale: Positive = 1.0,
         define: bool = False,
         find_rooms: bool = False,
         progress: Progress = lambda stage, done, total: None,
@@ -258,6 +258,8 @@ class Database(DatabaseManipulation, DatabaseInterlinking):
         from semmap.ingest.importer import import_file
 
         path = Path(path)
+        if absent := [folder for folder in model_path if not Path(folder).is_dir()]:
+            raise ValueError(f"model_path: {absent[0]} is not a folder")
         summary = import_file(
             self.engine,
             path,

@@ -7,6 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from semmap.api.checked import Positive
 from semmap.api.map_reasoning import MapReasoning
 
 if TYPE_CHECKING:
@@ -74,7 +75,7 @@ class MapKnowledge(MapReasoning):
         text: str,
         callback: Callable[[Event], Any] | None = None,
         *,
-        seconds: float | None = None,
+        seconds: Positive | None = None,
     ) -> LiveEvents[Event]:
         """Follow the map: which answers of a query appear and disappear.
 
@@ -170,7 +171,7 @@ class MapKnowledge(MapReasoning):
         relations: Mapping[str, str] | Sequence[str] | None = None,
         *,
         perspectives: bool = False,
-        seconds: float | None = None,
+        seconds: Positive | None = None,
         started: Callable[[list[str]], Any] = lambda relations: None,
     ) -> None:
         """Keep relations of the running service of fields as facts of the map, while this runs.
@@ -214,7 +215,7 @@ class MapKnowledge(MapReasoning):
         port: int = 8890,
         *,
         tokens: str | Path | None = None,
-        seconds: float = 60,
+        seconds: Positive = 60,
         rows: int = 1_000_000,
         stop: threading.Event | None = None,
         started: Callable[[str], Any] = lambda url: None,
@@ -236,6 +237,8 @@ class MapKnowledge(MapReasoning):
         ValueError
             A package is missing, or the file of tokens is wrong.
         """
+        if not 0 <= port < 2**16:
+            raise ValueError(f"port is {port}: give one from 0 to 65535")
         try:
             from semmap.knowledge.service import SparqlEndpoint, read_tokens, serve, session_opener
         except ModuleNotFoundError as error:

@@ -7,6 +7,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from semmap.api.checked import Positive
 from semmap.api.live_events import timer
 from semmap.api.map_questions import MapQuestions
 
@@ -43,7 +44,7 @@ class MapReasoning(MapQuestions):
         self,
         callback: Callable[[Reasoned], Any] = lambda done: None,
         *,
-        seconds: float | None = None,
+        seconds: Positive | None = None,
         stop: threading.Event | None = None,
     ) -> None:
         """Infer after each change of the map, while this runs.

@@ -207,7 +207,6 @@ fields_command = group(
     _serve,
     _send,
 )
-fields_command.command("at", context_settings={"ignore_unknown_options": True})(
-    _at.function
-)  # -1,2,3 is a point
+negative = {"ignore_unknown_options": True}  # -1,2,3 is a point
+fields_command.command("at", help=_at.help, context_settings=negative)(_at.function)
 fields_command.add_typer(source, name="source", help="Sources of the running service.")

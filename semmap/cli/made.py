@@ -196,14 +196,15 @@ def _option(argument: Argument, row: str | None) -> _Option | None:
     default: Any = argument.default
     if default is REQUIRED:
         default = None if row.startswith("[") else ...
-    off = default is True and names != [] and "/" not in names[0]
     if isinstance(default, tuple) and kind.type is str:
         default = ",".join(map(str, default))
-    told: dict[str, Any] = {"metavar": metavar or kind.metavar}
-    many = "; repeatable" if kind.type == list[str] and names else ""
-    told["help"] = _sentence(f"{'do not ' if off else ''}{argument.help}{many}")
     word = argument.name.strip("_").replace("_", "-")
-    if not names and (default is ... or row.startswith("[")):
+    placed = not names and (default is ... or row.startswith("["))
+    off = default is True and names != [] and "/" not in names[0]
+    many = "; repeatable" if kind.type == list[str] and not placed else ""
+    told: dict[str, Any] = {"metavar": metavar or kind.metavar}
+    told["help"] = _sentence(f"{'do not ' if off else ''}{argument.help}{many}")
+    if placed:
         found, title = typer.Argument(default, **told), word.upper()
     else:
         no = f"/--no-{word}" if kind.type is bool and default is not False else ""

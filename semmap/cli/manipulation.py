@@ -42,9 +42,8 @@ def grasp_command(
         _show(call(), json_, COLUMNS, made_for)
         return
     given = {key: call.texts[key] for key in ("tolerance", "gripper", "kind", "limit")}
-    others = [key for key, read in call.texts.items() if key not in given and read]
-    if others:
-        raise typer.BadParameter(f"--shape does not go with {', '.join(others)}")
+    if any(read for key, read in call.texts.items() if key not in (*given, "stored")):
+        raise typer.BadParameter("--shape goes with --tolerance, --gripper, --kind and --limit")
     with open_database() as db:
         _show(db.grasps_of_shape(*_shape(shape), **given), json_, COLUMNS[1:], "grasps")
 

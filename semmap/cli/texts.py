@@ -129,14 +129,14 @@ def near(text: str, option: str) -> str | tuple[float, ...]:
 
 
 def moment(text: str, option: str) -> datetime:
-    """Return the time of a text in ISO 8601; without a zone, it is local."""
+    """Return the time of a text in ISO 8601 in the local zone, which is also that of the text."""
     try:
         found = datetime.fromisoformat(text)
     except ValueError:
         raise ValueError(
             f"{option} takes an ISO 8601 time (2026-01-31T10:00), not {text}"
         ) from None
-    return found if found.tzinfo else found.astimezone()
+    return found.astimezone()
 
 
 def joints(text: str, option: str) -> dict[str, float]:

@@ -19,8 +19,7 @@ def topology_command(call: MethodCall, json_: Json = False) -> None:
     """
     if "file" in call.values:
         written = [str(path) for path in call()]
-        as_file = json_ and call.texts["format"] != "json"
-        print(json.dumps(written) if as_file else "\n".join(written))
+        print(json.dumps(written) if json_ else "\n".join(written))
         return
     format_ = call.values.pop("format", "json" if json_ else "dot")
     if format_ not in ("dot", "json"):
