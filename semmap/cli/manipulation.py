@@ -37,6 +37,8 @@ def grasp_command(
     semmap grasp cup --gripper pr2; semmap grasp --for drinking; semmap grasp --at 1.2,0.5,0.8
     semmap grasp cup1 --robot tiago --base 1.2,0.4,1.57 --plan
     """
+    if [shape, *map(call.values.get, ("name", "for_", "at"))].count(None) != 3:
+        raise typer.BadParameter("give NAME, or one of --for, --at and --shape")
     if shape is None:
         made_for = "" if "robot" in call.values else "grasps"
         _show(call(), json_, COLUMNS, made_for)

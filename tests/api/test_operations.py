@@ -17,6 +17,7 @@ from typer.testing import CliRunner
 import semmap
 from semmap import cli
 from semmap.api.operations import COMMANDS, OPERATIONS, Operation
+from semmap.api.signatures import REQUIRED
 from semmap.api.spatial_fields import SpatialFields
 from semmap.cli.made import MadeCommand
 
@@ -43,6 +44,10 @@ HANDLES = {
 
 OWN = {"demo", "db"}
 """Commands of the program itself: the demo, and the database's server and schema."""
+
+
+OPEN = {inspect.Parameter.VAR_POSITIONAL, inspect.Parameter.VAR_KEYWORD}
+"""Arguments without a name, which no other face can give."""
 
 
 def leaves(group: Any, words: tuple[str, ...] = ()) -> Iterator[tuple[str, Any]]:
@@ -77,6 +82,25 @@ def test_an_operation_is_described(operation: Operation) -> None:
     for name, one in signature.parameters.items():
         assert name == "self" or one.annotation is not inspect.Parameter.empty, name
     assert signature.return_annotation is not inspect.Signature.empty
+
+
+@pytest.mark.parametrize("operation", OPERATIONS, ids=lambda each: each.method)
+def test_the_source_says_what_the_method_takes(operation: Operation) -> None:
+    owner, method = operation.method.split(".")
+    found = inspect.getattr_static({each.__name__: each for each in OWNERS}[owner], method)
+    found = getattr(found, "fget", None) or getattr(found, "func", None) or found
+    signature = inspect.signature(getattr(found, "__func__", found))
+    kept = [each for each in signature.parameters.values() if each.kind not in OPEN]
+    given = operation.arguments
+    assert [each.name for each in given] == [each.name for each in kept if each.name != "self"]
+    for read, each in zip(given, (each for each in kept if each.name != "self"), strict=True):
+        assert read.annotation == each.annotation
+        if each.default is inspect.Parameter.empty:
+            assert read.default is REQUIRED
+        elif not callable(each.default):
+            assert read.default == each.default
+    assert operation.result == signature.return_annotation
+    assert operation.help == (inspect.getdoc(found) or "").partition("\n")[0]
 
 
 @pytest.mark.parametrize("owner", OWNERS, ids=lambda each: each.__name__)
