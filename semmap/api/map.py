@@ -297,11 +297,16 @@ class Map(
                     add_found_stairs(self, each)
         return found
 
-    def merge_rooms(self, name: EntityName, *others: EntityName) -> None:
+    def merge_rooms(self, name: EntityName, others: EntityName | Sequence[EntityName]) -> None:
         """Make rooms that lie side by side one room, the first of them.
 
         Doors between them go, the others' doors and contents become those of the first. The strip
         of a wall between them becomes floor.
+
+        Parameters
+        ----------
+        name : the room that stays
+        others : rooms beside it, which become parts of it
 
         Raises
         ------
@@ -311,10 +316,11 @@ class Map(
         """
         from semmap.api.room_edits import merge
 
+        more = [others] if isinstance(others, str) else others
         with self._change():
-            merge(self, [self.rooms[each] for each in (name, *others)])
+            merge(self, [self.rooms[each] for each in (name, *more)])
 
-    def split_room(self, name: EntityName, line: Sequence[Sequence[float]], new: str) -> MapEntity:
+    def split_room(self, name: EntityName, new: str, line: Sequence[Sequence[float]]) -> MapEntity:
         """Cut a room in two along a line; return the new one, the smaller part.
 
         An opening as wide as the line joins both; doors and contents belong to the part that they
@@ -322,6 +328,8 @@ class Map(
 
         Parameters
         ----------
+        name : the room; it keeps the larger part
+        new : the name of the other part
         line : points (x, y) from wall to wall, or beyond, metres in the map's frame
 
         Raises

@@ -28,5 +28,5 @@ def _find(call: MethodCall, json_: Json = False) -> None:
 rooms_command = group(
     _find,
     printed("Map.merge_rooms", "", others="NAME..."),
-    printed("Map.split_room", ""),
+    printed("Map.split_room", "", line="--line X,Y"),
 )

@@ -155,8 +155,8 @@ def corners(text: str, option: str) -> list[tuple[float, ...]]:
         found = [tuple(float(v) for v in corner.split(",")) for corner in text.split()]
     except ValueError:
         found = []
-    if len(found) < 3 or any(len(corner) != 2 for corner in found):
-        raise ValueError(f'{option} takes three corners or more, "x,y x,y x,y", not {text}')
+    if any(len(corner) != 2 for corner in found) or not found:
+        raise ValueError(f'{option} takes points, "x,y x,y x,y", not {text}')
     return found
 
 

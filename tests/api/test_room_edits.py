@@ -58,7 +58,7 @@ def test_merged_rooms_have_the_doors_and_contents_of_all(row: semmap.Map) -> Non
 def test_a_split_room_is_two_with_an_opening_and_is_found_as_such(row: semmap.Map) -> None:
     names = named(row)
     former = row[names["right"]].footprint
-    new = row.split_room(names["right"], [(10.5, -1), (10.5, 5)], "store")
+    new = row.split_room(names["right"], "store", [(10.5, -1), (10.5, 5)])
     old = row[names["right"]]
     assert new.footprint.symmetric_difference(former & shapely.box(10.5, 0, 13, 4)).area < 1e-6
     assert new.footprint.union(old.footprint).symmetric_difference(former).area < 1e-6
@@ -76,7 +76,7 @@ def test_a_split_room_is_two_with_an_opening_and_is_found_as_such(row: semmap.Ma
 
 def test_a_room_split_in_the_middle_is_not_found_as_a_third(row: semmap.Map) -> None:
     names = named(row)
-    row.split_room(names["right"], [(10.05, -1), (10.05, 5)], "store")
+    row.split_room(names["right"], "store", [(10.05, -1), (10.05, 5)])
     (again,) = row.find_rooms(add=True)
     assert (again.rooms, again.doorways) == ((), ())
     row.doors[
@@ -91,10 +91,10 @@ def test_what_cannot_be_edited_changes_nothing(row: semmap.Map) -> None:
     outlines = {room.name: room.footprint for room in row.rooms}
     for edit, message in (
         (lambda: row.merge_rooms(names["left"], names["right"]), "does not lie beside"),
-        (lambda: row.merge_rooms(names["left"]), "two rooms"),
+        (lambda: row.merge_rooms(names["left"], ()), "two rooms"),
         (lambda: row.merge_rooms(names["left"], names["left"]), "two rooms"),
-        (lambda: row.split_room(names["left"], [(1, 1), (2, 2)], "new"), "does not cut"),
-        (lambda: row.split_room(names["left"], [(1, -1), (1, 5)], "lamp"), "lamp"),
+        (lambda: row.split_room(names["left"], "new", [(1, 1), (2, 2)]), "does not cut"),
+        (lambda: row.split_room(names["left"], "lamp", [(1, -1), (1, 5)]), "lamp"),
     ):
         with pytest.raises(ValueError, match=message):
             edit()
