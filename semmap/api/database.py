@@ -234,8 +234,9 @@ class Database(DatabaseManipulation, DatabaseInterlinking):
 
         Parameters
         ----------
-        path : SDF, Open-RMF ``building.yaml``, IFC, GeoJSON, GeoPackage, a mesh, a point cloud, or
-            the ``map.yaml`` of a SLAM program, which has walls for `find_rooms`
+        path : SDF, Open-RMF ``building.yaml``, IFC, IndoorGML, IMDF (zip or folder), GeoJSON, also
+            with OpenStreetMap's indoor tags, GeoPackage, a mesh, a point cloud, or the ``map.yaml``
+            of a SLAM program, which has walls for `find_rooms`
         map : made where it is not there; by default the file's own name
         geometry : of SDF models
         mesh_as : a mesh file is one object, a room, or a scene of an object for each named node

@@ -126,25 +126,32 @@ class MapExport(MapQuestions):
         here = {"host": info.host, "port": str(info.port), "user": info.user, "dbname": info.dbname}
         return info.get_parameters() | here
 
-    def export(self, path: str | Path) -> Path:
-        """Write storeys, rooms, doors, regions and objects as map features.
+    def export(
+        self, path: str | Path, *, crs: int | str | None = None, meshes: bool = True
+    ) -> Path:
+        """Write storeys, rooms, doors, regions and objects to a file of the format of its ending.
 
-        `Map.import_file` reads them back: names, types, labels, outlines, heights, properties, and
-        of doors the places that they join, state, direction, behaviour, width, height, step and
-        permissions. It does not read back: meshes (an object is the prism of its footprint), tilts,
-        the poses before doors (they are chosen again), doors within one room, history, beliefs,
-        statements, fields and links.
+        `Map.import_file` reads GeoPackage, GeoJSON, SDF and IndoorGML back as the same map: names,
+        types, labels, outlines, heights, poses, meshes, properties, and of doors the places that
+        they join, state, direction, behaviour, width, height, step and permissions. Not so the
+        poses before doors (they are chosen again), history, beliefs, statements, fields and links.
 
         Parameters
         ----------
-        path : ``.gpkg``: a layer for each kind; ``.geojson``: one collection. A file that is there
-            is replaced
+        path : ``.gpkg``: a layer for each kind; ``.geojson``: one collection; ``.sdf``, ``.world``:
+            a world of Gazebo; ``.gml``: IndoorGML 1.1; ``.yaml``: a ``building.yaml`` of Open-RMF;
+            ``.glb``, ``.gltf``: a scene for viewers. A file that is there is replaced
+        crs : coordinates in this CRS, for a map with a georeference: 4326 (longitude and latitude,
+            for GeoJSON as RFC 7946 has them), or the EPSG code of a grid. By default metres of the
+            map's frame
+        meshes : write the meshes of objects, into a folder beside the file; otherwise an object is
+            the prism of its footprint, in SDF a feature without a model
 
         Raises
         ------
         ValueError
-            The ending is neither.
+            The ending is none of these, the CRS is unknown, or the map has no georeference.
         """
-        from semmap.query.feature_export import write_features
+        from semmap.export.formats import export_map
 
-        return write_features(self._seen, Path(path))
+        return export_map(self._seen, Path(path), crs=crs, meshes=meshes)

@@ -59,6 +59,7 @@ COMMANDS = {
     "belief": CommandWord("belief", "Messages, ProbLog, fields and grammars of beliefs."),
     "costmap": CommandWord("grids", "Compute a robot's layered costmaps and write them for Nav2."),
     "demo": CommandWord("demo.command", "Import a world, and show what follows from it."),
+    "export": CommandWord("export", "Write the map to a file of another program."),
     "fields": CommandWord("fields", "What space contains, voxel by voxel."),
     "gis": CommandWord("gis", "The map in QGIS: a project that shows and edits it."),
     "grasp": CommandWord(
@@ -98,8 +99,7 @@ _PYTHON_ALONE: dict[tuple[str, Right], str] = {
     ("Database", "reader"): "map",
     ("Map", "reader"): (
         "robot_parts changes execute topology live_topology draw draw_3d views spot check_type "
-        "ended_fields rooms objects doors storeys regions agents subscribe to_geodataframe "
-        "export"
+        "ended_fields rooms objects doors storeys regions agents subscribe to_geodataframe"
     ),
     ("Map", "admin"): "add_storey add_room add_door",
     ("Map", "robot"): "add_region add_object add_agent knowledge_client",
@@ -118,6 +118,7 @@ OPERATIONS: tuple[Operation, ...] = (
     Operation("Database.list_maps", "maps", "reader"),
     Operation("Database.drop_map", "drop", "admin"),
     Operation("Map.import_file", "import", "admin"),
+    Operation("Map.export", "export", "reader"),
     Operation("Map.types", "types", "reader"),
     Operation("Map.table", "ls", "reader"),
     Operation("Map.describe", "show", "reader"),

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 )
 def import_command(
     call: MethodCall,
-    files: list[Path] = Argument(help="SDF, building.yaml, IFC, GeoJSON, meshes, map.yaml, ..."),
+    files: list[Path] = Argument(help="SDF, building.yaml, IFC, IndoorGML, GeoJSON, meshes, ..."),
     map_name: MapName = None,
     json_: Json = False,
 ) -> None:

@@ -60,6 +60,24 @@ def on_utm(
     }
 
 
+def to_degrees(georeference: Mapping[str, float]) -> dict[str, float]:
+    """Return what `on_utm` takes, by the names of SDF, of a georeference on any grid."""
+    from pyproj import CRS, Proj
+
+    longitude, latitude = _between(int(georeference["crs"]), WGS84).transform(
+        georeference["easting"], georeference["northing"]
+    )
+    grid = Proj(CRS.from_epsg(int(georeference["crs"])))
+    convergence = grid.get_factors(longitude, latitude).meridian_convergence
+    heading = convergence - math.degrees(georeference["rotation"])
+    return {
+        "latitude_deg": latitude,
+        "longitude_deg": longitude,
+        "elevation": georeference["height"],
+        "heading_deg": math.remainder(heading, 360.0),
+    }
+
+
 def frame_of(points: NDArray[np.float64], crs: Any) -> dict[str, float]:
     """Return a georeference for points (N, 2) of a CRS: their lowest whole metres on a grid.
 
@@ -90,6 +108,29 @@ def into_frame(
     cos, sin = math.cos(georeference["rotation"]), math.sin(georeference["rotation"])
     with np.errstate(invalid="ignore"):
         return np.column_stack([cos * east + sin * north, cos * north - sin * east])
+
+
+def out_of_frame(
+    points: NDArray[np.float64], crs: Any, georeference: Mapping[str, float]
+) -> NDArray[np.float64]:
+    """Return points (N, 2) in the frame of a map, metres, in a CRS, x or longitude first."""
+    x, y = points.T
+    cos, sin = math.cos(georeference["rotation"]), math.sin(georeference["rotation"])
+    east = georeference["easting"] + cos * x - sin * y
+    north = georeference["northing"] + sin * x + cos * y
+    return np.column_stack(_between(int(georeference["crs"]), crs).transform(east, north))
+
+
+def northing_first(crs: str) -> bool:
+    """Return whether coordinates under the URN or URL of a CRS have the northing first, as GML."""
+    from pyproj import CRS
+    from pyproj.exceptions import CRSError
+
+    try:
+        axes = CRS.from_user_input(crs).axis_info
+    except CRSError:
+        return False
+    return crs.startswith(("urn:", "http")) and bool(axes) and axes[0].direction == "north"
 
 
 @cache

@@ -18,6 +18,8 @@ from sqlalchemy import Connection, Engine
 from semmap.database.maps import driver_of, see_map
 from semmap.ingest.annotation.annotation import read_annotation
 from semmap.ingest.ifc import read_ifc
+from semmap.ingest.imdf import is_imdf, read_imdf
+from semmap.ingest.indoor_gml import read_indoor_gml
 from semmap.ingest.meshes.mesh_file import read_mesh_world
 from semmap.ingest.meshes.point_cloud_file import READERS, read_point_cloud
 from semmap.ingest.naming import GUESS
@@ -45,13 +47,14 @@ from semmap.limits import ENTRIES, NAME_CHARACTERS
 from semmap.query.geometry_notes import names_note, read_names_without_geometry
 from semmap.query.snapshot import Snapshot
 
+IFC, GML, IMDF = (".ifc",), (".gml",), (".zip",)
 IFC, URDF, MJCF = (".ifc",), (".urdf",), (".xml", ".mjcf")
 USD = (".usd", ".usda", ".usdc", ".usdz")
 SDF, RMF, FEATURES = (".sdf", ".world"), (".yaml", ".yml"), (".geojson", ".json", ".gpkg")
 MESHES = (".3mf", ".bt", ".dae", ".glb", ".gltf", ".obj", ".off", ".ot", ".ply", ".stl")
 """The mesh formats that trimesh reads and whose triangles can be counted."""
 
-KNOWN = (*SDF, *RMF, *IFC, *FEATURES, *MESHES, *READERS, *USD, *MJCF, *URDF)
+KNOWN = (*SDF, *RMF, *IFC, *GML, *IMDF, *FEATURES, *MESHES, *READERS, *USD, *MJCF, *URDF)
 """The endings of all files that are read."""
 
 MeshAs = Literal["object", "room", "scene"]
@@ -86,7 +89,7 @@ def read_world(
     WorldError
         The file is missing, its ending is unknown, or it cannot be trusted as a whole.
     """
-    if not path.is_file():
+    if not path.is_file() and not is_imdf(path):
         raise WorldError(path, "file", "is not there", "Check the path.")
     ending = path.suffix.lower()
     if scale != 1.0 and ending not in (*MESHES, *READERS):
@@ -94,7 +97,13 @@ def read_world(
             path, "scale", "is of meshes and point clouds only", "Leave it out for this file."
         )
     if ending in SDF:
-        world = read_sdf(path, geometry=geometry, model_path=model_path)
+        world = read_sdf(
+            path,
+            geometry=geometry,
+            model_path=model_path,
+            types=types,
+            georeference=georeference,
+        )
     elif ending in RMF:
         world = read_rmf(path, geometry=geometry, model_path=model_path)
     elif ending in FEATURES:
@@ -104,6 +113,10 @@ def read_world(
             world = read_annotation(path, types, georeference)
     elif ending in READERS:
         world = read_point_cloud(path, scale=scale, georeference=georeference)
+    elif ending in IMDF or path.is_dir():
+        world = read_imdf(path, types, georeference)
+    elif ending in GML:
+        world = read_indoor_gml(path, types, georeference)
     elif ending in IFC:
         world = read_ifc(path, progress)
     elif ending in USD:
@@ -320,6 +333,15 @@ def _guessed(world: World, parts: list[dict[str, Any]]) -> list[dict[str, Any]]:
     return sorted(found + parts, key=lambda guess: (guess["confidence"], guess["name"]))
 
 
+def _digest(path: Path) -> str:
+    """The digest of a file, or of the files in a folder."""
+    files = sorted(path.iterdir()) if path.is_dir() else [path]
+    made = hashlib.sha256()
+    for file in (each for each in files if each.is_file()):
+        made.update(file.read_bytes())
+    return made.hexdigest()
+
+
 def _log(connection: Connection, map_id: int, path: Path, summary: ImportSummary) -> None:
     connection.exec_driver_sql(
         "INSERT INTO import (map_id, source, digest, summary) VALUES "
@@ -327,7 +349,7 @@ def _log(connection: Connection, map_id: int, path: Path, summary: ImportSummary
         {
             "map": map_id,
             "source": summary.source,
-            "digest": hashlib.sha256(path.read_bytes()).hexdigest(),
+            "digest": _digest(path),
             "summary": Jsonb(summary.as_json()),
         },
     )

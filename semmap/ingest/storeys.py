@@ -24,6 +24,9 @@ from semmap.geometry.mesh import Mesh
 from semmap.geometry.pose import IDENTITY, Pose
 from semmap.ingest.world import Entry, StoreyDetail
 
+ASSUMED_HEIGHT = 3.0
+"""Metres from storey to storey where a format numbers levels and has no heights."""
+
 FOUND = "found"
 """The property of a storey that was found, not stated."""
 

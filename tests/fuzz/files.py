@@ -37,6 +37,7 @@ from semmap.ingest.ontology.tbox import read_tbox
 from semmap.ingest.world import World, WorldError
 from semmap.query.storey_scene import SceneEntity
 from semmap.robot import RobotError, load_robot, robot_parts
+from tests.export.test_indoor_gml import THICK, file_of, transition
 from tests.fuzz.kind import Kind
 from tests.fuzz.mutate import (
     Mutation,
@@ -57,6 +58,7 @@ from tests.ingest.scenes.test_urdf_scene import KITCHEN
 from tests.ingest.scenes.test_usd_scene import kitchen as stage
 from tests.ingest.sdf.test_world_file import FRAMES
 from tests.ingest.sdf.worlds_by_hand import LINK, TETRAHEDRON
+from tests.ingest.test_indoor_formats import imdf, osm, write_zip
 from tests.planner.office import office
 from tests.planner.tasks.test_domain_file import TIDY, garden
 from tests.robot.robots import BY_HAND
@@ -158,6 +160,25 @@ def geojson() -> Iterator[bytes]:
     ).encode()
 
 
+def osm_geojson() -> Iterator[bytes]:
+    yield json.dumps(osm()).encode()
+
+
+def indoor_gml() -> Iterator[bytes]:
+    ways = [transition(1, 1, 3), transition(2, 3, 2), transition(3, 2, 4), transition(4, 5, 2)]
+    yield file_of(THICK, ways).encode()
+    yield file_of(THICK[:2], [transition(1, 1, 2)]).encode()
+    about = {"kind": "room", "name": "own", "storey": None}
+    meta = f"<gml:metaDataProperty><x>{json.dumps(about)}</x></gml:metaDataProperty>"
+    own = [each.replace("<gml:description>", f"{meta}<gml:description>", 1) for each in THICK]
+    yield file_of(own, ways).encode()
+
+
+def imdf_zip() -> Iterator[bytes]:
+    with TemporaryDirectory() as folder:
+        yield write_zip(Path(folder) / "seed.zip", imdf()).read_bytes()
+
+
 def rmf() -> Iterator[bytes]:
     yield building().encode()
     yield from files(".building.yaml", largest=20_000)
@@ -235,13 +256,15 @@ def glb_header(random: Random, seed: bytes, others: Sequence[bytes]) -> bytes:
 
 
 def zipped(random: Random, seed: bytes, others: Sequence[bytes]) -> bytes:
-    """A 3MF whose members are changed, then packed again."""
+    """A 3MF or IMDF whose members are changed, then packed again."""
     made = BytesIO()
     with zipfile.ZipFile(BytesIO(seed)) as old, zipfile.ZipFile(made, "w") as new:
         for name in old.namelist():
             data = old.read(name)
             if name.endswith(".model"):
                 data = random.choice((xml_tree, words_of))(random, data, [data])
+            elif name.endswith(".geojson") and random.random() < 0.5:
+                data = random.choice((json_tree, words_of))(random, data, [data])
             new.writestr(name, data)
     return made.getvalue()
 
@@ -398,6 +421,9 @@ def _world(
 FILE_KINDS = [
     Kind("sdf", lambda: list(sdf()), [*TEXT, xml_tree, xml_tree], run_sdf, (WorldError,)),
     _world("geojson", ".geojson", geojson, [*TEXT, json_tree, json_tree, json_tree]),
+    _world("osm indoor", ".geojson", osm_geojson, [*TEXT, json_tree, json_tree]),
+    _world("indoorgml", ".gml", indoor_gml, [*TEXT, xml_tree, xml_tree]),
+    _world("imdf", ".zip", imdf_zip, [zipped, zipped, bytes_of]),
     _world("rmf", ".building.yaml", rmf, [*TEXT, yaml_tree, yaml_tree]),
     _world("ifc", ".ifc", ifc, TEXT),
     Kind("mjcf", lambda: [SCENE.encode()], XML, partial(run_scene, ".xml"), (WorldError,)),

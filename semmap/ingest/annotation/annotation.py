@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -11,17 +12,19 @@ from shapely import MultiPolygon, Point, Polygon
 
 from semmap.geometry.mesh import prism_mesh
 from semmap.geometry.outline import placed_outline
-from semmap.geometry.pose import Pose
+from semmap.geometry.pose import IDENTITY, Pose
 from semmap.ingest.annotation.connectors import add_connector
 from semmap.ingest.annotation.draft_world import Draft, DraftWorld, RoomArea
-from semmap.ingest.annotation.feature_file import Feature
+from semmap.ingest.annotation.feature_file import Feature, read_features
 from semmap.ingest.annotation.feature_values import (
     area_of,
     drawn_as,
     flag_of,
     heading_of,
     number,
+    pose_of,
 )
+from semmap.ingest.annotation.osm_indoor import from_osm_indoor, is_osm_indoor
 from semmap.ingest.floor_plan import middle_of
 from semmap.ingest.openings import LEAF_HEIGHT
 from semmap.ingest.world import Kind, PlaceDetail, Refused, Shape, StoreyDetail, World
@@ -90,9 +93,20 @@ def _add_object(world: DraftWorld, draft: Draft) -> None:
         height = ceiling - floor
     if height is not None and height < THIN:
         raise Refused("it has no height", "Give height in metres, or ceiling above floor.")
-    pose, shapes = _placed(world, feature, storey, 0.0, height)
+    own, shape = pose_of(feature), world.mesh_of(feature)
+    pose, shapes = _placed(world, feature, storey, 0.0, height, own, shape)
     if pose is not None:
         pose = Pose(z=floor) @ pose
+    if "model_name" in feature.properties:  # where a simulator has it counts
+        model = world.models.get(str(feature.properties["model_name"]))
+        if model is None:
+            raise Refused("its model is not in the world", "Remove its feature, too.")
+        pose = model.pose
+        outlines = [each.outline for each in shapes]
+        shapes = [
+            replace(own, outline=outline)
+            for own, outline in zip(model.shapes, outlines, strict=False)
+        ] or shapes
     world.add(draft, pose, world.holder_of(feature) or storey, shapes=shapes)
 
 
@@ -132,24 +146,41 @@ def _check_heights(floor: float, ceiling: float) -> None:
 
 
 def _placed(
-    world: DraftWorld, feature: Feature, storey: str | None, low: float, high: float | None
+    world: DraftWorld,
+    feature: Feature,
+    storey: str | None,
+    low: float,
+    high: float | None,
+    own: Pose = IDENTITY,
+    shape: Shape | None = None,
 ) -> tuple[Pose | None, list[Shape]]:
-    """The pose and shape of a polygon or point in the map; without `high`, its outline alone."""
+    """The pose and shape of a polygon or point in the map; without `high`, its outline alone.
+
+    `own` is its pose in the frame at the middle of what is drawn, `shape` that of its mesh.
+    """
     geometry = feature.geometry
     yaw, elevation = heading_of(feature), world.elevation(storey)
     if geometry is None:
         return None, []
     if isinstance(geometry, Point):
-        return Pose.planar(geometry.x, geometry.y, yaw, elevation), []
+        pose = Pose.planar(geometry.x, geometry.y, yaw, elevation) @ own
+        return pose, [] if shape is None else [shape]
     if not isinstance(geometry, Polygon | MultiPolygon):
         raise Refused(f"is drawn as {drawn_as(feature)}", "Draw it as a polygon or a point.")
     area = area_of(feature, world.out.notes)
     middle = middle_of(area)
-    pose = Pose.planar(middle.x, middle.y, yaw, elevation)
-    own = placed_outline(area, pose.inverse())
+    pose = Pose.planar(middle.x, middle.y, yaw, elevation) @ own
+    upright = math.hypot(own.qx, own.qy) < THIN
+    outline = placed_outline(area, pose.inverse()) if upright else None
+    if shape is not None:
+        concave = area.area < (1 - THIN) * area.convex_hull.area
+        return pose, [replace(shape, outline=outline if concave else None)]
+    if outline is None:
+        raise Refused("its pose is tilted", "Give its mesh, too, or an upright pose.")
+    low -= own.z
     if high is None:
-        return pose, [Shape("polygon", None, shapely.force_3d(own, low))]
-    return pose, [Shape("polygon", prism_mesh(own, low, high), own)]
+        return pose, [Shape("polygon", None, shapely.force_3d(outline, low))]
+    return pose, [Shape("polygon", prism_mesh(outline, low, high - own.z), outline)]
 
 
 KINDS: dict[Kind, Callable[[DraftWorld, Draft], None]] = {
@@ -171,6 +202,7 @@ def read_annotation(
 ) -> World:
     """Return the world that the features of a GeoJSON file or GeoPackage describe.
 
+    Features with OpenStreetMap's indoor tags are read as such (see `osm_indoor`).
     A feature whose type is none of `types` is left out; by default any type is taken.
 
     Coordinates are metres in the map's frame. Degrees, and coordinates of a projection of the
@@ -189,7 +221,9 @@ def read_annotation(
       threshold, `permissions` of which one is needed (``"staff,cleaning"``). Stairs and ramps are
       lines along the way.
     - region: polygon or point; `blocked`, `home`
-    - storey: `elevation`, `height`; elevator; object (polygon with `height`, or point); agent
+    - storey: `elevation`, `height`; elevator; object (polygon with `height`, or point); agent.
+      Both may have a `mesh`, a file beside this one, in its own frame, and a `pose` of this frame
+      (x, y, z, qx, qy, qz, qw) from the middle of what is drawn, at its floor, turned by `heading`
     - without a geometry: an entry with nothing but its semantics
 
     Raises
@@ -197,7 +231,14 @@ def read_annotation(
     WorldError
         The file as a whole cannot be trusted. A feature that cannot be used is in `skipped`.
     """
-    draft_world = DraftWorld(Path(path), types, georeference)
+    file = read_features(Path(path), georeference)
+    if is_osm_indoor(file.features):
+        file = from_osm_indoor(file)
+    return draft_entries(DraftWorld(Path(path), file, types))
+
+
+def draft_entries(draft_world: DraftWorld) -> World:
+    """Return the world of all features of a draft."""
     for kind, add in KINDS.items():
         for draft in draft_world.drafts_of(kind):
             draft_world.attempt(draft.feature, add, draft_world, draft)

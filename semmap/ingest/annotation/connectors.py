@@ -13,6 +13,7 @@ from semmap.ingest.annotation.draft_world import Draft, DraftWorld
 from semmap.ingest.annotation.feature_file import Feature
 from semmap.ingest.annotation.feature_values import (
     choice,
+    heading_of,
     line_of,
     number,
     supertypes,
@@ -63,7 +64,7 @@ def _detail(feature: Feature, form: Form, is_opening: bool, joins: Joined) -> Co
         number(feature, "width"),
         number(feature, "height"),
         number(feature, "step") or 0.0,
-        tuple(w.strip() for w in (text(feature, "permissions") or "").split(",") if w.strip()),
+        _permissions(feature),
     )
     for key in ("width", "height"):
         clear = getattr(detail, key)
@@ -76,6 +77,13 @@ def _detail(feature: Feature, form: Form, is_opening: bool, joins: Joined) -> Co
     return detail
 
 
+def _permissions(feature: Feature) -> tuple[str, ...]:
+    given = feature.properties.get("permissions")
+    if isinstance(given, list):
+        return tuple(map(str, given))
+    return tuple(w.strip() for w in (text(feature, "permissions") or "").split(",") if w.strip())
+
+
 def _joins(world: DraftWorld, feature: Feature) -> Joined:
     """Return the two places that a feature names, the outside second."""
     given = feature.properties.get("joins")
@@ -85,7 +93,7 @@ def _joins(world: DraftWorld, feature: Feature) -> Joined:
     if not isinstance(names, list) or not all(isinstance(n, str) for n in names):
         raise Refused(f"joins {str(given)[:60]!r}", 'Write it as "bath,hall".')
     places = [n.strip() for n in names]
-    if len(places) != 2 or places[0] == places[1] or not all(places):
+    if len(places) != 2 or not all(places) or places == [OUTSIDE, OUTSIDE]:
         raise Refused(f"joins {', '.join(places) or 'nothing'}", "Name two places.")
     for place in places:
         if world.is_left_out(place):
@@ -118,6 +126,9 @@ def _add_opening(world: DraftWorld, draft: Draft, detail: ConnectorDetail, joins
     points = shapely.get_coordinates(line)
     along = math.atan2(*(points[1] - points[0])[::-1])
     from_left = _leads_from_left(world, line, joins, left, right)
+    beside = any((place == left) != (place == right) for place in joins)
+    if not beside and "heading" in draft.feature.properties:
+        from_left = math.sin(along - heading_of(draft.feature)) > 0
     middle = points.mean(axis=0)
     pose = Pose.planar(
         float(middle[0]),

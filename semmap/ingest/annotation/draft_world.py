@@ -12,15 +12,27 @@ import shapely
 from shapely import MultiPolygon, Polygon
 
 from semmap.geometry.pose import IDENTITY, Pose
-from semmap.ingest.annotation.feature_file import Feature, read_features
+from semmap.ingest.annotation.feature_file import Feature, FeatureFile
 from semmap.ingest.annotation.feature_values import kind_of, number, text, type_of
 from semmap.ingest.floor_plan import middle_of
-from semmap.ingest.world import OUTSIDE, Entry, Kind, Refused, StoreyDetail, World, unique_name
+from semmap.ingest.meshes.mesh_file import read_shape
+from semmap.ingest.meshes.mesh_size import MeshFileError
+from semmap.ingest.world import (
+    OUTSIDE,
+    Entry,
+    Kind,
+    Refused,
+    Shape,
+    StoreyDetail,
+    World,
+    unique_name,
+)
 from semmap.suggestions import similar_names
 
 _COMMON = {"name", "kind", "type", "label", "storey", "holder", "heading", "heading_deg", "front"}
 _HEIGHTS = {"floor", "ceiling"}
 _OPENING = {"width", "height", "step"}
+_SHAPE = {"height", "pose", "mesh", "model_name"}
 _PASSAGE = {"joins", "state", "behaviour", "direction", "permissions"}
 USED_PROPERTIES: dict[Kind, set[str]] = {
     "storey": _COMMON | {"elevation", "height"},
@@ -28,10 +40,13 @@ USED_PROPERTIES: dict[Kind, set[str]] = {
     "room": _COMMON | _HEIGHTS | {"elevator"},
     "connector": _COMMON | _OPENING | _PASSAGE | {"floor"},
     "region": _COMMON | _HEIGHTS,
-    "object": _COMMON | _HEIGHTS | {"height"},
-    "agent": _COMMON | _HEIGHTS | {"height"},
+    "object": _COMMON | _HEIGHTS | _SHAPE,
+    "agent": _COMMON | _HEIGHTS | _SHAPE,
 }
 """Properties that become parts of an entry of this kind; all others stay free properties."""
+
+NESTED = "properties"
+"""The property with free properties, as an object, whose names have a meaning of their own."""
 
 
 @dataclass(frozen=True)
@@ -60,11 +75,14 @@ class DraftWorld:
     def __init__(
         self,
         path: Path,
+        file: FeatureFile,
         types: Collection[str] | None = None,
-        georeference: Mapping[str, float] | None = None,
+        models: Mapping[str, Entry] | None = None,
     ) -> None:
         self._types = types  # None: any
-        self.file = read_features(path, georeference)
+        self.file = file
+        self.models = models or {}
+        self._meshes: dict[str, Shape] = {}
         self.out = World(
             path.stem,
             path,
@@ -134,12 +152,15 @@ class DraftWorld:
                 raise Refused(f"its holder {holder} has no place", "Draw the holder, too.")
             own = outer.inverse() @ pose
         used = USED_PROPERTIES[draft.kind]
+        free = {k: v for k, v in feature.properties.items() if k not in used}
+        if isinstance(free.get(NESTED), dict):
+            free |= free.pop(NESTED)
         entry = Entry(
             draft.name,
             draft.kind,
             draft.type,
             text(feature, "label"),
-            {k: v for k, v in feature.properties.items() if k not in used},
+            free,
             holder if pose is not None else None,
             own,
             front=number(feature, "front") or 0.0,
@@ -194,6 +215,18 @@ class DraftWorld:
             problem = f"its holder {holder} is not a feature of this file"
             raise Refused(problem, "Name a feature that can be used.")
         return holder
+
+    def mesh_of(self, feature: Feature) -> Shape | None:
+        """Return the shape in the mesh file that a feature names, each file read once."""
+        given = text(feature, "mesh")
+        if given is None:
+            return None
+        if given not in self._meshes:
+            try:
+                self._meshes[given] = read_shape(self.out.source.parent / given)
+            except MeshFileError as error:
+                raise Refused(f"its mesh {given} {error.problem}", error.fix) from error
+        return self._meshes[given]
 
     def room(self, name: str) -> RoomArea | None:
         """Return a room by its name; None where it has no area."""

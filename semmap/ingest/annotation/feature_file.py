@@ -47,6 +47,10 @@ DEGREES = 0.1
 """Outlines within a tenth of a unit are in degrees, not metres: a building is so large."""
 
 GEOREFERENCE = ("crs", "easting", "northing", "height", "rotation")
+"""The georeference of a file: a foreign member of GeoJSON, metadata of a GeoPackage."""
+
+COORDINATES = "coordinates_crs"
+"""The foreign member that names the CRS of coordinates where RFC 7946 allows no member `crs`."""
 
 
 @dataclass(frozen=True)
@@ -95,18 +99,19 @@ def read_features(path: Path, georeference: Mapping[str, float] | None = None) -
     if ending not in ENDINGS:
         problem = f"{path.suffix!r} is not the ending of an annotation"
         raise WorldError(path, "ending", problem, f"Known: {', '.join(ENDINGS)}.")
-    found = _read_geopackage(path) if ending == ".gpkg" else _read_geojson(path)
-    _into_metres(path, found, georeference)
-    return found
+    found = _read_geopackage(path) if ending == ".gpkg" else read_collection(path, parse_json(path))
+    return into_metres(path, found, georeference)
 
 
-def _into_metres(path: Path, found: FeatureFile, georeference: Mapping[str, float] | None) -> None:
+def into_metres(
+    path: Path, found: FeatureFile, georeference: Mapping[str, float] | None = None
+) -> FeatureFile:
     """Bring the coordinates of a file into the map's frame; leave out what is far from it."""
     features, found.features = found.features, []
     for stated in dict.fromkeys(feature.crs for feature in features):
         of_crs = [feature for feature in features if feature.crs == stated]
         drawn = [feature.geometry for feature in of_crs if feature.geometry is not None]
-        crs = _crs_of_earth(stated, drawn)
+        crs = _crs_of_earth(stated, drawn, trusted=found.georeference is not None)
         if crs is not None:
             points = shapely.get_coordinates(drawn)
             try:
@@ -130,13 +135,17 @@ def _into_metres(path: Path, found: FeatureFile, georeference: Mapping[str, floa
             with found.leaving_out(feature.where, feature.properties.get("name")):
                 geometry = None if feature.geometry is None else next(placed)
                 found.features.append(replace(feature, geometry=_checked(geometry)))
+    return found
 
 
-def _crs_of_earth(stated: str | None, drawn: Sequence[shapely.Geometry]) -> str | None:
+def _crs_of_earth(
+    stated: str | None, drawn: Sequence[shapely.Geometry], trusted: bool = False
+) -> str | None:
     """Return the CRS of coordinates on the earth; None if they are of a local frame.
 
     Outlines of less than a tenth of a degree are degrees, whatever is stated. Of a geographic CRS,
-    so are points; of a projection, coordinates that are far from its origin.
+    so are points; of a projection, coordinates that are far from its origin. A file with a
+    georeference is `trusted` with its CRS.
     """
     drawn = [geometry for geometry in drawn if not geometry.is_empty]
     if not drawn:
@@ -145,6 +154,8 @@ def _crs_of_earth(stated: str | None, drawn: Sequence[shapely.Geometry]) -> str 
     west, south, east, north = map(float, shapely.total_bounds(outlines or drawn))
     crs = _crs(stated)
     geographic = crs is not None and crs.is_geographic
+    if trusted and (geographic or (crs is not None and crs.is_projected)):
+        return stated
     small = east - west < DEGREES and north - south < DEGREES
     possible = max(abs(west), abs(east)) <= 180 and max(abs(south), abs(north)) <= 90
     if small and possible and (outlines or geographic):
@@ -175,8 +186,8 @@ def _turned(feature: Feature, rotation: float) -> Feature:
     return replace(feature, properties=feature.properties | turned)
 
 
-def _read_geojson(path: Path) -> FeatureFile:
-    root = parse_json(path)
+def read_collection(path: Path, root: Any) -> FeatureFile:
+    """Return the features of a GeoJSON object as they are drawn."""
     if not isinstance(root, dict) or root.get("type") not in ("FeatureCollection", "Feature"):
         found = root.get("type") if isinstance(root, dict) else type(root).__name__
         fix = "Give a GeoJSON FeatureCollection, as QGIS and ogr2ogr write it."
@@ -186,7 +197,7 @@ def _read_geojson(path: Path) -> FeatureFile:
         raise WorldError(path, "features", "is not an array", "Make it the array of features.")
     out = FeatureFile()
     layer = root.get("name") if isinstance(root.get("name"), str) else None
-    named = root.get("crs")
+    named = root.get("crs") or root.get(COORDINATES)
     stated = named.get("properties") if isinstance(named, dict) else named
     crs = str(stated.get("name")) if isinstance(stated, dict) else stated and str(stated)
     _read_georeference(root.get("georeference"), out)
@@ -230,7 +241,13 @@ def _geojson_geometry(geometry: object) -> shapely.Geometry | None:
     coordinates = _positions(geometry.get("coordinates"), DEPTHS[kind])
     try:
         made: shapely.Geometry = shapely.geometry.shape({"type": kind, "coordinates": coordinates})
-    except (ValueError, TypeError, IndexError, shapely.errors.ShapelyError) as error:
+    except (
+        ValueError,
+        TypeError,
+        IndexError,
+        OverflowError,
+        shapely.errors.ShapelyError,
+    ) as error:
         raise Refused(f"is not a valid {kind} ({error})", "Draw it again.") from error
     return made
 
@@ -286,12 +303,20 @@ def _read_geopackage(path: Path) -> FeatureFile:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # GDAL's remarks on the CRS, which is not used
         try:
+            _read_metadata(path, out)
             for layer in (str(name) for name, _ in pyogrio.list_layers(path)):
                 if layer not in STYLE_LAYERS:
                     _read_layer(path, layer, out)
         except (RuntimeError, ValueError) as error:
             raise _not_a_geopackage(path, error) from error
     return out
+
+
+def _read_metadata(path: Path, out: FeatureFile) -> None:
+    layers = pyogrio.list_layers(path)
+    about = pyogrio.read_info(path, layer=layers[0][0])["dataset_metadata"] if len(layers) else None
+    if about and "georeference" in about:
+        _read_georeference(json.loads(about["georeference"]), out)
 
 
 def _check_sqlite(path: Path) -> None:

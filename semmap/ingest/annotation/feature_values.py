@@ -11,6 +11,7 @@ import shapely
 from shapely import LineString, MultiPolygon, Point, Polygon
 
 from semmap.geometry.morphology import polygons
+from semmap.geometry.pose import IDENTITY, Pose
 from semmap.ingest.annotation.feature_file import Feature
 from semmap.ingest.ontology.tbox import KINDS, TypeRecord, own_tbox
 from semmap.ingest.world import Kind, Refused
@@ -106,6 +107,22 @@ def heading_of(feature: Feature) -> float:
     """Return the heading of a feature, counter-clockwise from +x, radians."""
     degrees = number(feature, "heading_deg")
     return math.radians(degrees) if degrees is not None else number(feature, "heading") or 0.0
+
+
+def pose_of(feature: Feature) -> Pose:
+    """Return the property `pose` of a feature: seven numbers, the last four a quaternion."""
+    given = feature.properties.get("pose")
+    if given is None:
+        return IDENTITY
+    try:
+        numbers = [float(each) for each in given]
+        length = math.hypot(*numbers[3:])
+        if len(numbers) != 7 or length < 1e-9 or not max(map(abs, numbers)) <= 1e6:
+            raise ValueError
+    except (TypeError, ValueError, OverflowError):
+        fix = "Give x, y, z in metres and a quaternion qx, qy, qz, qw."
+        raise Refused(f"its pose is {str(given)[:60]!r}", fix) from None
+    return Pose(*numbers[:3], *(each / length for each in numbers[3:]))
 
 
 def type_of(feature: Feature) -> str | None:

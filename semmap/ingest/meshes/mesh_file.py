@@ -132,6 +132,13 @@ def read_mesh_world(
     return world
 
 
+def read_shape(path: Path) -> Shape:
+    """Return the shape in a mesh file: its surface, or the points of a PLY file without faces."""
+    points = _read_points(path, 1.0)
+    kind: Literal["mesh", "cloud"] = "mesh" if points is None else "cloud"
+    return Shape(kind, read_mesh(path) if points is None else points, uri=path.name)
+
+
 def _read_points(path: Path, scale: float) -> Mesh | None:
     """Return the points of a PLY file that has no faces; None for any other file."""
     if path.suffix.lower() != ".ply" or not path.is_file():

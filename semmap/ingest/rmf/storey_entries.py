@@ -53,6 +53,9 @@ EQUIPMENT = ("is_charger", "dock_name", "is_cleaning_zone", "spawn_robot_name", 
 ROOM_TYPES = ("kitchen", "lobby", "restaurant", "shop", "office", "corridor", "bathroom", "toilet")
 """Words in a room's name that are its type."""
 
+NAMES_ROOM = "names_room"
+"""The parameter of a vertex that is there to name its room, as exports of semmap have it."""
+
 LANE_PROPERTIES = ("speed_limit", "orientation", "mutex")
 """Parameters of a lane that become properties."""
 
@@ -147,8 +150,12 @@ class StoreyEntries:
             self._space(entry, face, Pose(middle.x, middle.y), None)
 
     def _namesakes(self, rooms: Sequence[Polygon]) -> dict[int, str]:
-        """Return the names of rooms: of the one named vertex in each that is not equipment."""
+        """Return the names of rooms: of the one named vertex in each that is not equipment.
+
+        A vertex that states that it names its room counts before others.
+        """
         inside: dict[int, set[str]] = {}
+        stated: dict[int, str] = {}
         for i, vertex in enumerate(self.plan.vertices):
             if vertex is None or not vertex.name or i in self.drawing.far:
                 continue
@@ -157,7 +164,10 @@ class StoreyEntries:
             for room, outline in enumerate(rooms):
                 if outline.contains(Point(self.drawing.points[i])):
                     inside.setdefault(room, set()).add(vertex.name)
-        return {room: next(iter(names)) for room, names in inside.items() if len(names) == 1}
+                    if vertex.params.get(NAMES_ROOM):
+                        stated[room] = vertex.name
+        found = {room: next(iter(names)) for room, names in inside.items() if len(names) == 1}
+        return found | stated
 
     def _cabin_entries(self, cabins: Mapping[str, Polygon]) -> None:
         for lift, outline in cabins.items():
@@ -237,6 +247,8 @@ class StoreyEntries:
         entries: dict[int, str] = {}
         for i, vertex in enumerate(self.plan.vertices):
             if vertex is None or i in self.drawing.far or not (vertex.name or i in ends):
+                continue
+            if vertex.params.get(NAMES_ROOM) and i not in ends:
                 continue
             wanted = vertex.name or f"{self.plan.name}-waypoint{i}"
             type_ = next((t for key, t in PLACE_TYPES if vertex.params.get(key)), "waypoint")

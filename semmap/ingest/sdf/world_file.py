@@ -5,7 +5,8 @@ Why: docs/decisions/sdf_is_read_by_own_code.md
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import json
+from collections.abc import Collection, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import get_args
@@ -14,6 +15,9 @@ from xml.etree.ElementTree import Element
 import numpy as np
 
 from semmap.geometry.pose import Pose
+from semmap.ingest.annotation.annotation import draft_entries
+from semmap.ingest.annotation.draft_world import DraftWorld
+from semmap.ingest.annotation.feature_file import into_metres, read_collection
 from semmap.ingest.georeference import utm_crs
 from semmap.ingest.naming import give_type
 from semmap.ingest.sdf.elements import Unusable, leaving_out, local_pose, numbers, read_root
@@ -23,11 +27,22 @@ from semmap.ingest.sdf.resources import Resources
 from semmap.ingest.world import Entry, Skipped, World, WorldError, unique_name
 from semmap.limits import EXTENT
 
+NAMESPACE = "urn:semmap:sdf"
+FEATURES = f"{{{NAMESPACE}}}features"
+"""The element of a world that holds the GeoJSON of the map that it shows."""
+
 MADE_AT_RUN_TIME = ("population", "road")
 """Elements whose geometry the simulator makes at run time."""
 
 
-def read_sdf(path: Path, *, geometry: Role = "visual", model_path: Sequence[Path] = ()) -> World:
+def read_sdf(
+    path: Path,
+    *,
+    geometry: Role = "visual",
+    model_path: Sequence[Path] = (),
+    types: Collection[str] | None = None,
+    georeference: Mapping[str, float] | None = None,
+) -> World:
     """Return the world of an SDF file: models as entries of kind ``object``, actors as ``agent``.
 
     All links and nested models of a model are baked into one mesh in the model's frame, in the pose
@@ -37,11 +52,14 @@ def read_sdf(path: Path, *, geometry: Role = "visual", model_path: Sequence[Path
     of the map. Entries have no holder; their `properties` are ``model`` (the name of the model
     file), ``static`` and ``type_guess``. A model that has nothing but another one stands where that
     one does. `georeference` holds latitude_deg, longitude_deg, elevation (metres) and heading_deg.
+    A world that semmap exported has the features of its map: their models stand where the world has
+    them, and what they mean is as of `read_annotation`.
 
     Parameters
     ----------
     path : an SDF file with a `<world>`, or with a single `<model>`; what Gazebo reads is read
     model_path : folders of models, searched first (see `resources.Resources`)
+    types, georeference : of features, as of `read_annotation`
 
     Raises
     ------
@@ -77,7 +95,35 @@ def read_sdf(path: Path, *, geometry: Role = "visual", model_path: Sequence[Path
                 "Write its models out as <include> elements.",
             )
         )
-    return world
+    described = scope.find(FEATURES)
+    return world if described is None else _described(described, world, types, georeference)
+
+
+def _described(
+    described: Element,
+    world: World,
+    types: Collection[str] | None,
+    georeference: Mapping[str, float] | None,
+) -> World:
+    """Return the world that features describe, with the models of a world and what is new in it."""
+    try:
+        root = json.loads(described.text or "")
+    except (ValueError, RecursionError) as error:
+        raise WorldError(
+            world.source, "features", f"is not JSON ({error})", "Remove the element."
+        ) from error
+    file = into_metres(world.source, read_collection(world.source, root), georeference)
+    models = {entry.name: entry for entry in world.entries}
+    out = draft_entries(DraftWorld(world.source, file, types, models))
+    used = {str(feature.properties.get("model_name")) for feature in file.features}
+    taken = {entry.name for entry in out.entries}
+    for entry in (each for name, each in models.items() if name not in used):
+        entry.name = unique_name(entry.name, taken)
+        taken.add(entry.name)
+        out.entries.append(entry)
+    out.name, out.georeference = world.name, out.georeference or world.georeference
+    out.skipped, out.notes = world.skipped + out.skipped, world.notes + out.notes
+    return out
 
 
 def _scope(root: Element, world: World) -> Element:

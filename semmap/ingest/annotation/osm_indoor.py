@@ -1,0 +1,202 @@
+"""OpenStreetMap's Simple Indoor Tagging, as GeoJSON (https://wiki.openstreetmap.org/wiki/Simple_Indoor_Tagging).
+
+``indoor=room|area|corridor`` are rooms, ``indoor=door`` and nodes with `door` are doors in their
+borders, ``indoor=wall`` are walls; ``level=0;1`` or ``0-2`` puts one of each on each level. Stairs
+join the levels that they have, elevators have a cabin on each.
+"""
+
+from __future__ import annotations
+
+import itertools
+import re
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import shapely
+from shapely import LineString, MultiPolygon, Point, Polygon
+
+from semmap.ingest.annotation.feature_file import Feature, FeatureFile
+from semmap.ingest.naming import guess_type
+from semmap.ingest.storeys import ASSUMED_HEIGHT
+from semmap.ingest.world import Refused
+
+ROOMS = ("room", "area", "corridor")
+
+STAIRS, ELEVATOR = ("stairs", "steps"), ("elevator",)
+"""Values of `room` and `highway`, and keys with the value yes, of what joins levels."""
+
+WIDTH, THICKNESS = 0.9, 0.1
+"""Metres of a door that is a node, and of a wall that is a line."""
+
+MOST_LEVELS = 200
+
+_LEVEL = re.compile(r"(-?\d+(?:\.\d+)?)(?:-(-?\d+(?:\.\d+)?))?")
+
+
+def is_osm_indoor(features: Sequence[Feature]) -> bool:
+    """Return whether features have indoor tags, and not the keys of annotations."""
+    tags = [feature.properties for feature in features]
+    return any("indoor" in each for each in tags) and not any("kind" in each for each in tags)
+
+
+def from_osm_indoor(file: FeatureFile) -> FeatureFile:
+    """Return the features of a file, in metres, with the keys of annotations."""
+    drawn, file.features = file.features, []
+    left = 0
+    on_levels: list[tuple[Feature, list[float]]] = []
+    for each in drawn:
+        with file.leaving_out(each.where, each.properties.get("name")):
+            on_levels.append((each, _levels(each)))
+    names = {level: f"level {level:g}" for _, levels in on_levels for level in levels}
+    for level in sorted(names):
+        about = {"kind": "storey", "name": names[level], "elevation": level * ASSUMED_HEIGHT}
+        file.features.append(Feature("level", None, None, about))
+    borders: dict[float, list[LineString]] = {level: [] for level in names}
+    taken: set[str] = set()
+    for each, levels in on_levels:
+        if _is_room(each):
+            for level in levels:
+                borders[level] += _sides(each.geometry)
+            file.features += _rooms(each, levels, names, taken)
+    for each, levels in on_levels:
+        tags = each.properties
+        if _is_room(each) or tags.get("indoor") == "level":
+            continue
+        door = tags.get("indoor") == "door" or {"door", "entrance"} & tags.keys()
+        if not door and tags.get("indoor") != "wall":
+            left += 1
+            continue
+        for level in levels:
+            with file.leaving_out(each.where, tags.get("name")):
+                made = _door(each, borders[level]) if door else _wall(each)
+                own = dict(made.properties, storey=names[level])
+                if len(levels) > 1:
+                    own.pop("name", None)
+                file.features.append(replace(made, properties=own))
+    file.notes.append(f"levels have no heights: each is {ASSUMED_HEIGHT:g} m high")
+    if left:
+        file.notes.append(f"{left} features without indoor tags are left out")
+    return file
+
+
+def _levels(feature: Feature) -> list[float]:
+    """Return the levels of a feature, lowest first; 0 where it has none."""
+    found: set[float] = set()
+    for part in str(feature.properties.get("level", "0")).replace(",", ";").split(";"):
+        match = _LEVEL.fullmatch(part.strip())
+        first, last = (float(v) for v in (match[1], match[2] or match[1])) if match else (1.0, 0.0)
+        if not first <= last <= first + MOST_LEVELS or abs(first) > MOST_LEVELS:
+            problem = f"its level is {str(feature.properties.get('level'))[:40]!r}"
+            raise Refused(problem, "Write it as 0, 0;1 or 0-2.")
+        found |= {first + step for step in range(int(last - first) + 1)}
+    return sorted(found)
+
+
+def _is_room(feature: Feature) -> bool:
+    drawn = isinstance(feature.geometry, Polygon | MultiPolygon)
+    return drawn and (
+        feature.properties.get("indoor") in ROOMS or _joins(feature, (*STAIRS, *ELEVATOR))
+    )
+
+
+def _joins(feature: Feature, words: tuple[str, ...]) -> bool:
+    """Return whether a feature is one of the things that join levels."""
+    tags = feature.properties
+    return any(tags.get(key) in words for key in ("room", "highway", "stairwell", "indoor")) or any(
+        tags.get(word) == "yes" for word in words
+    )
+
+
+def _rooms(
+    feature: Feature,
+    levels: list[float],
+    names: dict[float, str],
+    taken: set[str],
+) -> Iterator[Feature]:
+    """Yield a room for each level, and stairs between them."""
+    tags = feature.properties
+    stairs, elevator = _joins(feature, STAIRS), _joins(feature, ELEVATOR)
+    kind = "stairwell" if stairs else "elevator_cabin" if elevator else tags.get("indoor")
+    guess = guess_type(str(tags.get("room") or tags.get("amenity") or tags.get("shop")), "room")
+    type_ = "corridor" if kind == "corridor" else None if guess is None else guess.type
+    given = str(tags.get("name") or tags.get("ref") or type_ or "room")
+    called = []
+    for level in levels:
+        wanted = given if len(levels) == 1 else f"{given} {level:g}"
+        name = next(n for n in _numbered(wanted) if n not in taken)
+        taken.add(name)
+        called.append(name)
+        about: dict[str, Any] = {"kind": "room", "name": name, "storey": names[level]}
+        about |= {"type": type_} if type_ else {}
+        about |= {"type": kind} if stairs or elevator else {}
+        about |= {"elevator": f"{given} lift"} if elevator else {}
+        yield replace(feature, properties=_free(feature) | about)
+    if stairs and feature.geometry is not None:
+        corners = shapely.get_coordinates(feature.geometry.minimum_rotated_rectangle)
+        sides = sorted(itertools.pairwise(corners[:4]), key=lambda s: float(np.ptp(s, 0).sum()))
+        a, b = sides[0][0] + sides[0][1], corners[:4].sum(axis=0) - (sides[0][0] + sides[0][1])
+        middle = corners[:4].mean(axis=0)
+        ends = [middle + 0.8 * (end / 2 - middle) for end in (a, b)]
+        for number, joined in enumerate(itertools.pairwise(called)):
+            about = {"kind": "connector", "type": "stairs", "joins": [*joined]}
+            about |= {"storey": names[levels[number]]}
+            yield Feature(feature.where, None, LineString(ends), about)
+
+
+def _numbered(name: str) -> Iterator[str]:
+    yield name
+    yield from (f"{name} ({number})" for number in itertools.count(2))
+
+
+def _sides(area: Any) -> list[LineString]:
+    """Return the sides of an area."""
+    rings = [part.exterior.coords for part in shapely.get_parts(area)]
+    return [LineString(pair) for ring in rings for pair in itertools.pairwise(ring)]
+
+
+def _door(feature: Feature, borders: list[LineString]) -> Feature:
+    """Return a door; of a node, a line along the nearest border of a room."""
+    geometry = feature.geometry
+    closed = feature.properties.get("door") != "no"
+    about: dict[str, Any] = {"kind": "connector", "type": "door" if closed else "opening"}
+    if isinstance(geometry, Point):
+        if not borders:
+            raise Refused("is a door on a level without rooms", "Add the rooms.")
+        border = borders[int(np.argmin(shapely.distance(borders, geometry)))]
+        start, end = shapely.get_coordinates(border)
+        along = (end - start) / max(float(np.linalg.norm(end - start)), 1e-9)
+        at = np.array(border.interpolate(border.project(geometry)).coords[0])
+        half = _metres(feature, "width", WIDTH) / 2
+        geometry = LineString([at - half * along, at + half * along])
+    if not isinstance(geometry, LineString):
+        raise Refused(f"is a door drawn as {geometry and geometry.geom_type}", "Draw a node.")
+    return replace(feature, geometry=geometry, properties=_free(feature) | about | _named(feature))
+
+
+def _wall(feature: Feature) -> Feature:
+    """Return a wall as the object that it is."""
+    geometry = feature.geometry
+    if isinstance(geometry, LineString):
+        geometry = geometry.buffer(_metres(feature, "width", THICKNESS) / 2, cap_style="flat")
+    about = {"kind": "object", "type": "wall", "height": _metres(feature, "height", ASSUMED_HEIGHT)}
+    return replace(feature, geometry=geometry, properties=_free(feature) | about | _named(feature))
+
+
+def _metres(feature: Feature, key: str, default: float) -> float:
+    """Return a length of a tag, metres unless it names another unit."""
+    match = re.fullmatch(r"(\d+(?:\.\d+)?)\s*(m|cm)?", str(feature.properties.get(key, default)))
+    if match is None or not float(match[1]):
+        raise Refused(f"its {key} is {feature.properties.get(key)!r}", "Give it in metres.")
+    return float(match[1]) * (0.01 if match[2] == "cm" else 1.0)
+
+
+def _named(feature: Feature) -> dict[str, str]:
+    given = feature.properties.get("name") or feature.properties.get("ref")
+    return {"name": str(given)} if given else {}
+
+
+def _free(feature: Feature) -> dict[str, Any]:
+    """The tags as one free property: several have names that annotations use otherwise."""
+    return {"osm": {k: v for k, v in feature.properties.items() if v is not None}}

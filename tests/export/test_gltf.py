@@ -1,0 +1,80 @@
+"""A glTF scene: its JSON as the specification has it, and its shapes as trimesh reads them."""
+
+from __future__ import annotations
+
+import json
+import struct
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import shapely
+import trimesh
+
+import semmap
+
+Z_UP = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])
+"""From glTF's y up to z up: (x, y, z) to (x, -z, y)."""
+
+
+def document(path: Path) -> dict[str, Any]:
+    """The JSON of a GLB or glTF file."""
+    data = path.read_bytes()
+    if path.suffix == ".glb":
+        assert struct.unpack("<4sII", data[:12]) == (b"glTF", 2, len(data))
+        data = data[20 : 20 + struct.unpack("<I", data[12:16])[0]]
+    made: dict[str, Any] = json.loads(data)
+    return made
+
+
+@pytest.mark.parametrize("ending", [".glb", ".gltf"])
+def test_nodes_are_the_holders_and_what_they_hold(
+    furnished: semmap.Map, ending: str, tmp_path: Path
+) -> None:
+    made = document(furnished.export(tmp_path / f"flat{ending}"))
+    nodes = {node["name"]: node for node in made["nodes"]}
+    above = {
+        made["nodes"][child]["name"]: name
+        for name, node in nodes.items()
+        for child in node.get("children", ())
+    }
+    for each in furnished:
+        assert above[each.name] == (each.holder.name if each.holder else "map")
+        extras = nodes[each.name]["extras"]
+        assert (extras["kind"], extras.get("type")) == (each.kind, each.type)
+        assert extras.get("properties", {}) == each.properties
+    assert above["mug7"] == "desk4"
+    assert nodes["kitchen"]["extras"]["label"] == "kitchen"
+    assert [p.name for p in tmp_path.iterdir()] == [f"flat{ending}"]
+
+
+def test_shapes_stand_where_the_map_has_them(furnished: semmap.Map, tmp_path: Path) -> None:
+    scene = trimesh.load_scene(furnished.export(tmp_path / "flat.glb"))
+    seen = set()
+    for node in scene.graph.nodes_geometry:
+        transform, name = scene.graph[node]
+        mesh = scene.geometry[name].copy().apply_transform(transform)
+        points = mesh.vertices @ Z_UP.T
+        entity = furnished[node]
+        seen.add(node)
+        if entity.kind in ("room", "region"):
+            flat = shapely.union_all(shapely.polygons(points[mesh.faces][:, :, :2]))
+            assert shapely.symmetric_difference(flat, entity.geometry).area < 1e-5
+            assert np.allclose(points[:, 2], entity.box[2], atol=1e-6)
+            assert (mesh.face_normals @ Z_UP.T)[:, 2] == pytest.approx(1)
+        else:
+            assert np.allclose([*points.min(axis=0), *points.max(axis=0)], entity.box, atol=1e-5)
+            assert mesh.volume == pytest.approx(entity.mesh.volume, rel=1e-4)
+    assert seen == {
+        e.name for e in furnished if e.kind != "connector" and e.box and e.geometry.area
+    }
+
+
+def test_a_mesh_that_many_have_is_written_once(flat: semmap.Map, tmp_path: Path) -> None:
+    ball = trimesh.creation.icosphere()
+    for number in range(3):
+        flat.add_object(f"ball{number}", mesh=ball, pose=(number, 1, 1))
+    made = document(flat.export(tmp_path / "flat.glb"))
+    meshes = {node["mesh"] for node in made["nodes"] if node["name"].startswith("ball")}
+    assert len(meshes) == 1

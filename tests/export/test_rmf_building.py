@@ -1,0 +1,104 @@
+"""Buildings for Open-RMF: read back by our importer, and drawn as Shapely measures it."""
+
+from __future__ import annotations
+
+from collections import Counter
+from pathlib import Path
+
+import pytest
+import shapely
+import yaml
+
+import semmap
+from tests.buildings.building import random_building
+from tests.buildings.judges import stored
+from tests.conftest import Import, MakeDatabase
+from tests.worlds.conftest import HOTEL
+
+DOORWAY = 0.4
+"""Metres from the line of a door within which half its doorway becomes a part of a room."""
+
+
+def check_rooms(before: semmap.Map, after: semmap.Map, file: Path) -> None:
+    """Rooms, doors and lifts are those of the map; no wall stands in a doorway."""
+    summary = after.import_file(before.export(file))
+    assert summary.skipped == []
+    storeys = [{s.name: s.pose.z for s in place.storeys} for place in (before, after)]
+    assert storeys[0] == pytest.approx(storeys[1])
+    cabins = {row[0] for row in before.sql(CABINS)}
+    rooms = {room.name: room for room in before.rooms if room.name not in cabins}
+    for name, room in rooms.items():
+        back, doorways = after[name].geometry, shapely.union_all([d.geometry for d in before.doors])
+        assert room.geometry.difference(back).area < 0.01, name
+        added = back.difference(room.geometry).difference(doorways.buffer(DOORWAY))
+        assert added.area < 0.01, name
+        assert after[name].storey.name == room.storey.name
+    assert len(after.rooms) == len(before.rooms)
+    assert Counter(joins(before)) == Counter(joins(after))
+    drawn = yaml.safe_load(file.read_text())["levels"]
+    for name, level in drawn.items():
+        points = [v[:2] for v in level["vertices"]]
+        walls = shapely.union_all(
+            [shapely.LineString([points[a], points[b]]) for a, b, _ in level["walls"]]
+        )
+        for door in before.doors:
+            here = door.storey and door.storey.name == name and door.form == "door"
+            if here and door.geometry is not None:
+                middle = shapely.line_interpolate_point(door.geometry, 0.5, normalized=True)
+                assert walls.distance(middle) > 0.3, door.name
+
+
+CABINS = (
+    "SELECT e.name FROM room r JOIN entity e ON e.id = r.entity_id "
+    "WHERE e.map_id = current_map() AND r.elevator_id IS NOT NULL"
+)
+
+
+def joins(place: semmap.Map) -> list[tuple[str, ...]]:
+    """The rooms that doors and openings of a storey join; cabins by their lift and storey."""
+    cabins = {
+        row[0]: f"{row[1]} {row[2]}"
+        for row in place.sql(
+            "SELECT e.name, l.name, s.name FROM room r JOIN entity e ON e.id = r.entity_id "
+            "JOIN entity l ON l.id = r.elevator_id JOIN world w ON w.entity_id = e.id "
+            "JOIN entity s ON s.id = w.storey_id WHERE e.map_id = current_map()"
+        )
+    }
+    return [
+        tuple(sorted(cabins.get(p.name, p.name) if p else "outside" for p in door.places))
+        for door in place.doors
+        if door.form in ("door", "elevator_door")
+        and not (door.type == "opening" and None in door.places)  # of which it has none
+    ]
+
+
+@pytest.mark.parametrize("seed", [2, 3, 112])
+def test_random_buildings(seed: int, make_database: MakeDatabase, tmp_path: Path) -> None:
+    url = make_database().render_as_string(hide_password=False)
+    with stored(random_building(seed), url, tmp_path) as place:
+        again = place.database.create_map("again")
+        check_rooms(place, again, tmp_path / f"b{seed}.building.yaml")
+
+
+def test_the_hotel(imported: Import, worlds: Path, tmp_path: Path) -> None:
+    with (
+        imported((worlds / HOTEL, "hotel")) as engine,
+        semmap.connect(engine.url.render_as_string(hide_password=False)) as db,
+    ):
+        before, after = db.map("hotel"), db.create_map("again")
+        check_rooms(before, after, tmp_path / "hotel.building.yaml")
+        lanes = [
+            {
+                (row[0], row[1]): (row[2], row[3])
+                for row in place.sql(
+                    "SELECT a.name, b.name, l.properties->'bidirectional', l.properties->'graphs' "
+                    "FROM link l JOIN entity a ON a.id = l.from_id JOIN entity b ON b.id = l.to_id "
+                    "WHERE a.map_id = current_map() AND l.relation = 'lane'"
+                )
+            }
+            for place in (before, after)
+        ]
+        assert len(lanes[0]) > 80
+        assert sorted(map(str, lanes[0].values())) == sorted(map(str, lanes[1].values()))
+        types = [Counter(e.type for e in place.regions) for place in (before, after)]
+        assert types[0] == types[1]

@@ -1,0 +1,238 @@
+"""IMDF archives and OpenStreetMap's indoor tags: rooms, doors and levels where pyproj puts them."""
+
+from __future__ import annotations
+
+import json
+import zipfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import shapely
+from pyproj import Transformer
+
+import semmap
+from semmap.ingest.importer import read_world
+from semmap.ingest.world import OUTSIDE, World, WorldError
+
+PLACE = np.array([691600.0, 5334700.0])
+"""A place on the grid of EPSG:32632."""
+
+TO_DEGREES = Transformer.from_crs(32632, 4326, always_xy=True)
+
+
+def degrees(shape: shapely.Geometry) -> dict[str, Any]:
+    """A shape in metres from a place of the grid, in longitude and latitude."""
+    moved = shapely.transform(
+        shape, lambda p: np.column_stack(TO_DEGREES.transform(*(p + PLACE).T))
+    )
+    return shapely.geometry.mapping(moved)
+
+
+def feature(shape: shapely.Geometry | None, properties: dict[str, Any], **members: Any) -> Any:
+    geometry = None if shape is None else degrees(shape)
+    return {"type": "Feature", "geometry": geometry, "properties": properties, **members}
+
+
+LAB, HALL, UPPER = shapely.box(0, 0, 4, 3), shapely.box(4.1, 0, 9, 3), shapely.box(0, 0, 9, 3)
+DOOR = shapely.LineString([(4.05, 1), (4.05, 2)])
+
+
+def imdf() -> dict[str, Any]:
+    """The files of an archive of two levels."""
+
+    def on(level: int, type_: str, id_: str, shape: Any, **properties: Any) -> Any:
+        given = {"level_id": f"level{level}", "restriction": None, **properties}
+        return feature(shape, given, id=id_, feature_type=type_)
+
+    def level(number: int, shape: Any) -> Any:
+        about = {"ordinal": number, "short_name": {"en": f"{number}F"}, "name": None}
+        return feature(shape, about, id=f"level{number}", feature_type="level")
+
+    named = {"name": {"en": "Museum", "de": "Haus"}}
+    files: dict[str, list[Any]] = {
+        "venue": [feature(UPPER, named, id="v", feature_type="venue")],
+        "level": [level(0, UPPER), level(1, UPPER)],
+        "unit": [
+            on(0, "unit", "u1", LAB, category="laboratory", name={"en": "Lab 1"}),
+            on(0, "unit", "u2", HALL, category="walkway", name=None),
+            on(1, "unit", "u3", UPPER, category="restroom.female", name={"en": "wc"}),
+            on(1, "unit", "u4", shapely.box(2, 2, 3, 2.5), category="column", name=None),
+            on(1, "unit", "u5", shapely.box(5, 1, 6, 2), category="opentobelow", name=None),
+        ],
+        "opening": [
+            on(0, "opening", "o1", DOOR, category="pedestrian", door={"type": "sliding"}),
+            on(
+                0,
+                "opening",
+                "o2",
+                shapely.LineString([(9, 1), (9, 2)]),
+                door=None,
+                name={"en": "x"},
+            ),
+        ],
+        "fixture": [on(0, "fixture", "f", shapely.box(1, 1, 2, 2), category="desk", name=None)],
+        "amenity": [on(0, "amenity", "a", shapely.Point(6, 1), category="atm", name={"en": "ATM"})],
+        "anchor": [feature(shapely.Point(1, 1), {"unit_id": "u1"}, id="n", feature_type="anchor")],
+        "occupant": [
+            feature(
+                None,
+                {"name": {"en": "Chemistry"}, "anchor_id": "n"},
+                id="c",
+                feature_type="occupant",
+            )
+        ],
+    }
+    return {
+        name: {"type": "FeatureCollection", "name": name, "features": features}
+        for name, features in files.items()
+    }
+
+
+def write_zip(path: Path, files: dict[str, Any]) -> Path:
+    with zipfile.ZipFile(path, "w") as archive:
+        archive.writestr("manifest.json", json.dumps({"version": "1.0.0", "language": "en"}))
+        for name, root in files.items():
+            archive.writestr(f"{name}.geojson", json.dumps(root))
+    return path
+
+
+def write_folder(path: Path, files: dict[str, Any]) -> Path:
+    folder = path.with_suffix("")
+    folder.mkdir()
+    for name, root in files.items():
+        (folder / f"{name}.geojson").write_text(json.dumps(root))
+    return folder
+
+
+def on_grid(world: World, name: str) -> shapely.Geometry:
+    """The outline of an entry, by its pose, in metres from the place of the grid."""
+    entry = next(e for e in world.entries if e.name == name)
+    origin = np.array([world.georeference["easting"], world.georeference["northing"]])
+    shift = np.array([entry.pose.x, entry.pose.y]) + origin - PLACE
+    return shapely.transform(entry.shapes[0].outline, lambda p: p + shift)
+
+
+@pytest.mark.parametrize("write", [write_zip, write_folder])
+def test_imdf(write: Callable[..., Path], tmp_path: Path) -> None:
+    world = read_world(write(tmp_path / "museum.zip", imdf()))
+    assert world.skipped == []
+    assert world.name == "Museum"
+    entries = {entry.name: entry for entry in world.entries}
+    storeys = {e.name: e.detail.elevation for e in world.entries if e.kind == "storey"}
+    assert storeys == {"0F": 0, "1F": 3}
+    rooms = {e.name: (e.type, e.holder) for e in world.entries if e.kind == "room"}
+    assert rooms == {
+        "Lab 1": ("lab", "0F"),
+        "corridor1": ("corridor", "0F"),
+        "wc": ("restroom", "1F"),
+    }
+    assert entries["Lab 1"].label == "Chemistry"
+    assert shapely.symmetric_difference(on_grid(world, "Lab 1"), LAB).area < 1e-5
+    doors = {e.type: e.detail.places for e in world.entries if e.kind == "connector"}
+    assert doors == {"sliding_door": ("Lab 1", "corridor1"), "opening": ("corridor1", OUTSIDE)}
+    (desk,) = (e for e in world.entries if e.type == "desk")
+    assert np.ptp(desk.shapes[0].mesh.vertices[:, 2]) == pytest.approx(1.0)
+    assert entries["ATM"].kind == "region"
+    assert any("IMDF has no heights" in note for note in world.notes)
+
+
+def osm() -> dict[str, Any]:
+    """Rooms on two levels with stairs and an elevator between them."""
+    return {
+        "type": "FeatureCollection",
+        "features": [
+            feature(LAB, {"indoor": "room", "name": "lab", "room": "laboratory", "level": "0"}),
+            feature(HALL, {"indoor": "corridor", "level": "0;1", "ref": "c"}),
+            feature(shapely.box(0, 3, 2, 6), {"indoor": "room", "stairs": "yes", "level": "0-1"}),
+            feature(
+                shapely.box(4, 3, 6, 5),
+                {"indoor": "room", "highway": "elevator", "level": "0-1", "name": "e"},
+            ),
+            feature(shapely.Point(4.05, 1.5), {"door": "hinged", "level": "0", "width": "1.2"}),
+            feature(shapely.LineString([(0, 0), (4, 0)]), {"indoor": "wall", "level": "0"}),
+            feature(shapely.Point(1, 1), {"amenity": "vending_machine", "level": "0"}),
+        ],
+    }
+
+
+def test_osm_indoor(tmp_path: Path) -> None:
+    path = tmp_path / "house.geojson"
+    path.write_text(json.dumps(osm()))
+    world = read_world(path)
+    assert world.skipped == []
+    entries = {entry.name: entry for entry in world.entries}
+    storeys = {e.name: e.detail.elevation for e in world.entries if e.kind == "storey"}
+    assert storeys == {"level 0": 0, "level 1": 3}
+    rooms = {e.name: (e.type, e.holder) for e in world.entries if e.kind == "room"}
+    assert rooms == {
+        "lab": ("lab", "level 0"),
+        "c 0": ("corridor", "level 0"),
+        "c 1": ("corridor", "level 1"),
+        "room 0": ("stairwell", "level 0"),
+        "room 1": ("stairwell", "level 1"),
+        "e 0": ("elevator_cabin", "level 0"),
+        "e 1": ("elevator_cabin", "level 1"),
+    }
+    assert entries["e 0"].detail.elevator == entries["e 1"].detail.elevator == "e lift"
+    (door,) = (e for e in world.entries if e.type == "door")
+    assert (door.detail.places, door.detail.width) == (("lab", "c 0"), pytest.approx(1.2))
+    (stairs,) = (e for e in world.entries if e.type == "stairs")
+    assert stairs.detail.places == ("room 0", "room 1")
+    assert stairs.detail.poses[1].z == pytest.approx(3)
+    assert shapely.symmetric_difference(on_grid(world, "lab"), LAB).area < 1e-5
+    (wall,) = (e for e in world.entries if e.type == "wall")
+    assert wall.shapes[0].outline.area == pytest.approx(0.4, rel=1e-3)
+
+
+def whole_zip(tmp_path: Path) -> bytes:
+    return write_zip(tmp_path / "whole.zip", imdf()).read_bytes()
+
+
+def test_damaged_archives_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    data, path = whole_zip(tmp_path), tmp_path / "case.zip"
+    for bad in (b"", data[:500], data[: len(data) // 2], b"PK\3\4" + b"x" * 90):
+        path.write_bytes(bad)
+        with pytest.raises(WorldError, match="is not a readable archive"):
+            read_world(path)
+    write_zip(path, {"unit": imdf()["unit"]})
+    with pytest.raises(WorldError, match="has no levels"):
+        read_world(path)
+    path.write_bytes(data)
+    monkeypatch.setenv("SEMMAP_MAX_TEXT_BYTES", "2000")
+    with pytest.raises(WorldError, match="the limit is"):
+        read_world(path)
+
+
+def test_what_is_wrong_is_left_out_and_named(tmp_path: Path) -> None:
+    """A unit far from the building, levels that are words, and a door without rooms."""
+    files = imdf()
+    files["unit"]["features"][1]["geometry"]["coordinates"] = [[[0, 0], [4e9, 0], [4e9, 3], [0, 0]]]
+    world = read_world(write_zip(tmp_path / "far.zip", files))
+    assert any("too large" in each.problem for each in world.skipped)
+    assert "Lab 1" in {entry.name for entry in world.entries}
+    given = osm()
+    given["features"][0]["properties"]["level"] = "ground"
+    given["features"].append(feature(shapely.Point(1, 1), {"door": "yes", "level": "7"}))
+    path = tmp_path / "words.geojson"
+    path.write_text(json.dumps(given))
+    problems = [each.problem for each in read_world(path).skipped]
+    assert "its level is 'ground'" in problems
+    assert "is a door on a level without rooms" in problems
+
+
+@pytest.mark.parametrize("write", [write_zip, write_folder])
+def test_an_archive_becomes_a_map(
+    write: Callable[..., Path], database: str, tmp_path: Path
+) -> None:
+    """From a file or folder to a map with a georeference, in which robots find their way."""
+    with semmap.connect(database) as db:
+        path = write(tmp_path / "museum.zip", imdf())
+        assert db.import_file(path).skipped == []
+        place = db.map("Museum")
+        assert place.route("Lab 1", "corridor1").places == ["Lab 1", "corridor1"]
+        (row,) = place.sql("SELECT crs FROM map WHERE id = current_map()")
+        assert row[0] == 32632
+        assert db.import_file(path).changed == 0
