@@ -221,7 +221,7 @@ class Database(DatabaseManipulation, DatabaseInterlinking):
         *,
         map: str | None = None,
         geometry: Literal["visual", "collision"] = "visual",
-        mesh_as: Literal["object", "room", "scene"] = "object",
+        mesh_as: Literal["object", "room", "scene"] | None = None,
         strict: bool = False,
         source: str | None = None,
         model_path: Sequence[str | Path] = (),
@@ -239,7 +239,8 @@ class Database(DatabaseManipulation, DatabaseInterlinking):
             of a SLAM program, which has walls for `find_rooms`
         map : made where it is not there; by default the file's own name
         geometry : of SDF models
-        mesh_as : a mesh file is one object, a room, or a scene of an object for each named node
+        mesh_as : a mesh file is one object, a room, or a scene of an object for each named node; by
+            default a scene where it has several and is more than 4 m across, else an object
         strict : take nothing if anything is left out
         source : the name under which a repeated import finds its entities; by default the file's
         model_path : folders of SDF models, also of Open-RMF buildings, searched first

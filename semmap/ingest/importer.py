@@ -28,7 +28,7 @@ from semmap.ingest.ontology.type_store import load_tbox
 from semmap.ingest.rmf import read_rmf
 from semmap.ingest.route_graph.graph_file import EDGE, is_route_graph, read_route_graph
 from semmap.ingest.route_graph.node_store import check_names, settle_nodes
-from semmap.ingest.scenes.mesh_scene import read_mesh_scene
+from semmap.ingest.scenes.mesh_scene import is_mesh_scene, read_mesh_scene
 from semmap.ingest.scenes.mjcf_scene import read_mjcf
 from semmap.ingest.scenes.urdf_scene import read_urdf_scene
 from semmap.ingest.scenes.usd_scene import read_usd
@@ -64,7 +64,7 @@ MeshAs = Literal["object", "room", "scene"]
 def read_world(
     path: Path,
     geometry: Role = "visual",
-    mesh_as: MeshAs = "object",
+    mesh_as: MeshAs | None = None,
     *,
     model_path: Sequence[Path] = (),
     scale: float = 1.0,
@@ -77,7 +77,8 @@ def read_world(
     Parameters
     ----------
     geometry : of SDF models, also those of an Open-RMF building, and of MJCF, URDF and USD
-    mesh_as : what a mesh file is; `scene`: an object for each of its nodes
+    mesh_as : what a mesh file is; `scene`: an object for each of its nodes; by default that where
+        they are several and larger than furniture, else an object
     model_path : folders of SDF models, also of Open-RMF buildings, searched first
     scale : metres per unit of a mesh file
     types : of drawn features; others are left out. By default any type is taken
@@ -126,10 +127,12 @@ def read_world(
     elif ending in URDF:
         world = read_urdf_scene(path, geometry=geometry, model_path=model_path)
     elif ending in MESHES:
-        if mesh_as == "scene":
+        if mesh_as == "scene" or (mesh_as is None and is_mesh_scene(path, scale=scale)):
             world = read_mesh_scene(path, scale=scale)
+            if mesh_as is None:
+                world.notes.append("a scene of named nodes: --as object keeps it one object")
         else:
-            world = read_mesh_world(path, mesh_as, scale=scale)
+            world = read_mesh_world(path, mesh_as or "object", scale=scale)
     else:
         known = f"Known: {', '.join(sorted(KNOWN))}."
         raise WorldError(path, "ending", f"{path.suffix or 'none'} is not known", known)
@@ -198,7 +201,7 @@ def import_file(
     *,
     map_name: str | None = None,
     geometry: Role = "visual",
-    mesh_as: MeshAs = "object",
+    mesh_as: MeshAs | None = None,
     strict: bool = False,
     source: str | None = None,
     model_path: Sequence[Path] = (),

@@ -4,12 +4,30 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
+
 from semmap.geometry.mesh import Mesh
 from semmap.geometry.pose import Pose
 from semmap.ingest.meshes.mesh_file import mesh_parts
 from semmap.ingest.meshes.mesh_size import MeshFileError
 from semmap.ingest.scenes.scene_nodes import SceneNode, scene_world
 from semmap.ingest.world import World, WorldError
+
+FURNITURE = 4.0
+"""Metres across what may be one object of several nodes; what is larger is a scene."""
+
+
+def is_mesh_scene(path: Path, *, scale: float = 1.0) -> bool:
+    """Return whether a mesh file has several named nodes that are more than a piece of furniture.
+
+    `scale` is as of `read_mesh_scene`. A file that cannot be used is none.
+    """
+    try:
+        nodes = _nodes(path, scale)
+    except MeshFileError:
+        return False
+    corners = np.array([corner for node in nodes for m in node.meshes for corner in m.bounds])
+    return len(nodes) > 1 and bool(np.ptp(corners, axis=0).max() > FURNITURE)
 
 
 def read_mesh_scene(path: Path, *, scale: float = 1.0) -> World:
@@ -18,15 +36,19 @@ def read_mesh_scene(path: Path, *, scale: float = 1.0) -> World:
     `scale` is metres per unit of a format without units. A WorldError refuses a file that cannot be
     used.
     """
-    by_node: dict[str, list[Mesh]] = {}
     try:
-        for names, mesh in mesh_parts(path):
-            if len(mesh.faces):
-                name = names[0] if names else path.stem
-                by_node.setdefault(name, []).append(Mesh(scale * mesh.vertices, mesh.faces))
+        return scene_world(path, _nodes(path, scale))
     except MeshFileError as error:
         raise WorldError(path, "mesh", error.problem, error.fix) from error
-    return scene_world(path, [_node(name, meshes) for name, meshes in by_node.items()])
+
+
+def _nodes(path: Path, scale: float) -> list[SceneNode]:
+    by_node: dict[str, list[Mesh]] = {}
+    for names, mesh in mesh_parts(path):
+        if len(mesh.faces):
+            name = names[0] if names else path.stem
+            by_node.setdefault(name, []).append(Mesh(scale * mesh.vertices, mesh.faces))
+    return [_node(name, meshes) for name, meshes in by_node.items()]
 
 
 def _node(name: str, meshes: list[Mesh]) -> SceneNode:

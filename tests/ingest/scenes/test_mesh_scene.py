@@ -9,6 +9,7 @@ import pytest
 import trimesh
 
 import semmap
+from semmap.ingest.importer import read_world
 from semmap.ingest.scenes.mesh_scene import read_mesh_scene
 
 BOXES = {
@@ -59,7 +60,8 @@ def test_each_named_node_is_an_object_where_it_is(scene: Path) -> None:
 
 def test_a_scene_gets_rooms_and_a_route(scene: Path, database: str) -> None:
     with semmap.connect(database) as db:
-        db.import_file(scene, map="flat", mesh_as="scene")
+        summary = db.import_file(scene, map="flat")
+        assert "a scene of named nodes" in " ".join(summary.notes)
         flat = db.map("flat")
         assert flat["Mug"].holder == flat["Stove.001"]
 
@@ -70,3 +72,14 @@ def test_a_scene_gets_rooms_and_a_route(scene: Path, database: str) -> None:
         assert flat.route(flat["Bed"].room, "Mug").metres > 2
         again = db.import_file(scene, map="flat", mesh_as="scene")
         assert (again.added, again.changed, again.removed) == (0, 0, 0)
+
+
+@pytest.mark.parametrize(("scale", "as_scene"), [(0.25, False), (1.0, True)])
+def test_furniture_of_several_nodes_is_one_object_unless_it_is_large(
+    scene: Path, scale: float, as_scene: bool
+) -> None:
+    """Two metres of a cupboard with named doors, and eight of a flat, in the same file."""
+    world = read_world(scene, scale=scale)
+    assert len(world.entries) == (len(BOXES) if as_scene else 1)
+    assert len(read_world(scene, mesh_as="scene", scale=scale).entries) == len(BOXES)
+    assert len(read_world(scene, mesh_as="object", scale=scale).entries) == 1
