@@ -22,6 +22,7 @@ EXECUTABLE = {
     "prune_observations": {"semmap_admin"},
     "prune_history": {"semmap_admin"},
     "refresh_belief": {"semmap_robot", "semmap_admin"},
+    "settle": {"semmap_reader", "semmap_robot", "semmap_admin"},
 }
 """Who may call the functions that run with their owner's rights; the others are for triggers."""
 

@@ -180,5 +180,7 @@ def test_from_afar_nothing_is_reached(kitchen: Kitchen) -> None:
     assert (told.exit_code, told.stdout) == (1, "")
     assert "the arm at (2, 0.95) reaches none of" in told.stderr
     both = ("--gripper", "tiago_gripper", "--map", "house")
-    assert semmap(kitchen.url, "push", "can", "--robot", "tiago", *both).exit_code == 2
-    assert semmap(kitchen.url, "place", "can", "--on", TABLE, "--plan", *both).exit_code == 2
+    with pytest.raises(ValueError, match="tiago has its own gripper"):
+        semmap(kitchen.url, "push", "can", "--robot", "tiago", *both)
+    with pytest.raises(ValueError, match="plan: only for a robot"):
+        semmap(kitchen.url, "place", "can", "--on", TABLE, "--plan", *both)

@@ -113,6 +113,8 @@ def run_demo(
         for picture in _draw(map_name, folder, storeys, topology, grids, paths, pixels):
             pictures.append(picture)
             say(f"   {picture}")
+        say("\n10. A QGIS project")
+        say(f"   {house.write_qgis_project(folder / 'map.qgz')}")
         say(f"\n{time.perf_counter() - began:.1f} s")
     return pictures
 
