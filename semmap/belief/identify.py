@@ -178,7 +178,8 @@ def observe_detections(
     """Associate the detections of one view with objects of the map, and store them.
 
     What is surely a known object is a sighting of it. What is surely none is added. In doubt, it is
-    a sighting of a likely one, with such rates that the belief says how sure it is. Each row
+    a sighting of a likely one, with such rates that the belief says how sure it is; the object
+    stays where it is. Each row
     has `type`, `object`, `probability`, `new` and `place`. Errors as `identify`; nothing is stored.
     """
     rows: list[Row] = []
@@ -188,16 +189,15 @@ def observe_detections(
         rates: dict[str, Any] = {}
         if known is not None:
             there = sum(one.known.get(known, 0.0) for one in found if one.place == who.place)
-            rates = _rates(seen, known, who.place, there)
+            rates = _rates(seen, known, who.place, there) | {"surely": there >= SURE}
         else:
             point = detection.point
             if frame is not None:
                 x, y, z = read_agent_pose(seen, frame, at).apply([detection.point])[0]
                 point = (float(x), float(y), float(z))
             add(name, detection, point)
-        row = observe_point(
-            seen, name, detection.point, frame=frame, at=at, hangs=known is not None, **rates
-        )
+        hangs = known is not None
+        row = observe_point(seen, name, detection.point, frame=frame, at=at, hangs=hangs, **rates)
         chance = who.new if known is None else who.known[known]
         rows.append({"type": detection.type, "object": name, "probability": chance})
         rows[-1] |= {"new": known is None, "place": row["place"]}

@@ -111,14 +111,18 @@ def observe_point(
     frame: str | None = None,
     at: datetime | None = None,
     hangs: bool = True,
+    surely: bool = True,
     **values: Any,
 ) -> Row:
     """Store that an object was detected at a point, and return the stored observation.
 
-    Arguments are those of `spot`; `values` are others of `add_observations`, such as `hit`.
+    Arguments are those of `spot`; `values` are others of `add_observations`, such as `hit`. Where
+    it is not `surely` this object, the place counts alone: the object stays at its point.
     """
     row = {"object": name, "seen": True, "at": at, "observer": frame} | values
     row |= spot(seen, name, point, frame=frame, at=at, hangs=hangs)
+    if not surely:
+        row["position"] = None
     add_observations(seen.session, [row])
     return row
 

@@ -103,6 +103,21 @@ def test_interchangeable_objects_at_unknown_points_are_surely_at_the_place(flat:
         assert flat[row["object"]].pose.x == pytest.approx(x)
 
 
+def test_one_of_four_alike_that_moved_moves_none_of_them(flat: Map) -> None:
+    """All are in the room surely, but which one was detected is not known."""
+    points = {"a": (0.3, 0.3), "b": (0.3, 2.7), "c": (0.9, 0.6), "d": (0.9, 2.4)}
+    for name, (x, y) in points.items():
+        flat.add_object(name, type="stool", size=(0.3, 0.3, 0.4), pose=(x, y, 0, 0))
+    for x, y in ((2.6, 1.4), (2.6, 0.5)):
+        (row,) = flat.observe_objects([Detection("stool", (x, y, 0.2), (0.3, 0.3, 0.4))])
+        assert row["object"] in points
+        assert row["probability"] < 0.9
+        for name, point in points.items():
+            assert (flat[name].pose.x, flat[name].pose.y) == pytest.approx(point)
+    now = flat.beliefs(list(points))
+    assert all(belief.rows[0]["place"] == "kitchen" for belief in now.values())
+
+
 def test_a_view_tells_what_was_seen_and_what_was_missed(flat: Map) -> None:
     view = (0.2, 1.5, 1.4, 0.0, 0.5)
     rows = flat.observe_view(view, ["mug", "cereal"], {"cereal": (1.5, 1.5, 0.8)})
