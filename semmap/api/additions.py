@@ -214,18 +214,20 @@ def _nearer(map: Map, door: str, form: str, room: MapEntity, ends: Any, normal: 
     row = map.execute(
         "SELECT ST_Distance(footprint, ST_MakePoint(%s, %s)), "
         "ST_Distance(footprint, ST_MakePoint(%s, %s)), "
-        "ST_Distance(footprint, ST_MakeLine(ST_MakePoint(%s, %s), ST_MakePoint(%s, %s))) "
+        "ST_Distance(footprint, ST_MakePoint(%s, %s)) "
         "FROM world WHERE entity_id = %s",
         *behind.tolist(),
         *ahead.tolist(),
-        *ends.ravel().tolist(),
+        *middle.tolist(),
         room.id,
     )
     if not row or row[0][0] is None:
         raise ValueError(f"{room.name} has no outline")
     to_behind, to_ahead, gap = row[0]
     if gap > WALL and room.kind == "room" and form not in ("stairs", "ramp"):
-        raise ValueError(f"the line of {door} is {gap:.2f} m from {room.name}: draw it at its wall")
+        raise ValueError(
+            f"the middle of {door} is {gap:.2f} m from {room.name}: draw its line at its wall"
+        )
     return int(np.sign(to_behind - to_ahead))
 
 
@@ -282,6 +284,9 @@ def _check_inside(map: Map, holder: MapEntity, point: tuple[float, float, float]
 SPOT = 0.02
 """Metres between the points of a surface that are tried, and the least side of a thing."""
 
+TOUCH = 1e-6
+"""Metres by which a thing is narrower than it is, so that it may touch others and the edge."""
+
 _IN_THE_WAY = """
 SELECT ST_AsBinary(coalesce(w.footprint, ST_MakePoint(w.pose[1], w.pose[2])))
 FROM world w JOIN entity e ON e.id = w.entity_id
@@ -300,7 +305,7 @@ def _free_point(
 
     In the middle, a thing may be larger than the surface, as a tray on a stool.
     """
-    half_x, half_y = (max(side, SPOT) / 2 for side in size[:2])
+    half_x, half_y = (max(side, SPOT) / 2 - TOUCH for side in size[:2])
     low, top = z + SPOT / 4, z + max(size[2], SPOT)
     middle = surface.point_on_surface()
     x0, y0, x1, y1 = surface.union(middle.buffer(max(half_x, half_y))).bounds

@@ -312,7 +312,7 @@ class Map(
         ------
         LookupError, ValueError
             There is no such room; they are not beside each other on one storey, at most a wall's
-            0.4 m apart.
+            0.3 m apart.
         """
         from semmap.api.room_edits import merge
 

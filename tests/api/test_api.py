@@ -233,6 +233,28 @@ def test_database_without_schema_is_refused_and_stays_empty(
     assert db.session.execute("SELECT to_regnamespace('semmap')").fetchone() == (None,)
 
 
+def test_a_table_takes_as_many_plates_as_tiles_fit_on_it(flat: semmap.Map) -> None:
+    flat.add_object("tray", size=(1.0, 0.6, 0.5), pose=(5, 3, 0))
+    for n in range(15):
+        flat.add_object(f"tile{n}", size=(0.2, 0.2, 0.02), on="tray")
+    grounds = shapely.union_all([flat[f"tile{n}"].footprint for n in range(15)])
+    assert grounds.area == pytest.approx(0.6, abs=1e-3)
+    with pytest.raises(ValueError, match="is free: give a pose"):
+        flat.add_object("tile15", size=(0.2, 0.2, 0.02), on="tray")
+
+
+def test_a_door_has_its_middle_at_the_walls_of_both_rooms(db: semmap.Database) -> None:
+    """Its line may begin at a corner of both rooms, and lie in a third one."""
+    place = db.create_map("corner")
+    for name, box in (("a", (0, 0, 4, 4)), ("c", (0, 4.1, 4, 8)), ("e", (4.1, 0, 8, 8))):
+        place.add_room(name, shapely.box(*box))
+    with pytest.raises(ValueError, match="the middle of d is 0.45 m from a: draw its line"):
+        place.add_door("d", "a", "c", ((4.1, 4.05), (4.8, 4.05)))
+    assert len(place.doors) == 0
+    place.add_door("d", "a", "c", ((3.0, 4.05), (3.9, 4.05)))
+    assert place.route("a", "c").metres > 0
+
+
 def test_things_on_one_table_stand_side_by_side_until_it_is_full(flat: semmap.Map) -> None:
     flat.add_object("stool", size=(0.4, 0.4, 0.5), pose=(5, 3, 0))
     for n in range(4):
