@@ -175,7 +175,7 @@ VALUES: dict[str, tuple[Call, str]] = {
     ),
     "a door far away": (
         lambda h: h.add_door("d", "kitchen", None, ((50, 0), (51, 0))),
-        "the line of d is 46.00 m from kitchen",
+        "the middle of d is 46.50 m from kitchen",
     ),
 }
 
