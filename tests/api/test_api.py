@@ -248,7 +248,7 @@ def test_a_door_has_its_middle_at_the_walls_of_both_rooms(db: semmap.Database) -
     place = db.create_map("corner")
     for name, box in (("a", (0, 0, 4, 4)), ("c", (0, 4.1, 4, 8)), ("e", (4.1, 0, 8, 8))):
         place.add_room(name, shapely.box(*box))
-    with pytest.raises(ValueError, match="the middle of d is 0.45 m from a: draw its line"):
+    with pytest.raises(ValueError, match=r"the middle of d is 0\.45 m from a: draw its line"):
         place.add_door("d", "a", "c", ((4.1, 4.05), (4.8, 4.05)))
     assert len(place.doors) == 0
     place.add_door("d", "a", "c", ((3.0, 4.05), (3.9, 4.05)))
