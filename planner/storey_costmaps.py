@@ -10,7 +10,7 @@ import math
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
-from typing import Any, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 import shapely
@@ -63,6 +63,18 @@ class RoomCostmap:
         origin = (grid.origin[0] + c0 * grid.resolution, grid.origin[1] + r0 * grid.resolution)
         self.grid = Grid(origin, grid.resolution, (r1 - r0 + 1, c1 - c0 + 1))
         self.cells = area_cells(outline, self.grid)
+
+
+class DoorSide(NamedTuple):
+    """One side of a door: its free `parts`, numbered from 1 (rows, columns).
+
+    `gaps` are the part at each point along the opening, 0 where it is not free; `away` is by part
+    how far the approach pose is from it, metres, where that is near.
+    """
+
+    parts: NDArray[np.int32]
+    gaps: list[int]
+    away: dict[int, float]
 
 
 class StoreyCostmaps:
@@ -408,29 +420,28 @@ class StoreyCostmaps:
         leaf = door.leaf()
         steps = np.linspace(0.0, 1.0, 2 + math.ceil(leaf.length / self.resolution))
         points = shapely.get_coordinates(leaf.interpolate(steps, normalized=True))
-        parts, gaps, ends = [], [], []  # of each side: labels of cells, and of points of the leaf
-        for place, pose in zip(door.places, door.poses, strict=True):
-            room = None if place == OUTSIDE else self.room(place)
-            costs = None if room is None else self.costs(place)
-            if costs is None or room is None:
-                parts.append(np.zeros((0, 0), np.int32))
-                gaps.append(np.ones(len(points), np.int32))
-                ends.append({1: 0.0})
-                continue
-            labels = label(costs < INSCRIBED, np.ones((3, 3)))[0]
-            cells = np.floor((points - room.grid.origin) / self.resolution).astype(int)[:, ::-1]
-            inside = ((cells >= 0) & (cells < room.grid.shape)).all(axis=1)
-            gaps.append(np.where(inside, labels[tuple(np.where(inside[:, None], cells, 0).T)], 0))
-            floor = self._standing_room(place, costs, room.grid)
-            near = {int(k): _nearest(floor & (labels == k), room.grid, pose) for k in {*gaps[-1]}}
-            ends.append({k: end[1] for k, end in near.items() if end is not None})
-            parts.append(labels)
-        pairs = {(int(a), int(b)) for a, b in zip(*gaps, strict=True) if a and b}
-        if not pairs and not _stands_in(costmap, door):
+        ends = zip(door.places, door.poses, strict=True)
+        first, second = (self._side(place, pose, points) for place, pose in ends)
+        gaps = {(a, b) for a, b in zip(first.gaps, second.gaps, strict=True) if a and b}
+        if not gaps and not _stands_in(costmap, door):
             return None
-        reached = [(a, b) for a, b in pairs if a in ends[0] and b in ends[1]]
-        best = min(reached, key=lambda ab: ends[0][ab[0]] + ends[1][ab[1]], default=(-1, -1))
-        return tuple(labels == k for labels, k in zip(parts, best, strict=True))
+        reached = [(a, b) for a, b in gaps if a in first.away and b in second.away]
+        best = min(reached, key=lambda ab: first.away[ab[0]] + second.away[ab[1]], default=(-1, -1))
+        return first.parts == best[0], second.parts == best[1]
+
+    def _side(self, place: str, pose: Pose, points: NDArray[np.float64]) -> DoorSide:
+        """What is free on the side of a door where a place is; all of it, outside or unknown."""
+        room = None if place == OUTSIDE else self.room(place)
+        costs = None if room is None else self.costs(place)
+        if room is None or costs is None:
+            return DoorSide(np.zeros((0, 0), np.int32), [1] * len(points), {1: 0.0})
+        parts = label(costs < INSCRIBED, np.ones((3, 3)))[0]
+        cells = np.floor((points - room.grid.origin) / self.resolution).astype(int)[:, ::-1]
+        inside = np.all((cells >= 0) & (cells < room.grid.shape), axis=1, keepdims=True)
+        gaps = np.where(inside[:, 0], parts[tuple(np.where(inside, cells, 0).T)], 0).tolist()
+        floor = self._standing_room(place, costs, room.grid)
+        ends = {part: _nearest(floor & (parts == part), room.grid, pose) for part in {*gaps}}
+        return DoorSide(parts, gaps, {k: end[1] for k, end in ends.items() if end is not None})
 
     def blocking_reason(self, place: str, pose: Pose, *, measured: bool = False) -> str | None:
         """Why the robot can be neither at a pose of a place nor within `SNAP` of it; else None.

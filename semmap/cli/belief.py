@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import typer
 from typer import Argument, Option
 
-from semmap.cli.made import MethodCall, group, made, printed
+from semmap.cli.operation_command import MethodCall, command_of, group, printed
 from semmap.cli.options import Json
 from semmap.cli.output import print_json, show_table
 from semmap.cli.texts import detections, json_value, numbers
@@ -23,7 +23,7 @@ COLUMNS = ("place", "probability", "holder", "last_seen", "last_missed")
 DETECTION = "TYPE=X,Y,Z[,W,D,H]"
 
 
-@made("Map.teach", teaching=None)
+@command_of("Map.teach", teaching=None)
 def teach_command(
     call: MethodCall,
     files: list[Path] = Argument(help="JSON or Map.xml; - for standard input."),
@@ -46,7 +46,7 @@ def teach_command(
         print(f"{count['file']}: {', '.join(parts) or 'nothing new'}")
 
 
-@made("Map.beliefs", names="NAME...", moves="SECONDS")
+@command_of("Map.beliefs", names="NAME...", moves="SECONDS")
 def where_command(
     call: MethodCall,
     limit: int = Option(10, help="The most rows in a table; JSON has all."),
@@ -97,7 +97,9 @@ def _show_places(rows: Sequence[dict[str, Any]], limit: int) -> None:
     show_table(shown, False, COLUMNS)
 
 
-@made("Map.observe_view", view="[--view X,Y,Z,YAW,PITCH]", seen="NAME=X,Y,Z", furthest="--range")
+@command_of(
+    "Map.observe_view", view="[--view X,Y,Z,YAW,PITCH]", seen="NAME=X,Y,Z", furthest="--range"
+)
 def observe_command(
     call: MethodCall,
     name: str | None = Argument(None, help="The object or agent."),
@@ -148,13 +150,13 @@ def _observed(
     return dict(found)
 
 
-@made("Map.how_to")
+@command_of("Map.how_to")
 def _how(call: MethodCall, json_: Json = False) -> None:
     rows = [{"action": a.name, "cause": a.cause, "effect": a.effect} for a in call()]
     show_table(rows, json_, ("action", "cause", "effect"))
 
 
-@made("Map.identify", detections=f"{DETECTION}...", moves="SECONDS")
+@command_of("Map.identify", detections=f"{DETECTION}...", moves="SECONDS")
 def _identify(call: MethodCall, json_: Json = False) -> None:
     """Tell which known objects were detected, perhaps moved, and which are new.
 
@@ -168,7 +170,7 @@ def _identify(call: MethodCall, json_: Json = False) -> None:
     show_table(rows, json_, ("seen", "place", "object", "probability"))
 
 
-@made("Map.export_belief", names="NAME...")
+@command_of("Map.export_belief", names="NAME...")
 def _export(
     call: MethodCall, problog: bool = Option(False, "--problog", help="As a ProbLog program.")
 ) -> None:

@@ -9,7 +9,7 @@ import typer
 from typer import Option
 
 from semmap import cli
-from semmap.cli.made import MethodCall, made, printed
+from semmap.cli.operation_command import MethodCall, command_of, printed
 from semmap.cli.options import Json, MapName
 from semmap.cli.output import print_json, readable, show_rows, show_table
 
@@ -21,7 +21,7 @@ use_command = printed("Database.use", "{name}: the map of this user's commands f
 types_command = printed("Map.types", ("name", "parents", "origin", "entities"))
 
 
-@made("Map.find", type="[TYPE]", name=None, on=None, limit=None)
+@command_of("Map.find", type="[TYPE]", name=None, on=None, limit=None)
 def ls_command(
     call: MethodCall,
     incomplete: bool = Option(False, help="Only what lacks a part."),
@@ -44,7 +44,7 @@ def ls_command(
         show_table(call.handle.table(**call.values), json_, (*COLUMNS, *distance))
 
 
-@made("Map.describe")
+@command_of("Map.describe")
 def show_command(call: MethodCall, json_: Json = False) -> None:
     """Show all that the map has of one entity; with --at, also where it was then."""
     known = call()
@@ -62,7 +62,7 @@ def show_command(call: MethodCall, json_: Json = False) -> None:
     cli.out.print(table)
 
 
-@made("Map.check")
+@command_of("Map.check")
 def check_command(
     call: MethodCall,
     fix: bool = Option(False, "--fix", help="Show what repairs each finding."),
@@ -89,7 +89,7 @@ def check_command(
         raise typer.Exit(1)
 
 
-@made("Database.sql", write="--write/--no-write")
+@command_of("Database.sql", write="--write/--no-write")
 def sql_command(call: MethodCall, map_name: MapName = None, json_: Json = False) -> None:
     """Run a SQL statement, or - for standard input; one that reads, unless --write is given."""
     if call.values["statement"] == "-":
@@ -100,7 +100,7 @@ def sql_command(call: MethodCall, map_name: MapName = None, json_: Json = False)
     show_rows(list(found.columns), found, json_)
 
 
-@made("Database.changes", since="[CURSOR]")
+@command_of("Database.changes", since="[CURSOR]")
 def changes_command(call: MethodCall, json_: Json = False) -> None:
     """Show what changed since a cursor of an earlier call, and the cursor for the next one."""
     cursor, rows = call()
@@ -111,7 +111,7 @@ def changes_command(call: MethodCall, json_: Json = False) -> None:
     print(f"cursor {cursor}")
 
 
-@made("Database.drop_map", name="MAP")
+@command_of("Database.drop_map", name="MAP")
 def drop_command(call: MethodCall, yes: bool = Option(False, "--yes", help="Do not ask.")) -> None:
     """Delete a map and all that is in it."""
     name = call.values["name"]

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from typer import Argument, Option
 
-from semmap.cli.made import MethodCall, group, made, printed
+from semmap.cli.operation_command import MethodCall, command_of, group, printed
 from semmap.cli.options import Json
 from semmap.cli.output import show_rows
 from semmap.cli.texts import json_value, numbers
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 TextFile = Option(None, "--file", "-f", help="Read the text from a file.")
 
 
-@made("SpatialFields.at", x=None, y=None, z=None)
+@command_of("SpatialFields.at", x=None, y=None, z=None)
 def _at(
     call: MethodCall,
     point: str = Argument(metavar="X,Y,Z", help="In the frame of the map, metres."),
@@ -34,7 +34,7 @@ def _at(
     show_rows(["name", "kind"], call(x=x, y=y, z=z), json_)
 
 
-@made("SpatialFields.query", text="[TEXT]", output="--output -o", keep="--keep", limit=None)
+@command_of("SpatialFields.query", text="[TEXT]", output="--output -o", keep="--keep", limit=None)
 def _query(
     call: MethodCall,
     file: Path | None = TextFile,
@@ -64,7 +64,7 @@ def _text(call: MethodCall, file: Path | None, kind: str) -> str:
     return str(text) if file is None else file.read_text(encoding="utf-8")
 
 
-@made("SpatialFields.update", text="[TEXT]")
+@command_of("SpatialFields.update", text="[TEXT]")
 def _update(call: MethodCall, file: Path | None = TextFile, json_: Json = False) -> None:
     """Insert and delete regions of entities; the map keeps them.
 
@@ -79,7 +79,7 @@ def _update(call: MethodCall, file: Path | None = TextFile, json_: Json = False)
     print(f"changed: {', '.join(changes.changed) or 'nothing'}")
 
 
-@made("SpatialFields.watch")
+@command_of("SpatialFields.watch")
 def _watch(call: MethodCall, json_: Json = False) -> None:
     """Follow the map; show and publish the relations between entities that begin and end.
 
@@ -97,7 +97,7 @@ def _sentence(event: dict[str, Any]) -> str:
     return f"{event['subject']} {event['relation']} {event['object']} {verb}"
 
 
-@made("SpatialFields.export", folder="--output -o")
+@command_of("SpatialFields.export", folder="--output -o")
 def _export(call: MethodCall, json_: Json = False) -> None:
     done = call()
     if json_:
@@ -132,7 +132,7 @@ def _show_stored(stored: dict[str, Any]) -> None:
 # --- the service and its sources
 
 
-@made("SpatialFields.serve", config="--config -c", sources="--source", rates="--rate")
+@command_of("SpatialFields.serve", config="--config -c", sources="--source", rates="--rate")
 def _serve(call: MethodCall) -> None:
     """Follow the map, run sources, and answer queries on a local socket; Ctrl-C stops.
 
@@ -159,7 +159,7 @@ def _stop_on_signals(stop: threading.Event) -> None:
             signal.signal(each, lambda *_: stop.set())
 
 
-@made("SpatialFields.send", percepts=None, voxel_size=None)
+@command_of("SpatialFields.send", percepts=None, voxel_size=None)
 def _send(
     call: MethodCall, percept: str = Argument("-", help="JSON, or - for one a line of the input.")
 ) -> None:
@@ -167,7 +167,7 @@ def _send(
     call(percepts=(json_value(line, "the percept") for line in lines if line.strip()))
 
 
-@made("SpatialFields.sources", voxel_size=None)
+@command_of("SpatialFields.sources", voxel_size=None)
 def _sources(call: MethodCall, json_: Json = False) -> None:
     rows = call()
     if json_:

@@ -8,10 +8,10 @@ import typer
 from typer import Option
 
 from semmap import cli
-from semmap.cli.made import MethodCall, group, made
+from semmap.cli.operation_command import MethodCall, command_of, group
 
 
-@made("Map.write_qgis_project", path=None)
+@command_of("Map.write_qgis_project", path=None)
 def _project(
     call: MethodCall,
     path: Path | None = Option(None, "--output", "-o", help="The project's file, .qgz."),

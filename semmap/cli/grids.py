@@ -15,7 +15,7 @@ import typer
 from typer import Option
 
 from semmap import cli
-from semmap.cli.made import MethodCall, made
+from semmap.cli.operation_command import MethodCall, command_of
 from semmap.cli.options import Json
 from semmap.cli.output import print_folded
 from semmap.cli.texts import numbers
@@ -57,7 +57,7 @@ class Contents:
         }
 
 
-@made("Map.grids", interval="LOW,HIGH", fields=None, voxel_size=None)
+@command_of("Map.grids", interval="LOW,HIGH", fields=None, voxel_size=None)
 def grid_command(
     call: MethodCall,
     *,
@@ -93,7 +93,7 @@ def _show_grids(grids: Sequence[StoreyGrid], written: Sequence[dict[str, Any]]) 
             cli.out.print(f"{row['storey']}: {note}", style="yellow")
 
 
-@made(
+@command_of(
     "Map.costmaps",
     robot="--robot",
     posture="--state",

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from typer import Argument
 
 from semmap import cli
-from semmap.cli.made import MethodCall, made
+from semmap.cli.operation_command import MethodCall, command_of
 from semmap.cli.options import Json, MapName
 from semmap.cli.output import StageBars, print_json
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from semmap.ingest.importer import ImportSummary
 
 
-@made(
+@command_of(
     "Database.import_file",
     path=None,
     map=None,

@@ -11,7 +11,7 @@ from typer import Option
 from typer.core import TyperGroup
 
 from semmap.cli.chosen import open_database
-from semmap.cli.made import MethodCall, group, made, printed
+from semmap.cli.operation_command import MethodCall, command_of, group, printed
 from semmap.cli.options import Json, MapName
 from semmap.cli.output import StageBars, print_json, show_table
 
@@ -33,7 +33,7 @@ class _FilesOrCommand(TyperGroup):
         return super().parse_args(ctx, args)
 
 
-@made("Database.interlink", left="A", right="B", labels="--labels", store="--dry-run")
+@command_of("Database.interlink", left="A", right="B", labels="--labels", store="--dry-run")
 def _link(
     call: MethodCall,
     ask: bool = Option(False, "--ask", help="Ask for the labels that tell most: y, n; q ends."),
@@ -137,7 +137,7 @@ def _show(found: Interlinking, truth: set[tuple[str, str]] | None, json_: bool) 
     print(f"{len(found.pairs)} links of {len(found.labels)} labels: {stored}")
 
 
-@made("Database.merged_records", link_set="ID")
+@command_of("Database.merged_records", link_set="ID")
 def _merged(
     call: MethodCall,
     all_: bool = Option(False, "--all", help="Also records without a link."),

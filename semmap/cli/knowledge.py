@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import typer
 from typer import Argument, Option
 
-from semmap.cli.made import MethodCall, group, made
+from semmap.cli.operation_command import MethodCall, command_of, group
 from semmap.cli.options import Json
 from semmap.cli.output import print_json, show_rows, show_table
 
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from semmap.knowledge.reasoning.runs import Reasoned
 
 
-@made("Map.sparql", inferred="--told")
+@command_of("Map.sparql", inferred="--told")
 def sparql_command(
     call: MethodCall,
     update: bool = Option(False, "--update", help="TEXT is an update: it may change the map."),
@@ -105,7 +105,7 @@ def _text(text: str) -> str:
     return text
 
 
-@made("Map.export_rdf", path="[FILE]")
+@command_of("Map.export_rdf", path="[FILE]")
 def _export(call: MethodCall) -> None:
     """Write all facts of the map to a file, or as Turtle to standard output.
 
@@ -120,7 +120,7 @@ def _export(call: MethodCall) -> None:
         print(serialized(call.handle.graph(**call.values), "turtle"), end="")
 
 
-@made("Map.import_rdf", path=None)
+@command_of("Map.import_rdf", path=None)
 def _import(
     call: MethodCall,
     files: list[Path] = Argument(help="Endings: .ttl, .jsonld, .trig, .nt, .nq."),
@@ -135,7 +135,7 @@ def _import(
         print(f"{count['file']}: {count['added']} added")
 
 
-@made("Map.push_fields", relations="[RELATION=PROPERTY]...")
+@command_of("Map.push_fields", relations="[RELATION=PROPERTY]...")
 def _push(call: MethodCall) -> None:
     """Keep relations of the service of fields as facts of the map; Ctrl-C stops and removes them.
 
@@ -151,7 +151,7 @@ def _push(call: MethodCall) -> None:
         call(started=say)
 
 
-@made("Map.serve_sparql")
+@command_of("Map.serve_sparql")
 def _serve(call: MethodCall) -> None:
     """Serve the map by the SPARQL 1.1 protocol: /sparql, /update and /graph.
 
@@ -160,7 +160,7 @@ def _serve(call: MethodCall) -> None:
     call(started=lambda url: print(f"map {call.handle.name}: {url}", flush=True))
 
 
-@made("Map.reason")
+@command_of("Map.reason")
 def _reason(
     call: MethodCall,
     watch: bool = Option(False, "--watch", help="Infer after each change of the map."),
@@ -201,7 +201,7 @@ def _show_run(done: Reasoned, json_: bool) -> None:
     sys.stdout.flush()
 
 
-@made("Map.contradictions")
+@command_of("Map.contradictions")
 def _contradictions(call: MethodCall, json_: Json = False) -> None:
     """List which facts contradict which axiom; exit code 1 if any do."""
     found = call()
@@ -216,7 +216,7 @@ def _contradictions(call: MethodCall, json_: Json = False) -> None:
         raise typer.Exit(1)
 
 
-@made("Map.why")
+@command_of("Map.why")
 def _why(call: MethodCall, json_: Json = False) -> None:
     proof = call()
     if json_:
@@ -227,7 +227,7 @@ def _why(call: MethodCall, json_: Json = False) -> None:
         print("\n".join(proof.lines()))
 
 
-@made("Map.validate")
+@command_of("Map.validate")
 def _validate(call: MethodCall, json_: Json = False) -> None:
     """Validate the map against SHACL shapes; exit code 1 if there are violations."""
     found = [asdict(each) for each in call()]
@@ -236,7 +236,7 @@ def _validate(call: MethodCall, json_: Json = False) -> None:
         raise typer.Exit(1)
 
 
-@made("Map.bind_shapes", path="[SHAPES]")
+@command_of("Map.bind_shapes", path="[SHAPES]")
 def _bind(
     call: MethodCall,
     remove: str | None = Option(None, metavar="NAME", help="Let these shapes bind no more."),

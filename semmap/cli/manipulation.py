@@ -10,7 +10,7 @@ import typer
 from typer import Option
 
 from semmap.cli.chosen import open_database
-from semmap.cli.made import MethodCall, made
+from semmap.cli.operation_command import MethodCall, command_of
 from semmap.cli.options import Json
 from semmap.cli.output import print_json, show_table
 from semmap.cli.texts import numbers
@@ -24,7 +24,7 @@ PUSH_COLUMNS = ("entity", "direction", "expected", "attempts", "x", "y", "z", "c
 BASE = "X,Y,YAW[,Z]"
 
 
-@made("Map.grasps", name="[NAME]", for_="FUNCTION", check="--unchecked", base=BASE)
+@command_of("Map.grasps", name="[NAME]", for_="FUNCTION", check="--unchecked", base=BASE)
 def grasp_command(
     call: MethodCall,
     shape: str | None = Option(
@@ -50,7 +50,7 @@ def grasp_command(
         _show(db.grasps_of_shape(*_shape(shape), **given), json_, COLUMNS[1:], "grasps")
 
 
-@made("Map.places", on="--on", base=BASE)
+@command_of("Map.places", on="--on", base=BASE)
 def place_command(call: MethodCall, json_: Json = False) -> None:
     """Show where and how to put an object down: stored places, the best first, else generated.
 
@@ -60,7 +60,7 @@ def place_command(call: MethodCall, json_: Json = False) -> None:
     _show(call(), json_, PLACE_COLUMNS, "places", "spot")
 
 
-@made("Map.pushes", base=BASE)
+@command_of("Map.pushes", base=BASE)
 def push_command(call: MethodCall, json_: Json = False) -> None:
     """Show how to push an object along what it stands on: stored pushes, else generated ones.
 

@@ -8,14 +8,14 @@ from pathlib import Path
 
 from typer import Argument
 
-from semmap.cli.made import MethodCall, group, made, printed
+from semmap.cli.operation_command import MethodCall, command_of, group, printed
 from semmap.cli.options import Json
 from semmap.cli.output import show_table
 
 TASKS = ("id", "kind", "entity", "robot", "outcome", "action_id", "contributor", "message")
 
 
-@made("Database.list_manipulators", can="--can")
+@command_of("Database.list_manipulators", can="--can")
 def _robots(call: MethodCall, json_: Json = False) -> None:
     """List the stored robots with their grippers and sensors, and what they are able to do.
 
@@ -28,7 +28,7 @@ def _robots(call: MethodCall, json_: Json = False) -> None:
     show_table(rows, json_, ("name", "gripper", "sensor", "sensors", "capabilities"))
 
 
-@made("Database.list_grippers")
+@command_of("Database.list_grippers")
 def _grippers(call: MethodCall, json_: Json = False) -> None:
     rows = call()
     for row in rows:
@@ -36,7 +36,7 @@ def _grippers(call: MethodCall, json_: Json = False) -> None:
     show_table(rows, json_, ("name", "form", "opening", "depth", "preferred", "actions"))
 
 
-@made("Map.find_shapes", names="[NAME]...")
+@command_of("Map.find_shapes", names="[NAME]...")
 def _shapes(call: MethodCall, json_: Json = False) -> None:
     found = call()
     for problem in found.problems:
@@ -50,7 +50,7 @@ def _shapes(call: MethodCall, json_: Json = False) -> None:
     show_table(rows, json_, ("entity", "shape", "size", "inliers"))
 
 
-@made("Map.practise")
+@command_of("Map.practise")
 def _try(call: MethodCall, json_: Json = False) -> None:
     """Try actions on an object in simulation until one succeeds, and store what was learned.
 
@@ -61,17 +61,17 @@ def _try(call: MethodCall, json_: Json = False) -> None:
     show_table(call(), json_, ("action_id", "family", *told))
 
 
-@made("Database.import_grasps", grippers="--gripper HAND=GRIPPER")
+@command_of("Database.import_grasps", grippers="--gripper HAND=GRIPPER")
 def _import_grasps(call: MethodCall) -> None:
     print(_counted(call()))
 
 
-@made("Database.export_manipulation")
+@command_of("Database.export_manipulation")
 def _export(call: MethodCall) -> None:
     print(f"{call.values['path']}: {_counted(call())}")
 
 
-@made("Database.import_manipulation", path=None)
+@command_of("Database.import_manipulation", path=None)
 def _import(call: MethodCall, files: list[Path] = Argument(help="Signed files.")) -> None:
     """Store the knowledge of signed files: each as a whole, from those whom you trust."""
     for file in files:

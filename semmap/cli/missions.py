@@ -11,7 +11,7 @@ import typer
 from typer import Argument, Option
 
 from semmap import cli
-from semmap.cli.made import MethodCall, made
+from semmap.cli.operation_command import MethodCall, command_of
 from semmap.cli.options import Json
 from semmap.cli.output import place_progress, print_folded
 
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from semmap.api.map_results import ObjectSearch
 
 
-@made(
+@command_of(
     "Map.run",
     goal="[GOAL]",
     start="--from",
@@ -42,7 +42,7 @@ def run_command(
     _show_mission(call(**_told(json_)), json_)
 
 
-@made("Map.missions")
+@command_of("Map.missions")
 def missions_command(
     call: MethodCall,
     mission: int | None = Argument(None, help="Show the steps of this mission."),
@@ -112,7 +112,7 @@ class Simulation:
     )
 
 
-@made("Map.search", start="--from")
+@command_of("Map.search", start="--from")
 def search_command(
     call: MethodCall,
     *,

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from semmap import cli
-from semmap.cli.made import MethodCall, made
+from semmap.cli.operation_command import MethodCall, command_of
 from semmap.cli.options import Json
 from semmap.cli.output import print_folded
 from semmap.cli.route import step_as_json
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from semmap.api.map_results import MapPlan
 
 
-@made("Map.plan", start="--from")
+@command_of("Map.plan", start="--from")
 def plan_command(call: MethodCall, json_: Json = False) -> None:
     """Plan a task: the actions that reach a goal in the least time."""
     plan = call()

@@ -75,7 +75,7 @@ class PluginGroup(TyperGroup):
             around.add_typer(found, name=name)
         elif callable(found):
             around.command(name)(found)
-        elif isinstance(getattr(found, "help", None), str):  # a `MadeCommand`
+        elif isinstance(getattr(found, "help", None), str):  # a `OperationCommand`
             around.command(name, help=found.help)(found.function)
         else:
             raise TypeError(f"{GROUP}: {name} is {found!r}, neither a function nor a typer.Typer")

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from semmap import cli
-from semmap.cli.made import MethodCall, group, made, printed
+from semmap.cli.operation_command import MethodCall, command_of, group, printed
 from semmap.cli.options import Json
 from semmap.cli.output import show_table
 
 COLUMNS = ("name", "type", "origin", "of", "holder", "area", "low", "high", "faces")
 
 
-@made("Map.find_regions", names="[NAME]...")
+@command_of("Map.find_regions", names="[NAME]...")
 def _find(call: MethodCall, json_: Json = False) -> None:
     found = call()
     for reason in found.problems:
@@ -18,7 +18,7 @@ def _find(call: MethodCall, json_: Json = False) -> None:
     show_table(found, json_, COLUMNS)
 
 
-@made("Map.draw_region", properties="--property KEY=VALUE")
+@command_of("Map.draw_region", properties="--property KEY=VALUE")
 def _draw(call: MethodCall, json_: Json = False) -> None:
     show_table([call()], json_, COLUMNS)
 

@@ -6,7 +6,7 @@ import json
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
-from semmap.cli.made import MethodCall, group, made, printed
+from semmap.cli.operation_command import MethodCall, command_of, group, printed
 from semmap.cli.options import Json
 from semmap.cli.output import print_folded
 
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from planner.robot_class import RobotClass
 
 
-@made(
+@command_of(
     "Database.add_robot",
     urdf="--robot",
     posture="--state",
@@ -34,7 +34,7 @@ def _add(call: MethodCall, json_: Json = False) -> None:
         print(chosen)
 
 
-@made("Map.robots")
+@command_of("Map.robots")
 def _ls(call: MethodCall, json_: Json = False) -> None:
     """List the classes of robots."""
     _show([*call().values()], json_)

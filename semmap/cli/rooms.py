@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from semmap import cli
-from semmap.cli.made import MethodCall, group, made, printed
+from semmap.cli.operation_command import MethodCall, command_of, group, printed
 from semmap.cli.options import Json
 from semmap.cli.output import show_table
 
 
-@made("Map.find_rooms")
+@command_of("Map.find_rooms")
 def _find(call: MethodCall, json_: Json = False) -> None:
     """Find the rooms and doorways that the walls of the map enclose.
 

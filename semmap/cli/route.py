@@ -11,7 +11,7 @@ import typer
 from typer import Option
 
 from semmap import cli
-from semmap.cli.made import MethodCall, made
+from semmap.cli.operation_command import MethodCall, command_of
 from semmap.cli.options import Json
 from semmap.cli.output import place_progress, print_folded
 
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from semmap.geometry.pose import Pose
 
 
-@made(
+@command_of(
     "Map.route",
     start="FROM",
     goal="TO",

@@ -7,11 +7,11 @@ import json
 import typer
 
 from semmap.api.map_drawing import topology_as_json
-from semmap.cli.made import MethodCall, made
+from semmap.cli.operation_command import MethodCall, command_of
 from semmap.cli.options import Json
 
 
-@made("Map.write_topology", file="[--output -o]", unlocks="--locked")
+@command_of("Map.write_topology", file="[--output -o]", unlocks="--locked")
 def topology_command(call: MethodCall, json_: Json = False) -> None:
     """Write the topology: a route graph for Nav2 or Open-RMF, DOT, a picture or JSON.
 

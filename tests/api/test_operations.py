@@ -19,7 +19,7 @@ from semmap import cli
 from semmap.api.operations import COMMANDS, OPERATIONS, Operation
 from semmap.api.signatures import REQUIRED
 from semmap.api.spatial_fields import SpatialFields
-from semmap.cli.made import MadeCommand
+from semmap.cli.operation_command import OperationCommand
 
 ROOT = Path(__file__).parents[2]
 
@@ -133,15 +133,15 @@ def test_a_command_is_short() -> None:
     assert long == []
 
 
-def made_commands() -> Iterator[MadeCommand]:
+def made_commands() -> Iterator[OperationCommand]:
     """The commands that are made of a method, in all modules of the command line."""
     for module in {command.module for command in COMMANDS.values()}:
         for each in vars(import_module(f"semmap.cli.{module}")).values():
-            if isinstance(each, MadeCommand):
+            if isinstance(each, OperationCommand):
                 yield each
             elif isinstance(each, typer.Typer):
                 functions = (one.callback for one in each.registered_commands)
-                yield from (one.made for one in functions if hasattr(one, "made"))
+                yield from (one.made_of for one in functions if hasattr(one, "made_of"))
 
 
 def test_a_made_command_is_the_command_of_its_operation() -> None:

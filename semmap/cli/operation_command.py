@@ -6,7 +6,7 @@ gets a `MethodCall` and may have options of its own, or data classes of options:
     printed("Database.undo_links", "{0} links taken back")
     printed("Map.list_regions", ("name", "type", "origin"))
 
-    @made("Map.contradictions")
+    @command_of("Map.contradictions")
     def contradictions(call: MethodCall, json_: Json = False) -> None: ...
 
 The rest says how an option differs from its argument: ``keep_as="--keep"`` has another name,
@@ -63,7 +63,7 @@ class MethodCall:
 
 
 @dataclass(frozen=True)
-class MadeCommand:
+class OperationCommand:
     """A row of the command line: a method, how options differ from arguments, what prints."""
 
     method: str
@@ -97,7 +97,7 @@ class MadeCommand:
         def command(**given: Any) -> None:
             self.run(given)
 
-        command.made = self  # type: ignore[attr-defined]
+        command.made_of = self  # type: ignore[attr-defined]
         command.__signature__ = Signature(parameters)  # type: ignore[attr-defined]
         command.__annotations__ = {each.name: each.annotation for each in parameters}
         return command
@@ -156,17 +156,17 @@ class MadeCommand:
         return open_database(migrate=self.method == "Database.import_file")
 
 
-def made(method: str, **rows: str | None) -> Callable[[Print], MadeCommand]:
+def command_of(method: str, **rows: str | None) -> Callable[[Print], OperationCommand]:
     """Return a decorator: of a function that prints it makes a command."""
-    return partial(MadeCommand, method, rows)
+    return partial(OperationCommand, method, rows)
 
 
-def printed(method: str, how: How, **rows: str | None) -> MadeCommand:
+def printed(method: str, how: How, **rows: str | None) -> OperationCommand:
     """Return a command that prints a result: by a format, a function, or as a table's columns."""
-    return MadeCommand(method, rows, _table(how) if isinstance(how, tuple) else _told(how))
+    return OperationCommand(method, rows, _table(how) if isinstance(how, tuple) else _told(how))
 
 
-def group(*commands: MadeCommand, cls: type[TyperGroup] = TyperGroup) -> typer.Typer:
+def group(*commands: OperationCommand, cls: type[TyperGroup] = TyperGroup) -> typer.Typer:
     """Return a group of commands, which are named as the table of operations does."""
     found = typer.Typer(no_args_is_help=True, cls=cls)
     for each in commands:
