@@ -86,6 +86,15 @@ def test_a_room_split_in_the_middle_is_not_found_as_a_third(row: semmap.Map) -> 
     assert [{*door.rooms} for door in again.doorways] == [{names["left"], names["middle"]}]
 
 
+def test_rooms_of_two_storeys_stay_two(row: semmap.Map) -> None:
+    """One above the other, they are 0 m apart on the plan."""
+    row.add_storey("first", elevation=3.0)
+    upper = row.add_room("upper", shapely.box(0, 0, 4, 4), floor=3.0, storey="first")
+    with pytest.raises(ValueError, match="not on one storey"):
+        row.merge_rooms(named(row)["left"], "upper")
+    assert upper in [*row.rooms]
+
+
 def test_what_cannot_be_edited_changes_nothing(row: semmap.Map) -> None:
     names = named(row)
     outlines = {room.name: room.footprint for room in row.rooms}

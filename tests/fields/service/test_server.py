@@ -59,7 +59,7 @@ def test_unfinished_lines_hold_one_request_and_not_for_long(path: Path) -> None:
     assert asked(path, 5) == {"reply": 5}
     assert time.monotonic() - began < 0.9, "a short request waits for none of them"
     assert asked(path, 2 * server.SHORT) == {"reply": 2 * server.SHORT}
-    assert time.monotonic() - began < 8, "a long one waits, each of them for a second"
+    assert 3 < time.monotonic() - began < 8, "a long one waits, each of them for a second"
     for one in held:
         assert one.recv(1) == b""
         one.close()

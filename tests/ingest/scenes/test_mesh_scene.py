@@ -74,6 +74,14 @@ def test_a_scene_gets_rooms_and_a_route(scene: Path, database: str) -> None:
         assert (again.added, again.changed, again.removed) == (0, 0, 0)
 
 
+def test_a_large_file_of_one_node_is_one_object_with_its_name(tmp_path: Path) -> None:
+    made = trimesh.Scene()
+    made.add_geometry(trimesh.creation.box((8, 8, 3)), node_name="node", geom_name="mesh")
+    made.export(tmp_path / "hall.glb")
+    world = read_world(tmp_path / "hall.glb")
+    assert ([entry.name for entry in world.entries], world.notes) == (["hall"], [])
+
+
 @pytest.mark.parametrize(("scale", "as_scene"), [(0.25, False), (1.0, True)])
 def test_furniture_of_several_nodes_is_one_object_unless_it_is_large(
     scene: Path, scale: float, as_scene: bool
