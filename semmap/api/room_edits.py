@@ -15,6 +15,10 @@ if TYPE_CHECKING:
     from semmap.api.map import Map
     from semmap.api.map_entity import MapEntity
 
+GAP = WALL + 0.1
+"""Metres between the outlines of two rooms that becomes floor: those that are found keep off walls
+by a cell."""
+
 
 def redraw(room: MapEntity, outline: Any) -> None:
     """Give a room another outline, in the map's frame, metres; holders follow."""
@@ -38,9 +42,10 @@ def merge(map: Map, rooms: Sequence[MapEntity]) -> None:
         part = room.footprint
         if whole is None or part is None or whole.distance(part) > WALL:
             raise ValueError(f"{room.name} does not lie beside {first.name}, at most {WALL} m off")
-        near = whole.distance(part) / 2 + 1e-3
-        whole = shapely.union(whole, part).buffer(near, join_style="mitre")
-        whole = whole.buffer(-near, join_style="mitre").simplify(1e-6)
+        both = shapely.union(whole, part)
+        closed = both.buffer(GAP / 2, join_style="mitre").buffer(-GAP / 2, join_style="mitre")
+        strip = closed.intersection(whole.buffer(GAP)).intersection(part.buffer(GAP))
+        whole = shapely.union(both, strip).simplify(1e-6)
     map.execute(
         "DELETE FROM entity WHERE id IN (SELECT entity_id FROM connector "
         "WHERE place_a <> place_b AND place_a = ANY (%s) AND place_b = ANY (%s))",
