@@ -47,10 +47,7 @@ class ObstacleLayers:
     def _find_floor(self) -> None:
         scene = self.members.scene
         if scene.floors:
-            known = np.zeros(self.grid.shape, np.bool_)
-            for area in scene.floors:
-                known |= area_cells(area.outline, self.grid)
-            self.unknown = ~known
+            self.unknown = ~area_cells([area.outline for area in scene.floors], self.grid)
         self.levels = floor_levels(
             scene.floors, self.members.ramps, scene.elevation, self.members.limits, self.grid
         )

@@ -9,8 +9,8 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Iterable
-from typing import Any
+from collections.abc import Iterable, Sequence
+from typing import Any, TypeAlias
 
 import mapbox_earcut
 import numpy as np
@@ -19,6 +19,9 @@ from numpy.typing import ArrayLike, NDArray
 
 import semmap_native
 from navgrid.grid import Grid
+
+Outlines: TypeAlias = shapely.Geometry | Sequence[shapely.Geometry]
+"""A polygon, or several."""
 
 FARTHEST = 1e30
 """The largest end of an interval, metres."""
@@ -147,9 +150,9 @@ def _threads(face_count: int) -> int:
     return min(len(os.sched_getaffinity(0)), math.ceil(face_count / _FEW_FACES), 16)
 
 
-def area_cells(outline: shapely.Geometry, grid: Grid) -> NDArray[np.bool_]:
+def area_cells(outlines: Outlines, grid: Grid) -> NDArray[np.bool_]:
     """Return the (rows, columns) bool cells whose half-open square meets polygons, metres."""
-    cells: NDArray[np.bool_] = occupancy(mesh_of(flat_triangles(outline)), [(0, 0)], grid)[0]
+    cells: NDArray[np.bool_] = occupancy(mesh_of(flat_triangles(outlines)), [(0, 0)], grid)[0]
     return cells
 
 
@@ -158,10 +161,10 @@ def mesh_of(triangles: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArra
     return triangles.reshape(-1, 3), np.arange(3 * len(triangles), dtype=np.int32).reshape(-1, 3)
 
 
-def flat_triangles(outline: shapely.Geometry) -> NDArray[np.float64]:
+def flat_triangles(outlines: Outlines) -> NDArray[np.float64]:
     """Return the (F, 3, 3) triangles at z = 0 that make up a polygon or several."""
     parts = []
-    for polygon in shapely.get_parts(outline):
+    for polygon in shapely.get_parts(outlines):
         if polygon.geom_type != "Polygon" or polygon.is_empty:
             continue
         rings = [shapely.get_coordinates(r)[:-1] for r in (polygon.exterior, *polygon.interiors)]

@@ -7,6 +7,7 @@ room by steps not higher than it takes, such as thresholds and ramps: they are n
 from __future__ import annotations
 
 import math
+from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
@@ -86,13 +87,12 @@ def floor_levels(
     quarter higher than a step counts as a step. Outside of all rooms and doorways the floor is at
     `elevation`, z in metres. `ramps` are the (F, 3, 3) drivable faces above or below these floors.
     """
-    flat: dict[float, NDArray[np.bool_]] = {}
-    inside = np.zeros(grid.shape, np.bool_)
+    outlines = defaultdict(list)
     for area in areas:
-        cells = area_cells(area.outline, grid)
-        inside |= cells
-        flat[area.floor] = flat[area.floor] | cells if area.floor in flat else cells
-    flat[elevation] = flat[elevation] | ~inside if elevation in flat else ~inside
+        outlines[area.floor].append(area.outline)
+    flat = {floor: area_cells(of_floor, grid) for floor, of_floor in outlines.items()}
+    outside = ~np.logical_or.reduce([*flat.values(), np.zeros(grid.shape, np.bool_)])
+    flat[elevation] = flat[elevation] | outside if elevation in flat else outside
     if len(ramps):
         under = _covered(ramps, grid)
         flat = {floor: cells & ~under for floor, cells in flat.items()}

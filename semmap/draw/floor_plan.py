@@ -44,6 +44,8 @@ ASSUMED: Style = {"ls": (0, (2.5, 1.5)), "hatch": "....."}
 """How a plan shows objects with the typical box of their type."""
 
 _WALL = "#343a46"
+_SHADES = [("white", 0.0), ("#8a8f98", 0.22), (_WALL, 0.20), (_WALL, 0.80), (_WALL, 0.96)]
+"""Of cells: free, unknown, occupied by what is drawn, enclosed by walls, and occupied."""
 _MARGIN = 0.55
 _COVERED = 0.1
 """The share of a name that others may cover; names of large rooms come first."""
@@ -71,6 +73,8 @@ def _halo(width: float, alpha: float) -> Style:
 
 _HALO = _halo(2.2, 0.85)
 _BOLD: Style = {"weight": "bold", "zorder": 8}
+_LEAST, _TYPE = 2.5, 6.5
+"""Points of the smallest letters: of a room's name, and of one with its type below."""
 _ROOM_NAME = _BOLD | _HALO | {"fontsize": 9.5, "color": INK, "linespacing": 1.1}
 _DOOR_NAME = _BOLD | {"fontsize": 6.8, "color": "white"}
 _REGION_NAME = _BOLD | _HALO | {"fontsize": 7, "style": "italic"}
@@ -194,21 +198,34 @@ def _fill(axes: Axes, outline: Outline, **style: Any) -> None:
 def _walls(axes: Axes, grid: OccupancyView, outlines: list[Outline]) -> None:
     """Draw the occupied cells: dark for the building, a light shade over objects."""
     rows, columns = np.nonzero(grid.cells > 50)
-    image = np.zeros((*grid.cells.shape, 4))
     solid = _enclosed(grid.cells)
-    image[solid] = to_rgba(_WALL, 0.80)
-    image[rows, columns] = to_rgba(_WALL, 0.96)
+    shades = np.zeros(grid.cells.shape, np.uint8)
+    shades[(grid.cells < 0) & ~solid] = 1
+    shades[solid] = 3
+    shades[rows, columns] = 4
     if outlines:
         covered = shapely.union_all([t.buffer(0.75 * grid.resolution) for t in outlines])
         shapely.prepare(covered)
         x = grid.origin[0] + (columns + 0.5) * grid.resolution
         y = grid.origin[1] + (rows + 0.5) * grid.resolution
         over = shapely.contains_xy(covered, x, y)
-        image[rows[over], columns[over]] = to_rgba(_WALL, 0.20)
-    axes.imshow(image, extent=grid.extent, origin="lower", interpolation="nearest", zorder=4)
-    unknown = np.zeros_like(image)
-    unknown[(grid.cells < 0) & ~solid] = to_rgba("#8a8f98", 0.22)
-    axes.imshow(unknown, extent=grid.extent, origin="lower", zorder=1.5)
+        shades[rows[over], columns[over]] = 2
+    x0, _, y0, _ = grid.extent
+    per_pixel = grid.cells.shape[1] / axes.get_window_extent().width
+    n = max(1, round(per_pixel))  # of so many cells a side, the darkest: no thin wall is lost
+    for axis in (0, 1):
+        shades = np.maximum.reduceat(shades, range(0, shades.shape[axis], n), axis=axis)
+    height, width = np.array(shades.shape) * n * grid.resolution
+    for shown, zorder in (([1], 1.5), ([2, 3, 4], 4)):
+        palette = np.zeros((len(_SHADES), 4), np.uint8)
+        palette[shown] = np.round(255 * np.array([to_rgba(*_SHADES[k]) for k in shown]))
+        axes.imshow(
+            palette[shades],
+            extent=(x0, x0 + width, y0, y0 + height),
+            origin="lower",
+            interpolation="nearest",
+            zorder=zorder,
+        )
 
 
 def _enclosed(cells: NDArray[np.int8]) -> NDArray[np.bool_]:
@@ -349,10 +366,12 @@ def _write(axes: Axes, storey: StoreyView, objects: list[ObjectView], per_metre:
         kind = room.label or (room.types[0].replace("_", " ") if room.types else "")
         told = kind in ("", "room") or kind.lower() in room.name.lower()
         x, y = spots[0]
-        offsets = [((u - x) * per_metre, (v - y) * per_metre) for u, v in spots]
-        for name in (room.name,) if told else (f"{room.name}\n{kind}", room.name):
-            if labels.put(x, y, name, offsets=offsets, most=_COVERED, **_ROOM_NAME):
-                break
+        x0, y0, x1, y1 = room.outline.bounds
+        place: Style = {"within": (x1 - x0, y1 - y0), "most": _COVERED} | _ROOM_NAME
+        place["offsets"] = [((u - x) * per_metre, (v - y) * per_metre) for u, v in spots]
+        both = None if told else labels.put(x, y, f"{room.name}\n{kind}", least=_TYPE, **place)
+        if both is None:
+            labels.put(x, y, room.name, least=_LEAST, **place)
     labels.shun([])
     near = max(9.0, 0.30 * per_metre)
     beside = _ring((near, near + 8, near + 16, near + 26))

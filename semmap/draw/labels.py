@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+import math
+from collections.abc import Iterable
+from math import ceil, floor
 from typing import Any
 
 import numpy as np
@@ -31,26 +33,29 @@ class Labels:
     def __init__(self, axes: Axes) -> None:
         self.axes = axes
         self.taken: list[Box] = []
-        self._shunned: list[Box] = []
         figure = axes.get_figure(root=True)
         assert figure is not None
         self._points = figure.dpi / 72
         self._renderer = figure.canvas.get_renderer()  # type: ignore[attr-defined]
-        x0, y0, x1, y1 = axes.get_window_extent(self._renderer).extents
-        self._inside: Box = float(x0), float(y0), float(x1), float(y1)
+        window = axes.get_window_extent(self._renderer)
+        self._corner = np.floor(window.min)
+        width, height = np.ceil(window.max - self._corner).astype(int)
+        # Pixels, so that a place is judged in the same time among ten texts and ten thousand.
+        self._covered = np.zeros((height, width), bool)
+        self._shunned = np.zeros((height, width), bool)
 
     def keep_clear(self, x: float, y: float, radius: float) -> None:
         """Keep texts further than `radius` points from a point, in data units."""
         px, py = self.axes.transData.transform((x, y))
         r = radius * self._points
-        self.taken.append((float(px - r), float(py - r), float(px + r), float(py + r)))
+        self._take((float(px - r), float(py - r), float(px + r), float(py + r)))
 
     def shun(self, boxes: Iterable[tuple[float, float, float, float]]) -> None:
         """Let later texts avoid these boxes, (x0, y0, x1, y1) in data units."""
-        corners = (self.axes.transData.transform(np.reshape(b, (2, 2))) for b in boxes)
-        self._shunned = [
-            (float(x0), float(y0), float(x1), float(y1)) for (x0, y0), (x1, y1) in corners
-        ]
+        self._shunned[:] = False
+        for box in boxes:
+            (x0, y0), (x1, y1) = self.axes.transData.transform(np.reshape(box, (2, 2)))
+            self._shunned[self._pixels((x0, y0, x1, y1))] = True
 
     def put(
         self,
@@ -62,30 +67,41 @@ class Labels:
         most: float = 0.0,
         leader: dict[str, Any] | None = None,
         within: tuple[float, float] | None = None,
+        least: float = math.inf,
         **style: Any,
     ) -> Annotation | None:
         """Write a text at the offset (right, up; points) where it overlaps least; return it.
 
         None where more than a share of it, `most`, overlaps there. `leader` is the style of a line
-        from a moved text to its point; it has to fit `within` a (width, height), in data units.
+        from a moved text to its point; it has to fit `within` a (width, height), in data units, if
+        need be in letters of a smaller size, no smaller than `least` points.
         """
         style = {"ha": "center", "va": "center"} | style
         artist = self.axes.annotate(
             text, (x, y), xytext=(0, 0), textcoords="offset points", annotation_clip=False, **style
         )
-        places = np.array([*offsets], np.float64)
-        boxes = self._extent(artist) + np.tile(places * self._points, 2)
-        covered = _common(boxes, self.taken)
-        covered += np.maximum(_area(boxes) - _common(boxes, [self._inside]), 0.0)
-        if within is not None and not self._fits(boxes[0], within):
-            covered += _area(boxes)
-        best = int(np.argmin(covered + 0.3 * _common(boxes, self._shunned)))
-        offset, box = places[best].tolist(), boxes[best].tolist()
-        if covered[best] > most * _area(boxes)[best]:
+        extent = self._extent(artist)
+        if within is not None and (ratio := self._ratio(extent, within)) < 1:
+            size = float(artist.get_fontsize()) * ratio
+            if size < least:
+                artist.remove()
+                return None
+            artist.set_fontsize(size)
+            extent = self._extent(artist)
+        best, offset, box, cost = 1.0, (0.0, 0.0), extent, np.inf
+        for place in offsets:
+            at = _moved(extent, place, self._points)
+            covered = self._share(self._covered, at, beyond=True)
+            worth = covered + 0.3 * self._share(self._shunned, at)
+            if worth < cost:
+                best, offset, box, cost = covered, place, at, worth
+            if cost == 0:
+                break
+        if best > most:
             artist.remove()
             return None
         artist.set_position(offset)
-        self.taken.append(box)
+        self._take(box)
         if leader is not None and np.hypot(*offset) > 8:
             self.axes.annotate(
                 "",
@@ -97,7 +113,25 @@ class Labels:
             )
         return artist
 
-    def _extent(self, artist: Annotation) -> NDArray[np.float64]:
+    def _take(self, box: Box) -> None:
+        self.taken.append(box)
+        self._covered[self._pixels(box)] = True
+
+    def _pixels(self, box: Box) -> tuple[slice, slice]:
+        """The pixels of the axes that a box touches."""
+        x, y = self._corner
+        rows, columns = self._covered.shape
+        x0, y0, x1, y1 = floor(box[0] - x), floor(box[1] - y), ceil(box[2] - x), ceil(box[3] - y)
+        return slice(max(y0, 0), min(max(y1, 0), rows)), slice(max(x0, 0), min(max(x1, 0), columns))
+
+    def _share(self, mask: NDArray[np.bool_], box: Box, *, beyond: bool = False) -> float:
+        """The share of a box where the mask is set, and that lies `beyond` the axes."""
+        seen = mask[self._pixels(box)]
+        x0, y0, x1, y1 = floor(box[0]), floor(box[1]), ceil(box[2]), ceil(box[3])
+        whole = max((x1 - x0) * (y1 - y0), 1)
+        return float(np.count_nonzero(seen) + beyond * (whole - seen.size)) / whole
+
+    def _extent(self, artist: Annotation) -> Box:
         artist.update_positions(self._renderer)
         patch = artist.get_bbox_patch()
         if patch is not None:
@@ -105,20 +139,15 @@ class Labels:
             box = patch.get_window_extent(self._renderer)
         else:
             box = Text.get_window_extent(artist, self._renderer)
-        return np.array(box.padded(PADDING * self._points).extents)
+        x0, y0, x1, y1 = box.padded(PADDING * self._points).extents
+        return float(x0), float(y0), float(x1), float(y1)
 
-    def _fits(self, box: NDArray[np.float64], within: tuple[float, float]) -> bool:
+    def _ratio(self, box: Box, within: tuple[float, float]) -> float:
+        """How many times as large as the box what it has to fit in is."""
         (x0, y0), (x1, y1) = self.axes.transData.transform([(0, 0), within])
-        return bool(box[2] - box[0] <= abs(x1 - x0) and box[3] - box[1] <= abs(y1 - y0))
+        return float(min(abs(x1 - x0) / (box[2] - box[0]), abs(y1 - y0) / (box[3] - box[1])))
 
 
-def _area(boxes: NDArray[np.float64]) -> NDArray[np.float64]:
-    sides = boxes[:, 2:] - boxes[:, :2]
-    return np.asarray(sides[:, 0] * sides[:, 1])
-
-
-def _common(boxes: NDArray[np.float64], others: Sequence[Box]) -> NDArray[np.float64]:
-    """(n,) the area of each of n boxes that each of the others covers, in sum."""
-    a, b = boxes[:, None], np.reshape(np.array(others, np.float64), (1, -1, 4))
-    sides = np.minimum(a[..., 2:], b[..., 2:]) - np.maximum(a[..., :2], b[..., :2])
-    return np.asarray(np.prod(sides.clip(min=0.0), axis=2).sum(axis=1))
+def _moved(box: Box, offset: Offset, scale: float) -> Box:
+    x, y = offset[0] * scale, offset[1] * scale
+    return box[0] + x, box[1] + y, box[2] + x, box[3] + y

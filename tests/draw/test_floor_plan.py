@@ -8,7 +8,7 @@ from PIL import Image
 
 from semmap.draw.floor_plan import floor_plan
 from semmap.draw.palette import PATH, ROOMS
-from semmap.draw.view import DoorView, ObjectView, OccupancyView, StoreyView
+from semmap.draw.view import DoorView, ObjectView, OccupancyView, RoomView, StoreyView
 from semmap.geometry.mesh import box_mesh
 from semmap.geometry.pose import Pose
 from tests.draw.storeys import two_rooms
@@ -78,6 +78,22 @@ def replace_cells(grid: OccupancyView, cells: np.ndarray) -> OccupancyView:
 @pytest.fixture(scope="module")
 def without_doors(tmp_path_factory: pytest.TempPathFactory) -> np.ndarray:
     return drawn(replace(two_rooms(), doors=[]), tmp_path_factory.mktemp("bare"))
+
+
+def test_a_thousand_rooms_keep_their_names_and_thin_walls(tmp_path):
+    """Each name fits in its room, in letters that are as small as need be."""
+    rooms = [
+        RoomView(f"Room {r}.{c}", shapely.box(5 * c, 6 * r, 5 * c + 4.9, 6 * r + 5.9), 0.0, 3.0)
+        for r in range(25)
+        for c in range(40)
+    ]
+    cells = np.zeros((3000, 4000), np.int8)
+    cells[:, 2001] = 100  # between two rows of pixels
+    kept = []
+    storey = StoreyView("ground", rooms=rooms, occupancy=OccupancyView((0, 0), 0.05, cells))
+    picture = pixels(floor_plan(storey, tmp_path / "plan.png", over=kept.append))
+    assert {text.get_text() for text in kept[0].texts} == {room.name for room in rooms}
+    assert (picture.mean(axis=-1) < 0.4).mean(axis=0).max() > 0.7, "the wall is a line"
 
 
 @pytest.mark.parametrize("type_", ["door", "elevator_door", "stairs", "ramp"])
