@@ -45,6 +45,9 @@ WALLS = frozenset({"wall", "window", "building_shell"})
 CLOSED = 0.5
 """The confidence of a room without a doorway."""
 
+LIFT = 0.7
+"""The confidence of a lift: a shaft may be one of pipes, with doors for their keeper."""
+
 MARGIN = 1.0
 """Metres of the grid around the walls: the cells connected with its border are outside."""
 
@@ -99,12 +102,20 @@ class FoundStairs(NamedTuple):
     treads: str
 
 
+class FoundLift(NamedTuple):
+    """A lift: the rooms that are its cabin, from the lowest storey on."""
+
+    name: str
+    cabins: tuple[str, ...]
+    confidence: float = LIFT
+
+
 @dataclass(frozen=True, eq=False)
 class FoundRooms:
     """What the geometry of a storey shows and the map does not have yet.
 
-    These are rooms, doorways, and stairs to the storey above. `known` are the rooms of the map that
-    were found again; `problem` says why nothing was found.
+    These are rooms, doorways, stairs to the storey above, and lifts that begin here. `known` are
+    the rooms of the map that were found again; `problem` says why nothing was found.
     """
 
     storey: str
@@ -112,13 +123,15 @@ class FoundRooms:
     rooms: tuple[FoundRoom, ...] = ()
     doorways: tuple[FoundDoorway, ...] = ()
     stairs: tuple[FoundStairs, ...] = ()
+    lifts: tuple[FoundLift, ...] = ()
     known: tuple[str, ...] = ()
     problem: str | None = None
 
     def table(self) -> list[dict[str, Any]]:
         """A row for each: kind, name, type, metres (square, of rooms), confidence, and `by`.
 
-        `by` are the objects that show a room's type, and the rooms that a doorway or stairs join.
+        `by` are the objects that show a room's type, the rooms that a doorway or stairs join, and
+        the cabins of a lift, of which `metres` is the number.
         """
         rooms = [
             ("room", r.name, r.type, round(r.outline.area, 1), r.confidence, r.shown_by)
@@ -132,6 +145,10 @@ class FoundRooms:
             ("stairs", s.name, "stairs", round(float(np.ptp(s.ends[:, 2])), 2), 1.0, s.rooms)
             for s in self.stairs
         ]
+        lifts = [
+            ("lift", lift.name, "elevator", len(lift.cabins), lift.confidence, lift.cabins)
+            for lift in self.lifts
+        ]
         return [
             {
                 "storey": self.storey,
@@ -142,7 +159,7 @@ class FoundRooms:
                 "confidence": round(confidence, 2),
                 "by": ", ".join(by),
             }
-            for kind, name, type_, metres, confidence, by in (*rooms, *doorways, *stairs)
+            for kind, name, type_, metres, confidence, by in (*rooms, *doorways, *stairs, *lifts)
         ]
 
 

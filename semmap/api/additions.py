@@ -207,6 +207,26 @@ def add_found_stairs(map: Map, found: FoundRooms) -> None:
         add_entry(map, made)
 
 
+def add_found_lifts(map: Map, found: FoundRooms) -> None:
+    """Make the rooms that were found one above another the cabins of a lift."""
+    for lift in found.lifts:
+        lowest = map.rooms[lift.cabins[0]].pose
+        made = Entry(lift.name, "elevator", "elevator", pose=lowest)
+        made.properties["found"] = {"confidence": lift.confidence}
+        elevator = add_entry(map, made)
+        for name in lift.cabins:
+            cabin = map.rooms[name]
+            cabin.type = "elevator_cabin"
+            map.execute(
+                "UPDATE room SET elevator_id = %s WHERE entity_id = %s", elevator.id, cabin.id
+            )
+            map.execute(
+                "UPDATE connector SET form = 'elevator_door', behaviour = 'call_elevator' "
+                "WHERE %s IN (place_a, place_b)",
+                cabin.id,
+            )
+
+
 def _nearer(map: Map, door: str, form: str, room: MapEntity, ends: Any, normal: Any) -> int:
     """1 if the room is on the side to which `normal` points, -1 if on the other, 0 if on both."""
     middle = ends.mean(axis=0)

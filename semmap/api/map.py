@@ -256,7 +256,7 @@ class Map(
     def find_rooms(
         self, *, storey: EntityName | None = None, add: bool = False
     ) -> list[FoundRooms]:
-        """Find the rooms and doorways between walls, and stairs, on each storey, the lowest first.
+        """Find rooms and doorways between walls, stairs and lifts; by storey, the lowest first.
 
         Rooms and connectors that the map has already are left as they are, and out. A storey
         without walls has a `problem` in their place.
@@ -271,9 +271,15 @@ class Map(
         LookupError, ValueError
             There is no such storey; no storey has walls.
         """
+        from navgrid.found_lifts import with_lifts
         from navgrid.found_rooms import FoundRooms, find_rooms
         from navgrid.found_stairs import with_stairs
-        from semmap.api.additions import ROOMS_OF_TYPES, add_found_rooms, add_found_stairs
+        from semmap.api.additions import (
+            ROOMS_OF_TYPES,
+            add_found_lifts,
+            add_found_rooms,
+            add_found_stairs,
+        )
         from semmap.query.storey_reader import read_storeys
 
         with self.snapshot() as seen:
@@ -288,13 +294,12 @@ class Map(
                 found.append(FoundRooms(scene.storey, scene.elevation, problem=str(error)))
         if all(each.problem for each in found):
             raise ValueError("; ".join(str(each.problem) for each in found))
-        found = with_stairs(scenes, found)
+        found = with_lifts(scenes, with_stairs(scenes, found))
         if add:
             with self._change():
-                for each in found:
-                    add_found_rooms(self, each)
-                for each in found:
-                    add_found_stairs(self, each)
+                for step in (add_found_rooms, add_found_stairs, add_found_lifts):
+                    for each in found:
+                        step(self, each)
         return found
 
     def merge_rooms(self, name: EntityName, others: EntityName | Sequence[EntityName]) -> None:

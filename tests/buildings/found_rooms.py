@@ -1,7 +1,7 @@
-"""Judge rooms and doorways found in walls: ``python -m tests.buildings.found_rooms --count 50``.
+"""Judge what is found in walls: ``python -m tests.buildings.found_rooms --count 50``.
 
 Found and known rooms are the same if they share 70 percent of what both cover, doorways if they are
-within half a metre.
+within half a metre; a lift is one if its rooms are cabins.
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ import numpy as np
 import shapely
 
 import semmap
+from navgrid.found_rooms import FoundRooms
 from semmap.database import Cluster
 from tests.buildings.building import Building, random_building
 
@@ -73,14 +74,26 @@ def without_rooms(building: Building, folder: Path) -> tuple[Path, Path]:
     return world, storeys
 
 
-def judge(building: Building, database: semmap.Database, folder: Path) -> tuple[Score, Score]:
-    """The scores of the rooms and doors of a building that is imported without them."""
+def score_lifts(building: Building, found: Sequence[FoundRooms]) -> Score:
+    """Compare lifts of several storeys."""
+    cabins = [room.outline for room in building.rooms if room.elevator]
+    outlines = {room.name: room.outline for storey in found for room in storey.rooms}
+    lifts = [[outlines[name] for name in lift.cabins] for each in found for lift in each.lifts]
+    right = [all(score_rooms([r], cabins).both for r in rooms) for rooms in lifts]
+    return Score(int(len(cabins) > 1), len(lifts), sum(right))
+
+
+def judge(
+    building: Building, database: semmap.Database, folder: Path
+) -> tuple[Score, Score, Score]:
+    """The scores of rooms, doors and lifts of a building that is imported without them."""
     rooms, doors = Score(), Score()
     name = f"bare{building.seed}"
     for path in without_rooms(building, folder):
         database.import_file(path, map=name)
     found = {each.storey: each for each in database.map(name).find_rooms()}
     database.drop_map(name)
+    lifts = score_lifts(building, list(found.values()))
     for storey, _, _ in building.storeys:
         here = found[storey]
         inside = {room.name for room in building.rooms if room.storey == storey}
@@ -92,7 +105,7 @@ def judge(building: Building, database: semmap.Database, folder: Path) -> tuple[
             [d.ends for d in building.doors if d.rooms[0] in inside and not d.climbs],
             [way.line.coords for way in here.doorways],
         )
-    return rooms, doors
+    return rooms, doors, lifts
 
 
 def main() -> None:
@@ -101,18 +114,19 @@ def main() -> None:
     parser.add_argument("--count", type=int, default=50, help="how many buildings")
     parser.add_argument("--first", type=int, default=0, help="the seed of the first")
     given = parser.parse_args()
-    rooms, doors = Score(), Score()
+    rooms, doors, lifts = Score(), Score(), Score()
     with tempfile.TemporaryDirectory() as folder:
         Path(folder).chmod(0o755)  # another user runs the server where root began it
         cluster = Cluster(Path(folder) / "data")
         with semmap.connect(cluster) as database:
             for seed in range(given.first, given.first + given.count):
-                more_rooms, more_doors = judge(random_building(seed), database, Path(folder))
-                rooms, doors = rooms + more_rooms, doors + more_doors
+                more = judge(random_building(seed), database, Path(folder))
+                more_rooms, more_doors, more_lifts = more
+                rooms, doors, lifts = rooms + more_rooms, doors + more_doors, lifts + more_lifts
                 if min(more_rooms.recall, more_doors.recall, more_rooms.precision) < 0.9:
                     print(seed, more_rooms, more_doors, flush=True)
         cluster.stop()
-    for what, score in (("rooms", rooms), ("doors", doors)):
+    for what, score in (("rooms", rooms), ("doors", doors), ("lifts", lifts)):
         print(f"{what}: {score}, recall {score.recall:.3f}, precision {score.precision:.3f}")
 
 
