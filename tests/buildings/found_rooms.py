@@ -1,5 +1,9 @@
 """Judge what is found in walls: ``python -m tests.buildings.found_rooms --count 50``.
 
+Each building is tried furnished and empty, and each of these as meshes and as the grid that a level
+scanner of a SLAM program would make of it. The table has recall and precision of the same rooms and
+doorways, the recall and precision of areas of Bormann et al. (2016, section V.B), and the Matthews
+correlation of MAORIS (Mielle et al., 2018, section III).
 Found and known rooms are the same if they share 70 percent of what both cover, doorways if they are
 within half a metre; a lift is one if its rooms are cabins.
 """
@@ -9,7 +13,8 @@ from __future__ import annotations
 import argparse
 import json
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -22,6 +27,11 @@ from semmap.database import Cluster
 from tests.buildings.building import Building, random_building
 
 SHARED, NEAR = 0.7, 0.5
+
+SCAN = (0.25, 0.35)
+"""Metres above the floor that a level scanner sees."""
+
+COLUMNS = ("rooms R", "rooms P", "doors R", "doors P", "areas R", "areas P", "MCC")
 
 
 @dataclass(frozen=True)
@@ -83,29 +93,85 @@ def score_lifts(building: Building, found: Sequence[FoundRooms]) -> Score:
     return Score(int(len(cabins) > 1), len(lifts), sum(right))
 
 
-def judge(
-    building: Building, database: semmap.Database, folder: Path
-) -> tuple[Score, Score, Score]:
-    """The scores of rooms, doors and lifts of a building that is imported without them."""
-    rooms, doors = Score(), Score()
-    name = f"bare{building.seed}"
-    for path in without_rooms(building, folder):
-        database.import_file(path, map=name)
-    found = {each.storey: each for each in database.map(name).find_rooms()}
-    database.drop_map(name)
-    lifts = score_lifts(building, list(found.values()))
-    for storey, _, _ in building.storeys:
-        here = found[storey]
+def areas(known: Sequence[shapely.Polygon], found: Sequence[shapely.Polygon]) -> list[float]:
+    """Mean recall and precision of areas, and mean correlation, of one storey's rooms."""
+    if not found:
+        return [0.0, 0.0, 0.0]
+    shared = shapely.area(shapely.intersection(np.array(known)[:, None], np.array(found)))
+    of_known, of_found = shapely.area(known), shapely.area(found)
+    best = shared.argmax(axis=1)
+    true = shared.max(axis=1)
+    missed, more = of_known - true, of_found[best] - true
+    beyond = shapely.union_all([*known, *found]).envelope.area - true - missed - more
+    sides = (true + more) * (true + missed) * (beyond + more) * (beyond + missed)
+    correlation = (true * beyond - more * missed) / np.sqrt(np.maximum(sides, 1e-9))
+    within = shared.max(axis=0) / of_found
+    return [float((true / of_known).mean()), float(within.mean()), float(correlation.mean())]
+
+
+@dataclass
+class Scores:
+    """The sums of all storeys that were judged in one way."""
+
+    rooms: Score = Score()
+    doors: Score = Score()
+    lifts: Score = Score()
+    areas: tuple[list[float], ...] = ()
+
+    def add(self, building: Building, storey: str, here: FoundRooms) -> None:
+        """Judge a storey."""
         inside = {room.name for room in building.rooms if room.storey == storey}
-        rooms += score_rooms(
-            [room.outline for room in building.rooms if room.name in inside],
-            [room.outline for room in here.rooms],
-        )
-        doors += score_doors(
+        known = [room.outline for room in building.rooms if room.name in inside]
+        outlines = [room.outline for room in here.rooms]
+        self.rooms += score_rooms(known, outlines)
+        self.doors += score_doors(
             [d.ends for d in building.doors if d.rooms[0] in inside and not d.climbs],
             [way.line.coords for way in here.doorways],
         )
-    return rooms, doors, lifts
+        self.areas += (areas(known, outlines),)
+
+    def __str__(self) -> str:
+        numbers = [n for s in (self.rooms, self.doors) for n in (s.recall, s.precision)]
+        return "  ".join(f"{n:9.3f}" for n in (*numbers, *np.mean(self.areas, axis=0)))
+
+
+def judge(building: Building, database: semmap.Database, folder: Path, scores: Scores) -> None:
+    """Add the scores of a building that is imported without rooms, doors and lifts."""
+    with bare(building, database, folder) as house:
+        found = house.find_rooms()
+    scores.lifts += score_lifts(building, found)
+    for each in found:
+        scores.add(building, each.storey, each)
+
+
+def judge_scans(
+    building: Building, database: semmap.Database, folder: Path, scores: Scores
+) -> None:
+    """Add the scores of the grids of a building's storeys."""
+    with bare(building, database, folder) as house:
+        for storey, _, _ in building.storeys:
+            house.grid(storey, interval=SCAN).write(folder / storey)
+    for storey, _, _ in building.storeys:
+        (file,) = (folder / storey).rglob("map.yaml")
+        database.import_file(file, map="scan")
+        scores.add(building, storey, database.map("scan").find_rooms()[0])
+        database.drop_map("scan")
+
+
+@contextmanager
+def bare(building: Building, database: semmap.Database, folder: Path) -> Iterator[semmap.Map]:
+    """A map of the building's walls and furniture alone, for a while."""
+    name = f"bare{building.seed}"
+    for path in without_rooms(building, folder):
+        database.import_file(path, map=name)
+    yield database.map(name)
+    database.drop_map(name)
+
+
+def empty(building: Building) -> Building:
+    """The building without furniture."""
+    parts = ("floor", "wall", "ceiling")
+    return replace(building, items=[item for item in building.items if item.what in parts])
 
 
 def main() -> None:
@@ -114,20 +180,24 @@ def main() -> None:
     parser.add_argument("--count", type=int, default=50, help="how many buildings")
     parser.add_argument("--first", type=int, default=0, help="the seed of the first")
     given = parser.parse_args()
-    rooms, doors, lifts = Score(), Score(), Score()
+    ways = {
+        f"{kind}, {state}": (way, change, Scores())
+        for kind, way in (("meshes", judge), ("scan", judge_scans))
+        for state, change in (("empty", empty), ("furnished", replace))
+    }
     with tempfile.TemporaryDirectory() as folder:
         Path(folder).chmod(0o755)  # another user runs the server where root began it
         cluster = Cluster(Path(folder) / "data")
         with semmap.connect(cluster) as database:
             for seed in range(given.first, given.first + given.count):
-                more = judge(random_building(seed), database, Path(folder))
-                more_rooms, more_doors, more_lifts = more
-                rooms, doors, lifts = rooms + more_rooms, doors + more_doors, lifts + more_lifts
-                if min(more_rooms.recall, more_doors.recall, more_rooms.precision) < 0.9:
-                    print(seed, more_rooms, more_doors, flush=True)
+                for way, change, scores in ways.values():
+                    way(change(random_building(seed)), database, Path(folder, str(seed)), scores)
         cluster.stop()
-    for what, score in (("rooms", rooms), ("doors", doors), ("lifts", lifts)):
-        print(f"{what}: {score}, recall {score.recall:.3f}, precision {score.precision:.3f}")
+    print(" " * 20, "  ".join(f"{name:>9}" for name in COLUMNS))
+    for name, (_, _, scores) in ways.items():
+        print(f"{name:20}", scores)
+    lifts = ways["meshes, furnished"][2].lifts
+    print(f"lifts: {lifts}, recall {lifts.recall:.3f}, precision {lifts.precision:.3f}")
 
 
 if __name__ == "__main__":

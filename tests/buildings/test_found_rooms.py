@@ -6,18 +6,18 @@ from pathlib import Path
 
 import semmap
 from tests.buildings.building import random_building
-from tests.buildings.found_rooms import Score, judge, without_rooms
+from tests.buildings.found_rooms import Scores, judge, without_rooms
 from tests.conftest import MakeDatabase
 
 SEEDS = range(20, 26)
 
 
 def test_most_rooms_and_doorways_are_found(make_database: MakeDatabase, tmp_path: Path) -> None:
-    rooms, doors, lifts = Score(), Score(), Score()
+    scores = Scores()
     with semmap.connect(make_database().render_as_string(hide_password=False)) as database:
         for seed in SEEDS:
-            more = judge(random_building(seed), database, tmp_path)
-            rooms, doors, lifts = (a + b for a, b in zip((rooms, doors, lifts), more, strict=True))
+            judge(random_building(seed), database, tmp_path, scores)
+    rooms, doors, lifts = scores.rooms, scores.doors, scores.lifts
     assert rooms.known > 50
     assert min(rooms.recall, rooms.precision, doors.recall, doors.precision) >= 0.9, (rooms, doors)
     assert (lifts.precision, lifts.recall) >= (1, 0.5), lifts
