@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 import shapely
+import shapely.affinity
 from PIL import Image
 
 import semmap
@@ -35,6 +36,58 @@ def scan(seed: int, furnished: bool = True) -> np.ndarray:
                 cells[row : row + 2, column : column + 2] == 254, 0, cells[row, column]
             )
     return cells[::-1]
+
+
+BED, CUPBOARD, TABLE, SOFA = (
+    shapely.box(1.2, 5.0, 2.8, 7.0),  # at a wall to the next room
+    shapely.box(8.2, 3.0, 9.0, 4.2),  # in a corner of the building
+    shapely.box(5.5, 4.5, 7.0, 5.3),
+    shapely.box(2.5, 7.8, 4.3, 8.6),  # a scanner sees its outline
+)
+
+
+def furnished_scan(turn: float) -> np.ndarray:
+    """Grey shades of the rooms with furniture, turned about the middle of the image."""
+    y, x = (np.mgrid[:280, :280] + 0.5) * SIDE
+    middle = np.array([4.5, 6.0])
+    cos, sin = np.cos(turn), np.sin(turn)
+    x, y = x - 7.0, y - 7.0
+    at = (cos * x + sin * y + middle[0], cos * y - sin * x + middle[1])
+    space = shapely.union_all([*ROOMS, *DOORS])
+    shades = np.full((280, 280), 205, np.uint8)
+    shades[shapely.contains_xy(space.buffer(0.12), *at)] = 0
+    things = shapely.union_all([BED, CUPBOARD, TABLE, SOFA.difference(SOFA.buffer(-0.1))])
+    shades[shapely.contains_xy(space.difference(things), *at)] = 254
+    return shades[::-1]
+
+
+def test_furniture_divides_no_room_and_opens_no_wall(database, tmp_path):
+    with semmap.connect(database) as db:
+        db.import_file(write(tmp_path, furnished_scan(0.0)), map="lived_in", find_rooms=True)
+        outlines = [room.footprint for room in db.map("lived_in").rooms]
+    known = [shapely.affinity.translate(r, ORIGIN[0] + 2.5, ORIGIN[1] + 1.0) for r in ROOMS]
+    scores = score_rooms(known, outlines)
+    assert (scores.recall, scores.precision) == (1.0, 1.0)
+    assert all(max(k.intersection(f).area for f in outlines) > 0.9 * k.area for k in known)
+
+
+@pytest.mark.parametrize("turn", [0.0, 0.3, 0.6, 1.4])
+def test_walls_go_on_behind_furniture(tmp_path, turn):
+    world = read_explored_map(write(tmp_path, furnished_scan(turn)))
+    of = {entry.name: entry.shapes[0].outline for entry in world.entries if entry.shapes}
+    space = shapely.union_all([*ROOMS, *DOORS])
+    things = shapely.union_all([BED, CUPBOARD, TABLE, SOFA])
+    built = space.buffer(0.12).difference(space)
+    cos, sin = np.cos(turn), np.sin(turn)
+
+    def placed(shape):
+        return shapely.transform(
+            shape, lambda xy: (xy - [4.5, 6.0]) @ [[cos, sin], [-sin, cos]] + np.add(ORIGIN, 7.0)
+        )
+
+    walls, obstacles = of["walls"], of["obstacles"]
+    assert obstacles.intersection(placed(built)).area < 0.05 * built.area
+    assert walls.intersection(placed(things.buffer(-0.1))).area < 0.03 * things.area
 
 
 def write(folder, shades):
