@@ -19,7 +19,7 @@ from planner.mission.store.grasp_memory import GraspMemory
 from planner.mission.store.mission_list import MissionError, MissionList
 from planner.mission.store.missions import MissionStore
 from planner.mission.store.simulation_map import simulation_map, store_assumed_sizes
-from planner.readers.robot_class import read_robot_class
+from planner.readers.robot_class import read_agent_class, read_robot_class
 from planner.readers.topology import read_topology
 from planner.search.problem_builder import Detector
 from planner.search.reader import read_believed_object
@@ -69,7 +69,7 @@ class SimulatedRun:
     source: MapSource
     start: str | None = None  # a room, object or region; by default where the robot is, or its home
     robot: str = "robot"  # name of the agent
-    robot_class: str | None = None  # a stored class; by default robots without shape
+    robot_class: str | None = None  # a stored class; by default that of the agent, else no shape
     speed: float = 20.0  # how many times faster than real time
     fail: Sequence[str] = ()  # as `planner.mission.failures.FailureRule` reads them
     seed: int = 0  # of the simulation's chance
@@ -124,10 +124,12 @@ class SimulatedRun:
                 self.say(names_note(assumed, "assumed_sizes") if assumed else "no size is assumed")
             with engine.connect() as connection:
                 see_map(connection, happens_in)
-                grasps.check(connection, robot, self.robot_class)
+                known_class = read_agent_class(Snapshot.of(connection, happens_in), robot)
+                robot_class = self.robot_class or known_class
+                grasps.check(connection, robot, robot_class)
             copy = MapHandle(engine, happens_in)
             store = opened_here.enter_context(MissionStore(copy, process, grasps))
-            live = LiveTopology(copy, self.robot_class)
+            live = LiveTopology(copy, robot_class)
             tasks = TaskPlanner(live, self.domain, self.gripper)
             assert goal is not None
             with live.snapshot() as seen:
@@ -186,7 +188,9 @@ class SimulatedRun:
             )
         if start is not None:
             live.topology.place(start)
-            store.add_robot(robot, start, entry_pose(live.topology, start), self.robot_class)
+            store.add_robot(robot, start, entry_pose(live.topology, start))
+        if self.robot_class is not None:
+            store.state_class(robot, self.robot_class)
 
     def _actors(
         self,

@@ -108,7 +108,8 @@ class Task:
 class TaskPlanner:
     """Plans tasks for a class of robots on a map that changes, with the actions of a domain file.
 
-    `gripper` names a stored one; by default that of the robot or of the URDF of its class.
+    `gripper` names a stored one; by default that of the robot or of the URDF of its class, else the
+    preferred or only one, else an assumed one.
     """
 
     def __init__(
@@ -159,8 +160,15 @@ class TaskPlanner:
             if o.name not in without
         ]
         robots = (agent, graph.robot.name)
-        check = GraspCheck(seen, gripper=self._gripper, robots=robots)
-        world = TaskWorld(usable, world.known, check.misfit)
+        check = GraspCheck(
+            seen, gripper=self._gripper, robots=robots, assume_sizes=self._live.assume_sizes
+        )
+
+        def misfit(item: str) -> str | None:
+            elsewhere = item in believed or world.objects[item].assumed
+            return check.misfit(item, moved=elsewhere or bool(world.above.get(item)))
+
+        world = TaskWorld(usable, world.known, misfit)
         approach_pose = _approach_poses(seen, self._live, world, check, tried, believed)
         return Task(graph, world, state, parsed, domain, approach_pose)
 

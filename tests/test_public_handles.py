@@ -68,8 +68,8 @@ WITH_SESSION = {
         *("list_automata", "list_contributors", "list_grippers"),
     },
     "semmap/manipulation/retrieval.py": {
-        *("gripper_name", "gripper_or_urdf", "register_gripper"),
-        *("stored_for_shape", "stored_gripper"),
+        *("gripper_name", "gripper_or_urdf", "is_default", "register_gripper"),
+        *("stored_for_shape", "stored_gripper", "usual_gripper"),
     },
     "semmap/query/entity_query.py": {"changes_since", "entity_id", "list_maps"},
     "semmap/query/meshes.py": {

@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 from planner.mission.behaviours import Outcome
+from planner.readers.grasp_check import assumption
 from semmap.geometry.pose import Pose
 from semmap.manipulation.arm import Arm
 from semmap.manipulation.arm_motions import ArmMotion, approachable_rows, plan_action
@@ -21,7 +22,7 @@ from semmap.manipulation.error import ManipulationError
 from semmap.manipulation.places import find_places, place_of
 from semmap.manipulation.practice import NOT_HELD, practise, try_place
 from semmap.manipulation.reader import actions_on
-from semmap.manipulation.retrieval import DEFAULT_GRIPPER, find_grasps, gripper_name
+from semmap.manipulation.retrieval import find_grasps, gripper_name, is_default
 from semmap.manipulation.store.model_shapes import shape_of
 from semmap.manipulation.store.tasks import record_task
 from semmap.query.snapshot import Snapshot
@@ -68,18 +69,14 @@ def hand_of(session: Any, name: str, robot_class: str | None, gripper: str | Non
     else the preferred one, else the only one. Raises LookupError: there is no such gripper, or
     there are several and none is preferred.
     """
-    found = automaton_of(session, name, robot_class)
-    if found is None and gripper is None and robot_class is not None:
-        found = class_automaton(session, robot_class)
-    if found is not None and gripper is None:
+    names = [each for each in (name, robot_class) if each is not None]
+    found = automaton_of(session, *names)
+    if gripper is None and found is None:
+        found = next(filter(None, (class_automaton(session, each) for each in names)), None)
+    if gripper is None and found is not None:
         return Hand(found[1], found[0])
     chosen = gripper_name(session, gripper)
-    (preferred,) = session.execute(
-        "SELECT g.preferred FROM gripper g JOIN device d ON d.id = g.device_id WHERE d.name = %s",
-        (chosen,),
-    ).fetchone()
-    default = chosen == DEFAULT_GRIPPER.stem and not preferred
-    return Hand(chosen, assumed=default and gripper is None)
+    return Hand(chosen, assumed=gripper is None and is_default(session, chosen))
 
 
 @dataclass(frozen=True)
@@ -339,7 +336,7 @@ class GraspChooser:
 
     @property
     def _assumption(self) -> str:
-        return f"{self.hand.gripper} is assumed: gripper= names another one"
+        return assumption(self.hand.gripper)
 
 
 class _Clock:

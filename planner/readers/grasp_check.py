@@ -4,28 +4,55 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from contextlib import suppress
+from dataclasses import dataclass
 from functools import cache, cached_property
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from semmap.geometry.pose import Pose
 from semmap.query.snapshot import Snapshot
+from semmap.query.storey_reader import read_entities
 
 if TYPE_CHECKING:
+    from trimesh import Trimesh
+
     from semmap.manipulation.arm import Arm
     from semmap.manipulation.gripper import Gripper
+    from semmap.perception.primitives import Primitive
+
+
+@dataclass(frozen=True)
+class KnownHand:
+    """The gripper by which plans judge: its name in the map, and the robot that moves it, if known.
+
+    `assumed`: the default one, which nothing states.
+    """
+
+    robot: str | None
+    name: str
+    gripper: Gripper
+    assumed: bool = False
 
 
 class GraspCheck:
-    """The gripper that is named, else that of the first robot that has one, with its arm.
+    """The gripper of a mission: the one that is named, else that of the first robot that has one.
 
-    `robots` are names of stored robots or of classes, whose URDFs count. Of a robot without any,
-    and of an object without a mesh, nothing is known. URDFs are read when something is picked up.
+    `robots` are names of stored robots or of classes, whose URDFs count. Other robots have the
+    preferred gripper, else the only one, else the default one (`hand_of`). With `assume_sizes`,
+    objects without geometry have the boxes that simulated missions give them. URDFs are read when
+    something is picked up. Nothing is stored.
     """
 
     def __init__(
-        self, seen: Snapshot, *, gripper: str | None = None, robots: tuple[str | None, ...] = ()
+        self,
+        seen: Snapshot,
+        *,
+        gripper: str | None = None,
+        robots: tuple[str | None, ...] = (),
+        assume_sizes: bool = False,
     ) -> None:
-        self._seen, self._named = seen, gripper
+        self._seen, self._named, self._assume_sizes = seen, gripper, assume_sizes
         self._robots = [name for name in robots if name is not None]
         self._grasps = cache(self._known)
 
@@ -37,21 +64,30 @@ class GraspCheck:
         return automaton_of(self._seen.session, *self._robots)
 
     @cached_property
-    def hand(self) -> tuple[str | None, str, Gripper] | None:
-        """The robot, and its gripper with the name by which the map knows it."""
+    def _found(self) -> tuple[KnownHand | None, str | None]:
+        """The hand; None, and why, where it is not known."""
         from semmap.manipulation.automata import class_gripper
         from semmap.manipulation.error import ManipulationError
-        from semmap.manipulation.retrieval import stored_gripper
+        from semmap.manipulation.retrieval import stored_gripper, usual_gripper
 
         session = self._seen.session
         robot, named = (None, self._named) if self._named else self._stored or (None, None)
         try:
             if named:
-                return robot, named, stored_gripper(session, named)
-        except ManipulationError:
-            return None  # its URDF is not on this machine
-        owns = ((name, class_gripper(session, name)) for name in self._robots)
-        return next(((name, own.name, own) for name, own in owns if own is not None), None)
+                return KnownHand(robot, named, stored_gripper(session, named)), None
+            for name in self._robots:
+                own = class_gripper(session, name)
+                if own is not None:
+                    return KnownHand(name, f"{name}_gripper", own), None
+            with session.transaction():
+                return KnownHand(None, *usual_gripper(session)), None
+        except (LookupError, ManipulationError) as error:
+            return None, str(error)
+
+    @property
+    def hand(self) -> KnownHand | None:
+        """What the robot grasps with; None where it is not known."""
+        return self._found[0]
 
     @cached_property
     def arm(self) -> tuple[str, Arm] | None:
@@ -59,33 +95,90 @@ class GraspCheck:
         from semmap.manipulation.automata import gripper_arm, stored_arm
         from semmap.manipulation.error import ManipulationError
 
-        if self.hand is None or (robot := self.hand[0]) is None:
+        if self.hand is None or (robot := self.hand.robot) is None:
             return None
         with suppress(ManipulationError):  # no joint moves the gripper
             if self._stored is not None:
                 return robot, stored_arm(self._seen.session, robot)[1]
-            return robot, gripper_arm(self.hand[2])
+            return robot, gripper_arm(self.hand.gripper)
         return None
 
-    def _known(self, item: str) -> list[dict[str, Any]] | None:
-        """The grasps of an object; None where they are not known."""
+    def _known(self, item: str) -> list[dict[str, Any]] | str:
+        """The grasps of an object; why they are not known."""
         from semmap.manipulation.error import ManipulationError
         from semmap.manipulation.retrieval import known_grasps
 
-        with suppress(ManipulationError):
-            if self.hand is not None:
-                return known_grasps(self._seen, item, *self.hand[1:])
-        return None
+        hand, why = self._found
+        if hand is None:
+            return str(why)
+        try:
+            shape = self._shape(item)
+            return known_grasps(self._seen, item, hand.name, hand.gripper, shape=shape)
+        except ManipulationError as error:
+            return str(error)
 
-    def misfit(self, item: str) -> str | None:
-        """Why no grasp of an object fits; None if one does, or where nothing is known."""
-        from semmap.manipulation.retrieval import misfit
+    def _shape(self, item: str) -> Primitive:
+        """The shape of an object; ManipulationError without a volume."""
         from semmap.manipulation.store.model_shapes import mesh_shape
+        from semmap.perception.mesh_shapes import mesh_primitive
 
-        if self.hand is None or self._grasps(item) != []:
+        if item in self._boxes:
+            return mesh_primitive(self._boxes[item])
+        return mesh_shape(self._seen, item)
+
+    @cached_property
+    def _boxes(self) -> dict[str, Trimesh]:
+        """The assumed boxes of objects without geometry, in the frames of the objects."""
+        import trimesh
+
+        if not self._assume_sizes:
+            return {}
+        boxes = {}
+        for entity in read_entities(self._seen, kinds=["object"], assume_sizes=True):
+            if entity.assumed:
+                corners = entity.pose.inverse().apply(entity.triangles.reshape(-1, 3))
+                faces = np.arange(len(corners)).reshape(-1, 3)
+                boxes[entity.name] = trimesh.Trimesh(corners, faces)
+        return boxes
+
+    def misfit(self, item: str, *, moved: bool = False) -> str | None:
+        """Why no grasp takes an object; None if one does, or where nothing is known.
+
+        One takes it that the gripper reaches without touching what is around. Of an object that is
+        `moved`, or freed of what is on it before, only the shape counts.
+        """
+        from semmap.manipulation.retrieval import misfit, touching
+
+        hand, grasps = self.hand, self._grasps(item)
+        if hand is None or isinstance(grasps, str):
             return None
-        _, name, gripper = self.hand
-        return misfit(item, mesh_shape(self._seen, item), name, gripper.opening)
+        if not grasps:
+            why = misfit(item, self._shape(item), hand.name, hand.gripper.opening)
+        elif moved or self._is_free(grasps):
+            return None
+        else:
+            why = touching(item, len(grasps))
+        return f"{why}; {assumption(hand.name)}" if hand.assumed else why
+
+    def _is_free(self, grasps: list[dict[str, Any]]) -> bool:
+        """Whether the gripper gets to one of the grasps, or the library that says so lacks."""
+        from semmap.manipulation.error import ManipulationError
+        from semmap.manipulation.surroundings import Surroundings
+
+        assert self.hand is not None
+        try:
+            return bool(Surroundings(self._seen, self.hand.gripper).free_rows(grasps, 1))
+        except ManipulationError:
+            return True
+
+    def unjudged(self, items: Iterable[str]) -> list[str]:
+        """A sentence for each object whose grasps are not known, and why."""
+        known = [(item, self._grasps(item)) for item in items]
+        return [
+            f"the grasps of {item} are not judged: {why}"
+            for item, why in known
+            if isinstance(why, str)
+        ]
 
     def reach(self, name: str, *, carried: bool, beneath: bool) -> Callable[[Pose], bool] | None:
         """Whether the arm acts on an object from a base pose; None where nothing is known.
@@ -100,39 +193,11 @@ class GraspCheck:
         if not carried:
             return surface_reach(self._seen, name, self.arm[1])
         rows = self._grasps(name)
-        return grasp_reach(self._seen, rows, self.arm[1], beneath=beneath) if rows else None
+        if isinstance(rows, str) or not rows:
+            return None
+        return grasp_reach(self._seen, rows, self.arm[1], beneath=beneath)
 
 
-def assumed_misfits(
-    seen: Snapshot, items: Iterable[str], *, robots: tuple[str | None, ...] = ()
-) -> list[str]:
-    """Why missions may fail to pick up items for which `GraspCheck` knows no gripper.
-
-    A mission then has the preferred stored gripper, else the default one. Empty where a gripper is
-    known: a plan refuses what does not fit in it.
-    """
-    from semmap.manipulation.error import ManipulationError
-    from semmap.manipulation.gripper import read_gripper
-    from semmap.manipulation.retrieval import (
-        ANY_GRIPPER,
-        DEFAULT_GRIPPER,
-        gripper_name,
-        stored_gripper,
-    )
-
-    items, session, check = list(items), seen.session, GraspCheck(seen, robots=robots)
-    if not items or check.hand:
-        return []
-    try:
-        if session.execute(ANY_GRIPPER).fetchone():
-            name = gripper_name(session, None)
-            check.hand = None, name, stored_gripper(session, name)
-        else:
-            check.hand = None, DEFAULT_GRIPPER.stem, read_gripper(DEFAULT_GRIPPER)
-    except (LookupError, ManipulationError):  # several, or its URDF is not on this machine
-        return []
-    return [
-        f"{why}. A robot that states no gripper has it in missions, and fails if it tries grasps"
-        for why in map(check.misfit, items)
-        if why is not None
-    ]
+def assumption(gripper: str) -> str:
+    """What is said where nothing states the gripper."""
+    return f"{gripper} is assumed: gripper= names another one"

@@ -167,6 +167,18 @@ def _no_class(connection: Connection, name: str) -> LookupError:
     )
 
 
+def read_agent_class(seen: Snapshot, agent: str | None = None) -> str | None:
+    """The stored class of an agent, by default of the only one; None where it is not known."""
+    found = seen.connection.execute(text(_AGENT_CLASSES), {"name": agent}).scalars().all()
+    return found[0] if len(found) == 1 else None
+
+
+_AGENT_CLASSES = """
+SELECT r.name FROM entity e LEFT JOIN robot_class r ON r.name = e.properties->>'robot_class'
+WHERE e.map_id = current_map() AND e.kind = 'agent' AND e.name = coalesce(:name, e.name)
+"""
+
+
 def read_robot_urdf(seen: Snapshot, name: str) -> Path:
     """The URDF that a class of robots was made from.
 

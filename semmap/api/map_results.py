@@ -88,7 +88,7 @@ class MapPlan(Plan):
     """A `planner.Plan` that `Map.plan` made.
 
     `reasons` has a sentence for each object that is searched for, why it goes where it goes, and
-    for each one that the gripper of a robot without a gripper of its own could not take.
+    for each one whose grasps are not judged.
     `assumed` are the objects of the plan for which the typical box of their type was assumed.
     """
 

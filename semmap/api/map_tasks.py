@@ -28,6 +28,7 @@ class MapTasks(MapDriving):
         *,
         start: EntityName | None = None,
         robot: str | RobotClass | None = None,
+        gripper: str | None = None,
         domain: Path | str | None = None,
         patience: Positive = 10.0,
         pddl: Path | str | None = None,
@@ -40,7 +41,10 @@ class MapTasks(MapDriving):
         goal : ``on(mug1, table1) and in(robot, kitchen)``: names, labels or types of the map
         start : the room, object, agent or region where the robot is; by default its place in the
             map, else the map's home region
-        robot : a stored class, or a `planner.RobotClass`; by default a robot without shape
+        robot : a stored class, or a `planner.RobotClass`; by default that of the agent, else a
+            robot without shape
+        gripper : by default the robot's own, or the preferred one, else an assumed one that opens
+            0.09 m, as in missions
         domain : a YAML file of additional actions
         patience : seconds after which the best plan found so far is taken
         pddl : write ``domain.pddl`` and ``problem.pddl`` into this folder
@@ -53,7 +57,8 @@ class MapTasks(MapDriving):
         ValueError
             The goal cannot be read, or no plan reaches it; the message says why.
         """
-        from planner.readers.grasp_check import assumed_misfits
+        from planner.readers.grasp_check import GraspCheck
+        from planner.readers.robot_class import read_agent_class
         from planner.search.search_mission import SearchPlanner
         from planner.search.task_search import plan_with_search
         from planner.task_planner import TaskPlanner
@@ -63,9 +68,12 @@ class MapTasks(MapDriving):
         from semmap.query.geometry_notes import read_names_without_geometry
 
         added = None if domain is None else read_domain(Path(domain))
+        if robot is None:
+            with self.snapshot() as seen:
+                robot = read_agent_class(seen, start)
         agent = robot if isinstance(robot, str) else None
         live = self.live_topology(robot, assume_sizes=assume_sizes)
-        tasks = TaskPlanner(live, added)
+        tasks = TaskPlanner(live, added, gripper)
         with live.snapshot() as seen:
             found = plan_with_search(
                 seen,
@@ -83,14 +91,18 @@ class MapTasks(MapDriving):
                     write_pddl(task.problem(), Path(pddl))
                 found = found or (task.plan(patience), [])
             plan, reasons = found
+            searched = {action.names[0] for action in plan.actions if action.name == "search"}
             items = [action.names[0] for action in plan.actions if action.name == "pickup"]
+            items = [item for item in dict.fromkeys(items) if item not in searched]
             named = (agent, live.graph.robot.name)
-            reasons = [*reasons, *assumed_misfits(seen, dict.fromkeys(items), robots=named)]
+            check = GraspCheck(seen, gripper=gripper, robots=named, assume_sizes=assume_sizes)
+            reasons = [*reasons, *check.unjudged(items)]
             assumed: list[str] = []
             if assume_sizes:
                 used = {name for action in plan.actions for name in action.names}
                 assumed = [name for name in read_names_without_geometry(seen) if name in used]
-        options = {"start": start, "robot": agent, "domain": domain, "assume_sizes": assume_sizes}
+        options = {"start": start, "robot": agent, "gripper": gripper, "domain": domain}
+        options |= {"assume_sizes": assume_sizes}
         told = {"reasons": tuple(reasons), "assumed": tuple(assumed)}
         return MapPlan.of(self, plan, **told, options=options)
 
@@ -128,13 +140,14 @@ class MapTasks(MapDriving):
         ----------
         goal : as for `plan`; none to resume a mission
         start : as for `plan`
-        robot : a stored class; by default robots without shape
+        robot : a stored class; by default that of the agent, else robots without shape
         agent : the name of the robot in the map
         speed : how many times faster than real time
         fail : failures: ``door3 locked``, ``Lift 1 broken``, ``pickup fails twice``
         seed : of random failures and detections
         put : where objects are in the simulated world: ``mug1 on table2``
-        gripper : by default the robot's own, or the preferred one
+        gripper : by default the robot's own, or the preferred one, else an assumed one that opens
+            0.09 m
         world : a file for the state of the simulated world
         apply : change the map itself, in place of a copy
         domain : a YAML file of additional actions

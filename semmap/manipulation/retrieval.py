@@ -90,18 +90,22 @@ def find_grasps(
             problems.append(f"not checked for collisions: {error}")
         if not rows:
             names = ", ".join(dict.fromkeys(row["entity"] for row in every))
-            problems.append(
-                f"{names}: at all {len(every)} grasps, the gripper touches what is around, "
-                "or the object before it closes"
-            )
+            problems.append(touching(names, len(every)))
     return FoundActions(rows, problems, generated)
 
 
-def known_grasps(seen: Snapshot, entity: str, name: str, gripper: Gripper) -> list[dict[str, Any]]:
+def known_grasps(
+    seen: Snapshot,
+    entity: str,
+    name: str,
+    gripper: Gripper,
+    *,
+    shape: PrimitiveShape | None = None,
+) -> list[dict[str, Any]]:
     """The stored grasps of an object by a gripper of a name, else its candidates; none is stored.
 
-    Rows have what is needed to check them, as those of `actions_on`. ManipulationError where the
-    object has no mesh or no volume.
+    Rows have what is needed to check them, as those of `actions_on`. `shape` is that of the object,
+    by default that of its mesh. ManipulationError where the object has no mesh or no volume.
     """
     if seen.session.execute(HAS_GRIPPER, (name,)).fetchone():
         rows = actions_on(seen, name=entity, gripper=name, limit=STORED)
@@ -120,7 +124,7 @@ def known_grasps(seen: Snapshot, entity: str, name: str, gripper: Gripper) -> li
             "expected": grasp.quality,
             "successes": 0,
         }
-        for grasp in grasp_candidates(mesh_shape(seen, entity), gripper)
+        for grasp in grasp_candidates(shape or mesh_shape(seen, entity), gripper)
     ]
 
 
@@ -187,6 +191,14 @@ def misfit(entity: str, shape: PrimitiveShape, gripper: str, opening: float) -> 
     return (
         f"{entity}: no grasp fits its shape ({shape.kind} {sizes} m); "
         f"gripper {gripper} opens {opening:.3g} m"
+    )
+
+
+def touching(entity: str, grasps: int) -> str:
+    """Why none of an entity's grasps is free."""
+    return (
+        f"{entity}: at all {grasps} grasps, the gripper touches what is around, "
+        "or the object before it closes"
     )
 
 
@@ -273,6 +285,28 @@ _read = lru_cache(maxsize=8)(read_gripper)
 
 
 ANY_GRIPPER = "SELECT 1 FROM gripper LIMIT 1"
+
+
+def usual_gripper(session: Session) -> tuple[str, Gripper, bool]:
+    """The gripper of robots that state none, its name, and whether nothing states it.
+
+    The preferred stored one, else the only one, else the default one. Nothing is stored. Raises
+    LookupError where there are several and none is preferred, ManipulationError without its URDF.
+    """
+    if not session.execute(ANY_GRIPPER).fetchone():
+        return DEFAULT_GRIPPER.stem, read_gripper(DEFAULT_GRIPPER), True
+    name = gripper_name(session, None)
+    return name, stored_gripper(session, name), is_default(session, name)
+
+
+def is_default(session: Session, name: str) -> bool:
+    """Whether a stored gripper is the default one, and not preferred over others."""
+    if name != DEFAULT_GRIPPER.stem:
+        return False
+    number = gripper_id(session, name)
+    return session.execute(
+        "SELECT preferred FROM gripper WHERE device_id = %s", (number,)
+    ).fetchone() == (False,)
 
 
 def gripper_name(session: Any, name: str | None) -> str:

@@ -24,6 +24,7 @@ from tests.buildings.beliefs import judge_beliefs
 from tests.buildings.building import Building, Item, room_of
 from tests.buildings.clouds import cloud_cells, write_scans
 from tests.buildings.faults import judge_faults
+from tests.buildings.missions import judge_missions
 from tests.buildings.plans import judge_plans
 from tests.buildings.ways import CELL, Body, Ground, doors_of, refusal, stand
 
@@ -276,6 +277,7 @@ JUDGES: tuple[Judge, ...] = (
     judge_steps,
     judge_check,
     judge_plans,
+    judge_missions,
     judge_beliefs,
     judge_faults,
 )

@@ -30,7 +30,8 @@ WIDEST = 0.6
 """Metres of the second longest side of what robots lift."""
 
 HANDS: dict[str | None, float] = {"tiago": 0.07}
-"""Metres that the hands of robots open, where that is less."""
+HAND = 0.09
+"""Metres that the hands of robots open, and those of robots that state none."""
 
 OFFICE = Path(__file__).parents[2] / "examples" / "office"
 
@@ -192,7 +193,7 @@ def can_be_lifted(building: Building, item: Item, robot: str | None = None) -> b
     floor = max(z for _, z, _ in building.storeys if z <= (item.low + item.high) / 2)
     sides = sorted([*item.size, item.high - item.low])
     middle = (item.low + item.high) / 2 - floor
-    held = sides[0] <= HANDS.get(robot, WIDEST)
+    held = sides[0] <= HANDS.get(robot, HAND)
     return held and sides[1] <= WIDEST and LIFTED[0] <= middle <= LIFTED[1]
 
 

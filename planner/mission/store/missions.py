@@ -134,6 +134,11 @@ class MissionStore(MissionList):
             values = {"name": name, "place": place, "pose": pose.row}
             connection.execute(text(_ADD_PLACEMENT), values)
 
+    def state_class(self, name: str, robot_class: str) -> None:
+        """State the class of an agent."""
+        with self._begin() as connection:
+            connection.execute(text(_CLASS), {"name": name, "class": robot_class})
+
     def robot(self, name: str) -> tuple[str, Pose] | None:
         """The place and the pose, in the map's frame, of an agent; None if there is none."""
         with self._snapshot() as seen:

@@ -9,11 +9,11 @@ import pytest
 
 import semmap
 from planner.live_topology import LiveTopology
-from planner.readers.grasp_check import assumed_misfits
 from planner.task_planner import TaskPlanner
 from planner.tasks import NoPlanError
 from planner.tasks.world import UnknownObjectError
 from semmap import Map
+from semmap.manipulation.retrieval import DEFAULT_GRIPPER
 
 
 @pytest.fixture
@@ -32,30 +32,50 @@ def room(database: str) -> Iterator[Map]:
         yield made
 
 
-def test_a_plan_says_that_missions_without_a_gripper_cannot_take_it(room: Map) -> None:
-    plan = room.plan("on(crate1, table)", start="hall")
-    assert [action.name for action in plan.actions] == ["pickup", "place"]
-    (said,) = plan.reasons
-    assert said.startswith("crate1: no grasp fits its shape (cuboid 0.3 x 0.3 x 0.3 m); gripper")
-    assert "opens 0.09 m" in said
-    assert room.plan("on(dice, table)", start="hall").reasons == ()
-
-
-def test_it_is_what_the_mission_then_finds(room: Map, tmp_path: Path) -> None:
-    pytest.importorskip("mujoco")
+def test_a_plan_without_a_robot_judges_by_the_gripper_of_missions(
+    room: Map, tmp_path: Path
+) -> None:
+    """It is refused with the reason of the mission; the answer says which gripper is assumed."""
+    with pytest.raises(NoPlanError) as refused:
+        room.plan("on(crate1, table)", start="hall")
+    assert "crate1: no grasp fits its shape (cuboid 0.3 x 0.3 x 0.3 m)" in str(refused.value)
+    assert "gripper parallel_gripper opens 0.09 m" in str(refused.value)
+    assert "parallel_gripper is assumed: gripper= names another one" in str(refused.value)
+    plan = room.plan("on(dice, table)", start="hall")
+    assert plan.reasons == ()
     ended = room.run("on(crate1, table)", start="hall", speed=200.0, world=tmp_path / "w.sqlite")
     assert ended.state == "failed"
-    assert room.plan("on(crate1, table)", start="hall").reasons[0].split(". A robot")[0] in str(
-        ended.reason
-    )
-    assert str(ended.reason).endswith("without crate1: the goal needs crate1")
+    assert str(refused.value).partition("crate1: ")[2] in str(ended.reason)
 
 
-def test_a_stored_gripper_is_the_one_that_is_said(room: Map) -> None:
-    with room.snapshot() as seen:
-        assert assumed_misfits(seen, []) == []
-        (said,) = assumed_misfits(seen, ["crate1", "dice"])
-        assert "gripper parallel_gripper opens" in said
+@pytest.mark.parametrize("preferred", [False, True])
+def test_the_preferred_gripper_decides_in_plans_and_missions(
+    room: Map, tmp_path: Path, preferred: bool
+) -> None:
+    wide = DEFAULT_GRIPPER.read_text().replace('upper="0.045"', 'upper="0.2"')
+    assert wide != DEFAULT_GRIPPER.read_text()
+    urdf = tmp_path / "wide.urdf"
+    urdf.write_text(wide)
+    room.database.add_gripper(urdf, "wide", prefer=preferred)
+    room.database.add_gripper(DEFAULT_GRIPPER, "small", prefer=False)
+    if preferred:
+        plan = room.plan("on(crate1, table)", start="hall")
+        assert plan.options["gripper"] is None
+        with pytest.raises(NoPlanError, match="gripper small opens"):
+            room.plan("on(crate1, table)", start="hall", gripper="small")
+    else:
+        plan = room.plan("on(crate1, table)", start="hall")
+        (said,) = plan.reasons
+        assert said.startswith("the grasps of crate1 are not judged: there are several grippers")
+        with pytest.raises(LookupError, match="several grippers"):
+            plan.run(world=tmp_path / "w.sqlite")
+        assert room.plan("on(crate1, table)", start="hall", gripper="wide").reasons == ()
+
+
+def test_what_has_no_shape_is_not_judged(room: Map) -> None:
+    room.add_object("ghost", type="mug", pose=(5, 4, 0.75))
+    (said,) = room.plan("on(ghost, table)", start="hall").reasons
+    assert said.startswith("the grasps of ghost are not judged: ghost: has no mesh")
 
 
 def test_what_is_left_out_is_not_said_to_be_unknown(room: Map) -> None:
@@ -73,4 +93,4 @@ def test_what_is_left_out_is_not_said_to_be_unknown(room: Map) -> None:
         both = problem("on(crate, table)", "crate1", "crate2")
         assert both == "the goal needs crate1 and crate2, and there is no other crate"
         assert problem("on(crat, table)", "crate1").startswith("there is no crat: no object")
-        assert tasks.task(seen, "on(crate, table)", "hall", without=frozenset({"crate1"})).plan()
+        assert "crate2: no grasp fits" in problem("on(crate, table)", "crate1")
