@@ -31,6 +31,7 @@ from semmap.fields.store.names import read_map_vocabulary
 from semmap.query.storey_reader import read_storeys
 from tests.belief.conftest import THESIS
 from tests.command_line import semmap as run
+from tests.forged import forge
 from tests.seen import seen_by
 
 
@@ -221,4 +222,4 @@ def test_the_commands(flat_map: Map, tmp_path: Path) -> None:
         assert run(url, "observe", "coke").exit_code == 2
     finally:
         for table_name in ("observation", "belief", "field"):
-            flat_map.execute(f"DELETE FROM {table_name}")
+            forge(flat_map.execute, f"DELETE FROM {table_name}")

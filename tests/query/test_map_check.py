@@ -12,6 +12,7 @@ import pytest
 import semmap
 from semmap.geometry.mesh import box_mesh, join
 from tests.conftest import Import
+from tests.forged import forge
 
 NAMES = ("slab", "Wand", "estantería", "x17", "concrete_base", "Möbel", "cosa")
 """Names and types say nothing to the check: they are drawn at random."""
@@ -151,7 +152,11 @@ def is_held_elsewhere(here: semmap.Map, draw: random.Random) -> tuple[str, set[s
 
 
 def is_stale(here: semmap.Map, draw: random.Random) -> tuple[str, set[str]]:
-    here.execute("UPDATE world SET pose[1] = pose[1] + 0.01 WHERE entity_id = %s", here["cr00"].id)
+    forge(
+        here.execute,
+        "UPDATE world SET pose[1] = pose[1] + 0.01 WHERE entity_id = %s",
+        here["cr00"].id,
+    )
     return "stale pose", {"cr00"}
 
 

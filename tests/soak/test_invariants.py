@@ -10,6 +10,7 @@ from sqlalchemy import Engine
 
 from semmap.fields.store.voxel_mirror import VoxelMirror
 from semmap.ingest.importer import import_file
+from tests.forged import forge
 from tests.soak.actors import COUNTED, IMPORTED
 from tests.soak.invariants import (
     signature,
@@ -73,11 +74,11 @@ def test_the_checks_find_what_is_wrong(module_engine: Engine, tmp_path: Path) ->
 
     file.write_text("1\n2\n")
     with module_engine.begin() as connection:
-        connection.exec_driver_sql(DAMAGE[0].format(box=box))
+        forge(connection.exec_driver_sql, DAMAGE[0].format(box=box))
     assert wrong_mirror(module_engine, IMPORTED) == ["the mirror of box1 is old"]
     with module_engine.begin() as connection:
         for statement in DAMAGE[1:]:
-            connection.exec_driver_sql(statement.format(box=box))
+            forge(connection.exec_driver_sql, statement.format(box=box))
     found = "\n".join(violations(module_engine, tmp_path, IMPORTED, versions))
     for what in WRONG:
         assert what in found

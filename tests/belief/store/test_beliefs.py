@@ -20,6 +20,7 @@ from semmap.database.maps import driver_of, see_map
 from semmap.model import Belief, Entity
 from semmap.query.change_feed import ChangeFeed
 from tests.belief.conftest import THESIS, WEIGHTS
+from tests.forged import forge
 from tests.seen import seen_by
 
 NOW = datetime.now(UTC)
@@ -229,7 +230,7 @@ def test_a_new_observation_is_announced(flat_map: Map) -> None:
             assert row.place.name == "table"
     finally:
         flat_map.execute("DELETE FROM observation")
-        flat_map.execute("DELETE FROM belief")
+        forge(flat_map.execute, "DELETE FROM belief")
 
 
 def test_a_belief_does_not_concern_those_who_follow_the_geometry(flat_map: Map) -> None:
@@ -242,7 +243,7 @@ def test_a_belief_does_not_concern_those_who_follow_the_geometry(flat_map: Map) 
             assert look.changed == frozenset()
     finally:
         flat_map.execute("DELETE FROM observation")
-        flat_map.execute("DELETE FROM belief")
+        forge(flat_map.execute, "DELETE FROM belief")
 
 
 def test_the_table_follows_moves_and_removals(flat: Map) -> None:
@@ -306,7 +307,7 @@ def test_two_who_observe_one_object_at_once_both_count(flat_map: Map) -> None:
         assert stored[0] == pytest.approx(expected(prior, [row] * 3, NOW, 1)["fridge"], abs=1e-9)
     finally:
         flat_map.execute("DELETE FROM observation")
-        flat_map.execute("DELETE FROM belief")
+        forge(flat_map.execute, "DELETE FROM belief")
         flat_map.execute("DELETE FROM belief_model")
 
 
@@ -323,7 +324,7 @@ def test_copies_and_their_end(flat_map: Map) -> None:
         flat_map.execute("SELECT 1")
         flat_map.database.drop_map("copy")
         flat_map.execute("DELETE FROM observation")
-        flat_map.execute("DELETE FROM belief")
+        forge(flat_map.execute, "DELETE FROM belief")
     assert flat_map.execute("SELECT count(*) FROM belief") == [(0,)]
 
 
