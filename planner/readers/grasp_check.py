@@ -41,7 +41,7 @@ class GraspCheck:
     `robots` are names of stored robots or of classes, whose URDFs count. Other robots have the
     preferred gripper, else the only one, else the default one (`hand_of`). With `assume_sizes`,
     objects without geometry have the boxes that simulated missions give them. URDFs are read when
-    something is picked up. Nothing is stored.
+    something is picked up. Nothing is stored. A LookupError refuses a `gripper` that is not there.
     """
 
     def __init__(
@@ -82,6 +82,8 @@ class GraspCheck:
             with session.transaction():
                 return KnownHand(None, *usual_gripper(session)), None
         except (LookupError, ManipulationError) as error:
+            if self._named and isinstance(error, LookupError):
+                raise
             return None, str(error)
 
     @property

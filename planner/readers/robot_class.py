@@ -15,6 +15,7 @@ from planner.readers.rows import fetch_rows
 from planner.robot_class import Durations, RobotClass
 from semmap.query.snapshot import Snapshot
 from semmap.robot import Part
+from semmap.suggestions import suggestion
 
 _SAME_NAME = ("speed", "opens", "unlocks", "outside", "capacity")
 """Attributes of `RobotClass` whose columns have the same name."""
@@ -160,11 +161,9 @@ def _names(connection: Connection) -> list[str]:
 
 
 def _no_class(connection: Connection, name: str) -> LookupError:
-    known = ", ".join(_names(connection))
-    return LookupError(
-        f"there is no robot class named {name}; "
-        + (f"there are: {known}" if known else "semmap robot add makes one from a URDF")
-    )
+    names = _names(connection)
+    known = f"there are: {', '.join(names)}" if names else "semmap robot add makes one from a URDF"
+    return LookupError(f"there is no robot class named {name}{suggestion(name, names, known)}")
 
 
 def read_agent_class(seen: Snapshot, agent: str | None = None) -> str | None:

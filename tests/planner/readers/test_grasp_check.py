@@ -72,6 +72,11 @@ def test_the_preferred_gripper_decides_in_plans_and_missions(
         assert room.plan("on(crate1, table)", start="hall", gripper="wide").reasons == ()
 
 
+def test_an_unknown_gripper_is_refused(room: Map) -> None:
+    with pytest.raises(LookupError, match="no gripper claw"):
+        room.plan("on(dice, table)", start="hall", gripper="claw")
+
+
 def test_what_has_no_shape_is_not_judged(room: Map) -> None:
     room.add_object("ghost", type="mug", pose=(5, 4, 0.75))
     (said,) = room.plan("on(ghost, table)", start="hall").reasons
