@@ -170,20 +170,28 @@ class Map(
         *,
         frame: EntityName | None = None,
         at: datetime | None = None,
+        hit: float = 0.9,
+        false_alarm: float = 0.001,
+        new: float = 0.05,
     ) -> list[dict[str, Any]]:
         """Store the detections of one view: sightings of known objects, or new objects.
 
         Each is associated by its type, size, place, position there and time; no two with the same
-        object. One that is surely a known object is seen, and moves there; one that is surely none
-        is added; in doubt, the belief says how sure it is.
+        object. One that is surely a known object is seen, and moves there; one that is surely new
+        is added; in doubt, nothing moves or is added, and the belief about each object that it may
+        be says how probable that is.
 
-        Returns for each detection its `type`, the `object`, its `probability`, `new` and `place`.
+        Returns for each detection its `type`, the most probable `object` (None: none), its
+        `probability`, whether it was added as `new`, its `place`, and all that it `may_be`.
 
         Parameters
         ----------
         detections : `semmap.belief.identify.Detection` (type, point, sides), metres
         frame : the agent in whose frame the points are; by default that of the map
         at : the time of the detections; local without a time zone, by default now
+        hit : P(the detector finds an object | it is there)
+        false_alarm : expected number of objects of a type at a place that it finds in vain
+        new : expected number of objects of a type at a place that the map lacks
 
         Raises
         ------
@@ -198,7 +206,8 @@ class Map(
             self.add_object(name, type=detected.type, size=detected.sides, pose=(x, y, low, 0.0))
 
         with self._change() as now:
-            return observe_detections(now, detections, add, frame=frame, at=aware(at))
+            rates = {"hit": hit, "false_alarm": false_alarm, "new": new}
+            return observe_detections(now, detections, add, frame=frame, at=aware(at), **rates)
 
     def add_agent(
         self,

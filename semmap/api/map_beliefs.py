@@ -135,16 +135,21 @@ class MapBeliefs(MapQuestions):
         frame: EntityName | None = None,
         at: datetime | None = None,
         moves: float = 86_400.0,
+        hit: float = 0.9,
+        false_alarm: float = 0.001,
         new: float = 0.05,
     ) -> list[Identity]:
         """Which objects the detections of one view are: known ones, perhaps moved, or new ones.
 
-        Returns for each detection its `place`, the probability of each `known` object, and `new`.
+        Returns for each detection its `place`, the probability of each `known` object, of a `new`
+        one, and of a `false_alarm`; they sum to 1.
 
         Parameters
         ----------
         detections, frame, at : as for `Map.observe_objects`
         moves : seconds in which an object of mobility 1 moves once
+        hit : P(the detector finds an object | it is there)
+        false_alarm : expected number of objects of a type at a place that it finds in vain
         new : expected number of objects of a type at a place that the map lacks
 
         Raises
@@ -157,7 +162,8 @@ class MapBeliefs(MapQuestions):
 
         motion = MotionModel(moves)
         with self.snapshot() as seen:
-            return identify(seen, detections, frame=frame, at=aware(at), motion=motion, new=new)
+            rates = {"hit": hit, "false_alarm": false_alarm, "new": new}
+            return identify(seen, detections, frame=frame, at=aware(at), motion=motion, **rates)
 
     def belief_field(
         self,

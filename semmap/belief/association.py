@@ -22,7 +22,11 @@ NEW = -1
 """Stands for a new instance in an assignment."""
 
 LOG_SIZE_RANGE = math.log(1000.0)
-"""Sizes of new instances are log-uniform over three decades, such as 1 cm to 10 m."""
+"""Sizes of which nothing is known are log-uniform over three decades, such as 1 cm to 10 m."""
+
+ALIKE, CLASS_SPREAD = 0.9, 0.3
+"""This share of new instances are as large as the known ones of their class, with this standard
+deviation of the logarithm; sizes of the others are log-uniform."""
 
 
 @dataclass(frozen=True)
@@ -79,7 +83,8 @@ def view_likelihoods(
     view : (m,) the share of each place that the view showed, in [0, 1]
     place : (k,) the place of each detection, as a column of the belief
     same_class : (k, n) P(detected as this class | class of the instance)
-    size, known_size : (k,) and (n,) a length of detections and instances, above 0; NaN: unknown
+    size, known_size : (k,) and (n,) a length of detections and instances, above 0; NaN: unknown.
+        Most new instances are about as large as the known ones of their class
     hit : P(detected | in view), strictly between 0 and 1
     new : (k,) the expected number of instances that the map lacks, at this place and of this class
     spread : standard deviation of the measured size, relative to the size
@@ -112,7 +117,15 @@ def view_likelihoods(
     fresh = hit * shares[at] * np.asarray(new, np.float64)
     if size is not None and known_size is not None:
         same *= _size_density(size, known_size, spread, same.shape)
-        fresh /= LOG_SIZE_RANGE
+        wider = _size_density(size, known_size, math.hypot(spread, CLASS_SPREAD), same.shape)
+        count = classes.sum(axis=1)
+        alike = np.divide(
+            (wider * classes).sum(axis=1),
+            count,
+            where=count > 0,
+            out=np.full(len(at), 1 / LOG_SIZE_RANGE),
+        )
+        fresh *= ALIKE * alike + (1 - ALIKE) / LOG_SIZE_RANGE
     return Likelihoods(same, fresh, 1 - hit * (where @ shares))
 
 

@@ -24,7 +24,7 @@ from semmap.belief.reader import (
     read_places,
     read_positions,
 )
-from semmap.belief.store.beliefs import Row, read_belief
+from semmap.belief.store.beliefs import Row, read_belief, where
 from semmap.belief.within_place import position_likelihood
 from semmap.finite_number import finite_numbers
 from semmap.query.entity_query import find
@@ -45,17 +45,34 @@ class Detection:
     sides: tuple[float, float, float] | None = None
 
 
+HIT, FALSE_ALARMS, LACKING = 0.9, 0.001, 0.05
+"""Of a detector: P(seen | there), and the expected number of false detections of a type at a place;
+of a map: the expected number of objects of a type at a place that it lacks."""
+
+NEW, FALSE_ALARM = "(new)", "(false alarm)"
+NONE_KNOWN = {NEW, FALSE_ALARM}
+"""What a detection may be beside a known object."""
+
+
 @dataclass(frozen=True)
 class Identity:
     """The objects that a detection may be, each `known` one with its probability.
 
-    The likeliest is the first. `new` is the probability of none of them; `place` is None where no
-    known object of the type was found.
+    The likeliest is the first. `new` is the probability of an object that the map lacks,
+    `false_alarm` that of nothing: all sum to 1. `place` is None where no known object of the type
+    was found.
     """
 
     place: str | None
     known: dict[str, float]
     new: float
+    false_alarm: float = 0.0
+
+    @property
+    def may_be(self) -> dict[str, float]:
+        """All of them, the likeliest first."""
+        shares = {**self.known, NEW: self.new, FALSE_ALARM: self.false_alarm}
+        return dict(sorted(shares.items(), key=lambda each: -each[1]))
 
 
 def identify(
@@ -65,24 +82,35 @@ def identify(
     frame: str | None = None,
     at: datetime | None = None,
     motion: MotionModel = DAILY,
-    new: float = 0.05,
+    hit: float = HIT,
+    false_alarm: float = FALSE_ALARMS,
+    new: float = LACKING,
 ) -> list[Identity]:
     """Return for each detection of one view which objects of its type it may be.
 
     The likelihood has the type, the size, and where each object is believed to be, as it may have
     moved since it was observed; also where it was within that place. Two detections are different
     objects: the probabilities are those of all hypotheses together. The places of the detections
-    count as seen in full, so that other objects that are believed there were missed. `new` is the
-    expected number of objects of a type at a place that the map lacks. Points are in the `frame` of
-    an agent; None: of the map. `BeliefError` if a point or size is not finite, or at no place.
+    count as seen in full, so that other objects that are believed there were missed. A detector
+    finds what is there with probability `hit`; it finds `false_alarm` objects of a type at a place
+    that are not there, and the map lacks `new` that are, both as expected numbers. Points are in
+    the `frame` of an agent; None: of the map. `BeliefError` if a point or size is not finite, or at
+    no place, or the detector rather finds what is not there.
     """
+    if not 0 < false_alarm < hit < 1:
+        raise BeliefError(
+            f"hit is {hit:g}, false_alarm {false_alarm:g}: give 0 < false_alarm < hit < 1"
+        )
+    if not (math.isfinite(new) and new > 0):
+        raise BeliefError(f"new is {new}: give an expected number above 0")
+    lacking = hit * new / (hit * new + false_alarm)  # P(new | no known one)
     candidates = [
         [row["name"] for row in find(seen, type=detection.type) if row["kind"] == "object"]
         for detection in detections
     ]
     names = sorted({name for of_type in candidates for name in of_type})
     rows = [j for j, of_type in enumerate(candidates) if of_type]
-    found = [Identity(None, {}, 1.0) for _ in detections]
+    found = [Identity(None, {}, lacking, 1 - lacking) for _ in detections]
     if not rows:
         return found
     columns = read_columns(seen, names, at)
@@ -114,7 +142,8 @@ def identify(
         [[float(name in candidates[j]) for name in names] for j in rows],
         [_size(detections[j]) for j in rows],
         np.cbrt(columns.volume),
-        new=np.full(len(rows), new),
+        hit,
+        np.full(len(rows), new + false_alarm / hit),
     )
     known = [
         _at(boxes, places[candidates[j][0]], place)
@@ -129,7 +158,8 @@ def identify(
     for j, (place, _), share in zip(rows, located, shares, strict=True):
         order = np.argsort(-share[:-1], kind="stable")
         likeliest = {names[i]: float(share[i]) for i in order if share[i] > 0}
-        found[j] = Identity(place.name, likeliest, float(share[-1]))
+        none = float(share[-1])
+        found[j] = Identity(place.name, likeliest, none * lacking, none * (1 - lacking))
     return found
 
 
@@ -160,8 +190,11 @@ def _size(seen: Detection) -> float:
 SURE = 0.9
 """A detection is of an object, or of a new one, with at least this probability; else in doubt."""
 
-HIT = 0.9
-"""P(seen | there) of a detection whose object is in doubt."""
+LEAST = 0.01
+"""A known object that a detection is with less is not believed to be there for it."""
+
+UNMOVED = 0.99
+"""Before a sighting, the belief has at most this share of what it was (`belief_given` in SQL)."""
 
 AddObject = Callable[[str, Detection, tuple[float, float, float]], object]
 """Adds a detected object to the map, by its name and the point in the map's frame."""
@@ -174,56 +207,96 @@ def observe_detections(
     *,
     frame: str | None = None,
     at: datetime | None = None,
+    **rates: Any,
 ) -> list[Row]:
     """Associate the detections of one view with objects of the map, and store them.
 
-    What is surely a known object is a sighting of it. What is surely none is added. In doubt, it is
-    a sighting of a likely one, with such rates that the belief says how sure it is; the object
-    stays where it is. Each row
-    has `type`, `object`, `probability`, `new` and `place`. Errors as `identify`; nothing is stored.
+    What is surely a known object is a sighting of it. What is surely new is added. In doubt,
+    nothing moves and nothing is added: it is a sighting of each known object that it may be, with
+    such rates that the belief says how probable that is. Each row has `type`, `object` (the most
+    probable one, None for none), its `probability`, whether it was added as `new`, the `place`, and
+    all that it `may_be`. `rates` and errors are those of `identify`; nothing is stored then.
     """
+    found = identify(seen, detections, frame=frame, at=at, **rates)
+    whole = _by_place(found)
+    chosen = _chosen(found, whole)
+    sighted = {name for name in chosen if name is not None}
     rows: list[Row] = []
-    found = identify(seen, detections, frame=frame, at=at)
-    for detection, who, known in zip(detections, found, _chosen(found), strict=True):
-        name = known or _free_name(seen, detection.type)
-        rates: dict[str, Any] = {}
-        if known is not None:
-            there = sum(one.known.get(known, 0.0) for one in found if one.place == who.place)
-            rates = _rates(seen, known, who.place, there) | {"surely": there >= SURE}
+    for detection, who, known in zip(detections, found, chosen, strict=True):
+        may_be, place, is_new = who.may_be, who.place, who.new >= SURE
+        name = known or next(iter(may_be))
+        probability = may_be[name]
+        if is_new:
+            name = _free_name(seen, detection.type)
+            add(name, detection, _in_map(seen, detection, frame, at))
+        if is_new or known is not None:
+            hangs = known is not None
+            told = observe_point(seen, name, detection.point, frame=frame, at=at, hangs=hangs)
+            place = told["place"]
         else:
-            point = detection.point
-            if frame is not None:
-                x, y, z = read_agent_pose(seen, frame, at).apply([detection.point])[0]
-                point = (float(x), float(y), float(z))
-            add(name, detection, point)
-        hangs = known is not None
-        row = observe_point(seen, name, detection.point, frame=frame, at=at, hangs=hangs, **rates)
-        chance = who.new if known is None else who.known[known]
-        rows.append({"type": detection.type, "object": name, "probability": chance})
-        rows[-1] |= {"new": known is None, "place": row["place"]}
+            likely = {name for name, share in who.known.items() if share >= LEAST} - sighted
+            here = {each for each in likely if _likeliest(whole[each]) == place}
+            for each in sorted(here):
+                odds = _rates(seen, each, str(place), whole[each][str(place)])
+                observe_point(seen, each, detection.point, frame=frame, at=at, surely=False, **odds)
+            sighted |= here
+        row: Row = {"type": detection.type, "object": None if name in NONE_KNOWN else name}
+        row |= {"probability": probability, "new": is_new, "place": place, "may_be": may_be}
+        rows.append(row)
     return rows
 
 
-def _chosen(found: Sequence[Identity]) -> list[str | None]:
-    """The known object of each detection; None: a new one. No object has two detections.
+def _by_place(found: Sequence[Identity]) -> dict[str, dict[str, float]]:
+    """P(a known object has a detection at a place), by object and place."""
+    whole: dict[str, dict[str, float]] = {}
+    for one in found:
+        for name, share in one.known.items():
+            at_place = whole.setdefault(name, {})
+            assert one.place is not None
+            at_place[one.place] = at_place.get(one.place, 0.0) + share
+    return whole
 
-    In doubt, a detection is of a known object, if one is free that is not too improbable.
+
+def _likeliest(shares: dict[str, float]) -> str:
+    """The name with the largest share."""
+    return max(shares, key=lambda name: shares[name])
+
+
+def _chosen(found: Sequence[Identity], whole: dict[str, dict[str, float]]) -> list[str | None]:
+    """The known object that each detection surely is; None: a new one, or in doubt.
+
+    Which of several alike ones at a place it is may be open; no object has two detections.
     """
-    names = sorted({name for one in found for name in one.known})
-    share = [
-        [0.0 if one.new >= SURE else one.known.get(name, 0.0) for name in names] for one in found
-    ]
+    names = sorted(whole)
     if not names:
         return [None] * len(found)
-    return [None if i is None else names[i] for i in one_each(share, 1 - SURE)]
+    share = [
+        [
+            one.known.get(name, 0.0)
+            if sum(one.known.values()) >= SURE and whole[name].get(str(one.place), 0.0) >= SURE
+            else 0.0
+            for name in names
+        ]
+        for one in found
+    ]
+    return [None if i is None else names[i] for i in one_each(share, LEAST)]
 
 
-def _rates(seen: Snapshot, name: str, place: str | None, there: float) -> dict[str, Any]:
+def _in_map(
+    seen: Snapshot, detection: Detection, frame: str | None, at: datetime | None
+) -> tuple[float, float, float]:
+    """The point of a detection in the map's frame."""
+    if frame is None:
+        return detection.point
+    x, y, z = read_agent_pose(seen, frame, at).apply([detection.point])[0]
+    return float(x), float(y), float(z)
+
+
+def _rates(seen: Snapshot, name: str, place: str, there: float) -> dict[str, Any]:
     """The rates with which a doubtful detection makes the belief that an object is at a place."""
-    if there >= SURE or place is None:
-        return {}
-    before = read_belief(seen, name).get(place, 0.0)
-    odds = there / (1 - there) * (1 - before) / max(before, 1e-9)
+    row = next((row for row in where(seen, name) if row["place"] == place), None)
+    before = 0.0 if row is None else UNMOVED * row["probability"] + (1 - UNMOVED) * row["prior"]
+    odds = there / max(1 - there, 1e-9) * (1 - before) / max(before, 1e-9)
     return {"hit": HIT, "false_alarm": min(HIT / max(odds, 1.0), HIT)}
 
 

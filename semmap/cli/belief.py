@@ -120,11 +120,14 @@ def observe_command(
     """
     view = call.values.get("view")
     if detected:
-        if name or place or point or view or call.values.keys() & {"hit", "false_alarm"}:
-            raise typer.BadParameter("--detected takes no NAME, place, view or rates beside it")
-        given = {key: call.texts[key] for key in ("frame", "at")}
-        told = call.handle.observe_objects(detections(detected, "--detected"), **given)
-        show_table(told, json_, ("object", "new", "probability", "place"))
+        if name or place or point or view:
+            raise typer.BadParameter("--detected takes no NAME, place or view beside it")
+        given = {key: call.texts[key] for key in ("frame", "at", "hit", "false_alarm")}
+        stated = {key: value for key, value in given.items() if value is not None}
+        told = call.handle.observe_objects(detections(detected, "--detected"), **stated)
+        if not json_:
+            told = [row | {"may_be": _all_of(row["may_be"])} for row in told]
+        show_table(told, json_, ("object", "new", "probability", "place", "may_be"))
         return
     if [place, point, view].count(None) != 2 or (view is None) == (name is None):
         raise typer.BadParameter("give NAME and PLACE, or NAME and --point, or --view alone")
@@ -135,6 +138,11 @@ def observe_command(
     look = {"seen": not missed, "visible": visible}
     rows = [_observed(call, name, place, point, **look)] if name is not None else call()
     show_table([{"visible": 1.0} | row for row in rows], json_, OBSERVED)
+
+
+def _all_of(shares: dict[str, float]) -> str:
+    """What a detection may be, without what is improbable."""
+    return ", ".join(f"{name} {share:.2f}" for name, share in shares.items() if share >= 0.005)
 
 
 def _observed(
@@ -165,7 +173,7 @@ def _identify(call: MethodCall, json_: Json = False) -> None:
     rows = [
         {"seen": text, "place": one.place, "object": name, "probability": round(probability, 4)}
         for text, one in zip(call.texts["detections"], call(), strict=True)
-        for name, probability in [*one.known.items(), (None if json_ else "(new)", one.new)]
+        for name, probability in one.may_be.items()
     ]
     show_table(rows, json_, ("seen", "place", "object", "probability"))
 

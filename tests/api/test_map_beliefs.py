@@ -86,9 +86,10 @@ def test_detections_are_known_objects_or_new_ones(flat: Map) -> None:
     flat.observe("mug", "bench")
     mug, apple = flat.identify([Detection("mug", (6, 1, 0.5)), Detection("apple", (6, 1, 0.5))])
     assert mug.place == "bench"
-    assert mug.known["mug"] + mug.new == pytest.approx(1)
+    assert sum(mug.may_be.values()) == pytest.approx(1)
     assert mug.known["mug"] > 0.9
-    assert (apple.place, apple.known, apple.new) == (None, {}, 1.0)
+    assert (apple.place, apple.known) == (None, {})
+    assert 0.95 < apple.new == 1 - apple.false_alarm
 
 
 def test_bad_input_is_refused_in_words(flat: Map) -> None:

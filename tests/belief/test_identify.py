@@ -11,7 +11,7 @@ from sqlalchemy import Connection
 
 from semmap import Map
 from semmap.belief.error import BeliefError
-from semmap.belief.identify import Detection, identify
+from semmap.belief.identify import FALSE_ALARM, NEW, Detection, identify
 from semmap.belief.motion import MotionModel
 from semmap.belief.store.beliefs import add_observations, read_belief
 from semmap.database.maps import driver_of, see_map
@@ -37,7 +37,7 @@ def test_a_mug_where_it_was_seen_is_that_one(connection: Connection) -> None:
     assert one.place == "bench"
     assert list(one.known) == ["mug"]
     assert one.known["mug"] > 0.95
-    assert one.known["mug"] + one.new == pytest.approx(1)
+    assert sum(one.may_be.values()) == pytest.approx(1)
 
 
 def test_a_mug_elsewhere_is_new_unless_the_known_one_may_have_moved(
@@ -64,7 +64,8 @@ def test_a_mug_of_another_size_is_new(connection: Connection) -> None:
         identify(seen_by(connection), [Detection("mug", ON_BENCH, sides)])[0]
         for sides in ((0.3, 0.3, 0.3), (0.08, 0.08, 0.1))
     )
-    assert large.new > 0.99
+    assert large.known["mug"] < 0.01
+    assert large.new > 0.97
     assert same.known["mug"] > 0.95
 
 
@@ -73,7 +74,8 @@ def test_types_are_those_of_the_t_box(connection: Connection) -> None:
         seen_by(connection), [Detection("drinkware", ON_BENCH), Detection("book", ON_BENCH)]
     )
     assert drinkware.known["mug"] > 0.95
-    assert (book.place, book.known, book.new) == (None, {}, 1.0)
+    assert (book.place, book.known) == (None, {})
+    assert book.may_be == {NEW: pytest.approx(45 / 46), FALSE_ALARM: pytest.approx(1 / 46)}
 
 
 def test_a_point_in_the_frame_of_the_robot(connection: Connection) -> None:
@@ -96,3 +98,9 @@ def test_what_is_no_detection(
 ) -> None:
     with pytest.raises(error, match=text):
         identify(seen_by(connection), [detection])
+
+
+@pytest.mark.parametrize("rates", [{"hit": 0.1, "false_alarm": 0.2}, {"hit": 1.0}, {"new": 0.0}])
+def test_rates_that_no_detector_has(connection: Connection, rates: dict[str, float]) -> None:
+    with pytest.raises(BeliefError, match="give"):
+        identify(seen_by(connection), [Detection("mug", ON_BENCH)], **rates)

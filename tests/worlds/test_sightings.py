@@ -106,7 +106,7 @@ def test_grid_and_plan_follow_a_sighting(world_map: Map) -> None:
         return corner + (np.array((column, row)) + 0.5) * grid.grid.resolution
 
     first, second = middle(row, column), middle(row2, column2)
-    here.add_object("crate", type="cardboard_box", size=(0.4, 0.4, 0.4), pose=(*first, 0))
+    here.add_object("crate", type="cardboard_box", size=(0.4, 0.08, 0.4), pose=(*first, 0))
     assert here.grid().cells[row, column] == 100
     at = here["crate"].room
     here.observe_point("crate", (*second, 0.2))
@@ -164,13 +164,36 @@ def test_a_doubtful_detection_tells_how_sure_it_is(here: Map) -> None:
     here.add_object("other", type="plate", size=(0.2, 0.2, 0.03))
     u, v, w = top(here, COFFEE)
     before = here["plate"].pose
-    (row,) = here.observe_objects([Detection("plate", (u, v, w + 0.015), (0.2, 0.2, 0.03))])
+    seen = Detection("plate", (u, v, w + 0.015), (0.2, 0.2, 0.03))
+    (row,) = here.observe_objects([seen], new=0.002)
     assert not row["new"]
     assert row["object"] == "other"
+    assert sum(row["may_be"].values()) == pytest.approx(1)
+    assert row["may_be"]["other"] == row["probability"] < 0.9
     assert here["plate"].pose == before
-    if row["probability"] < 0.9:
-        assert here.where("other")[COFFEE] == pytest.approx(row["probability"], abs=0.02)
-        assert here["other"].pose is None
+    assert here["other"].pose is None
+    assert here.where("other")[COFFEE] == pytest.approx(row["probability"], abs=0.02)
+    assert here.where("plate")[COFFEE] == pytest.approx(row["may_be"]["plate"], abs=0.02)
+
+
+def test_what_is_probably_new_is_not_given_to_an_unlikely_known_object(here: Map) -> None:
+    """The plate was just seen on the kitchen table: the one that is seen elsewhere is hardly it."""
+    x, y, z = here["plate"].mesh.bounds.mean(axis=0)
+    here.observe_point("plate", (x, y, z))
+    u, v, w = top(here, COFFEE)
+    seen = Detection("plate", (u, v, w + 0.015), (0.2, 0.2, 0.03))
+    before, names = here["plate"].pose, {each.name for each in here.find("plate")}
+    (doubtful,) = here.observe_objects([seen], new=0.002, false_alarm=0.001)
+    assert doubtful["object"] is None
+    assert 0.5 < doubtful["may_be"]["(new)"] < 0.9
+    assert not doubtful["new"]
+    assert {each.name for each in here.find("plate")} == names
+    assert here["plate"].pose == before
+    assert here.where("plate")[KITCHEN] > 0.8
+    (sure,) = here.observe_objects([seen], new=0.2)
+    assert sure["new"]
+    assert sure["object"] == "plate_1"
+    assert here["plate"].pose == before
 
 
 def test_a_wrong_detection_changes_nothing(here: Map) -> None:
