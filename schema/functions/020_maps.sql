@@ -1,6 +1,42 @@
 -- Which map the views show.
 -- Why: docs/decisions/the_names_in_functions_are_bound_or_their_search_path_is_fixed.md
 
+CREATE FUNCTION did_you_mean(called text, known text[], otherwise text)
+RETURNS text LANGUAGE sql STABLE SET search_path = semmap, public, pg_temp AS $$
+-- The hint of an error about an unknown name: up to three known ones that are spelt like it, the most similar first, with
+-- half of their pairs of letters in common; `otherwise` without one.
+WITH own AS (
+    SELECT DISTINCT substr(lower(called), k, 2) AS pair FROM generate_series(1, length(called) - 1) k
+), of_known AS (
+    SELECT DISTINCT name, substr(lower(name), k, 2) AS pair FROM unnest(known) name, generate_series(1, length(name) - 1) k
+), score AS (
+    SELECT name, 2.0 * count(own.pair) / (count(*) + (SELECT count(*) FROM own)) AS likeness
+    FROM of_known LEFT JOIN own USING (pair) GROUP BY name
+)
+SELECT coalesce('Did you mean ' || string_agg(name, ' or ' ORDER BY likeness DESC, name) || '?', otherwise)
+FROM (SELECT * FROM score WHERE likeness >= 0.5 ORDER BY likeness DESC, name LIMIT 3) s
+$$;
+
+CREATE FUNCTION map_hint(called text)
+RETURNS text LANGUAGE sql STABLE SET search_path = semmap, public, pg_temp AS $$
+SELECT semmap.did_you_mean(called, ARRAY(SELECT name FROM semmap.map), 'SELECT name FROM semmap.map lists them.')
+$$;
+
+CREATE FUNCTION type_hint(called text)
+RETURNS text LANGUAGE sql STABLE SET search_path = semmap, public, pg_temp AS $$
+SELECT semmap.did_you_mean(called, ARRAY(SELECT name FROM semmap.semantic_type), 'SELECT name FROM semmap.semantic_type lists them.')
+$$;
+
+CREATE FUNCTION name_hint(called text, map integer, types boolean DEFAULT false)
+RETURNS text LANGUAGE sql STABLE SET search_path = semmap, public, pg_temp AS $$
+-- Names of entities, of the first ten thousand, and of types if these are asked for.
+SELECT semmap.did_you_mean(called,
+    ARRAY(SELECT e.name FROM semmap.entity e WHERE e.map_id = name_hint.map LIMIT 10000)
+    || ARRAY(SELECT t.name FROM semmap.semantic_type t WHERE types),
+    CASE WHEN types THEN '`semmap ls` and `semmap types` list the names.'
+         ELSE '`semmap ls` lists the names; SET semmap.map chooses the map.' END)
+$$;
+
 CREATE FUNCTION current_map()
 RETURNS integer LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path = semmap, public, pg_temp AS $$
 -- The map named by the setting `semmap.map` (SET semmap.map = 'office'), else the only one, apart from copies; NULL
@@ -14,7 +50,7 @@ BEGIN
         SELECT id INTO found FROM semmap.map WHERE name = chosen;
         IF found IS NULL THEN
             RAISE EXCEPTION 'there is no map %', chosen
-                USING ERRCODE = 'no_data_found', HINT = 'SELECT name FROM semmap.map lists them.';
+                USING ERRCODE = 'no_data_found', HINT = semmap.map_hint(chosen);
         END IF;
         RETURN found;
     END IF;
@@ -35,7 +71,7 @@ DECLARE
 BEGIN
     IF found_id IS NULL AND entity_name IS NOT NULL THEN
         RAISE EXCEPTION 'the map has no entity named %', entity_name
-            USING ERRCODE = 'no_data_found', HINT = '`semmap ls` lists the names; SET semmap.map chooses the map.';
+            USING ERRCODE = 'no_data_found', HINT = semmap.name_hint(entity_name, semmap.current_map());
     END IF;
     RETURN found_id;
 END $$;
@@ -52,7 +88,7 @@ DECLARE
 BEGIN
     IF original.id IS NULL THEN
         RAISE EXCEPTION 'there is no map named %', map_name
-            USING ERRCODE = 'no_data_found', HINT = 'SELECT name FROM semmap.map lists them.';
+            USING ERRCODE = 'no_data_found', HINT = semmap.map_hint(map_name);
     END IF;
     PERFORM set_config('semmap.deriving', 'off', true);
     INSERT INTO semmap.map (name, crs, easting, northing, height, rotation, copy_of)
@@ -132,7 +168,7 @@ BEGIN
     SELECT id INTO gone FROM semmap.map WHERE name = map_name FOR UPDATE;
     IF gone IS NULL THEN
         RAISE EXCEPTION 'there is no map named %', map_name
-            USING ERRCODE = 'no_data_found', HINT = 'SELECT name FROM semmap.map lists them.';
+            USING ERRCODE = 'no_data_found', HINT = semmap.map_hint(map_name);
     END IF;
     PERFORM semmap.drop_map(c.name) FROM semmap.map c WHERE c.copy_of = gone;
     PERFORM set_config('semmap.dropping', 'on', true);

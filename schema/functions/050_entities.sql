@@ -9,6 +9,17 @@ BEGIN
     RETURN NEW;
 END $$;
 
+CREATE FUNCTION entity_typed()
+RETURNS trigger LANGUAGE plpgsql SET search_path = semmap, public, pg_temp AS $$
+-- The foreign key would refuse an unknown type, too, but not say which one was meant.
+BEGIN
+    IF NOT EXISTS (SELECT FROM semmap.semantic_type WHERE name = NEW.type) THEN
+        RAISE EXCEPTION 'the T-Box has no type %', NEW.type
+            USING ERRCODE = 'foreign_key_violation', HINT = semmap.type_hint(NEW.type);
+    END IF;
+    RETURN NEW;
+END $$;
+
 CREATE FUNCTION entity_inserted()
 RETURNS trigger LANGUAGE plpgsql SECURITY DEFINER SET search_path = semmap, public, pg_temp AS $$
 BEGIN
@@ -166,6 +177,8 @@ END $$;
 
 CREATE TRIGGER entity_stamp BEFORE UPDATE ON entity
     FOR EACH ROW WHEN (OLD IS DISTINCT FROM NEW) EXECUTE FUNCTION entity_stamp();
+CREATE TRIGGER entity_typed BEFORE INSERT OR UPDATE OF type ON entity
+    FOR EACH ROW WHEN (NEW.type IS NOT NULL) EXECUTE FUNCTION entity_typed();
 CREATE TRIGGER entity_inserted AFTER INSERT ON entity REFERENCING NEW TABLE AS fresh
     FOR EACH STATEMENT EXECUTE FUNCTION entity_inserted();
 CREATE TRIGGER entity_updated AFTER UPDATE ON entity REFERENCING OLD TABLE AS former NEW TABLE AS fresh

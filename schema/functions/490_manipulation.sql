@@ -27,7 +27,9 @@ BEGIN
         SELECT d.id INTO found_id FROM semmap.device d JOIN semmap.gripper g ON g.device_id = d.id WHERE d.name = gripper_name;
         IF found_id IS NULL THEN
             RAISE EXCEPTION 'there is no gripper named %', gripper_name
-                USING ERRCODE = 'no_data_found', HINT = '`semmap manipulation grippers` lists them; `semmap manipulation add-gripper URDF` adds one.';
+                USING ERRCODE = 'no_data_found', HINT = semmap.did_you_mean(gripper_name,
+                    ARRAY(SELECT d.name FROM semmap.device d JOIN semmap.gripper g ON g.device_id = d.id),
+                    '`semmap manipulation grippers` lists them; `semmap manipulation add-gripper URDF` adds one.');
         END IF;
         RETURN found_id;
     END IF;
@@ -253,7 +255,7 @@ BEGIN
     END IF;
     IF NOT EXISTS (SELECT FROM semmap.semantic_type WHERE name = wanted) THEN
         RAISE EXCEPTION 'the map has neither an entity nor a type named %', wanted
-            USING ERRCODE = 'no_data_found', HINT = '`semmap ls` and `semmap types` list the names.';
+            USING ERRCODE = 'no_data_found', HINT = semmap.name_hint(wanted, semmap.current_map(), types => true);
     END IF;
     RETURN ARRAY(SELECT e.id FROM semmap.entity e WHERE e.map_id = (SELECT semmap.current_map()) AND e.kind = 'object'
                  AND e.type = ANY (semmap.subtypes(wanted)));
@@ -386,7 +388,8 @@ BEGIN
     WHERE a.name = automaton_name;
     IF found IS NULL THEN
         RAISE EXCEPTION 'there is no automaton named %', automaton_name
-            USING ERRCODE = 'no_data_found', HINT = 'SELECT name FROM semmap.automaton lists them.';
+            USING ERRCODE = 'no_data_found', HINT = semmap.did_you_mean(
+                automaton_name, ARRAY(SELECT name FROM semmap.automaton), 'SELECT name FROM semmap.automaton lists them.');
     END IF;
     RETURN ARRAY(SELECT c FROM unnest(semmap.required_capabilities(of_kind)) c WHERE c <> ALL (found));
 END $$;

@@ -67,7 +67,7 @@ DECLARE
 BEGIN
     IF of_map IS NULL THEN
         RAISE EXCEPTION 'there is no map %', coalesce(called, '')
-            USING ERRCODE = 'foreign_key_violation', HINT = 'SELECT name FROM semmap.map lists them.';
+            USING ERRCODE = 'foreign_key_violation', HINT = semmap.map_hint(called);
     END IF;
     RETURN of_map;
 END $$;
@@ -145,21 +145,6 @@ BEGIN
             FROM (SELECT semmap.planar_pose(ST_X(middle), ST_Y(middle), heading, height)) d (pose);
     END IF;
 END $$;
-
-CREATE FUNCTION similar_types(called text)
-RETURNS text LANGUAGE sql STABLE SET search_path = semmap, public, pg_temp AS $$
--- Up to three types that are spelt like a name, the most similar first: half of their pairs of letters are the same.
-WITH own AS (
-    SELECT DISTINCT substr(lower(called), k, 2) AS pair FROM generate_series(1, length(called) - 1) k
-), known AS (
-    SELECT DISTINCT name, substr(name, k, 2) AS pair FROM semmap.semantic_type, generate_series(1, length(name) - 1) k
-), score AS (
-    SELECT name, 2.0 * count(own.pair) / (count(*) + (SELECT count(*) FROM own)) AS likeness
-    FROM known LEFT JOIN own USING (pair) GROUP BY name
-)
-SELECT string_agg(name, ' or ' ORDER BY likeness DESC, name)
-FROM (SELECT * FROM score WHERE likeness >= 0.5 ORDER BY likeness DESC, name LIMIT 3) s
-$$;
 
 CREATE FUNCTION refuse_derived(layer text, whose text, edited text[])
 RETURNS void LANGUAGE plpgsql STABLE SET search_path = semmap, public, pg_temp AS $$
@@ -242,7 +227,6 @@ DECLARE
     drawn boolean;
     reshaped boolean;
     given jsonb;
-    spelt_like text;
     rule text;
     told text;
     angle double precision;
@@ -260,9 +244,8 @@ BEGIN
         RAISE EXCEPTION 'a % needs a name', layer USING ERRCODE = 'check_violation', HINT = 'Fill in the attribute name.';
     END IF;
     IF NEW.type IS NOT NULL AND NOT EXISTS (SELECT FROM semmap.semantic_type WHERE name = NEW.type) THEN
-        spelt_like := semmap.similar_types(NEW.type);
-        RAISE EXCEPTION 'the T-Box has no type %', NEW.type USING ERRCODE = 'foreign_key_violation',
-            HINT = coalesce('Did you mean ' || spelt_like || '?', 'SELECT name FROM semmap.semantic_type lists them.');
+        RAISE EXCEPTION 'the T-Box has no type %', NEW.type
+            USING ERRCODE = 'foreign_key_violation', HINT = semmap.type_hint(NEW.type);
     END IF;
     of_kind := coalesce((SELECT kind FROM semmap.entity WHERE id = OLD.fid), layer);
     IF NOT semmap.fits_kind(NEW.type, of_kind) AND (TG_OP = 'INSERT' OR NEW.type IS DISTINCT FROM OLD.type) THEN

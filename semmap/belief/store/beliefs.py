@@ -20,6 +20,7 @@ from semmap.query.entity_query import entity_id
 from semmap.query.refusal import refusal_text
 from semmap.query.snapshot import Snapshot
 from semmap.snake_case import snake_case
+from semmap.suggestions import suggestion
 
 ELSEWHERE = "elsewhere"
 """The name of being at no place of the map."""
@@ -71,9 +72,12 @@ def things_named(seen: Snapshot, name: str) -> list[str]:
         ).fetchall()
         if rows:
             return [str(row[0]) for row in rows]
-        known = "SELECT FROM semantic_type WHERE name = %s"
-        if "\0" in name or seen.session.execute(known, (type_,)).fetchone() is None:
-            raise
+        known = [row[0] for row in seen.session.execute("SELECT name FROM semantic_type")]
+        if type_ not in known:
+            entities = "SELECT name FROM entity WHERE map_id = current_map()"
+            names = [row[0] for row in seen.session.execute(entities)]
+            hint = suggestion(name, [*names, *known], "semmap ls and semmap types list the names")
+            raise LookupError(f"the map has no entity {name}{hint}") from None
         raise LookupError(f"the map has no {type_}: add or teach an object of this type") from None
     return [name]
 
