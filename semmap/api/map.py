@@ -178,8 +178,8 @@ class Map(
 
         Each is associated by its type, size, place, position there and time; no two with the same
         object. One that is surely a known object is seen, and moves there; one that is surely new
-        is added; in doubt, nothing moves or is added, and the belief about each object that it may
-        be says how probable that is.
+        is added; in doubt, nothing moves or is added, and the belief about each object that it
+        rather is than a new one says how probable that is.
 
         Returns for each detection its `type`, the most probable `object` (None: none), its
         `probability`, whether it was added as `new`, its `place`, and all that it `may_be`.

@@ -212,10 +212,11 @@ def observe_detections(
     """Associate the detections of one view with objects of the map, and store them.
 
     What is surely a known object is a sighting of it. What is surely new is added. In doubt,
-    nothing moves and nothing is added: it is a sighting of each known object that it may be, with
-    such rates that the belief says how probable that is. Each row has `type`, `object` (the most
-    probable one, None for none), its `probability`, whether it was added as `new`, the `place`, and
-    all that it `may_be`. `rates` and errors are those of `identify`; nothing is stored then.
+    nothing moves and nothing is added: it is a sighting of each known object that it rather is than
+    a new one, with such rates that the belief says how probable that is. Each row has `type`,
+    `object` (the most probable one, None for none), its `probability`, whether it was added as
+    `new`, the `place`, and all that it `may_be`. `rates` and errors are those of `identify`;
+    nothing is stored then.
     """
     found = identify(seen, detections, frame=frame, at=at, **rates)
     whole = _by_place(found)
@@ -234,7 +235,8 @@ def observe_detections(
             told = observe_point(seen, name, detection.point, frame=frame, at=at, hangs=hangs)
             place = told["place"]
         else:
-            likely = {name for name, share in who.known.items() if share >= LEAST} - sighted
+            least = max(LEAST, who.new)  # else many views of a new object make it a known one
+            likely = {name for name, share in who.known.items() if share >= least} - sighted
             here = {each for each in likely if _likeliest(whole[each]) == place}
             for each in sorted(here):
                 odds = _rates(seen, each, str(place), whole[each][str(place)])

@@ -183,10 +183,11 @@ def test_what_is_probably_new_is_not_given_to_an_unlikely_known_object(here: Map
     u, v, w = top(here, COFFEE)
     seen = Detection("plate", (u, v, w + 0.015), (0.2, 0.2, 0.03))
     before, names = here["plate"].pose, {each.name for each in here.find("plate")}
-    (doubtful,) = here.observe_objects([seen], new=0.002, false_alarm=0.001)
-    assert doubtful["object"] is None
-    assert 0.5 < doubtful["may_be"]["(new)"] < 0.9
-    assert not doubtful["new"]
+    for _ in range(5):
+        (doubtful,) = here.observe_objects([seen], new=0.002, false_alarm=0.001)
+        assert doubtful["object"] is None
+        assert 0.5 < doubtful["may_be"]["(new)"] < 0.9
+        assert not doubtful["new"]
     assert {each.name for each in here.find("plate")} == names
     assert here["plate"].pose == before
     assert here.where("plate")[KITCHEN] > 0.8
