@@ -1,6 +1,19 @@
 -- Triggers on placements: they maintain the world pose, box and footprint of moved entities and their
 -- contents, the history and the change log.
 
+CREATE FUNCTION leaning_outline(outline geometry, hull geometry, pose double precision[])
+RETURNS geometry LANGUAGE sql IMMUTABLE PARALLEL SAFE STRICT
+BEGIN ATOMIC
+-- The ground below a model that leans by less than 30 degrees: the outline at half of its height, grown by what it leans
+-- from there to its top and bottom; none of it outside of its hull. `hull` is in the model's frame. Null if it leans more.
+SELECT CASE WHEN lean < 0.5 THEN ST_CollectionExtract(ST_Intersection(
+           ST_Buffer(ST_Force2D(semmap.pose_apply(ST_Force3D(outline, (ST_ZMin(hull) + ST_ZMax(hull)) / 2), pose)),
+                     lean * (ST_ZMax(hull) - ST_ZMin(hull)) / 2 + 1e-4, 'join=mitre'),
+           ST_ConvexHull(ST_Force2D(semmap.pose_apply(hull, pose)))), 3) END
+FROM (SELECT 1 - 2 * (pose[4] ^ 2 + pose[5] ^ 2)) u (upright),
+     LATERAL (SELECT CASE WHEN upright > 0 THEN sqrt(1 - upright ^ 2) ELSE 1 END) l (lean);
+END;
+
 CREATE FUNCTION refresh_world(ids bigint[])
 RETURNS jsonb LANGUAGE plpgsql SECURITY DEFINER SET search_path = semmap, public, pg_temp
 SET plan_cache_mode = force_generic_plan SET enable_seqscan = off AS $$
@@ -46,10 +59,11 @@ WITH RECURSIVE tree (entity_id, map_id, storey_id, holder_id, pose, depth) AS (
               FROM semmap.entity_model em
               JOIN semmap.model m ON m.id = em.model_id
               CROSS JOIN LATERAL (SELECT semmap.pose_apply(m.hull, t.pose) OFFSET 0) h (hull)
-              -- The outline where the model has one and stands upright, else the convex hull on the ground.
+              -- The outline where the model has one and does not lie, else the convex hull on the ground.
               CROSS JOIN LATERAL (
                   SELECT coalesce(CASE WHEN abs(t.pose[4]) < 1e-6 AND abs(t.pose[5]) < 1e-6
-                                       THEN ST_Force2D(semmap.pose_apply(ST_Force3D(m.outline), t.pose)) END,
+                                       THEN ST_Force2D(semmap.pose_apply(ST_Force3D(m.outline), t.pose))
+                                       ELSE semmap.leaning_outline(m.outline, m.hull, t.pose) END,
                                   ST_ConvexHull(ST_Force2D(h.hull))) OFFSET 0) f (flat)
               WHERE em.entity_id = t.entity_id) g OFFSET 0) x (hull, footprint)
     ON CONFLICT (entity_id) DO UPDATE

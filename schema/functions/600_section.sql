@@ -1,5 +1,5 @@
--- What a floor plan shows of walls: their section at a height, in the view gis_object. The convex hull of a storey's walls
--- in one mesh is a filled block. Slicing takes milliseconds a mesh, so that sections are stored. Maintained by triggers.
+-- What a floor plan shows of walls: their section at a height, in the view gis_object. Their outline has the lintels,
+-- and hides doorways. Slicing takes milliseconds a mesh, so that sections are stored. Maintained by triggers.
 
 CREATE FUNCTION section_height()
 RETURNS double precision LANGUAGE sql IMMUTABLE PARALLEL SAFE

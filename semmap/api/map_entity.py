@@ -153,7 +153,7 @@ class MapEntity:
 
     @property
     def footprint(self) -> shapely.Polygon | shapely.MultiPolygon | None:
-        """The ground that it covers: of a tilted object, of its convex hull; None without geometry.
+        """The ground that it covers: that of a mesh to a centimetre; None without geometry.
 
         Of a door, the ground of its closed leaf, where it has one.
         """

@@ -60,7 +60,7 @@ class Shape:
     """A geometric model of an entry, in the entry's own frame, metres.
 
     `mesh` is the surface that navigation and relations use, of boxes and polygons, too; `outline`
-    is the footprint where it is not the convex hull of the mesh (of a room, of walls).
+    is the footprint where the area under the mesh is not (of a room, of walls).
     """
 
     kind: ShapeKind

@@ -18,7 +18,7 @@ from semmap.database.migrate import downgrade, upgrade
 from semmap.database.revisions import installed_on, newest, parents
 from semmap.ingest.importer import import_file
 from semmap.model import Base
-from tests.conftest import PASSWORD
+from tests.conftest import PASSWORD, MakeDatabase
 from tests.next_revision import next_revision
 
 OFFICE = Path(__file__).parents[2] / "examples" / "office"
@@ -129,6 +129,40 @@ def test_a_change_of_functions_has_a_revision() -> None:
             [*git, "ls-tree", "--name-only", release, "migrations/versions/"], text=True
         )
         assert f"/{newest()}_" not in versions, "add an empty revision"
+
+
+def test_meshes_of_earlier_versions_get_outlines(make_database: MakeDatabase) -> None:
+    """Their footprints were convex hulls until revision 0004; what reads them is told."""
+    engine = open_engine(make_database())
+    for name in ("office_rooms.geojson", "office.sdf"):
+        import_office(engine, name)
+
+    def footprints() -> dict[str, bytes]:
+        with engine.connect() as connection:
+            found = text(
+                "SELECT name, ST_AsBinary(footprint) FROM world JOIN entity ON id = entity_id"
+            )
+            return dict(connection.execute(found).all())
+
+    right = footprints()
+    with engine.begin() as connection:
+        connection.execute(text("UPDATE model SET outline = NULL WHERE kind IN ('mesh', 'box')"))
+        connection.execute(text("SELECT refresh_world(ARRAY(SELECT entity_id FROM placement))"))
+        last = connection.execute(text("SELECT max(id) FROM change")).scalar_one()
+    stale = footprints()
+    wrong = {name for name in right if right[name] != stale[name]}
+    assert "walls-1st" in wrong
+    downgrade(engine, "0003")
+    engine.dispose()
+    upgrade(engine)
+    assert footprints() == right
+    with engine.connect() as connection:
+        told = text(
+            "SELECT e.name FROM change c JOIN entity e ON e.id = ANY (c.entities) "
+            "WHERE c.id > :last AND c.what = 'reshaped'"
+        )
+        assert {*connection.execute(told, {"last": last}).scalars()} == wrong
+    engine.dispose()
 
 
 @pytest.fixture

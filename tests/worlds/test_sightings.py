@@ -203,3 +203,30 @@ def test_a_wrong_detection_changes_nothing(here: Map) -> None:
         with pytest.raises((ValueError, LookupError)), here.transaction():
             here.observe_objects([good, wrong])
         assert "apple_1" not in [each.name for each in here.find("object", limit=500)]
+
+
+def test_a_plate_beside_an_l_shaped_cabinet_is_not_on_it(here: Map) -> None:
+    """In the open corner of the L, which Shapely finds: on the floor, and in the air."""
+    cabinet = here["KitchenCabinet_01_001"]
+    flat = shapely.polygons(cabinet.mesh.triangles[:, :, :2])
+    covered = shapely.union_all(flat[shapely.area(flat) > 1e-9])
+    assert cabinet.footprint.symmetric_difference(covered).area < 0.01 * covered.area
+    corner = max(
+        shapely.get_parts(covered.convex_hull - covered), key=lambda part: float(part.area)
+    )
+    circle = shapely.maximum_inscribed_circle(corner.buffer(-0.3))
+    spot = shapely.Point(circle.coords[0])
+    assert spot.distance(covered) > 0.3
+    assert covered.convex_hull.contains(spot)
+
+    here.observe_point("plate", (spot.x, spot.y, 0.015))
+    assert str(here["plate"].holder.name) == "kitchen"
+    assert here.where("plate").get(cabinet.name, 0.0) < 0.05
+    counter = float(cabinet.mesh.bounds[0, 2]) + 0.9
+    with pytest.raises(ValueError, match="where nothing carries it"):
+        here.observe_point("plate", (spot.x, spot.y, counter))
+    here["plate"].move_to(spot.x, spot.y, 0.0)
+    assert str(here["plate"].holder.name) == "kitchen"
+    assert not here.sql("SELECT is_on(entity_id('plate'), entity_id('KitchenCabinet_01_001'))")[0][
+        0
+    ]

@@ -120,6 +120,8 @@ def read_mesh_world(
         entry.type, shape.outline = "room", _footprint(mesh)
         entry.detail = PlaceDetail(float(low[2]), float(high[2]) if high[2] > low[2] else None)
         if shape.outline is None:
+            hull = shapely.MultiPoint(mesh.used[:, :2]).convex_hull
+            shape.outline = hull if hull.area > 0 else None
             world.notes.append(
                 f"{name}: the mesh encloses no area seen from above; its convex hull is the outline"
             )

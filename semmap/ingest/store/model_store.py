@@ -12,7 +12,7 @@ import shapely
 from numpy.typing import NDArray
 from psycopg import sql
 
-from semmap.geometry.outline import hull_points
+from semmap.geometry.outline import ground_outline, hull_points
 from semmap.geometry.tin import encode_chunks
 from semmap.ingest.store.copy_rows import copy_statement, writable_table
 from semmap.ingest.world import Entry, Shape
@@ -66,6 +66,8 @@ def _insert_model(cursor: psycopg.Cursor[Any], digest: str, shape: Shape) -> int
     else:
         raise ValueError(f"a {shape.kind} shape with neither mesh nor outline")
     flat = None
+    if outline is None and mesh is not None and not is_cloud:
+        outline = ground_outline(mesh, hull)
     if outline is not None:
         flat = shapely.to_wkb(shapely.multipolygons(shapely.get_parts(shapely.force_2d(outline))))
     faces = 0 if mesh is None or is_cloud else len(mesh.faces)

@@ -11,7 +11,7 @@ import shapely
 from numpy.typing import NDArray
 from psycopg.rows import dict_row
 
-from semmap.geometry.outline import placed_outline
+from semmap.geometry.outline import leaning_outline, placed_outline
 from semmap.geometry.pose import Pose
 from semmap.query.meshes import models_triangles
 from semmap.query.snapshot import Snapshot
@@ -144,13 +144,18 @@ def _place(
     upright = abs(pose.qx) < 1e-6 and abs(pose.qy) < 1e-6
     parts, hulls, flats = [], [], []
     for model in entity.row["models"]:
-        hull, outline = shapes[model]
-        hull = pose.apply(hull)
+        own, outline = shapes[model]
+        hull = pose.apply(own)
         hulls.append(hull)
         if model in triangles:
             parts.append(pose.apply(triangles[model].reshape(-1, 3)).reshape(-1, 3, 3))
-        if outline is not None and upright:
-            flats.append(placed_outline(outline, pose))
+        ground = None
+        if outline is not None:
+            ground = (
+                placed_outline(outline, pose) if upright else leaning_outline(outline, own, pose)
+            )
+        if ground is not None:
+            flats.append(ground)
         else:
             flat = shapely.MultiPoint(hull[:, :2]).convex_hull
             flats.append(flat if flat.area else flat.buffer(0.001))

@@ -302,5 +302,7 @@ def test_room_of_thin_walls_falls_back_on_the_hull(tmp_path: Path) -> None:
         "v 0 0 0\nv 4 0 0\nv 4 0 2\nv 0 0 2\nv 4 3 0\nv 4 3 2\nf 1 2 3\nf 1 3 4\nf 2 5 6\nf 2 6 3\n"
     )
     world = read_mesh_world(write(tmp_path / "thin.obj", text), "room")
-    assert world.entries[0].shapes[0].outline is None
+    outline = world.entries[0].shapes[0].outline
+    assert outline is not None
+    assert outline.equals(shapely.Polygon([(0, 0), (4, 0), (4, 3)]))
     assert "convex hull" in world.notes[0]
