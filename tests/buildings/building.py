@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 import shapely
 from numpy.typing import NDArray
-from shapely import Polygon
+from shapely import Polygon, affinity
 
 FLOORS = [
     "slab",
@@ -84,7 +84,10 @@ OUTSIDE = "outside"
 
 @dataclass(frozen=True)
 class Item:
-    """A box: its ground in the map's frame, its heights, what it is, and what bears it."""
+    """A solid: its ground in the map's frame, its heights, what it is, and what bears it.
+
+    `centre` is a point of it, the middle of a box; `size` are its sides in the building's frame.
+    """
 
     name: str
     what: str
@@ -96,6 +99,8 @@ class Item:
     on: str | None = None
     points: NDArray[np.float64] | None = None
     """(N, 3) in the map's frame, of what was scanned: it has no mesh."""
+    shape: Polygon | None = None
+    """Its ground about its centre in the building's frame, where it is no rectangle."""
 
 
 @dataclass(frozen=True)
@@ -169,20 +174,25 @@ class Building:
         low: float,
         high: float,
         on: str | None = None,
+        shape: Polygon | None = None,
     ) -> Item:
-        """Add a box of the building's own frame."""
+        """Add a box of the building's own frame; or a shape about the middle of the box."""
         x0, y0, x1, y1 = box
+        x, y = (x0 + x1) / 2, (y0 + y1) / 2
+        ground = shapely.box(*box) if shape is None else affinity.translate(shape, x, y)
+        left, near, right, far = ground.bounds
         taken = {item.name for item in self.items}
         unique = f"{name}_{next(n for n in range(1000) if f'{name}_{n}' not in taken)}"
         item = Item(
             unique,
             what,
-            self.outline(shapely.box(*box)),
+            self.outline(ground),
             low,
             high,
-            self.placed((x0 + x1) / 2, (y0 + y1) / 2),
-            (x1 - x0, y1 - y0),
+            self.placed(x, y),
+            (right - left, far - near),
             on,
+            shape=shape,
         )
         self.items.append(item)
         return item
@@ -207,10 +217,16 @@ class Building:
 
     def _model(self, item: Item) -> str:
         (x, y), (dx, dy) = item.centre, item.size
-        geometry = f"<geometry><box><size>{dx} {dy} {item.high - item.low}</size></box></geometry>"
+        height, z = item.high - item.low, (item.low + item.high) / 2
+        solid = f"<box><size>{dx} {dy} {height}</size></box>"
+        if item.shape is not None:
+            corners = [f"<point>{px} {py}</point>" for px, py in item.shape.exterior.coords[:-1]]
+            solid = f"<polyline>{''.join(corners)}<height>{height}</height></polyline>"
+            z = item.low
+        geometry = f"<geometry>{solid}</geometry>"
         return (
             f'<model name="{item.name}"><static>true</static>'
-            f"<pose>{x} {y} {(item.low + item.high) / 2} 0 0 {self.angle}</pose>"
+            f"<pose>{x} {y} {z} 0 0 {self.angle}</pose>"
             f'<link name="l"><visual name="v">{geometry}</visual>'
             f'<collision name="c">{geometry}</collision></link></model>'
         )
@@ -319,6 +335,8 @@ def _add_storey(
         gaps += _add_cabin(building, kinds, number, cells, thick, lift)
     _add_walls(building, chance, cells, gaps, box, thick, floor, height)
     _add_things(building, chance, number, cells, gaps, thick, floor, height)
+    for k in range(len(cells)):
+        _add_corner(building, f"r{number}_{k}", cells[k])
 
 
 @dataclass(frozen=True)
@@ -607,6 +625,42 @@ def _add_on(building: Building, chance: random.Random, table: Item, box: Box) ->
         building.add(
             chance.choice(SMALL), "thing", small, table.high, table.high + side, table.name
         )
+
+
+def _add_corner(building: Building, name: str, cell: Box) -> None:
+    """Furniture like an L or U in a room, with something on the floor between its arms."""
+    chance = random.Random(f"corner of {name} in {building.seed}")  # what else there is stays
+    room = building.room(name)
+    for _ in range(chance.choice([0, 0, 8])):
+        wide, deep, arm = (
+            chance.uniform(0.9, 1.6),
+            chance.uniform(0.8, 1.4),
+            chance.uniform(0.25, 0.4),
+        )
+        right = chance.choice([0.0, arm])  # the second arm of a U
+        shape = shapely.box(0, 0, wide, deep) - shapely.box(arm, arm, wide - right, deep)
+        shape = affinity.translate(shape, -wide / 2, -arm / 2)
+        turn = chance.choice([0, 90, 180, 270])
+        x, y = chance.uniform(cell[0], cell[2]), chance.uniform(cell[1], cell[3])
+        shape = affinity.rotate(shape, turn, origin=(0, 0))
+        ground = building.outline(affinity.translate(shape.convex_hull, x, y))
+        high = room.floor + chance.uniform(0.3, 1.1)
+        if not room.outline.contains(ground.buffer(0.02)) or any(
+            item.low < high + 0.2 and item.high > room.floor and item.ground.distance(ground) < 0.05
+            for item in building.items
+        ):
+            continue
+        at = (x, y, x, y)
+        table = building.add(chance.choice(FURNITURE), "thing", at, room.floor, high, shape=shape)
+        side = chance.uniform(0.1, 0.25)
+        between = (arm + wide - right) / 2 - wide / 2, arm / 2 + (deep - arm) / 2
+        spot = affinity.rotate(shapely.Point(between), turn, origin=(0, 0))
+        low = (x + spot.x - side / 2, y + spot.y - side / 2)
+        top = room.floor + chance.uniform(0.1, 0.6)
+        box = (*low, low[0] + side, low[1] + side)
+        building.add(chance.choice(SMALL), "thing", box, room.floor, top)
+        _add_on(building, chance, table, (x - 0.1, y - 0.1, x + 0.15, y + 0.15))
+        return
 
 
 def room_of(building: Building, item: Item) -> set[str]:

@@ -28,7 +28,7 @@ def scanned(building: Building) -> Building:
     may = [
         i
         for i in building.items
-        if (i.what == "thing" and i.name not in bearing)
+        if (i.what == "thing" and i.name not in bearing and i.shape is None)
         or (i.what == "wall" and max(i.size) < SHORT)
     ]
     chosen = {i.name for i in chance.sample(may, min(len(may), chance.randint(0, SCANNED)))}

@@ -20,7 +20,7 @@ import shapely
 import semmap
 from planner.readers.entity_lookup import find_entities
 from semmap.database import Cluster
-from tests.buildings.beliefs import judge_beliefs
+from tests.buildings.beliefs import judge_beliefs, undone
 from tests.buildings.building import Building, Item, room_of
 from tests.buildings.clouds import cloud_cells, write_scans
 from tests.buildings.faults import judge_faults
@@ -89,6 +89,38 @@ def judge_holders(building: Building, place: semmap.Map) -> tuple[int, list[str]
         if said not in ({item.on} if item.on else room_of(building, item)):
             wrong.append(f"{item.name} is held by {said}, not {item.on or 'its room'}")
     return len(things(building)), wrong
+
+
+def judge_grounds(building: Building, place: semmap.Map) -> tuple[int, list[str]]:
+    """The footprint of a mesh is its ground, and what is seen between two arms is in the room."""
+    solids = [item for item in building.items if item.points is None]
+    found = dict(
+        place.sql(
+            "SELECT e.name, ST_AsBinary(w.footprint) FROM entity e "
+            "JOIN world w ON w.entity_id = e.id WHERE e.map_id = current_map()"
+        )
+    )
+    wrong = []
+    for item in solids:
+        footprint = shapely.from_wkb(bytes(found[item.name]))
+        beyond = footprint.symmetric_difference(item.ground).area
+        if beyond > 1e-4:
+            wrong.append(f"the footprint of {item.name} and its ground differ by {beyond:.4f} m2")
+    between = [
+        (item, table)
+        for table in solids
+        if table.shape is not None
+        for item in things(building)
+        if item.on is None and table.ground.convex_hull.contains(item.ground.centroid)
+        if item is not table and abs(item.low - table.low) < 1e-3
+    ]
+    for item, table in between:
+        height = random.Random(item.name).uniform(item.low, min(item.high, item.low + 0.3))
+        with undone(place):
+            said = place.observe_point(item.name, (*item.centre, height))["place"]
+        if said not in room_of(building, item):
+            wrong.append(f"{item.name} is seen between arms of {table.name}, and said in {said}")
+    return len(solids) + len(between), wrong
 
 
 PARTS = {"floor", "wall", "ceiling"}
@@ -271,6 +303,7 @@ LEAF = 0.05
 JUDGES: tuple[Judge, ...] = (
     judge_rooms,
     judge_holders,
+    judge_grounds,
     judge_parts,
     judge_grids,
     judge_routes,
