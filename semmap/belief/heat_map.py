@@ -16,7 +16,7 @@ from matplotlib.path import Path as Curve
 
 from semmap.belief.places import BeliefPlace
 from semmap.belief.store.beliefs import ELSEWHERE
-from semmap.draw.floor_plan import FLAT, floor_plan
+from semmap.draw.floor_plan import FLAT, floor_plan, middle_of_object
 from semmap.draw.palette import HIDDEN
 from semmap.draw.view import StoreyView
 
@@ -91,7 +91,7 @@ def _fill(axes: Axes, area: shapely.Geometry, **style: Any) -> None:
 
 def _write(axes: Axes, area: shapely.Geometry, text: str, below: bool) -> None:
     """A text in the middle of an area, or below the name that the plan has there."""
-    middle = area.representative_point() if below else area.centroid
+    middle = area.representative_point() if below else middle_of_object(area)
     axes.annotate(
         text,
         (middle.x, middle.y),

@@ -392,7 +392,7 @@ def _write(axes: Axes, storey: StoreyView, objects: list[ObjectView], per_metre:
     for entity in sorted(objects, key=lambda o: -o.footprint.area if o.footprint else 0.0):
         if entity.footprint is None or not entity.types:
             continue
-        c = entity.footprint.centroid
+        c = middle_of_object(entity.footprint)
         x0, y0, x1, y1 = entity.footprint.bounds
         text = entity.types[0].replace("_", " ")
         if {"food", "robot", "person"} & set(entity.types):
@@ -403,6 +403,14 @@ def _write(axes: Axes, storey: StoreyView, objects: list[ObjectView], per_metre:
         turn = 90 if (y1 - y0) > 1.6 * (x1 - x0) else 0
         within = (1.12 * (x1 - x0), 1.2 * (y1 - y0))
         labels.put(c.x, c.y, text, within=within, rotation=turn, **_OBJECT_NAME)
+
+
+def middle_of_object(footprint: Outline) -> shapely.Point:
+    """Return the middle of a footprint; where that is beside it, of its widest place."""
+    filled = shapely.union_all([shapely.Polygon(p.exterior) for p in _polygons(footprint)])
+    if filled.covers(footprint.centroid):
+        return footprint.centroid
+    return shapely.Point(shapely.maximum_inscribed_circle(footprint).coords[0])
 
 
 def _ring(radii: Iterable[float]) -> list[tuple[float, float]]:

@@ -6,7 +6,7 @@ import shapely
 from matplotlib.colors import to_rgb
 from PIL import Image
 
-from semmap.draw.floor_plan import floor_plan
+from semmap.draw.floor_plan import floor_plan, middle_of_object
 from semmap.draw.palette import PATH, ROOMS
 from semmap.draw.view import DoorView, ObjectView, OccupancyView, RoomView, StoreyView
 from semmap.geometry.mesh import box_mesh
@@ -114,3 +114,14 @@ def test_a_plan_without_rooms_shows_objects_and_an_empty_one_is_refused(tmp_path
     with pytest.raises(ValueError, match="nothing to draw"):
         floor_plan(StoreyView("empty"), tmp_path / "x.png")
     assert not (tmp_path / "x.png").exists()
+
+
+def test_the_name_of_an_object_is_on_it_or_in_its_hole() -> None:
+    angle = shapely.box(0, 0, 3, 3) - shapely.box(0.5, 0.7, 3, 3)
+    middle = middle_of_object(angle)
+    assert not angle.covers(angle.centroid)
+    assert middle.distance(angle.boundary) > 0.3
+    ring = shapely.Point(1, 2).buffer(1) - shapely.Point(1, 2).buffer(0.8)
+    assert middle_of_object(ring).distance(shapely.Point(1, 2)) < 1e-6
+    both = shapely.union(angle, shapely.box(3.1, 0, 3.2, 0.1))
+    assert angle.covers(middle_of_object(both))
