@@ -444,7 +444,6 @@ PYBIND11_MODULE(semmap_vdb, module) {
         .def("voxels", &voxels_in, arg("entity"))
         .def("size", &fields::RegionMap::size, arg("entity"), Release())
         .def("has", &fields::RegionMap::has, arg("entity"), Release())
-        .def("entities_in", &fields::RegionMap::entities_in, arg("shape"), Release())
         .def("overlap", &fields::RegionMap::overlap, arg("a"), arg("b"), Release())
         .def(
             "neighbours",

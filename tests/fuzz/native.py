@@ -541,7 +541,6 @@ REGION_STEPS: dict[str, Good] = {
     "voxels": lambda r: {"entity": entity(r)},
     "size": lambda r: {"entity": entity(r)},
     "has": lambda r: {"entity": entity(r)},
-    "entities_in": lambda r: {"shape": shape(r)},
     "overlap": lambda r: {"a": entity(r), "b": entity(r)},
     "neighbours": lambda r: {"entity": entity(r), "farthest": r.choice((-1, 0, 9, 400))},
     "support": lambda r: {"a": entity(r), "b": entity(r)},

@@ -561,7 +561,6 @@ def region_map_calls() -> Iterator[tuple[str, Call]]:
             "farthest": [case for case in wrong_counts(-2) if case[0] != "-1"],
         },
     )
-    yield "entities_in: None", lambda: regions.entities_in(None)  # type: ignore[arg-type]
     yield "write: no folder", lambda: regions.write("/nowhere/at/all.vdb")
     grid, sets = regions.state()
     for text, wrong in (

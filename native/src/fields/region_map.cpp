@@ -244,14 +244,6 @@ std::int64_t RegionMap::overlap(std::int32_t a, std::int32_t b) const {
     return common(region(a), region(b));
 }
 
-std::vector<std::pair<std::int32_t, std::int64_t>> RegionMap::entities_in(
-    const Shape& shape) const {
-    const Voxels voxels = rasterise(shape, voxel_size());
-    const std::shared_lock lock(mutex_);
-    const std::map<std::int32_t, std::int64_t> counts = counts_over(voxels);
-    return {counts.begin(), counts.end()};
-}
-
 std::map<std::int32_t, std::int64_t> RegionMap::counts_over(const Voxels& voxels) const {
     std::vector<std::int64_t> by_set(static_cast<std::size_t>(sets_.end()));
     Reader reader(grid_.tree());

@@ -198,12 +198,6 @@ class RegionMap:
             sets = self.sets(numbers)
         return [set(sets[number]) for number in numbers.tolist()]
 
-    def counts_in(self, region: Region) -> dict[Hashable, int]:
-        """Return for each entity in a region the number of voxels that it shares with it."""
-        shape = shape_of(region)
-        with self._lock:
-            return {self._entity[i]: n for i, n in self._native.entities_in(shape)}
-
     def overlap(self, a: Hashable, b: Hashable) -> Overlap:
         """Return the space that two entities share; 0 if one is unknown."""
         with self._lock:

@@ -83,13 +83,6 @@ class Interleavings(RuleBasedStateMachine):
         for each in self.maps:
             each.insert_many(pairs)
 
-    @rule(region=regions)
-    def look_within(self, region: Region) -> None:
-        here = {tuple(voxel) for voxel in voxels_of(region, SIZE).tolist()}
-        counts = {e: len(here & self.model.voxels(e)) for e in ENTITIES}
-        for each in self.maps:
-            assert each.counts_in(region) == {e: n for e, n in counts.items() if n}
-
     @rule()
     def restart(self) -> None:
         """Both go on from the state that they left, kept as cubes; sets have their numbers."""

@@ -53,8 +53,6 @@ class RegionMap {
     Voxels voxels(std::int32_t entity) const;
     std::int64_t size(std::int32_t entity) const;
     bool has(std::int32_t entity) const;
-    // Returns how many voxels of the shape each entity has, ascending by entity.
-    std::vector<std::pair<std::int32_t, std::int64_t>> entities_in(const Shape& shape) const;
     std::int64_t overlap(std::int32_t a, std::int32_t b) const;
     // Returns the entities within a squared gap, ascending; below 0, those that share a voxel.
     // Reads only the blocks around the entity.
