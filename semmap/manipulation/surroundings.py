@@ -13,7 +13,7 @@ from semmap.manipulation.candidates import Grasps
 from semmap.manipulation.collision import Obstacles, free_grasps
 from semmap.manipulation.error import ManipulationError
 from semmap.manipulation.gripper import Gripper
-from semmap.query.meshes import models_triangles
+from semmap.query.meshes import world_triangles
 from semmap.query.snapshot import Snapshot
 
 REACH = 0.6
@@ -28,17 +28,14 @@ def obstacles_around(
 ) -> Obstacles:
     """The triangles of all entities within reach of one, without it or `without`, map's frame."""
     rows = seen.session.execute(
-        "SELECT DISTINCT o.entity_id, c.model_id, o.pose FROM entity e "
-        "JOIN world w ON w.entity_id = e.id "
+        "SELECT o.entity_id FROM entity e JOIN world w ON w.entity_id = e.id "
         "JOIN world o ON o.map_id = w.map_id AND o.entity_id <> entity_id(%s) "
         "AND o.box && grown(w.box, %s) AND o.box &&& grown(w.box, %s) "
         "JOIN entity oe ON oe.id = o.entity_id AND oe.kind = 'object' "
-        "JOIN entity_chunk ec ON ec.entity_id = o.entity_id JOIN chunk c ON c.id = ec.chunk_id "
-        "JOIN model m ON m.id = c.model_id AND m.triangles > 0 "
-        "WHERE e.map_id = (SELECT current_map()) AND e.name = %s ORDER BY 1, 2",
+        "WHERE e.map_id = (SELECT current_map()) AND e.name = %s",
         (without or entity, reach, reach, entity),
     ).fetchall()
-    return Obstacles(_placed(seen, rows))
+    return Obstacles(_triangles(seen, [number for (number,) in rows]))
 
 
 def entity_pose(seen: Snapshot, entity: str) -> Pose:
@@ -53,23 +50,12 @@ def entity_pose(seen: Snapshot, entity: str) -> Pose:
 
 def entity_triangles(seen: Snapshot, entity: str) -> NDArray[np.float64]:
     """The triangles (F, 3, 3) of all meshes of an entity in the map's frame, metres."""
-    rows = seen.session.execute(
-        "SELECT DISTINCT w.entity_id, c.model_id, w.pose FROM world w "
-        "JOIN entity_chunk ec ON ec.entity_id = w.entity_id JOIN chunk c ON c.id = ec.chunk_id "
-        "JOIN model m ON m.id = c.model_id AND m.triangles > 0 "
-        "WHERE w.entity_id = entity_id(%s) ORDER BY 1, 2",
-        (entity,),
-    ).fetchall()
-    return _placed(seen, rows)
+    row = seen.session.execute("SELECT entity_id(%s)", (entity,)).fetchone()
+    return _triangles(seen, list(row or ()))
 
 
-def _placed(seen: Snapshot, rows: Sequence[Any]) -> NDArray[np.float64]:
-    """The triangles of models at their poses; rows of entity, model and pose."""
-    models = models_triangles(seen.session, {model for _, model, _ in rows})
-    parts = [
-        Pose(*pose).apply(models[model].reshape(-1, 3)).reshape(-1, 3, 3) for _, model, pose in rows
-    ]
-    return np.concatenate([np.empty((0, 3, 3)), *parts])
+def _triangles(seen: Snapshot, ids: list[int]) -> NDArray[np.float64]:
+    return np.concatenate([np.empty((0, 3, 3)), *world_triangles(seen.session, ids).values()])
 
 
 class Surroundings:
