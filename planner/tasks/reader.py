@@ -8,13 +8,12 @@ from typing import Any
 import shapely
 from sqlalchemy import text
 
-from planner.readers.rows import read_supertypes
 from planner.tasks.goal import Goal
 from planner.tasks.world import TaskObject, TaskState, TaskWorld
 from planner.topology import Topology
 from semmap.geometry.pose import Pose
 from semmap.query.snapshot import Snapshot
-from semmap.query.storey_reader import read_entities
+from semmap.query.storey_reader import read_entities, read_supertypes
 from semmap.query.storey_scene import SceneEntity
 
 _UNCLASSIFIED = frozenset({"object", "entity"})

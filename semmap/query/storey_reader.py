@@ -389,7 +389,7 @@ class _Reading:
         clouds = {m for row in rows for m in row.clouds or ()} - self._clouds.keys()
         self._models |= models_triangles(session, models) if models else {}
         self._clouds |= models_points(session, clouds) if clouds else {}
-        types = _supertypes(self.seen, {row.type for row in rows})
+        types = read_supertypes(self.seen, {row.type for row in rows})
         footprints = shapely.from_wkb(
             np.array([None if r.footprint is None else bytes(r.footprint) for r in rows], object)
         )
@@ -452,19 +452,21 @@ def _top(floor: float, top: float) -> float:
     return top if top - floor > FLAT else floor + ROOM_HEIGHT
 
 
-def _supertypes(seen: Snapshot, names: Iterable[str]) -> dict[str, tuple[str, ...]]:
-    """Each type with its supertypes: itself first, then by how few types they have."""
+def read_supertypes(
+    seen: Snapshot, types: Iterable[str | None]
+) -> dict[str | None, tuple[str, ...]]:
+    """Each type with its supertypes: itself first, then by how few types they have; not of None."""
     rows = seen.connection.execute(
         text(
             "SELECT c.sub, c.super FROM type_closure c WHERE c.sub = ANY(:names) ORDER BY c.sub, "
             "c.sub <> c.super, (SELECT count(*) FROM type_closure o WHERE o.super = c.super), 2"
         ),
-        {"names": sorted(names)},
+        {"names": sorted(filter(None, types))},
     )
-    found: dict[str, list[str]] = {}
+    found: dict[str | None, tuple[str, ...]] = {}
     for sub, above in rows:
-        found.setdefault(sub, []).append(above)
-    return {sub: tuple(above) for sub, above in found.items()}
+        found[sub] = (*found.get(sub, ()), above)
+    return found
 
 
 def _typical_sizes(seen: Snapshot) -> dict[str, tuple[float, float, float]]:
