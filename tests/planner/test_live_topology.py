@@ -12,13 +12,14 @@ import pytest
 import shapely
 from sqlalchemy import event, text
 
-from planner.live_topology import LiveTopology, no_garbage_collection
+from planner.live_topology import LiveTopology
 from planner.readers.robot_class import read_robot_class, store_robot_class
 from planner.readers.travel_times import may_store_travel_times, read_travel_times
 from planner.route import NoRouteError
 from planner.route_planner import RoutePlanner
 from planner.topology import OUTSIDE, TopologyError
 from semmap.database import open_engine
+from semmap.garbage import no_garbage_collection
 from semmap.ingest.regions.extraction import draw_region
 from semmap.query.map_handle import MapHandle
 from tests.office import OFFICE_FILES

@@ -2,20 +2,20 @@
 
 from __future__ import annotations
 
-import gc
 import math
 import queue
 import threading
 import time
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import AbstractContextManager
 from dataclasses import dataclass, field
 from datetime import datetime
 from typing import Any
 
 from sqlalchemy import Engine
 
+from semmap.garbage import no_garbage_collection
 from semmap.knowledge.answer import plain_value
 from semmap.knowledge.map_view import MapView
 from semmap.knowledge.sparql.kept_queries import Row
@@ -54,18 +54,6 @@ class _Subscriber:
 
 
 _News = tuple[Callable[[Event], Any] | None, Event | Exception]
-
-
-@contextmanager
-def garbage_collected_later() -> Iterator[None]:
-    """Let Python look for cycles of garbage later: that takes up to 0.1 s with 1,000 queries."""
-    enabled = gc.isenabled()
-    gc.disable()
-    try:
-        yield
-    finally:
-        if enabled:
-            gc.enable()
 
 
 class Subscriptions(AbstractContextManager["Subscriptions"]):
@@ -190,7 +178,7 @@ class Subscriptions(AbstractContextManager["Subscriptions"]):
         no_news = all(of_fields) and payloads is not None and not self._fields_changed
         if no_news and time.monotonic() < self._due and not self._news:
             return
-        with garbage_collected_later():
+        with no_garbage_collection():
             with self._lock:
                 with self._look() as look:
                     _, due = self._catch_up(look)
