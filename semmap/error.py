@@ -1,7 +1,5 @@
 """The base of the errors that a user of semmap can act on, and those of names and arguments."""
 
-from __future__ import annotations
-
 
 class Error(Exception):
     """Something that was given cannot be used; the message says what is wrong and how to fix it.

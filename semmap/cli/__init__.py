@@ -3,8 +3,6 @@
 Each name is loaded from its module when it is first used, so that a short command starts quickly.
 """
 
-from __future__ import annotations
-
 from typing import TYPE_CHECKING
 
 from semmap.lazy_names import load_on_use

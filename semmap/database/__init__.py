@@ -1,7 +1,5 @@
 """The database: by URL, or the user's own embedded cluster; its schema brought up to date."""
 
-from __future__ import annotations
-
 from typing import TYPE_CHECKING
 
 from semmap.database.embedded import Cluster

@@ -1,7 +1,5 @@
 """The error of this package: what is wrong with a database, and what to do."""
 
-from __future__ import annotations
-
 from semmap.error import Error
 
 

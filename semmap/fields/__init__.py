@@ -1,7 +1,5 @@
 """Fields: what space contains and means, in sparse grids of voxels (OpenVDB)."""
 
-from __future__ import annotations
-
 from typing import TYPE_CHECKING
 
 from semmap.lazy_names import load_on_use

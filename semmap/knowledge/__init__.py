@@ -1,7 +1,5 @@
 """The map as RDF: SPARQL and GeoSPARQL over the tables, without a copy of them."""
 
-from __future__ import annotations
-
 from typing import TYPE_CHECKING
 
 from semmap.lazy_names import load_on_use

@@ -1,7 +1,5 @@
 """The error of manipulation."""
 
-from __future__ import annotations
-
 from semmap.error import Error
 
 

@@ -1,7 +1,5 @@
 """Sources: they make maps from percepts, each at its own rate (reMap, sections 3.1.1 and 5.1)."""
 
-from __future__ import annotations
-
 from typing import TYPE_CHECKING
 
 from semmap.lazy_names import load_on_use
