@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from xml.etree.ElementTree import Element
 
@@ -101,16 +101,8 @@ def default_layers(types: Supertypes) -> list[QgisLayer]:
 
 def rooms(types: Supertypes) -> QgisLayer:
     """Return the rooms, coloured by their type."""
-    names: dict[str, list[str]] = {}
-    for name, above in types.items():
-        found = next((t for t in above if t in ROOMS), None) if "room" in above else None
-        if found is not None:
-            names.setdefault(found, []).append(name)
-    rules = [
-        SymbolRule(t.replace("_", " "), one_of("type", names[t]), [fill(ROOMS[t], edge="#8a8f98")])
-        for t in ROOMS
-        if t in names
-    ]
+    colours = {known: fill(code, edge="#8a8f98") for known, code in ROOMS.items()}
+    rules = _rules(types, lambda above: _first(above, ROOMS) if "room" in above else None, colours)
     rules.append(SymbolRule("room", "ELSE", [fill(_OTHER_ROOM, edge="#8a8f98")]))
     said = "\"name\" || if(coalesce(\"label\", '') IN ('', \"name\"), '', '\\n' || \"label\")"
     fields = [
@@ -130,11 +122,6 @@ def objects(types: Supertypes, floor: float | None = None) -> QgisLayer:
 
     With the z of a `floor`, those overhead and in the ground are dotted outlines.
     """
-    names: dict[str, list[str]] = {}
-    for name, above in types.items():
-        found = family(above)
-        if found is not None and not HIDDEN & set(above):
-            names.setdefault(found, []).append(name)
     rules = []
     if floor is not None:
         away = f'"low" >= {floor + OVERHEAD} OR "high" < {floor - GROUND}'
@@ -142,10 +129,8 @@ def objects(types: Supertypes, floor: float | None = None) -> QgisLayer:
         seen = f" AND NOT coalesce({away}, false)"
     else:
         seen = ""
-    for known, code in OBJECTS.items():
-        if known in names:
-            holds = one_of("type", names[known]) + seen
-            rules.append(SymbolRule(known.replace("_", " "), holds, [_solid(code)]))
+    colours = {known: _solid(code) for known, code in OBJECTS.items()}
+    rules += _rules(types, lambda a: None if HIDDEN & set(a) else family(a), colours, seen)
     rules.append(SymbolRule("object", "ELSE", [_solid(_OTHER_OBJECT)]))
     low = "0" if floor is None else str(floor)
     fields = [
@@ -186,17 +171,8 @@ def structure(types: Supertypes, cut: float) -> QgisLayer:
 
 def regions(types: Supertypes, floor: float = 0.0) -> QgisLayer:
     """Return the regions, hatched by type."""
-    names: dict[str, list[str]] = {}
-    kinds = {name: code for name, code, _ in REGIONS}
-    for name, above in types.items():
-        found = next((t for t in above if t in kinds), None)
-        if found is not None:
-            names.setdefault(found, []).append(name)
-    rules = [
-        SymbolRule(t.replace("_", " "), one_of("type", names[t]), [hatch(kinds[t])])
-        for t in kinds
-        if t in names
-    ]
+    hatched = {name: hatch(code) for name, code, _ in REGIONS}
+    rules = _rules(types, lambda above: _first(above, hatched), hatched)
     rules.append(SymbolRule("other", "ELSE", [hatch("#7d5fb2", "b_diagonal")]))
     fields = [
         *_described("region"),
@@ -278,6 +254,27 @@ def value_list() -> QgisLayer:
 
 TYPES = "semmap_types"
 """The key of the layer that has the types."""
+
+
+def _rules(
+    types: Supertypes,
+    family_of: Callable[[Sequence[str]], str | None],
+    drawings: Mapping[str, Element],
+    seen: str = "",
+) -> list[SymbolRule]:
+    """A rule for each family that some type is of, in the order of the drawings."""
+    names: dict[str | None, list[str]] = {}
+    for name, above in types.items():
+        names.setdefault(family_of(above), []).append(name)
+    return [
+        SymbolRule(known.replace("_", " "), one_of("type", names[known]) + seen, [drawing])
+        for known, drawing in drawings.items()
+        if known in names
+    ]
+
+
+def _first(above: Sequence[str], known: Collection[str]) -> str | None:
+    return next((each for each in above if each in known), None)
 
 
 def _type(kind: str) -> FormField:

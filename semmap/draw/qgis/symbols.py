@@ -14,40 +14,28 @@ SymbolLayer = Element
 
 def fill(code: str, alpha: float = 1.0, *, edge: str | None = None, width: float = 0.2) -> Element:
     """Return a filled area, with an edge of `width` millimetres."""
-    options = {
-        "color": colour(code, alpha),
-        "style": "solid" if alpha else "no",
-        "outline_style": "solid" if edge else "no",
-        "outline_color": colour(edge or code),
-        "outline_width": str(width),
-        "outline_width_unit": "MM",
-    }
-    return _layer("SimpleFill", options)
+    inside = {"color": colour(code, alpha), "style": "solid" if alpha else "no"}
+    return _area(inside, "solid" if edge else "no", edge or code, width)
 
 
 def hatch(code: str, style: str = "f_diagonal") -> Element:
     """Return a hatched area with an edge."""
-    options = {
-        "color": colour(code, 0.5),
-        "style": style,
-        "outline_style": "dash",
-        "outline_color": colour(code),
-        "outline_width": "0.3",
-        "outline_width_unit": "MM",
-    }
-    return _layer("SimpleFill", options)
+    return _area({"color": colour(code, 0.5), "style": style}, "dash", code, 0.3)
 
 
 def outline(code: str, style: str = "dot", width: float = 0.2) -> Element:
     """Return the edge of an area alone."""
-    options = {
-        "style": "no",
+    return _area({"style": "no"}, style, code, width)
+
+
+def _area(inside: dict[str, str], style: str, code: str, width: float) -> Element:
+    edge = {
         "outline_style": style,
         "outline_color": colour(code),
         "outline_width": str(width),
         "outline_width_unit": "MM",
     }
-    return _layer("SimpleFill", options)
+    return _layer("SimpleFill", inside | edge)
 
 
 def line(code: str, width: float, *, unit: str = "MM", style: str = "solid") -> Element:
