@@ -193,27 +193,18 @@ KINDS = {
 NUMBERS = {"Sequence[float]", "tuple[float, float]", "Bounds"}
 """Annotations of numbers with commas between them."""
 
+_SAME = (
+    "format= gripper= kept= max_step= pddl= perspectives=True resume=True robot= rooms= storey= "
+    "strict=True version= world= write=True"
+)
 OPTIONS = {
     "drawn=True": "--graph",
     "fields=()": "--no-fields",
-    "format=": "--format",
-    "gripper=": "--gripper",
-    "kept=": "--kept",
-    "max_step=": "--max-step",
-    "pddl=": "--pddl",
-    "perspectives=True": "--perspectives",
     "posture=": "--state",
-    "resume=True": "--resume",
-    "robot=": "--robot",
-    "rooms=": "--rooms",
     "source=": "--source ",
     "start=": "--from",
-    "storey=": "--storey",
-    "strict=True": "--strict",
-    "version=": "--version",
     "voxel_size=": "--from-voxels",
-    "world=": "--world",
-    "write=True": "--write",
+    **{each: f"--{each.partition('=')[0].replace('_', '-')}" for each in _SAME.split()},
 }
 """The options of commands for arguments of the API, as its errors name them."""
 
