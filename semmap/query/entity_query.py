@@ -29,6 +29,13 @@ CLOSE = 10.0
 hides the place from the planner. A wider one is planned each time, to begin with rare types."""
 
 
+PLACED = (
+    "entity e LEFT JOIN placement p ON p.entity_id = e.id LEFT JOIN entity h ON h.id = p.holder_id "
+    "LEFT JOIN world w ON w.entity_id = e.id LEFT JOIN entity s ON s.id = w.storey_id"
+)
+"""Entities with their placements, holders, world poses and storeys, where they have one."""
+
+
 def list_maps(session: Session) -> list[Row]:
     """The maps, the oldest first, with numbers of entities; not the copies of simulated runs."""
     return _rows(
@@ -171,9 +178,7 @@ def find(
         "SELECT e.id, e.name, e.kind, e.type, e.label, h.name AS holder, s.name AS storey, "
         "round(w.pose[1]::numeric, 3) AS x, round(w.pose[2]::numeric, 3) AS y, "
         f"round(w.pose[3]::numeric, 3) AS z{extra} "
-        "FROM entity e LEFT JOIN placement p ON p.entity_id = e.id "
-        "LEFT JOIN entity h ON h.id = p.holder_id LEFT JOIN world w ON w.entity_id = e.id "
-        f"LEFT JOIN entity s ON s.id = w.storey_id {source}"
+        f"FROM {PLACED} {source}"
         f"WHERE {' AND '.join(conditions)} ORDER BY {order} LIMIT %(limit)s",
         values,
         prepare=None if within is None or is_close else False,
@@ -235,9 +240,7 @@ def describe_id(seen: Snapshot, number: int, at: datetime | None = None) -> Row:
         "SELECT e.name, e.kind, e.type, e.label, h.name AS holder, p.relation, "
         "p.confidence, s.name AS storey, w.pose, e.properties, e.front, e.since, e.source, "
         "Box3D(w.box)::text AS box, ST_AsText(w.footprint, 3) AS footprint "
-        "FROM entity e LEFT JOIN placement p ON p.entity_id = e.id "
-        "LEFT JOIN entity h ON h.id = p.holder_id LEFT JOIN world w ON w.entity_id = e.id "
-        "LEFT JOIN entity s ON s.id = w.storey_id WHERE e.id = %s",
+        f"FROM {PLACED} WHERE e.id = %s",
         (number,),
     )
     if not found:

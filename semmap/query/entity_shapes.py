@@ -6,18 +6,17 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import psycopg
 import shapely
 from psycopg.rows import dict_row
 
 from semmap.geometry.pose import Pose
+from semmap.query.entity_query import PLACED
 from semmap.query.meshes import models_triangles
 from semmap.query.snapshot import Snapshot
 
 if TYPE_CHECKING:
     import trimesh
 
-Session = psycopg.Connection[Any]
 
 OPENING = (
     "SELECT pose_compose(w.pose, CASE WHEN posts THEN planar_pose(0, -c.width / 2) ELSE c.pose_a "
@@ -43,9 +42,7 @@ def read_shapes(seen: Snapshot, ids: Sequence[int] | None = None) -> list[dict[s
             "WHEN c.entity_id IS NOT NULL THEN ST_MakeLine("
             "ST_MakePoint(first[1], first[2]), ST_MakePoint(second[1], second[2])) "
             "ELSE coalesce(w.footprint, ST_MakePoint(w.pose[1], w.pose[2])) END) AS geometry "
-            "FROM entity e LEFT JOIN placement p ON p.entity_id = e.id "
-            "LEFT JOIN entity h ON h.id = p.holder_id LEFT JOIN world w ON w.entity_id = e.id "
-            "LEFT JOIN entity s ON s.id = w.storey_id LEFT JOIN connector c ON c.entity_id = e.id "
+            f"FROM {PLACED} LEFT JOIN connector c ON c.entity_id = e.id "
             f"LEFT JOIN LATERAL ({OPENING}) l (first, second) ON c.entity_id IS NOT NULL "
             "WHERE e.map_id = current_map() AND (%(ids)s::bigint[] IS NULL OR e.id = ANY (%(ids)s))"
             " ORDER BY e.kind, e.name",

@@ -9,13 +9,9 @@ from datetime import datetime
 from itertools import chain, groupby
 from typing import Any
 
-import psycopg
-
 from semmap.geometry.pose import Pose
 from semmap.query.entity_query import SETTLE, check_cursor
 from semmap.query.snapshot import Snapshot
-
-Session = psycopg.Connection[Any]
 
 Names = defaultdict[int | None, tuple[str | None, str | None]]
 """Of entities by their ids, with their kinds; None of no entity."""
