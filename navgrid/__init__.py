@@ -46,7 +46,3 @@ if TYPE_CHECKING:
     from navgrid.terrain import DriveLimits as DriveLimits
 
 __getattr__, __all__ = load_on_use(__name__)
-
-
-def __dir__() -> list[str]:
-    return sorted({*globals(), *__all__})

@@ -32,7 +32,3 @@ if TYPE_CHECKING:
     from planner.topology import UnknownPlaceError as UnknownPlaceError
 
 __getattr__, __all__ = load_on_use(__name__)
-
-
-def __dir__() -> list[str]:
-    return sorted({*globals(), *__all__})

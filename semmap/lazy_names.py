@@ -12,7 +12,8 @@ from typing import Any
 def load_on_use(package: str) -> tuple[Callable[[str], Any], list[str]]:
     """Return ``__getattr__`` and ``__all__`` of a package whose names are in other modules.
 
-    They are those that its source imports for type checkers alone, ``if TYPE_CHECKING:``.
+    They are those that its source imports for type checkers alone, ``if TYPE_CHECKING:``. ``dir``
+    lists them, too.
 
     >>> load, names = load_on_use("semmap")
     >>> "Pose" in names, load("Pose").__name__
@@ -36,4 +37,5 @@ def load_on_use(package: str) -> tuple[Callable[[str], Any], list[str]]:
             raise AttributeError(f"module {package!r} has no attribute {name!r}")
         return vars(module).setdefault(name, getattr(import_module(homes[name]), name))
 
+    vars(module)["__dir__"] = lambda: sorted({*vars(module), *homes})
     return load, sorted(homes)
