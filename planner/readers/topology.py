@@ -16,7 +16,7 @@ from planner.readers.rows import fetch_rows
 from planner.topology import OUTSIDE, Place, PlaceConnector, PlaceRegion, Topology
 from semmap.geometry.pose import Pose
 from semmap.query.snapshot import Snapshot
-from semmap.query.storey_reader import read_supertypes
+from semmap.query.supertypes import read_supertypes
 
 _PLACES = """
 SELECT e.name, e.type, e.label, s.name, l.name, NULLIF(e.properties, '{}'),

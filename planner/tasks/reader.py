@@ -13,8 +13,9 @@ from planner.tasks.world import TaskObject, TaskState, TaskWorld
 from planner.topology import Topology
 from semmap.geometry.pose import Pose
 from semmap.query.snapshot import Snapshot
-from semmap.query.storey_reader import read_entities, read_supertypes
+from semmap.query.storey_reader import read_entities
 from semmap.query.storey_scene import SceneEntity
+from semmap.query.supertypes import read_supertypes
 
 _UNCLASSIFIED = frozenset({"object", "entity"})
 """The supertypes of a type that the T-Box does not have."""
@@ -133,7 +134,7 @@ def read_world(
 def _task_object(
     row: Any,
     by_id: dict[int, Any],
-    types: dict[str | None, tuple[str, ...]],
+    types: dict[str, tuple[str, ...]],
     topology: Topology,
     heights: tuple[float, float],
     taken: float,

@@ -7,11 +7,6 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from semmap.api.map_questions import MapQuestions
 
-_TYPES = (
-    "SELECT c.sub, array_agg(c.super ORDER BY c.sub <> c.super, "
-    "(SELECT count(*) FROM type_closure n WHERE n.super = c.super), c.super) FROM type_closure c "
-    "WHERE c.sub = ANY (%s) GROUP BY c.sub"
-)
 _IN_ROOM = (
     "WITH RECURSIVE given (id) AS (SELECT %s::bigint), "
     "home (id) AS (SELECT r.entity_id FROM given g LEFT JOIN connector c ON c.entity_id = g.id "
@@ -38,6 +33,7 @@ def room_svg(map: MapQuestions, entity: int) -> str:
 def plan_of(map: MapQuestions, rows: list[dict[str, Any]], **options: Any) -> str:
     """The plan of rows as of `read_shapes`, as SVG."""
     from semmap.draw.plan_svg import plan_svg
+    from semmap.query.supertypes import read_supertypes
 
-    types = map.execute(_TYPES, [row["type"] for row in rows if row["type"]])
-    return plan_svg(rows, {sub: tuple(above) for sub, above in types}, **options)
+    types = read_supertypes(map._seen, {row["type"] for row in rows})
+    return plan_svg(rows, types, **options)

@@ -8,6 +8,7 @@ from typing import NamedTuple
 import psycopg
 
 from semmap.query.snapshot import Snapshot
+from semmap.query.supertypes import read_supertypes
 
 StoreyRow = tuple[str | None, float, tuple[float, float, float, float] | None]
 """Name, elevation in metres, and the extent (x0, y0, x1, y1) of its rooms, else of all on it."""
@@ -38,18 +39,12 @@ def read_contents(seen: Snapshot) -> MapContents:
             "WHERE s.id IS NOT NULL OR e.n > 0 ORDER BY s.id IS NULL, 2, s.id"
         )
     ]
-    types = seen.session.execute(
-        "SELECT c.sub, array_agg(c.super ORDER BY c.sub <> c.super, n.size, c.super) "
-        "FROM type_closure c JOIN (SELECT super, count(*) AS size FROM type_closure "
-        "GROUP BY super) n ON n.super = c.super GROUP BY c.sub ORDER BY c.sub"
-    )
-    found = {sub: tuple(above) for sub, above in types}
     (height, *grid), *_ = seen.session.execute(
         "SELECT section_height(), crs, easting, northing, rotation FROM map "
         "WHERE id = current_map()"
     )
     georeference = None if grid[0] is None else (grid[0], grid[1], grid[2], grid[3])
-    return MapContents(storeys or [(None, 0.0, None)], found, height, georeference)
+    return MapContents(storeys or [(None, 0.0, None)], read_supertypes(seen), height, georeference)
 
 
 PROJECTS = (

@@ -31,6 +31,7 @@ from semmap.query.storey_scene import (
     SceneEntity,
     StoreyScene,
 )
+from semmap.query.supertypes import read_supertypes
 from semmap.suggestions import suggestion
 
 BELOW, TOP = 0.5, 3.0
@@ -450,23 +451,6 @@ class _Reading:
 def _top(floor: float, top: float) -> float:
     """The z of a room's or region's upper end; of a flat one, at the usual height."""
     return top if top - floor > FLAT else floor + ROOM_HEIGHT
-
-
-def read_supertypes(
-    seen: Snapshot, types: Iterable[str | None]
-) -> dict[str | None, tuple[str, ...]]:
-    """Each type with its supertypes: itself first, then by how few types they have; not of None."""
-    rows = seen.connection.execute(
-        text(
-            "SELECT c.sub, c.super FROM type_closure c WHERE c.sub = ANY(:names) ORDER BY c.sub, "
-            "c.sub <> c.super, (SELECT count(*) FROM type_closure o WHERE o.super = c.super), 2"
-        ),
-        {"names": sorted(filter(None, types))},
-    )
-    found: dict[str | None, tuple[str, ...]] = {}
-    for sub, above in rows:
-        found[sub] = (*found.get(sub, ()), above)
-    return found
 
 
 def _typical_sizes(seen: Snapshot) -> dict[str, tuple[float, float, float]]:
