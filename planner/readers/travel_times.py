@@ -24,6 +24,7 @@ from planner.robot_class import RobotClass
 from planner.routing_graph import RoutingGraph
 from planner.topology import OUTSIDE, Topology
 from semmap.query.snapshot import Snapshot
+from semmap.query.storey_reader import CARRIED
 
 RULE = 2
 """Of how travel is measured: stored times of another rule, or of another policy, do not hold."""
@@ -101,12 +102,8 @@ INSERT INTO travel_time_map VALUES (:robot, current_map(), :cursor)
 ON CONFLICT (robot_class_id, map_id) DO UPDATE SET cursor = EXCLUDED.cursor
 """
 
-_DIGESTS = """
-WITH RECURSIVE carried (id) AS (
-    SELECT p.entity_id FROM placement p JOIN entity a ON a.id = p.holder_id AND a.kind = 'agent'
-    WHERE a.map_id = current_map()
-    UNION SELECT p.entity_id FROM carried c JOIN placement p ON p.holder_id = c.id
-)
+_DIGESTS = f"""
+{CARRIED}
 SELECT r.entity_id AS id, md5(concat_ws('|',
     (SELECT string_agg(concat_ws(',', c.entity_id, c.place_a, c.place_b, k.pose, c.pose_a, c.pose_b,
                                  c.width, c.form), ';' ORDER BY c.entity_id)
@@ -126,7 +123,7 @@ SELECT r.entity_id AS id, md5(concat_ws('|',
      FROM field f JOIN field_version v ON v.field_id = f.id AND v.version = f.version
      JOIN field_block b ON b.field_id = f.id AND b.until IS NULL
      WHERE f.map_id = current_map() AND v.state IS NULL
-       AND (v.placement <> '{1,0,0,0,0,1,0,0,0,0,1,0}'
+       AND (v.placement <> '{{1,0,0,0,0,1,0,0,0,0,1,0}}'
             OR ST_MakeEnvelope(b.x * f.voxel_size, b.y * f.voxel_size,
                                (b.x + f.edge) * f.voxel_size, (b.y + f.edge) * f.voxel_size)
                && ST_Expand(w.box, :reach)))

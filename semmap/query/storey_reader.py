@@ -60,12 +60,15 @@ FROM storey s JOIN entity e ON e.id = s.entity_id
 WHERE e.map_id = current_map() ORDER BY s.elevation, e.id
 """
 
-_ENTITIES = """
-WITH RECURSIVE carried (id) AS (
+CARRIED = """WITH RECURSIVE carried (id) AS (
     SELECT p.entity_id FROM placement p JOIN entity a ON a.id = p.holder_id AND a.kind = 'agent'
     WHERE a.map_id = current_map()
     UNION SELECT p.entity_id FROM carried c JOIN placement p ON p.holder_id = c.id
-)
+)"""
+"""What agents carry, for a statement that follows."""
+
+_ENTITIES = f"""
+{CARRIED}
 SELECT e.id, e.name, e.kind, coalesce(e.type, e.kind) AS type, e.label, e.properties, e.front,
        w.pose, w.storey_id, h.name AS storey, ST_ZMin(w.box) AS low, ST_ZMax(w.box) AS high,
        ST_AsBinary(w.footprint) AS footprint, e.id IN (SELECT id FROM carried) AS carried,
