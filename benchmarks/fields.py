@@ -25,7 +25,7 @@ from semmap.fields.maps.map_buffer import MapBuffer
 from semmap.fields.maps.operators import mask
 from semmap.fields.maps.representation_map import RepresentationMap
 from semmap.fields.maps.vocabulary import Vocabulary, read_vocabulary
-from semmap.fields.regions.region_map import NamedRegionMap, SpacesOf
+from semmap.fields.regions.region_map import NamedRegionMap, WithRole
 from semmap.fields.relations.tracker import RelationTracker
 from semmap.fields.service.percept_feeds import Inbox
 from semmap.fields.sources import Gaze, GazeSource, ObjectSource, Segmentation, SourceManager
@@ -166,7 +166,7 @@ def look_milliseconds(vocabulary: Vocabulary) -> float:
     maps, arrived = MapBuffer(), threading.Event()
     maps.on_put(arrived.set)
     live = LiveEntities(NamedRegionMap(regions, names, roles, views))
-    tracker = RelationTracker(regions, names=names, views=views, spaces=SpacesOf(roles))
+    tracker = RelationTracker(regions, names=names, views=views, spaces=WithRole(roles))
     tracker.update(regions.entities())
     inbox, milliseconds = Inbox(), []
     with SourceManager(maps) as manager:

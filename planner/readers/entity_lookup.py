@@ -33,7 +33,7 @@ SELECT e.id, e.name, e.kind, e.type, e.label, w.pose, h.name AS place,
        g.entity_id IS NOT NULL AS is_region,
        ST_AsBinary(w.footprint) AS footprint, ST_ZMin(w.box) AS low, ST_ZMax(w.box) AS high,
        (SELECT n.name FROM world rw JOIN entity n ON n.id = rw.entity_id
-        WHERE h.id IS NULL AND n.kind = 'room' AND n.map_id = e.map_id
+        WHERE h.id IS NULL AND e.kind = 'region' AND n.kind = 'room' AND n.map_id = e.map_id
           AND rw.storey_id IS NOT DISTINCT FROM coalesce(w.storey_id, rw.storey_id)
           AND ST_Intersects(rw.footprint, coalesce(
               ST_PointOnSurface(w.footprint), ST_Point(w.pose[1], w.pose[2]))) LIMIT 1) AS around
@@ -88,8 +88,8 @@ def find_entities(seen: Snapshot, word: str) -> list[LocatedEntity]:
     """The entity of the current map with this name, or else all of this label or type.
 
     ``kitchen`` stands for the rooms whose label or type is kitchen, subtypes included; ``muffin1``
-    for an object, in the room that holds it; ``home`` for a region of this name, of the type
-    ``home_region`` or with the property ``home``.
+    for an object, in its room; ``home`` for a region of this name, of the type ``home_region`` or
+    with the property ``home``. A region in several rooms is reached in the one of its middle.
     """
     rows = seen.connection.execute(text(_FIND), {"word": word}).all()
     return [

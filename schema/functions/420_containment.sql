@@ -85,17 +85,24 @@ END $$;
 
 CREATE FUNCTION room_of(thing bigint)
 RETURNS bigint LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path = semmap, public, pg_temp AS $$
--- The room of an entity: of an object or agent the room of its place (see room_at), also where it stands on something;
--- where its place shows none, and of anything else, the nearest room among its holders. Of a room, itself.
+-- The room of an entity, which all ways to ask for it say. Of an object or agent that of its place, see room_at, also
+-- where it stands on something; of a region the one with more than half of its ground and half of its height. Where
+-- the place shows none, and of anything else, such as a part of the building or a door, the nearest room among its
+-- holders. Of a room, itself.
 DECLARE
+    this semmap.entity;
     place semmap.world;
     around bigint;
 BEGIN
-    IF EXISTS (SELECT FROM semmap.entity WHERE id = thing AND semmap.has_room(kind, type)) THEN
-        SELECT * INTO place FROM semmap.world w WHERE w.entity_id = thing;
-        IF FOUND THEN
-            around := (semmap.room_at(place.map_id, semmap.ground_of(place), (ST_ZMin(place.box) + ST_ZMax(place.box)) / 2)).room_id;
-        END IF;
+    SELECT * INTO this FROM semmap.entity WHERE id = thing;
+    SELECT * INTO place FROM semmap.world w WHERE w.entity_id = thing;
+    IF place.entity_id IS NOT NULL AND semmap.has_room(this.kind, this.type) THEN
+        around := (semmap.room_at(place.map_id, semmap.ground_of(place), (ST_ZMin(place.box) + ST_ZMax(place.box)) / 2)).room_id;
+    ELSIF place.entity_id IS NOT NULL AND this.kind = 'region' THEN
+        SELECT o.entity_id INTO around
+        FROM semmap.world o JOIN semmap.room r ON r.entity_id = o.entity_id
+        WHERE o.map_id = place.map_id AND o.box && place.box AND semmap.fills(thing, o.entity_id, 0.01)
+        ORDER BY round(ST_Area(o.footprint)::numeric, 6), o.entity_id LIMIT 1;
     END IF;
     RETURN coalesce(around, semmap.holding_room(thing));
 END $$;
@@ -175,23 +182,46 @@ BEGIN
            ELSE seen[1] AND seen[2] END;
 END $$;
 
+CREATE FUNCTION fills(a bigint, b bigint, tolerance double precision)
+RETURNS boolean LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path = semmap, public, pg_temp AS $$
+-- Whether more than half of a's footprint is in that of b, a room or region, and half of its height between b's floor
+-- and ceiling (`tolerance` metres more on either end). In a region also if a's bottom is at the region's lowest height,
+-- so that a flat region can contain objects.
+DECLARE
+    wa semmap.world;
+    wb semmap.world;
+    is_room boolean := EXISTS (SELECT FROM semmap.room r WHERE r.entity_id = b);
+    floor double precision;
+    ceiling double precision;
+BEGIN
+    SELECT * INTO wa FROM semmap.world w WHERE w.entity_id = a;
+    SELECT * INTO wb FROM semmap.world w WHERE w.entity_id = b;
+    floor := ST_ZMin(wb.box);
+    ceiling := ST_ZMax(wb.box);
+    IF is_room THEN
+        floor := wb.pose[3] + (SELECT r.floor FROM semmap.room r WHERE r.entity_id = b);
+        ceiling := semmap.ceiling_of(b);
+        IF ceiling = 'Infinity' AND NOT semmap.same_storey(wa.storey_id, wb.storey_id) THEN
+            RETURN false;
+        END IF;
+    END IF;
+    RETURN (semmap.height_share(ST_ZMin(wa.box), ST_ZMax(wa.box), floor - tolerance, ceiling + tolerance) >= 0.5
+            OR NOT is_room AND abs(ST_ZMin(wa.box) - floor) <= tolerance)
+       AND semmap.ground_share(semmap.ground_of(wa), wb.footprint) > 0.5;
+END $$;
+
 CREATE FUNCTION is_in(a bigint, b bigint, tolerance double precision DEFAULT 0.01)
 RETURNS boolean LANGUAGE plpgsql STABLE PARALLEL SAFE COST 5000 SET search_path = semmap, public, pg_temp AS $$
 -- b contains a, in the map's frame.
--- A room: it is the room of the object or agent, see room_of: a muffin on a desk is in the office. Regions and parts of
--- the building are in a room with more than half of their footprint, and half of their height between floor and
--- ceiling (`tolerance` metres more on either end).
--- A region: the same, or a's bottom is at the region's lowest height, so that a flat region can contain objects.
+-- A room: it is the room of a, see room_of: a muffin on a desk is in the office, and the wall beside it is not. A room
+-- is in another one that it fills, see fills, as what is in a region.
 -- Anything else: b's surface encloses a, see is_enclosed_by.
 -- Without geometry (a storey, an elevator, a room that was not measured): by placement.
 DECLARE
     wa semmap.world;
     wb semmap.world;
+    a_kind text := (SELECT kind FROM semmap.entity WHERE id = a);
     b_kind text := (SELECT kind FROM semmap.entity WHERE id = b);
-    floor double precision;
-    ceiling double precision;
-    low double precision;
-    high double precision;
 BEGIN
     SELECT * INTO wa FROM semmap.world w WHERE w.entity_id = a;
     SELECT * INTO wb FROM semmap.world w WHERE w.entity_id = b;
@@ -199,28 +229,14 @@ BEGIN
         RETURN false;
     ELSIF wb.footprint IS NULL OR semmap.is_nowhere(a) THEN
         RETURN semmap.is_held_by(a, b);
-    ELSIF b_kind = 'room' AND EXISTS (SELECT FROM semmap.entity WHERE id = a AND semmap.has_room(kind, type)) THEN
+    ELSIF b_kind = 'room' AND a_kind <> 'room' THEN
         RETURN (wa.box && semmap.grown(wb.box, 0.5) OR semmap.is_held_by(a, b)) AND coalesce(semmap.room_of(a) = b, false);
     ELSIF NOT wa.box && wb.box THEN
         RETURN false;
-    ELSIF b_kind NOT IN ('room', 'region') THEN
-        RETURN wa.box &&& wb.box AND semmap.is_enclosed_by(a, b, tolerance);
+    ELSIF b_kind IN ('room', 'region') THEN
+        RETURN semmap.fills(a, b, tolerance);
     END IF;
-    low := ST_ZMin(wa.box);
-    high := ST_ZMax(wa.box);
-    IF b_kind = 'room' THEN
-        floor := wb.pose[3] + (SELECT r.floor FROM semmap.room r WHERE r.entity_id = b);
-        ceiling := semmap.ceiling_of(b);
-        IF ceiling = 'Infinity' AND NOT semmap.same_storey(wa.storey_id, wb.storey_id) THEN
-            RETURN false;
-        END IF;
-    ELSE
-        floor := ST_ZMin(wb.box);
-        ceiling := ST_ZMax(wb.box);
-    END IF;
-    RETURN (semmap.height_share(low, high, floor - tolerance, ceiling + tolerance) >= 0.5
-            OR b_kind = 'region' AND abs(low - floor) <= tolerance)
-       AND semmap.ground_share(semmap.ground_of(wa), wb.footprint) > 0.5;
+    RETURN wa.box &&& wb.box AND semmap.is_enclosed_by(a, b, tolerance);
 END $$;
 
 CREATE FUNCTION level_patch(patch geometry, low double precision, high double precision)

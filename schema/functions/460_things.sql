@@ -46,16 +46,13 @@ END $$;
 
 CREATE FUNCTION contents_of(b bigint)
 RETURNS SETOF bigint LANGUAGE plpgsql STABLE ROWS 100 SET search_path = semmap, public, pg_temp AS $$
--- What b holds, and what that holds. In a room: the objects and agents whose room it is, see room_of; of regions and
--- parts of the building those that it holds.
+-- What b holds, and what that holds. In a room: what is in it, see room_of; of other rooms those that it holds.
 BEGIN
     IF (SELECT kind FROM semmap.entity WHERE id = b) = 'room' THEN
         RETURN QUERY
-            SELECT t.id FROM semmap.things_in(b) t (id) JOIN semmap.entity e ON e.id = t.id
-            WHERE semmap.has_room(e.kind, e.type)
+            SELECT t.id FROM semmap.things_in(b) t (id) JOIN semmap.entity e ON e.id = t.id WHERE e.kind <> 'room'
           UNION
-            SELECT t.id FROM semmap.things_held(b) t (id) JOIN semmap.entity e ON e.id = t.id
-            WHERE NOT semmap.has_room(e.kind, e.type);
+            SELECT t.id FROM semmap.things_held(b) t (id) JOIN semmap.entity e ON e.id = t.id WHERE e.kind = 'room';
     ELSE
         RETURN QUERY SELECT semmap.things_held(b);
     END IF;

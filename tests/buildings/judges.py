@@ -18,7 +18,6 @@ import numpy as np
 import shapely
 
 import semmap
-from planner.readers.entity_lookup import find_entities
 from semmap.database import Cluster
 from tests.buildings.beliefs import judge_beliefs, undone
 from tests.buildings.building import Building, Item, room_of
@@ -26,6 +25,7 @@ from tests.buildings.clouds import cloud_cells, write_scans
 from tests.buildings.faults import judge_faults
 from tests.buildings.missions import judge_missions
 from tests.buildings.plans import judge_plans
+from tests.buildings.rooms import disagreements, said_rooms
 from tests.buildings.ways import CELL, Body, Ground, doors_of, refusal, stand
 
 Judge = Callable[[Building, semmap.Map], tuple[int, list[str]]]
@@ -48,36 +48,15 @@ def things(building: Building) -> list[Item]:
 
 
 def judge_rooms(building: Building, place: semmap.Map) -> tuple[int, list[str]]:
-    """The inventory, is_in, find, SPARQL and the planner say the one room that Shapely does."""
-    rooms = [room.name for room in building.rooms]
-    found = {name: {e.name for e in place.find(in_=name)} for name in rooms}
-    inside: dict[str, set[str]] = {}
-    for thing, room in place.sql(
-        "SELECT o.name, r.name FROM entity o JOIN entity r ON r.kind = 'room' "
-        "AND r.map_id = o.map_id WHERE o.kind = 'object' AND o.map_id = current_map() "
-        "AND is_in(o.id, r.id)"
-    ):
-        inside.setdefault(thing, set()).add(room)
-    triples: dict[str, set[str]] = {}
-    for row in place.sparql("SELECT ?o ?r { ?o :in ?r . ?r a :Room }").rows:
-        thing, room = (str(value).rpartition("/")[2].rpartition("#")[2] for value in row)
-        triples.setdefault(thing, set()).add(room)
-    wrong = []
+    """All ways say one room of each entity; of a thing, the one that Shapely says."""
+    said = said_rooms(place)
+    wrong = disagreements(said)
     for item in things(building):
-        room = place[item.name].room
-        with place.snapshot() as seen:
-            (located,) = find_entities(seen, item.name)
-        said = {
-            "inventory": {room.name} if room else set(),
-            "find": {name for name in rooms if item.name in found[name]},
-            "is_in": inside.get(item.name, set()),
-            "SPARQL": triples.get(item.name, set()),
-            "planner": {located.place},
-        }
-        accepted = room_of(building, item)
-        if len(set.union(*said.values())) != 1 or not said["inventory"] <= accepted:
-            wrong.append(f"{item.name} is in one of {accepted}, not {said}")
-    return 5 * len(things(building)), wrong
+        room, accepted = place[item.name].room, room_of(building, item)
+        found = {room.name} if room else set()
+        if found != said[item.name]["inventory"] or len(found) != 1 or not found <= accepted:
+            wrong.append(f"{item.name} is in one of {accepted}, not {found}")
+    return 7 * len(said), wrong
 
 
 def judge_holders(building: Building, place: semmap.Map) -> tuple[int, list[str]]:

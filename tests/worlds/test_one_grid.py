@@ -11,6 +11,7 @@ import pytest
 from sqlalchemy import Engine, text
 
 from semmap.fields.queries import QueryError
+from semmap.fields.regions.region_map import BODIES
 from semmap.fields.store.voxel_mirror import VoxelMirror
 from tests.command_line import semmap
 
@@ -95,7 +96,7 @@ def test_free_voxels_of_all_rooms_are_counted_without_reading_them(
     found = dict(run(house, "query", PREFIX + count)["rows"])
     mirror = VoxelMirror(house, "house")
     mirror.catch_up()
-    bodies = {n for n, role in mirror.roles.items() if role in ("object", "agent")}
+    bodies = {n for n, role in mirror.roles.items() if role in BODIES}
     for number, name in mirror.names.items():
         if mirror.roles[number] == "room":
             centres = (mirror.regions.voxels(number) + 0.5) * 0.05

@@ -19,6 +19,7 @@ import semmap
 from semmap import Map
 from semmap.database.files import schema_folder
 from semmap.fields.maps.map_buffer import MapBuffer
+from semmap.fields.regions.region_map import BODIES
 from semmap.fields.sources.people import GazeSource
 from semmap.fields.sources.percepts import Gaze
 from semmap.fields.store.names import read_map_vocabulary
@@ -294,7 +295,7 @@ def voxels(house: Map) -> dict[str, Any]:
     return {
         name: (mirror.regions.voxels(number) + 0.5) * 0.05
         for number, name in mirror.names.items()
-        if mirror.roles[number] in ("object", "agent")
+        if mirror.roles[number] in BODIES
     }
 
 

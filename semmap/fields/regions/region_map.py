@@ -306,21 +306,22 @@ class RegionMap:
             self._free.append(number)
 
 
-Role = Literal["object", "agent", "room", "region", "view", "personal space"]
-"""What an entity of a region map is. Only bodies, objects and agents, occupy their voxels."""
+Role = Literal["object", "building part", "agent", "room", "region", "view", "personal space"]
+"""What an entity of a region map is. Only bodies occupy their voxels."""
 
-BODIES: tuple[Role, ...] = ("object", "agent")
+BODIES: tuple[Role, ...] = ("object", "building part", "agent")
 SPACES: tuple[Role, ...] = ("room", "region", "personal space")
 
 
 @dataclass(frozen=True, eq=False)
-class SpacesOf:
-    """The entities whose role is a part of space, always as `roles` has them now."""
+class WithRole:
+    """The entities with one of some roles, always as `roles` has them now."""
 
     roles: Mapping[Any, Role]
+    among: tuple[Role, ...] = SPACES
 
     def __contains__(self, entity: object) -> bool:
-        return self.roles.get(entity, "object") in SPACES
+        return self.roles.get(entity, "object") in self.among
 
 
 @dataclass(eq=False)
@@ -346,9 +347,14 @@ class NamedRegionMap:
         self.own = RegionMap(self.regions.voxel_size)
 
     @property
-    def spaces(self) -> SpacesOf:
+    def spaces(self) -> WithRole:
         """The entities that are parts of space."""
-        return SpacesOf(self.roles)
+        return WithRole(self.roles)
+
+    @property
+    def parts(self) -> WithRole:
+        """The entities that are parts of the building."""
+        return WithRole(self.roles, ("building part",))
 
     def entities(self, *roles: Role) -> dict[str, list[Any]]:
         """Return the entities that have voxels, by name; only those with one of `roles` if given.

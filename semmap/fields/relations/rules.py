@@ -9,8 +9,9 @@ from typing import Literal
 
 from semmap.fields.regions.region_map import Neighbour, RegionMap
 
-Kind = Literal["body", "space", "view"]
-"""An entity with a body; a part of space, such as a room or zone; the field of view of an agent."""
+Kind = Literal["body", "part", "space", "view"]
+"""An entity with a body; a part of the building, which is in no room; a part of space, such as a
+room or zone; the field of view of an agent."""
 
 Measure = Literal["within", "supported", "seen", "voxels apart", "metres apart"]
 """What a rule measures.
@@ -89,10 +90,17 @@ class RelationRule:
         return max(self.begin, self.end) * voxel_size if self.measure == "voxels apart" else 0.0
 
 
-_BODIES: frozenset[tuple[Kind, Kind]] = frozenset({("body", "body")})
+_BODIES: frozenset[tuple[Kind, Kind]] = frozenset(
+    {("body", "body"), ("body", "part"), ("part", "body"), ("part", "part")}
+)
 _INTO_SPACE: frozenset[tuple[Kind, Kind]] = frozenset({("body", "space"), ("space", "space")})
-_EITHER: frozenset[tuple[Kind, Kind]] = _BODIES | {("body", "space"), ("space", "body")}
-_VIEWED: frozenset[tuple[Kind, Kind]] = frozenset({("view", "body")})
+_EITHER: frozenset[tuple[Kind, Kind]] = _BODIES | {
+    ("body", "space"),
+    ("space", "body"),
+    ("part", "space"),
+    ("space", "part"),
+}
+_VIEWED: frozenset[tuple[Kind, Kind]] = frozenset({("view", "body"), ("view", "part")})
 
 
 RULES = (
@@ -105,7 +113,8 @@ RULES = (
 )
 """The rules of all relations.
 
-A body is in a room from half of its voxels on, as in the SQL function `is_in`.
+A body is in a room from half of its voxels on; a part of the building is in none, as in the SQL
+function `is_in`.
 `on` continues where an entity is shifted up or down by a voxel: see `Support.loose`. `sees` uses
 the field of view alone; occlusion is not computed.
 """

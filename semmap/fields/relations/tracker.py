@@ -30,6 +30,7 @@ class RelationTracker:
     ----------
     views : the agent of each entity that is a field of view; no agent sees itself
     spaces : the entities that are parts of space: rooms, zones, personal spaces
+    parts : the entities that are parts of the building
     names : of entities in facts; the entity itself where it has none. A name is read when a fact
         begins, since a removed entity may have lost its name when the fact ends
     rules : at most one rule for each name and pair of kinds
@@ -51,13 +52,14 @@ class RelationTracker:
         *,
         views: Mapping[Any, Hashable] | None = None,
         spaces: Container[Any] = (),
+        parts: Container[Any] = (),
         names: Mapping[Any, Hashable] | None = None,
         rules: Iterable[RelationRule] = RULES,
     ) -> None:
         self.regions = regions
         self.rules = tuple(rules)
         self._views: Mapping[Any, Hashable] = {} if views is None else views
-        self._spaces = spaces
+        self._spaces, self._parts = spaces, parts
         self._names: Mapping[Any, Hashable] = {} if names is None else names
         self._rank = {rule.name: i for i, rule in enumerate(self.rules)}
         self._between: dict[tuple[Kind, Kind], list[RelationRule]] = defaultdict(list)
@@ -81,7 +83,9 @@ class RelationTracker:
     def of(cls, named: NamedRegionMap) -> RelationTracker:
         """Return the tracker of a region map, of names and roles as these change."""
         names: Mapping[Any, Any] = named.names
-        return cls(named.regions, names=names, views=named.views, spaces=named.spaces)
+        return cls(
+            named.regions, names=names, views=named.views, spaces=named.spaces, parts=named.parts
+        )
 
     def update(
         self, changed: Iterable[Hashable], time: datetime | None = None
@@ -174,7 +178,9 @@ class RelationTracker:
     def _kind(self, entity: Hashable) -> Kind:
         if entity in self._views:
             return "view"
-        return "space" if entity in self._spaces else "body"
+        if entity in self._spaces:
+            return "space"
+        return "part" if entity in self._parts else "body"
 
     def _order(self, event: RelationEvent) -> tuple[bool, int, str, str]:
         rank = self._rank[event.relation]

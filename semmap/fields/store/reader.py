@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from sqlalchemy import text
 
 from semmap.fields.regions.mesh_regions import mesh_parts
+from semmap.fields.regions.region_map import Role
 from semmap.fields.regions.shaped_region import Cylinder, Region, Solid, SurfaceRegion
 from semmap.fields.sources.percepts import Zone
 from semmap.fields.sources.synthetic_scene import VisibleObject
@@ -40,6 +41,7 @@ class Occupant:
     points: NDArray[np.float64] | None = None  # (N, 3) metres, of an entity without triangles
     # the mesh is the shell of a room: it has a surface and no inside
     encloses_air: bool = False
+    role: Role = "object"
 
     def regions(self, voxel_size: float) -> list[Region]:
         """Return the inside of closed parts and the surfaces of open parts, or the points."""
@@ -83,7 +85,12 @@ def _ends_on_borders(triangles: NDArray[np.float64]) -> NDArray[np.bool_]:
 def read_occupants(seen: Snapshot, ids: Iterable[int] | None = None) -> list[Occupant]:
     """Return the objects of the current map that have geometry; only those of `ids` if given."""
     found = read_entities(seen, ids, kinds=OBJECTS, carried=True)
-    return [_occupant(e) for e in found if not e.lacks_geometry]
+    (parts,) = seen.connection.execute(text("SELECT building_parts()")).one()
+    return [
+        _occupant(e, "building part" if e.types[0] in parts else "object")
+        for e in found
+        if not e.lacks_geometry
+    ]
 
 
 def read_walls(seen: Snapshot, ids: Iterable[int] | None = None) -> list[Occupant]:
@@ -92,9 +99,10 @@ def read_walls(seen: Snapshot, ids: Iterable[int] | None = None) -> list[Occupan
     return [_occupant(e) for e in found if len(e.triangles) or e.voxels is not None]
 
 
-def _occupant(entity: SceneEntity) -> Occupant:
+def _occupant(entity: SceneEntity, role: Role = "object") -> Occupant:
     points = None if entity.voxels is None else entity.voxels.centres
-    return Occupant(entity.id, entity.name, entity.triangles, points, entity.kind == "room")
+    is_room = entity.kind == "room"
+    return Occupant(entity.id, entity.name, entity.triangles, points, is_room, role)
 
 
 def read_visible_objects(seen: Snapshot) -> list[VisibleObject]:

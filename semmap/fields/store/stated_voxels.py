@@ -46,7 +46,8 @@ def read_stated(seen: Snapshot, ids: Iterable[int] | None, voxel_size: float) ->
     """Return the entities with stated voxels, of this size in metres; of `ids` if given."""
     rows = run(
         seen.session,
-        f"SELECT e.id, e.name, e.kind, w.pose, f.name AS field, v.state, {MODELS} FROM field f "
+        "SELECT e.id, e.name, e.kind, is_building_part(e.type) AS is_part, w.pose, "
+        f"f.name AS field, v.state, {MODELS} FROM field f "
         "JOIN field_version v ON v.field_id = f.id AND v.version = f.version "
         "JOIN entity e ON e.map_id = f.map_id AND e.name = f.about "
         "LEFT JOIN world w ON w.entity_id = e.id "
@@ -66,7 +67,7 @@ def read_stated(seen: Snapshot, ids: Iterable[int] | None, voxel_size: float) ->
         if row.pose is not None and row.state["pose"] is not None and row.pose != row.state["pose"]:
             moved = Pose(*row.pose) @ Pose(*row.state["pose"]).inverse()
             points = moved.apply(points)
-        found.append(StatedVoxels(row.id, row.name, _role(row.kind), points))
+        found.append(StatedVoxels(row.id, row.name, _role(row.kind, row.is_part), points))
     return found
 
 
@@ -146,7 +147,7 @@ def _make_region(
     )
 
 
-def _role(kind: str) -> Role:
+def _role(kind: str, is_part: bool) -> Role:
     if kind in ("agent", "room", "region"):
         return kind  # type: ignore[return-value]
-    return "object"
+    return "building part" if is_part else "object"

@@ -149,7 +149,7 @@ class VoxelMirror(MirrorState):
             stale = self._stale(changed, kept_zones) | {each.id for each in stated}
             stale |= self.stated & (changed or set())
             found: dict[int, tuple[str, Role, list[Region]]] = {
-                **{each.id: (each.name, "object", each.regions(size)) for each in occupants},
+                **{each.id: (each.name, each.role, each.regions(size)) for each in occupants},
                 **{each.id: (each.name, "agent", [each.body]) for each in agents},
                 **{n: (z.name, z.kind, z.regions(size)) for n, z in zones.items() if n in stale},
                 **{each.id: (each.name, each.role, [each.points]) for each in stated},

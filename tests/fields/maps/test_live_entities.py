@@ -8,7 +8,7 @@ from semmap.database.files import schema_folder
 from semmap.fields.maps.live_entities import LiveEntities
 from semmap.fields.maps.representation_map import RepresentationMap
 from semmap.fields.maps.vocabulary import read_vocabulary
-from semmap.fields.regions.region_map import NamedRegionMap, RegionMap, Role, SpacesOf
+from semmap.fields.regions.region_map import NamedRegionMap, RegionMap, Role, WithRole
 from semmap.fields.regions.shaped_region import Box, Cone, voxels_of
 from semmap.fields.relations.tracker import RelationTracker
 
@@ -62,7 +62,7 @@ def test_relations_begin_and_end_with_what_is_seen() -> None:
     scene = Scene()
     names: dict[Any, Any] = scene.names
     tracker = RelationTracker(
-        scene.regions, names=names, views=scene.views, spaces=SpacesOf(scene.roles)
+        scene.regions, names=names, views=scene.views, spaces=WithRole(scene.roles)
     )
     tracker.update(scene.regions.entities())
     held = {str(fact.subject) + " in " + str(fact.object) for fact in tracker.holding("in")}
@@ -110,7 +110,7 @@ class SceneWithAnna(Scene):
         self.names[4], self.roles[4] = "anna", "agent"
         self.regions.insert(4, self.HOME)
         self.tracker = RelationTracker(
-            self.regions, names=self.names, views=self.views, spaces=SpacesOf(self.roles)
+            self.regions, names=self.names, views=self.views, spaces=WithRole(self.roles)
         )
         self.tracker.update(self.regions.entities())
 
