@@ -37,13 +37,20 @@ RETURNS text LANGUAGE plpgsql STABLE SET search_path = semmap, public, pg_temp A
 -- a ceiling above headroom; a higher one is a roof, and from the floor up a building in one piece. What is flat, a metre
 -- wide and lies below the floor of the room above it is a part of the floor. If its name does not suggest a type: where
 -- no room is known, what is flat and larger than 12 square metres is a floor or ceiling; what is upright, thin, at the
--- edge of rooms and inside of none is a wall, if it is long or reaches up to the ceiling. A piece that reaches up to it
--- and is wholly outside of the outlines of rooms is a wall under any name.
+-- edge of rooms and inside of none is a wall, if it is long or reaches up to the ceiling. So is what reaches up to it and
+-- divides: the borders of rooms on both of its sides run within it, or along it, or it leads from a border into the room;
+-- the latter two if it is at most 20 cm thick: a shelf is thicker, and stands along the border of one room. A piece that
+-- reaches up to the ceiling and is wholly outside of the outlines of rooms is a wall under any name.
 DECLARE
     flat CONSTANT double precision := 0.5;
     exact CONSTANT double precision := 1e-6;
     headroom CONSTANT double precision := 1.8;
+    partition CONSTANT double precision := 0.2;
+    beside_wall CONSTANT double precision := 0.3;
     w semmap.world;
+    half double precision;
+    thick double precision;
+    long double precision;
     low double precision;
     high double precision;
     narrow double precision;
@@ -78,14 +85,22 @@ BEGIN
         END IF;
     END IF;
     IF part IS NULL AND high - low >= 1.5 AND 2 * ST_Area(w.footprint) <= 0.4 * ST_Perimeter(w.footprint) THEN
+        half := ST_Perimeter(w.footprint) / 2;  -- thickness and length are those of a strip of this border and area
+        thick := (half - sqrt(greatest(half ^ 2 - 4 * ST_Area(w.footprint), 0))) / 2;
+        long := half - thick;
         SELECT 'wall' INTO part
         FROM (SELECT semmap.ground_share(w.footprint, o.footprint) AS share, ST_Distance(w.footprint, o.footprint) AS away,
-                     high >= least(semmap.ceiling_of(o.entity_id) - 0.3, o.pose[3] + r.floor + 2.5) - exact AS to_ceiling
+                     high >= least(semmap.ceiling_of(o.entity_id) - 0.3, o.pose[3] + r.floor + 2.5) - exact AS to_ceiling,
+                     ST_Length(ST_Intersection(ST_Boundary(o.footprint), ST_Buffer(w.footprint, CASE WHEN thick <= partition + exact THEN 0.03 ELSE -0.01 END))) AS along,
+                     NOT ST_Covers(ST_Buffer(ST_Boundary(o.footprint), beside_wall), w.footprint) AS into_room
               FROM semmap.world o JOIN semmap.room r ON r.entity_id = o.entity_id
               WHERE o.map_id = w.map_id AND o.footprint && ST_Expand(w.footprint, 0.5) AND ST_DWithin(o.footprint, w.footprint, 0.5)
                 AND low <= o.pose[3] + r.floor + flat AND high >= o.pose[3] + r.floor + 1.5) beside
         HAVING CASE WHEN named THEN sum(share) <= 0.01 ELSE max(share) <= 0.6 END
-           AND (NOT named AND ST_Perimeter(w.footprint) >= 3.2 - exact OR bool_or(to_ceiling AND away <= 0.3 + exact));
+           AND (NOT named AND ST_Perimeter(w.footprint) >= 3.2 - exact OR bool_or(to_ceiling AND away <= 0.3 + exact))
+            OR NOT named AND bool_or(to_ceiling) AND (
+                sum(along) >= 1.5 * long
+                OR thick <= partition + exact AND long >= 0.5 - exact AND bool_or(to_ceiling AND into_room AND share > 0.5));
     END IF;
     RETURN part;
 END $$;

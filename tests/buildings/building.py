@@ -271,8 +271,11 @@ def _feature(geometry: object, **properties: object) -> dict[str, object]:
 Box = tuple[float, float, float, float]
 
 
-def random_building(seed: int) -> Building:
-    """The building of a seed: one to four storeys, turned and anywhere on the map."""
+def random_building(seed: int, *, plain: bool = False) -> Building:
+    """The building of a seed: one to four storeys, turned and anywhere on the map.
+
+    In a `plain` one, outlines of rooms are the faces of walls, and no furniture is like a wall.
+    """
     chance = random.Random(seed)
     angle = chance.choice([0.0, math.pi / 2, chance.uniform(-math.pi, math.pi)])
     building = Building(seed, angle, (chance.uniform(-50, 50), chance.uniform(-50, 50)))
@@ -285,7 +288,7 @@ def random_building(seed: int) -> Building:
     for number in range(count):
         elevation = bottom + number * (height + 0.3)
         building.storeys.append((f"s{number}", elevation, height))
-        _add_storey(building, chance, kinds, number, (0.0, 0.0, width, depth), thick, lift)
+        _add_storey(building, chance, kinds, number, (0.0, 0.0, width, depth), thick, lift, plain)
     for number in range(count - 1):
         _add_stairs(building, kinds, number)
     return building
@@ -313,6 +316,7 @@ def _add_storey(
     box: Box,
     thick: float,
     lift: float | None,
+    plain: bool,
 ) -> None:
     storey, floor, height = building.storeys[number]
     cells = _split(chance, box)
@@ -320,12 +324,16 @@ def _add_storey(
     slab = chance.uniform(0.05, 0.28)
     name = chance.choice(FLOORS)
     covers = [box] if chance.random() < 0.6 else cells
+    drawn = random.Random(f"outlines of {building.seed}")  # at the faces of walls, or in them
+    inset, shift = thick / 2, 0.0
+    if drawn.random() < 0.4 and not plain:
+        inset, shift = 0.0, thick * drawn.uniform(-0.45, 0.45)
     for cover in covers:
         building.add(name, "floor", cover, floor - slab, floor)
     if chance.random() < 0.5:
         building.add(chance.choice(CEILINGS), "ceiling", box, floor + height, floor + height + 0.02)
     for k, cell in enumerate(cells):
-        inner = shapely.box(*cell).buffer(-thick / 2, join_style="mitre")
+        inner = shapely.box(*cell).buffer(-inset, join_style="mitre")
         building.rooms.append(
             Room(f"r{number}_{k}", storey, building.outline(inner), floor, floor + height)
         )
@@ -333,8 +341,14 @@ def _add_storey(
     gaps += _add_way_out(building, kinds, number, cells)
     if lift is not None:
         gaps += _add_cabin(building, kinds, number, cells, thick, lift)
-    _add_walls(building, chance, cells, gaps, box, thick, floor, height)
-    _add_things(building, chance, number, cells, gaps, thick, floor, height)
+    _add_walls(building, chance, cells, gaps, box, thick, floor, height, shift)
+    left, lower = (
+        [cell[k] + thick / 2 + (shift if cell[k] > box[k] else 0.0) for cell in cells]
+        for k in (0, 1)
+    )
+    _add_things(building, chance, number, cells, left, gaps, thick, floor, height)
+    if not plain:
+        _add_against_walls(building, number, cells, lower, gaps, floor, height)
     for k in range(len(cells)):
         _add_corner(building, f"r{number}_{k}", cells[k])
 
@@ -524,8 +538,12 @@ def _add_walls(
     thick: float,
     floor: float,
     height: float,
+    shift: float,
 ) -> None:
-    """Walls along all edges of cells, in pieces between the doors."""
+    """Walls along all inner edges of cells and at the outer ones, in pieces between the doors.
+
+    Inner ones may be beside the edge by a `shift`, metres.
+    """
     name = chance.choice(WALLS)
     lines: dict[tuple[bool, float], list[tuple[float, float]]] = {}
     for x0, y0, x1, y1 in cells:
@@ -548,9 +566,11 @@ def _add_walls(
             low, _, high, _ = piece.bounds
             if high - low < 0.05:
                 continue
-            sides = (at - thick / 2, low, at + thick / 2, high)
+            outer = any(math.isclose(at, box[k], abs_tol=1e-8) for k in (1 - upright, 3 - upright))
+            near = at - thick / 2 + (0.0 if outer else shift)
+            sides = (near, low, near + thick, high)
             if not upright:
-                sides = (low, at - thick / 2, high, at + thick / 2)
+                sides = (low, near, high, near + thick)
             building.add(name, "wall", sides, floor, floor + height)
 
 
@@ -559,13 +579,14 @@ def _add_things(
     chance: random.Random,
     number: int,
     cells: Sequence[Box],
+    faces: Sequence[float],
     gaps: Sequence[Gap],
     thick: float,
     floor: float,
     height: float,
 ) -> None:
     """Furniture in rooms and openings, things on it, on the floor, on walls and at ceilings."""
-    for cell in cells:
+    for cell, face in zip(cells, faces, strict=True):
         x0, y0, x1, y1 = cell
         taken: list[Polygon] = []
         for _ in range(chance.randrange(4)):
@@ -591,8 +612,10 @@ def _add_things(
             building.add(chance.choice(SMALL), "thing", lamp, top - 0.4, top - 0.1)
         if chance.random() < 0.5:  # a picture on the left wall
             y = chance.uniform(y0 + 0.5, y1 - 1.2)
-            picture = (x0 + thick / 2, y, x0 + thick / 2 + 0.03, y + 0.6)
-            building.add(chance.choice(SMALL), "thing", picture, floor + 1.4, floor + 1.8)
+            picture = (face, y, face + 0.03, y + 0.6)
+            name = chance.choice(SMALL)
+            if not any(shapely.box(*picture).intersects(_before(gap)) for gap in gaps):
+                building.add(name, "thing", picture, floor + 1.4, floor + 1.8)
     for gap in gaps:
         if gap.high - gap.low > 1.5 and chance.random() < 0.6:
             middle = (gap.low + gap.high) / 2
@@ -613,6 +636,55 @@ def _add_things(
                 continue
             table = building.add(chance.choice(FURNITURE), "thing", sides, floor, floor + 0.72)
             _add_on(building, chance, table, sides)
+
+
+def _add_against_walls(
+    building: Building,
+    number: int,
+    cells: Sequence[Box],
+    faces: Sequence[float],
+    gaps: Sequence[Gap],
+    floor: float,
+    height: float,
+) -> None:
+    """A partition that ends in the room, and furniture like it: shelves, wardrobes, boards.
+
+    All lead from the face of the lower wall, or stand along it, where there is room.
+    """
+    chance = random.Random(f"against walls of {building.seed} {number}")
+    for (x0, _, x1, _), y in zip(cells, faces, strict=True):
+        kind = chance.choice(["none", "partition", "wardrobe", "shelf", "divider", "board"])
+        bottom, top = floor, floor + chance.uniform(1.5, 2.2)
+        dx, dy = chance.uniform(0.6, 1.2), chance.uniform(0.2, 0.4)
+        if kind == "partition":
+            dx, dy = chance.uniform(0.05, 0.2), chance.uniform(0.6, 1.2)
+            top = floor + height - chance.uniform(0.0, 0.25)
+        elif kind == "wardrobe":
+            dy, top = 0.3, floor + 2.2
+        elif kind == "divider":
+            dx, dy = chance.uniform(0.25, 0.4), chance.uniform(0.6, 1.2)
+        elif kind == "board":
+            dy, bottom, top = chance.uniform(0.02, 0.08), floor + 0.8, floor + 2.0
+        x = chance.uniform(x0 + 0.6, x1 - 0.6 - dx)
+        name = chance.choice(WALLS if kind == "partition" else FURNITURE)
+        around = building.outline(shapely.box(x, y, x + dx, y + dy).buffer(0.05))
+        ways = [building.outline(_before(gap)) for gap in gaps]
+        if kind == "none" or any(around.intersects(way) for way in ways):
+            continue
+        if any(
+            item.low < top and item.high > bottom + 0.01 and item.ground.intersects(around)
+            for item in building.items
+            if item.what == "thing"
+        ):
+            continue
+        what = "wall" if kind == "partition" else "thing"
+        building.add(name, what, (x, y, x + dx, y + dy), bottom, top)
+
+
+def _before(gap: Gap) -> Polygon:
+    """The ground before an opening, on both of its sides."""
+    sides = (gap.at - 1.0, gap.low - 0.3, gap.at + 1.0, gap.high + 0.3)
+    return shapely.box(*(sides if gap.upright else (sides[1], sides[0], sides[3], sides[2])))
 
 
 def _add_on(building: Building, chance: random.Random, table: Item, box: Box) -> None:

@@ -191,7 +191,7 @@ def main() -> None:
         with semmap.connect(cluster) as database:
             for seed in range(given.first, given.first + given.count):
                 for way, change, scores in ways.values():
-                    way(change(random_building(seed)), database, Path(folder, str(seed)), scores)
+                    way(change(random_building(seed, plain=True)), database, Path(folder, str(seed)), scores)
         cluster.stop()
     print(" " * 20, "  ".join(f"{name:>9}" for name in COLUMNS))
     for name, (_, _, scores) in ways.items():

@@ -255,7 +255,9 @@ def goals(building: Building, chance: random.Random) -> Iterator[list[Relation]]
     things = [i for i in building.items if i.what == "thing" and i.points is None]
     sure = [i for i in things if len(room_of(building, i)) == 1]
     small = [i for i in sure if i.on is not None and can_be_lifted(building, i)]
-    tables = [i for i in sure if i.on is None and i.high - i.low > 0.29 and min(i.size) > 0.35]
+    tables = [
+        i for i in sure if i.on is None and 0.29 < i.high - i.low < 1.4 and min(i.size) > 0.35
+    ]
     tables = [i for i in tables if any(abs(i.low - z) < 1e-9 for _, z, _ in building.storeys)]
     stuck = [i for i in sure if not can_be_lifted(building, i) and i not in tables]
     rooms = [room.name for room in building.rooms if room.elevator is None]

@@ -16,7 +16,7 @@ def test_most_rooms_and_doorways_are_found(make_database: MakeDatabase, tmp_path
     scores = Scores()
     with semmap.connect(make_database().render_as_string(hide_password=False)) as database:
         for seed in SEEDS:
-            judge(random_building(seed), database, tmp_path, scores)
+            judge(random_building(seed, plain=True), database, tmp_path, scores)
     rooms, doors, lifts = scores.rooms, scores.doors, scores.lifts
     assert rooms.known > 50
     assert min(rooms.recall, rooms.precision, doors.recall, doors.precision) >= 0.9, (rooms, doors)
@@ -25,7 +25,7 @@ def test_most_rooms_and_doorways_are_found(make_database: MakeDatabase, tmp_path
 
 def test_a_robot_takes_a_lift_that_was_found(make_database: MakeDatabase, tmp_path: Path) -> None:
     with semmap.connect(make_database().render_as_string(hide_password=False)) as database:
-        for path in without_rooms(random_building(503), tmp_path):
+        for path in without_rooms(random_building(503, plain=True), tmp_path):
             database.import_file(path, map="bare")
         bare = database.map("bare")
         (lift,) = (lift for storey in bare.find_rooms(add=True) for lift in storey.lifts)

@@ -125,3 +125,41 @@ def test_pieces_of_walls_are_walls_under_any_name(
         }
         assert all(place[piece.name].room is None for piece in pieces)
         assert "wall" not in {place[other.name].type for other in others}
+
+
+def test_inner_walls_are_walls_where_outlines_meet_in_them_or_they_end_in_a_room(
+    make_database: MakeDatabase, tmp_path: Path
+) -> None:
+    building = Building(0, 0.4, (3.0, -7.0))
+    building.storeys.append(("s", 0.0, 2.7))
+    for name, low, high in (("left", 0.0, 4.0), ("right", 4.0, 8.0)):
+        outline = building.outline(shapely.box(low, 0, high, 20))
+        building.rooms.append(Room(name, "s", outline, 0.0, 2.7))
+    walls = [
+        building.add("zzp", "wall", box, 0.0, top)
+        for box, top in (
+            ((3.93, 0.0, 4.03, 2.0), 2.5),  # 70 % in one room
+            ((4.0, 2.5, 4.1, 4.0), 2.5),  # along the border, in one room alone
+            ((3.88, 4.5, 4.1, 4.8), 2.7),  # a short piece of a thick wall
+            ((0.0, 6.0, 1.2, 6.1), 2.5),  # from the border into a room
+            ((2.0, 8.0, 2.2, 9.5), 2.7),  # free in a room: an outline knows no other walls
+        )
+    ]
+    others = [
+        building.add("zzp", "thing", box, low, top)
+        for box, low, top in (
+            ((0.0, 10.0, 0.3, 11.2), 0.0, 2.2),  # a wardrobe
+            ((0.0, 11.5, 0.3, 13.0), 0.0, 2.6),  # and one up to the ceiling
+            ((0.0, 13.5, 0.18, 14.5), 0.0, 2.5),  # a flat shelf
+            ((0.0, 15.0, 0.05, 17.0), 0.8, 2.0),  # a whiteboard
+            ((0.0, 18.0, 1.2, 18.3), 0.0, 2.5),  # shelves that divide the room
+            ((3.7, 10.0, 3.98, 11.0), 0.0, 2.6),  # a wardrobe at the other room
+            ((2.0, 14.0, 2.15, 14.3), 0.0, 2.6),  # a column or lamp
+        )
+    ]
+    with stored(building, make_database().render_as_string(hide_password=False), tmp_path) as place:
+        types = {item.name: place[item.name].type for item in building.items}
+        assert [types[wall.name] for wall in walls] == ["wall"] * len(walls)
+        assert "wall" not in {types[other.name] for other in others}
+        assert {e.name for e in place.find(in_="left")} == {other.name for other in others}
+        assert place.find(in_="right") == []
