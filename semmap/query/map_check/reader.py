@@ -90,6 +90,8 @@ SELECT e.id, e.name, e.kind, e.type, p.holder_id, p.relation, p.confidence, p.po
        c.place_a, c.place_b, c.form, c.width, c.pose_a, c.pose_b,
        e.type IN (SELECT sub FROM type_closure WHERE super = 'building_element') AS structure,
        e.type IN (SELECT sub FROM type_closure WHERE super = 'fixture') AS fixture,
+       e.type IN (SELECT sub FROM type_closure
+                  WHERE super IN ('container', 'storage_furniture')) AS storage,
        (SELECT array_agg(em.model_id ORDER BY em.model_id) FROM entity_model em
         WHERE em.entity_id = e.id AND (em.role = 'visual' OR NOT EXISTS (SELECT FROM entity_model v
               WHERE v.entity_id = e.id AND v.role = 'visual'))) AS models

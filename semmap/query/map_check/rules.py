@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -23,6 +24,7 @@ from semmap.query.map_check.building import (
     STEP,
     WALL,
 )
+from semmap.query.map_check.fixes import Moves, Named, Trials
 from semmap.query.map_check.reader import CheckedEntity, read_checked_entities
 from semmap.query.map_check.support import SupportedBuilding
 from semmap.query.snapshot import Snapshot
@@ -39,6 +41,9 @@ CONTENT = 0.95
 SMALLER = 0.8
 """Of the larger box of two: the largest box of a content. What is larger stands in its place."""
 
+DOOR = 0.9
+"""Metres of the width of a proposed door."""
+
 LOST = 1000.0
 """Metres above or below all rooms at which no building has a thing."""
 
@@ -46,8 +51,8 @@ Floats = NDArray[np.float64]
 
 Severity = Literal["error", "warning", "note"]
 
-Found = Iterator[tuple[tuple[str, ...], str, str]]
-"""The entities, the sentence and the fix of each finding of a rule."""
+Found = Iterator[tuple[tuple[str, ...], str, str | Moves]]
+"""The entities, the sentence and the fix of each finding of a rule; moves are tried first."""
 
 
 @dataclass(frozen=True)
@@ -58,7 +63,7 @@ class Finding:
     severity: Severity  # an error makes answers wrong, a warning can, a note does not
     entities: tuple[str, ...]  # names
     text: str  # a sentence
-    fix: str  # the call or statement that repairs it, or a step by hand
+    fix: str  # the call or statement that repairs it and passes the check, or a step by hand
     safe: bool = False  # `fix` is SQL that changes only data derived from the geometry
 
     def __str__(self) -> str:
@@ -68,11 +73,20 @@ class Finding:
 def check_map(seen: Snapshot) -> list[Finding]:
     """Return what is wrong with the current map: errors first, then warnings and notes."""
     building = SupportedBuilding(read_checked_entities(seen))
-    return [
-        Finding(kind, severity, names, text, fix, fix.startswith("SELECT "))
-        for kind, severity, find in RULES
-        for names, text, fix in find(building)
-    ]
+    trials = Trials(building, _moved_findings)
+    found = []
+    for kind, severity, find in RULES:
+        for names, text, fix in find(building):
+            call = trials.fix(kind, names, fix) if isinstance(fix, Moves) else fix
+            found.append(Finding(kind, severity, names, text, call, call.startswith("SELECT ")))
+    return found
+
+
+def _moved_findings(building: SupportedBuilding) -> Named:
+    """The findings that a move of an object or door can make or repair."""
+    return frozenset(
+        (kind, names) for kind, _, find in RULES if kind in MOVED for names, _, _ in find(building)
+    )
 
 
 def _no_storey(building: SupportedBuilding) -> Found:
@@ -80,7 +94,7 @@ def _no_storey(building: SupportedBuilding) -> Found:
         names = tuple(e.name for e in group)
         stand = "stands" if len(names) == 1 else "stand"
         text = f"{listed(names)} {stand} at {z:.2f} m, far above all floors: on no storey"
-        fix = f"map.add_storey(name, elevation={z:g})"
+        fix = f"by hand: add a storey at {z:g} m"
         if not building.storeys:
             lowest = min(float(e.low[2]) for e in building.solids)
             fix += f", and one for the lowest floor, at about {lowest:.2f} m"
@@ -96,8 +110,9 @@ def _floating(building: SupportedBuilding) -> Found:
         beneath = "the floor" if name is None else name
         air = f"{gap:.2f} m above {beneath}" if np.isfinite(gap) else "over nothing"
         text = f"{entity.name} is {air} and hangs on no wall, ceiling or larger thing"
-        fix = _move(entity, 0, 0, -gap) if np.isfinite(gap) else f"map[{entity.name!r}].delete()"
-        yield (entity.name,), text, fix
+        drops = {gap, building.above_floor(entity)}
+        down = [(0, 0, -drop) for drop in sorted(drops) if np.isfinite(drop)]
+        yield (entity.name,), text, Moves(entity, down, "put it on what bears it, or delete it")
 
 
 def _tipping(building: SupportedBuilding) -> Found:
@@ -106,8 +121,11 @@ def _tipping(building: SupportedBuilding) -> Found:
         if found is not None:
             away, bearer = found
             text = f"the middle of {entity.name} is {away:.2f} m beside {bearer.name}, so it tips"
-            fix = f"map[{entity.name!r}].put_on({bearer.name!r})"
-            yield (entity.name, bearer.name), text, fix
+            inward = ((bearer.low + bearer.high - entity.low - entity.high) / 2)[:2]
+            length = max(float(np.linalg.norm(inward)), 1e-9)
+            steps = [min((away + more) / length, 1.0) for more in (0.02, 0.05, 0.1, length)]
+            by = [(*(inward * step), 0) for step in steps]
+            yield (entity.name, bearer.name), text, Moves(entity, by, f"put it on {bearer.name}")
 
 
 def _sunk(building: SupportedBuilding) -> Found:
@@ -116,7 +134,8 @@ def _sunk(building: SupportedBuilding) -> Found:
             place, depth = building.sunk[entity.name]
             floor = f"the floor of {place.name}" if place.kind == "room" else place.name
             text = f"{entity.name} has sunk {depth:.2f} m into {floor}"
-            yield (entity.name, place.name), text, _move(entity, 0, 0, depth)
+            fix = Moves(entity, [(0, 0, depth)], "lift it onto the floor")
+            yield (entity.name, place.name), text, fix
 
 
 def _penetrating(building: SupportedBuilding) -> Found:
@@ -143,11 +162,12 @@ def _penetrating(building: SupportedBuilding) -> Found:
                 continue  # so is the slab of the floor
             size = " x ".join(f"{v:.2f}" for v in shared)
             text = f"{small.name} and {large.name} share a space of {size} m"
-            yield (small.name, large.name), text, _apart(small, large, shared)
+            fix = Moves(small, _apart(small, large, shared), "move one of them away")
+            yield (small.name, large.name), text, fix
 
 
 def _shared(one: CheckedEntity, two: CheckedEntity) -> Floats | None:
-    """The extents of what two solids share; None if it is thin, or one is the other's content."""
+    """The extents of what two solids share; None if it is thin, or in a coarse model of storage."""
     low, high = np.maximum(one.low, two.low), np.minimum(one.high, two.high)
     if (high - low <= CONTACT).any() or not one.ground.intersects(two.ground):
         return None
@@ -156,11 +176,17 @@ def _shared(one: CheckedEntity, two: CheckedEntity) -> Floats | None:
         return None
     extents, *shares = found
     sizes = [float(np.prod(e.high - e.low)) for e in (one, two)]
-    for entity, share, size in zip((one, two), shares, sizes, strict=True):
+    for entity, around, share, size in zip((one, two), (two, one), shares, sizes, strict=True):
         within = (entity.low >= low - CONTACT).all() and (entity.high <= high + CONTACT).all()
-        if within and share >= CONTENT and size <= SMALLER * max(sizes):
+        if within and share >= CONTENT and size <= SMALLER * max(sizes) and _stores(around, entity):
             return None
     return extents
+
+
+def _stores(around: CheckedEntity, entity: CheckedEntity) -> bool:
+    """Whether a solid stands for one with an inside: by its type, or as its content is stated."""
+    stated = entity.row["holder_id"] == around.row["id"] and entity.row["confidence"] is None
+    return bool(around.row["storage"]) or (stated and entity.row["relation"] == "in")
 
 
 def _belongs(building: SupportedBuilding, one: CheckedEntity, two: CheckedEntity) -> bool:
@@ -173,12 +199,9 @@ def _one_point(building: SupportedBuilding) -> Found:
     for group in building.one_point:
         names = tuple(e.name for e in group)
         x, y, z = group[0].stand
-        holder = group[-1].holder
-        fix = (
-            f"map[{names[-1]!r}].put_on({holder.name!r})"
-            if holder is not None and holder.kind == "object"
-            else f"map[{names[-1]!r}].move_to(x, y, {z:.3f}), or .delete() if it is the same"
-        )
+        last, apart = group[-1], max(group, key=lambda e: float(np.prod(e.high - e.low)))
+        by = [d for d in _beside(last, apart) if len(group) == 2]
+        fix = Moves(last, by, "move one of them away, or delete it if it is the same")
         away = max(float(np.abs(e.stand - group[0].stand).max()) for e in group)
         text = f"{listed(names)} are at one point: {x:.3f}, {y:.3f}, {z:.3f}"
         if away > SAME_POINT:
@@ -196,14 +219,14 @@ def _outside(building: SupportedBuilding) -> Found:
         if within or abs(middle[2]) > LOST:
             where = f"{middle[0]:.2f}, {middle[1]:.2f}, {middle[2]:.2f}"
             text = f"{entity.name} is in the building ({where}), but in no room"
-            fix = f"map[{entity.name!r}].move_to(x, y, z) into a room, or map.add_room(...) there"
+            fix = "by hand: move it into a room, or add a room there"
             yield (entity.name,), text, fix
         else:
             outdoors.append(entity.name)
     if outdoors:
         count = f"{len(outdoors)} object{'s are' if len(outdoors) > 1 else ' is'} outside"
         text = f"{count} of the building: {listed(outdoors)}"
-        yield tuple(outdoors), text, "map.add_room(...) where robots are to reach them"
+        yield tuple(outdoors), text, "by hand: add rooms where robots are to reach them"
 
 
 def _room_pairs(building: SupportedBuilding, same: bool) -> Found:
@@ -220,7 +243,7 @@ def _room_pairs(building: SupportedBuilding, same: bool) -> Found:
                 continue
             what = "are the same place" if same else f"overlap in {common.area:.2f} m2"
             text = f"the rooms {room.name} and {other.name} {what}"
-            fix = f"map[{other.name!r}].delete(), or draw one of them again in gis_room"
+            fix = "by hand: delete one of them, or draw it again in gis_room"
             yield (room.name, other.name), text, fix
 
 
@@ -240,10 +263,10 @@ def _off_storey(building: SupportedBuilding) -> Found:
         )
         lower = [name for name, z in heights.items() if z <= floor + STEP]
         right = max(lower, key=lambda name: heights[name], default=None)
-        fix = f"map.add_storey(name, elevation={floor:g}), then put {room.name} on it"
+        fix = f"by hand: add a storey at {floor:g} m, and put {room.name} on it"
         if right is not None:
             number = next(e.row["id"] for e in building.storeys if e.name == right)
-            fix = f"map.execute('SELECT put({room.row['id']}, {number})'): on {right}"
+            fix = f"map.execute('SELECT put({room.row['id']}, {number})')  # on {right}"
         yield (room.name, held), text, fix
 
 
@@ -251,13 +274,38 @@ def _no_door(building: SupportedBuilding) -> Found:
     joined = {p for d in building.doors for p in (d.row["place_a"], d.row["place_b"])}
     for room in building.rooms if len(building.rooms) > 1 else ():
         if room.row["id"] not in joined:
-            floor = building.floor(room)
-            near = min(
-                (r for r in building.rooms if r is not room),
-                key=lambda r: (abs(building.floor(r) - floor), r.ground.distance(room.ground)),
+            yield (room.name,), f"no door leads to the room {room.name}", _door(building, room)
+
+
+def _door(building: SupportedBuilding, room: CheckedEntity) -> str:
+    """A door to the nearest room beside a room, in the middle of their longest common wall."""
+    floor = building.floor(room)
+    level = [r for r in building.rooms if r is not room and abs(building.floor(r) - floor) <= STEP]
+    for other in sorted(level, key=lambda r: (r.ground.distance(room.ground), r.name)):
+        edges = room.ground.boundary.difference(other.ground)
+        common = edges.intersection(other.ground.buffer(WALL - SAME_POINT, cap_style="flat"))
+        points = shapely.get_coordinates(room.ground)
+        walls = [
+            part
+            for pair in itertools.pairwise(points)
+            for part in shapely.get_parts(shapely.LineString(pair).intersection(common))
+            if part.length >= DOOR
+        ]
+        if walls:
+            wall = max(walls, key=lambda part: float(part.length))
+            ends = [
+                tuple(float(v) for v in wall.interpolate(wall.length / 2 + d).coords[0])
+                for d in (-DOOR / 2, DOOR / 2)
+            ]
+            line = ", ".join(f"({x:.3f}, {y:.3f})" for x, y in ends)
+            name, taken = f"door of {room.name}", {e.name for e in building.entities}
+            while name in taken:
+                name += "_"
+            return (
+                f"map.add_door({name!r}, {room.name!r}, {other.name!r}, ({line}), "
+                f"height={floor:.3f})"
             )
-            fix = f"map.add_door(name, {room.name!r}, {near.name!r}, ((x, y), (x, y)))"
-            yield (room.name,), f"no door leads to the room {room.name}", fix
+    return "by hand: draw its door in gis_door; no room is beside it on its floor"
 
 
 def _far_doors(building: SupportedBuilding) -> Found:
@@ -278,10 +326,29 @@ def _far_doors(building: SupportedBuilding) -> Found:
                 continue
             how = f"{gap:.2f} m beside" if gap > WALL else f"{rise:.2f} m above or below"
             text = f"the door {door.name} is {how} the room {room.name}, which it joins"
-            to = shapely.ops.nearest_points(room.outline, here)[0]
-            z = door.pose.z if gap > WALL else building.floor(room)
-            fix = f"map[{door.name!r}].move_to({to.x:.3f}, {to.y:.3f}, {z:.3f})"
-            yield (door.name, room.name), text, fix
+            yield (door.name, room.name), text, _door_moves(building, door, room, here)
+
+
+def _door_moves(
+    building: SupportedBuilding, door: CheckedEntity, room: CheckedEntity, here: shapely.Geometry
+) -> Moves:
+    """To the wall of the room, to the middle between it and the other one, and to its floor."""
+    assert door.pose is not None
+    x, y, z = door.pose.translation
+    edge = shapely.ops.nearest_points(room.outline, here)[0]
+    spots = [(edge.x, edge.y)]
+    for end in "ab":
+        other = building.by_id.get(door.row[f"place_{end}"])
+        if other is not None and other is not room and other.outline is not None:
+            one, two = shapely.ops.nearest_points(room.outline, other.outline)
+            beside = shapely.ops.nearest_points(other.outline, edge)[0]
+            spots += [((edge.x + beside.x) / 2, (edge.y + beside.y) / 2)]
+            spots += [((one.x + two.x) / 2, (one.y + two.y) / 2)]
+    heights = {z, building.floor(room)}
+    by = [
+        (u - x, v - y, w - z) for w in sorted(heights, key=lambda w: abs(w - z)) for u, v in spots
+    ]
+    return Moves(door, by, "draw it again in gis_door, in the wall of both of its rooms")
 
 
 def _no_floor(building: SupportedBuilding) -> Found:
@@ -292,7 +359,7 @@ def _no_floor(building: SupportedBuilding) -> Found:
             continue
         if any(_is_level(e, z) for e in building.solids):
             continue
-        fix = f"map.add_room(name, outline, floor={z:.2f}), or map[{storey.name!r}].delete()"
+        fix = "by hand: add a room on it, or delete it"
         yield (storey.name,), f"the storey {storey.name} at {z:.2f} m has no room and no floor", fix
 
 
@@ -309,7 +376,7 @@ def _shapeless(building: SupportedBuilding) -> Found:
     if names:
         count = f"{len(names)} object{'s have' if len(names) > 1 else ' has'}"
         text = f"{count} no geometry, so grids take them as free: {listed(names)}"
-        fix = "import again with model_path= the folder of their models, or assume_sizes=True"
+        fix = "by hand: import again with the model_path of their models, or assume_sizes=True"
         yield names, text, fix
 
 
@@ -321,10 +388,10 @@ def _shapeless_places(building: SupportedBuilding) -> Found:
     )
     for name, count in sorted(bearing.items()):
         text = f"{name} holds {count} object{'s' * (count > 1)}, but has no geometry to reach"
-        yield (name,), text, f"add its mesh or size: map.add_object({name!r}, size=(x, y, z), ...)"
+        yield (name,), text, "by hand: add its mesh or size"
     for entity in building.entities:
         if entity.kind == "room" and entity.outline is None:
-            fix = f"map[{entity.name!r}].delete(), then map.add_room({entity.name!r}, outline)"
+            fix = "by hand: delete it, and add it with an outline"
             yield (entity.name,), f"the room {entity.name} has no outline, so no grid", fix
 
 
@@ -389,21 +456,21 @@ def _wrong_holder(building: SupportedBuilding) -> Found:
             yield (entity.name, holder.name), text, fix
 
 
-def _move(entity: CheckedEntity, dx: float, dy: float, dz: float) -> str:
-    assert entity.pose is not None
-    x, y, z = entity.pose.translation + np.array([dx, dy, dz])
-    return f"map[{entity.name!r}].move_to({x:.3f}, {y:.3f}, {z:.3f})"
+def _apart(small: CheckedEntity, large: CheckedEntity, shared: Floats) -> list[Floats]:
+    """Moves of the smaller one out of the other: by what they share, or past its box."""
+    by = [
+        sign * (float(shared[axis]) + 0.01) * np.eye(3)[axis] for axis in (0, 1) for sign in (-1, 1)
+    ]
+    return sorted([*by, *_beside(small, large)], key=lambda d: float(np.linalg.norm(d)))
 
 
-def _apart(small: CheckedEntity, large: CheckedEntity, shared: Floats) -> str:
-    """Move the smaller one out along the axis on which they share least."""
-    axis = int(np.argmin(shared[:2]))
-    if shared[2] < shared[axis] and small.high[2] > large.high[2]:
-        axis = 2
-    away = np.zeros(3)
-    upward = axis == 2 or (small.low + small.high)[axis] >= (large.low + large.high)[axis]
-    away[axis] = (shared[axis] + 0.01) * (1 if upward else -1)
-    return _move(small, *away)
+def _beside(small: CheckedEntity, large: CheckedEntity) -> list[Floats]:
+    """Moves of one beside the box of another, and onto it; the shortest first."""
+    by = [np.array([0, 0, large.high[2] - small.low[2]])]
+    for axis in (0, 1):
+        for to in (large.high[axis] - small.low[axis], large.low[axis] - small.high[axis]):
+            by.append((to + np.sign(to) * 0.04) * np.eye(3)[axis])
+    return sorted(by, key=lambda d: float(np.linalg.norm(d)))
 
 
 RULES: tuple[tuple[str, Severity, Callable[[SupportedBuilding], Found]], ...] = (
@@ -427,3 +494,15 @@ RULES: tuple[tuple[str, Severity, Callable[[SupportedBuilding], Found]], ...] = 
     ("without geometry", "note", _shapeless),
 )
 """By severity, the gravest first."""
+
+MOVED = {
+    "door away from its room",
+    "things at one point",
+    "things without a storey",
+    "floating",
+    "tipping",
+    "sunk",
+    "penetrating",
+    "outside of all rooms",
+}
+"""The kinds that a move of an object or door can change; holders follow it by themselves."""
