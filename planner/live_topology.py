@@ -303,7 +303,10 @@ class LiveTopology:
         ):
             return self._load(look)
         changed = set()
-        for connector in read_connectors(seen, topology.places.values(), connectors):
+        read = read_connectors(seen, topology.places.values(), connectors)
+        if (connectors & known) - {connector.id for connector in read}:
+            return self._load(look)  # a door left its rooms
+        for connector in read:
             before = topology.connectors.get(connector.name)
             if before is None or _geometry(before) != _geometry(connector):
                 return self._load(look)

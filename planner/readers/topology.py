@@ -32,6 +32,7 @@ SELECT array_send(w.pose || c.pose_a || c.pose_b), c.place_a, c.place_b,
        NULLIF(c.permissions, '{}'), NULLIF(e.properties, '{}'), e.id
 FROM connector c JOIN entity e ON e.id = c.entity_id JOIN world w ON w.entity_id = e.id
 WHERE e.map_id = (SELECT current_map()) AND (%s::bigint[] IS NULL OR e.id = ANY (%s::bigint[]))
+  AND is_at_its_rooms(c, w.pose)
 ORDER BY e.name
 """
 
@@ -109,7 +110,7 @@ def read_regions(seen: Snapshot) -> tuple[list[PlaceRegion], dict[int, list[date
 def read_connectors(
     seen: Snapshot, places: Iterable[Place], ids: Collection[int] | None = None
 ) -> list[PlaceConnector]:
-    """The connectors, of these ids or all, that join these places."""
+    """The connectors, of these ids or all, that join these places, and are at them."""
     if ids is not None and not ids:
         return []
     names: dict[int | None, str] = {p.id: p.name for p in places if p.id is not None}

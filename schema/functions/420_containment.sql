@@ -83,6 +83,13 @@ BEGIN
     ORDER BY round(c.away::numeric, 6), c.entity_id LIMIT 1;
 END $$;
 
+CREATE FUNCTION door_reach()
+RETURNS double precision LANGUAGE sql IMMUTABLE PARALLEL SAFE
+BEGIN ATOMIC
+-- Metres from a door to the rooms that it joins, at most: walls are thinner.
+SELECT 0.3::double precision;
+END;
+
 CREATE FUNCTION room_of(thing bigint)
 RETURNS bigint LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path = semmap, public, pg_temp AS $$
 -- The room of an entity, which all ways to ask for it say. Of an object or agent that of its place, see room_at, also

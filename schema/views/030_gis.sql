@@ -113,6 +113,7 @@ DECLARE
     storey_of bigint;
     height double precision;
     wide double precision;
+    away double precision;
 BEGIN
     IF ST_NumPoints(line) <> 2 OR NOT 2 * half BETWEEN 0.2 AND 5 THEN
         RAISE EXCEPTION 'the line of % is not one straight line of 0.2 to 5 m', whose
@@ -129,6 +130,11 @@ BEGIN
     IF rooms[1] IS NULL OR rooms[1] IS NOT DISTINCT FROM rooms[2] THEN
         RAISE EXCEPTION '% does not join two rooms', whose
             USING ERRCODE = 'check_violation', HINT = 'Draw its line from one room into another of the storey, or outside.';
+    END IF;
+    SELECT max(ST_Distance(w.footprint, middle)) INTO away FROM semmap.world w WHERE w.entity_id = ANY (rooms);
+    IF away > semmap.door_reach() THEN
+        RAISE EXCEPTION 'the middle of % is % m beside a room that it joins', whose, round(away::numeric, 2)
+            USING ERRCODE = 'check_violation', HINT = 'Draw its line as far into the one room as into the other, so that the door is in their wall.';
     END IF;
     SELECT w.storey_id, w.pose[3] + r.floor INTO storey_of, height
         FROM semmap.world w JOIN semmap.room r ON r.entity_id = w.entity_id WHERE w.entity_id = rooms[1];

@@ -10,6 +10,23 @@ CREATE VIEW approach_pose AS
     CROSS JOIN LATERAL (VALUES (0, c.place_a, c.pose_a), (1, c.place_b, c.pose_b)) s (side, place_id, pose)
     LEFT JOIN entity p ON p.id = s.place_id;
 
+CREATE FUNCTION is_at_its_rooms(c connector, at_pose double precision[])
+RETURNS boolean LANGUAGE sql STABLE SET search_path = semmap, public, pg_temp
+BEGIN ATOMIC
+-- Whether a connector with this world pose is at the rooms that it joins: its opening, or the ends of stairs and ramps,
+-- door_reach() beside them and half a metre above or below their floors at most. No route leads through others.
+SELECT NOT EXISTS (
+    SELECT FROM (VALUES (c.place_a, pose_compose(at_pose, c.pose_a)), (c.place_b, pose_compose(at_pose, c.pose_b))) s (place, stand)
+    JOIN world w ON w.entity_id = s.place JOIN room r ON r.entity_id = s.place
+    CROSS JOIN LATERAL (SELECT coalesce(c.width, 0) / 2 AS half, pose_yaw(at_pose) AS yaw, c.form IN ('stairs', 'ramp') AS climbs) d
+    CROSS JOIN LATERAL (SELECT CASE WHEN climbs THEN ST_MakePoint(stand[1], stand[2]) ELSE ST_MakeLine(
+        ST_MakePoint(at_pose[1] + half * sin(yaw), at_pose[2] - half * cos(yaw)),
+        ST_MakePoint(at_pose[1] - half * sin(yaw), at_pose[2] + half * cos(yaw))) END AS at,
+        CASE WHEN climbs THEN stand[3] ELSE at_pose[3] END AS z) o
+    WHERE w.footprint IS NOT NULL
+      AND (ST_Distance(w.footprint, o.at) > door_reach() + 1e-6 OR abs(o.z - w.pose[3] - r.floor) > 0.5 + 1e-6));
+END;
+
 CREATE VIEW gis_approach_pose AS
     SELECT id AS fid, map, connector, side, place, pose_yaw(pose) AS heading,
            ST_MakePoint(pose[1], pose[2])::geometry(Point, 0) AS geom

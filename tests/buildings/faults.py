@@ -32,9 +32,40 @@ def judge_faults(building: Building, place: semmap.Map) -> tuple[int, list[str]]
         for plant in (_near_twins, _piles, _sinks, _tips):
             planted |= {*plant(free, place, chance)}
         after = _found(place)
+        poor = [*_poor_fixes(place, after)]
+        shut = place.sql(
+            "SELECT e.name FROM connector c JOIN entity e ON e.id = c.entity_id JOIN world w "
+            "ON w.entity_id = e.id WHERE e.map_id = current_map() "
+            "AND NOT is_at_its_rooms(c, w.pose)"
+        )
+        off = {min(names - {*_rooms(place)}) for kind, names in after if kind.startswith("door ")}
+        if off != {name for (name,) in shut}:
+            poor.append(f"routes refuse {shut}, not {off}")
     wrong = [f"not found: {kind} {sorted(names)}" for kind, names in planted - after]
     wrong += [f"invented: {kind} {sorted(names)}" for kind, names in after - before - planted]
-    return len(planted), wrong
+    return len(planted), wrong + poor
+
+
+def _rooms(place: semmap.Map) -> set[str]:
+    return {room.name for room in place.rooms}
+
+
+def _poor_fixes(place: semmap.Map, before: set[Finding]) -> Iterator[str]:
+    """The proposed calls that do not remove their finding, or add another one."""
+    for found in place.check():
+        if found.fix.startswith("by hand"):
+            continue
+        with undone(place):
+            if found.safe:
+                place.execute(found.fix)
+            else:
+                eval(found.fix, {"map": place})
+            after = _found(place)
+        names = set(found.entities)
+        left = {(kind, who) for kind, who in after if kind == found.kind and who == names}
+        new = {(kind, who) for kind, who in after - before if not who < names}
+        if left | new:
+            yield f"poor fix of {found}: {found.fix}: {left | new}"
 
 
 def _found(place: semmap.Map) -> set[Finding]:
@@ -113,7 +144,9 @@ def _overlaps(building: Building, place: semmap.Map, chance: random.Random) -> I
         taken = [
             item.ground
             for item in building.items
-            if item.what == "thing" and item.low < room.ceiling and item.high > room.floor - 0.1
+            if item.what in ("thing", "wall")
+            and item.low < room.ceiling
+            and item.high > room.floor - 0.1
         ]
         free = room.outline.buffer(-0.95).difference(shapely.union_all(taken).buffer(0.95))
         if room.elevator is None and not free.is_empty:
@@ -149,7 +182,7 @@ def _free(building: Building, place: semmap.Map) -> Iterator[Spot]:
         taken = [
             item.ground
             for item in building.items
-            if item.what in ("thing", "stub")
+            if item.what in ("thing", "stub", "wall")
             and item.low < room.ceiling
             and item.high > room.floor - 0.1
         ]

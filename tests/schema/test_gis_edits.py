@@ -17,6 +17,7 @@ from sqlalchemy import Engine, text
 from sqlalchemy.exc import DBAPIError
 
 import semmap
+from planner.route import NoRouteError
 from tests.conftest import Import
 
 OFFICE = Path(__file__).parents[2] / "examples" / "office"
@@ -302,3 +303,28 @@ def test_storeys_are_neither_drawn_nor_deleted(office_world: Engine) -> None:
     ):
         with pytest.raises(DBAPIError, match="neither drawn nor deleted"):
             edit(office_world, statement)
+
+
+def test_a_door_is_drawn_in_the_wall_of_both_rooms_and_routes_lead_through_no_other(
+    database: str,
+) -> None:
+    with semmap.connect(database) as db:
+        here = db.create_map("doors")
+        here.add_room("a", [(0, 0), (4, 0), (4, 4), (0, 4)], floor=0, ceiling=2.5)
+        here.add_room("b", [(4.1, 0), (8, 0), (8, 4), (4.1, 4)], floor=0, ceiling=2.5)
+        draw = (
+            "INSERT INTO gis_connector (map, name, geom) VALUES ('doors', 'd', "
+            "ST_SetSRID(ST_MakeLine(ST_Point(%s, 2), ST_Point(4.2, 2)), 0))"
+        )
+        with pytest.raises(ValueError, match=r"the middle of d is 0\.7. m beside a room"):
+            here.execute(draw, 2.5)
+        assert "d" not in here
+        here.execute(draw, 3.9)
+        assert here.route("a", "b").places == ["a", "b"]
+        for x in (4.8, 3.3):
+            here["d"].move_to(x, 2, 0)
+            assert [each.kind for each in here.check()] == ["door away from its room"]
+            with pytest.raises(NoRouteError):
+                here.route("a", "b")
+        here["d"].move_to(4.05, 2, 0)
+        assert here.route("a", "b").places == ["a", "b"]
