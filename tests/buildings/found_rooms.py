@@ -190,8 +190,9 @@ def main() -> None:
         cluster = Cluster(Path(folder) / "data")
         with semmap.connect(cluster) as database:
             for seed in range(given.first, given.first + given.count):
+                made = random_building(seed, plain=True)
                 for way, change, scores in ways.values():
-                    way(change(random_building(seed, plain=True)), database, Path(folder, str(seed)), scores)
+                    way(change(made), database, Path(folder, str(seed)), scores)
         cluster.stop()
     print(" " * 20, "  ".join(f"{name:>9}" for name in COLUMNS))
     for name, (_, _, scores) in ways.items():
