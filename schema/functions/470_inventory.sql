@@ -99,7 +99,7 @@ BEGIN
         HAVING CASE WHEN named THEN sum(share) <= 0.01 ELSE max(share) <= 0.6 END
            AND (NOT named AND ST_Perimeter(w.footprint) >= 3.2 - exact OR bool_or(to_ceiling AND away <= 0.3 + exact))
             OR NOT named AND bool_or(to_ceiling) AND (
-                sum(along) >= 1.5 * long
+                sum(along) >= 1.5 * CASE WHEN long < 1.5 * thick THEN thick ELSE long END  -- a wall may be thicker than it is long
                 OR thick <= partition + exact AND long >= 0.5 - exact AND bool_or(to_ceiling AND into_room AND share > 0.5));
     END IF;
     RETURN part;

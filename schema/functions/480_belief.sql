@@ -444,7 +444,7 @@ END $$;
 -- What changes a belief.
 
 CREATE FUNCTION distance_outside(place bigint, spot double precision[])
-RETURNS double precision LANGUAGE sql STABLE
+RETURNS double precision LANGUAGE sql STABLE STRICT
 BEGIN ATOMIC
 -- How far a position in the frame of a place is outside of it, metres: from its footprint and its height, above which
 -- what stands on it may be a metre high. Null without a footprint.

@@ -106,7 +106,7 @@ def ground_outline(mesh: Mesh, corners: NDArray[np.float64]) -> MultiPolygon | N
     if wide.sum() <= FEW:
         area = _exact_outline(shapely.polygons(flat[wide]), shapely.linearrings(flat[~wide]))
     else:
-        outline = shapely.transform(_cell_outline(met), lambda at: at * size + corner[:2])
+        outline = shapely.transform(cell_outline(met), lambda at: at * size + corner[:2])
         area = outline.simplify(size).buffer(size, join_style="mitre", mitre_limit=2.0)
     parts = [_without_holes(part) for part in polygons(area.intersection(hull))]
     return MultiPolygon(parts) if sum(part.area for part in parts) < enough else None
@@ -134,7 +134,7 @@ def _within(cells: NDArray[np.bool_]) -> NDArray[np.bool_]:
     return rows[:, 1:-1] & rows[:, :-2] & rows[:, 2:]
 
 
-def _cell_outline(cells: NDArray[np.bool_]) -> MultiPolygon:
+def cell_outline(cells: NDArray[np.bool_]) -> MultiPolygon:
     """Return the area of the set cells (rows, columns), in cells; the rim is free."""
     lines = []
     for grid in (cells, np.ascontiguousarray(cells.T)):

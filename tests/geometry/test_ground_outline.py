@@ -19,7 +19,7 @@ from semmap.geometry.outline import (
     FEW,
     FULL,
     LEAST,
-    _cell_outline,
+    cell_outline,
     ground_outline,
     hull_points,
     leaning_outline,
@@ -133,7 +133,7 @@ def test_the_outline_of_cells_is_their_union(
     cells = np.pad(np.random.default_rng(seed).random((rows, columns)) < share, 1)
     r, c = np.nonzero(cells)
     wanted = shapely.union_all(shapely.box(c, r, c + 1, r + 1))
-    assert _cell_outline(cells).symmetric_difference(wanted).area == 0
+    assert cell_outline(cells).symmetric_difference(wanted).area == 0
 
 
 def test_sheets_without_thickness_are_covered() -> None:

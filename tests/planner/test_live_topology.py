@@ -618,7 +618,7 @@ def test_a_class_that_was_replaced_is_not_given_the_walks_of_its_former_shape(ch
 
 
 def test_no_map_and_no_class_are_said(changing, make_database):
-    with pytest.raises(LookupError, match="no robot class named testr; there are: tester"):
+    with pytest.raises(LookupError, match=r"no robot class named testr; did you mean tester\?"):
         LiveTopology(MapHandle(changing, "office"), "testr")
     empty = open_engine(make_database())
     with pytest.raises(LookupError, match="there is no map yet: semmap import"):
