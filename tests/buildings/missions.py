@@ -10,7 +10,7 @@ import semmap
 from tests.buildings.building import Building
 from tests.buildings.plans import ROBOTS, goals, stored_robot, text
 
-ASKED = 3
+ASKED = 2
 """Goals of a building for which missions run."""
 
 

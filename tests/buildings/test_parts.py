@@ -141,6 +141,7 @@ def test_inner_walls_are_walls_where_outlines_meet_in_them_or_they_end_in_a_room
             ((3.93, 0.0, 4.03, 2.0), 2.5),  # 70 % in one room
             ((4.0, 2.5, 4.1, 4.0), 2.5),  # along the border, in one room alone
             ((3.88, 4.5, 4.1, 4.8), 2.7),  # a short piece of a thick wall
+            ((3.8, 5.1, 4.09, 5.3), 2.7),  # a piece that is thicker than it is long
             ((0.0, 6.0, 1.2, 6.1), 2.5),  # from the border into a room
             ((2.0, 8.0, 2.2, 9.5), 2.7),  # free in a room: an outline knows no other walls
         )

@@ -174,13 +174,13 @@ def test_a_line_or_point_has_none() -> None:
         assert outline_of(Mesh(vertices, np.arange(30, dtype=np.int32).reshape(-1, 3))) is None
 
 
-def test_a_mesh_of_a_million_triangles_takes_no_second() -> None:
-    mesh = split(prism_mesh(plan_of("L", 3, 2, 0.3), 0, 1), 8)
-    assert len(mesh.faces) > 1e6
+def test_the_time_follows_from_cells_not_from_triangles() -> None:
+    mesh = split(prism_mesh(plan_of("L", 3, 2, 0.3), 0, 1), 7)
+    assert len(mesh.faces) > 2.5e5
     corners = hull_points(mesh)
     start = time.process_time()
     found = ground_outline(mesh, corners)
-    assert time.process_time() - start < 3
+    assert time.process_time() - start < 2
     assert found is not None
     assert found.area == pytest.approx(plan_of("L", 3, 2, 0.3).area, rel=0.03)
 
