@@ -75,6 +75,8 @@ _HALO = _halo(2.2, 0.85)
 _BOLD: Style = {"weight": "bold", "zorder": 8}
 _LEAST, _TYPE = 2.5, 6.5
 """Points of the smallest letters: of a room's name, and of one with its type below."""
+_PER_DOOR, _LEAST_DOOR = 2.5, 3.6
+"""Square inches of a plan for each door below which their names are smaller, to so many points."""
 _ROOM_NAME = _BOLD | _HALO | {"fontsize": 9.5, "color": INK, "linespacing": 1.1}
 _DOOR_NAME = _BOLD | {"fontsize": 6.8, "color": "white"}
 _REGION_NAME = _BOLD | _HALO | {"fontsize": 7, "style": "italic"}
@@ -375,10 +377,13 @@ def _write(axes: Axes, storey: StoreyView, objects: list[ObjectView], per_metre:
     labels.shun([])
     near = max(9.0, 0.30 * per_metre)
     beside = _ring((near, near + 8, near + 16, near + 26))
+    area = axes.get_window_extent().width * axes.get_window_extent().height / labels.dpi**2
+    crowd = math.sqrt(area / _PER_DOOR / max(1, len(middles)))
+    size = {"fontsize": max(_LEAST_DOOR, _DOOR_NAME["fontsize"] * min(1.0, crowd))}
     for door, (x, y) in zip(storey.doors, middles, strict=True):
         colour = STATES.get(door.state, STATES["open"])
         box: Style = {"boxstyle": "round,pad=0.22,rounding_size=0.5", "fc": colour, "ec": "white"}
-        plate: Style = {**_DOOR_NAME, "bbox": box | {"lw": 0.5}}
+        plate: Style = {**_DOOR_NAME, **size, "bbox": box | {"lw": 0.5}}
         labels.put(x, y, door.name, offsets=beside, most=_COVERED, **plate)
     for region in storey.regions:
         c = region.outline.representative_point()

@@ -35,6 +35,7 @@ class Labels:
         self.taken: list[Box] = []
         figure = axes.get_figure(root=True)
         assert figure is not None
+        self.dpi = figure.dpi
         self._points = figure.dpi / 72
         self._renderer = figure.canvas.get_renderer()  # type: ignore[attr-defined]
         window = axes.get_window_extent(self._renderer)
