@@ -188,7 +188,7 @@ class SimulatedRun:
             )
         if start is not None:
             live.topology.place(start)
-            store.add_robot(robot, start, entry_pose(live.topology, start))
+            store.add_robot(robot, start, entry_pose(live.graph, start))
         if self.robot_class is not None:
             store.state_class(robot, self.robot_class)
 

@@ -6,25 +6,33 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from planner.live_topology import LiveTopology
 from planner.mission.failures import FailureRule
 from planner.mission.sim_robot import SimulatedRobot
 from planner.mission.sim_world import SimWorld
 from planner.mission.store.mission_list import MissionError
 from planner.mission.store.missions import MissionStore
+from planner.routing_graph import RoutingGraph
 from planner.topology import Topology
 from semmap.geometry.pose import Pose
 
 _NOWHERE = "no room holds {}: give its start by start="
 
 
-def entry_pose(topology: Topology, place: str) -> Pose:
-    """The approach pose of the first door of a place; MissionError without one."""
-    doors = topology.connectors_of(place)
-    if not doors:
+def entry_pose(graph: RoutingGraph, place: str) -> Pose:
+    """The approach pose of a place from which most of its doors are reached, the first such one.
+
+    MissionError where the place has no door.
+    """
+    nodes = graph.nodes.get(place, ())
+    if not len(nodes):
         raise MissionError(f"{place} has no door: a robot cannot leave it; add a connector")
-    connector, side = doors[0]
-    return connector.poses[side]
+    travel = graph.travel_edges.get(place, slice(0))
+    there = graph.tails[travel][np.isfinite(graph.seconds[travel])]
+    best: int = max(nodes, key=lambda node: np.count_nonzero(there == node))
+    return graph.poses[best]
 
 
 def open_world(

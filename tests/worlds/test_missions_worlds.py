@@ -358,7 +358,7 @@ def test_other_base_poses_are_tried_before_giving_up(
     part = Part("base", ("base",), (0.05, 1.0), corners, 0.199, 0.2)
     live = LiveTopology(copy, RobotClass("disc", (part,)))
     with MissionStore(copy, "test") as store:
-        store.add_robot("robot", "kitchen", entry_pose(live.topology, "kitchen"))
+        store.add_robot("robot", "kitchen", entry_pose(live.graph, "kitchen"))
         with closing(open_world(Path("world"), store, live.topology, "robot")) as world:
             options = body_options(live, speed=1e6)
             robot = Clumsy(action, poses, "robot", world, live.topology, **options)

@@ -117,7 +117,7 @@ def _drive(
     file.unlink(missing_ok=True)
     with MissionStore(MapHandle(engine, live.map_name), "demo") as store:
         try:
-            pose = entry_pose(live.topology, start)
+            pose = entry_pose(live.graph, start)
         except MissionError as error:
             return MissionResult(0, "failed", str(error))
         store.add_robot("robot", start, pose, name)

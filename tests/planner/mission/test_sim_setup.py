@@ -1,5 +1,6 @@
 """A simulated world is made of the map once, and opened again as it was left."""
 
+import numpy as np
 import pytest
 
 from planner.live_topology import LiveTopology
@@ -8,6 +9,7 @@ from planner.mission.sim_setup import entry_pose, open_world, simulated_robot
 from planner.mission.store.mission_list import MissionError
 from planner.readers.robot_class import delete_robot_class, store_robot_class
 from planner.robot_class import RobotClass
+from planner.routing_graph import RoutingGraph
 from planner.topology import Place, Topology
 from semmap.geometry.pose import Pose
 from semmap.query.map_handle import MapHandle
@@ -15,11 +17,16 @@ from tests.planner.mission.conftest import START
 from tests.planner.office import office
 
 
-def test_a_robot_enters_before_the_first_door_of_a_place():
-    pose = entry_pose(office(), "lab1")
+def test_a_robot_enters_before_the_first_door_from_which_it_gets_anywhere():
+    graph = RoutingGraph(office())
+    pose = entry_pose(graph, "lab1")
     assert (pose.x, pose.y) == pytest.approx((2.0, 3.3))
+    first, second, *_ = graph.nodes["foyer-1st"]
+    assert entry_pose(graph, "foyer-1st") == graph.poses[first]
+    graph.seconds[graph.tails == first] = np.inf  # a chair stands before that door
+    assert entry_pose(graph, "foyer-1st") == graph.poses[second]
     with pytest.raises(MissionError, match="cell has no door"):
-        entry_pose(Topology.of([Place("cell")], []), "cell")
+        entry_pose(RoutingGraph(Topology.of([Place("cell")], [])), "cell")
 
 
 def test_the_world_is_as_the_map_and_stays_as_it_was_left(world, tmp_path):
