@@ -59,14 +59,16 @@ CREATE VIEW route_edge AS
     WITH room_of AS (SELECT entity_id, elevator_id FROM room)
     -- passages
     SELECT 'passage' AS kind, 2 * c.entity_id AS source, 2 * c.entity_id + 1 AS target,
-           CASE WHEN is_blocked_for(r, c, 1) THEN -1
+           CASE WHEN NOT at.rooms OR is_blocked_for(r, c, 1) THEN -1
                 ELSE t.seconds + CASE WHEN b.elevator_id IS DISTINCT FROM a.elevator_id AND b.elevator_id IS NOT NULL
                                       THEN coalesce(lb.seconds, r.call_seconds) ELSE 0 END END AS cost,
-           CASE WHEN is_blocked_for(r, c, 0) THEN -1
+           CASE WHEN NOT at.rooms OR is_blocked_for(r, c, 0) THEN -1
                 ELSE t.seconds + CASE WHEN b.elevator_id IS DISTINCT FROM a.elevator_id AND a.elevator_id IS NOT NULL
                                       THEN coalesce(la.seconds, r.call_seconds) ELSE 0 END END AS reverse_cost,
            through AS metres, e.name, e.map_id, r.id AS robot_class_id, r.name AS robot_class
     FROM robot_class r CROSS JOIN connector c JOIN entity e ON e.id = c.entity_id
+    JOIN world w ON w.entity_id = c.entity_id
+    CROSS JOIN LATERAL (SELECT is_at_its_rooms(c, w.pose)) at (rooms)
     LEFT JOIN room_of a ON a.entity_id = c.place_a LEFT JOIN room_of b ON b.entity_id = c.place_b
     CROSS JOIN LATERAL (SELECT sqrt((c.pose_a[1] - c.pose_b[1]) ^ 2 + (c.pose_a[2] - c.pose_b[2]) ^ 2
                                     + (c.pose_a[3] - c.pose_b[3]) ^ 2) AS through) d

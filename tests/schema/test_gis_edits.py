@@ -320,10 +320,14 @@ def test_a_door_is_drawn_in_the_wall_of_both_rooms_and_routes_lead_through_no_ot
             here.execute(draw, 2.5)
         assert "d" not in here
         here.execute(draw, 3.9)
+        db.add_robot("any", OFFICE / "delivery_robot.urdf")
+        passable = "SELECT cost >= 0 FROM route_edge WHERE name = 'd' AND map_id = current_map()"
         assert here.route("a", "b").places == ["a", "b"]
+        assert [*here.sql(passable)] == [(True,)]
         for x in (4.8, 3.3):
             here["d"].move_to(x, 2, 0)
             assert [each.kind for each in here.check()] == ["door away from its room"]
+            assert [*here.sql(passable)] == [(False,)]
             with pytest.raises(NoRouteError):
                 here.route("a", "b")
         here["d"].move_to(4.05, 2, 0)
