@@ -289,9 +289,11 @@ class SimulatedRobot:
         state = self.world.door(name)
         if state == "locked":
             return "locked", f"{name} is locked"
-        if state == "closed":
-            return "closed", f"{name} is closed"
         lift = self._lift_of(name)
+        # the door of a lift opens to whoever is in its cabin
+        inside = lift is not None and self.world.elevator(lift)[0] == step.from_place
+        if state == "closed" and not inside:
+            return "closed", f"{name} is closed"
         if lift is not None:
             cabin, occupant = self.world.elevator(lift)
             if cabin not in (step.from_place, step.to_place):

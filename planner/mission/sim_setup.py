@@ -24,15 +24,16 @@ _NOWHERE = "no room holds {}: give its start by start="
 def entry_pose(graph: RoutingGraph, place: str) -> Pose:
     """The approach pose of a place from which most of its doors are reached, the first such one.
 
-    MissionError where the place has no door.
+    It is at a door that nothing closes, where there is one. MissionError if the place has no door.
     """
     nodes = graph.nodes.get(place, ())
     if not len(nodes):
         raise MissionError(f"{place} has no door: a robot cannot leave it; add a connector")
     travel = graph.travel_edges.get(place, slice(0))
     there = graph.tails[travel][np.isfinite(graph.seconds[travel])]
-    best: int = max(nodes, key=lambda node: np.count_nonzero(there == node))
-    return graph.poses[best]
+    passed = np.isfinite(graph.endpoint(place).seconds)
+    reached = np.array([np.count_nonzero(there == node) for node in nodes])
+    return graph.poses[int(nodes[np.lexsort([-reached, ~passed])[0]])]
 
 
 def open_world(
@@ -64,6 +65,9 @@ def open_world(
         world = SimWorld.make(file, topology, store.objects(), rules)
     if where is not None and not world.has_robot(robot):
         world.put_robot(robot, *where)
+        lift = topology.places[where[0]].elevator if where[0] in topology.places else None
+        if lift is not None:  # it stands where somebody is in it
+            world.set_elevator(lift, where[0], robot)
     return world
 
 

@@ -64,6 +64,15 @@ def test_what_cannot_be_opened_leaves_no_file(world, tmp_path):
         own.close()
 
 
+def test_a_lift_stands_where_a_robot_is_in_it_and_lets_it_out(world, tmp_path):
+    graph = RoutingGraph(world.topology)
+    with world.store() as store:
+        store.add_robot("rider", "elevator-3rd", entry_pose(graph, "elevator-3rd"))
+        own = open_world(tmp_path / "ride", store, world.topology, "rider")
+        assert own.elevator("elevator") == ("elevator-3rd", "rider")
+        own.close()
+
+
 def test_a_simulated_robot_is_as_fast_as_its_class(world):
     with world.engine.begin() as connection:
         store_robot_class(connection, RobotClass("crawler", speed=0.25))
