@@ -208,6 +208,9 @@ BEGIN
     PERFORM semmap.lock_holders(ARRAY(SELECT DISTINCT holder_id FROM fresh));
     PERFORM semmap.check_holders(ids);
     PERFORM semmap.record_moves(semmap.refresh_world(ids), '{}', 'moved');
+    IF current_setting('semmap.deriving', true) IS DISTINCT FROM 'off' THEN
+        PERFORM semmap.recognise_parts(semmap.neighbours_of(ids));
+    END IF;
     PERFORM semmap.follow_geometry(ids, ARRAY(SELECT entity_id FROM fresh WHERE holder_id IS NOT NULL AND confidence IS NULL));
     RETURN NULL;
 END $$;

@@ -38,6 +38,9 @@ HEIGHT = {"room": 2.5, "region": 0.01}
 CLEARANCE = 0.6
 """Metres from the line of a door at which a robot stands before and behind it."""
 
+IN_ROOM = 0.1
+"""Metres from the border of a room at which a post of a door is in the room."""
+
 SIDE = 0.05
 """Metres before and behind a door's line where its places are looked for."""
 
@@ -146,6 +149,8 @@ def door(
     ends = np.asarray(line, dtype=float)
     if ends.shape != (2, 2) or not np.isfinite(ends).all() or np.allclose(ends[0], ends[1]):
         raise ValueError(f"the line of {name} is two points (x, y), not {line}")
+    if detail["type"] not in ("stairs", "ramp"):
+        _check_across(name, rooms, ends)
     along = ends[1] - ends[0]
     length = float(np.hypot(*along))
     normal = np.array([along[1], -along[0]]) / length
@@ -168,6 +173,21 @@ def door(
             **detail,
         ),
     )
+
+
+def _check_across(name: str, rooms: Sequence[MapEntity], ends: Any) -> None:
+    """Refuse a line that leads from one room into another, in place of that from post to post."""
+    outlines = [room.footprint for room in rooms if room.footprint is not None]
+    if len(outlines) != 2:
+        return
+    inner = [outline.buffer(-IN_ROOM) for outline in outlines]
+    posts = shapely.points(ends)
+    for first, second in (posts, posts[::-1]):
+        if inner[0].contains(first) and inner[1].contains(second):
+            raise ValueError(
+                f"the line of {name} leads from {rooms[0].name} into {rooms[1].name}: draw the "
+                "opening in the wall, from post to post"
+            )
 
 
 ROOMS_OF_TYPES = """
@@ -367,6 +387,8 @@ def add_entry(
         raise ValueError(f"the map has an entity {entry.name} already")
     if entry.type is not None and entry.kind != "connector" and not define:
         map.check_type(entry.type, "define=True adds it")
+    if entry.type is not None and entry.kind == "object":
+        check_object_type(map, entry.name, entry.type)
     stated = on if on is not None else in_
     relation = "in" if on is None else "on"
     holder = map[stated] if stated is not None else None
@@ -390,6 +412,15 @@ def add_entry(
             elif entry.kind in ("room", "region"):
                 _into_storey(map, made, storey)
     return made
+
+
+def check_object_type(
+    map: Map, name: str, type: str, others: Sequence[str] = ("room", "storey", "region", "elevator")
+) -> None:
+    """Refuse a type of entities of another kind for an object."""
+    kinds = "SELECT k FROM unnest(%s::text[]) k WHERE %s = ANY (subtypes(k))"
+    for (kind,) in map.execute(kinds, list(others), type):
+        raise ValueError(f"{name} is an object, and {type} a type of the kind {kind}")
 
 
 def _into_storey(map: Map, made: MapEntity, storey: str | None) -> None:

@@ -198,7 +198,12 @@ class Map(
         LookupError, ValueError
             As `identify`; nothing is stored.
         """
+        from semmap.api.additions import check_object_type
         from semmap.belief.identify import observe_detections
+
+        for seen in detections:
+            kinds = ("room", "storey", "region", "elevator", "connector", "agent")
+            check_object_type(self, "what was detected", seen.type, kinds)
 
         def add(name: str, detected: Detection, point: tuple[float, float, float]) -> None:
             x, y, z = point

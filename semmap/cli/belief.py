@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 
 OBSERVED = ("object", "place", "seen", "visible")
 COLUMNS = ("place", "probability", "holder", "last_seen", "last_missed")
+STATED = {"frame", "at", "hit", "false_alarm"}
 DETECTION = "TYPE=X,Y,Z[,W,D,H]"
 
 
@@ -122,8 +123,7 @@ def observe_command(
     if detected:
         if name or place or point or view:
             raise typer.BadParameter("--detected takes no NAME, place or view beside it")
-        given = {key: call.texts[key] for key in ("frame", "at", "hit", "false_alarm")}
-        stated = {key: value for key, value in given.items() if value is not None}
+        stated = {key: call.values[key] for key in STATED & call.values.keys()}
         told = call.handle.observe_objects(detections(detected, "--detected"), **stated)
         if not json_:
             told = [row | {"may_be": _all_of(row["may_be"])} for row in told]
@@ -149,8 +149,8 @@ def _observed(
     call: MethodCall, name: str, place: str | None, point: str | None, **seen: Any
 ) -> dict[str, Any]:
     """Store a look for one object at a place, or a detection of it at a point."""
-    frame = call.texts["frame"]
-    rates = {key: call.texts[key] for key in ("hit", "false_alarm", "at")}
+    rates = {key: call.values[key] for key in STATED & call.values.keys()}
+    frame = rates.pop("frame", None)
     if point is None:
         found = call.handle.observe(name, place, observer=frame, **seen, **rates)
     else:

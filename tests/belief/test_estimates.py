@@ -80,7 +80,7 @@ def test_the_commands_show_and_export_beliefs_with_occlusion_and_motion(
         shop.add_object("cup", type="cup", size=(0.08, 0.08, 0.1), on="table0")
     for _ in range(3):
         semmap(url, "observe", "box", "table0")
-        semmap(url, "observe", "cup", "table0", "--missed")
+        semmap(url, "observe", "cup", "table0", "--missed", "--at", str(datetime.now(UTC)))
 
     def at_table0(*options: str) -> float:
         result = semmap(url, "where", *options, "--json")

@@ -107,6 +107,14 @@ def test_what_the_map_has_in_the_air_may_be_seen_there_and_stays(flat_map: Map) 
         raise psycopg.Rollback(transaction)
 
 
+@pytest.mark.parametrize("kind", ["room", "kitchen", "storey", "robot", "person", "door"])
+def test_what_is_no_object_is_not_detected(flat_map: Map, kind: str) -> None:
+    before = {entity.name for entity in flat_map}
+    with pytest.raises(ValueError, match=f"{kind} a type of the kind"):
+        flat_map.observe_objects([Detection("mug", (1.7, 1.4, 0.8)), Detection(kind, (1, 1, 0))])
+    assert {entity.name for entity in flat_map} == before
+
+
 def test_a_position_in_the_air_says_where_it_is_but_moves_nothing(flat_map: Map) -> None:
     with flat_map.transaction() as transaction:
         pose = flat_map["mug"].pose

@@ -319,6 +319,8 @@ def test_a_door_is_drawn_in_the_wall_of_both_rooms_and_routes_lead_through_no_ot
         with pytest.raises(ValueError, match=r"the middle of d is 0\.7. m beside a room"):
             here.execute(draw, 2.5)
         assert "d" not in here
+        with pytest.raises(ValueError, match=r"e leads from a into b: draw the opening"):
+            here.add_door("e", "a", "b", ((3.6, 1), (4.5, 1)))
         here.execute(draw, 3.9)
         db.add_robot("any", OFFICE / "delivery_robot.urdf")
         passable = "SELECT cost >= 0 FROM route_edge WHERE name = 'd' AND map_id = current_map()"

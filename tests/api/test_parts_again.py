@@ -1,0 +1,44 @@
+"""Parts of the building are recognised in whatever order, and however often, they are added."""
+
+from __future__ import annotations
+
+import pytest
+
+import semmap
+
+WALL = ("zzp", (0.1, 8.0, 2.7), (5.0, 4.0, 0.0, 0.0))
+FLOOR = ("qxv", (10.4, 8.4, 0.2), (5.0, 4.0, -0.2, 0.0))
+SHELF = ("schr", (0.6, 2.0, 2.2), (8.5, 2.0, 0.0, 0.0))
+ROOMS = {"a": (0.0, 4.95), "b": (5.05, 10.0)}
+
+
+def add(place: semmap.Map, what: str) -> None:
+    if what == "rooms":
+        for name, (x0, x1) in ROOMS.items():
+            outline = [(x0, 0), (x1, 0), (x1, 8), (x0, 8)]
+            place.add_room(name, outline, floor=0, ceiling=2.7)
+        return
+    name, size, pose = {"wall": WALL, "floor": FLOOR, "shelf": SHELF}[what]
+    place.add_object(name, size=size, pose=pose)
+
+
+@pytest.mark.parametrize("turn", range(4))
+def test_the_order_tells_nothing(database: str, turn: int) -> None:
+    order = ["rooms", "wall", "floor", "shelf"]
+    order = order[turn:] + order[:turn]
+    with semmap.connect(database) as db:
+        for again in range(2):  # the second map finds the meshes of the first
+            place = db.create_map(f"parts {turn} {again}")
+            place.add_storey("s", elevation=0, height=2.7)
+            for what in order:
+                add(place, what)
+            assert (place["zzp"].type, place["qxv"].type) == ("wall", "floor")
+            holders = {name: place[name].holder for name in ("zzp", "qxv", "schr")}
+            assert {name: holder and holder.name for name, holder in holders.items()} == {
+                "zzp": "s",
+                "qxv": "s",
+                "schr": "b",
+            }
+            place["zzp"].delete()
+            add(place, "wall")
+            assert place["zzp"].type == "wall"
