@@ -415,7 +415,7 @@ def add_entry(
 
 
 def check_object_type(
-    map: Map, name: str, type: str, others: Sequence[str] = ("room", "storey", "region", "elevator")
+    map: Map, name: str, type: str, others: Sequence[str] = ("room", "storey", "elevator")
 ) -> None:
     """Refuse a type of entities of another kind for an object."""
     kinds = "SELECT k FROM unnest(%s::text[]) k WHERE %s = ANY (subtypes(k))"

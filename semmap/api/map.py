@@ -202,7 +202,7 @@ class Map(
         from semmap.belief.identify import observe_detections
 
         for seen in detections:
-            kinds = ("room", "storey", "region", "elevator", "connector", "agent")
+            kinds = ("room", "storey", "elevator", "connector", "agent")
             check_object_type(self, "what was detected", seen.type, kinds)
 
         def add(name: str, detected: Detection, point: tuple[float, float, float]) -> None:
