@@ -183,13 +183,6 @@ def _shared(one: CheckedEntity, two: CheckedEntity) -> Floats | None:
     return extents
 
 
-def _lie_apart(one: CheckedEntity, two: CheckedEntity) -> bool:
-    """Whether two things at one point differ in size, and share no space."""
-    sizes = one.high - one.low, two.high - two.low
-    shaped = all((size > 0).all() for size in sizes)
-    return shaped and bool((abs(sizes[0] - sizes[1]) > CONTACT).any()) and _shared(one, two) is None
-
-
 def _stores(around: CheckedEntity, entity: CheckedEntity) -> bool:
     """Whether a solid stands for one with an inside: by its type, or as its content is stated."""
     stated = entity.row["holder_id"] == around.row["id"] and entity.row["confidence"] is None
@@ -204,8 +197,6 @@ def _belongs(building: SupportedBuilding, one: CheckedEntity, two: CheckedEntity
 
 def _one_point(building: SupportedBuilding) -> Found:
     for group in building.one_point:
-        if all(_lie_apart(one, two) for one, two in itertools.combinations(group, 2)):
-            continue  # a table on a rug, a bucket below it
         names = tuple(e.name for e in group)
         x, y, z = group[0].stand
         last, apart = group[-1], max(group, key=lambda e: float(np.prod(e.high - e.low)))
