@@ -27,11 +27,13 @@ def check_rooms(before: semmap.Map, after: semmap.Map, file: Path) -> None:
     assert storeys[0] == pytest.approx(storeys[1])
     cabins = {row[0] for row in before.sql(CABINS)}
     rooms = {room.name: room for room in before.rooms if room.name not in cabins}
-    # the walls of a shaft are in no room
-    shafts = shapely.union_all([before.rooms[name].geometry for name in cabins]).buffer(0.15)
+    # beside the walls of a shaft, rooms lose slivers to it
+    shafts = shapely.union_all([before.rooms[name].geometry for name in cabins]).buffer(0.7)
     for name, room in rooms.items():
         back, doorways = after[name].geometry, shapely.union_all([d.geometry for d in before.doors])
-        assert room.geometry.difference(back).difference(shafts).area < 0.01, name
+        lost = room.geometry.difference(back)
+        assert lost.difference(shafts).area < 0.01, name
+        assert lost.area < 0.05, name
         added = back.difference(room.geometry).difference(doorways.buffer(DOORWAY))
         assert added.area < 0.01, name
         assert after[name].storey.name == room.storey.name
