@@ -305,7 +305,7 @@ class Building:
         self.file = folder / "world"
 
     def add_robot(self, place: str) -> None:
-        self.store.add_robot("robot", place, entry_pose(self.live.topology, place), "folded")
+        self.store.add_robot("robot", place, entry_pose(self.live.graph, place), "folded")
         self.world = open_world(self.file, self.store, self.live.topology, "robot")
 
     def reach(self, goal: str) -> MissionResult:
