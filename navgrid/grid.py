@@ -11,6 +11,7 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
+from semmap.geometry.cell_outline import cell_outline
 from semmap.limits import GRID_CELLS
 from semmap.query.storey_scene import Bounds, StoreyScene
 
@@ -91,11 +92,7 @@ class Grid:
 
     def area(self, cells: NDArray[np.bool_]) -> shapely.Geometry:
         """Return what cells (rows, columns) cover, metres."""
-        edges = np.diff(np.pad(cells, ((0, 0), (1, 1))).astype(np.int8), axis=1)
-        row, begin = np.nonzero(edges == 1)
-        end = np.nonzero(edges == -1)[1]
-        flat = shapely.union_all(shapely.box(begin, row, end, row + 1))
-        return shapely.transform(flat, lambda xy: xy * self.resolution + self.origin)
+        return shapely.transform(cell_outline(cells), lambda xy: xy * self.resolution + self.origin)
 
 
 def scene_grid(

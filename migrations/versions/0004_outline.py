@@ -6,8 +6,9 @@ import shapely
 from alembic import op
 
 from semmap.database.maps import driver_of
+from semmap.geometry.ground_outline import ground_outline
 from semmap.geometry.mesh import Mesh
-from semmap.geometry.outline import ground_outline, hull_points
+from semmap.geometry.outline import hull_points
 from semmap.query.meshes import model_triangles
 
 revision = "0004"

@@ -12,18 +12,18 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from semmap.geometry.mesh import Mesh, box_mesh, join, prism_mesh
-from semmap.geometry.outline import (
+from semmap.geometry.cell_outline import cell_outline
+from semmap.geometry.ground_outline import (
     CELL,
     CELLS,
     FEW,
     FULL,
     LEAST,
-    cell_outline,
     ground_outline,
-    hull_points,
     leaning_outline,
 )
+from semmap.geometry.mesh import Mesh, box_mesh, join, prism_mesh
+from semmap.geometry.outline import hull_points
 from semmap.geometry.pose import Pose
 
 shapes = st.sampled_from(["L", "U", "T", "ring", "two", "box", "disc"])

@@ -11,8 +11,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
+from semmap.geometry.ground_outline import silhouette
 from semmap.geometry.mesh import Mesh, box_mesh, prism_mesh
-from semmap.geometry.outline import hull_points, placed_outline, silhouette
+from semmap.geometry.outline import hull_points, placed_outline
 from semmap.geometry.pose import Pose
 
 metres = st.floats(-5, 5)

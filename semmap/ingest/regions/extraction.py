@@ -17,9 +17,9 @@ from sqlalchemy import Connection
 
 from semmap.database.maps import driver_of
 from semmap.geometry.floor import walkable_floor
+from semmap.geometry.ground_outline import silhouette
 from semmap.geometry.mesh import Mesh
 from semmap.geometry.observation import observation_area
-from semmap.geometry.outline import silhouette
 from semmap.geometry.pose import IDENTITY, Pose
 from semmap.geometry.surfaces import support_surfaces
 from semmap.geometry.tin import to_mesh

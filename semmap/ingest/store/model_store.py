@@ -12,7 +12,8 @@ import shapely
 from numpy.typing import NDArray
 from psycopg import sql
 
-from semmap.geometry.outline import ground_outline, hull_points
+from semmap.geometry.ground_outline import ground_outline
+from semmap.geometry.outline import hull_points
 from semmap.geometry.tin import encode_chunks
 from semmap.ingest.store.copy_rows import copy_statement, writable_table
 from semmap.ingest.world import Entry, Shape

@@ -11,7 +11,8 @@ import shapely
 from numpy.typing import NDArray
 from psycopg.rows import dict_row
 
-from semmap.geometry.outline import leaning_outline, placed_outline
+from semmap.geometry.ground_outline import leaning_outline
+from semmap.geometry.outline import placed_outline
 from semmap.geometry.pose import Pose
 from semmap.query.meshes import models_triangles
 from semmap.query.snapshot import Snapshot
