@@ -230,13 +230,7 @@ def _lifts(found: MapFeatures, storeys: list[str]) -> dict[str, Any]:
         first = next(iter(cabins.values()), None)
         if first is None or first.geometry is None or first.geometry.area == 0:
             continue
-        corners = shapely.get_coordinates(first.geometry)
-        frame = Pose.planar(0.0, 0.0, first.keys.get("heading", 0.0))
-        own = frame.inverse().apply(np.pad(corners, ((0, 0), (0, 1))))
-        low, high = own.min(axis=0), own.max(axis=0)
-        x, y, _ = frame.apply([(low + high) / 2])[0].tolist()
-        width, depth, _ = (high - low).tolist()
-        frame = Pose.planar(x, y, frame.yaw)
+        frame, width, depth = _cabin(first.geometry, first.keys.get("heading", 0.0))
         doors: dict[str, dict[str, Any]] = {}
         stops: dict[str, list[str]] = {name: [] for name in served}
         for door in found.all("doors"):
@@ -250,8 +244,8 @@ def _lifts(found: MapFeatures, storeys: list[str]) -> dict[str, Any]:
             if stop in stops and name not in stops[stop]:
                 stops[stop].append(name)
         lifts[elevator.name] = {
-            "x": round(x, 4),
-            "y": round(y, 4),
+            "x": round(frame.x, 4),
+            "y": round(frame.y, 4),
             "yaw": round(frame.yaw, 6),
             "width": round(width, 4),
             "depth": round(depth, 4),
@@ -264,6 +258,23 @@ def _lifts(found: MapFeatures, storeys: list[str]) -> dict[str, Any]:
             "level_doors": stops,
         }
     return lifts
+
+
+def _cabin(outline: shapely.Geometry, heading: float) -> tuple[Pose, float, float]:
+    """The frame, width (along x) and depth of the rectangle around a cabin.
+
+    It is turned as the cabin's frame, or as its outline where that leaves corners free.
+    """
+    edge = np.diff(shapely.get_coordinates(shapely.oriented_envelope(outline))[:2], axis=0)[0]
+    for yaw in (heading, float(np.arctan2(edge[1], edge[0]))):
+        frame = Pose.planar(0.0, 0.0, yaw)
+        own = frame.inverse().apply(np.pad(shapely.get_coordinates(outline), ((0, 0), (0, 1))))
+        low, high = own.min(axis=0), own.max(axis=0)
+        width, depth, _ = (high - low).tolist()
+        if outline.area >= 0.99 * width * depth:
+            break
+    x, y, _ = frame.apply([(low + high) / 2])[0].tolist()
+    return Pose.planar(x, y, yaw), width, depth
 
 
 def _lift_door(line: LineString, frame: Pose) -> dict[str, Any]:
