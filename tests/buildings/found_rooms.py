@@ -1,9 +1,9 @@
 """Judge what is found in walls: ``python -m tests.buildings.found_rooms --count 50``.
 
-Each building is tried furnished and empty, and each of these as meshes and as the grid that a level
-scanner of a SLAM program would make of it. The table has recall and precision of the same rooms and
-doorways, the recall and precision of areas of Bormann et al. (2016, section V.B), and the Matthews
-correlation of MAORIS (Mielle et al., 2018, section III).
+Each building is tried empty, furnished, and with partitions, and each of these as meshes and as the
+grid that a level scanner of a SLAM program would make of it. The table has recall and precision of
+the same rooms and doorways, the recall and precision of areas of Bormann et al. (2016, section
+V.B), and the Matthews correlation of MAORIS (Mielle et al., 2018, section III).
 Found and known rooms are the same if they share 70 percent of what both cover, doorways if they are
 within half a metre; a lift is one if its rooms are cabins.
 """
@@ -168,10 +168,19 @@ def bare(building: Building, database: semmap.Database, folder: Path) -> Iterato
     database.drop_map(name)
 
 
-def empty(building: Building) -> Building:
-    """The building without furniture."""
-    parts = ("floor", "wall", "ceiling")
+def furnished(seed: int) -> Building:
+    """A building without partitions, whose rooms end at the faces of walls."""
+    return random_building(seed, plain=True)
+
+
+def empty(seed: int) -> Building:
+    """It without furniture."""
+    building, parts = furnished(seed), ("floor", "wall", "ceiling")
     return replace(building, items=[item for item in building.items if item.what in parts])
+
+
+STATES = {"empty": empty, "furnished": furnished, "partitioned": random_building}
+"""Buildings by seed; those with partitions have outlines that meet in walls, too."""
 
 
 def main() -> None:
@@ -181,18 +190,17 @@ def main() -> None:
     parser.add_argument("--first", type=int, default=0, help="the seed of the first")
     given = parser.parse_args()
     ways = {
-        f"{kind}, {state}": (way, change, Scores())
+        f"{kind}, {state}": (way, made, Scores())
         for kind, way in (("meshes", judge), ("scan", judge_scans))
-        for state, change in (("empty", empty), ("furnished", replace))
+        for state, made in STATES.items()
     }
     with tempfile.TemporaryDirectory() as folder:
         Path(folder).chmod(0o755)  # another user runs the server where root began it
         cluster = Cluster(Path(folder) / "data")
         with semmap.connect(cluster) as database:
             for seed in range(given.first, given.first + given.count):
-                made = random_building(seed, plain=True)
-                for way, change, scores in ways.values():
-                    way(change(made), database, Path(folder, str(seed)), scores)
+                for way, made, scores in ways.values():
+                    way(made(seed), database, Path(folder, str(seed)), scores)
         cluster.stop()
     print(" " * 20, "  ".join(f"{name:>9}" for name in COLUMNS))
     for name, (_, _, scores) in ways.items():
