@@ -171,7 +171,7 @@ def find_rooms(
     """Divide the space between the walls of a storey into rooms, and find their doorways.
 
     `shows`: by type of objects, the types of rooms in which they usually are. Furniture and the
-    leaves of doors divide nothing. Raises ValueError where there are no walls.
+    leaves of doors divide nothing. Raises ValueError where no walls enclose a room.
     """
     walls = _walls(scene)
     rectangles = [entity.bounds for entity in walls if entity.bounds is not None]
@@ -188,6 +188,11 @@ def find_rooms(
         and areas[segment] >= (SMALLEST if segment in entered else SMALLEST_CLOSED)
         and (outline := _outline(segments.labels == segment, grid)) is not None
     }
+    if not outlines:
+        raise ValueError(
+            f"the walls of {scene.storey} enclose no room: those of its border are missing, or "
+            f"are no objects of the type wall, nor {TALL:g} m high and {THIN:g} m thin"
+        )
     found = _new(scene, outlines, segments.passages, grid)
     return replace(found, rooms=tuple(_typed(room, scene, shows) for room in found.rooms))
 
@@ -215,11 +220,11 @@ def _is_upright(entity: SceneEntity, floor: float) -> bool:
         entity.heights[0] <= floor + TALL / 2 and entity.heights[1] >= floor + TALL
     ):
         return False
-    around = shapely.oriented_envelope(shapely.multipoints(entity.triangles.reshape(-1, 3)[:, :2]))
-    if around.geom_type != "Polygon":
+    if entity.footprint is None:
         return True
-    corners = shapely.get_coordinates(around)[:3]
-    return bool(np.hypot(*np.diff(corners, axis=0).T).min() <= THIN)
+    half, area = entity.footprint.length / 2, entity.footprint.area
+    thickness = (half - math.sqrt(max(half**2 - 4 * area, 0.0))) / 2  # of a strip like it
+    return bool(thickness <= THIN)
 
 
 def _wall_cells(walls: Sequence[SceneEntity], floor: float, grid: Grid) -> NDArray[np.bool_]:

@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import pytest
+import shapely
 
 import semmap
+from semmap.geometry.mesh import prism_mesh
+from tests.buildings.found_rooms import score_rooms
 
 WALL = ("zzp", (0.1, 8.0, 2.7), (5.0, 4.0, 0.0, 0.0))
 FLOOR = ("qxv", (10.4, 8.4, 0.2), (5.0, 4.0, -0.2, 0.0))
@@ -42,3 +45,23 @@ def test_the_order_tells_nothing(database: str, turn: int) -> None:
             place["zzp"].delete()
             add(place, "wall")
             assert place["zzp"].type == "wall"
+
+
+def test_an_outer_wall_in_one_piece_encloses_rooms_and_its_absence_is_said(database: str) -> None:
+    whole, space = shapely.box(-0.2, -0.2, 10.2, 8.2), shapely.box(0, 0, 10, 8)
+    inner = [shapely.box(5, 0, 5.1, 3), shapely.box(5, 4, 5.1, 8)]
+    with semmap.connect(database) as db:
+        place = db.create_map("ring")
+        place.add_storey("s", elevation=0, height=2.7)
+        for number, outline in enumerate(inner):
+            mesh = prism_mesh(outline, 0, 2.7)
+            place.add_object(f"zzp{number}", mesh=mesh, pose=(0, 0, 0, 0))
+        with pytest.raises(ValueError, match="the walls of s enclose no room: those of its border"):
+            place.find_rooms()
+        ring = prism_mesh(whole - space, 0, 2.7)
+        place.add_object("qxv", mesh=ring, pose=(0, 0, 0, 0))
+        (found,) = place.find_rooms(add=True)
+        known = [shapely.box(0, 0, 5, 8), shapely.box(5.1, 0, 10, 8)]
+        rooms = score_rooms(known, [room.outline for room in found.rooms])
+        assert (rooms.recall, rooms.precision, len(found.doorways)) == (1, 1, 1)
+        assert {place[name].type for name in ("zzp0", "zzp1", "qxv")} == {"wall"}
