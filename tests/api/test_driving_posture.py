@@ -6,54 +6,46 @@ import json
 from pathlib import Path
 
 import numpy as np
-import trimesh
+from scipy.spatial import ConvexHull
 
 import semmap
 from semmap.api.driving_posture import driving_posture
-from semmap.robot import load_robot, robot_parts
+from semmap.robot import Robot, load_robot, robot_parts
 from tests.command_line import semmap as run
 from tests.robot.robots import by_hand, real_robot
 
 
-def overlap(urdf: Path, joints: dict[str, float], part: str, others: set[str]) -> bool:
-    """Whether hulls of a part's links meet those of other parts, by trimesh: corners inside."""
-    robot = load_robot(urdf)
+def overlaps(robot: Robot, joints: dict[str, float]) -> set[tuple[str, str]]:
+    """Links of the arm with a corner over 1 cm inside the hull of one of base or torso: Qhull's."""
     links = {p.name: p.links for p in robot_parts(robot, joints)}
-    hulls = {
-        link: trimesh.convex.convex_hull(corners) for link, corners in robot.hulls(joints).items()
-    }
-    beside = {j.child for j in robot.joints if j.parent in {k for o in others for k in links[o]}}
-    for link in links[part]:
-        if link not in hulls or link in beside:
-            continue
-        for other in (k for o in others for k in links[o] if k in hulls):
-            inside = hulls[other].contains(hulls[link].vertices)
-            if (
-                inside.any()
-                and -trimesh.proximity.signed_distance(
-                    hulls[other], hulls[link].vertices[inside]
-                ).min()
-                < -0.01
-            ):
-                return True
-    return False
+    corners = robot.hulls(joints)
+    found = set()
+    for other in (k for k in links["base"] + links["torso"] if k in corners):
+        sides = ConvexHull(corners[other]).equations
+        for link in (k for k in links["arm"] if k in corners):
+            outside = (corners[link] @ sides[:, :3].T + sides[:, 3]).max(axis=1)
+            if outside.min() < -0.01:
+                found.add((link, other))
+    return found
 
 
 def test_tiago_drives_with_its_arm_near_its_axis() -> None:
     urdf = real_robot("tiago")
+    robot = load_robot(urdf)
     chosen = driving_posture(None, urdf)
     assert "found" in chosen.source
     assert "arm reaches 1.0" in str(chosen)
-    widths = {}
+    widths = []
     for joints in ({}, dict(chosen.joints)):
-        arm = {p.name: p for p in robot_parts(load_robot(urdf), joints)}["arm"]
-        corners = np.concatenate(
-            [load_robot(urdf).hulls(joints)[k] for k in arm.links if k in load_robot(urdf).meshes]
-        )
-        widths[bool(joints)] = float(np.hypot(corners[:, 0], corners[:, 1]).max())
-    assert widths[False] > 1.0
-    assert widths[True] < 0.45
-    assert not overlap(urdf, dict(chosen.joints), "arm", {"base", "torso"})
+        arm = next(p for p in robot_parts(robot, joints) if p.name == "arm")
+        hulls = robot.hulls(joints)
+        corners = np.concatenate([hulls[k] for k in arm.links if k in robot.meshes])
+        widths.append(float(np.hypot(corners[:, 0], corners[:, 1]).max()))
+    assert widths[0] > 1.0
+    assert widths[1] < 0.45
+    shoulder = overlaps(robot, {})  # what lies within each other as it was built
+    assert overlaps(robot, dict(chosen.joints)) <= shoulder
+    assert overlaps(robot, {"arm_2_joint": -1.5, "arm_4_joint": 2.3}) > shoulder
 
 
 def test_a_robot_that_reaches_nowhere_stays_at_rest(tmp_path: Path) -> None:
