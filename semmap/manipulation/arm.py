@@ -74,7 +74,7 @@ class Arm:
         margins = gripper.margins
         self._links = tuple(link for link in robot.meshes if link not in margins)
         self._carrier = np.array([carrier[link] for link in self._links])
-        self._attached: dict[tuple[tuple[str, float], ...], Floats] = {}
+        self._attached: dict[tuple[tuple[str, float], ...], tuple[Floats, dict[int, Any]]] = {}
         self._bodies = [convex_body(robot.hull(link)) for link in self._links]
         corners = [robot.hull(link) for link in self._links]
         self._middles = np.array([(c.min(axis=0) + c.max(axis=0)) / 2 for c in corners])
@@ -134,15 +134,29 @@ class Arm:
         units = axes[~slides] / np.linalg.norm(axes[~slides], axis=1, keepdims=True)
         return slides, axes, np.cross(units[:, None], -np.eye(3))
 
-    def _link_poses(self, position: Floats, fingers: Mapping[str, float] | None = None) -> Floats:
-        posture = tuple(sorted((fingers or self.gripper.postures[0]).items()))
-        if posture not in self._attached:
-            self._attached[posture] = self._attachment(dict(posture))
-        poses: Floats = self._frames(position)[self._carrier] @ self._attached[posture]
+    def _link_poses(self, position: Floats) -> Floats:
+        poses: Floats = self._frames(position)[self._carrier] @ self._attachment(None)[0]
         return poses
 
-    def _attachment(self, fingers: Mapping[str, float]) -> Floats:
-        """(L, 4, 4): the pose of each link in the frame of the joint that carries it."""
+    def _attachment(self, fingers: Mapping[str, float] | None) -> tuple[Floats, dict[int, Any]]:
+        """What each joint carries while the fingers, by default open, keep their positions.
+
+        (L, 4, 4) poses of links in the frame of their joint, and by joint the hull of its links.
+        """
+        posture = tuple(sorted((fingers or self.gripper.postures[0]).items()))
+        if posture not in self._attached:
+            poses = self._poses_of_links(dict(posture))
+            hulls = {}
+            for joint in set(self._carrier.tolist()) - {0}:
+                corners = [
+                    self.robot.hull(self._links[i]) @ poses[i, :3, :3].T + poses[i, :3, 3]
+                    for i in np.flatnonzero(self._carrier == joint)
+                ]
+                hulls[joint] = convex_body(np.concatenate(corners))
+            self._attached[posture] = poses, hulls
+        return self._attached[posture]
+
+    def _poses_of_links(self, fingers: Mapping[str, float]) -> Floats:
         state = {**self.state, **fingers}
         rest = self.rest()
         state.update(zip((j.name for j in self.joints), rest.tolist(), strict=True))
@@ -237,20 +251,21 @@ class Arm:
         `fingers` are by default open. `held` is a part of the robot: a body of FCL and its pose (4,
         4) in the grasp frame.
         """
-        poses = self._link_poses(position, fingers)
-        moving = np.flatnonzero(self._carrier)
-        bodies = [self._bodies[i] for i in moving]
-        at = [poses[i] for i in moving]
-        if held is not None:
-            bodies.append(held[0])
-            at.append(self.grasp_pose(position) @ held[1])
-        if obstacles.touched_by(bodies, at):
+        attached, hulls = self._attachment(fingers)
+        frames = self._frames(position)
+        poses: Floats = frames[self._carrier] @ attached
+        near = [k for k, hull in hulls.items() if obstacles.touched_by([hull], [frames[k]])]
+        moving = np.flatnonzero(np.isin(self._carrier, near))
+        if obstacles.touched_by([self._bodies[i] for i in moving], [*poses[moving]]):
             return False
         if self._touching(poses, self._pairs).any():
             return False
         if held is None:
             return True
-        item, own = placed(held[0], at[-1]), self.gripper.links
+        there = frames[-1] @ self._tool @ held[1]
+        if obstacles.touched_by([held[0]], [there]):
+            return False
+        item, own = placed(held[0], there), self.gripper.links
         others = [i for i, link in enumerate(self._links) if link not in own]
         return not any(touch(placed(self._bodies[i], poses[i]), item) for i in others)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -12,6 +13,7 @@ from semmap.geometry.pose import Pose
 from semmap.manipulation.error import ManipulationError
 
 
+@cache
 def library(name: str) -> Any:
     """A module of the extra; ManipulationError says how to install it where it is not."""
     try:
