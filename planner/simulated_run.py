@@ -6,7 +6,7 @@ import os
 import socket
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack, closing
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -60,6 +60,22 @@ class SimulatedMission:
     def done(self) -> bool:
         """Whether the goal was reached."""
         return self.state == "done"
+
+    def as_json(self) -> dict[str, Any]:
+        """How it ended, with its steps, as plain values."""
+        told = {
+            "mission": self.mission,
+            "state": self.state,
+            "reason": self.reason,
+            "world": str(self.world),
+            "steps": self.steps,
+            "map": self.map,
+        }
+        if self.assumed:
+            told["assumed_sizes"] = self.assumed
+        if self.found:
+            told["found"] = {name: asdict(answer) for name, answer in self.found.items()}
+        return told
 
 
 @dataclass

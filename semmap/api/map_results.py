@@ -12,6 +12,7 @@ from planner.plan import Plan
 from planner.route import Route
 
 if TYPE_CHECKING:
+    from planner.route import RouteStep
     from planner.search.problem_builder import MapSearch, Viewpoint
     from planner.search.receding_horizon import Decision
     from planner.simulated_run import SimulatedMission
@@ -19,6 +20,9 @@ if TYPE_CHECKING:
     from semmap.api.map_driving import MapDriving
     from semmap.api.map_tasks import MapTasks
     from semmap.draw.picture import Picture
+
+_AT_A_DOOR = ("from", "to", "approach", "leave")
+"""The values of a step that a door of a route has as JSON."""
 
 
 @dataclass(frozen=True, repr=False)
@@ -48,6 +52,29 @@ class MapRoute(Route):
 
         with self.map.snapshot() as seen:
             return read_names_without_geometry(seen, self.places, assume_sizes=assume_sizes)
+
+    def as_json(self) -> dict[str, Any]:
+        """The route as plain values; poses are x, y, z and quaternion."""
+        return {
+            "from": self.start,
+            "to": self.goal,
+            "cost": self.seconds,
+            "seconds": self.seconds,
+            "metres": self.metres,
+            "doors": [
+                {"name": step.connector.name}
+                | {key: value for key, value in _step_as_json(step).items() if key in _AT_A_DOOR}
+                for step in self.doors
+                if step.connector is not None
+            ],
+            "transitions": [_step_as_json(step) for step in self.transitions],
+            "steps": [
+                _step_as_json(step)
+                | {"seconds": step.seconds, "metres": step.metres}
+                | {"frame": step.frame, "map": step.map}
+                for step in self.steps
+            ],
+        }
 
     def plot(self) -> Picture:
         """Draw the way on the floor plan of each storey that it leads through, one below another.
@@ -102,6 +129,30 @@ class MapPlan(Plan):
         """Return a plan with the map that it was made on."""
         return cls(**{f.name: getattr(plan, f.name) for f in fields(Plan)}, map=map, **more)
 
+    def as_json(self) -> dict[str, Any]:
+        """The plan as plain values; poses are x, y, z and quaternion."""
+        return {
+            "goal": self.goal,
+            "seconds": self.seconds,
+            "bound": self.bound,
+            "optimal": self.optimal,
+            "assumed_sizes": [*self.assumed],
+            "actions": [
+                {
+                    "name": action.name,
+                    "arguments": list(action.arguments),
+                    "entities": list(action.names),
+                    "seconds": action.seconds,
+                    "at": None if action.at is None else action.at._asdict(),
+                    "steps": [
+                        _step_as_json(step) | {"seconds": step.seconds, "map": step.map}
+                        for step in action.steps
+                    ],
+                }
+                for action in self.actions
+            ],
+        }
+
     def run(self, **options: Any) -> SimulatedMission:
         """Carry it out; options are those of `Map.run`."""
         return self.map.run(self.goal, **self.options | options)
@@ -154,6 +205,25 @@ class ObjectSearch:
 
         return explain(self.problem, self.problem.belief, self.decision)
 
+    def as_json(self) -> dict[str, Any]:
+        """The search as plain values; poses are x, y, z and quaternion."""
+        return {
+            "object": self.name,
+            "belief": self.belief,
+            "action": self.decision.action,
+            "seconds": self.seconds,
+            "tour": [
+                {
+                    "viewpoint": view.name,
+                    "room": view.room,
+                    "pose": view.pose._asdict(),
+                    "shows": dict(view.shows),
+                    "opens": view.opens,
+                }
+                for view in self.tour
+            ],
+        }
+
     def compare(self, trials: int, seed: int = 0) -> dict[str, Any]:
         """Seconds and rates of this and other strategies over random objects."""
         from planner.search.trials import compare
@@ -180,3 +250,16 @@ class ObjectSearch:
             for view in self.tour
         )
         return f"<p>{escape(self.reason)}</p><table>{rows}</table>"
+
+
+def _step_as_json(step: RouteStep) -> dict[str, Any]:
+    approach, leave = (None if p is None else p._asdict() for p in (step.approach, step.leave))
+    return {
+        "behaviour": step.behaviour,
+        "connector": step.connector.name if step.connector else None,
+        "elevator": step.elevator,
+        "from": step.from_place,
+        "to": step.to_place,
+        "approach": approach,
+        "leave": leave,
+    }

@@ -43,6 +43,10 @@ class BelievedPlaces(Mapping[str, float]):
         """The most probable place."""
         return next(iter(self))
 
+    def as_json(self) -> dict[str, Any]:
+        """The belief as plain values."""
+        return {"name": self.name, "belief": self.rows}
+
     def revised(self, probability: Mapping[str, float]) -> BelievedPlaces:
         """Return the same places with other probabilities, in their order."""
         rows = [row | {"probability": probability[row["place"]]} for row in self.rows]

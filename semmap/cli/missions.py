@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -137,7 +137,7 @@ def search_command(
         found = search.compare(trials, simulation.seed)
         print(json.dumps(found)) if json_ else _show_trials(found)
     elif json_:
-        print(json.dumps(_search_as_json(search)))
+        print(json.dumps(search.as_json()))
     else:
         print(search.reason)
         _show_tour(search)
@@ -151,25 +151,6 @@ def _show_tour(search: ObjectSearch) -> None:
         lines.append((view.name, f"{view.pose.x:.2f}", f"{view.pose.y:.2f}", opens + shows))
     if lines:
         print_folded(("look from", "x", "y", "shows"), lines)
-
-
-def _search_as_json(search: ObjectSearch) -> dict[str, Any]:
-    return {
-        "object": search.name,
-        "belief": search.belief,
-        "action": search.decision.action,
-        "seconds": search.seconds,
-        "tour": [
-            {
-                "viewpoint": view.name,
-                "room": view.room,
-                "pose": view.pose._asdict(),
-                "shows": dict(view.shows),
-                "opens": view.opens,
-            }
-            for view in search.tour
-        ],
-    }
 
 
 def _show_trials(found: dict[str, Any]) -> None:
@@ -224,19 +205,7 @@ def _show_event(event: MissionEvent) -> None:
 def _show_mission(ended: SimulatedMission, json_: bool) -> None:
     """Print how a mission ended; exit with 1 where it did not reach its goal."""
     if json_:
-        value = {
-            "mission": ended.mission,
-            "state": ended.state,
-            "reason": ended.reason,
-            "world": str(ended.world),
-            "steps": ended.steps,
-            "map": ended.map,
-        }
-        if ended.assumed:
-            value["assumed_sizes"] = ended.assumed
-        if ended.found:
-            value["found"] = {name: asdict(answer) for name, answer in ended.found.items()}
-        print(json.dumps(value, default=str))
+        print(json.dumps(ended.as_json(), default=str))
     else:
         _show_found(ended)
         if ended.map != ended.original:

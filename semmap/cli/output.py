@@ -3,22 +3,20 @@
 from __future__ import annotations
 
 import json
-import math
 import shutil
 import sys
 import unicodedata
 from contextlib import contextmanager
-from decimal import Decimal
 from functools import cache
 from itertools import chain, count
 from typing import TYPE_CHECKING, Any, Self
 
+from semmap.plain_values import plain
 from semmap.terminal import print_bold, visible
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 
-    from psycopg.types.range import Range
     from rich.progress import TaskID
 
     from semmap.cli.console import SafeConsole
@@ -172,36 +170,6 @@ def unique_names(columns: list[str]) -> list[str]:
         numbered = (f"{column}_{n}" for n in count(2))
         names.append(next(n for n in chain([column], numbered) if n not in names))
     return names
-
-
-def plain(value: Any) -> Any:
-    """A value as JSON has it; numbers that it has no form for, and all else, as PostgreSQL says."""
-    if isinstance(value, dict):
-        return {str(k): plain(v) for k, v in value.items()}
-    if isinstance(value, list | tuple | set | frozenset):
-        return [plain(v) for v in value]
-    if isinstance(value, Decimal) and value.is_finite():
-        return int(value) if value == value.to_integral_value() else float(value)
-    if isinstance(value, float | Decimal) and not math.isfinite(value):
-        return "NaN" if value != value else "Infinity" if value > 0 else "-Infinity"
-    if isinstance(value, bytes | memoryview):
-        return "\\x" + bytes(value).hex()
-    if _is_range(value):
-        return _range(value)
-    return value if isinstance(value, str | int | float | None) else str(value)
-
-
-def _is_range(value: Any) -> bool:
-    """Whether a value is a range; psycopg is not loaded for a command that had no use for it."""
-    loaded = sys.modules.get("psycopg.types.range")
-    return loaded is not None and isinstance(value, loaded.Range)
-
-
-def _range(value: Range[Any]) -> str:
-    if value.isempty:
-        return "empty"
-    low, high = ("" if end is None else str(end) for end in (value.lower, value.upper))
-    return f"{'[' if value.lower_inc else '('}{low},{high}{']' if value.upper_inc else ')'}"
 
 
 def readable(value: Any) -> str:

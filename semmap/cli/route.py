@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import typer
 from typer import Option
@@ -16,7 +16,7 @@ from semmap.cli.options import Json
 from semmap.cli.output import place_progress, print_folded
 
 if TYPE_CHECKING:
-    from planner.route import Route, RouteStep
+    from planner.route import Route
     from semmap.geometry.pose import Pose
 
 
@@ -51,8 +51,8 @@ def route_command(
     if rooms:
         print(",".join(found[0].places))
     elif json_:
-        others = {"alternatives": [_route_as_json(r) for r in found[1:]]} if count > 1 else {}
-        print(json.dumps(_route_as_json(found[0]) | notes | others))
+        others = {"alternatives": [r.as_json() for r in found[1:]]} if count > 1 else {}
+        print(json.dumps(found[0].as_json() | notes | others))
     else:
         _show_routes(found, notes, "robot" in call.values)
 
@@ -69,52 +69,6 @@ def _show_routes(
     for key, names in without_shape.items():
         if names:
             cli.out.print(names_note(names, key), style="yellow")
-
-
-def _route_as_json(route: Route) -> dict[str, Any]:
-    """The route as plain values; poses are x, y, z and quaternion."""
-    return {
-        "from": route.start,
-        "to": route.goal,
-        "cost": route.seconds,
-        "seconds": route.seconds,
-        "metres": route.metres,
-        "doors": [
-            {
-                "name": step.connector.name,
-                "from": step.from_place,
-                "to": step.to_place,
-                "approach": _plain(step.approach),
-                "leave": _plain(step.leave),
-            }
-            for step in route.doors
-            if step.connector is not None
-        ],
-        "transitions": [step_as_json(step) for step in route.transitions],
-        "steps": [
-            step_as_json(step)
-            | {"seconds": step.seconds, "metres": step.metres}
-            | {"frame": step.frame, "map": step.map}
-            for step in route.steps
-        ],
-    }
-
-
-def step_as_json(step: RouteStep) -> dict[str, Any]:
-    """A step as plain values; poses are x, y, z and quaternion."""
-    return {
-        "behaviour": step.behaviour,
-        "connector": step.connector.name if step.connector else None,
-        "elevator": step.elevator,
-        "from": step.from_place,
-        "to": step.to_place,
-        "approach": _plain(step.approach),
-        "leave": _plain(step.leave),
-    }
-
-
-def _plain(pose: Pose | None) -> dict[str, float] | None:
-    return None if pose is None else pose._asdict()
 
 
 def _show_route(route: Route, *, timed: bool = False) -> None:

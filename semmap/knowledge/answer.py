@@ -39,6 +39,12 @@ class Answer:
     notes: tuple[str, ...] = ()  # entities without voxels, names that the map does not have
     map_name: str = ""
 
+    def as_json(self) -> bool | dict[str, Any]:
+        """The truth of an ASK; else the rows as plain values, and what their columns are."""
+        if self.truth is not None:
+            return self.truth
+        return {"columns": self.names or ("subject", "predicate", "object"), "rows": list(self)}
+
     def __bool__(self) -> bool:
         """Whether an ASK is true; else, whether there are rows."""
         return bool(self.truth) if self.form == "ASK" else len(self) > 0

@@ -48,6 +48,10 @@ class SqlRows(Sequence[tuple[Any, ...]]):
         """A row, or a tuple of rows for a slice."""
         return self.rows[index]
 
+    def as_json(self) -> dict[str, Any]:
+        """The columns and the rows."""
+        return {"columns": self.columns, "rows": self.rows}
+
     def _repr_html_(self) -> str:
         return html_table(self.columns, self.rows)
 
