@@ -144,7 +144,7 @@ def _several(of: ast.expr) -> Form | None:
             one = is_one(value)
             return one if one is WRONG else (one,)
         found = tuple(map(is_one, value))
-        return WRONG if any(taken is WRONG for taken in found) else found
+        return WRONG if any(each is WRONG for each in found) else found
 
     return Form(f"a sequence, each {each.words}", take)
 
@@ -162,7 +162,7 @@ def _tuple(of: ast.expr) -> Form | None:
         if len(values) != len(known):
             return WRONG
         found = tuple(form.take(each) for form, each in zip(known, values, strict=True))
-        return WRONG if any(taken is WRONG for taken in found) else found
+        return WRONG if any(each is WRONG for each in found) else found
 
     return Form(f"({', '.join(each.words for each in known)})", take)
 
@@ -218,14 +218,16 @@ FORMS: dict[str, Form | None] = {
 }
 """The words of annotations that do not name a class, and those of basic types; None: anything."""
 
-_ALIASES = {
+ALIASES = {
     "Labels": "Mapping[Any, bool]",
     "LocationLike": "EntityName | Pose | Point | tuple[str, Pose] | LocatedEntity",
     "Near": "EntityName | Sequence[float]",
     "PlanarPose": "Sequence[float]",
     "RobotLike": "str | Path | RobotClass | Sequence[Part]",
 }
-FORMS |= {name: form_of(meaning) for name, meaning in _ALIASES.items()}
+"""Annotations that stand for others."""
+
+FORMS |= {name: form_of(meaning) for name, meaning in ALIASES.items()}
 
 
 @functools.cache
@@ -254,8 +256,8 @@ def checked(function: Checked) -> Checked:
             forms = forms_of(function)
             if forms:
                 named = zip(positional, args, strict=False)
-                args = (*(_taken(n, forms, v) for n, v in named), *args[len(positional) :])
-                kwargs = {name: _taken(name, forms, value) for name, value in kwargs.items()}
+                args = (*(taken(n, forms, v) for n, v in named), *args[len(positional) :])
+                kwargs = {name: taken(name, forms, value) for name, value in kwargs.items()}
             return function(*args, **kwargs)
         except Exception as error:
             told = _for_users(error)
@@ -282,7 +284,8 @@ def checked_class(made: Class) -> Class:
     return made
 
 
-def _taken(name: str, forms: dict[str, Form], value: Any) -> Any:
+def taken(name: str, forms: dict[str, Form], value: Any) -> Any:
+    """What a method gets for a value of an argument; InvalidArgumentError for one of no form."""
     form = forms.get(name)
     if form is None:
         return value

@@ -12,7 +12,7 @@ import psycopg
 from psycopg import errors
 from psycopg.pq import TransactionStatus
 
-from semmap.api.checked import EntityName
+from semmap.api.checked import EntityName, forms_of, taken
 from semmap.api.map_entity import Door, MapEntity
 from semmap.database.maps import see_map
 from semmap.database.session import twin_session
@@ -128,6 +128,8 @@ class MapQuestions:
         self, type: str | None = None, *, in_: str | None = None, **conditions: Any
     ) -> list[dict[str, Any]]:
         """As `find`, but plain rows, as ``semmap ls --json`` prints them."""
+        forms = forms_of(MapQuestions.find)
+        conditions = {name: taken(name, forms, value) for name, value in conditions.items()}
         rows = entity_query.find(self._seen, type=type, holder=in_, **conditions)
         return [{key: value for key, value in row.items() if key != "id"} for row in rows]
 

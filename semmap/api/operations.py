@@ -71,6 +71,7 @@ COMMANDS = {
     "manipulation": CommandWord(
         "manipulation_group", "Grippers, shapes, outcomes, and their sharing."
     ),
+    "mcp": CommandWord("serving", "Serve the map as tools of the Model Context Protocol."),
     "missions": CommandWord("missions", "List missions, or the steps of one; cancel one."),
     "observe": CommandWord("belief", "Store what was seen where, or was looked for and not seen."),
     "place": CommandWord("manipulation", "Show where and how to put an object down."),
@@ -234,3 +235,20 @@ OPERATIONS: tuple[Operation, ...] = (
         for name in names.split()
     ),
 )
+
+TOOLS = (
+    "Map.find",
+    "Map.describe",
+    "Map.where",
+    "Map.route",
+    "Map.plan",
+    "Map.search",
+    "Map.draw",
+    "Map.types",
+    "Map.check",
+    "Map.sparql",
+    "Map.observe",
+    "Map.observe_point",
+    "Map.run",
+)
+"""The operations that programs which speak for people call, in their order."""

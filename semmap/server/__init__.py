@@ -1,0 +1,1 @@
+"""The map for programs of others: the table of operations over the Model Context Protocol."""

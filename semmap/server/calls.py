@@ -1,0 +1,84 @@
+"""Calls of operations with arguments from JSON, whose answers are JSON."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping, Sequence
+from datetime import datetime
+from functools import cached_property
+from typing import Any
+
+from semmap.api.operations import OPERATIONS, Operation, Right
+from semmap.api.signatures import REQUIRED
+from semmap.draw.picture import Picture
+from semmap.error import InvalidArgumentError
+from semmap.plain_values import plain
+from semmap.server.json_schema import NAMED, Schema, schema_of
+
+_ROWS = {"Map.find": "Map.table"}
+"""Methods that return entities, and those that return their rows."""
+
+
+class OperationCall:
+    """An operation of a map that programs call by name."""
+
+    def __init__(self, operation: Operation) -> None:
+        self.operation = operation
+        self.name = operation.method.partition(".")[2]
+
+    @cached_property
+    def arguments(self) -> dict[str, Schema]:
+        """The JSON schema of each argument that JSON can give."""
+        found = {each.name: schema_of(each) for each in self.operation.arguments}
+        return {name: schema for name, schema in found.items() if schema is not None}
+
+    @cached_property
+    def required(self) -> list[str]:
+        """The arguments without a default."""
+        return [each.name for each in self.operation.arguments if each.default is REQUIRED]
+
+    @property
+    def schema(self) -> Schema:
+        """The JSON schema of all arguments."""
+        properties = {name.strip("_"): schema for name, schema in self.arguments.items()}
+        return {
+            "type": "object",
+            "properties": properties,
+            "required": [name.strip("_") for name in self.required],
+            "additionalProperties": False,
+        }
+
+    def __call__(self, handle: Any, values: Mapping[str, Any]) -> Any:
+        """What the method of a map returns, as plain values; a picture stays one.
+
+        InvalidArgumentError for arguments that it does not have, and for the name of a file.
+        """
+        names = {name.strip("_"): name for name in self.arguments}
+        given = {}
+        for word, value in values.items():
+            if word not in names:
+                known = ", ".join(names) or "none"
+                raise InvalidArgumentError(f"{self.name} has no argument {word}: {known}")
+            if word in NAMED and isinstance(value, str) and "/" in value:
+                raise InvalidArgumentError(f"{word} is {value}: give the name of one in the map")
+            given[names[word]] = self._value(names[word], value)
+        if missing := [name for name in self.required if name not in given]:
+            raise InvalidArgumentError(f"{self.name} needs {', '.join(missing)}")
+        method = _ROWS.get(self.operation.method, self.operation.method).partition(".")[2]
+        found = getattr(handle, method)(**given)
+        return found if isinstance(found, Picture) else plain(found)
+
+    def _value(self, name: str, value: Any) -> Any:
+        is_time = self.arguments[name].get("format") == "date-time"
+        if not is_time or not isinstance(value, str):
+            return value
+        try:
+            return datetime.fromisoformat(value)
+        except ValueError:
+            raise InvalidArgumentError(f"{name} is {value}: give a time of ISO 8601") from None
+
+
+def offered(methods: Sequence[str], rights: Collection[Right]) -> dict[str, OperationCall]:
+    """The calls of those methods whose right is one of these, by their names."""
+    known = {each.method: each for each in OPERATIONS if each.right in rights}
+    found = [OperationCall(known[method]) for method in methods if method in known]
+    return {call.name: call for call in found if {*call.required} <= {*call.arguments}}
