@@ -250,4 +250,4 @@ class MapKnowledge(MapReasoning):
         writer = session_opener(self.engine, self.name)
         endpoint = SparqlEndpoint(reader, writer, known, seconds=seconds, rows=rows)
         started(f"http://{host}:{port}/sparql")
-        serve(endpoint, host, port, stop)
+        serve(endpoint.app, host, port, stop)

@@ -86,6 +86,9 @@ COMMANDS = {
     "route": CommandWord("route", "Find the quickest route: its doors in order, with poses."),
     "run": CommandWord("missions", "Let a robot pursue a goal, through failures and restarts."),
     "search": CommandWord("missions", "Search for an object: where to look first and why."),
+    "serve": CommandWord(
+        "serving", "Serve all maps over HTTP: operations, events, OGC API - Features, SPARQL."
+    ),
     "sparql": CommandWord(
         "knowledge", "Answer a SPARQL query on the map: facts, geometry and T-Box."
     ),

@@ -1,13 +1,16 @@
-"""The command `semmap mcp`: the map as tools for programs that speak for people."""
+"""The commands `semmap mcp` and `semmap serve`: the map for programs of others."""
 
 from __future__ import annotations
 
-from contextlib import ExitStack
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
 
 import typer
 from typer import Option
 
-from semmap.cli.chosen import chosen_map
+from semmap import cli
+from semmap.cli.chosen import chosen_map, open_database
 from semmap.cli.options import MapName
 
 
@@ -16,17 +19,44 @@ def mcp_command(
     write: bool = Option(False, "--write", help="Also offer tools that change the map."),
 ) -> None:
     """Serve the map as tools of the Model Context Protocol, on standard input and output."""
-    try:
+    with _extra(), ExitStack() as stack:
         import anyio
 
+        from semmap.server.handles import Handles
         from semmap.server.mcp_server import ToolServer, serve_stdio
-        from semmap.server.reading import reading_database
+
+        chosen = stack.enter_context(chosen_map(map_name))
+        reading = stack.enter_context(Handles(chosen.database).open(None))
+        tools = ToolServer(reading.map(chosen.name), chosen if write else None)
+        anyio.run(serve_stdio, tools)
+
+
+def serve_command(
+    host: str = Option("127.0.0.1", help="Where to listen."),
+    port: int = Option(8890, help="Where to listen."),
+    tokens: Path | None = Option(
+        None, help="A token and its database role in each line; without it, nobody may write."
+    ),
+) -> None:
+    """Serve all maps over HTTP: operations, events, OGC API - Features, SPARQL."""
+    with _extra(), open_database() as database:
+        from semmap.knowledge.service import read_tokens, serve
+        from semmap.server.http_api import HttpApi
+
+        local = host in ("localhost", "127.0.0.1", "::1")
+        if tokens is None and not local:
+            raise typer.BadParameter(f"others reach {host}: give --tokens")
+        known = {} if tokens is None else read_tokens(tokens)
+        api = HttpApi(database, known, local=local)
+        cli.err.print(f"http://{host}:{port}/maps; the operations: /openapi.json", style="dim")
+        serve(api.app, host, port)
+
+
+@contextmanager
+def _extra() -> Iterator[None]:
+    try:
+        yield
     except ModuleNotFoundError as error:
         raise typer.BadParameter(
             f"{error.name} is not installed: pip install 'semmap[server]'"
         ) from None
-    with ExitStack() as stack:
-        chosen = stack.enter_context(chosen_map(map_name))
-        reading = stack.enter_context(reading_database(chosen.database))
-        tools = ToolServer(reading.map(chosen.name), chosen if write else None)
-        anyio.run(serve_stdio, tools)

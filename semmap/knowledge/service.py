@@ -61,6 +61,7 @@ GRAPH_FORMATS = {
 _IRI = re.compile(r"[A-Za-z][A-Za-z0-9+.-]*:[^\x00-\x20<>\"{}|^`\\]*")
 
 MOST_IDLE = 8  # sessions that wait for each role; a session more is closed
+PATIENCE = 5  # seconds that requests have to end when the server stops
 MOST_BYTES = 16 * 2**20  # the most bytes of a request
 
 
@@ -105,6 +106,10 @@ class SparqlEndpoint:
     @asynccontextmanager
     async def _lifespan(self, _: Starlette) -> AsyncIterator[None]:
         yield
+        self.close()
+
+    def close(self) -> None:
+        """Close the sessions that wait."""
         self._idle.close()
 
     async def _sparql(self, request: Request) -> Response:
@@ -186,15 +191,10 @@ class SparqlEndpoint:
         return Response(status_code=204 if method == "DELETE" or gone else 201)
 
     def _role(self, request: Request) -> str | None:
-        header = request.headers.get("authorization")
-        if header is None:
-            return None
-        scheme, _, token = header.partition(" ")
-        if scheme.lower() == "bearer":
-            for known, role in self._tokens.items():
-                if hmac.compare_digest(known.encode(), token.strip().encode()):
-                    return role
-        raise _ProtocolError(401, "the token is not known")
+        try:
+            return role_of(request.headers.get("authorization"), self._tokens)
+        except PermissionError as error:
+            raise _ProtocolError(401, str(error)) from error
 
     @contextmanager
     def _session(self, role: str | None, *, write: bool) -> Iterator[Session]:
@@ -233,13 +233,14 @@ class SparqlEndpoint:
             yield session
 
 
-def serve(
-    endpoint: SparqlEndpoint, host: str, port: int, stop: threading.Event | None = None
-) -> None:
+def serve(app: Starlette, host: str, port: int, stop: threading.Event | None = None) -> None:
     """Answer requests at an address, until `stop` is set, or the program is interrupted."""
     if not 0 <= port <= 65535:
         raise ValueError(f"port is {port}: give a number from 0 to 65535")
-    server = uvicorn.Server(uvicorn.Config(endpoint.app, host=host, port=port, log_level="warning"))
+    config = uvicorn.Config(
+        app, host=host, port=port, log_level="warning", timeout_graceful_shutdown=PATIENCE
+    )
+    server = uvicorn.Server(config)
 
     def end() -> None:
         assert stop is not None
@@ -269,6 +270,21 @@ def session_opener(engine: Engine, map_name: str) -> Connect:
         return session
 
     return connect
+
+
+def role_of(authorization: str | None, tokens: Mapping[str, str]) -> str | None:
+    """Return the role of a header ``Bearer TOKEN``; None without one.
+
+    PermissionError if the token is not known.
+    """
+    if authorization is None:
+        return None
+    scheme, _, token = authorization.partition(" ")
+    if scheme.lower() == "bearer":
+        for known, role in tokens.items():
+            if hmac.compare_digest(known.encode(), token.strip().encode()):
+                return role
+    raise PermissionError("the token is not known")
 
 
 def read_tokens(path: Path) -> dict[str, str]:

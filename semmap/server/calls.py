@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+import json
+import re
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from datetime import datetime
 from functools import cached_property
 from typing import Any
@@ -67,6 +69,17 @@ class OperationCall:
         found = getattr(handle, method)(**given)
         return found if isinstance(found, Picture) else plain(found)
 
+    def read(self, word: str, text: str) -> Any:
+        """A value that an URL has as text: JSON, or itself where the argument takes a text."""
+        schema = self.arguments.get(word, self.arguments.get(f"{word}_", {}))
+        forms = schema.get("anyOf", [schema])
+        try:
+            value = json.loads(text)
+        except (ValueError, RecursionError):
+            return text
+        takes_text = any(form.get("type") == "string" for form in forms)
+        return text if takes_text and not isinstance(value, list | dict) else value
+
     def _value(self, name: str, value: Any) -> Any:
         is_time = self.arguments[name].get("format") == "date-time"
         if not is_time or not isinstance(value, str):
@@ -75,6 +88,56 @@ class OperationCall:
             return datetime.fromisoformat(value)
         except ValueError:
             raise InvalidArgumentError(f"{name} is {value}: give a time of ISO 8601") from None
+
+
+PLAIN = (
+    "Any",
+    "None",
+    "Answer",
+    "BelievedPlaces",
+    "Finding",
+    "FoundActions",
+    "FoundRooms",
+    "FoundRows",
+    "GraphChanges",
+    "Identity",
+    "KnownAction",
+    "MapPlan",
+    "MapRoute",
+    "ObjectSearch",
+    "Picture",
+    "Reasoned",
+    "RobotClass",
+    "SimulatedMission",
+    "SqlRows",
+    "Violation",
+    "Why",
+    "bool",
+    "datetime",
+    "dict",
+    "float",
+    "int",
+    "list",
+    "str",
+    "tuple",
+)
+"""The words of results that JSON, or a picture, can tell."""
+
+_LASTING = {"stop", "callback", "started"}
+"""Arguments of methods that go on until they are told to stop."""
+
+
+def answered_at_once(map_operations: Iterable[Operation]) -> list[str]:
+    """The methods of a map that need no file, end by themselves and whose results are plain."""
+    return [
+        each.method
+        for each in map_operations
+        if each.method.startswith("Map.")
+        and (each.command is not None or each.result == "Picture")
+        and not _LASTING.intersection(argument.name for argument in each.arguments)
+        and (each.method in _ROWS or {*re.findall(r"[A-Za-z]\w*", each.result)} <= {*PLAIN})
+        and each.method != "Map.sql"  # a statement could leave the role of a reader
+    ]
 
 
 def offered(methods: Sequence[str], rights: Collection[Right]) -> dict[str, OperationCall]:

@@ -42,7 +42,7 @@ HANDLES = {
 }
 """What opens, closes and lends connections, or leads to other operations."""
 
-OWN = {"demo", "mcp", "db"}
+OWN = {"demo", "mcp", "serve", "db"}
 """Commands of the program itself: the demo, and the database's server and schema."""
 
 

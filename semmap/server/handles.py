@@ -1,0 +1,79 @@
+"""Handles of the database that requests borrow, by the role with whose rights they act."""
+
+from __future__ import annotations
+
+import threading
+from collections import defaultdict
+from collections.abc import Iterator
+from contextlib import contextmanager
+from urllib.parse import quote
+
+from semmap.api.database import Database, connect
+from semmap.error import Error
+
+MOST_HANDLES = 8
+"""The most requests that are answered at once."""
+
+PATIENCE = 10.0
+"""Seconds that a request waits until it is answered."""
+
+
+class BusyError(Error):
+    """No handle became free in time."""
+
+
+class Handles:
+    """At most `MOST_HANDLES` handles in use at once; those that were used wait for the next."""
+
+    def __init__(self, database: Database) -> None:
+        self._own, self._reading = database.engine.url, database.reading_engine.url
+        self._free: defaultdict[str | None, list[Database]] = defaultdict(list)
+        self._lock = threading.Lock()
+        self._turns = threading.BoundedSemaphore(MOST_HANDLES)
+
+    @contextmanager
+    def lend(self, role: str | None) -> Iterator[Database]:
+        """Lend a handle with the rights of a database role; None: those of a reader.
+
+        BusyError if none is free in time.
+        """
+        if not self._turns.acquire(timeout=PATIENCE):
+            raise BusyError(f"{MOST_HANDLES} requests are in progress: try again")
+        try:
+            with self._lock:
+                waiting = self._free[role]
+                handle = waiting.pop() if waiting else None
+            if handle is None or handle.session.closed:
+                handle = self.open(role)
+            try:
+                yield handle
+            except BaseException:
+                if handle.session.closed:
+                    handle.close()
+                    raise
+                self._put(role, handle)
+                raise
+            self._put(role, handle)
+        finally:
+            self._turns.release()
+
+    def open(self, role: str | None) -> Database:
+        """Open a handle that its caller closes."""
+        reads = role is None and self._reading != self._own
+        url = self._reading if reads else self._own
+        text = url.set(drivername="postgresql").render_as_string(hide_password=False)
+        if not reads:
+            setting = quote(f"-c role={role or 'semmap_reader'}")
+            text += f"{'&' if url.query else '?'}options={setting}"
+        return connect(text, migrate=False)
+
+    def close(self) -> None:
+        """Close those that wait."""
+        with self._lock:
+            for handle in (each for waiting in self._free.values() for each in waiting):
+                handle.close()
+            self._free.clear()
+
+    def _put(self, role: str | None, handle: Database) -> None:
+        with self._lock:
+            self._free[role].append(handle)

@@ -1,0 +1,263 @@
+"""The maps over HTTP: operations, changes as server-sent events, OGC API - Features, OpenAPI.
+
+Requests without a token have the rights of a reader; a token names the role of another.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import json
+from collections.abc import AsyncIterator, Callable, Mapping
+from contextlib import asynccontextmanager
+from importlib.metadata import version
+from typing import Any
+from urllib.parse import quote
+
+import anyio
+import psycopg
+from starlette.applications import Starlette
+from starlette.concurrency import run_in_threadpool
+from starlette.middleware import Middleware
+from starlette.middleware.trustedhost import TrustedHostMiddleware
+from starlette.requests import Request
+from starlette.responses import JSONResponse, Response, StreamingResponse
+from starlette.routing import Mount, Route
+from starlette.types import Receive, Scope, Send
+
+from semmap.api.database import Database
+from semmap.api.map import Map
+from semmap.api.operations import OPERATIONS, Right
+from semmap.draw.picture import Picture
+from semmap.error import Error, InvalidArgumentError, UnknownNameError
+from semmap.knowledge.service import SparqlEndpoint, role_of, session_opener
+from semmap.plain_values import plain
+from semmap.query.map_events import MapEvent
+from semmap.server import ogc_features as ogc
+from semmap.server.calls import OperationCall, answered_at_once, offered
+from semmap.server.handles import BusyError, Handles
+
+MOST_LISTENERS = 32
+"""The most clients that follow the changes at once."""
+
+MOST_EVENTS = 10_000
+"""The most events that wait for a client that does not read; then it is left."""
+
+THIS_MACHINE = ["localhost", "127.0.0.1", "[::1]"]
+
+MOST_BYTES = 2**20
+"""The most bytes of a request."""
+
+STATUS: dict[type[Exception], int] = {
+    UnknownNameError: 404,
+    BusyError: 503,
+    Error: 400,
+    PermissionError: 401,
+    psycopg.errors.InsufficientPrivilege: 403,
+    psycopg.errors.ReadOnlySqlTransaction: 403,
+    psycopg.OperationalError: 503,
+}
+"""The HTTP status of each error."""
+
+RIGHTS: dict[str | None, tuple[Right, ...]] = {
+    None: ("reader",),
+    "semmap_reader": ("reader",),
+    "semmap_robot": ("reader", "robot"),
+}
+"""The operations of each role; all others have all."""
+
+_ALL: tuple[Right, ...] = ("reader", "robot", "admin")
+
+
+class HttpApi:
+    """The application for the maps of a database; `tokens` name the roles that may write.
+
+    On this machine alone (`local`) requests need no token to read, and name this machine: a page
+    of the web cannot reach the maps under a name of its own. Elsewhere each request has a token.
+    """
+
+    def __init__(
+        self, database: Database, tokens: Mapping[str, str] | None = None, *, local: bool = True
+    ) -> None:
+        self._tokens, self._local = dict(tokens or {}), local
+        self._database, self._handles = database, Handles(database)
+        self._endpoints: dict[str, SparqlEndpoint] = {}
+        self._listeners = 0
+        calls = answered_at_once(OPERATIONS)
+        self._calls = {rights: offered(calls, rights) for rights in {*RIGHTS.values(), _ALL}}
+        features: dict[str, Callable[[Map, str, Request], Any]] = {
+            "": lambda _, base, request: ogc.landing(base, request.path_params["map"]),
+            "/conformance": lambda _, __, ___: {"conformsTo": ogc.CLASSES},
+            "/collections": lambda _, base, __: ogc.collections(base),
+            "/collections/{name}": lambda _, base, r: ogc.collection(base, r.path_params["name"]),
+            "/collections/{name}/items": lambda map, base, request: ogc.items(
+                map, request.path_params["name"], base, request.query_params
+            ),
+            "/collections/{name}/items/{id}": lambda map, base, request: ogc.item(
+                map, request.path_params["name"], base, request.path_params["id"]
+            ),
+        }
+        self.app = Starlette(
+            lifespan=self._lifespan,
+            routes=[
+                Route("/maps", self._maps),
+                Route("/openapi.json", self._description),
+                Route("/maps/{map}/openapi.json", self._description),
+                Route("/maps/{map}/events", self._events),
+                *(Route(f"/maps/{{map}}{path}", self._ogc(of)) for path, of in features.items()),
+                Mount("/maps/{map}/rdf", self._rdf),
+                Route("/maps/{map}/{operation}", self._operation, methods=["GET", "POST"]),
+            ],
+            middleware=[Middleware(TrustedHostMiddleware, allowed_hosts=THIS_MACHINE)] * local,
+            exception_handlers=dict.fromkeys(STATUS, _failure),
+        )
+
+    @asynccontextmanager
+    async def _lifespan(self, _: Starlette) -> AsyncIterator[None]:
+        yield
+        for endpoint in self._endpoints.values():
+            endpoint.close()
+        self._handles.close()
+
+    async def _maps(self, request: Request) -> Response:
+        role = self._role(request)
+        found = await run_in_threadpool(self._with, role, lambda db: db.list_maps())
+        return JSONResponse(plain(found))
+
+    async def _operation(self, request: Request) -> Response:
+        role, name = self._role(request), request.path_params["operation"]
+        call = self._calls[RIGHTS.get(role, _ALL)].get(name)
+        if call is None:
+            rights = "" if role else "; what changes the map needs a token"
+            raise UnknownNameError(f"no operation {name}: see /openapi.json{rights}")
+        if request.method == "GET" and call.operation.right != "reader":
+            raise InvalidArgumentError(f"{name} changes the map: send it by POST")
+        values = await _values(request, call)
+        map_name = request.path_params["map"]
+        found = await run_in_threadpool(self._with, role, lambda db: call(db.map(map_name), values))
+        if isinstance(found, Picture):
+            return Response(found.png, media_type="image/png")
+        return JSONResponse(found)
+
+    async def _events(self, request: Request) -> Response:
+        role, map_name = self._role(request), request.path_params["map"]
+        since = request.headers.get("last-event-id") or request.query_params.get("since")
+        if self._listeners >= MOST_LISTENERS:
+            raise BusyError(f"{MOST_LISTENERS} clients follow the changes: try again")
+        loop = asyncio.get_running_loop()
+        waiting: asyncio.Queue[MapEvent] = asyncio.Queue()
+
+        def begin() -> tuple[Database, Any]:
+            handle = self._handles.open(role)
+            try:
+                deliver = waiting.put_nowait
+                return handle, handle.map(map_name).subscribe(
+                    lambda event: loop.call_soon_threadsafe(deliver, event), since=since
+                )
+            except BaseException:
+                handle.close()
+                raise
+
+        def end() -> None:
+            try:
+                subscription.stop()
+            finally:
+                handle.close()
+
+        handle, subscription = await run_in_threadpool(begin)
+        self._listeners += 1
+
+        async def told() -> AsyncIterator[str]:
+            try:
+                yield ": the changes of the map, one event each\n\n"
+                while waiting.qsize() < MOST_EVENTS:
+                    try:
+                        event = await asyncio.wait_for(waiting.get(), 15)
+                    except TimeoutError:
+                        yield ": still here\n\n"
+                        continue
+                    yield f"id: {event.cursor}\ndata: {json.dumps(plain(event))}\n\n"
+            finally:
+                self._listeners -= 1
+                with anyio.CancelScope(shield=True):  # also where the client has left
+                    await run_in_threadpool(end)
+
+        return StreamingResponse(told(), media_type="text/event-stream")
+
+    async def _rdf(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Answer by the SPARQL protocol: sparql, update and graph below it."""
+        self._role(Request(scope))
+        name = scope["path_params"]["map"]
+        if name not in self._endpoints:
+            await run_in_threadpool(self._with, None, lambda db: db.map(name))
+            reading = session_opener(self._database.reading_engine, name)
+            writing = session_opener(self._database.engine, name)
+            self._endpoints[name] = SparqlEndpoint(reading, writing, self._tokens)
+        await self._endpoints[name].app(scope, receive, send)
+
+    async def _description(self, request: Request) -> Response:
+        return JSONResponse(description(self._calls[RIGHTS.get(self._role(request), _ALL)]))
+
+    def _ogc(self, of: Callable[[Map, str, Request], Any]) -> Callable[..., Any]:
+        async def page(request: Request) -> Response:
+            role, name = self._role(request), request.path_params["map"]
+            base = str(request.base_url.replace(path=f"/maps/{quote(name, safe='')}"))
+            found = await run_in_threadpool(
+                self._with, role, lambda db: of(db.map(name), base, request)
+            )
+            kind = "application/geo+json" if "features" in found or "geometry" in found else None
+            return JSONResponse(found, media_type=kind)
+
+        return page
+
+    def _with(self, role: str | None, answer: Callable[[Database], Any]) -> Any:
+        with self._handles.lend(role) as database:
+            return answer(database)
+
+    def _role(self, request: Request) -> str | None:
+        role = role_of(request.headers.get("authorization"), self._tokens)
+        if role is None and not self._local:
+            raise PermissionError("each request needs a token: Authorization: Bearer ...")
+        return role
+
+
+def description(calls: Mapping[str, OperationCall]) -> dict[str, Any]:
+    """The operations in OpenAPI 3.1."""
+    at = {"name": "map", "in": "path", "required": True, "schema": {"type": "string"}}
+    answers = {"200": {"description": "The answer."}, "default": {"description": "Why not."}}
+    paths = {
+        f"/maps/{{map}}/{call.name}": {
+            "post": {
+                "operationId": call.name,
+                "summary": call.operation.help,
+                "parameters": [at],
+                "requestBody": {"content": {"application/json": {"schema": call.schema}}},
+                "responses": answers,
+            }
+        }
+        for call in calls.values()
+    }
+    title = {"title": "semmap", "version": version("semmap")}
+    return {"openapi": "3.1.0", "info": title, "paths": paths}
+
+
+async def _values(request: Request, call: OperationCall) -> dict[str, Any]:
+    """The arguments of a request: of its query, or a JSON object in its body."""
+    if request.method == "GET":
+        return {word: call.read(word, text) for word, text in request.query_params.items()}
+    body = bytearray()
+    async for part in request.stream():
+        body += part
+        if len(body) > MOST_BYTES:
+            raise InvalidArgumentError(f"the request has more than {MOST_BYTES:,} bytes")
+    try:
+        values = json.loads(body or b"{}")
+    except (ValueError, RecursionError) as error:
+        raise InvalidArgumentError(f"the request is no JSON: {error}") from None
+    if not isinstance(values, dict):
+        raise InvalidArgumentError("the request is no JSON object: give arguments by their names")
+    return values
+
+
+async def _failure(_: Request, error: Exception) -> Response:
+    status = next(code for kind, code in STATUS.items() if isinstance(error, kind))
+    return JSONResponse({"error": str(error).splitlines()[0]}, status_code=status)

@@ -1,0 +1,207 @@
+"""The small house over HTTP: operations, events, SPARQL, and features as GDAL reads them."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import subprocess
+import threading
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import httpx
+import pyogrio
+import pytest
+import uvicorn
+from pyproj import Geod
+from sqlalchemy import Engine
+from starlette.testclient import TestClient
+
+import semmap
+from semmap.server.http_api import HttpApi
+
+ROBOT, ADMIN = "a-token-of-a-robot", "a-token-of-an-admin"
+TOKENS = {ROBOT: "semmap_robot", ADMIN: "semmap_admin"}
+
+
+@pytest.fixture(scope="module")
+def db(house: Engine) -> Iterator[semmap.Database]:
+    with semmap.connect(house.url.render_as_string(hide_password=False)) as db:
+        yield db
+
+
+@pytest.fixture(scope="module")
+def url(db: semmap.Database) -> Iterator[str]:
+    """Where the maps are served."""
+    config = uvicorn.Config(
+        HttpApi(db, TOKENS).app, port=0, log_level="warning", timeout_graceful_shutdown=1
+    )
+    server = uvicorn.Server(config)
+    thread = threading.Thread(target=server.run)
+    thread.start()
+    while not server.started:
+        time.sleep(0.01)
+    port = server.servers[0].sockets[0].getsockname()[1]
+    yield f"http://127.0.0.1:{port}"
+    server.should_exit = True
+    thread.join()
+
+
+@pytest.fixture
+def web(url: str) -> Iterator[httpx.Client]:
+    with httpx.Client(base_url=url, timeout=60) as client:
+        yield client
+
+
+def with_token(token: str) -> dict[str, str]:
+    return {"Authorization": f"Bearer {token}"}
+
+
+def test_operations_answer_as_the_methods_do(web: httpx.Client, db: semmap.Database) -> None:
+    assert [row["name"] for row in web.get("/maps").json()] == ["house"]
+    found = web.get("/maps/house/find", params={"type": "ball", "in": "kitchen"})
+    assert found.status_code == 200, found.text
+    house = db.map("house")
+    assert [row["name"] for row in found.json()] == [
+        b.name for b in house.find("ball", in_="kitchen")
+    ]
+    words = {"start": "bedroom", "goal": [5.0, 1.0], "avoid": []}
+    way = web.post("/maps/house/route", json=words).json()
+    assert way["seconds"] == pytest.approx(house.route("bedroom", (5.0, 1.0)).seconds)
+    assert web.get("/maps/house/draw").content.startswith(b"\x89PNG")
+    asked = {"text": "SELECT ?x WHERE { ?x a semmap:Ball }", "rows": "2"}
+    assert len(web.get("/maps/house/sparql", params=asked).json()["rows"]) <= 2
+    protocol = web.get("/maps/house/rdf/sparql", params={"query": "ASK { ?x a semmap:Ball }"})
+    assert protocol.json()["boolean"] is True
+
+
+@pytest.mark.parametrize(
+    ("path", "body", "status", "said"),
+    [
+        ("/maps/hut/find", {}, 404, "hut"),
+        ("/maps/house/fly", {}, 404, "no operation fly"),
+        ("/maps/house/find", {"colour": "red"}, 400, "no argument colour"),
+        ("/maps/house/find", {"limit": "many"}, 400, "limit is 'many'"),
+        ("/maps/house/describe", {"name": "Bal_01_001"}, 404, "Ball_01_001"),
+        ("/maps/house/observe", {"name": "a", "place": "b"}, 404, "needs a token"),
+        ("/maps/house/import_file", {"path": "/etc/passwd"}, 404, "no operation"),
+        ("/maps/house/sql", {"statement": "SELECT 1"}, 404, "no operation"),
+        ("/maps/house/route", [], 400, "no JSON object"),
+    ],
+)
+def test_what_is_refused_says_why(
+    web: httpx.Client, path: str, body: Any, status: int, said: str
+) -> None:
+    answer = web.post(path, json=body)
+    assert (answer.status_code, said in answer.json()["error"]) == (status, True), answer.text
+
+
+def test_a_token_is_a_role(web: httpx.Client, db: semmap.Database) -> None:
+    seen = {"name": "Ball_01_001", "place": "kitchen", "seen": False}
+    assert (
+        web.post("/maps/house/observe", json=seen, headers=with_token("x" * 20)).status_code == 401
+    )
+    told = web.post("/maps/house/observe", json=seen, headers=with_token(ROBOT))
+    assert told.status_code == 200, told.text
+    merge = {"name": "kitchen", "others": ["bedroom"]}
+    no = web.post("/maps/house/merge_rooms", json=merge, headers=with_token(ROBOT))
+    assert no.status_code == 404
+    described = web.get("/openapi.json", headers=with_token(ADMIN)).json()["paths"]
+    assert "/maps/{map}/merge_rooms" in described
+    assert "/maps/{map}/merge_rooms" not in web.get("/openapi.json").json()["paths"]
+    assert {room.name for room in db.map("house").rooms} >= {"kitchen", "bedroom"}
+
+
+def test_another_name_of_this_machine_is_refused(url: str, db: semmap.Database) -> None:
+    with httpx.Client(base_url=url, headers={"Host": "a.page.of.the.web"}) as other:
+        assert other.get("/maps").status_code == 400
+    with TestClient(HttpApi(db, TOKENS, local=False).app) as elsewhere:
+        for path in ("/maps", "/maps/house", "/maps/house/rdf/sparql?query=ASK%7B%7D"):
+            assert elsewhere.get(path).status_code == 401
+            assert elsewhere.get(path, headers=with_token(ROBOT)).status_code == 200
+
+
+def test_a_move_is_an_event_at_once(url: str, db: semmap.Database) -> None:
+    ball = db.map("house")["Ball_01_001"]
+    x, y, z = ball.pose[:3]
+    with (
+        httpx.Client(base_url=url, timeout=20) as client,
+        client.stream("GET", "/maps/house/events") as events,
+    ):
+        lines = events.iter_lines()
+        assert next(lines).startswith(":")
+        began = time.perf_counter()
+        ball.move_to(x + 0.1, y, z)
+        cursor, event = next(_events(lines))
+        took = time.perf_counter() - began
+    assert (event["name"], took < 2) == ("Ball_01_001", True)
+    ball.move_to(x, y, z)
+    with client_since(url, cursor) as again:  # what was missed comes first
+        _, missed = next(_events(again))
+        assert missed["name"] == "Ball_01_001"
+
+
+def _events(lines: Iterator[str]) -> Iterator[tuple[str, dict[str, Any]]]:
+    cursor = ""
+    for line in lines:
+        if line.startswith("id: "):
+            cursor = line[4:]
+        if line.startswith("data: "):
+            yield cursor, json.loads(line[6:])
+
+
+class client_since:
+    """The lines of the events after a cursor."""
+
+    def __init__(self, url: str, cursor: str) -> None:
+        self._client = httpx.Client(base_url=url, timeout=20)
+        self._events = self._client.stream(
+            "GET", "/maps/house/events", headers={"Last-Event-ID": cursor}
+        )
+
+    def __enter__(self) -> Iterator[str]:
+        return self._events.__enter__().iter_lines()
+
+    def __exit__(self, *error: Any) -> None:
+        self._events.__exit__(*error)
+        self._client.close()
+
+
+@pytest.mark.skipif(shutil.which("ogr2ogr") is None, reason="GDAL's programs are not installed")
+def test_gdal_reads_the_collections(url: str, db: semmap.Database, tmp_path: Path) -> None:
+    file = tmp_path / "house.gpkg"
+    subprocess.run(
+        ["ogr2ogr", "-f", "GPKG", file, f"OAPIF:{url}/maps/house"], check=True, capture_output=True
+    )
+    house = db.map("house")
+    layers = {name for name, _ in pyogrio.list_layers(file)}
+    assert {"rooms", "doors", "objects"} <= layers
+    info = pyogrio.read_info(file, layer="objects")
+    assert info["features"] == len(house.objects)
+    assert "4326" in info["crs"] or "CRS84" in info["crs"]
+    geod = Geod(ellps="WGS84")
+    rooms = pyogrio.read_dataframe(file, layer="rooms").set_index("name")["geometry"]
+    assert {*rooms.index} == {room.name for room in house.rooms}
+    for room in house.rooms:
+        area = abs(geod.geometry_area_perimeter(rooms[room.name])[0])
+        assert area == pytest.approx(room.footprint.area, rel=0.01)
+
+
+def test_pages_and_boxes_of_features(web: httpx.Client, db: semmap.Database) -> None:
+    count, names = len(db.map("house").objects), []
+    path: str | None = "/maps/house/collections/objects/items?limit=40"
+    while path:
+        page = web.get(path).json()
+        assert page["numberMatched"] == count
+        names += [each["properties"]["name"] for each in page["features"]]
+        path = next((link["href"] for link in page["links"] if link["rel"] == "next"), None)
+    assert sorted(names) == sorted(each.name for each in db.map("house").objects)
+    feature = page["features"][0]
+    alone = web.get(f"/maps/house/collections/objects/items/{feature['id']}").json()
+    assert alone["properties"] == feature["properties"]
+    far = web.get("/maps/house/collections/objects/items", params={"bbox": "1,1,2,2"}).json()
+    assert far["features"] == []
+    assert web.get("/maps/house/collections/objects/items?bbox=1,2").status_code == 400
+    assert web.get("/maps/house/collections/ghosts/items").status_code == 404
