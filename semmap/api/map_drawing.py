@@ -61,8 +61,8 @@ class MapDrawing(MapTasks):
     ) -> Picture:
         """The floor plan of a storey, or those of all storeys one below another.
 
-        `walls` shows the occupied cells between the rooms; without it, outlines alone.
-        `assume_sizes` draws typical boxes, dashed, for objects without geometry.
+        `storey`: only this one. `walls` shows the occupied cells between the rooms; without it,
+        outlines alone. `assume_sizes` draws typical boxes, dashed, for objects without geometry.
         LookupError if there is no such storey, or nothing to draw.
         """
         from navgrid.grid_output import with_grid

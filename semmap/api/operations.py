@@ -59,6 +59,7 @@ COMMANDS = {
     "belief": CommandWord("belief", "Messages, ProbLog, fields and grammars of beliefs."),
     "costmap": CommandWord("grids", "Compute a robot's layered costmaps and write them for Nav2."),
     "demo": CommandWord("demo.command", "Import a world, and show what follows from it."),
+    "draw": CommandWord("drawing", "Draw floor plans of the map, or all of it in 3D, as a PNG."),
     "export": CommandWord("export", "Write the map to a file of another program."),
     "fields": CommandWord("fields", "What space contains, voxel by voxel."),
     "gis": CommandWord("gis", "The map in QGIS: a project that shows and edits it."),
@@ -102,7 +103,7 @@ _PYTHON_ALONE: dict[tuple[str, Right], str] = {
     ("Database", "admin"): "create_map",
     ("Database", "reader"): "map",
     ("Map", "reader"): (
-        "robot_parts changes execute topology live_topology draw draw_3d views spot check_type "
+        "robot_parts changes execute topology live_topology views spot check_type "
         "ended_fields rooms objects doors storeys regions agents subscribe to_geodataframe"
     ),
     ("Map", "admin"): "add_storey add_room add_door",
@@ -123,6 +124,8 @@ OPERATIONS: tuple[Operation, ...] = (
     Operation("Database.drop_map", "drop", "admin"),
     Operation("Map.import_file", "import", "admin"),
     Operation("Map.export", "export", "reader"),
+    Operation("Map.draw", "draw", "reader"),
+    Operation("Map.draw_3d", "draw", "reader"),
     Operation("Map.types", "types", "reader"),
     Operation("Map.table", "ls", "reader"),
     Operation("Map.describe", "show", "reader"),

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import json
 import math
+import sys
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import typer
@@ -33,6 +35,7 @@ def route_command(
     call: MethodCall,
     count: int = Option(1, "-k", help="Number of routes, the quickest first."),
     rooms: bool = Option(False, "--rooms", help="Print only the rooms on the route, with commas."),
+    draw: Path | None = Option(None, help="Draw the way on floor plans to this PNG."),
     json_: Json = False,
 ) -> None:
     """Find the quickest route: its doors in order, each with an approach and a leave pose."""
@@ -48,6 +51,8 @@ def route_command(
     unknown = found[0].without_geometry(assume_sizes=assume_sizes)
     assumed = sorted({*found[0].without_geometry()} - {*unknown}) if assume_sizes else []
     notes = {"no_geometry": unknown, "assumed_sizes": assumed}
+    if draw is not None:
+        print(found[0].plot().save(draw), file=sys.stderr)
     if rooms:
         print(",".join(found[0].places))
     elif json_:

@@ -133,7 +133,7 @@ def answered_at_once(map_operations: Iterable[Operation]) -> list[str]:
         each.method
         for each in map_operations
         if each.method.startswith("Map.")
-        and (each.command is not None or each.result == "Picture")
+        and each.command is not None
         and not _LASTING.intersection(argument.name for argument in each.arguments)
         and (each.method in _ROWS or {*re.findall(r"[A-Za-z]\w*", each.result)} <= {*PLAIN})
         and each.method != "Map.sql"  # a statement could leave the role of a reader
