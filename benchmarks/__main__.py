@@ -11,6 +11,7 @@ import sys
 TABLES = (
     "database",
     "inventory",
+    "events",
     "meshes",
     "slabs",
     "voxel_grids",
