@@ -40,7 +40,7 @@ def measured() -> list[Row]:
 @contextmanager
 def subscribed(db: semmap.Database, hear: Callable[[str], None]) -> Iterator[None]:
     """Call with the name of each entity that changes."""
-    with db.map("building").subscribe(lambda event: hear(event.name)):
+    with db.map("building").subscribe(lambda event: hear(event.name or "")):
         yield
 
 
