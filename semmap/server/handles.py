@@ -14,6 +14,9 @@ from semmap.error import Error
 MOST_HANDLES = 8
 """The most requests that are answered at once."""
 
+SECONDS = 60
+"""The most seconds of one statement of a request."""
+
 PATIENCE = 10.0
 """Seconds that a request waits until it is answered."""
 
@@ -61,10 +64,11 @@ class Handles:
         """Open a handle that its caller closes."""
         reads = role is None and self._reading != self._own
         url = self._reading if reads else self._own
-        text = url.set(drivername="postgresql").render_as_string(hide_password=False)
+        settings = f"-c statement_timeout={SECONDS}s"
         if not reads:
-            setting = quote(f"-c role={role or 'semmap_reader'}")
-            text += f"{'&' if url.query else '?'}options={setting}"
+            settings += f" -c role={role or 'semmap_reader'}"
+        text = url.set(drivername="postgresql").render_as_string(hide_password=False)
+        text += f"{'&' if url.query else '?'}options={quote(settings)}"
         return connect(text, migrate=False)
 
     def close(self) -> None:

@@ -20,6 +20,7 @@ from sqlalchemy import Engine
 from starlette.testclient import TestClient
 
 import semmap
+from semmap.server.handles import Handles
 from semmap.server.http_api import HttpApi
 
 ROBOT, ADMIN = "a-token-of-a-robot", "a-token-of-an-admin"
@@ -112,6 +113,14 @@ def test_a_token_is_a_role(web: httpx.Client, db: semmap.Database) -> None:
     assert "/maps/{map}/merge_rooms" in described
     assert "/maps/{map}/merge_rooms" not in web.get("/openapi.json").json()["paths"]
     assert {room.name for room in db.map("house").rooms} >= {"kitchen", "bedroom"}
+
+
+@pytest.mark.parametrize("role", [None, "semmap_robot"])
+def test_a_statement_ends_in_time(db: semmap.Database, role: str | None) -> None:
+    with Handles(db).open(role) as handle:
+        for session in (handle.session, handle.map("house").connection):
+            assert session.execute("SHOW statement_timeout").fetchone() == ("1min",)
+        assert handle.session.execute("SELECT current_user").fetchone() == (role or "semmap_read",)
 
 
 def test_another_name_of_this_machine_is_refused(url: str, db: semmap.Database) -> None:
