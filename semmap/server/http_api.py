@@ -144,12 +144,18 @@ class HttpApi:
         if self._listeners >= MOST_LISTENERS:
             raise BusyError(f"{MOST_LISTENERS} clients follow the changes: try again")
         loop = asyncio.get_running_loop()
-        waiting: asyncio.Queue[MapEvent] = asyncio.Queue()
+        waiting: asyncio.Queue[MapEvent] = asyncio.Queue(MOST_EVENTS)
+        late = asyncio.Event()  # the client does not read; it comes again with its last event
+
+        def deliver(event: MapEvent) -> None:
+            if waiting.full():
+                late.set()
+            else:
+                waiting.put_nowait(event)
 
         def begin() -> tuple[Database, Any]:
             handle = self._handles.open(role)
             try:
-                deliver = waiting.put_nowait
                 return handle, handle.map(map_name).subscribe(
                     lambda event: loop.call_soon_threadsafe(deliver, event), since=since
                 )
@@ -169,7 +175,7 @@ class HttpApi:
         async def told() -> AsyncIterator[str]:
             try:
                 yield ": the changes of the map, one event each\n\n"
-                while waiting.qsize() < MOST_EVENTS:
+                while not late.is_set():
                     try:
                         event = await asyncio.wait_for(waiting.get(), 15)
                     except TimeoutError:
