@@ -31,8 +31,8 @@ def _project(
         address = call.handle.store_qgis_project()
         print(address)
         if "@?" in address:
-            note = "start QGIS with PGHOST=FOLDER, the host of: semmap db url"
-            cli.err.print(f"the database is on a socket: {note}", style="dim")
+            folder = call.handle.engine.url.query["host"]
+            cli.err.print(f"the database is on a socket: PGHOST={folder} qgis", style="dim")
 
 
 gis_command = group(_project)

@@ -35,8 +35,6 @@ def write_gltf(found: MapFeatures, path: Path) -> None:
     """Write a map as ``.glb``, or ``.gltf`` with its buffers in itself."""
     scene: Any = trimesh.Scene(base_frame=ROOT)
     features = {each.name: each for each in found.all()}
-    if not features:
-        raise ValueError(f"the map {found.name} has no entities, and a scene has nodes")
     nodes = {name: f"{name}_" if name in (ROOT, FRAME) else name for name in features}
     scene.graph.update(FRAME, ROOT, matrix=Y_UP, metadata={"map": found.name})
     for name, each in features.items():
@@ -51,6 +49,8 @@ def write_gltf(found: MapFeatures, path: Path) -> None:
             metadata={k: v for k, v in _extras(each).items() if v},
             **({} if geometry is None else {"geometry": geometry}),
         )
+    if not scene.geometry:
+        raise ValueError(f"nothing in the map {found.name} has a surface, and a scene has meshes")
     if path.suffix.lower() == ".glb":
         path.write_bytes(scene.export(file_type="glb"))
         return

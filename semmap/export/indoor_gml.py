@@ -132,11 +132,6 @@ def write_indoor_gml(found: MapFeatures, path: Path) -> None:
         states.append(_state(made, number, middles.get(name), own))
     edges = [_transition(made, each, numbers) for each in passages]
     boundaries = [_boundary(made, each) for each in passages if each.is_boundary]
-    nodes = _CORE("nodes", {ID: "N1"}, *states)
-    layer = _CORE("SpaceLayer", {ID: "L1"}, nodes)
-    if edges:
-        layer.append(_CORE("edges", {ID: "E1"}, *edges))
-    layers = _CORE("spaceLayers", {ID: "SL1"}, _CORE("spaceLayerMember", layer))
     primal = _CORE("PrimalSpaceFeatures", {ID: "PS1"}, *cells, *boundaries)
     root = _CORE(
         "IndoorFeatures",
@@ -144,8 +139,14 @@ def write_indoor_gml(found: MapFeatures, path: Path) -> None:
         _meta(collection(_rest(found, passages))),
         _GML("name", _clean(found.name)),
         _CORE("primalSpaceFeatures", primal),
-        _CORE("multiLayeredGraph", _CORE("MultiLayeredGraph", {ID: "MG1"}, layers)),
     )
+    if states:  # a graph has nodes
+        layer = _CORE("SpaceLayer", {ID: "L1"}, _CORE("nodes", {ID: "N1"}, *states))
+        if edges:
+            layer.append(_CORE("edges", {ID: "E1"}, *edges))
+        layers = _CORE("spaceLayers", {ID: "SL1"}, _CORE("spaceLayerMember", layer))
+        graph = _CORE("MultiLayeredGraph", {ID: "MG1"}, layers)
+        root.append(_CORE("multiLayeredGraph", graph))
     etree.ElementTree(root).write(
         str(path), encoding="UTF-8", xml_declaration=True, pretty_print=True
     )

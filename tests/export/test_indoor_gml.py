@@ -24,7 +24,7 @@ STRUCTURE = f"""
   core:cellSpaceBoundaryMember*)>
 <!ELEMENT core:cellSpaceMember (core:CellSpace)>
 <!ELEMENT core:CellSpace ({FEATURE}, core:cellSpaceGeometry?, core:duality?,
-  core:externalReference*, core:partialboundedBy*)>
+  core:externalReference*, core:partialboundedBy*, core:level*)>
 <!ELEMENT core:cellSpaceGeometry (core:Geometry2D | core:Geometry3D)>
 <!ELEMENT core:Geometry3D (gml:Solid)>
 <!ELEMENT core:Geometry2D (gml:Polygon | gml:CompositeSurface)>
@@ -39,7 +39,7 @@ STRUCTURE = f"""
 <!ELEMENT core:spaceLayers ({FEATURE}, core:spaceLayerMember+)>
 <!ELEMENT core:spaceLayerMember (core:SpaceLayer)>
 <!ELEMENT core:SpaceLayer ({FEATURE}, core:nodes+, core:edges*)>
-<!ELEMENT core:nodes ({FEATURE}, core:stateMember*)>
+<!ELEMENT core:nodes ({FEATURE}, core:stateMember+)>
 <!ELEMENT core:edges ({FEATURE}, core:transitionMember*)>
 <!ELEMENT core:stateMember (core:State)>
 <!ELEMENT core:State ({FEATURE}, core:duality?, core:connects*, core:geometry?)>
@@ -48,6 +48,7 @@ STRUCTURE = f"""
   core:geometry)>
 <!ELEMENT core:geometry (gml:Point | gml:LineString)>
 <!ELEMENT core:weight (#PCDATA)>
+<!ELEMENT core:level (#PCDATA)>
 {"".join(f"<!ELEMENT {link} EMPTY><!ATTLIST {link} xlink:href CDATA #REQUIRED>" for link in LINK)}
 <!ELEMENT gml:metaDataProperty (gml:GenericMetaData)>
 <!ELEMENT gml:Solid (gml:exterior)>
@@ -61,7 +62,7 @@ STRUCTURE = f"""
 <!ELEMENT gml:LineString (gml:posList)>
 <!ELEMENT gml:Point (gml:pos)>
 """
-"""The sequences of indoorgmlcore.xsd 1.0.3 and of what it takes of GML 3.2.1, as a DTD."""
+"""The sequences of indoorgmlcore.xsd 1.1 and of what it takes of GML 3.2.1, as a DTD."""
 
 TEXTS = ["description", "name", "pos", "posList", "GenericMetaData"]
 WITH_ID = ["Solid", "CompositeSurface", "Polygon", "LineString", "Point"]
@@ -121,6 +122,17 @@ def test_it_has_the_structure_of_the_schema(furnished: semmap.Map, tmp_path: Pat
         assert solid.volume == pytest.approx(
             furnished[name].geometry.area * (2.7 if name != "loft" else 2.5)
         )
+
+
+def test_a_map_without_rooms_has_no_graph(db: semmap.Database, tmp_path: Path) -> None:
+    empty = db.create_map("empty")
+    empty.add_storey("ground")
+    root = etree.parse(str(empty.export(tmp_path / "empty.gml"))).getroot()
+    dtd = structure()
+    assert dtd.validate(root), dtd.error_log.filter_from_errors()
+    with pytest.raises(ValueError, match="nothing in the map empty has a surface"):
+        empty.export(tmp_path / "empty.glb")
+    assert [each.name for each in tmp_path.iterdir()] == ["empty.gml"]
 
 
 def solid_of(cell: etree._Element, gml: str) -> trimesh.Trimesh:
