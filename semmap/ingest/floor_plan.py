@@ -96,7 +96,7 @@ def enclose(
     joined to what is within `CABIN_GAP` of their ends.
     """
     rings = [ring for floor in floors for ring in (floor.exterior, *floor.interiors)]
-    outlines = [side for ring in rings for side in _segments(ring)]
+    outlines = [side for ring in rings for side in straight_parts(ring)]
     drawn = [line for line in (*walls, *doors, *outlines, *cabin_doors) if line.length > 0]
     if not drawn:
         return FloorPlan()
@@ -113,7 +113,7 @@ def enclose(
     faces = _on_floors(faces, floors, plan)
     faces.sort(key=reading_order)
 
-    openings = _openings(faces, barriers)
+    openings = open_borders(faces, barriers)
     reached = {i for opening in openings for i in opening.rooms}
     for door in doors:
         reached.update(i for i in rooms_beside(faces, door) if i is not None)
@@ -160,7 +160,8 @@ def middle_of(area: Polygon | MultiPolygon) -> Point:
     return area.centroid if area.contains(area.centroid) else area.representative_point()
 
 
-def _segments(line: LineString) -> list[LineString]:
+def straight_parts(line: LineString) -> list[LineString]:
+    """Return the straight parts of a line."""
     return [LineString(pair) for pair in itertools.pairwise(shapely.get_coordinates(line))]
 
 
@@ -238,8 +239,8 @@ def _common_border(a: Polygon, b: Polygon) -> list[LineString]:
     return [part for part in common if isinstance(part, LineString)]
 
 
-def _openings(rooms: list[Polygon], barriers: Sequence[LineString]) -> list[Opening]:
-    """The common borders of rooms, without what runs along a wall or door."""
+def open_borders(rooms: Sequence[Polygon], barriers: Sequence[LineString]) -> list[Opening]:
+    """Return the common borders of rooms, without what runs along a wall or door."""
     if not rooms:
         return []
     tree = STRtree(barriers)
@@ -248,7 +249,7 @@ def _openings(rooms: list[Polygon], barriers: Sequence[LineString]) -> list[Open
     for a, b in sorted(zip(first.tolist(), second.tolist(), strict=True)):
         if a >= b:
             continue
-        sides = [s for line in _common_border(rooms[a], rooms[b]) for s in _segments(line)]
+        sides = [s for line in _common_border(rooms[a], rooms[b]) for s in straight_parts(line)]
         free = [_without_barriers(side, barriers, tree) for side in sides]
         borders = shapely.get_parts(shapely.line_merge(shapely.union_all(free)))
         found += [Opening((a, b), border) for border in borders if border.length >= DOORWAY]

@@ -2,19 +2,23 @@
 
 Levels have ordinals and no heights, so that elevations are assumed. Units are rooms, or solid;
 openings are doors; fixtures and kiosks are objects of assumed heights; amenities are regions. The
-occupant of a unit is its label.
+occupant of a unit is its label. Stairs, escalators and ramps on one another join levels, as do
+those of a relationship; elevators on one another are cabins of one lift.
 """
 
 from __future__ import annotations
 
+import itertools
 import json
 import zipfile
 import zlib
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
+
+import shapely
 
 from semmap.ingest.annotation.annotation import draft_entries
 from semmap.ingest.annotation.draft_world import DraftWorld
@@ -25,10 +29,11 @@ from semmap.ingest.annotation.feature_file import (
     parse_json,
     read_collection,
 )
+from semmap.ingest.annotation.level_ways import WAYS, leads_into, way_between, way_feature
 from semmap.ingest.georeference import WGS84
 from semmap.ingest.naming import guess_type
 from semmap.ingest.storeys import ASSUMED_HEIGHT
-from semmap.ingest.world import World, WorldError
+from semmap.ingest.world import World, WorldError, unique_name
 from semmap.limits import TEXT_BYTES
 
 KINDS = {
@@ -57,6 +62,9 @@ ROOM_TYPES = {
 
 SOLID = {"brick", "column", "concrete", "drywall", "glass", "structure", "vegetation"}
 """Categories of units that are filled."""
+
+LIFT = "elevator"
+"""The category of units that are cabins of lifts."""
 
 NO_FLOOR = {"opentobelow"}
 """Categories of units in which nothing stands."""
@@ -157,8 +165,7 @@ def _features(by_type: Mapping[str, list[Feature]]) -> Iterator[Feature]:
     """Yield the features of an archive with the keys of annotations."""
     storeys: dict[str, str] = {}
     for level in by_type["level"]:
-        ordinal = level.properties.get("ordinal")
-        number = float(ordinal) if isinstance(ordinal, int | float) else 0.0
+        number = _ordinal(level)
         name = _name(level) or f"level {number:g}"
         while name in storeys.values():
             name += "_"
@@ -170,11 +177,12 @@ def _features(by_type: Mapping[str, list[Feature]]) -> Iterator[Feature]:
         str(each.properties.get("anchor_id")): _text(each.properties.get("name"))
         for each in by_type.get("occupant", ())
     }
+    shared = _Shared(by_type, storeys)
     for type_, kind in KINDS.items():
         for each in by_type.get(type_, ()):
-            category = str(each.properties.get("category") or "").partition(".")[0]
+            category = _category(each)
             keys: dict[str, Any] = {"kind": kind, "name": _name(each)}
-            keys["storey"] = storeys.get(str(each.properties.get("level_id")))
+            keys["storey"] = storeys.get(_level(each))
             if type_ == "unit" and category in NO_FLOOR:
                 continue
             if type_ == "unit" and category in SOLID:
@@ -186,20 +194,110 @@ def _features(by_type: Mapping[str, list[Feature]]) -> Iterator[Feature]:
             elif type_ == "unit":
                 keys["type"] = ROOM_TYPES.get(category) or _known(category, "room")
                 keys["label"] = occupants.get(units.get(_id(each), ""))
+                keys["name"] = shared.names.get(_id(each), keys["name"])
+                keys["elevator"] = shared.lifts.get(_id(each))
             elif type_ == "opening":
                 door = each.properties.get("door")
                 known = door.get("type") if isinstance(door, dict) else "open"
-                keys["type"] = DOOR_TYPES.get(str(known), "door")
+                lift = each.geometry is not None and leads_into(shared.cabins(each), each.geometry)
+                keys["type"] = "elevator_door" if lift else DOOR_TYPES.get(str(known), "door")
             elif kind == "object":
                 keys["height"] = WALL_HEIGHT if category == "wall" else FIXTURE_HEIGHT
                 keys["type"] = _known(category, "object")
             keys = {key: value for key, value in keys.items() if value is not None}
             yield replace(each, properties=_free(each) | keys)
+    yield from shared.ways()
+
+
+class _Shared:
+    """The units that join levels: of one category on one another, or of a relationship."""
+
+    def __init__(self, by_type: Mapping[str, list[Feature]], storeys: Mapping[str, str]) -> None:
+        floors = {_id(level): _ordinal(level) for level in by_type["level"]}
+        drawn = [u for u in by_type.get("unit", ()) if shapely.area(u.geometry) > 0]
+        units = [u for u in drawn if _level(u) in floors and shapely.is_valid(u.geometry)]
+        self.units = {_id(u): u for u in sorted(units, key=lambda u: floors[_level(u)])}
+        self.floors = {id_: floors[_level(unit)] for id_, unit in self.units.items()}
+        self.storeys = {id_: storeys[_level(unit)] for id_, unit in self.units.items()}
+        self.pairs = dict(self._related(by_type.get("relationship", ())))
+        for low, high in self._stacked():
+            if (high, low) not in self.pairs:
+                self.pairs.setdefault((low, high), "both")
+        taken = {str(_name(unit)) for unit in by_type.get("unit", ())}
+        self.names: dict[str, str] = {}
+        for id_ in dict.fromkeys(itertools.chain(*self.pairs)):
+            unit = self.units[id_]
+            wanted = f"{_name(unit) or _category(unit)} {self.storeys[id_]}"
+            self.names[id_] = unique_name(wanted, {*taken, *self.names.values()})
+        self.lifts: dict[str, str] = {}  # the elevators of cabins, the lowest cabin first
+        for id_, unit in self.units.items():
+            if _category(unit) == LIFT:
+                below = (self.lifts[low] for low, high in self.pairs if high == id_)
+                new = unique_name(f"{_name(unit) or LIFT} lift", {*taken, *self.lifts.values()})
+                self.lifts[id_] = next(below, new)
+
+    def _related(self, relationships: Iterable[Feature]) -> Iterator[tuple[tuple[str, str], str]]:
+        """Yield two units of different levels that a relationship joins, and its direction."""
+        for each in relationships:
+            about = each.properties
+            between = about.get("intermediary")
+            given = [about.get("origin"), *(between if isinstance(between, list) else ())]
+            chain = [
+                str(e.get("id")) for e in (*given, about.get("destination")) if isinstance(e, dict)
+            ]
+            direction = "forward" if about.get("direction") == "directed" else "both"
+            for pair in itertools.pairwise(id_ for id_ in chain if id_ in self.units):
+                ways = WAYS.keys() & {_category(self.units[id_]) for id_ in pair}
+                if ways and self.floors[pair[0]] != self.floors[pair[1]]:
+                    yield pair, direction
+
+    def _stacked(self) -> Iterator[tuple[str, str]]:
+        """Yield each unit with the next above it that has its category and half of its area."""
+        shared = [(i, u) for i, u in self.units.items() if _category(u) in (LIFT, *WAYS)]
+        met: set[str] = set()
+        for (low, unit), (high, above) in itertools.combinations(shared, 2):
+            if (
+                low not in met
+                and self.floors[low] < self.floors[high]
+                and _category(unit) == _category(above)
+            ):
+                areas: list[Any] = [unit.geometry, above.geometry]
+                if areas[0].intersection(areas[1]).area >= min(a.area for a in areas) / 2:
+                    met.add(low)
+                    yield low, high
+
+    def cabins(self, each: Feature) -> list[Any]:
+        """Return the cabins of lifts on the level of a feature."""
+        units = [self.units[id_] for id_ in self.lifts]
+        return [unit.geometry for unit in units if _level(unit) == _level(each)]
+
+    def ways(self) -> Iterator[Feature]:
+        """Yield the stairs, escalators and ramps between units."""
+        for (a, b), direction in self.pairs.items():
+            units = first, second = self.units[a], self.units[b]
+            type_ = next((WAYS[c] for unit in units if (c := _category(unit)) in WAYS), None)
+            if type_ is not None:
+                line = way_between(first.geometry, second.geometry)
+                joins, about = (self.names[a], self.names[b]), {"direction": direction}
+                yield way_feature(first.where, line, joins, self.storeys[a], type_, **about)
 
 
 def _known(category: str, kind: Any) -> str | None:
     guess = guess_type(category, kind)
     return None if guess is None else guess.type
+
+
+def _category(feature: Feature) -> str:
+    return str(feature.properties.get("category") or "").partition(".")[0]
+
+
+def _level(feature: Feature) -> str:
+    return str(feature.properties.get("level_id"))
+
+
+def _ordinal(level: Feature) -> float:
+    given = level.properties.get("ordinal")
+    return float(given) if isinstance(given, int | float) else 0.0
 
 
 def _id(feature: Feature) -> str:

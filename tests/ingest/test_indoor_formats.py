@@ -14,6 +14,7 @@ import shapely
 from pyproj import Transformer
 
 import semmap
+from planner.route import NoRouteError
 from semmap.ingest.importer import read_world
 from semmap.ingest.world import OUTSIDE, World, WorldError
 
@@ -236,3 +237,107 @@ def test_an_archive_becomes_a_map(
         (row,) = place.sql("SELECT crs FROM map WHERE id = current_map()")
         assert row[0] == 32632
         assert db.import_file(path).changed == 0
+
+
+UPSTAIRS = {
+    "passage": shapely.box(0, 0, 10, 3),
+    "stairs": shapely.box(0, 3, 2, 7),
+    "lift": shapely.box(8, 3, 10, 5),
+    "lab": shapely.box(4, 3, 7, 6),
+    "yard": shapely.box(0, -3, 10, 0),
+}
+"""A passage, stairs and a lift on two levels, a lab above; below a yard with an escalator."""
+
+WAYS_UP = {"elevator_door", "escalator", "stairs"}
+
+UP = shapely.LineString([(5, -1), (5, 2)])
+DOORS = {
+    name: shapely.LineString([(x, 3), (x + 1, 3)]) for name, x in (("stairs", 0.5), ("lift", 8.5))
+}
+LAB_DOOR = shapely.LineString([(5, 3), (6, 3)])
+
+
+def two_levels_of_osm(path: Path) -> Path:
+    drawn = UPSTAIRS
+    node = {name: line.centroid for name, line in DOORS.items()}
+    features = [
+        feature(drawn["passage"], {"indoor": "corridor", "level": "0;1", "name": "passage"}),
+        feature(drawn["yard"], {"indoor": "area", "level": "0", "name": "yard"}),
+        feature(drawn["lab"], {"indoor": "room", "level": "1", "name": "lab"}),
+        feature(
+            drawn["stairs"],
+            {"indoor": "room", "stairs": "yes", "level": "0", "repeat_on": "1", "name": "stairs"},
+        ),
+        feature(drawn["lift"], {"highway": "elevator", "level": "0-1", "name": "lift"}),
+        feature(node["stairs"], {"door": "yes", "level": "0;1"}),
+        feature(node["lift"], {"door": "sliding", "level": "0;1"}),
+        feature(LAB_DOOR.centroid, {"door": "yes", "level": "1"}),
+        feature(
+            UP.reverse(),
+            {"highway": "steps", "incline": "down", "conveying": "backward", "level": "0;1"},
+        ),
+        feature(shapely.Point(3, 1), {"highway": "elevator", "level": "0-1", "name": "point"}),
+    ]
+    path.with_suffix(".geojson").write_text(
+        json.dumps({"type": "FeatureCollection", "features": features})
+    )
+    return path.with_suffix(".geojson")
+
+
+def two_levels_of_imdf(path: Path) -> Path:
+    files: dict[str, list[Any]] = {"level": [], "unit": [], "opening": [], "relationship": []}
+    categories = {"passage": "walkway", "lab": "laboratory", "lift": "elevator"}
+    on = {"yard": (), "lab": (1,)}
+
+    def add(file: str, id_: str, level: int | None, shape: Any, **about: Any) -> None:
+        about |= {} if level is None else {"level_id": f"level{level}"}
+        files[file].append(feature(shape, about, id=id_, feature_type=file))
+
+    for level in (0, 1):
+        label = {"en": f"{level}F"}
+        add("level", f"level{level}", None, UPSTAIRS["passage"], ordinal=level, short_name=label)
+        for name, shape in UPSTAIRS.items():
+            if level in on.get(name, (0, 1)):
+                category, label = categories.get(name, name), {"en": name}
+                add("unit", f"{name}{level}", level, shape, category=category, name=label)
+        for name, line in DOORS.items():
+            add("opening", f"{name} door{level}", level, line, door={"type": "sliding"})
+    foot = shapely.box(4, -2.5, 5.5, -0.2)
+    add("unit", "yard0", 0, UPSTAIRS["yard"] - foot, category="courtyard", name={"en": "yard"})
+    add("unit", "escalator", 0, foot, category="escalator", name=None)
+    add("opening", "lab door", 1, LAB_DOOR, door=None)
+    add("opening", "foot", 0, shapely.LineString([(4, -2.5), (5.5, -2.5)]), door=None)
+    add("opening", "gate", 0, shapely.LineString([(1, 0), (2, 0)]), door=None)
+    ends = [{"id": id_, "feature_type": "unit"} for id_ in ("escalator", "passage1")]
+    about = {"category": "escalator", "direction": "directed", "intermediary": None}
+    add("relationship", "r", None, None, origin=ends[0], destination=ends[1], **about)
+    return write_zip(
+        path.with_suffix(".zip"),
+        {
+            name: {"type": "FeatureCollection", "name": name, "features": features}
+            for name, features in files.items()
+        },
+    )
+
+
+@pytest.mark.parametrize("write", [two_levels_of_osm, two_levels_of_imdf])
+def test_stairs_lifts_and_escalators_join_levels(
+    write: Callable[[Path], Path], database: str, tmp_path: Path
+) -> None:
+    """Each way is taken where the others are avoided, up and, but for the escalator, down."""
+    with semmap.connect(database) as db:
+        summary = db.import_file(write(tmp_path / "house"), map="house")
+        problems = [each.problem for each in summary.skipped]
+        assert problems == (["is a lift without an area"] if write is two_levels_of_osm else [])
+        house = db.map("house")
+        ways = {e.name: e.type for e in house.doors if e.type in WAYS_UP}
+        assert set(ways.values()) == WAYS_UP
+        up, down = ("yard", "lab"), ("lab", "yard")
+        for way, ends in [(w, up) for w in WAYS_UP] + [("stairs", down), ("elevator_door", down)]:
+            others = [name for name, type_ in ways.items() if type_ != way]
+            steps = house.route(*ends, avoid=others).steps
+            taken = [step.connector.name for step in steps if step.connector]
+            assert way in {ways.get(name) for name in taken}
+        others = [name for name, type_ in ways.items() if type_ != "escalator"]
+        with pytest.raises(NoRouteError):
+            house.route(*down, avoid=others)

@@ -1,8 +1,9 @@
 """OpenStreetMap's Simple Indoor Tagging, as GeoJSON (https://wiki.openstreetmap.org/wiki/Simple_Indoor_Tagging).
 
 ``indoor=room|area|corridor`` are rooms, ``indoor=door`` and nodes with `door` are doors in their
-borders, ``indoor=wall`` are walls; ``level=0;1`` or ``0-2`` puts one of each on each level. Stairs
-join the levels that they have, elevators have a cabin on each.
+borders, ``indoor=wall`` are walls; ``level=0;1`` or ``0-2``, and `repeat_on`, put one of each on
+each level. Areas and corridors are open to each other. Stairs, drawn as areas or lines, and ramps,
+drawn as lines, join the levels that they have; elevators have a cabin on each.
 """
 
 from __future__ import annotations
@@ -10,19 +11,23 @@ from __future__ import annotations
 import itertools
 import re
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 import shapely
 from shapely import LineString, MultiPolygon, Point, Polygon
 
+from semmap.geometry.morphology import polygons
 from semmap.ingest.annotation.feature_file import Feature, FeatureFile
+from semmap.ingest.annotation.level_ways import leads_into, way_along, way_feature
+from semmap.ingest.floor_plan import open_borders, straight_parts
 from semmap.ingest.naming import guess_type
 from semmap.ingest.storeys import ASSUMED_HEIGHT
 from semmap.ingest.world import Refused
 
-ROOMS = ("room", "area", "corridor")
+OPEN = ("area", "corridor")
+ROOMS = ("room", *OPEN)
 
 STAIRS, ELEVATOR = ("stairs", "steps"), ("elevator",)
 """Values of `room` and `highway`, and keys with the value yes, of what joins levels."""
@@ -30,9 +35,22 @@ STAIRS, ELEVATOR = ("stairs", "steps"), ("elevator",)
 WIDTH, THICKNESS = 0.9, 0.1
 """Metres of a door that is a node, and of a wall that is a line."""
 
+NEAR = 1.0
+"""Metres from a room within which a way ends there."""
+
 MOST_LEVELS = 200
 
 _LEVEL = re.compile(r"(-?\d+(?:\.\d+)?)(?:-(-?\d+(?:\.\d+)?))?")
+
+
+@dataclass(frozen=True)
+class _Room:
+    """A room on a level: its name, its area in metres, and what it is."""
+
+    name: str
+    area: Polygon | MultiPolygon
+    is_open: bool
+    is_cabin: bool
 
 
 def is_osm_indoor(features: Sequence[Feature]) -> bool:
@@ -53,16 +71,34 @@ def from_osm_indoor(file: FeatureFile) -> FeatureFile:
     for level in sorted(names):
         about = {"kind": "storey", "name": names[level], "elevation": level * ASSUMED_HEIGHT}
         file.features.append(Feature("level", None, None, about))
-    borders: dict[float, list[LineString]] = {level: [] for level in names}
+    rooms: dict[float, list[_Room]] = {level: [] for level in names}
+    walls: dict[float, list[LineString]] = {level: [] for level in names}
     taken: set[str] = set()
     for each, levels in on_levels:
         if _is_room(each):
+            file.features += _rooms(each, levels, names, rooms, taken)
+        elif each.properties.get("indoor") == "wall" and isinstance(each.geometry, LineString):
             for level in levels:
-                borders[level] += _sides(each.geometry)
-            file.features += _rooms(each, levels, names, taken)
+                walls[level].append(each.geometry)
+    borders: dict[float, list[LineString]] = {}
+    for level, storey in names.items():
+        areas = [part for room in rooms[level] for part in polygons(room.area)]
+        borders[level] = [side for area in areas for side in straight_parts(area.exterior)]
+        file.features += _openings(rooms[level], walls[level], storey)
     for each, levels in on_levels:
         tags = each.properties
         if _is_room(each) or tags.get("indoor") == "level":
+            continue
+        if len(levels) > 1 and isinstance(each.geometry, LineString) and "highway" in tags:
+            for pair in itertools.pairwise(levels):
+                with file.leaving_out(each.where, tags.get("name")):
+                    file.features.append(_way(each, pair, names, rooms))
+            continue
+        if _joins(each, ELEVATOR):
+            with file.leaving_out(each.where, tags.get("name")):
+                raise Refused(
+                    "is a lift without an area", "Draw its cabin, with doors in its border."
+                )
             continue
         door = tags.get("indoor") == "door" or {"door", "entrance"} & tags.keys()
         if not door and tags.get("indoor") != "wall":
@@ -70,7 +106,7 @@ def from_osm_indoor(file: FeatureFile) -> FeatureFile:
             continue
         for level in levels:
             with file.leaving_out(each.where, tags.get("name")):
-                made = _door(each, borders[level]) if door else _wall(each)
+                made = _door(each, rooms[level], borders[level]) if door else _wall(each)
                 own = dict(made.properties, storey=names[level])
                 if len(levels) > 1:
                     own.pop("name", None)
@@ -84,11 +120,13 @@ def from_osm_indoor(file: FeatureFile) -> FeatureFile:
 def _levels(feature: Feature) -> list[float]:
     """Return the levels of a feature, lowest first; 0 where it has none."""
     found: set[float] = set()
-    for part in str(feature.properties.get("level", "0")).replace(",", ";").split(";"):
+    tags = feature.properties
+    stated = [str(tags[key]) for key in ("level", "repeat_on") if tags.get(key) is not None]
+    for part in re.split("[;,]", ";".join(stated or ["0"])):
         match = _LEVEL.fullmatch(part.strip())
         first, last = (float(v) for v in (match[1], match[2] or match[1])) if match else (1.0, 0.0)
         if not first <= last <= first + MOST_LEVELS or abs(first) > MOST_LEVELS:
-            problem = f"its level is {str(feature.properties.get('level'))[:40]!r}"
+            problem = f"its level is {';'.join(stated)[:40]!r}"
             raise Refused(problem, "Write it as 0, 0;1 or 0-2.")
         found |= {first + step for step in range(int(last - first) + 1)}
     return sorted(found)
@@ -113,36 +151,78 @@ def _rooms(
     feature: Feature,
     levels: list[float],
     names: dict[float, str],
+    rooms: dict[float, list[_Room]],
     taken: set[str],
 ) -> Iterator[Feature]:
-    """Yield a room for each level, and stairs between them."""
+    """Yield a room for each level, which joins `rooms`, and stairs between them."""
     tags = feature.properties
     stairs, elevator = _joins(feature, STAIRS), _joins(feature, ELEVATOR)
     kind = "stairwell" if stairs else "elevator_cabin" if elevator else tags.get("indoor")
     guess = guess_type(str(tags.get("room") or tags.get("amenity") or tags.get("shop")), "room")
     type_ = "corridor" if kind == "corridor" else None if guess is None else guess.type
     given = str(tags.get("name") or tags.get("ref") or type_ or "room")
-    called = []
+    is_open = tags.get("indoor") in OPEN
     for level in levels:
         wanted = given if len(levels) == 1 else f"{given} {level:g}"
         name = next(n for n in _numbered(wanted) if n not in taken)
         taken.add(name)
-        called.append(name)
+        rooms[level].append(_Room(name, feature.geometry, is_open, elevator))
         about: dict[str, Any] = {"kind": "room", "name": name, "storey": names[level]}
         about |= {"type": type_} if type_ else {}
         about |= {"type": kind} if stairs or elevator else {}
         about |= {"elevator": f"{given} lift"} if elevator else {}
         yield replace(feature, properties=_free(feature) | about)
-    if stairs and feature.geometry is not None:
-        corners = shapely.get_coordinates(feature.geometry.minimum_rotated_rectangle)
-        sides = sorted(itertools.pairwise(corners[:4]), key=lambda s: float(np.ptp(s, 0).sum()))
-        a, b = sides[0][0] + sides[0][1], corners[:4].sum(axis=0) - (sides[0][0] + sides[0][1])
-        middle = corners[:4].mean(axis=0)
-        ends = [middle + 0.8 * (end / 2 - middle) for end in (a, b)]
-        for number, joined in enumerate(itertools.pairwise(called)):
-            about = {"kind": "connector", "type": "stairs", "joins": [*joined]}
-            about |= {"storey": names[levels[number]]}
-            yield Feature(feature.where, None, LineString(ends), about)
+    if stairs:
+        line, type_ = way_along(feature.geometry), _type_of_way(feature)
+        for low, high in itertools.pairwise(levels):
+            joins = rooms[low][-1].name, rooms[high][-1].name
+            yield way_feature(feature.where, line, joins, names[low], type_)
+
+
+def _type_of_way(feature: Feature) -> str:
+    tags = feature.properties
+    if not _joins(feature, STAIRS):
+        return "ramp"
+    return "escalator" if tags.get("conveying", "no") != "no" else "stairs"
+
+
+def _way(
+    feature: Feature,
+    levels: tuple[float, float],
+    names: dict[float, str],
+    rooms: dict[float, list[_Room]],
+) -> Feature:
+    """Return the way of a line between two levels: upwards as drawn, unless `incline` is down."""
+    tags = feature.properties
+    line: Any = feature.geometry
+    ends = [Point(line.coords[0]), Point(line.coords[-1])]
+    down = str(tags.get("incline", "up")).startswith(("down", "-"))
+    joins = []
+    for level, end in zip(levels, reversed(ends) if down else ends, strict=True):
+        near = min(rooms[level], key=lambda room: room.area.distance(end), default=None)
+        if near is None or near.area.distance(end) > NEAR:
+            problem = f"does not end in a room of {names[level]}"
+            raise Refused(problem, "Draw the rooms that it joins.")
+        joins.append(near.name)
+    direction = {"forward": "forward", "backward": "backward"}.get(str(tags.get("conveying")))
+    more: dict[str, Any] = _free(feature) | _named(feature)
+    if direction is not None:
+        more["direction"] = direction
+    first, second = reversed(joins) if down else joins
+    storey = names[levels[1] if down else levels[0]]
+    return way_feature(feature.where, line, (first, second), storey, _type_of_way(feature), **more)
+
+
+def _openings(rooms: list[_Room], walls: list[LineString], storey: str) -> Iterator[Feature]:
+    """Yield an opening for each border of areas and corridors on which no wall stands."""
+    free = [room for room in rooms if room.is_open and room.area.is_valid]
+    areas = [(room.name, part) for room in free for part in polygons(room.area)]
+    for opening in open_borders([part for _, part in areas], walls):
+        a, b = (areas[number][0] for number in opening.rooms)
+        line = max(straight_parts(opening.border), key=lambda part: part.length)
+        about = {"kind": "connector", "type": "opening", "joins": [a, b], "storey": storey}
+        if a != b:
+            yield Feature(f"the border of {a} and {b}", None, line, about)
 
 
 def _numbered(name: str) -> Iterator[str]:
@@ -150,17 +230,9 @@ def _numbered(name: str) -> Iterator[str]:
     yield from (f"{name} ({number})" for number in itertools.count(2))
 
 
-def _sides(area: Any) -> list[LineString]:
-    """Return the sides of an area."""
-    rings = [part.exterior.coords for part in shapely.get_parts(area)]
-    return [LineString(pair) for ring in rings for pair in itertools.pairwise(ring)]
-
-
-def _door(feature: Feature, borders: list[LineString]) -> Feature:
+def _door(feature: Feature, rooms: list[_Room], borders: list[LineString]) -> Feature:
     """Return a door; of a node, a line along the nearest border of a room."""
     geometry = feature.geometry
-    closed = feature.properties.get("door") != "no"
-    about: dict[str, Any] = {"kind": "connector", "type": "door" if closed else "opening"}
     if isinstance(geometry, Point):
         if not borders:
             raise Refused("is a door on a level without rooms", "Add the rooms.")
@@ -172,6 +244,12 @@ def _door(feature: Feature, borders: list[LineString]) -> Feature:
         geometry = LineString([at - half * along, at + half * along])
     if not isinstance(geometry, LineString):
         raise Refused(f"is a door drawn as {geometry and geometry.geom_type}", "Draw a node.")
+    closed = "door" if feature.properties.get("door") != "no" else "opening"
+    cabins = [room.area for room in rooms if room.is_cabin]
+    about = {
+        "kind": "connector",
+        "type": "elevator_door" if leads_into(cabins, geometry) else closed,
+    }
     return replace(feature, geometry=geometry, properties=_free(feature) | about | _named(feature))
 
 
