@@ -20,6 +20,9 @@ Cells = NDArray[np.bool_]
 WALL_HEIGHT, OBSTACLE_HEIGHT = 2.5, 1.0
 """Metres: assumed, since a scan is level."""
 
+COARSE = 1.0
+"""Metres of a cell, at least, that no robot maps with: its resolution is of another unit."""
+
 SMALL = 1.0
 """Metres across connected occupied cells that are furniture, not a wall."""
 
@@ -77,6 +80,11 @@ def read_explored_map(path: Path) -> World:
             entry.shapes = [Shape("mesh", prism_mesh(outline, 0.0, height), outline)]
             world.entries.append(entry)
     world.notes.append(f"walls are {WALL_HEIGHT} m high, obstacles {OBSTACLE_HEIGHT} m: assumed")
+    if grid.resolution > COARSE:
+        world.notes.append(
+            f"a cell is {grid.resolution:g} m wide: if its resolution is in millimetres, divide it "
+            "by 1000"
+        )
     return world
 
 

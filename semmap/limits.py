@@ -75,7 +75,10 @@ class Limit:
 
 
 TEXT_BYTES = Limit(
-    "text_bytes", 64 * 2**20, "bytes", "a world, robot, annotation or ontology as text"
+    "text_bytes",
+    64 * 2**20,
+    "bytes",
+    "a world, robot, annotation or ontology, as text or GeoPackage",
 )
 CONFIG_BYTES = Limit(
     "config_bytes", 2**20, "bytes", "a file of parts, policy, rules, domain or map"

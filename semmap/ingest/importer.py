@@ -11,7 +11,9 @@ from functools import partial
 from pathlib import Path
 from typing import Any, Literal
 
+import numpy as np
 import psycopg
+import shapely
 from psycopg.types.json import Jsonb
 from sqlalchemy import Connection, Engine
 
@@ -42,7 +44,7 @@ from semmap.ingest.store.holder_store import (
 from semmap.ingest.store.model_store import Progress
 from semmap.ingest.store.world_store import store_world
 from semmap.ingest.storeys import FOUND, found_storeys
-from semmap.ingest.world import Skipped, World, WorldError
+from semmap.ingest.world import Shape, Skipped, World, WorldError
 from semmap.limits import ENTRIES, NAME_CHARACTERS
 from semmap.query.geometry_notes import names_note, read_names_without_geometry
 from semmap.query.snapshot import Snapshot
@@ -56,6 +58,9 @@ MESHES = (".3mf", ".bt", ".dae", ".glb", ".gltf", ".obj", ".off", ".ot", ".ply",
 
 KNOWN = (*SDF, *RMF, *IFC, *GML, *IMDF, *FEATURES, *MESHES, *READERS, *USD, *MJCF, *URDF)
 """The endings of all files that are read."""
+
+LONG = 200.0
+"""Metres from which an object or a room is noted: its file may be in another unit."""
 
 MeshAs = Literal["object", "room", "scene"]
 """What a mesh file is: one object, the shell of a room, or an object for each of its nodes."""
@@ -137,7 +142,28 @@ def read_world(
         known = f"Known: {', '.join(sorted(KNOWN))}."
         raise WorldError(path, "ending", f"{path.suffix or 'none'} is not known", known)
     _check_names(path, world)
+    _note_unit(world, can_scale=ending in (*MESHES, *READERS))
     return world
+
+
+def _note_unit(world: World, can_scale: bool) -> None:
+    """Note the longest object or room, where it is longer than those of buildings."""
+    things = [entry for entry in world.entries if entry.kind in ("object", "room")]
+    longest = {e.name: max(map(_length, e.shapes), default=0.0) for e in things}
+    name = max(longest, key=lambda each: longest[each], default="")
+    if longest.get(name, 0.0) > LONG:
+        fix = "import it with --scale 0.001" if can_scale else "divide its coordinates by 1000"
+        note = f"{name} is {longest[name]:.0f} m long: if the file is in millimetres, {fix}"
+        world.notes.append(note)
+
+
+def _length(shape: Shape) -> float:
+    """The longest side of the box around a shape, metres."""
+    if shape.mesh is not None and len(shape.mesh.vertices):
+        return float(np.ptp(shape.mesh.vertices, axis=0).max())
+    if shape.outline is None or shape.outline.is_empty:
+        return 0.0
+    return float(np.ptp(shapely.get_coordinates(shape.outline), axis=0).max())
 
 
 def _check_content(path: Path, world: World) -> None:

@@ -9,6 +9,7 @@ import sqlite3
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -17,10 +18,11 @@ import pyogrio
 import shapely
 from numpy.typing import NDArray
 
+from semmap.geometry.extent import extent
 from semmap.ingest.georeference import WGS84, frame_of, into_frame
 from semmap.ingest.text_file import read_text
 from semmap.ingest.world import Refused, Skipped, WorldError
-from semmap.limits import EXTENT, NESTING, VERTICES
+from semmap.limits import EXTENT, NESTING, TEXT_BYTES, VERTICES
 
 ENDINGS = (".geojson", ".json", ".gpkg")
 
@@ -116,7 +118,7 @@ def into_metres(
             points = shapely.get_coordinates(drawn)
             try:
                 if georeference is None and found.georeference is None:
-                    found.georeference = frame_of(points, crs)
+                    found.georeference = frame_of(_together(points, crs), crs)
                 frame = georeference or found.georeference
                 assert frame is not None
                 moved = into_frame(points, crs, frame)
@@ -144,16 +146,19 @@ def _crs_of_earth(
     """Return the CRS of coordinates on the earth; None if they are of a local frame.
 
     Outlines of less than a tenth of a degree are degrees, whatever is stated. Of a geographic CRS,
-    so are points; of a projection, coordinates that are far from its origin. A file with a
-    georeference is `trusted` with its CRS.
+    so are points, and most of them are enough: some may be far by mistake. Of a projection are
+    coordinates that are far from its origin. A file with a georeference is `trusted` with its CRS.
     """
     drawn = [geometry for geometry in drawn if not geometry.is_empty]
     if not drawn:
         return None
     outlines = [geometry for geometry in drawn if shapely.get_dimensions(geometry) > 0]
-    west, south, east, north = map(float, shapely.total_bounds(outlines or drawn))
     crs = _crs(stated)
     geographic = crs is not None and crs.is_geographic
+    corners = shapely.bounds(outlines or drawn).reshape(-1, 2)
+    near = _together(corners, stated)
+    corners = near if 2 * len(near) > len(corners) else corners
+    (west, south), (east, north) = (each.tolist() for each in extent(corners))
     if trusted and (geographic or (crs is not None and crs.is_projected)):
         return stated
     small = east - west < DEGREES and north - south < DEGREES
@@ -162,6 +167,13 @@ def _crs_of_earth(
         return stated if geographic else WGS84
     far = EXTENT.exceeded_by(max(abs(west), abs(east), abs(south), abs(north)))
     return stated if far and crs is not None and crs.is_projected else None
+
+
+def _together(points: NDArray[np.float64], stated: str | None) -> NDArray[np.float64]:
+    """Return the points (N, 2) of a geographic CRS that are near their median; of others all."""
+    crs = _crs(stated)
+    near = (np.abs(points - np.median(points, axis=0)) < DEGREES / 2).all(axis=1)
+    return points[near] if crs is not None and crs.is_geographic and near.any() else points
 
 
 def _crs(stated: str | None) -> Any:
@@ -323,6 +335,8 @@ def _check_sqlite(path: Path) -> None:
     """Refuse a damaged file: GDAL would read a part of it."""
     if not path.is_file():
         raise WorldError(path, "file", "is not there", "Check the path.")
+    refused = partial(WorldError, path, "file")
+    TEXT_BYTES.check(path.stat().st_size, refused, "Export the layers of the building alone.")
     address = f"{path.resolve().as_uri()}?mode=ro"
     try:
         with contextlib.closing(sqlite3.connect(address, uri=True)) as database:

@@ -125,12 +125,6 @@ def read_mesh_world(
             world.notes.append(
                 f"{name}: the mesh encloses no area seen from above; its convex hull is the outline"
             )
-    longest = (high - low).max()
-    if longest > 200:
-        world.notes.append(
-            f"{name} is {longest:.0f} m long: if the file is in millimetres, import it with "
-            "--scale 0.001"
-        )
     return world
 
 

@@ -78,8 +78,8 @@ def read_mjcf(path: Path, *, geometry: Role = "visual") -> World:
                 nodes.append(_world_geom(mujoco, model, data, geom, placed))
             else:
                 bodies[body].meshes.append(placed)
-    world = scene_world(path, nodes, str(model.names[: model.names.index(b"\0")].decode()))
-    world.skipped += skipped
+    name = str(model.names[: model.names.index(b"\0")].decode())
+    world = scene_world(path, nodes, name, skipped)
     world.notes += [f"MuJoCo warns: {' '.join(text.split())}" for text in warnings]
     return world
 

@@ -32,17 +32,20 @@ class SceneNode:
     above: SceneNode | None = None
 
 
-def scene_world(path: Path, nodes: Sequence[SceneNode], name: str = "") -> World:
+def scene_world(
+    path: Path, nodes: Sequence[SceneNode], name: str = "", skipped: Sequence[Skipped] = ()
+) -> World:
     """Return the world of a scene: an object for each node with a surface.
 
     The nearest node above it that is an object, too, holds it. Types are guessed from the names.
+    `skipped` is what was left out of the nodes.
 
     Raises
     ------
     WorldError
-        No node has a surface, or all of them have more triangles than the limit.
+        No node has a surface, and none was left out; or they have more triangles than the limit.
     """
-    world = World(name or path.stem, path)
+    world = World(name or path.stem, path, skipped=[*skipped])
     made: dict[SceneNode, Entry] = {}
     taken: set[str] = set()
     faces = 0

@@ -59,9 +59,7 @@ def read_urdf_scene(
             if node.meshes:
                 break
         node.meshes = [mesh.moved(pose) for mesh in node.meshes]
-    world = scene_world(path, [*nodes.values()], root.get("name", ""))
-    world.skipped += skipped
-    return world
+    return scene_world(path, [*nodes.values()], root.get("name", ""), skipped)
 
 
 def _tree(

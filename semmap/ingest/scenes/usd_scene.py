@@ -63,8 +63,7 @@ def read_usd(path: Path, *, geometry: Role = "visual") -> World:
             nodes = _UsdScene(path, stage, geometry, skipped).nodes()
     except UnicodeDecodeError as error:  # of a name, or of a message that quotes one
         raise WorldError(path, "file", "is not UTF-8", "Save it as UTF-8.") from error
-    world = scene_world(path, nodes)
-    world.skipped[:0] = skipped
+    world = scene_world(path, nodes, skipped=skipped)
     if not UsdGeom.StageHasAuthoredMetersPerUnit(stage):
         world.notes.append(
             "the stage states no metersPerUnit: its unit is a centimetre, as in all USD"

@@ -132,9 +132,11 @@ def _polylines(shapes: list[Element], where: str) -> Mesh:
         points = [numbers(p, 2, f"{where}: point") for p in shape.findall("point")]
         VERTICES.check(len(points), partial(Unusable, where), "Simplify it.", "an outline has")
         ring = shapely.Polygon(points) if len(points) > 2 else shapely.Polygon()
-        if not ring.is_valid or ring.area == 0 or EXTENT.exceeded_by(max(map(abs, ring.bounds))):
-            problem = "an outline needs three points, a finite area, and may not cross itself"
+        if not ring.is_valid or ring.area == 0:
+            problem = "an outline needs three points and an area, and may not cross itself"
             raise Unusable(where, problem, "Correct its points.")
+        away = max(map(abs, ring.bounds))
+        EXTENT.check(away, partial(Unusable, where), "Correct its unit.", "an outline reaches")
         outline = shapely.symmetric_difference(outline, ring)
     height = _size(shapes[0], "height", where)
     areas = [p for p in polygons(outline) if p.area > 0]

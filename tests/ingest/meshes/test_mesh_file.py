@@ -14,6 +14,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from semmap.geometry.mesh import Mesh
+from semmap.ingest.importer import read_world
 from semmap.ingest.meshes.mesh_file import read_mesh, read_mesh_world
 from semmap.ingest.meshes.mesh_size import MeshFileError
 from semmap.ingest.world import PlaceDetail, WorldError
@@ -145,8 +146,8 @@ def test_scale_is_for_formats_without_a_unit(tmp_path: Path) -> None:
     path = tmp_path / "a.stl"
     trimesh.creation.box(extents=(1000, 2000, 3000)).export(path)
     np.testing.assert_allclose(np.ptp(read_mesh(path, scale=0.001).bounds, axis=0), (1, 2, 3))
-    assert "millimetres" in read_mesh_world(path).notes[0]
-    assert read_mesh_world(path, scale=0.001).notes == []
+    assert "millimetres" in read_world(path).notes[0]
+    assert read_world(path, scale=0.001).notes == []
 
 
 def _text(text: str) -> Callable[[Path], object]:
