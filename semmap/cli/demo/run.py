@@ -9,19 +9,22 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from navgrid.grid_output import with_grid
 from navgrid.map_file import folder_of
 from navgrid.occupancy_grid import StoreyGrid
 from planner.exchange.picture import topology_plan
 from planner.readers.topology import read_topology
-from planner.route import NoRouteError, Route
+from planner.route import NoRouteError
 from planner.route_lines import Line, route_lines
-from planner.route_search import find_route
+from planner.route_search import seconds_between
 from planner.routing_graph import RoutingGraph
 from planner.topology import OUTSIDE, Topology
 from semmap import cli
 from semmap.api.database import Database
 from semmap.api.map import Map
+from semmap.api.map_results import MapRoute
 from semmap.cli.demo.choices import DemoChoices, choose, figure_3, read_choices
 from semmap.cli.demo.costmaps import DemoRobot, robot_demo
 from semmap.cli.demo.fields import field_demo
@@ -34,6 +37,9 @@ from semmap.draw.view import StoreyView, storey_view
 WORLD_FILES = ("*.world", "*.sdf", "*.building.yaml", "*.gpkg", "*.geojson")
 MOST_ROOMS = 40
 """Number of rooms among which the longest route is searched."""
+
+MOST_ROUTES = 5
+"""Number of routes, the longest first, that are tried until one has room for the robot."""
 
 Say = Callable[..., Any]
 
@@ -78,7 +84,7 @@ def run_demo(
             say(f"   {written['map']}: {written['width']} x {written['height']} cells")
 
         say("\n4. A route")
-        found = _find_route(topology, start or choices.start, goal or choices.place)
+        found = _find_route(house, topology, start or choices.start, goal or choices.place)
         paths: dict[str, list[Line]] = {}
         if isinstance(found, str):
             say(f"   {found}")
@@ -214,24 +220,24 @@ def _files(worlds: Sequence[Path]) -> list[Path]:
     return files
 
 
-def _find_route(topology: Topology, start: str | None, goal: str | None) -> Route | str:
-    """The route between two rooms; without them, the longest one that there is."""
+def _find_route(
+    house: Map, topology: Topology, start: str | None, goal: str | None
+) -> MapRoute | str:
+    """The route of a robot with a shape between two rooms; without them, a long one."""
     rooms = sorted(name for name in topology.places if name != OUTSIDE)
     if len(rooms) < 2 or not topology.connectors:
         return "none: the map has no rooms that doors join; annotate some (GeoJSON, GeoPackage)"
     graph = RoutingGraph(topology)
     starts = [start] if start is not None else rooms[:MOST_ROOMS]
     goals = [goal] if goal is not None and goal != start else rooms
-    best: Route | None = None
+    ends = [[*map(graph.endpoint, names)] for names in (starts, goals)]
+    seconds = seconds_between(graph, *ends)
+    longest = np.argsort(-np.where(np.isfinite(seconds), seconds, -1.0), axis=None)
     reason = "none: no two rooms are joined"
-    for a in starts:
-        for b in goals:
+    for a, b in np.array(np.unravel_index(longest[:MOST_ROUTES], seconds.shape)).T:
+        if starts[a] != goals[b]:
             try:
-                found = find_route(graph, graph.endpoint(a), graph.endpoint(b))
+                return house.route(starts[a], goals[b])
             except NoRouteError as error:
-                if len(starts) == len(goals) == 1:
-                    reason = str(error)
-                continue
-            if best is None or found.metres > best.metres:
-                best = found
-    return best or reason
+                reason = str(error)
+    return reason

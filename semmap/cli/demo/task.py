@@ -2,28 +2,21 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import closing
 from pathlib import Path
 from typing import Any
 
-from planner.live_topology import LiveTopology
-from planner.mission.runner import MissionEvent, MissionResult, Runner
-from planner.mission.sim_setup import entry_pose, open_world, simulated_robot
-from planner.mission.store.mission_list import MissionError
-from planner.mission.store.missions import MissionStore
-from planner.mission.store.simulation_map import simulation_map
-from planner.plan import Plan
+from planner.mission.runner import MissionEvent
 from planner.readers.entity_lookup import find_entities
 from planner.readers.robot_class import store_robot_class
 from planner.robot_class import RobotClass
-from planner.task_planner import TaskPlanner
+from planner.simulated_run import SimulatedMission
 from planner.topology import OUTSIDE, Topology
 from semmap.api.map import Map
 from semmap.cli.demo.choices import DemoChoices
 from semmap.cli.demo.figures import search_picture
 from semmap.draw.view import StoreyView
-from semmap.query.map_handle import MapHandle
 
 NAMED = 8
 """Number of viewpoints of a search that the demo names."""
@@ -42,37 +35,49 @@ def task_demo(
     folder: Path,
     say: Callable[..., Any],
     then: Callable[[Map], None],
-) -> MissionResult | None:
+) -> SimulatedMission | None:
     """Let a robot bring the chosen object to a table, in a copy of the map; `then` gets the copy.
 
     Without an object, or a plan for it, the robot drives to another room. None if that is
     impossible as well.
     """
-    engine = house.engine
-    with simulation_map(engine, house.name) as copy:
-        with engine.begin() as connection:
-            store_robot_class(connection, robot)
-        live = LiveTopology(MapHandle(engine, copy), robot.name)
-        planner = TaskPlanner(live)
-        reasons: list[str] = []
-        for start, goal in _tasks(live.topology, choices):
-            if len(reasons) == MOST:
-                break
-            try:
-                with live.snapshot() as seen:
-                    planner.task(seen, goal, start).plan()
-            except (ValueError, LookupError) as error:
-                reasons.append(f"{goal} from {start}: {error}")
-                continue
-            for reason in reasons:
-                say(f"   {reason}")
-            result = _drive(engine, live, planner, start, goal, folder, say)
-            then(house.database.map(copy))
-            return result
+    with house.engine.begin() as connection:
+        store_robot_class(connection, robot)
+    file = folder / "simulation.sqlite"
+    file.unlink(missing_ok=True)
+    reasons: list[str] = []
+    for start, goal in itertools.islice(_tasks(house.topology(), choices), MOST):
+        try:
+            plan = house.plan(goal, start=start, robot=robot.name)
+            actions = " · ".join(map(str, plan.actions)) or "is reached"
+            for line in (*reasons, f"{goal}: {actions}".replace('"', "")):
+                say(f"   {line}")
+            reasons.clear()
+            result = house.run(
+                goal,
+                start=start,
+                robot=robot.name,
+                speed=TIMES,
+                world=file,
+                try_grasps=False,
+                on_event=lambda event: _say_failure(event, say),
+            )
+        except (ValueError, LookupError) as error:
+            reasons.append(f"{goal} from {start}: {error}")
+            continue
+        reason = f": {result.reason}" if result.reason else ""
+        say(f"   {result.state}: {len(result.steps)} steps by a simulated robot{reason}")
+        then(house.database.map(result.map))
+        return result
     for reason in reasons:
         say(f"   {reason}")
     say("   none: the map has no rooms that doors join, or this robot reaches no other one")
     return None
+
+
+def _say_failure(event: MissionEvent, say: Callable[..., Any]) -> None:
+    if event.kind == "failed":
+        say(f"   {event.command or 'it'} failed: {event.message}")
 
 
 def _tasks(topology: Topology, choices: DemoChoices) -> Iterator[tuple[str, str]]:
@@ -89,46 +94,6 @@ def _tasks(topology: Topology, choices: DemoChoices) -> Iterator[tuple[str, str]
         yield from ((start, goal) for start in starts[:1])
     for start in starts[:2]:
         yield from ((start, f'in(robot, "{room}")') for room in reversed(rooms) if room != start)
-
-
-def _drive(
-    engine: Any,
-    live: LiveTopology,
-    planner: TaskPlanner,
-    start: str,
-    goal: str,
-    folder: Path,
-    say: Callable[..., Any],
-) -> MissionResult:
-    name = live.graph.robot.name
-
-    def plan(*arguments: Any, **options: Any) -> Plan:
-        found = planner(*arguments, **options)
-        if found.actions:  # none if the goal is reached
-            text = goal.replace('"', "")
-            say(f"   {text}: " + " · ".join(map(str, found.actions)))
-        return found
-
-    def on_event(event: MissionEvent) -> None:
-        if event.kind == "failed":
-            say(f"   {event.command or 'it'} failed: {event.message}")
-
-    file = folder / "simulation.sqlite"
-    file.unlink(missing_ok=True)
-    with MissionStore(MapHandle(engine, live.map_name), "demo") as store:
-        try:
-            pose = entry_pose(live.graph, start)
-        except MissionError as error:
-            return MissionResult(0, "failed", str(error))
-        store.add_robot("robot", start, pose, name)
-        with closing(open_world(file, store, live.topology, "robot")) as world:
-            body = simulated_robot(live, world, "robot", speed=TIMES)
-            runner = Runner(store, body, plan, speed=TIMES, tick=1 / TIMES, on_event=on_event)
-            result = runner.run(store.add("robot", goal))
-            steps = store.steps(result.mission)
-    reason = f": {result.reason}" if result.reason else ""
-    say(f"   {result.state}: {len(steps)} steps by a simulated robot{reason}")
-    return result
 
 
 def search_demo(
