@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
-from shapely import MultiPolygon, Point, Polygon
+from shapely import LineString, MultiPolygon, Point, Polygon
 
 from semmap.geometry.mesh import box_mesh
 from semmap.geometry.pose import Pose
-from semmap.ingest.world import Shape
+from semmap.ingest.world import OUTSIDE, ConnectorDetail, Entry, Shape
 
 LEAF_THICKNESS = 0.05
 LEAF_HEIGHT = 2.1
@@ -31,6 +32,34 @@ def door_leaf(width: float) -> Shape:
     """Return the closed leaf of a door in the door's frame: x leads through it, y along it."""
     low = (-LEAF_THICKNESS / 2, -width / 2, 0.0)
     return Shape("box", box_mesh(low, (LEAF_THICKNESS / 2, width / 2, LEAF_HEIGHT)))
+
+
+def opening_pose(line: LineString, from_left: bool, z: float = 0.0) -> Pose:
+    """Return the pose of an opening with this line: x leads through it, from its left or right."""
+    (ax, ay), (bx, by) = line.coords[0][:2], line.coords[-1][:2]
+    across = math.atan2(by - ay, bx - ax) + (-math.pi / 2 if from_left else math.pi / 2)
+    return Pose.planar((ax + bx) / 2, (ay + by) / 2, across, z)
+
+
+def make_connector(
+    entry: Entry,
+    frame: Pose,
+    places: Sequence[tuple[str, Polygon | MultiPolygon | None]],
+    width: float,
+    height: float | None = None,
+) -> None:
+    """Make an entry the door or opening at a frame, between two places with their outlines."""
+    (first, before), (second, behind) = (*places, (OUTSIDE, None))[:2]
+    entry.pose = frame
+    entry.shapes = [] if entry.type == "opening" else [door_leaf(width)]
+    entry.detail = ConnectorDetail(
+        (first, second),
+        (approach_pose(frame, before, -1), approach_pose(frame, behind, 1)),
+        type="elevator_door" if entry.type == "elevator_door" else "door",
+        behaviour=BEHAVIOURS[entry.type or "door"],
+        width=width,
+        height=height,
+    )
 
 
 def approach_pose(frame: Pose, place: Polygon | MultiPolygon | None, side: int) -> Pose:

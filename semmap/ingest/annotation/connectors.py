@@ -20,7 +20,7 @@ from semmap.ingest.annotation.feature_values import (
     text,
 )
 from semmap.ingest.floor_plan import middle_of, rooms_beside
-from semmap.ingest.openings import BEHAVIOURS, approach_pose, door_leaf
+from semmap.ingest.openings import BEHAVIOURS, approach_pose, door_leaf, opening_pose
 from semmap.ingest.world import OUTSIDE, ConnectorDetail, Refused
 
 REACH = 0.5
@@ -129,13 +129,8 @@ def _add_opening(world: DraftWorld, draft: Draft, detail: ConnectorDetail, joins
     beside = any((place == left) != (place == right) for place in joins)
     if not beside and "heading" in draft.feature.properties:
         from_left = math.sin(along - heading_of(draft.feature)) > 0
-    middle = points.mean(axis=0)
-    pose = Pose.planar(
-        float(middle[0]),
-        float(middle[1]),
-        along + (-math.pi / 2 if from_left else math.pi / 2),
-        world.elevation(storey) + (number(draft.feature, "floor") or 0.0),
-    )
+    z = world.elevation(storey) + (number(draft.feature, "floor") or 0.0)
+    pose = opening_pose(line, from_left, z)
     areas = [None if room is None else room.area for room in map(world.room, joins)]
     detail.places, detail.width = joins, detail.width or line.length
     detail.poses = approach_pose(pose, areas[0], -1), approach_pose(pose, areas[1], 1)

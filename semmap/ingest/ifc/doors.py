@@ -16,8 +16,8 @@ from semmap.geometry.pose import Pose
 from semmap.ingest.floor_plan import DOORWAY, GAP, rooms_beside
 from semmap.ingest.ifc.building import IfcBuilding, IfcRoom
 from semmap.ingest.ifc.ifc_file import ElementBody
-from semmap.ingest.openings import BEHAVIOURS, approach_pose, door_leaf
-from semmap.ingest.world import OUTSIDE, ConnectorDetail, Entry
+from semmap.ingest.openings import make_connector, opening_pose
+from semmap.ingest.world import Entry
 
 REACH = 0.5
 """Metres from the middle of a wall within which the spaces on its sides begin."""
@@ -120,27 +120,12 @@ def _connect(
     element: Any = None,
 ) -> None:
     """Add a connector whose x axis leads from the first of one or two spaces to the other side."""
-    (ax, ay), (bx, by) = shapely.get_coordinates(line).tolist()
-    yaw = math.atan2(by - ay, bx - ax) + math.pi / 2
-    along, last = LineString([(ax, ay), (bx, by)]), joined[-1].outline
-    left, right = (along.offset_curve(side).distance(last) for side in (REACH, -REACH))
-    if (left > right) == (len(joined) == 2):
-        yaw += math.pi
-    frame = Pose.planar((ax + bx) / 2, (ay + by) / 2, yaw)
-    behind = joined[1] if len(joined) == 2 else None
-    entry.holder, entry.pose = joined[0].storey.name, frame
-    entry.shapes = [] if entry.type == "opening" else [door_leaf(width)]
-    entry.detail = ConnectorDetail(
-        (joined[0].name, behind.name if behind else OUTSIDE),
-        (
-            approach_pose(frame, joined[0].outline, -1),
-            approach_pose(frame, behind.outline if behind else None, 1),
-        ),
-        type="elevator_door" if entry.type == "elevator_door" else "door",
-        behaviour=BEHAVIOURS[entry.type or "door"],
-        width=round(width, 3),
-        height=height and round(height, 3),
-    )
+    last = joined[-1].outline
+    left, right = (line.offset_curve(side).distance(last) for side in (REACH, -REACH))
+    frame = opening_pose(line, from_left=(left > right) == (len(joined) == 2))
+    entry.holder = joined[0].storey.name
+    places = [(space.name, space.outline) for space in joined]
+    make_connector(entry, frame, places, round(width, 3), height and round(height, 3))
     building.add(entry, element)
 
 

@@ -15,14 +15,12 @@ from semmap.geometry.outline import placed_outline
 from semmap.geometry.pose import Pose
 from semmap.ingest.floor_plan import FloorPlan, enclose, middle_of, rooms_beside
 from semmap.ingest.naming import give_type, words
-from semmap.ingest.openings import approach_pose, door_leaf
+from semmap.ingest.openings import make_connector, opening_pose
 from semmap.ingest.rmf.building_file import Edge, LevelPlan, RmfModel
 from semmap.ingest.rmf.building_world import BuildingWorld
 from semmap.ingest.rmf.model_shapes import ModelShapes
 from semmap.ingest.rmf.storey_drawing import DrawnDoor, StoreyDrawing
 from semmap.ingest.world import (
-    OUTSIDE,
-    ConnectorDetail,
     Entry,
     PlaceDetail,
     Shape,
@@ -190,7 +188,7 @@ class StoreyEntries:
             fix = "Join it to walls that enclose a room."
             self.world.skip(door.element, "touches no room", fix)
         else:
-            self._connector(door, left, right, "door", "pass_door")
+            self._connector(door, left, right, "door")
 
     def _connect_lift(self, door: DrawnDoor, lift: str, rooms: Sequence[DrawnRoom]) -> None:
         """Join the room before an elevator door (to its left) and the cabin."""
@@ -199,7 +197,7 @@ class StoreyEntries:
         name = f"{lift}-{self.plan.name}"
         cabin = next(s for s in self.spaces if s.name == name or s.name.startswith(f"{name}_"))
         lobby = rooms[before] if before is not None else None
-        self._connector(door, lobby, cabin, "elevator_door", "call_elevator")
+        self._connector(door, lobby, cabin, "elevator_door")
 
     def _connect_opening(self, name: str, border: LineString, rooms: int) -> None:
         """Add a border without wall or door as a connector, at the border's middle."""
@@ -210,34 +208,18 @@ class StoreyEntries:
             return
         door = DrawnDoor(LineString([a, b]), name, {"width": border.length}, name)
         left, right = self.spaces[sides.left], self.spaces[sides.right]
-        self._connector(door, left, right, "opening", "drive_through")
+        self._connector(door, left, right, "opening")
 
     def _connector(
-        self,
-        door: DrawnDoor,
-        left: DrawnRoom | None,
-        right: DrawnRoom | None,
-        type_: str,
-        behaviour: str,
+        self, door: DrawnDoor, left: DrawnRoom | None, right: DrawnRoom | None, type_: str
     ) -> None:
         """Add a connector whose x leads from its left to its right, or outward."""
-        first, second = (left, right) if left is not None else (right, None)
-        assert first is not None
-        (ax, ay), (bx, by) = shapely.get_coordinates(door.line)
-        yaw = math.atan2(by - ay, bx - ax) + (math.pi / 2 if left is None else -math.pi / 2)
-        frame = Pose.planar((ax + bx) / 2, (ay + by) / 2, yaw)
-        behind = second.outline if second is not None else None
+        rooms = [room for room in (left, right) if room is not None]
         width = float(str(door.properties.get("width", door.line.length)))
-        detail = ConnectorDetail(
-            (first.name, second.name if second is not None else OUTSIDE),
-            (approach_pose(frame, first.outline, -1), approach_pose(frame, behind, 1)),
-            type="elevator_door" if type_ == "elevator_door" else "door",
-            behaviour=behaviour,
-            width=width,
-        )
-        entry = Entry(door.name, "connector", type_, holder=self.holder, pose=frame, detail=detail)
+        entry = Entry(door.name, "connector", type_, holder=self.holder)
         entry.properties = door.properties
-        entry.shapes = [] if type_ == "opening" else [door_leaf(width)]
+        frame = opening_pose(door.line, from_left=left is not None)
+        make_connector(entry, frame, [(room.name, room.outline) for room in rooms], width)
         self.world.add(entry, "-door")
 
     def _place_entries(self) -> None:
