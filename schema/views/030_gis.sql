@@ -40,7 +40,8 @@ CREATE VIEW gis_connector AS
            ST_MakeLine(ST_MakePoint(pa.pose[1], pa.pose[2]), ST_MakePoint(pb.pose[1], pb.pose[2]))::geometry(LineString, 0) AS geom
     FROM entity e JOIN map m ON m.id = e.map_id JOIN connector c ON c.entity_id = e.id
     JOIN entity a ON a.id = c.place_a LEFT JOIN entity b ON b.id = c.place_b
-    LEFT JOIN world w ON w.entity_id = e.id LEFT JOIN entity s ON s.id = w.storey_id
+    LEFT JOIN world w ON w.entity_id = e.id LEFT JOIN world aw ON aw.entity_id = a.id
+    LEFT JOIN entity s ON s.id = coalesce(w.storey_id, aw.storey_id)
     LEFT JOIN LATERAL (SELECT pose_compose(w.pose, c.pose_a)) pa (pose) ON true
     LEFT JOIN LATERAL (SELECT pose_compose(w.pose, c.pose_b)) pb (pose) ON true;
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import shapely
@@ -22,35 +22,31 @@ GAINED = ("type", "storey", "holder")
 """What a file may add: the type of a door's form, the storey of a door's rooms, which holds it."""
 
 
-def differences(old: semmap.Map, new: semmap.Map, meshes: bool = True) -> list[str]:
-    """A sentence for each difference; of meshes, where the format has them."""
-    before, after = ({each.name: each for each in place} for place in (old, new))
-    if before.keys() != after.keys():
-        return [f"lost {before.keys() - after.keys()}, gained {after.keys() - before.keys()}"]
-    found = []
-    for name, one in before.items():
-        other = after[name]
-        first, second = _facts(one), _facts(other)
-        found += [
-            f"{name}: {key} is {second[key]!r}, was {value!r}"
-            for key, value in first.items()
-            if second[key] != value and not (key in GAINED and value is None)
-        ]
-        found += [f"{name}: {each}" for each in _moved(one, other)]
-        if meshes and one.kind == "object" and not _same_mesh(one.mesh, other.mesh):
-            found.append(f"{name}: another mesh")
-    doors = [_doors(place) for place in (old, new)]
-    found += [
-        f"{name}: {doors[1].get(name)}, was {was}"
-        for name, was in doors[0].items()
-        if doors[1].get(name) != was
-    ]
-    return found
+class Known(NamedTuple):
+    """What is compared of an entity."""
+
+    kind: str
+    facts: dict[str, Any]
+    geometry: shapely.Geometry | None
+    box: Any
+    pose: semmap.Pose | None
+    mesh: trimesh.Trimesh | None
 
 
-def _facts(one: semmap.MapEntity) -> dict[str, Any]:
-    about = one.describe()
-    return {
+class Picture(NamedTuple):
+    """What is compared of a map, read once for several comparisons."""
+
+    entities: dict[str, Known]
+    doors: dict[str, Any]
+
+    @classmethod
+    def of(cls, place: semmap.Map) -> Picture:
+        fronts = dict(place.sql("SELECT name, front FROM entity WHERE map_id = current_map()"))
+        return cls({each.name: _known(each, fronts[each.name]) for each in place}, _doors(place))
+
+
+def _known(one: semmap.MapEntity, front: float) -> Known:
+    facts = {
         "kind": one.kind,
         "type": one.type,
         "label": one.label,
@@ -58,8 +54,35 @@ def _facts(one: semmap.MapEntity) -> dict[str, Any]:
         "storey": one.storey and one.storey.name,
         "room": one.room and one.room.name,
         "holder": one.holder and one.holder.name,
-        "front": round(about["front"], 9),
+        "front": round(front, 9),
     }
+    mesh = one.mesh if one.kind == "object" else None
+    return Known(one.kind, facts, one.geometry, one.box, one.pose, mesh)
+
+
+def differences(old: semmap.Map | Picture, new: semmap.Map, meshes: bool = True) -> list[str]:
+    """A sentence for each difference; of meshes, where the format has them."""
+    old = old if isinstance(old, Picture) else Picture.of(old)
+    before, (after, doors) = old.entities, Picture.of(new)
+    if before.keys() != after.keys():
+        return [f"lost {before.keys() - after.keys()}, gained {after.keys() - before.keys()}"]
+    found = []
+    for name, one in before.items():
+        other = after[name]
+        found += [
+            f"{name}: {key} is {other.facts[key]!r}, was {value!r}"
+            for key, value in one.facts.items()
+            if other.facts[key] != value and not (key in GAINED and value is None)
+        ]
+        found += [f"{name}: {each}" for each in _moved(one, other)]
+        if meshes and not _same_mesh(one.mesh, other.mesh):
+            found.append(f"{name}: another mesh")
+    found += [
+        f"{name}: {doors.get(name)}, was {was}"
+        for name, was in old.doors.items()
+        if doors.get(name) != was
+    ]
+    return found
 
 
 def _doors(place: semmap.Map) -> dict[str, Any]:
@@ -80,7 +103,7 @@ def _doors(place: semmap.Map) -> dict[str, Any]:
     }
 
 
-def _moved(one: semmap.MapEntity, other: semmap.MapEntity) -> list[str]:
+def _moved(one: Known, other: Known) -> list[str]:
     """What is elsewhere, or of another shape."""
     first, second = one.geometry, other.geometry
     if first is None or second is None:
@@ -103,6 +126,7 @@ def _moved(one: semmap.MapEntity, other: semmap.MapEntity) -> list[str]:
     if one.kind != "elevator" and not np.allclose(*boxes, atol=LEAST_HEIGHT, rtol=0):
         found.append(f"box {boxes[1]}, was {boxes[0]}")
     if one.kind in ("object", "agent", "connector") and one.pose is not None:
+        assert other.pose is not None  # it has a geometry
         pose = one.pose.inverse() @ other.pose
         if max(map(abs, pose[:6])) > TOLERANCE:
             found.append(f"pose {other.pose}, was {one.pose}")
