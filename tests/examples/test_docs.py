@@ -21,7 +21,15 @@ from semmap.api.map_results import MapPlan, MapRoute, ObjectSearch
 from semmap.api.spatial_fields import SpaceAnswer, SpatialFields
 from semmap.belief.believed_places import BelievedPlaces
 from semmap.draw.picture import Picture
+from semmap.export.features import LAYERS as EXPORTED
+from semmap.export.formats import FORMATS
 from semmap.fields.sources.source import KEYS, installed_sources
+from semmap.ingest.annotation.annotation import KINDS
+from semmap.ingest.annotation.draft_world import USED_PROPERTIES
+from semmap.ingest.annotation.feature_file import GEOREFERENCE
+from semmap.ingest.annotation.feature_values import LAYERS
+from semmap.ingest.importer import KNOWN
+from semmap.ingest.sdf.resources import FUEL_VARIABLES, PATH_VARIABLES
 from semmap.knowledge.answer import Answer
 from semmap.manipulation.found_actions import FoundActions
 from semmap.query.map_check.rules import Finding
@@ -151,6 +159,16 @@ def test_the_page_of_fields_says_which_source_takes_which_percept() -> None:
         taken = getattr(import_module(module), cls).takes
         keys = re.findall(r"\w+", KEYS[taken])
         assert all(f"`{key}`" in written[name] for key in keys if key not in ("and", "zones"))
+
+
+def test_the_pages_of_import_and_export_have_each_ending_key_and_layer() -> None:
+    into, out = ((ROOT / "docs" / name).read_text() for name in ("ingest.md", "export.md"))
+    places = (*PATH_VARIABLES, *FUEL_VARIABLES)
+    words = {*KNOWN, *LAYERS, *KINDS, *GEOREFERENCE, *places, "--model-path", "--scale"}
+    assert [word for word in sorted(words) if f"`{word}" not in into] == []
+    keys = set().union(*USED_PROPERTIES.values())
+    assert [key for key in sorted(keys) if f"`{key}`" not in into + out] == []
+    assert [each for each in (*FORMATS, *EXPORTED) if f"`{each}`" not in out] == []
 
 
 def test_each_page_is_in_the_contents() -> None:
