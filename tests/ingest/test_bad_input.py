@@ -197,7 +197,7 @@ class Format(NamedTuple):
     crossed: str | None = None
     millimetres: str | None = "noted"
     vast: str | None = "refused"
-    half: str = "refused"
+    most: str | None = "refused"
 
 
 def drawn(write: Callable[[Path, Ring], None], crossed: str = "skipped") -> Format:
@@ -218,7 +218,8 @@ FORMATS = {
     "scene.usda": Format(usd, "taken", vast="skipped"),
     "scene.usdc": Format(usd, "taken", vast="skipped"),
     "scene.usdz": Format(usd, "taken", vast="skipped"),
-    **{f"thing.{ending}": Format(mesh) for ending in ("dae", "glb", "gltf", "obj", "off", "ply")},
+    **{f"thing.{ending}": Format(mesh) for ending in ("dae", "glb", "gltf", "off", "ply")},
+    "thing.obj": Format(mesh, most="taken"),  # it does not say how much it has
     "thing.stl": Format(mesh),
     "thing.3mf": Format(mesh, millimetres=None),  # in millimetres, as it states
     "thing.bt": Format(octomap),
@@ -271,7 +272,8 @@ def test_bad_files(
     assert outcome(path) == ("taken", "")
     cases: dict[str, tuple[str | None, bytes | Ring]] = {
         "empty": ("refused", b""),
-        "half": (format_.half, whole[: len(whole) // 2]),
+        "half": ("refused", whole[: len(whole) // 2]),
+        "most": (format_.most, whole[: len(whole) * 9 // 10]),
         "another format": ("refused", b"\x89PNG\r\n\x1a\n" + bytes(range(256))),
         "crossed": (format_.crossed, CROSSED),
         "millimetres": (format_.millimetres, scaled(1e3)),

@@ -289,6 +289,20 @@ def _check_signature(path: Path) -> None:
         binary = size == 84 + 50 * int.from_bytes(head[80:84], "little")
         if not binary and not (head.lstrip().startswith(b"solid") and b"endsolid" in tail):
             raise MeshFileError("is not an STL file, or a truncated one", "Export it again.")
+    if ending == ".off" and not _has_all_lines(path):
+        raise MeshFileError("has fewer lines than vertices and faces", "Export it again.")
+
+
+def _has_all_lines(path: Path) -> bool:
+    """Return whether an OFF file has a line for each vertex and face; the loader takes fewer."""
+    lines = [line.split(b"#")[0].split() for line in path.read_bytes().splitlines()]
+    words = [line for line in lines if line]
+    words = words if len(words[0]) > 1 else [[w for line in words[:2] for w in line], *words[2:]]
+    try:
+        end = sum(map(int, words[0][1:3]))
+        return len(words) > end and (end == 0 or len(words[end]) > int(words[end][0]))
+    except ValueError:
+        return True  # the loader says what it is
 
 
 def _placed(vertices: ArrayLike, faces: ArrayLike, matrix: NDArray[np.float64]) -> Mesh:

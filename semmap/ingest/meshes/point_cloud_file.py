@@ -75,7 +75,14 @@ def _read_las(path: Path, check: Check) -> tuple[Points, Any]:
         if file.header.are_points_compressed:
             _check_chunks(path, file.header.offset_to_point_data, file.header.point_count)
         crs = file.header.parse_crs()
-        return np.asarray(file.read().xyz, float), crs
+        return _all(np.asarray(file.read().xyz, float), file.header.point_count), crs
+
+
+def _all(points: Points, stated: int) -> Points:
+    """Return the points of a file that states how many they are; it may be truncated."""
+    if len(points) != stated:
+        raise ValueError(f"{len(points)} of its {stated} points")
+    return points
 
 
 def _check_records(path: Path) -> None:
@@ -110,7 +117,7 @@ def _read_pcd(path: Path, check: Check) -> tuple[Points, None]:
 
     cloud = PointCloud.from_path(path)
     check(cloud.points)
-    return cloud.numpy(("x", "y", "z")).astype(float), None
+    return _all(cloud.numpy(("x", "y", "z")).astype(float), cloud.points), None
 
 
 def _read_e57(path: Path, check: Check) -> tuple[Points, None]:

@@ -307,3 +307,14 @@ def test_room_of_thin_walls_falls_back_on_the_hull(tmp_path: Path) -> None:
     assert outline is not None
     assert outline.equals(shapely.Polygon([(0, 0), (4, 0), (4, 3)]))
     assert "convex hull" in world.notes[0]
+
+
+def test_no_part_of_an_off_file_is_a_mesh(tmp_path: Path) -> None:
+    text = trimesh.creation.box().export(file_type="off")
+    path = tmp_path / "box.off"
+    for end in range(len(text.rstrip()) - 1):  # its last figure may be of a shorter number
+        path.write_text(text[:end])
+        with pytest.raises(MeshFileError):
+            read_mesh(path)
+    path.write_text(f"OFF {text.removeprefix('OFF').lstrip()}# end")
+    assert len(read_mesh(path).faces) == 12

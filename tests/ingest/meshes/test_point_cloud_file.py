@@ -125,3 +125,20 @@ def test_headers_that_claim_more_than_the_file_holds_are_refused_at_once(tmp_pat
     (tmp_path / "chunks.laz").write_bytes(chunks)
     with pytest.raises(WorldError, match="chunks of"):
         read_world(tmp_path / "chunks.laz")
+
+
+@pytest.mark.parametrize(("write", "ending"), [(write_las, "las"), (write_pcd, "pcd")])
+def test_a_file_that_lacks_whole_points_is_refused(write, ending, tmp_path):
+    """One, or all but one: the rest could be read."""
+    path = tmp_path / f"scan.{ending}"
+    write(path)
+    whole, size = path.read_bytes(), 12
+    if ending == "las":
+        with laspy.open(path) as file:
+            size = file.header.point_format.size
+    for lacking in (1, len(POINTS) - 1):
+        path.write_bytes(whole[: -lacking * size])
+        with pytest.raises(
+            WorldError, match=f"{len(POINTS) - lacking} of its {len(POINTS)} points"
+        ):
+            read_world(path)
