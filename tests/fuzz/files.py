@@ -58,7 +58,13 @@ from tests.ingest.scenes.test_urdf_scene import KITCHEN
 from tests.ingest.scenes.test_usd_scene import kitchen as stage
 from tests.ingest.sdf.test_world_file import FRAMES
 from tests.ingest.sdf.worlds_by_hand import LINK, TETRAHEDRON
-from tests.ingest.test_indoor_formats import imdf, osm, write_zip
+from tests.ingest.test_indoor_formats import (
+    imdf,
+    osm,
+    two_levels_of_imdf,
+    two_levels_of_osm,
+    write_zip,
+)
 from tests.planner.office import office
 from tests.planner.tasks.test_domain_file import TIDY, garden
 from tests.robot.robots import BY_HAND
@@ -162,6 +168,8 @@ def geojson() -> Iterator[bytes]:
 
 def osm_geojson() -> Iterator[bytes]:
     yield json.dumps(osm()).encode()
+    with TemporaryDirectory() as folder:
+        yield two_levels_of_osm(Path(folder) / "seed").read_bytes()
 
 
 def indoor_gml() -> Iterator[bytes]:
@@ -177,6 +185,7 @@ def indoor_gml() -> Iterator[bytes]:
 def imdf_zip() -> Iterator[bytes]:
     with TemporaryDirectory() as folder:
         yield write_zip(Path(folder) / "seed.zip", imdf()).read_bytes()
+        yield two_levels_of_imdf(Path(folder) / "seed").read_bytes()
 
 
 def rmf() -> Iterator[bytes]:

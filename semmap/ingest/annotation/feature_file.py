@@ -124,6 +124,7 @@ def into_metres(
                 moved = into_frame(points, crs, frame)
             except (ValueError, RuntimeError) as error:  # beyond UTM; pyproj
                 raise WorldError(path, "coordinates", str(error), "Give metres.") from error
+            moved[~np.isfinite(moved)] = np.inf  # which equals itself: rings stay closed
             drawn = list(shapely.set_coordinates(np.array(drawn), moved))
             found.notes.append(
                 f"coordinates of {crs} are brought into the map's frame, with its origin at "
