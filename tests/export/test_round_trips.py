@@ -31,7 +31,7 @@ def come_back(place: semmap.Map, path: Path, **options: Any) -> semmap.Map:
 
 
 @settings(
-    max_examples=2, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+    max_examples=1, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
 )
 @given(seed=st.integers(0, 10_000))
 def test_random_buildings(seed: int, make_database: MakeDatabase, tmp_path_factory) -> None:
