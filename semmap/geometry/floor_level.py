@@ -64,8 +64,8 @@ def _lowest_surface(
 ) -> float | None:
     """The top of the lowest level surface that is about as wide as the widest one.
 
-    A slab has a surface below and one above: the upper one counts. No surface is less than `least`
-    square metres.
+    A slab has a surface below and one above: the upper one counts, and a thin one is no wider for
+    having both. No surface is less than `least` square metres.
     """
     heights, areas = _level_faces(triangles)
     if near is not None:
@@ -75,9 +75,10 @@ def _lowest_surface(
         return None
     order = np.argsort(heights)
     heights, areas = heights[order], areas[order]
-    total = np.concatenate([[0.0], np.cumsum(areas)])
     ends = np.searchsorted(heights, heights + THICKNESS, side="right")
-    widths = total[ends] - total[:-1]
+    sides = np.stack([np.maximum(areas, 0), np.maximum(-areas, 0)])
+    total = np.pad(np.cumsum(sides, axis=1), ((0, 0), (1, 0)))
+    widths = (total[:, ends] - total[:, :-1]).max(axis=0)
     if widths.max() < max(least, 1e-9):
         return None
     wide = np.flatnonzero(widths >= max(least, widths.max() / 2))
@@ -87,8 +88,8 @@ def _lowest_surface(
 
 
 def _level_faces(triangles: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """The middle heights and the areas, seen from above, of the faces that are level."""
+    """The middle heights and the areas of the faces that are level; of those that look down, < 0."""
     normals = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
     lengths = np.linalg.norm(normals, axis=1)
     level = (lengths > 1e-12) & (np.abs(normals[:, 2]) >= math.cos(LEVEL) * lengths)
-    return triangles[level][:, :, 2].mean(axis=1), np.abs(normals[level, 2]) / 2
+    return triangles[level][:, :, 2].mean(axis=1), normals[level, 2] / 2

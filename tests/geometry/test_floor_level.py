@@ -23,6 +23,12 @@ def test_the_top_of_a_slab_is_the_floor(z: float, thickness: float) -> None:
     assert floor_level([slab(z - thickness, z)]) == pytest.approx(z)
 
 
+def test_a_thin_ceiling_below_a_slab_is_not_the_floor() -> None:
+    ceiling = slab(-0.3, -0.285)  # both of its sides are one surface, and no wider for that
+    assert floor_level([], [ceiling, slab(-0.1, 0.0)]) == pytest.approx(0.0)
+    assert floor_level([ceiling, slab(-0.1, 0.0)]) == pytest.approx(0.0)
+
+
 def test_the_lowest_of_two_floors_is_taken_unless_a_range_excludes_it() -> None:
     floors = [slab(-0.2, 0.034), slab(2.8, 3.0)]
     assert floor_level(floors) == pytest.approx(0.034)
