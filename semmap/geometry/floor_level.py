@@ -17,7 +17,7 @@ LOWEST_CEILING = 1.5
 DEEPEST = 0.5
 """Metres above the lowest point of all within which a surface may be a floor, without ground."""
 
-SAME_WIDTH = 0.9  # share of the lower surface's area that the top of a slab has
+SAME_WIDTH = 0.75  # share of the lower surface's area, with the tops of walls, that a slab's has
 
 
 def floor_level(
@@ -88,7 +88,7 @@ def _lowest_surface(
 
 
 def _level_faces(triangles: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """The middle heights and the areas of the faces that are level; of those that look down, < 0."""
+    """The middle heights and areas of level faces; areas of those that look down are < 0."""
     normals = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
     lengths = np.linalg.norm(normals, axis=1)
     level = (lengths > 1e-12) & (np.abs(normals[:, 2]) >= math.cos(LEVEL) * lengths)

@@ -27,6 +27,9 @@ def test_a_thin_ceiling_below_a_slab_is_not_the_floor() -> None:
     ceiling = slab(-0.3, -0.285)  # both of its sides are one surface, and no wider for that
     assert floor_level([], [ceiling, slab(-0.1, 0.0)]) == pytest.approx(0.0)
     assert floor_level([ceiling, slab(-0.1, 0.0)]) == pytest.approx(0.0)
+    wall = box_mesh((0, 0, -3.0), (6, 0.6, -0.3)).triangles  # its top is as high as the ceiling
+    near = (-0.5, 0.5)
+    assert floor_level([], [wall, ceiling, slab(-0.1, 0.0)], near=near) == pytest.approx(0.0)
 
 
 def test_the_lowest_of_two_floors_is_taken_unless_a_range_excludes_it() -> None:
