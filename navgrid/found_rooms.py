@@ -17,8 +17,9 @@ from scipy import ndimage
 from shapely import LineString, Polygon
 
 from navgrid.grid import Grid, grid_around
-from navgrid.room_segments import Passage, room_segments
+from navgrid.room_segments import Passage, room_segments, wall_heading
 from navgrid.slabs import mesh_of, occupancy
+from semmap.geometry.extent import extent
 from semmap.geometry.morphology import polygons
 from semmap.ingest.floor_plan import reading_order
 from semmap.ingest.world import OUTSIDE
@@ -174,9 +175,7 @@ def find_rooms(
     leaves of doors divide nothing. Raises ValueError where no walls enclose a room.
     """
     walls = _walls(scene)
-    rectangles = [entity.bounds for entity in walls if entity.bounds is not None]
-    grid = grid_around(rectangles, resolution, MARGIN)
-    cells, above = _wall_cells(walls, scene.elevation, grid)
+    turn, grid, cells, above = _turned_cells(walls, scene.elevation, resolution)
     segments = room_segments(cells, resolution, above)
     outside = set(_border(segments.labels).tolist())
     entered = {segment for passage in segments.passages for segment in passage.segments}
@@ -188,12 +187,21 @@ def find_rooms(
         and areas[segment] >= (SMALLEST if segment in entered else SMALLEST_CLOSED)
         and (outline := _outline(segments.labels == segment, grid)) is not None
     }
+    outlines = {
+        segment: shapely.transform(outline, lambda xy: _turned(xy, turn))
+        for segment, outline in outlines.items()
+    }
     if not outlines:
         raise ValueError(
             f"the walls of {scene.storey} enclose no room: those of its border are missing, or "
             f"are no objects of the type wall, nor {TALL:g} m high and {THIN:g} m thin"
         )
-    found = _new(scene, outlines, segments.passages, grid)
+    origin = np.array(grid.origin)
+    ways = [
+        (each, _turned((each.ends[:, ::-1] + 0.5) * resolution + origin, turn))
+        for each in segments.passages
+    ]
+    found = _new(scene, outlines, ways)
     return replace(found, rooms=tuple(_typed(room, scene, shows) for room in found.rooms))
 
 
@@ -227,15 +235,47 @@ def _is_upright(entity: SceneEntity, floor: float) -> bool:
     return bool(thickness <= THIN)
 
 
-def _wall_cells(walls: Sequence[SceneEntity], floor: float, grid: Grid) -> NDArray[np.bool_]:
+def _turned_cells(
+    walls: Sequence[SceneEntity], floor: float, resolution: float
+) -> tuple[float, Grid, NDArray[np.bool_], NDArray[np.bool_]]:
+    """Return by how many radians to turn cells back, their grid, those of walls, and of lintels.
+
+    They are turned so that most walls run along rows and columns.
+    """
     triangles = np.concatenate([entity.triangles for entity in walls])
-    numbers = np.repeat(np.arange(len(walls)), [len(entity.triangles) for entity in walls])
+    solids = np.repeat(np.arange(len(walls)), [len(entity.triangles) for entity in walls])
+
+    def drawn() -> tuple[Grid, NDArray[np.bool_]]:
+        low, high = extent(triangles)
+        grid = grid_around([(low[0], low[1], high[0], high[1])], resolution, MARGIN)
+        return grid, _wall_cells(triangles, solids, floor, grid)
+
+    grid, cells = drawn()
+    turn = wall_heading(cells[0])
+    if abs(turn) * max(grid.shape) > 0.5:
+        triangles = _turned(triangles, -turn)
+        grid, cells = drawn()
+    return turn, grid, cells[0], cells[1]
+
+
+def _wall_cells(
+    triangles: NDArray[np.float64], solids: NDArray[np.int64], floor: float, grid: Grid
+) -> NDArray[np.bool_]:
     slabs = [(floor + low, floor + high) for low, high in (WALL_HEIGHTS, LINTEL_HEIGHTS)]
-    cells = occupancy(mesh_of(triangles), slabs, grid, solid=numbers, fill=True)
+    cells = occupancy(mesh_of(triangles), slabs, grid, solid=solids, fill=True)
     reach = math.ceil(HOLLOW / 2 / grid.resolution)
     ball = np.hypot(*np.mgrid[-reach : reach + 1, -reach : reach + 1]) <= reach
     filled: NDArray[np.bool_] = ndimage.binary_closing(cells, ball[None])
     return filled | cells
+
+
+def _turned(points: NDArray[np.float64], angle: float) -> NDArray[np.float64]:
+    """Turn points (..., 2 or 3) about the origin and the z axis."""
+    cos, sin = math.cos(angle), math.sin(angle)
+    x, y = points[..., 0], points[..., 1]
+    return np.stack(
+        [cos * x - sin * y, sin * x + cos * y, *np.moveaxis(points[..., 2:], -1, 0)], -1
+    )
 
 
 def _border(labels: NDArray[np.int32]) -> NDArray[np.int32]:
@@ -243,16 +283,44 @@ def _border(labels: NDArray[np.int32]) -> NDArray[np.int32]:
 
 
 def _outline(cells: NDArray[np.bool_], grid: Grid) -> Polygon | None:
-    """Return the outline of cells, metres; their steps along a slanting wall become one line."""
-    smooth = grid.area(cells).simplify(1.1 * grid.resolution).buffer(0)
-    return max(polygons(smooth), key=lambda part: part.area, default=None)
+    """Return the outline of cells, metres: straight along rows and columns, and along other walls.
+
+    It is half a cell wider, since a wall has the cells that it touches.
+    """
+    smooth = polygons(grid.area(cells).simplify(1.1 * grid.resolution).buffer(0))
+    largest = max(smooth, key=lambda part: part.area, default=None)
+    if largest is None:
+        return None
+    shell, *holes = (
+        _straight(ring, 2 * grid.resolution) for ring in (largest.exterior, *largest.interiors)
+    )
+    wider = Polygon(shell, holes).buffer(0).buffer(grid.resolution / 2, join_style="mitre")
+    return max(polygons(wider), key=lambda part: part.area, default=None)
+
+
+def _straight(ring: shapely.LinearRing, slack: float) -> NDArray[np.float64]:
+    """Put the edges of a ring that are along an axis, but for `slack` metres, along it."""
+    corners = shapely.get_coordinates(ring)[:-1]
+    ends = np.roll(corners, -1, axis=0)
+    across = np.abs(ends - corners)
+    along = (across <= slack) & (across < across[:, ::-1] / 2)  # (N, 2): x is the same, y is
+    level = (corners + ends) / 2
+    found = []
+    for i, corner in enumerate(corners):
+        before, after = corner.copy(), corner.copy()
+        before[along[i - 1]] = level[i - 1][along[i - 1]]
+        after[along[i]] = level[i][along[i]]
+        if (along[i - 1] & along[i]).any():
+            found += [before, after]
+        else:
+            found.append(np.where(along[i - 1], before, after))
+    return np.array(found)
 
 
 def _new(
     scene: StoreyScene,
     outlines: dict[int, Polygon],
-    passages: Sequence[Passage],
-    grid: Grid,
+    passages: Sequence[tuple[Passage, NDArray[np.float64]]],
 ) -> FoundRooms:
     """Name the rooms that the map lacks, from top to bottom and left to right."""
     taken = {entity.name for entity in scene.entities}
@@ -266,7 +334,7 @@ def _new(
         if not names[segment]:
             name = next(room_names)
             names[segment] = {name: outline}
-            sure = min((p.confidence for p in passages if segment in p.segments), default=CLOSED)
+            sure = min((p.confidence for p, _ in passages if segment in p.segments), default=CLOSED)
             rooms.append(FoundRoom(name, outline, _ceiling(scene, outline), sure))
     there = [
         LineString([side.translation[:2] for side in e.sides]).interpolate(0.5, normalized=True)
@@ -274,12 +342,11 @@ def _new(
         if e.sides is not None
     ]
     doorways: list[FoundDoorway] = []
-    for passage in sorted(passages, key=lambda each: -each.confidence):
+    for passage, posts in sorted(passages, key=lambda each: -each[0].confidence):
         a, b = sorted(passage.segments, key=lambda each: names.get(each) is None)
         if a not in names:
             continue
-        drawn = LineString((passage.ends[:, ::-1] + 0.5) * grid.resolution + grid.origin)
-        line = _amid(drawn, outlines[a], outlines.get(b))
+        line = _amid(LineString(posts), outlines[a], outlines.get(b))
         middle = line.interpolate(0.5, normalized=True)
         if any(middle.distance(other) < SAME for other in there):
             continue

@@ -2,9 +2,10 @@
 
 A distance-transform segmentation as in Bormann et al., "Room Segmentation: Survey, Implementation,
 and Analysis" (ICRA 2016), section III: free space is flooded from where walls are far, and divided
-where floods meet. Two parts stay two rooms if each passage between them could be a doorway: narrow
-beside both, and in line with a wall. Where meshes show a lintel above a passage, it is one, however
-wide: a beam across a room is none, since no wall goes on in its line.
+where floods meet. Two parts stay two rooms if each passage between them could be a doorway: walls
+end at both of its sides, or at one and it is narrow, along the direction of most walls; across it,
+a doorway is narrower. Gaps in walls along rows and columns, and lintels that meshes show above a
+passage, are doorways before the flood; a beam across a room is none, as no wall goes on there.
 """
 
 from __future__ import annotations
@@ -16,10 +17,22 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 
-WIDE, WIDEST = 1.8, 3.7
-"""Metres: from the first on, a passage is the less a doorway the wider it is; from the second on
-none."""
+WIDEST = 3.7
+"""Metres: a wider passage is no doorway."""
+
+DOORWAYS = {
+    (True, 2): (1.0, 4.2),
+    (True, 1): (0.6, 2.75),
+    (False, 2): (0.9, 2.0),
+}
+"""The confidence of a doorway, and the metres of width at which it is 0: by whether it is along
+most walls, and at how many of its ends a wall ends, instead of passing by."""
+
+LEVEL = 0.08
+"""Radians between a passage and the direction of walls along which it is."""
 
 DEEPEST, SHALLOWEST, STEP = 2.2, 0.2, 0.05
 """Metres from the walls at which floods begin, from the deepest to the shallowest in steps."""
@@ -30,10 +43,13 @@ ALONG = 0.4
 THICKEST, NARROWEST = 0.6, 0.4
 """Metres across a lintel, and along it."""
 
-LEAST = 0.13
+SHORTEST = 0.2
+"""Metres of a wall, at least, that ends beside a doorway."""
+
+LEAST = 0.4
 """The confidence from which a passage divides two rooms."""
 
-_TURNS = np.radians(np.arange(-40, 41, 5))
+_TURNS = np.radians(sorted(range(-40, 41, 5), key=abs))
 _EIGHT = np.ones((3, 3), np.bool_)
 
 Cells = NDArray[np.bool_]
@@ -48,17 +64,7 @@ class Passage:
     segments: tuple[int, int]
     ends: Floats
     width: float  # between the walls, metres; infinite where there are none on both sides
-    along: float  # the part beside its ends on which a wall goes on, of both sides: 0 to 2
     confidence: float = 0.0  # that it is a doorway, 0 to 1
-
-    def judged(self, peaks: Floats) -> float:
-        """Return the confidence; `peaks` has the metres from walls within each segment."""
-        a, b = self.segments
-        if self.width > WIDEST:
-            return 0.0
-        narrow = 1 - self.width / 2 / min(peaks[a], peaks[b])
-        in_line = min(1.0, self.along) ** 2 * (1 + 1.5 * max(0.0, self.along - 1))
-        return float(np.clip(narrow * in_line - max(0.0, self.width - WIDE) / 10, 0, 1))
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,28 +80,93 @@ def room_segments(walls: Cells, resolution: float, above: Cells | None = None) -
 
     `above` (rows, columns): the cells of walls above persons and doors.
     """
-    lintels = [] if above is None else _lintels(walls, above, resolution)
-    closed = walls.copy()
-    for cells, _ in lintels:
-        closed[tuple(cells.T)] = True
-    full = closed
+    full = walls
+    lintels = []
     if above is not None and above.any():  # then a lower wall divides no room
-        full = closed & ndimage.binary_dilation(above, _EIGHT)
+        full = walls & ndimage.binary_dilation(above, _EIGHT)
+        lintels = _lintels(walls, above, resolution)
+    lintels += _gaps(walls, full, resolution)
+    closed = walls.copy()
+    for cells, _, _ in lintels:
+        closed[tuple(cells.T)] = True
     clearance, nearest = ndimage.distance_transform_edt(
         ~closed, sampling=resolution, return_indices=True
     )
     labels = _flooded(clearance)
-    peaks = np.zeros(int(labels.max(initial=0)) + 1)
-    np.maximum.at(peaks, labels.ravel(), clearance.ravel())
     passages = [
         _passage(pair, cell, closed, nearest, full, resolution)
         for pair, cells in _borders(labels).items()
         for cell in _widest(cells, clearance)
     ]
-    number, passages = _merged(passages, peaks)
+    number, passages = _merged(_once(passages, resolution), int(labels.max(initial=0)) + 1)
     labels = number[labels]
     passages += _below_lintels(lintels, labels, resolution)
-    return RoomSegments(labels, tuple(_once(passages, resolution)))
+    passages = _once(passages, resolution)
+    return RoomSegments(_parted(labels, passages, closed, resolution), tuple(passages))
+
+
+def wall_heading(cells: Cells) -> float:
+    """Return by how many radians, -pi/4 to pi/4, most walls are turned from rows and columns.
+
+    By a Hough transform: the lines of that direction, and across it, have the most border cells.
+    """
+    points = np.argwhere(cells & ~ndimage.binary_erosion(cells, _EIGHT))[:, ::-1]
+
+    if not len(points):
+        return 0.0
+    coarse = np.radians(np.arange(-45, 45, 0.5))
+    best = coarse[np.argmax([_in_lines(points, angle) for angle in coarse])]
+    fine = best + np.radians(np.arange(-0.5, 0.51, 0.05))
+    scores = np.array([_in_lines(points, angle) for angle in fine])
+    return float(fine[scores > 0.97 * scores.max()].mean())
+
+
+def _in_lines(points: NDArray[np.int64], angle: float) -> float:
+    """How many points are in a line with how many others, along a direction or across it."""
+    cos, sin = math.cos(angle), math.sin(angle)
+    turned = np.rint(points @ [[cos, -sin], [sin, cos]]).astype(np.int64)
+    counts = [np.bincount(each - each.min()) for each in turned.T]
+    return float(sum((count**2).sum() for count in counts))
+
+
+def _parted(labels: Labels, passages: list[Passage], walls: Cells, resolution: float) -> Labels:
+    """Let segments end at the doorways between them, where floods meet anywhere beside them."""
+    shut = walls.copy()
+    for passage in passages:
+        shut[tuple(_doorway(passage, walls, resolution).T)] = True
+    parts, count = ndimage.label(~shut)
+    sizes = np.zeros((count + 1, int(labels.max(initial=0)) + 1), np.int64)
+    np.add.at(sizes, (parts.ravel(), labels.ravel()), 1)
+    sizes[:, 0] = 0
+    most, total = sizes.argmax(axis=1), sizes.sum(axis=1)
+    sure = sizes.max(axis=1) > 0.9 * total
+    sure[0] = False
+    parted = np.where(sure[parts], most[parts], labels).astype(np.int32)
+    parted[shut] = 0
+    for axis in (0, 1):  # a cell between those that meet elsewhere
+        a, b = np.moveaxis(parted, axis, 0)[:-1], np.moveaxis(parted, axis, 0)[1:]
+        a[(a != b) & (b > 0)] = 0
+    return parted
+
+
+def _doorway(passage: Passage, walls: Cells, resolution: float) -> NDArray[np.int64]:
+    """The cells (N, 2) between the posts of a passage, as deep as both are."""
+    one, other = passage.ends
+    way = (other - one) / np.hypot(*(other - one))
+    steps = np.arange(0, np.hypot(*(other - one)) + 0.25, 0.5)
+    middle = np.rint(one + steps[:, None] * way).astype(np.int64)
+    rows = [middle]
+    for side in (1, -1):
+        for depth in np.arange(0.5, THICKEST / resolution, 0.5):
+            row = np.rint(one + steps[:, None] * way + side * depth * np.array([-way[1], way[0]]))
+            row = row.astype(np.int64)
+            if not _at(walls, row[[0, -1]]).all():
+                break
+            rows.append(row)
+        else:  # past walls, not between their ends
+            rows = [middle]
+    cells = np.concatenate(rows)
+    return cells[((cells >= 0) & (cells < walls.shape)).all(axis=1)]
 
 
 def _once(passages: list[Passage], resolution: float) -> list[Passage]:
@@ -113,8 +184,8 @@ def _once(passages: list[Passage], resolution: float) -> list[Passage]:
 
 def _lintels(
     walls: Cells, above: Cells, resolution: float
-) -> list[tuple[NDArray[np.int64], Floats]]:
-    """Return the cells (N, 2) of each lintel and its ends (2, 2): it goes on from wall to wall."""
+) -> list[tuple[NDArray[np.int64], Floats, float]]:
+    """Return the cells (N, 2) of each lintel, its ends (2, 2), and 1: it is from wall to wall."""
     parts, count = ndimage.label(above & ~walls, _EIGHT)
     found = []
     for part in range(1, count + 1):
@@ -128,16 +199,80 @@ def _lintels(
         goes_on = [_wall_along(walls, ends[0], -way, resolution)]
         goes_on += [_wall_along(walls, ends[1], way, resolution)]
         if max(goes_on) > 0.8 and min(goes_on) > 0:
-            found.append((cells, ends))
+            found.append((cells, ends, 1.0))
     return found
 
 
+def _gaps(
+    walls: Cells, full: Cells, resolution: float
+) -> list[tuple[NDArray[np.int64], Floats, float]]:
+    """Return the cells (N, 2) of gaps in walls along an axis, their ends (2, 2), and confidence.
+
+    At both ends of a gap a wall ends, and goes on away from it; a gap is as deep as its wall.
+    """
+    found = []
+    for turned in (False, True):
+        solid, ends_of = (walls.T, full.T) if turned else (walls, full)
+        ends = _wall_ends(ends_of, solid, resolution)
+        runs = np.zeros_like(solid)
+        rows, starts, stops = _runs(~solid)
+        wide = (stops - starts) * resolution
+        fits = (wide >= NARROWEST) & (wide <= WIDEST) & (starts > 0) & (stops < solid.shape[1])
+        for row, start, stop in zip(rows[fits], starts[fits], stops[fits], strict=True):
+            runs[row, start:stop] = ends[0][row, start - 1] and ends[1][row, stop]
+        parts, _ = ndimage.label(runs)
+        for part, box in enumerate(ndimage.find_objects(parts), 1):
+            cells = np.argwhere(parts[box] == part) + [each.start for each in box]
+            rows_of = [cells[cells[:, 0] == row, 1] for row in np.unique(cells[:, 0])]
+            sides = np.array([own[[0, -1]] for own in rows_of])
+            (top, bottom), (left, right) = cells[[0, -1], 0], np.median(sides, axis=0).astype(int)
+            beside = ~solid[top - 1 : bottom + 2, left : right + 1]
+            posts = solid[max(top - 2, 0) : bottom + 3, [left - 1, right + 1]]
+            if (
+                len(posts) < bottom - top + 5
+                or np.ptp(sides, axis=0).max() > (bottom - top) // 2
+                or (bottom - top) * resolution > THICKEST
+                or beside[[0, -1]].mean(axis=1).min() < 0.5
+                or posts[[0, -1]].any()
+            ):
+                continue
+            row = (top + bottom) / 2
+            width = (right - left + 1) * resolution
+            line = np.array([[row, left - 1], [row, right + 1]])
+            sure, most = DOORWAYS[True, 2]
+            confidence = sure * float(np.clip((most - width) / 0.6, 0, 1))
+            way = slice(None, None, -1 if turned else 1)
+            found.append((cells[:, way], line[:, way], confidence))
+    return found
+
+
+def _runs(cells: Cells) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
+    """The rows, first columns and ends of the runs of cells along rows."""
+    turns = np.diff(np.pad(cells.astype(np.int8), ((0, 0), (1, 1))), axis=1)
+    rows, starts = np.nonzero(turns == 1)
+    return rows, starts, np.nonzero(turns == -1)[1]
+
+
+def _wall_ends(full: Cells, walls: Cells, resolution: float) -> tuple[Cells, Cells]:
+    """The cells where a wall along a row may end at the right, and where at the left.
+
+    Free space is above and below them, as near as a wall is thick; the wall goes on behind.
+    """
+    near, on = (round(length / 2 / resolution) for length in (THICKEST, SHORTEST))
+    above, below = (
+        ndimage.maximum_filter1d(~walls, 2 * near + 1, axis=0, origin=side)
+        for side in (near, -near)
+    )
+    right, left = (ndimage.minimum_filter1d(full, 2 * on + 1, axis=1, origin=o) for o in (on, -on))
+    return full & above & below & right, full & above & below & left
+
+
 def _below_lintels(
-    lintels: list[tuple[NDArray[np.int64], Floats]], labels: Labels, resolution: float
+    lintels: list[tuple[NDArray[np.int64], Floats, float]], labels: Labels, resolution: float
 ) -> list[Passage]:
     """Return the passages below lintels, each with the two segments that are most beside it."""
     found = []
-    for cells, ends in lintels:
+    for cells, ends, sure in lintels:
         low, high = np.maximum(cells.min(axis=0) - 2, 0), cells.max(axis=0) + 3
         near = labels[low[0] : high[0], low[1] : high[1]]
         mask = np.zeros(near.shape, np.bool_)
@@ -147,7 +282,7 @@ def _below_lintels(
         if len(most) == 2 and most.min() > 0 and (beside == most[1]).any():
             pair = (int(most.min()), int(most.max()))
             width = float(np.hypot(*(ends[1] - ends[0])) - 1) * resolution
-            found.append(Passage(pair, ends, width, 2.0, 1.0))
+            found.append(Passage(pair, ends, width, sure))
     return found
 
 
@@ -235,13 +370,25 @@ def _passage(
     rays = np.rint(middle + steps[:, None, None] * turned).astype(np.int64)
     hit = _at(walls, rays)
     if not hit.any():
-        return Passage(pair, np.stack([one, middle]), math.inf, 0.0)
+        return Passage(pair, np.stack([one, middle]), math.inf)
     step = int(hit.any(axis=1).argmax())
     other = rays[step, int(hit[step].argmax())].astype(np.float64)
     line = (other - one) / np.hypot(*(other - one))
     width = (float(np.hypot(*(other - one))) - 1) * resolution
-    along = _wall_along(full, one, -line, resolution) + _wall_along(full, other, line, resolution)
-    return Passage(pair, np.stack([one, other]), width, along)
+    stubs = _is_stub(full, one, -line, resolution) + _is_stub(full, other, line, resolution)
+    level = math.atan2(*sorted(np.abs(line))) <= LEVEL
+    sure, most = DOORWAYS.get((level, stubs), (0.0, 1.0))
+    confidence = sure * float(np.clip((most - width) / 0.6, 0, 1)) if width <= WIDEST else 0.0
+    return Passage(pair, np.stack([one, other]), width, confidence)
+
+
+def _is_stub(walls: Cells, end: Floats, way: Floats, resolution: float) -> bool:
+    """Return whether a wall ends at a point: free space is before and behind it, beside `way`."""
+    steps = np.arange(0, THICKEST / resolution + 0.5)[:, None]
+    beside = steps * np.array([-way[1], way[0]])
+    cells = np.rint(end + 0.5 * way + np.stack([beside, -beside])).astype(np.int64)
+    free = ~_at(walls, cells)
+    return bool(free.any(axis=1).all() and not free[:, 0].any())
 
 
 def _wall_along(walls: Cells, end: Floats, way: Floats, resolution: float) -> float:
@@ -260,27 +407,21 @@ def _at(walls: Cells, cells: NDArray[np.int64]) -> Cells:
     return found
 
 
-def _merged(passages: list[Passage], peaks: Floats) -> tuple[Labels, list[Passage]]:
-    """Join the segments whose least sure passage is no doorway, the least sure pair first.
+def _merged(passages: list[Passage], count: int) -> tuple[Labels, list[Passage]]:
+    """Join the segments between which a passage is no doorway.
 
     Returns the new number of each segment, and the passages that are left.
     """
-    number = np.arange(len(peaks), dtype=np.int32)
-    peaks = peaks.copy()
-    while True:
-        sure: dict[tuple[int, int], float] = {}
-        for passage in passages:
-            pair = passage.segments
-            sure[pair] = min(sure.get(pair, 1.0), passage.judged(peaks))
-        pair = min(sure, key=lambda each: sure[each], default=(0, 0))
-        if not sure or sure[pair] >= LEAST:
-            return number, [replace(p, confidence=p.judged(peaks)) for p in passages]
-        a, b = pair
-        number[number == b] = a
-        peaks[a] = max(peaks[a], peaks[b])
-        joined = []
-        for passage in passages:
-            c, d = sorted(a if s == b else s for s in passage.segments)
-            if c != d:
-                joined.append(replace(passage, segments=(c, d)))
-        passages = joined
+    sure: defaultdict[tuple[int, int], float] = defaultdict(lambda: 1.0)
+    for passage in passages:
+        sure[passage.segments] *= passage.confidence
+    joined = [pair for pair, each in sure.items() if each < LEAST]
+    a, b = np.array(joined, np.int64).reshape(-1, 2).T
+    graph = coo_array((np.ones(len(a)), (a, b)), shape=(count, count))
+    _, number = connected_components(graph, directed=False)
+    left = []
+    for passage in passages:
+        c, d = sorted(int(number[segment]) for segment in passage.segments)
+        if c != d:
+            left.append(replace(passage, segments=(c, d)))
+    return number.astype(np.int32), left
