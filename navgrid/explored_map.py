@@ -2,16 +2,23 @@
 
 from __future__ import annotations
 
+import math
 import re
 from pathlib import Path
 
 import numpy as np
+import shapely
+import shapely.affinity
 from numpy.typing import NDArray
 from scipy import ndimage
-from shapely import MultiPolygon, Polygon
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+from shapely import MultiPolygon
 
-from navgrid.grid import FREE, OCCUPIED, UNKNOWN
+from navgrid.grid import FREE, OCCUPIED, UNKNOWN, Grid
 from navgrid.map_file import MapFileError, read_map
+from navgrid.room_segments import wall_gaps, wall_heading
+from semmap.geometry.cell_outline import cell_outline
 from semmap.geometry.mesh import prism_mesh
 from semmap.ingest.world import Entry, Shape, StoreyDetail, World, WorldError
 
@@ -23,17 +30,18 @@ WALL_HEIGHT, OBSTACLE_HEIGHT = 2.5, 1.0
 COARSE = 1.0
 """Metres of a cell, at least, that no robot maps with: its resolution is of another unit."""
 
-SMALL = 1.0
-"""Metres across connected occupied cells that are furniture, not a wall."""
-
 THICK, LONGEST = 0.5, 3.0
-"""Metres: what is as thick, and no longer, is furniture, too, but for a wall that goes on there."""
+"""Metres: what is as thick, and no longer, is furniture, but for a wall that goes on there; so is
+what stands alone and is no longer, but for a wall between two doorways."""
 
 POCKET = 2.0
 """Square metres of the inside of furniture, at most, where a scanner sees its outline."""
 
 LENGTH = 0.5
 """Metres of a wall, at least, that goes on behind furniture."""
+
+STRAIGHT = 0.5
+"""Metres along a wall whose cells are straightened, where walls are turned from rows of cells."""
 
 _EIGHT = np.ones((3, 3), np.bool_)
 _ROW = np.array([[0, 0, 0], [1, 1, 1], [0, 0, 0]])
@@ -63,19 +71,21 @@ def read_explored_map(path: Path) -> World:
     occupied = cells >= (OCCUPIED + FREE) // 2
     if not occupied.any():
         raise WorldError(path, "image", "has no occupied cell", "Give the map of a building.")
-    walls = _walls(occupied, grid.resolution)
+    walls = _walls(occupied, grid)
+    y, x = np.nonzero(occupied)
+    at = (np.stack([x, y]) + 0.5) * grid.resolution + np.array(grid.origin)[:, None]
+    obstacles = occupied.copy()
+    obstacles[occupied] = ~shapely.contains_xy(walls.buffer(grid.resolution / 2), *at)
     border = (cells == UNKNOWN) & ndimage.binary_dilation(cells == FREE, _EIGHT)
     name = path.stem if path.stem != "map" else path.resolve().parent.name
     world = World(name, path)
     world.entries.append(Entry("ground", "storey", "storey", detail=StoreyDetail(0.0, WALL_HEIGHT)))
-    for what, type_, mask, height in (
+    for what, type_, outline, height in (
         ("walls", "wall", walls, WALL_HEIGHT),
-        ("obstacles", None, occupied & ~walls, OBSTACLE_HEIGHT),
-        ("unexplored", "wall", border, WALL_HEIGHT),
+        ("obstacles", None, grid.area(obstacles), OBSTACLE_HEIGHT),
+        ("unexplored", "wall", grid.area(border), WALL_HEIGHT),
     ):
-        if mask.any():
-            outline = grid.area(mask)
-            assert isinstance(outline, Polygon | MultiPolygon)
+        if not outline.is_empty:
             entry = Entry(what, "object", type_, holder="ground")
             entry.shapes = [Shape("mesh", prism_mesh(outline, 0.0, height), outline)]
             world.entries.append(entry)
@@ -88,8 +98,32 @@ def read_explored_map(path: Path) -> World:
     return world
 
 
-def _walls(occupied: Cells, resolution: float) -> Cells:
-    """The occupied cells of walls: neither small nor thick, or in line with a wall beside them."""
+def _walls(occupied: Cells, grid: Grid) -> MultiPolygon:
+    """The outline of walls: neither alone nor thick, or in line with a wall beside them."""
+    turn = wall_heading(occupied)
+    turned = occupied
+    if abs(turn) * max(occupied.shape) > 1:
+        cells = ndimage.rotate(occupied.astype(np.uint8), math.degrees(turn), order=0) > 0
+        turned = _straightened(cells, grid.resolution)
+    walls = _fixed(_thin(turned, grid.resolution), grid.resolution)
+    size = grid.resolution
+    middle = [np.array(cells.shape[::-1]) * size / 2 for cells in (turned, occupied)]
+    outline = shapely.transform(cell_outline(walls), lambda xy: xy * size - middle[0])
+    outline = shapely.affinity.rotate(outline, turn, origin=(0, 0), use_radians=True)
+    return shapely.transform(outline, lambda xy: xy + middle[1] + grid.origin)
+
+
+def _straightened(cells: Cells, resolution: float) -> Cells:
+    """Cells as most of those beside them are, along rows or columns; others where no wall is."""
+    window = round(STRAIGHT / resolution)
+    straight = np.zeros_like(cells)
+    for axis in (0, 1):
+        straight |= ndimage.uniform_filter1d(cells.astype(np.float32), window, axis=axis) > 0.5
+    return straight | (cells & ~ndimage.binary_dilation(straight, _EIGHT, iterations=2))
+
+
+def _thin(occupied: Cells, resolution: float) -> Cells:
+    """The occupied cells without furniture that is as thick as no wall."""
     free, count = ndimage.label(~occupied)
     within = np.bincount(free.ravel(), minlength=count + 1) * resolution**2 < POCKET
     within[0] = False
@@ -97,38 +131,35 @@ def _walls(occupied: Cells, resolution: float) -> Cells:
     reach = round(THICK / 2 / resolution)
     ball = np.hypot(*np.mgrid[-reach : reach + 1, -reach : reach + 1]) <= reach
     thick = ndimage.binary_opening(filled, ball)
-    thick &= ~_longer(thick, LONGEST / resolution)
+    thick = ndimage.binary_dilation(thick, _EIGHT, iterations=2, mask=filled)  # with its corners
+    parts, _ = ndimage.label(thick, _EIGHT)
+    thick &= ~_long(parts, resolution)[parts]
     thin = occupied & ~thick
-    return _longer((thin | _in_line(thin, thick, resolution)) & occupied, SMALL / resolution)
+    return (thin | _in_line(thin, thick, resolution)) & occupied
 
 
-def _longer(cells: Cells, least: float) -> Cells:
-    """The parts of cells, connected at sides or corners, of so many cells in one direction."""
-    parts, _ = ndimage.label(cells, _EIGHT)
-    spans = [max(s.stop - s.start for s in box) for box in ndimage.find_objects(parts)]
-    found: Cells = (np.array([0, *spans]) >= least)[parts]
+def _fixed(cells: Cells, resolution: float) -> Cells:
+    """The parts of cells that are long, or joined with such a one by doorways."""
+    parts, count = ndimage.label(cells, _EIGHT)
+    joins = [parts[tuple(ends.astype(int).T)] for _, ends, _ in wall_gaps(cells, cells, resolution)]
+    a, b = np.array(joins, np.int64).reshape(-1, 2).T
+    graph = coo_array((np.ones(len(a)), (a, b)), shape=(count + 1, count + 1))
+    _, group = connected_components(graph, directed=False)
+    found: Cells = np.isin(group, group[_long(parts, resolution)])[parts] & cells
     return found
 
 
+def _long(parts: NDArray[np.int32], resolution: float) -> Cells:
+    """Whether each part, the first of which is none, is as long as no furniture is."""
+    spans = [max(s.stop - s.start for s in box) for box in ndimage.find_objects(parts)]
+    return np.array([0, *spans]) * resolution >= LONGEST
+
+
 def _in_line(thin: Cells, thick: Cells, resolution: float) -> Cells:
-    """The thick cells on which a wall goes on, along the two directions of most walls."""
-    turn = _heading(thin)
-    thin, there = (ndimage.rotate(c.astype(np.uint8), turn, order=0) > 0 for c in (thin, thick))
-    found = np.zeros_like(there)
+    """The thick cells on which a wall goes on, along rows and columns."""
+    found = np.zeros_like(thick)
     for row in (_ROW, _ROW.T):
         long = ndimage.binary_opening(thin, row, iterations=round(LENGTH / resolution / 2))
-        runs, _ = ndimage.label(there | long, row)
-        found |= np.isin(runs, np.unique(runs[long])) & there
-    back = ndimage.rotate(found.astype(np.uint8), -turn, order=0) > 0
-    y, x = ((a - b) // 2 for a, b in zip(back.shape, thick.shape, strict=True))
-    rows, columns = thick.shape
-    wider: Cells = ndimage.binary_dilation(back[y : y + rows, x : x + columns], _EIGHT)
-    return wider & thick
-
-
-def _heading(cells: Cells) -> float:
-    """By how many degrees, 0 to 90, the lines of an image are turned, most of them."""
-    down, right = np.gradient(ndimage.gaussian_filter(cells.astype(np.float64), 1.0))
-    headings = np.degrees(np.arctan2(down, right)) % 90
-    counts, _ = np.histogram(headings, 180, (0, 90), weights=np.hypot(down, right))
-    return float(ndimage.gaussian_filter1d(counts, 1, mode="wrap").argmax() / 2 + 0.25)
+        runs, _ = ndimage.label(thick | long, row)
+        found |= np.isin(runs, np.unique(runs[long])) & thick
+    return found

@@ -85,7 +85,7 @@ def room_segments(walls: Cells, resolution: float, above: Cells | None = None) -
     if above is not None and above.any():  # then a lower wall divides no room
         full = walls & ndimage.binary_dilation(above, _EIGHT)
         lintels = _lintels(walls, above, resolution)
-    lintels += _gaps(walls, full, resolution)
+    lintels += wall_gaps(walls, full, resolution)
     closed = walls.copy()
     for cells, _, _ in lintels:
         closed[tuple(cells.T)] = True
@@ -203,7 +203,7 @@ def _lintels(
     return found
 
 
-def _gaps(
+def wall_gaps(
     walls: Cells, full: Cells, resolution: float
 ) -> list[tuple[NDArray[np.int64], Floats, float]]:
     """Return the cells (N, 2) of gaps in walls along an axis, their ends (2, 2), and confidence.
