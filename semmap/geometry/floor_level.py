@@ -6,6 +6,7 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
+import shapely
 from numpy.typing import NDArray
 
 LEVEL = math.radians(6)  # slope up to which a face is level
@@ -17,7 +18,7 @@ LOWEST_CEILING = 1.5
 DEEPEST = 0.5
 """Metres above the lowest point of all within which a surface may be a floor, without ground."""
 
-SAME_WIDTH = 0.75  # share of the lower surface's area, with the tops of walls, that a slab's has
+SAME_WIDTH = 0.7  # share of the lower surface's area, with the tops of walls, that a slab's has
 
 
 def floor_level(
@@ -40,9 +41,9 @@ def floor_level(
     if not solids:
         return None
     every = _joined(solids)
-    extent = np.ptp(every[:, :, :2].reshape(-1, 2), axis=0)
+    hull = shapely.multipoints(every[:, :, :2].reshape(-1, 2)).convex_hull  # however it is turned
     low = float(every[:, :, 2].min())
-    wide = _lowest_surface(every, near or (low, low + DEEPEST), least=float(np.prod(extent)) / 2)
+    wide = _lowest_surface(every, near or (low, low + DEEPEST), least=hull.area / 2)
     if wide is not None:
         return wide
     feet = np.array([triangles[:, :, 2].min() for triangles in solids])

@@ -32,6 +32,18 @@ def test_a_thin_ceiling_below_a_slab_is_not_the_floor() -> None:
     assert floor_level([], [wall, ceiling, slab(-0.1, 0.0)], near=near) == pytest.approx(0.0)
 
 
+@pytest.mark.parametrize("turn", [0.0, 0.5, np.pi / 4])
+def test_the_floor_of_a_turned_storey_is_as_wide(turn: float) -> None:
+    wall = box_mesh((0, 0, 0.0), (6, 0.6, 2.5)).triangles
+    below = box_mesh((0, 0, -3.0), (6, 0.6, -0.3)).triangles
+    cos, sin = np.cos(turn), np.sin(turn)
+    bodies = [
+        shape @ [[cos, sin, 0], [-sin, cos, 0], [0, 0, 1]]
+        for shape in (slab(-0.3, -0.28), slab(-0.1, 0.0), wall, below)
+    ]
+    assert floor_level([], bodies, near=(-0.5, 0.5)) == pytest.approx(0.0)
+
+
 def test_the_lowest_of_two_floors_is_taken_unless_a_range_excludes_it() -> None:
     floors = [slab(-0.2, 0.034), slab(2.8, 3.0)]
     assert floor_level(floors) == pytest.approx(0.034)
