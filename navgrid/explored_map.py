@@ -119,7 +119,8 @@ def _straightened(cells: Cells, resolution: float) -> Cells:
     straight = np.zeros_like(cells)
     for axis in (0, 1):
         straight |= ndimage.uniform_filter1d(cells.astype(np.float32), window, axis=axis) > 0.5
-    return straight | (cells & ~ndimage.binary_dilation(straight, _EIGHT, iterations=2))
+    apart: Cells = cells & ~ndimage.binary_dilation(straight, _EIGHT, iterations=2)
+    return straight | apart
 
 
 def _thin(occupied: Cells, resolution: float) -> Cells:
@@ -134,7 +135,7 @@ def _thin(occupied: Cells, resolution: float) -> Cells:
     thick = ndimage.binary_dilation(thick, _EIGHT, iterations=2, mask=filled)  # with its corners
     parts, _ = ndimage.label(thick, _EIGHT)
     thick &= ~_long(parts, resolution)[parts]
-    thin = occupied & ~thick
+    thin: Cells = occupied & ~thick
     return (thin | _in_line(thin, thick, resolution)) & occupied
 
 

@@ -263,10 +263,10 @@ def _wall_cells(
 ) -> NDArray[np.bool_]:
     slabs = [(floor + low, floor + high) for low, high in (WALL_HEIGHTS, LINTEL_HEIGHTS)]
     cells = occupancy(mesh_of(triangles), slabs, grid, solid=solids, fill=True)
-    reach = math.ceil(HOLLOW / 2 / grid.resolution)
-    ball = np.hypot(*np.mgrid[-reach : reach + 1, -reach : reach + 1]) <= reach
-    filled: NDArray[np.bool_] = ndimage.binary_closing(cells, ball[None])
-    return filled | cells
+    line = np.ones((1, 1, 2 * math.ceil(HOLLOW / 2 / grid.resolution) + 1), np.bool_)
+    for across in (line, line.swapaxes(1, 2)):  # a ball would fill the corners of rooms
+        cells |= ndimage.binary_closing(cells, across)
+    return cells
 
 
 def _turned(points: NDArray[np.float64], angle: float) -> NDArray[np.float64]:

@@ -3,7 +3,9 @@
 Each building is tried empty, furnished, and with partitions, and each of these as meshes and as the
 grid that a level scanner of a SLAM program would make of it. The table has recall and precision of
 the same rooms and doorways, the recall and precision of areas of Bormann et al. (2016, section
-V.B), and the Matthews correlation of MAORIS (Mielle et al., 2018, section III).
+V.B), and the Matthews correlation of MAORIS (Mielle et al., 2018, section III). Those are sure that
+have a confidence above 0.5: of them, and of the others, the table has the precision; and the mean
+metres between the outlines of the same rooms.
 Found and known rooms are the same if they share 70 percent of what both cover, doorways if they are
 within half a metre; a lift is one if its rooms are cabins.
 """
@@ -12,6 +14,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import math
 import tempfile
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -31,7 +34,12 @@ SHARED, NEAR = 0.7, 0.5
 SCAN = (0.25, 0.35)
 """Metres above the floor that a level scanner sees."""
 
-COLUMNS = ("rooms R", "rooms P", "doors R", "doors P", "areas R", "areas P", "MCC")
+SURE = 0.5
+
+COLUMNS = (
+    *("rooms R", "rooms P", "doors R", "doors P"),
+    *("sure rooms", "unsure", "sure doors", "unsure", "outline", "areas R", "areas P", "MCC"),
+)
 
 
 @dataclass(frozen=True)
@@ -73,6 +81,36 @@ def score_doors(
     a, b = (np.mean(np.asarray(lines, dtype=float)[..., :2], axis=1) for lines in (known, found))
     near = np.hypot(*(a[:, None] - b).transpose(2, 0, 1)) <= NEAR
     return Score(len(a), len(b), int(near.any(axis=1).sum()))
+
+
+def right_rooms(known: Sequence[shapely.Polygon], here: FoundRooms) -> list[tuple[bool, float]]:
+    """Whether each found room is a known one, and its confidence."""
+    return [(score_rooms(known, [r.outline]).both > 0, r.confidence) for r in here.rooms]
+
+
+def right_doors(
+    known: Sequence[Sequence[Sequence[float]]], here: FoundRooms
+) -> list[tuple[bool, float]]:
+    """Whether each found doorway is a known one, and its confidence."""
+    return [
+        (score_doors(known, [way.line.coords]).both > 0, way.confidence) for way in here.doorways
+    ]
+
+
+def apart(known: Sequence[shapely.Polygon], found: Sequence[shapely.Polygon]) -> list[float]:
+    """Mean metres from one outline to the other, both ways, of the same rooms."""
+    return [
+        float(np.mean([_away(a, b), _away(b, a)]))
+        for a in known
+        for b in found
+        if score_rooms([a], [b]).both
+    ]
+
+
+def _away(first: shapely.Polygon, second: shapely.Polygon) -> float:
+    border = first.exterior
+    points = shapely.line_interpolate_point(border, np.arange(0, border.length, 0.1))
+    return float(shapely.distance(points, second.exterior).mean())
 
 
 def without_rooms(building: Building, folder: Path) -> tuple[Path, Path]:
@@ -117,6 +155,9 @@ class Scores:
     doors: Score = Score()
     lifts: Score = Score()
     areas: tuple[list[float], ...] = ()
+    right_rooms: tuple[tuple[bool, float], ...] = ()
+    right_doors: tuple[tuple[bool, float], ...] = ()
+    apart: tuple[float, ...] = ()
 
     def add(self, building: Building, storey: str, here: FoundRooms) -> None:
         """Judge a storey."""
@@ -124,15 +165,21 @@ class Scores:
         known = [room.outline for room in building.rooms if room.name in inside]
         outlines = [room.outline for room in here.rooms]
         self.rooms += score_rooms(known, outlines)
-        self.doors += score_doors(
-            [d.ends for d in building.doors if d.rooms[0] in inside and not d.climbs],
-            [way.line.coords for way in here.doorways],
-        )
+        doors = [d.ends for d in building.doors if d.rooms[0] in inside and not d.climbs]
+        self.doors += score_doors(doors, [way.line.coords for way in here.doorways])
         self.areas += (areas(known, outlines),)
+        self.right_rooms += (*right_rooms(known, here),)
+        self.right_doors += (*right_doors(doors, here),)
+        self.apart += (*apart(known, outlines),)
 
     def __str__(self) -> str:
         numbers = [n for s in (self.rooms, self.doors) for n in (s.recall, s.precision)]
-        return "  ".join(f"{n:9.3f}" for n in (*numbers, *np.mean(self.areas, axis=0)))
+        for right in (self.right_rooms, self.right_doors):
+            for sure in (True, False):
+                these = [each for each, confidence in right if (confidence > SURE) == sure]
+                numbers.append(float(np.mean(these)) if these else math.nan)
+        numbers += [float(np.mean(self.apart)) if self.apart else math.nan]
+        return "  ".join(f"{n:10.3f}" for n in (*numbers, *np.mean(self.areas, axis=0)))
 
 
 def judge(building: Building, database: semmap.Database, folder: Path, scores: Scores) -> None:
@@ -202,7 +249,7 @@ def main() -> None:
                 for way, made, scores in ways.values():
                     way(made(seed), database, Path(folder, str(seed)), scores)
         cluster.stop()
-    print(" " * 20, "  ".join(f"{name:>9}" for name in COLUMNS))
+    print(" " * 20, "  ".join(f"{name:>10}" for name in COLUMNS))
     for name, (_, _, scores) in ways.items():
         print(f"{name:20}", scores)
     lifts = ways["meshes, furnished"][2].lifts

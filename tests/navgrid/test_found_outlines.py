@@ -1,0 +1,64 @@
+"""Outlines of found rooms: straight and right-angled as walls are, slanted and round as others."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import shapely
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from shapely import affinity
+
+from navgrid.found_rooms import find_rooms
+from navgrid.room_segments import wall_heading
+from semmap.geometry.mesh import prism_mesh
+from semmap.query.storey_scene import SceneEntity, StoreyScene
+
+ROOMS = (shapely.box(0, 0, 4, 5), shapely.box(4.2, 0, 9, 5))
+DOOR = shapely.box(4, 1.3, 4.2, 2.2)
+CUT = shapely.Polygon([(0, 0), (6, 0), (6, 4), (3, 6), (0, 6)])
+ROUND = shapely.Point(3, 3).buffer(2.5)
+
+
+def scene(space: shapely.Geometry) -> StoreyScene:
+    """Walls of 0.2 m around free space, 2.6 m high."""
+    mesh = prism_mesh(space.buffer(0.2, join_style="mitre").difference(space), 0.0, 2.6)
+    wall = SceneEntity(1, "walls", "object", ("wall",), mesh.vertices[mesh.faces])
+    return StoreyScene("s", 0.0, (wall,))
+
+
+@pytest.mark.parametrize("turn", [0.0, 0.11, 0.5, np.pi / 4, 1.3])
+def test_rooms_between_turned_walls_are_rectangles(turn: float) -> None:
+    *rooms, door = (affinity.rotate(s, turn, (0, 0), use_radians=True) for s in (*ROOMS, DOOR))
+    space = affinity.rotate(shapely.union_all([*ROOMS, DOOR]), turn, (0, 0), use_radians=True)
+    found = find_rooms(scene(space))
+    assert len(found.rooms) == 2
+    for room in rooms:
+        best = max((r.outline for r in found.rooms), key=lambda o: o.intersection(room).area)
+        assert len(best.exterior.coords) == 5
+        assert shapely.hausdorff_distance(best, room) < 0.1
+        assert best.minimum_rotated_rectangle.area == pytest.approx(best.area)
+    (way,) = found.doorways
+    assert way.line.centroid.distance(door.centroid) < 0.1
+
+
+@pytest.mark.parametrize("room", [CUT, ROUND])
+@pytest.mark.parametrize("turn", [0.0, 0.4])
+def test_slanted_and_round_walls_stay_so(room: shapely.Polygon, turn: float) -> None:
+    room = affinity.rotate(room, turn, (0, 0), use_radians=True)
+    (found,) = find_rooms(scene(room)).rooms
+    assert shapely.hausdorff_distance(found.outline, room) < 0.15
+    assert found.outline.intersection(room).area > 0.96 * found.outline.union(room).area
+
+
+@settings(max_examples=30, deadline=None)
+@given(st.floats(-0.78, 0.78))
+def test_the_heading_is_that_of_most_walls(turn: float) -> None:
+    lines = [shapely.box(0, y, 12, y + 0.2) for y in (0, 4, 8)]
+    lines += [shapely.box(x, 0, x + 0.2, 8.2) for x in (0, 5, 12)]
+    lines.append(affinity.rotate(shapely.box(6, 5, 8, 5.2), 30))
+    walls = affinity.rotate(shapely.union_all(lines), turn, (0, 0), use_radians=True)
+    y, x = np.mgrid[-240:240, -240:360] * 0.05
+    found = wall_heading(shapely.contains_xy(walls, x, y))
+    away = (found - turn + np.pi / 4) % (np.pi / 2) - np.pi / 4
+    assert abs(away) < np.radians(0.25)
