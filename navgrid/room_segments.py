@@ -12,7 +12,9 @@ from __future__ import annotations
 
 import math
 from collections import defaultdict
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,7 +27,7 @@ WIDEST = 3.7
 
 DOORWAYS = {
     (True, 2): (1.0, 4.2),
-    (True, 1): (0.6, 2.75),
+    (True, 1): (0.5, 2.75),
     (False, 2): (0.9, 2.0),
 }
 """The confidence of a doorway, and the metres of width at which it is 0: by whether it is along
@@ -57,6 +59,14 @@ Labels = NDArray[np.int32]
 Floats = NDArray[np.float64]
 
 
+class Gap(NamedTuple):
+    """A doorway in a wall: its cells (N, 2), the walls on both sides, (2, 2) rows and columns."""
+
+    cells: NDArray[np.int64]
+    ends: Floats
+    confidence: float
+
+
 @dataclass(frozen=True, eq=False)
 class Passage:
     """Where two segments meet: their numbers, the walls on both sides, (2, 2) rows and columns."""
@@ -80,15 +90,14 @@ def room_segments(walls: Cells, resolution: float, above: Cells | None = None) -
 
     `above` (rows, columns): the cells of walls above persons and doors.
     """
-    full = walls
-    lintels = []
+    full, gaps = walls, []
     if above is not None and above.any():  # then a lower wall divides no room
         full = walls & ndimage.binary_dilation(above, _EIGHT)
-        lintels = _lintels(walls, above, resolution)
-    lintels += wall_gaps(walls, full, resolution)
+        gaps = _lintels(walls, above, resolution)
+    gaps += wall_gaps(walls, full, resolution)
     closed = walls.copy()
-    for cells, _, _ in lintels:
-        closed[tuple(cells.T)] = True
+    for gap in gaps:
+        closed[tuple(gap.cells.T)] = True
     clearance, nearest = ndimage.distance_transform_edt(
         ~closed, sampling=resolution, return_indices=True
     )
@@ -100,7 +109,7 @@ def room_segments(walls: Cells, resolution: float, above: Cells | None = None) -
     ]
     number, passages = _merged(_once(passages, resolution), int(labels.max(initial=0)) + 1)
     labels = number[labels]
-    passages += _below_lintels(lintels, labels, resolution)
+    passages += _in_gaps(gaps, labels, resolution)
     passages = _once(passages, resolution)
     return RoomSegments(_parted(labels, passages, closed, resolution), tuple(passages))
 
@@ -182,10 +191,8 @@ def _once(passages: list[Passage], resolution: float) -> list[Passage]:
     return kept
 
 
-def _lintels(
-    walls: Cells, above: Cells, resolution: float
-) -> list[tuple[NDArray[np.int64], Floats, float]]:
-    """Return the cells (N, 2) of each lintel, its ends (2, 2), and 1: it is from wall to wall."""
+def _lintels(walls: Cells, above: Cells, resolution: float) -> list[Gap]:
+    """Return the gaps below lintels that go on from wall to wall."""
     parts, count = ndimage.label(above & ~walls, _EIGHT)
     found = []
     for part in range(1, count + 1):
@@ -199,51 +206,52 @@ def _lintels(
         goes_on = [_wall_along(walls, ends[0], -way, resolution)]
         goes_on += [_wall_along(walls, ends[1], way, resolution)]
         if max(goes_on) > 0.8 and min(goes_on) > 0:
-            found.append((cells, ends, 1.0))
+            found.append(Gap(cells, ends, 1.0))
     return found
 
 
-def wall_gaps(
-    walls: Cells, full: Cells, resolution: float
-) -> list[tuple[NDArray[np.int64], Floats, float]]:
-    """Return the cells (N, 2) of gaps in walls along an axis, their ends (2, 2), and confidence.
+def wall_gaps(walls: Cells, full: Cells, resolution: float) -> list[Gap]:
+    """Return the gaps in walls along rows and columns, at both ends of which a wall ends.
 
-    At both ends of a gap a wall ends, and goes on away from it; a gap is as deep as its wall.
+    `full` are the cells of the walls that may end there. A gap is as deep as its wall.
     """
-    found = []
-    for turned in (False, True):
-        solid, ends_of = (walls.T, full.T) if turned else (walls, full)
-        ends = _wall_ends(ends_of, solid, resolution)
-        runs = np.zeros_like(solid)
-        rows, starts, stops = _runs(~solid)
-        wide = (stops - starts) * resolution
-        fits = (wide >= NARROWEST) & (wide <= WIDEST) & (starts > 0) & (stops < solid.shape[1])
-        for row, start, stop in zip(rows[fits], starts[fits], stops[fits], strict=True):
-            runs[row, start:stop] = ends[0][row, start - 1] and ends[1][row, stop]
-        parts, _ = ndimage.label(runs)
-        for part, box in enumerate(ndimage.find_objects(parts), 1):
-            cells = np.argwhere(parts[box] == part) + [each.start for each in box]
-            rows_of = [cells[cells[:, 0] == row, 1] for row in np.unique(cells[:, 0])]
-            sides = np.array([own[[0, -1]] for own in rows_of])
-            (top, bottom), (left, right) = cells[[0, -1], 0], np.median(sides, axis=0).astype(int)
-            beside = ~solid[top - 1 : bottom + 2, left : right + 1]
-            posts = solid[max(top - 2, 0) : bottom + 3, [left - 1, right + 1]]
-            if (
-                len(posts) < bottom - top + 5
-                or np.ptp(sides, axis=0).max() > (bottom - top) // 2
-                or (bottom - top) * resolution > THICKEST
-                or beside[[0, -1]].mean(axis=1).min() < 0.5
-                or posts[[0, -1]].any()
-            ):
-                continue
-            row = (top + bottom) / 2
-            width = (right - left + 1) * resolution
-            line = np.array([[row, left - 1], [row, right + 1]])
-            sure, most = DOORWAYS[True, 2]
-            confidence = sure * float(np.clip((most - width) / 0.6, 0, 1))
-            way = slice(None, None, -1 if turned else 1)
-            found.append((cells[:, way], line[:, way], confidence))
-    return found
+    down = [
+        Gap(gap.cells[:, ::-1], gap.ends[:, ::-1], gap.confidence)
+        for gap in _gaps_in_rows(walls.T, full.T, resolution)
+    ]
+    return [*_gaps_in_rows(walls, full, resolution), *down]
+
+
+def _gaps_in_rows(walls: Cells, full: Cells, resolution: float) -> Iterator[Gap]:
+    before, behind = _wall_ends(full, walls, resolution)
+    runs = np.zeros_like(walls)
+    for row, start, stop in zip(*_runs(~walls), strict=True):
+        if start > 0 and stop < walls.shape[1] and before[row, start - 1] and behind[row, stop]:
+            runs[row, start:stop] = NARROWEST <= (stop - start) * resolution <= WIDEST
+    parts, _ = ndimage.label(runs)
+    for part, box in enumerate(ndimage.find_objects(parts), 1):
+        cells = np.argwhere(parts[box] == part) + [each.start for each in box]
+        rows = np.split(cells[:, 1], np.flatnonzero(np.diff(cells[:, 0])) + 1)
+        sides = np.array([row[[0, -1]] for row in rows])
+        (top, bottom), (left, right) = cells[[0, -1], 0], np.median(sides, axis=0).astype(int)
+        posts = walls[max(top - 2, 0) : bottom + 3, [left - 1, right + 1]]
+        beside = ~walls[top - 1 : bottom + 2, left : right + 1]
+        if (
+            len(posts) == bottom - top + 5
+            and not posts[[0, -1]].any()
+            and np.ptp(sides, axis=0).max() <= (bottom - top) // 2
+            and (bottom - top) * resolution <= THICKEST
+            and beside[[0, -1]].mean(axis=1).min() >= 0.5
+        ):
+            row, width = (top + bottom) / 2, (right - left + 1) * resolution
+            ends = np.array([[row, left - 1], [row, right + 1]])
+            yield Gap(cells, ends, _confidence(True, 2, width))
+
+
+def _confidence(level: bool, stubs: int, width: float) -> float:
+    """The confidence of a passage: whether it is along most walls, and how many walls end there."""
+    sure, most = DOORWAYS.get((level, stubs), (0.0, 1.0))
+    return sure * float(np.clip((most - width) / 0.6, 0, 1)) if width <= WIDEST else 0.0
 
 
 def _runs(cells: Cells) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
@@ -267,12 +275,10 @@ def _wall_ends(full: Cells, walls: Cells, resolution: float) -> tuple[Cells, Cel
     return full & above & below & right, full & above & below & left
 
 
-def _below_lintels(
-    lintels: list[tuple[NDArray[np.int64], Floats, float]], labels: Labels, resolution: float
-) -> list[Passage]:
-    """Return the passages below lintels, each with the two segments that are most beside it."""
+def _in_gaps(gaps: Sequence[Gap], labels: Labels, resolution: float) -> list[Passage]:
+    """Return the passages in gaps, each with the two segments that are most beside it."""
     found = []
-    for cells, ends, sure in lintels:
+    for cells, ends, sure in gaps:
         low, high = np.maximum(cells.min(axis=0) - 2, 0), cells.max(axis=0) + 3
         near = labels[low[0] : high[0], low[1] : high[1]]
         mask = np.zeros(near.shape, np.bool_)
@@ -377,9 +383,7 @@ def _passage(
     width = (float(np.hypot(*(other - one))) - 1) * resolution
     stubs = _is_stub(full, one, -line, resolution) + _is_stub(full, other, line, resolution)
     level = math.atan2(*sorted(np.abs(line))) <= LEVEL
-    sure, most = DOORWAYS.get((level, stubs), (0.0, 1.0))
-    confidence = sure * float(np.clip((most - width) / 0.6, 0, 1)) if width <= WIDEST else 0.0
-    return Passage(pair, np.stack([one, other]), width, confidence)
+    return Passage(pair, np.stack([one, other]), width, _confidence(level, stubs, width))
 
 
 def _is_stub(walls: Cells, end: Floats, way: Floats, resolution: float) -> bool:
