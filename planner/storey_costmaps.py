@@ -317,7 +317,7 @@ class StoreyCostmaps:
 
         It leads from where the robot stands in the first place to where it does in the second, over
         the cell of the opening that makes it shortest. It is straight where no cell is in the way,
-        or where walls alone are: the width of the door decides then.
+        or where only walls beside it are: the width of the door decides then.
         """
         if connector.type not in ("door", "elevator_door") or OUTSIDE in connector.places:
             return []
@@ -401,8 +401,8 @@ class StoreyCostmaps:
     def _joined(self, door: PlaceConnector, pose: Pose) -> NDArray[np.bool_] | None:
         """The cells of an approach pose's place from which a way leads through the opening.
 
-        None if walls alone narrow it: the width of a door says whether a robot passes between its
-        posts, more exactly than cells.
+        None if only walls beside the way narrow it: the width of a door says whether a robot passes
+        between its posts, more exactly than cells.
         """
         sides: tuple[NDArray[np.bool_], ...] | None = self._once(self._sides, door.name)
         return None if sides is None else sides[door.poses.index(pose)]
@@ -423,7 +423,7 @@ class StoreyCostmaps:
         ends = zip(door.places, door.poses, strict=True)
         first, second = (self._side(place, pose, points) for place, pose in ends)
         gaps = {(a, b) for a, b in zip(first.gaps, second.gaps, strict=True) if a and b}
-        if not gaps and not _stands_in(costmap, door):
+        if not gaps and not _stands_in(costmap, door) and not _meets_a_wall(costmap, door.way):
             return None
         reached = [(a, b) for a, b in gaps if a in first.away and b in second.away]
         best = min(reached, key=lambda ab: first.away[ab[0]] + second.away[ab[1]], default=(-1, -1))
@@ -610,18 +610,30 @@ def _stands_in(costmap: Costmap, door: PlaceConnector) -> bool:
 
 
 def _stands_near(costmap: Costmap, way: shapely.LineString) -> bool:
-    """Whether something other than walls is where parts of the robot come on a way."""
+    """Whether something is where parts of the robot come on a way; a wall, if it is surely met."""
     reach = max(p.circumscribed_radius for p in costmap.parts) + costmap.grid.resolution
-    x0, y0, x1, y1 = way.buffer(reach).bounds
+    things = (cells for layer, cells in costmap.occupied.items() if layer != WALLS)
+    return _meets_a_wall(costmap, way) or any(_is_near(costmap, c, way, reach) for c in things)
+
+
+def _meets_a_wall(costmap: Costmap, way: shapely.LineString) -> bool:
+    """Whether a wall is so near to a straight way that the robot surely meets it."""
+    half = costmap.grid.resolution / math.sqrt(2)  # from the middle of a cell to its corners
+    parts = zip(costmap.parts, costmap.occupied.get(WALLS, ()), strict=False)
+    return any(_is_near(costmap, cells[None], way, p.inscribed_radius - half) for p, cells in parts)
+
+
+def _is_near(
+    costmap: Costmap, cells: NDArray[np.bool_], way: shapely.LineString, reach: float
+) -> bool:
+    """Whether the middle of a cell of (parts, rows, columns) is within so many metres of a way."""
+    x0, y0, x1, y1 = way.bounds
     (c0, r0), (c1, r1) = (
         np.floor((np.array(corner) - costmap.grid.origin) / costmap.grid.resolution).astype(int)
-        for corner in ((x0, y0), (x1, y1))
+        for corner in ((x0 - reach, y0 - reach), (x1 + reach, y1 + reach))
     )
     window = slice(max(0, r0), max(0, r1 + 1)), slice(max(0, c0), max(0, c1 + 1))
-    there = np.zeros(costmap.grid.shape, np.bool_)[window]
-    for layer, cells in costmap.occupied.items():
-        if layer != WALLS:
-            there = there | cells[(slice(None), *window)].any(axis=0)
+    there = cells[:, *window].any(axis=0)
     found = np.argwhere(there)[:, ::-1] + (window[1].start + 0.5, window[0].start + 0.5)
     points = np.array(costmap.grid.origin) + found * costmap.grid.resolution
     return bool((shapely.distance(shapely.points(points), way) <= reach).any())

@@ -10,6 +10,7 @@ from collections.abc import Iterator
 import shapely
 
 import semmap
+from semmap.geometry.mesh import prism_mesh
 from tests.buildings.beliefs import undone
 from tests.buildings.building import OUTSIDE, Building, Item, room_of
 
@@ -17,7 +18,7 @@ Finding = tuple[str, frozenset[str]]
 
 
 def judge_faults(building: Building, place: semmap.Map) -> tuple[int, list[str]]:
-    """Of nine faults, the check finds each, and nothing else."""
+    """Of ten faults, the check finds each, and nothing else."""
     chance = random.Random(f"faults of {building.seed}")
     before = _found(place)
     with undone(place):
@@ -28,6 +29,8 @@ def judge_faults(building: Building, place: semmap.Map) -> tuple[int, list[str]]
             *_overlaps(building, place, chance),
             *_is_outside(building, place),
         }
+        shut_in = [*_is_walled_up(building, place, chance, {n for _, who in planted for n in who})]
+        planted |= {*shut_in}
         free = _free(building, place)
         for plant in (_near_twins, _piles, _sinks, _tips):
             planted |= {*plant(free, place, chance)}
@@ -38,6 +41,7 @@ def judge_faults(building: Building, place: semmap.Map) -> tuple[int, list[str]]
             "ON w.entity_id = e.id WHERE e.map_id = current_map() "
             "AND NOT is_at_its_rooms(c, w.pose)"
         )
+        poor += [found for _, names in shut_in for found in _leads_through(building, place, names)]
         off = {min(names - {*_rooms(place)}) for kind, names in after if kind.startswith("door ")}
         if off != {name for (name,) in shut}:
             poor.append(f"routes refuse {shut}, not {off}")
@@ -136,6 +140,37 @@ def _is_off(building: Building, place: semmap.Map, chance: random.Random) -> Ite
         assert pose is not None
         place[door.name].move_to(x, y, pose.z)
         yield "door away from its room", frozenset({door.name, far})
+
+
+def _is_walled_up(
+    building: Building, place: semmap.Map, chance: random.Random, taken: set[str]
+) -> Iterator[Finding]:
+    """A wall across the opening of a door at which nothing stands."""
+    things = [item.ground for item in building.items if item.what == "thing"]
+    doors = [
+        (door, line.buffer(0.03, cap_style="square"))
+        for door in building.doors
+        if not door.climbs and OUTSIDE not in door.rooms and door.name not in taken
+        if (line := shapely.LineString(door.ends)).distance(shapely.union_all(things)) > 0.5
+    ]
+    if doors:
+        door, ground = chance.choice(doors)
+        floor = building.room(door.rooms[0]).floor
+        mesh = prism_mesh(ground, floor, floor + 2.0)
+        place.add_object("bricks", mesh=mesh, pose=(0, 0, 0), type="wall")
+        yield "blocked door", frozenset({door.name, "bricks"})
+
+
+def _leads_through(building: Building, place: semmap.Map, names: frozenset[str]) -> Iterator[str]:
+    """A route through a door that is walled up."""
+    (door,) = (door for door in building.doors if door.name in names)
+    for ends in (door.rooms, door.rooms[::-1]):
+        try:
+            route = place.route(*ends)
+        except ValueError:
+            continue
+        if any(step.connector.name == door.name for step in route.doors):
+            yield f"a route from {ends[0]} to {ends[1]} leads through the wall in {door.name}"
 
 
 def _overlaps(building: Building, place: semmap.Map, chance: random.Random) -> Iterator[Finding]:

@@ -237,6 +237,46 @@ def test_gaps_of_an_opening_are_a_way_where_they_meet(above, below, passes):
     assert any(part.covers(stands) for part in shapely.get_parts(free)) == passes
 
 
+@pytest.mark.parametrize("seed", range(40))
+def test_walls_in_a_way_are_passed_where_a_disc_gets_past_them(seed):
+    """Surely where a disc around the robot gets with two cells to spare; else where one in it does.
+
+    Walls are of any size, at any place of an opening of 1 m, or of 2.2 m.
+    """
+    draw = np.random.default_rng(seed)
+    width = draw.choice([1.0, 2.2])
+    known = rooms()
+    door = replace(known.connectors["door"], width=float(width))
+    known = replace(known, connectors=known.connectors | {"door": door})
+    low, high = 1.5 - width / 2, 1.5 + width / 2
+    things = [wall(20, -0.2, low), wall(21, high, 3.2)]
+    for k in range(draw.integers(1, 3)):
+        half = draw.choice([0.06, 0.15, 0.4, 1.0])
+        x, y = draw.uniform(2.6, 3.6), draw.uniform(low - 0.2, high + 0.2)
+        block = box(30 + k, x, y, half)
+        things.append(replace(block, types=("wall", "building_element")))
+    floors = (*scene().floors[:2], FloorArea("door", shapely.box(2.3, low, 3.9, high), 0.0))
+    made = StoreyCostmaps(
+        known,
+        ROBOT,
+        lambda storey: replace(scene(things), floors=floors),
+        resolution=0.05,
+    )
+    taken = shapely.union_all(
+        [shapely.MultiPoint(t.triangles[:, :, :2].reshape(-1, 2)).envelope for t in things]
+    )
+    hall = shapely.box(0, 0, 6, 3)
+    stands = [shapely.Point(pose[:2]) for pose in door.poses]
+
+    def gets(radius, reach):
+        pieces = shapely.get_parts(hall - taken.buffer(radius))
+        return any(all(piece.dwithin(spot, reach) for spot in stands) for piece in pieces)
+
+    passes = made.obstruction("left", door.poses[0]) is None
+    sure = gets(BASE.circumscribed_radius + 0.1, 0.0)
+    assert sure <= passes <= gets(BASE.inscribed_radius - 0.1, SNAP + 0.1)
+
+
 def test_a_base_stands_in_its_room_and_not_in_a_doorway():
     made = ground()
     free = np.argwhere(made.ground("left").costs < INSCRIBED)

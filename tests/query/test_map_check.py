@@ -193,6 +193,28 @@ def sinks_into_the_floor(here: semmap.Map, draw: random.Random) -> tuple[str, se
     return "sunk", {"chest", "r01"}
 
 
+def stands_in_a_door(here: semmap.Map, draw: random.Random) -> tuple[str, set[str]]:
+    """A wall, of which less is left beside than a robot needs; its ends may be anywhere."""
+    pose = here["d01"].pose
+    assert pose is not None
+    left = draw.uniform(-0.4, 0.5)  # of the opening of one metre
+    low, high = (left, 1.3) if draw.random() < 0.5 else (-0.3, 1 - left)
+    thick, x = draw.choice([(0.1, 0.0), (3.0, 0.0), (0.08, 0.2)])
+    mesh = box_mesh((x - thick / 2, low - 0.5, 0), (x + thick / 2, high - 0.5, 2.9))
+    for thing in ("tr00", "cr00", "tr01", "cr01"):  # a thick one would be in them
+        here[thing].delete()
+    here.add_object("bar", mesh=mesh, pose=(pose.x, pose.y, 0), type="wall")
+    return "blocked door", {"bar", "d01"}
+
+
+def is_put_in_a_door(here: semmap.Map, draw: random.Random) -> tuple[str, set[str]]:
+    pose = here["d01"].pose
+    assert pose is not None
+    size = (0.3, draw.uniform(0.5, 0.9), draw.uniform(0.3, 1.2))
+    here.add_object("cart", size=size, pose=(pose.x, pose.y, 0))
+    return "thing in a doorway", {"cart", "d01"}
+
+
 def tips(here: semmap.Map, draw: random.Random) -> tuple[str, set[str]]:
     pose = here["tr01"].pose
     assert pose is not None
@@ -227,6 +249,8 @@ FAULTS: list[Fault] = [
     floats_with_a_cup,
     sinks_into_the_floor,
     tips,
+    stands_in_a_door,
+    is_put_in_a_door,
 ]
 
 

@@ -12,6 +12,7 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import KDTree
 from shapely import STRtree
 
+from semmap.geometry.pose import Pose
 from semmap.query.map_check.reader import CheckedEntity
 
 CONTACT = 0.03
@@ -41,6 +42,9 @@ SLAB, TALL = 0.5, 1.8
 
 STEP = 0.5
 """Metres of height by which a floor may differ from its storey, its doors from it: a few steps."""
+
+LINTEL = 1.5
+"""Metres above a floor from which nothing is in the way of a robot of which nothing is known."""
 
 Floats = NDArray[np.float64]
 
@@ -167,6 +171,14 @@ class CheckedBuilding:
             and other.low[2] <= entity.high[2] + distance
             and other.high[2] >= entity.low[2] - distance
         ]
+
+    def at_opening(self, door: Pose, width: float) -> list[CheckedEntity]:
+        """The solids at an opening, as thick as walls may be."""
+        half = width / 2
+        corners = door.apply([[x, y, 0] for x in (-WALL, WALL) for y in (-half, half)])
+        around = shapely.MultiPoint(corners[:, :2]).convex_hull
+        found = (self.solids[n] for n in np.sort(self._solid_tree.query(around)))
+        return [e for e in found if e.low[2] < door.z + LINTEL and e.high[2] > door.z]
 
     def beneath(self, entity: CheckedEntity) -> list[CheckedEntity]:
         """Other solids over which an object is, wholly or in part; the highest first."""

@@ -71,11 +71,8 @@ class Trials:
         """What is above, below and beside places of a move."""
         met = np.zeros(len(self._loose), bool)
         for entity in moving:
-            if entity.kind in ("object", "agent"):
-                over = (self._high >= entity.low[:2] - REACH) & (
-                    self._low <= entity.high[:2] + REACH
-                )
-                met |= over.all(axis=1)
+            over = (self._high >= entity.low[:2] - REACH) & (self._low <= entity.high[:2] + REACH)
+            met |= over.all(axis=1)
         return [e for e, near in zip(self._loose, met, strict=True) if near]
 
 

@@ -24,6 +24,7 @@ from semmap.query.map_check.building import (
     STEP,
     WALL,
 )
+from semmap.query.map_check.doorways import closing, taken_lines
 from semmap.query.map_check.fixes import Moves, Named, Trials
 from semmap.query.map_check.reader import CheckedEntity, read_checked_entities
 from semmap.query.map_check.support import SupportedBuilding
@@ -335,7 +336,7 @@ def _door_moves(
     """To the wall of the room, to the middle between it and the other one, and to its floor."""
     assert door.pose is not None
     x, y, z = door.pose.translation
-    edge = shapely.ops.nearest_points(room.outline, here)[0]
+    edge = shapely.ops.nearest_points(room.outline, here.centroid)[0]
     spots = [(edge.x, edge.y)]
     for end in "ab":
         other = building.by_id.get(door.row[f"place_{end}"])
@@ -349,6 +350,27 @@ def _door_moves(
         (u - x, v - y, w - z) for w in sorted(heights, key=lambda w: abs(w - z)) for u, v in spots
     ]
     return Moves(door, by, "draw it again in gis_connector, in the wall of both of its rooms")
+
+
+def _blocked(building: SupportedBuilding, structure: bool) -> Found:
+    """Doors in whose opening parts of the building stand, or else other things."""
+    off = {names[0] for names, *_ in _far_doors(building)}
+    for door in building.doors:
+        if door.name in off or door.row["form"] not in ("door", "elevator_door"):
+            continue  # another rule says so
+        assert door.pose is not None
+        width = door.row["width"] or DOOR
+        solids = building.at_opening(door.pose, width)
+        taken = {e: taken_lines(door.pose, width, e.triangles) for e in solids}
+        parts = closing(width, {e: v for e, v in taken.items() if building.is_part(e)})
+        shut = parts if structure or parts else closing(width, taken)
+        if not shut or (parts and not structure):
+            continue
+        names = tuple(sorted(e.name for e in shut))
+        stand = "stands" if len(names) == 1 else "stand"
+        text = f"{listed(names)} {stand} in the opening of {door.name}, and no robot passes"
+        fix = "by hand: give the wall an opening there, or move or delete the door or the wall"
+        yield (door.name, *names), text, fix if structure else "by hand: move it, if it is there"
 
 
 def _no_floor(building: SupportedBuilding) -> Found:
@@ -479,6 +501,7 @@ RULES: tuple[tuple[str, Severity, Callable[[SupportedBuilding], Found]], ...] = 
     ("wrong holder", "error", _wrong_holder),
     ("identical rooms", "error", partial(_room_pairs, same=True)),
     ("door away from its room", "error", _far_doors),
+    ("blocked door", "error", partial(_blocked, structure=True)),
     ("things at one point", "error", _one_point),
     ("room off its storey", "error", _off_storey),
     ("overlapping rooms", "warning", partial(_room_pairs, same=False)),
@@ -490,6 +513,7 @@ RULES: tuple[tuple[str, Severity, Callable[[SupportedBuilding], Found]], ...] = 
     ("sunk", "warning", _sunk),
     ("penetrating", "warning", _penetrating),
     ("place without geometry", "warning", _shapeless_places),
+    ("thing in a doorway", "note", partial(_blocked, structure=False)),
     ("outside of all rooms", "note", _outside),
     ("without geometry", "note", _shapeless),
 )
@@ -497,6 +521,8 @@ RULES: tuple[tuple[str, Severity, Callable[[SupportedBuilding], Found]], ...] = 
 
 MOVED = {
     "door away from its room",
+    "blocked door",
+    "thing in a doorway",
     "things at one point",
     "things without a storey",
     "floating",

@@ -1,0 +1,95 @@
+"""What solids leave free of the opening of a door, at the heights at which robots pass."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from semmap.geometry.pose import Pose
+from semmap.query.map_check.building import LINTEL, WALL
+
+HEIGHTS = np.arange(0.1, LINTEL, 0.17)
+"""Metres above the floor of a door: over thresholds and carpets, up to the top of a robot."""
+
+LINES = 0.01
+"""Metres between the lines straight through an opening along which solids are looked for."""
+
+PASSAGE, FRAME = 0.6, 0.2
+"""Metres that a robot of which nothing is known needs, and the part of the width of an opening that
+frames, or a stated width that is only nearly true, may take."""
+
+Floats = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+T = TypeVar("T")
+
+
+def taken_lines(door: Pose, width: float, triangles: Floats) -> Bools:
+    """Which lines straight through an opening, from post to post, a solid (F, 3, 3) meets.
+
+    They are as long as walls around an opening may be thick.
+    """
+    across = np.asarray((np.arange(round(width / LINES)) + 0.5) * LINES - width / 2, np.float64)
+    taken = np.zeros(len(across), np.bool_)
+    flat = door.inverse().apply(triangles.reshape(-1, 3)).reshape(-1, 3, 3)
+    for height in HEIGHTS:
+        begin, end = _section(flat, height)
+        taken |= _are_met(begin, end, across) | _are_inside(begin, end, across)
+    return taken
+
+
+def closing(width: float, taken: Mapping[T, Bools]) -> list[T]:
+    """Which solids close an opening, by the lines that they take: the largest that do together.
+
+    None where what is left is about as wide as the opening, or as a robot.
+    """
+    least = min(PASSAGE, (1 - FRAME) * width) - LINES
+    met = np.zeros(round(width / LINES) + 2, np.bool_)
+    met[[0, -1]] = True
+    found = []
+    for solid, lines in sorted(taken.items(), key=lambda item: -int(item[1].sum())):
+        met[1 : len(lines) + 1] |= lines
+        found.append(solid)
+        if np.diff(np.flatnonzero(met)).max() - 1 < least / LINES:
+            return found
+    return []
+
+
+def _section(triangles: Floats, height: float) -> tuple[Floats, Floats]:
+    """The ends, (N, 2) each, of the lines in which faces cross a height."""
+    above = triangles[:, :, 2] > height
+    crossing = triangles[above.any(axis=1) & ~above.all(axis=1)]
+    above = crossing[:, :, 2] > height
+    odd = np.argmax(above == (above.sum(axis=1) == 1)[:, None], axis=1)  # alone on its side
+    tip, *others = (crossing[np.arange(len(odd)), (odd + k) % 3] for k in range(3))
+    found = []
+    for other in others:
+        share = (height - tip[:, 2]) / (other[:, 2] - tip[:, 2])
+        found.append((tip + share[:, None] * (other - tip))[:, :2])
+    return found[0], found[1]
+
+
+def _are_met(begin: Floats, end: Floats, across: Floats) -> Bools:
+    """Which lines across an opening are met by lines of a section."""
+    run = end[:, 0] - begin[:, 0]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        ends = np.sort((np.array([[-WALL], [WALL]]) - begin[:, 0]) / run, axis=0)
+    level = np.abs(run) < 1e-9
+    first, last = np.where(level, [[0.0], [1.0]], np.clip(ends, 0, 1))
+    met = np.where(level, np.abs(begin[:, 0]) < WALL, first < last)
+    rise = end[:, 1] - begin[:, 1]
+    sides = np.sort([begin[:, 1] + share * rise for share in (first, last)], axis=0)[:, met]
+    reach = np.array([[-0.49], [0.49]]) * LINES  # between two lines, one of them is met
+    low, high = sides + reach
+    return np.asarray(((low <= across[:, None]) & (across[:, None] <= high)).any(axis=1))
+
+
+def _are_inside(begin: Floats, end: Floats, across: Floats) -> Bools:
+    """Which points of an opening are within a section: rays from them meet it an odd time."""
+    a, b = begin[:, 1] > across[:, None], end[:, 1] > across[:, None]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        share = (across[:, None] - begin[:, 1]) / (end[:, 1] - begin[:, 1])
+        ahead = begin[:, 0] + share * (end[:, 0] - begin[:, 0]) > 0
+    return np.asarray(((a != b) & ahead).sum(axis=1) % 2 == 1)
