@@ -16,6 +16,9 @@ SPACING = 0.015
 MOST_LINES = 40_000
 """Of a pair of solids; larger overlaps are compared along lines that are further apart."""
 
+LINES_ACROSS = 24
+"""Along the shorter side of a thing whose space is compared."""
+
 SAMPLES = 200
 """Points of a surface from which distances are measured."""
 
@@ -92,10 +95,58 @@ def overlap(
     return extents, shares[0], shares[1]
 
 
+def shared_columns(first: Floats, second: Floats) -> tuple[float, float]:
+    """Return how deep two things share their space, metres, and the larger part of one of them.
+
+    Things (F, 3, 3) are filled along each vertical line, from their lowest face to their highest,
+    open meshes, too.
+    """
+    boxes = np.array([(t.min(axis=(0, 1)), t.max(axis=(0, 1))) for t in (first, second)])[:, :, :2]
+    both = boxes[:, 0].max(axis=0), boxes[:, 1].min(axis=0)
+    if (both[1] <= both[0]).any():
+        return 0.0, 0.0
+    (one, area), (two, _) = (_columns(t, *both) for t in (first, second))
+    common = np.minimum(one[1], two[1]) - np.maximum(one[0], two[0])
+    common = np.nan_to_num(common).clip(0)
+    volumes = []
+    for triangles, box in zip((first, second), boxes, strict=True):
+        (bottom, top), own = _columns(triangles, *box)
+        volumes.append(max(float(np.nansum(top - bottom)) * own, 1e-12))
+    return float(common.max()), float(common.sum()) * area / min(volumes)
+
+
+def _columns(triangles: Floats, low: Floats, high: Floats) -> tuple[Floats, float]:
+    """The lowest and the highest z (2, N) along vertical lines over a window; each line's area."""
+    size = high - low
+    spacing = max(float(size.min()) / LINES_ACROSS, float(np.sqrt(size.prod() / MOST_LINES)), 1e-6)
+    counts = (int(size[0] / spacing) + 1, int(size[1] / spacing) + 1)
+    line, z, _ = _crossings(triangles, low + np.array([0.31, 0.47]) * spacing, counts, spacing)
+    ends = np.full((2, counts[0] * counts[1]), np.nan)
+    ends[0, line[::-1]], ends[1, line] = z[::-1], z  # along a line, heights increase
+    return ends, spacing**2
+
+
 def _solid_parts(
     triangles: Floats, start: Floats, counts: tuple[int, int], spacing: float
 ) -> tuple[Ints, Floats, Floats]:
     """The solid intervals along vertical lines: the line, the lower and the upper end of each."""
+    line, z, enters = _crossings(triangles, start, counts, spacing)
+    if not len(line):
+        return line, z, z
+    first = np.flatnonzero(np.diff(line, prepend=-1))
+    total = np.cumsum(enters)
+    before = np.repeat((total - enters)[first], np.diff([*first, len(line)]))
+    depth = total - before
+    last = np.append(first[1:], len(line)) - 1
+    shut = np.repeat(depth[last] == 0, np.diff([*first, len(line)]))
+    solid = np.flatnonzero(shut[:-1] & (depth[:-1] != 0) & (line[1:] == line[:-1]))
+    return line[solid], z[solid], z[solid + 1]
+
+
+def _crossings(
+    triangles: Floats, start: Floats, counts: tuple[int, int], spacing: float
+) -> tuple[Ints, Floats, Ints]:
+    """Where faces meet vertical lines: the line, the z, 1 or -1 by the side; upwards by line."""
     flat = (triangles[:, :, :2] - start) / spacing
     low = np.maximum(np.ceil(flat.min(axis=1)), 0).astype(np.intp)
     high = np.minimum(np.floor(flat.max(axis=1)), np.array(counts) - 1).astype(np.intp)
@@ -117,14 +168,4 @@ def _solid_parts(
         met = (u >= 0) & (v >= 0) & (u + v <= 1) & (np.abs(area) > 1e-9)
     line, z, enters = (column * counts[1] + row)[met], z[met], np.where(area[met] < 0, 1, -1)
     order = np.lexsort((z, line))
-    line, z, enters = line[order], z[order], enters[order]
-    if not len(line):
-        return line, z, z
-    first = np.flatnonzero(np.diff(line, prepend=-1))
-    total = np.cumsum(enters)
-    before = np.repeat((total - enters)[first], np.diff([*first, len(line)]))
-    depth = total - before
-    last = np.append(first[1:], len(line)) - 1
-    shut = np.repeat(depth[last] == 0, np.diff([*first, len(line)]))
-    solid = np.flatnonzero(shut[:-1] & (depth[:-1] != 0) & (line[1:] == line[:-1]))
-    return line[solid], z[solid], z[solid + 1]
+    return line[order], z[order], enters[order]

@@ -298,6 +298,72 @@ def test_planted_fault_is_the_only_finding(db: semmap.Database, fault: Fault) ->
             assert done(here, found)
 
 
+def stool(draw: random.Random) -> list[tuple[tuple[float, ...], tuple[float, ...]]]:
+    """The boxes of a table or stool: four legs and a plate."""
+    x, y, z = draw.uniform(0.2, 1), draw.uniform(0.2, 0.6), draw.uniform(0.4, 1)
+    legs = [((u, v, 0), (u + 0.04, v + 0.04, z)) for u in (-x, x - 0.04) for v in (-y, y - 0.04)]
+    return [*legs, ((-x, -y, z), (x, y, z + 0.03))]
+
+
+def block(draw: random.Random, most: float) -> list[tuple[tuple[float, ...], tuple[float, ...]]]:
+    x, y, z = (draw.choice([0.01, 0.04, draw.uniform(0.02, most)]) for _ in range(3))
+    return [((-x, -y, 0), (x, y, z))]
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_things_at_a_point_are_twins_where_they_share_their_space(
+    db: semmap.Database, seed: int
+) -> None:
+    """Boxes of random sizes with a middle, of which their volumes say how much they share."""
+    draw = random.Random(seed)
+    here = db.create_map(f"twins{seed}")
+    here.add_room("r", [(0, 0), (90, 0), (90, 4), (0, 4)], floor=0, ceiling=2.5)
+    surely, maybe = set(), set()
+    for number in range(20):
+        kinds = [draw.choice([stool, lambda d: block(d, 0.1), lambda d: block(d, 0.9)])(draw)]
+        kinds.append(block(draw, 0.3))
+        names = frozenset(f"{letter}{number}" for letter in "ab")
+        for name, boxes in zip(sorted(names), kinds, strict=True):
+            mesh = join([box_mesh(*ends) for ends in boxes])  # type: ignore[arg-type]
+            here.add_object(name, mesh=mesh, pose=(3 + 4 * number, 2, 0))
+        volumes = [sum(_volume(*ends) for ends in boxes) for boxes in kinds]
+        shared = [_shared(one, two) for one in kinds[0] for two in kinds[1]]
+        part = sum(math.prod(extents) for extents in shared) / min(volumes)
+        deep = max(extents[2] for extents in shared)
+        for found, slack in ((surely, -0.03), (maybe, 0.03)):
+            if part >= 0.5 - slack or (part >= 0.1 - slack and deep > 0.03 - slack / 10):
+                found.add(("things at one point", names))
+    found = {f for f in seen(here) if f[0] == "things at one point"}
+    assert surely <= found <= maybe
+    assert 0 < len(found) < 20
+
+
+def _volume(low: tuple[float, ...], high: tuple[float, ...]) -> float:
+    return math.prod(b - a for a, b in zip(low, high, strict=True))
+
+
+def _shared(one: tuple[tuple[float, ...], ...], two: tuple[tuple[float, ...], ...]) -> list[float]:
+    sides = zip(*one, *two, strict=True)
+    return [max(0.0, min(b, d) - max(a, c)) for a, b, c, d in sides]
+
+
+def test_things_above_one_another_are_not_at_one_point(db: semmap.Database) -> None:
+    here = db.create_map("above")
+    here.add_room("r", [(0, 0), (20, 0), (20, 4), (0, 4)], floor=0, ceiling=2.5)
+    for number, (name, size) in enumerate(
+        [("rug", (3, 2, 0.01)), ("mat", (0.4, 0.3, 0.02)), ("bucket", (0.2, 0.2, 0.3))]
+    ):
+        table = join([box_mesh(*ends) for ends in stool(random.Random(number))])  # type: ignore[arg-type]
+        here.add_object(f"table{number}", mesh=table, pose=(3 + 5 * number, 2, 0))
+        here.add_object(name, size=size, pose=(3 + 5 * number, 2, 0))
+    here.add_object("tray", size=(0.4, 0.3, 0.02), pose=(18, 2, 0))
+    here.add_object("can", size=(0.07, 0.07, 0.12), pose=(18, 2, 0))
+    assert here.check() == []
+    for name in ("cup", "mug"):  # on the rug, below the table, and no higher than a contact
+        here.add_object(name, size=(0.06, 0.06, 0.03), pose=(3, 2, 0.01))
+    assert seen(here) == {("things at one point", frozenset({"cup", "mug"}))}
+
+
 def test_a_stack_of_trays_is_no_fault(db: semmap.Database) -> None:
     here = db.create_map("trays")
     here.add_room("r", [(0, 0), (4, 0), (4, 4), (0, 4)], floor=0, ceiling=2.5)

@@ -12,6 +12,7 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import KDTree
 from shapely import STRtree
 
+from semmap.geometry.contact import shared_columns
 from semmap.geometry.pose import Pose
 from semmap.query.map_check.reader import CheckedEntity
 
@@ -25,6 +26,10 @@ SAME_POINT = 0.001
 TWINS, STACKED = 0.05, 0.005
 """Part of their size by which two things of one model may differ, and metres by which the bottom of
 one is above that of the other; trays and cups of a stack are further apart."""
+
+MOST_OF_IT, SOME_OF_IT = 0.5, 0.1
+"""Parts of one thing that are in another at the same point: whatever its height, and if it is
+deeper than a contact. Less is a foot in a rug, or a can in a plate."""
 
 FASTENED = 0.05
 """Metres from a wall to what hangs on it, and of air under what stands: hooks, frames and feet are
@@ -137,7 +142,8 @@ class CheckedBuilding:
         """The groups of movable things at one point, or of one size and within a contact."""
         movable = [e for e in self.objects if not self.is_part(e)]
         stands = np.array([e.stand for e in movable]).reshape(-1, 3)
-        cells = np.round(stands / SAME_POINT / 2)
+        sizes = np.array([e.high - e.low for e in movable]).reshape(-1, 3)
+        cells = np.round(np.hstack([stands, sizes]) / SAME_POINT / 2)
         _, first, same = np.unique(cells, axis=0, return_index=True, return_inverse=True)
         same = same.ravel()  # in some versions of NumPy it has the shape of the cells
         pairs = KDTree(stands[first]).query_pairs(2 * CONTACT, output_type="ndarray")
@@ -189,11 +195,19 @@ class CheckedBuilding:
 
 
 def _coincide(one: CheckedEntity, two: CheckedEntity) -> bool:
-    """Whether two things are at one point, or of one size and as close as copies of one."""
+    """Whether things share a point and space, or a size and are as close as copies of one."""
     apart = np.abs(one.stand - two.stand)
     if apart.max() <= SAME_POINT:
-        return True
+        return _share_space(one, two)
     sizes = one.high - one.low, two.high - two.low
     alike = np.abs(sizes[0] - sizes[1]) <= TWINS * np.maximum(*sizes)
     near = apart <= np.array([CONTACT, CONTACT, min(STACKED, sizes[0][2] / 2)]) + 1e-6
     return bool(len(one.triangles) and len(two.triangles) and alike.all() and near.all())
+
+
+def _share_space(one: CheckedEntity, two: CheckedEntity) -> bool:
+    """Whether two things at a point are in each other, and not above or around each other."""
+    if not (len(one.triangles) and len(two.triangles)):
+        return True  # nothing says that they are not
+    depth, part = shared_columns(one.triangles, two.triangles)
+    return part >= MOST_OF_IT or (part >= SOME_OF_IT and depth > CONTACT)
