@@ -208,9 +208,6 @@ BEGIN
     PERFORM semmap.lock_holders(ARRAY(SELECT DISTINCT holder_id FROM fresh));
     PERFORM semmap.check_holders(ids);
     PERFORM semmap.record_moves(semmap.refresh_world(ids), '{}', 'moved');
-    IF current_setting('semmap.deriving', true) IS DISTINCT FROM 'off' THEN
-        PERFORM semmap.recognise_parts(semmap.neighbours_of(ids));
-    END IF;
     PERFORM semmap.follow_geometry(ids, ARRAY(SELECT entity_id FROM fresh WHERE holder_id IS NOT NULL AND confidence IS NULL));
     RETURN NULL;
 END $$;
@@ -234,6 +231,8 @@ DECLARE
     moved bigint[];
     rehung bigint[];
     stated bigint[];
+    rooms bigint[];
+    left_behind bigint[];
     placed jsonb;
     deriving boolean := coalesce(current_setting('semmap.deriving', true), '') = 'on';
 BEGIN
@@ -251,6 +250,14 @@ BEGIN
     PERFORM semmap.lock_holders(ARRAY(SELECT holder_id FROM former UNION SELECT holder_id FROM fresh));
     IF rehung IS NOT NULL THEN
         PERFORM semmap.check_holders(rehung);
+    END IF;
+    rooms := ARRAY(
+        SELECT entity_id FROM semmap.room WHERE entity_id = ANY (moved)
+      UNION
+        SELECT r.entity_id FROM semmap.storey s JOIN semmap.placement p ON p.holder_id = s.entity_id
+        JOIN semmap.room r ON r.entity_id = p.entity_id WHERE s.entity_id = ANY (moved));
+    IF rooms <> '{}' AND NOT deriving THEN
+        left_behind := semmap.neighbours_of(rooms);
     END IF;
     PERFORM semmap.record_moves(semmap.refresh_world(moved), placed, CASE WHEN deriving THEN 'derived' ELSE 'moved' END);
 
@@ -279,16 +286,18 @@ BEGIN
                                             ELSE 'the geometry showed another holder' END END
         FROM version FULL JOIN (SELECT entity_id AS id FROM prolonged) p ON p.id = version.entity_id WHERE p.id IS NULL;
     IF NOT deriving THEN
-        PERFORM semmap.follow_geometry(moved, stated);
+        PERFORM semmap.follow_geometry(moved || rooms, stated, left_behind);
     END IF;
     RETURN NULL;
 END $$;
 
-CREATE FUNCTION follow_geometry(moved bigint[], stated bigint[])
+CREATE FUNCTION follow_geometry(moved bigint[], stated bigint[], left_behind bigint[] DEFAULT '{}')
 RETURNS void LANGUAGE plpgsql SECURITY DEFINER SET search_path = semmap, public, pg_temp AS $$
--- After a move: refuses a stated holder that the pose contradicts, and derives the other holders that the move
--- changes. Does nothing if the setting `semmap.deriving` is off: then derive_again does it at the end.
+-- After a move: refuses a stated holder that the pose contradicts, recognises what is a part of the building now, or is
+-- none any more, and derives the other holders that the move changes. `left_behind` is what rooms were near before. Does
+-- nothing if the setting `semmap.deriving` is off: then derive_again does it at the end.
 DECLARE
+    around bigint[];
     wrong record;
 BEGIN
     IF current_setting('semmap.deriving', true) = 'off' THEN
@@ -305,7 +314,9 @@ BEGIN
                 USING ERRCODE = 'check_violation', HINT = 'Move it there, or give its pose together with its holder.';
         END IF;
     END IF;
-    PERFORM semmap.derive_again(semmap.neighbours_of(moved));
+    around := semmap.neighbours_of(moved) || coalesce(left_behind, '{}');
+    PERFORM semmap.recognise_parts(around);
+    PERFORM semmap.derive_again(around);
 END $$;
 
 CREATE FUNCTION pose_below(holder bigint, pose double precision[])

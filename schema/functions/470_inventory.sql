@@ -113,8 +113,12 @@ RETURNS bigint LANGUAGE sql SET search_path = semmap, public, pg_temp AS $$
 WITH judged AS (
     SELECT o.id, o.type, o.properties, CASE guess ->> 'from' WHEN 'shape' THEN guess -> 'named' ELSE guess END AS named,
            guess ->> 'from' = 'shape' AS shaped
-    FROM semmap.entity o CROSS JOIN LATERAL (SELECT o.properties -> 'type_guess') g (guess)
+    FROM semmap.entity o JOIN semmap.world w ON w.entity_id = o.id
+    CROSS JOIN LATERAL (SELECT o.properties -> 'type_guess') g (guess)
     WHERE o.id = ANY (ids) AND o.kind = 'object' AND (coalesce(o.type, 'object') = 'object' OR o.type = guess ->> 'type')
+      -- none is smaller, see part_by_shape
+      AND (least(ST_XMax(w.box) - ST_XMin(w.box), ST_YMax(w.box) - ST_YMin(w.box)) >= 1
+           OR ST_ZMax(w.box) - ST_ZMin(w.box) >= 1.5 OR guess ->> 'from' = 'shape')
 ), found AS (
     SELECT j.id, j.named, s.part
     FROM judged j CROSS JOIN LATERAL (
