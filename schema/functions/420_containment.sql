@@ -90,6 +90,32 @@ BEGIN ATOMIC
 SELECT 0.3::double precision;
 END;
 
+CREATE FUNCTION door_fault(form text, width double precision, opening geometry, rooms bigint[])
+RETURNS text LANGUAGE sql STABLE PARALLEL SAFE SET search_path = semmap, public, pg_temp AS $$
+-- Why a connector leads nobody from room to room, and what to do, as what follows its name; null if it may. `opening` is
+-- the line from post to post. The narrowest robots are 20 cm wide.
+SELECT CASE
+    WHEN width < 0.2 THEN format('is %s m wide, and nobody passes less than 0.2 m: give its clear width', round(width::numeric, 3))
+    WHEN form NOT IN ('door', 'elevator_door') THEN NULL
+    WHEN rooms[1] = rooms[2] AND (SELECT count(*) FROM semmap.world w, unnest(ARRAY[-1, 1]) side (sign)
+         WHERE w.entity_id = rooms[1] AND ST_Covers(w.footprint, ST_LineInterpolatePoint(ST_OffsetCurve(opening, sign * (semmap.door_reach() + 0.05)), 0.5))) < 2
+        THEN 'joins a room with itself, and is not in it: name the room on its other side, or none for outside'
+    ELSE (SELECT format('ends %s m beside %s, which it joins: draw it at the wall of the room, from post to post', round(away::numeric, 2), e.name)
+          FROM semmap.world w JOIN semmap.entity e ON e.id = w.entity_id AND e.kind = 'room'
+          CROSS JOIN LATERAL greatest(ST_Distance(w.footprint, ST_StartPoint(opening)), ST_Distance(w.footprint, ST_EndPoint(opening))) away
+          WHERE w.entity_id = ANY (rooms) AND away > semmap.door_reach() + 1e-6 ORDER BY away DESC LIMIT 1)
+END
+$$;
+
+CREATE FUNCTION opening_of(at_pose double precision[], width double precision)
+RETURNS geometry LANGUAGE sql IMMUTABLE PARALLEL SAFE
+BEGIN ATOMIC
+-- The line from post to post of a connector at a world pose.
+SELECT ST_MakeLine(ST_MakePoint(at_pose[1] + half * sin(yaw), at_pose[2] - half * cos(yaw)),
+                   ST_MakePoint(at_pose[1] - half * sin(yaw), at_pose[2] + half * cos(yaw)))
+FROM (SELECT coalesce(width, 0) / 2, semmap.pose_yaw(at_pose)) d (half, yaw);
+END;
+
 CREATE FUNCTION room_of(thing bigint)
 RETURNS bigint LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path = semmap, public, pg_temp AS $$
 -- The room of an entity, which all ways to ask for it say. Of an object or agent that of its place, see room_at, also

@@ -45,6 +45,13 @@ CREATE VIEW gis_connector AS
     LEFT JOIN LATERAL (SELECT pose_compose(w.pose, c.pose_a)) pa (pose) ON true
     LEFT JOIN LATERAL (SELECT pose_compose(w.pose, c.pose_b)) pb (pose) ON true;
 
+-- The connectors through which nobody gets from room to room, as what follows their names.
+CREATE VIEW door_faults AS
+    SELECT e.id, e.map_id, e.name, f.fault
+    FROM connector c JOIN entity e ON e.id = c.entity_id JOIN world w ON w.entity_id = e.id
+    CROSS JOIN LATERAL door_fault(c.form, c.width, opening_of(w.pose, c.width), ARRAY[c.place_a, c.place_b]) f (fault)
+    WHERE f.fault IS NOT NULL;
+
 -- A storey as the union of its rooms, else of all that is on it.
 CREATE VIEW gis_storey AS
     SELECT e.id AS fid, m.name AS map, e.name, e.type, e.label, s.elevation, s.height, e.properties::text AS properties,
@@ -322,6 +329,12 @@ BEGIN
             WHERE entity_id = thing AND (TG_OP = 'INSERT'
                   OR (NEW.state, NEW.direction, NEW.behaviour, NEW.width, NEW.height, NEW.step, NEW.permissions)
                   IS DISTINCT FROM (OLD.state, OLD.direction, OLD.behaviour, OLD.width, OLD.height, OLD.step, OLD.permissions));
+        IF TG_OP = 'INSERT' OR NEW.width IS DISTINCT FROM OLD.width OR NOT ST_OrderingEquals(NEW.geom, OLD.geom) THEN
+            SELECT f.fault INTO told FROM semmap.door_faults f WHERE f.id = thing;
+            IF told IS NOT NULL THEN
+                RAISE EXCEPTION '% %', NEW.name, told USING ERRCODE = 'check_violation', HINT = 'Correct it, or undo the edit.';
+            END IF;
+        END IF;
         RETURN NEW;
     END IF;
 

@@ -18,11 +18,9 @@ BEGIN ATOMIC
 SELECT NOT EXISTS (
     SELECT FROM (VALUES (c.place_a, pose_compose(at_pose, c.pose_a)), (c.place_b, pose_compose(at_pose, c.pose_b))) s (place, stand)
     JOIN world w ON w.entity_id = s.place JOIN room r ON r.entity_id = s.place
-    CROSS JOIN LATERAL (SELECT coalesce(c.width, 0) / 2 AS half, pose_yaw(at_pose) AS yaw, c.form IN ('stairs', 'ramp') AS climbs) d
-    CROSS JOIN LATERAL (SELECT CASE WHEN climbs THEN ST_MakePoint(stand[1], stand[2]) ELSE ST_MakeLine(
-        ST_MakePoint(at_pose[1] + half * sin(yaw), at_pose[2] - half * cos(yaw)),
-        ST_MakePoint(at_pose[1] - half * sin(yaw), at_pose[2] + half * cos(yaw))) END AS at,
-        CASE WHEN climbs THEN stand[3] ELSE at_pose[3] END AS z) o
+    CROSS JOIN LATERAL (SELECT c.form IN ('stairs', 'ramp') AS climbs) d
+    CROSS JOIN LATERAL (SELECT CASE WHEN climbs THEN ST_MakePoint(stand[1], stand[2]) ELSE opening_of(at_pose, c.width) END AS at,
+                               CASE WHEN climbs THEN stand[3] ELSE at_pose[3] END AS z) o
     WHERE w.footprint IS NOT NULL
       AND (ST_Distance(w.footprint, o.at) > door_reach() + 1e-6 OR abs(o.z - w.pose[3] - r.floor) > 0.5 + 1e-6));
 END;

@@ -25,7 +25,7 @@ from semmap.ingest.world import (
     Shape,
     World,
 )
-from semmap.query.map_check.building import STEP, WALL
+from semmap.query.map_check.building import STEP
 
 if TYPE_CHECKING:
     from navgrid.found_rooms import FoundRooms
@@ -155,7 +155,7 @@ def door(
     length = float(np.hypot(*along))
     normal = np.array([along[1], -along[0]]) / length
     middle = ends.mean(axis=0)
-    sides = [_nearer(map, name, detail["type"], room, ends, normal) for room in rooms]
+    sides = [_nearer(map, room, ends, normal) for room in rooms]
     if sides[0] > 0 or (sides[0] == 0 and sides[1:] == [-1]):
         normal = -normal
     yaw = math.atan2(normal[1], normal[0])
@@ -163,6 +163,12 @@ def door(
     place_a, place_b = places
     if detail["width"] is None:
         detail["width"] = length
+    fault = map.execute(
+        "SELECT door_fault(%s, %s, ST_MakeLine(ST_MakePoint(%s, %s), ST_MakePoint(%s, %s)), %s)",
+        *(detail["type"], detail["width"], *ends.ravel().tolist(), [room.id for room in rooms]),
+    )[0][0]
+    if fault is not None:
+        raise ValueError(f"{name} {fault}")
     return Entry(
         name,
         "connector",
@@ -178,7 +184,7 @@ def door(
 def _check_across(name: str, rooms: Sequence[MapEntity], ends: Any) -> None:
     """Refuse a line that leads from one room into another, in place of that from post to post."""
     outlines = [room.footprint for room in rooms if room.footprint is not None]
-    if len(outlines) != 2:
+    if len(outlines) != 2 or rooms[0] == rooms[1]:
         return
     inner = [outline.buffer(-IN_ROOM) for outline in outlines]
     posts = shapely.points(ends)
@@ -247,27 +253,20 @@ def add_found_lifts(map: Map, found: FoundRooms) -> None:
             )
 
 
-def _nearer(map: Map, door: str, form: str, room: MapEntity, ends: Any, normal: Any) -> int:
+def _nearer(map: Map, room: MapEntity, ends: Any, normal: Any) -> int:
     """1 if the room is on the side to which `normal` points, -1 if on the other, 0 if on both."""
     middle = ends.mean(axis=0)
     ahead, behind = middle + SIDE * normal, middle - SIDE * normal
     row = map.execute(
         "SELECT ST_Distance(footprint, ST_MakePoint(%s, %s)), "
-        "ST_Distance(footprint, ST_MakePoint(%s, %s)), "
-        "ST_Distance(footprint, ST_MakePoint(%s, %s)) "
-        "FROM world WHERE entity_id = %s",
+        "ST_Distance(footprint, ST_MakePoint(%s, %s)) FROM world WHERE entity_id = %s",
         *behind.tolist(),
         *ahead.tolist(),
-        *middle.tolist(),
         room.id,
     )
     if not row or row[0][0] is None:
         raise ValueError(f"{room.name} has no outline")
-    to_behind, to_ahead, gap = row[0]
-    if gap > WALL and room.kind == "room" and form not in ("stairs", "ramp"):
-        raise ValueError(
-            f"the middle of {door} is {gap:.2f} m from {room.name}: draw its line at its wall"
-        )
+    to_behind, to_ahead = row[0]
     return int(np.sign(to_behind - to_ahead))
 
 

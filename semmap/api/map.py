@@ -258,7 +258,8 @@ class Map(
         Raises
         ------
         LookupError, ValueError
-            There is no such room; the name is taken, or the line is not at a wall of the room.
+            There is no such room; the name is taken; the line is not at a wall of the rooms from
+            post to post, or narrower than 0.2 m.
         """
         from semmap.api.additions import add_entry, door
 

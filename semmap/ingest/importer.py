@@ -46,7 +46,7 @@ from semmap.ingest.store.world_store import store_world
 from semmap.ingest.storeys import FOUND, found_storeys
 from semmap.ingest.world import Shape, Skipped, World, WorldError
 from semmap.limits import ENTRIES, NAME_CHARACTERS
-from semmap.query.geometry_notes import names_note, read_names_without_geometry
+from semmap.query.geometry_notes import SHOWN, names_note, read_names_without_geometry
 from semmap.query.snapshot import Snapshot
 
 IFC, GML, IMDF = (".ifc",), (".gml",), (".zip",)
@@ -291,6 +291,14 @@ def import_file(
         summary.no_geometry = read_names_without_geometry(seen)
         if summary.no_geometry and (stored.added or stored.changed):
             summary.notes += [names_note(summary.no_geometry), WITHOUT_SHAPES]
+        if stored.added or stored.changed:
+            faults = session.execute(
+                "SELECT name || ' ' || fault FROM door_faults WHERE map_id = %s ORDER BY name",
+                (map_id,),
+            ).fetchall()
+            summary.notes += [fault for (fault,) in faults[:SHOWN]]
+            if len(faults) > SHOWN:
+                summary.notes.append(f"{len(faults) - SHOWN} more such doors: semmap check has all")
         if stored.added or stored.changed or stored.removed:
             _log(connection, map_id, path, summary)
     if summary.added >= MANY:

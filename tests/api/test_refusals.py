@@ -175,7 +175,7 @@ VALUES: dict[str, tuple[Call, str]] = {
     ),
     "a door far away": (
         lambda h: h.add_door("d", "kitchen", None, ((50, 0), (51, 0))),
-        "the middle of d is 46.50 m from kitchen",
+        "d ends 47.00 m beside kitchen",
     ),
 }
 

@@ -207,6 +207,34 @@ def stands_in_a_door(here: semmap.Map, draw: random.Random) -> tuple[str, set[st
     return "blocked door", {"bar", "d01"}
 
 
+def is_for_mice(here: semmap.Map, draw: random.Random) -> tuple[str, set[str]]:
+    here.execute(
+        "UPDATE connector SET width = %s WHERE entity_id = %s",
+        draw.uniform(0.01, 0.19),
+        here["d01"].id,
+    )
+    return "no passage", {"d01"}
+
+
+def ends_beside_its_room(here: semmap.Map, draw: random.Random) -> tuple[str, set[str]]:
+    pose = here["d01"].pose
+    assert pose is not None
+    x = pose.x - draw.uniform(0.6, 1.0)
+    here.add_door("wide", "r00", None, ((x - 1, 0), (x, 0)))
+    here.execute("UPDATE connector SET width = 9 WHERE entity_id = %s", here["wide"].id)
+    return "no passage", {"wide"}
+
+
+def joins_its_room_with_itself(here: semmap.Map, draw: random.Random) -> tuple[str, set[str]]:
+    pose = here["d01"].pose
+    assert pose is not None
+    x = pose.x - draw.uniform(0.6, 1.0)
+    here.add_door("out", "r00", None, ((x - 1, 0), (x, 0)))
+    here.add_door("within", "r01", "r01", ((pose.x + 1.3, 0.9), (pose.x + 2.1, 0.9)))
+    here.execute("UPDATE connector SET place_b = place_a WHERE entity_id = %s", here["out"].id)
+    return "no passage", {"out"}
+
+
 def is_put_in_a_door(here: semmap.Map, draw: random.Random) -> tuple[str, set[str]]:
     pose = here["d01"].pose
     assert pose is not None
@@ -251,6 +279,9 @@ FAULTS: list[Fault] = [
     tips,
     stands_in_a_door,
     is_put_in_a_door,
+    is_for_mice,
+    ends_beside_its_room,
+    joins_its_room_with_itself,
 ]
 
 

@@ -42,6 +42,12 @@ CONTENT = 0.95
 SMALLER = 0.8
 """Of the larger box of two: the largest box of a content. What is larger stands in its place."""
 
+NARROWEST = 0.2
+"""Metres of the width of the narrowest robots."""
+
+AHEAD = 0.35
+"""Metres before and behind a door that are in the rooms that it joins, behind walls."""
+
 DOOR = 0.9
 """Metres of the width of a proposed door."""
 
@@ -330,6 +336,33 @@ def _far_doors(building: SupportedBuilding) -> Found:
             yield (door.name, room.name), text, _door_moves(building, door, room, here)
 
 
+def _no_passage(building: SupportedBuilding) -> Found:
+    """Doors too narrow, that end beside a room, or that join a room with itself from outside."""
+    off = {names[0] for names, *_ in _far_doors(building)}
+    for door in building.doors:
+        assert door.pose is not None
+        rooms = [building.by_id.get(door.row[f"place_{end}"]) for end in "ab"]
+        outlines = [r.outline for r in rooms if r is not None and r.outline is not None]
+        width = door.row["width"] or 0.0
+        flat = door.pose.apply(
+            [[0, -width / 2, 0], [0, width / 2, 0], [-AHEAD, 0, 0], [AHEAD, 0, 0]]
+        )
+        spots = shapely.points(flat[:, :2])
+        beside = max((float(shapely.distance(spots[:2], o).max()) for o in outlines), default=0.0)
+        why = None
+        if 0 < width < NARROWEST:
+            why = f"is {width:.2f} m wide"
+        elif door.row["form"] not in ("door", "elevator_door") or door.name in off:
+            continue  # another rule says so
+        elif rooms[0] is rooms[1] and not shapely.covers(outlines[:1], spots[2:]).all():
+            why = "joins a room with itself, and is not in it"
+        elif beside > WALL + SAME_POINT:
+            why = f"ends {beside:.2f} m beside a room that it joins"
+        if why is not None:
+            fix = "by hand: draw it again in gis_connector, in the wall of its rooms, or delete it"
+            yield (door.name,), f"the door {door.name} {why}", fix
+
+
 def _door_moves(
     building: SupportedBuilding, door: CheckedEntity, room: CheckedEntity, here: shapely.Geometry
 ) -> Moves:
@@ -504,6 +537,7 @@ RULES: tuple[tuple[str, Severity, Callable[[SupportedBuilding], Found]], ...] = 
     ("blocked door", "error", partial(_blocked, structure=True)),
     ("things at one point", "error", _one_point),
     ("room off its storey", "error", _off_storey),
+    ("no passage", "warning", _no_passage),
     ("overlapping rooms", "warning", partial(_room_pairs, same=False)),
     ("room without a door", "warning", _no_door),
     ("storey without a floor", "warning", _no_floor),
@@ -522,6 +556,7 @@ RULES: tuple[tuple[str, Severity, Callable[[SupportedBuilding], Found]], ...] = 
 MOVED = {
     "door away from its room",
     "blocked door",
+    "no passage",
     "thing in a doorway",
     "things at one point",
     "things without a storey",
