@@ -17,8 +17,41 @@ _BLOCKED = 1e9  # seconds that a blocked passage costs here
 def infeasibility(graph: RoutingGraph, start: Endpoint, goal: Endpoint) -> str:
     """Why no route leads from one endpoint to the other, in words, with the graph's penalties.
 
-    It names the blocked edges of the route that needs the fewest of them.
+    It names the blocked edges of the route that needs the fewest of them, and the doors that would
+    make one if they were at their rooms.
     """
+    reason = _reason(graph, start, goal)
+    astray = _astray_on_way(graph, start.place, goal.place)
+    if not astray:
+        return reason
+    one = len(astray) == 1
+    doors = f"{', '.join(astray)} would join them, but {'is' if one else 'are'} not at"
+    return f"{reason}; {doors} {'its' if one else 'their'} rooms: semmap check says how far"
+
+
+def _astray_on_way(graph: RoutingGraph, start: str, goal: str) -> list[str]:
+    """The fewest doors that, at their rooms, would make a way from place to place for the robot."""
+    topology = graph.topology
+    numbers = {name: k for k, name in enumerate({**topology.places, OUTSIDE: None})}
+    ways = [
+        (door.places[side], door.places[1 - side], "")
+        for door in topology.connectors.values()
+        for side in (0, 1)
+        if OUTSIDE not in door.places and graph.robot.blocking_reason(door, side) is None
+    ]
+    for cabins in topology.cabins().values() if graph.robot.rides_elevators else ():
+        ways += [(a, b, "") for a in cabins for b in cabins]
+    for name, (a, b) in topology.astray.items():
+        if a in topology.places and b in topology.places and OUTSIDE not in (a, b):
+            ways += [(a, b, name), (b, a, name)]
+    tails, heads = ([numbers[way[end]] for way in ways] for end in (0, 1))
+    found = Graph(tails, heads, [float(bool(name)) for *_, name in ways], len(numbers)).shortest(
+        [(numbers[start], 0.0)], [(numbers[goal], 0.0)]
+    )
+    return [] if found is None else [name for k in found[1] if (name := ways[int(k)][2])]
+
+
+def _reason(graph: RoutingGraph, start: Endpoint, goal: Endpoint) -> str:
     robot = graph.robot
     message = f"no route from {start.place} to {goal.place}"
     if start.place == goal.place and start.pose is not None and goal.pose is not None:

@@ -19,7 +19,13 @@ from navgrid.policy import NONE, Policy
 from navgrid.readers.fields import read_field_versions, read_fields, read_live_versions
 from planner.readers.entity_lookup import MapLookup
 from planner.readers.robot_class import read_robot_class
-from planner.readers.topology import read_connectors, read_kinds, read_places, read_regions
+from planner.readers.topology import (
+    read_astray,
+    read_connectors,
+    read_kinds,
+    read_places,
+    read_regions,
+)
 from planner.readers.travel_times import TravelTimeStore
 from planner.robot_class import BODY, Durations, RobotClass
 from planner.routing_graph import RoutingGraph
@@ -239,7 +245,7 @@ class LiveTopology:
             places = read_places(seen)
             connectors = read_connectors(seen, places)
             regions, validity = read_regions(seen)
-            topology = Topology.of(places, connectors, regions)
+            topology = Topology.of(places, connectors, regions, read_astray(seen))
         robot, durations, store = RobotClass(), Durations(), None
         if isinstance(self._robot, RobotClass):
             robot = self._robot

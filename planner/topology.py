@@ -180,7 +180,8 @@ class Topology:
     """Places and connectors by name, and the regions of places. Treat it as immutable.
 
     `OUTSIDE` is a place if a connector leads there. Make one with `Topology.of`, which checks that
-    the parts fit together.
+    the parts fit together. `astray` are the two places of each connector that is not at them: no
+    route leads through it.
 
     Examples
     --------
@@ -193,6 +194,7 @@ class Topology:
     places: Mapping[str, Place] = field(default_factory=dict)
     connectors: Mapping[str, PlaceConnector] = field(default_factory=dict)
     regions: tuple[PlaceRegion, ...] = ()
+    astray: Mapping[str, tuple[str, str]] = field(default_factory=dict)
 
     @classmethod
     def of(
@@ -200,6 +202,7 @@ class Topology:
         places: Iterable[Place],
         connectors: Iterable[PlaceConnector],
         regions: Iterable[PlaceRegion] = (),
+        astray: Mapping[str, tuple[str, str]] | None = None,
     ) -> Topology:
         """The topology of these places, connectors and regions.
 
@@ -224,7 +227,7 @@ class Topology:
                         "add the room or correct the connector"
                     )
             joined[connector.name] = connector
-        return cls(by_name, joined, tuple(regions))
+        return cls(by_name, joined, tuple(regions), astray or {})
 
     def place(self, name: str) -> Place:
         """The place of this name; raises UnknownPlaceError."""

@@ -36,6 +36,13 @@ WHERE e.map_id = (SELECT current_map()) AND (%s::bigint[] IS NULL OR e.id = ANY 
 ORDER BY e.name
 """
 
+_ASTRAY = """
+SELECT e.name, a.name, b.name
+FROM connector c JOIN entity e ON e.id = c.entity_id JOIN world w ON w.entity_id = e.id
+JOIN entity a ON a.id = c.place_a LEFT JOIN entity b ON b.id = c.place_b
+WHERE e.map_id = (SELECT current_map()) AND NOT is_at_its_rooms(c, w.pose) ORDER BY e.name
+"""
+
 _THREE_POSES = np.dtype([("head", "V20"), ("poses", [("length", ">i4"), ("value", ">f8")], 21)])
 """Three poses in the binary format of an array of 21 numbers."""
 
@@ -65,7 +72,8 @@ WHERE w.entity_id = ANY (:ids) GROUP BY w.entity_id
 def read_topology(seen: Snapshot) -> Topology:
     """The topology of the current map, with all poses in the map's frame."""
     places = read_places(seen)
-    return Topology.of(places, read_connectors(seen, places), read_regions(seen)[0])
+    regions = read_regions(seen)[0]
+    return Topology.of(places, read_connectors(seen, places), regions, read_astray(seen))
 
 
 def read_places(seen: Snapshot) -> list[Place]:
@@ -131,6 +139,11 @@ def read_connectors(
         fields += [frozenset(permissions or ()), properties or _NO_PROPERTIES, number]
         found.append(PlaceConnector(*fields))
     return found
+
+
+def read_astray(seen: Snapshot) -> dict[str, tuple[str, str]]:
+    """The connectors that are not at the two places that they join."""
+    return {name: (a, b or OUTSIDE) for name, a, b in fetch_rows(seen, _ASTRAY)}
 
 
 def _composed(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
