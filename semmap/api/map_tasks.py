@@ -18,6 +18,9 @@ if TYPE_CHECKING:
     from planner.simulated_run import SimulatedMission
     from semmap.api.map_results import MapPlan, ObjectSearch
 
+AT_ONCE = 1e6
+"""Speed of the simulated robot that tries a plan: nobody watches it."""
+
 
 class MapTasks(MapDriving):
     """The part of `Map` about tasks."""
@@ -33,6 +36,7 @@ class MapTasks(MapDriving):
         patience: Positive = 10.0,
         pddl: Path | str | None = None,
         assume_sizes: bool = False,
+        try_grasps: bool = False,
     ) -> MapPlan:
         """The actions that reach a goal in the least time (Deeken et al., Figure 4).
 
@@ -49,13 +53,16 @@ class MapTasks(MapDriving):
         patience : seconds after which the best plan found so far is taken
         pddl : write ``domain.pddl`` and ``problem.pddl`` into this folder
         assume_sizes : give objects without geometry a typical box for their type
+        try_grasps : carry the plan out in a copy of the map, each grasp in physics, as `run` does;
+            it needs a login that may write
 
         Raises
         ------
         LookupError
             The map has no entity or robot of a name.
         ValueError
-            The goal cannot be read, or no plan reaches it; the message says why.
+            The goal cannot be read, or no plan reaches it, also not in physics; the message says
+            why.
         """
         from planner.readers.grasp_check import GraspCheck
         from planner.readers.robot_class import read_agent_class
@@ -64,6 +71,7 @@ class MapTasks(MapDriving):
         from planner.task_planner import TaskPlanner
         from planner.tasks.domain_file import read_domain
         from planner.tasks.pddl import write_pddl
+        from planner.tasks.problem import NoPlanError
         from semmap.api.map_results import MapPlan
         from semmap.query.geometry_notes import read_names_without_geometry
 
@@ -104,7 +112,16 @@ class MapTasks(MapDriving):
         options = {"start": start, "robot": agent, "gripper": gripper, "domain": domain}
         options |= {"assume_sizes": assume_sizes}
         told = {"reasons": tuple(reasons), "assumed": tuple(assumed)}
-        return MapPlan.of(self, plan, **told, options=options)
+        made = MapPlan.of(self, plan, **told, options=options)
+        if try_grasps and items:
+            if agent is None and robot is not None:
+                raise ValueError("try_grasps is for stored robots: semmap robot add")
+            tried = made.run(speed=AT_ONCE, try_grasps=True)
+            self.execute("SELECT drop_map(%s)", tried.map)  # the copy, with its mission
+            tried.world.unlink(missing_ok=True)
+            if not tried.done:
+                raise NoPlanError(f"no plan for {goal} holds in simulation: {tried.reason}")
+        return made
 
     def run(
         self,

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from planner.plan import Plan
 
 
-@command_of("Map.plan", start="--from")
+@command_of("Map.plan", start="--from", try_grasps="--try-grasps/--assume-grasps")
 def plan_command(call: MethodCall, json_: Json = False) -> None:
     """Plan a task: the actions that reach a goal in the least time."""
     plan = call()
