@@ -31,7 +31,8 @@ class UnknownPlaceError(Error, LookupError):
         known = sorted(known)
         otherwise = "the map has no rooms: import a world or an annotation that has rooms"
         if known:
-            otherwise = f"there are: {', '.join(known[:12])}{', ...' if len(known) > 12 else ''}"
+            few = len(known) <= 12
+            otherwise = f"there are: {', '.join(known)}" if few else "`semmap ls` lists the names"
         super().__init__(f"there is no place named {name}{suggestion(name, known, otherwise)}")
 
 

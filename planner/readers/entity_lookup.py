@@ -47,8 +47,8 @@ _NAMES = """
 SELECT DISTINCT unnest(ARRAY[type, label]) FROM entity
 WHERE map_id = current_map() AND kind IN ('room', 'object', 'region')
 UNION
-(SELECT name FROM entity WHERE map_id = current_map() AND name ILIKE :start
- AND kind IN ('room', 'object', 'region', 'agent') LIMIT 2000)
+(SELECT name FROM entity WHERE map_id = current_map()
+ AND kind IN ('room', 'object', 'region', 'agent') ORDER BY name ILIKE :start DESC LIMIT 10000)
 """
 
 _PLACE_AT = """
@@ -77,7 +77,7 @@ class MapLookup(EntityLookup):
         return None if name is None else str(name)
 
     def similar_names(self, word: str) -> list[str]:
-        """All types and labels of the map, and the names that begin like a word."""
+        """All types and labels of the map, and names, first those that begin like a word."""
         start = word[:2].replace("\\", r"\\").replace("%", r"\%").replace("_", r"\_") + "%"
         with self._snapshot() as seen:
             rows = seen.connection.execute(text(_NAMES), {"start": start}).scalars().all()

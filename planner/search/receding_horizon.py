@@ -9,7 +9,7 @@ possible, the next looks are also expanded answer by answer, with tours at their
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import product
 from typing import Literal
 
@@ -95,6 +95,20 @@ def decide(
         return Decision("go", best, tuple(options), tour)
     shut = problem.opening[best] > 0 and best not in opened
     return Decision("open" if shut else "look", best, tuple(options), tour)
+
+
+def tour_seconds(problem: SearchProblem, belief: Floats, tour: Sequence[int]) -> float:
+    """The expected seconds of a tour, which ends when an object is found: no cost of answers."""
+    if not tour:
+        return 0.0
+    order = np.array([tour], np.intp)
+    tours, timed = (
+        _Tours(each, belief, None, frozenset()) for each in (problem, replace(problem, wrong=0.0))
+    )
+    looks = min(
+        _all_looks(problem, belief), key=lambda looks: float(tours.totals(looks, order)[0, -1])
+    )
+    return float(timed.totals(looks, order)[0, -1])
 
 
 def _affordable(problem: SearchProblem, options: Sequence[Option]) -> int:

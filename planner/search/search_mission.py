@@ -271,15 +271,14 @@ def explain(
         text += f", to open {viewpoint.opens}"
     shows = ", ".join(f"{p} ({s:.0%} of it)" for p, s in viewpoint.shows[:MOST_NAMES])
     text += (
-        f": {chosen.seconds:.0f} s until a look shows {shows}, and {name} with "
-        f"{chosen.chance:.0%}; {chosen.cost:.0f} s with what a wrong answer would cost"
+        f": {chosen.seconds:.0f} s until a look shows {shows}, and {name} with {chosen.chance:.0%}"
     )
     others = [o for o in decision.options if o.viewpoint not in (None, decision.viewpoint)]
     if others:
         next_ = others[0]
         text += (
             f". From {search.viewpoints[next_.viewpoint or 0].name} first ({next_.seconds:.0f} s, "
-            f"{next_.chance:.0%}), {next_.cost:.0f} s"
+            f"{next_.chance:.0%})"
         )
     return text
 

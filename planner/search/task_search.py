@@ -8,7 +8,7 @@ from dataclasses import replace
 from planner.plan import Action, Plan
 from planner.search.problem_builder import ELSEWHERE
 from planner.search.reader import is_doubtful, read_holder, read_kind, read_seen_by
-from planner.search.receding_horizon import decide
+from planner.search.receding_horizon import decide, tour_seconds
 from planner.search.search_mission import MOST_NAMES, SearchPlanner, explain
 from planner.task_planner import TaskPlanner
 from planner.tasks.goal import Atom, Goal, parse_goal
@@ -123,7 +123,8 @@ def plan_with_search(
         if decision.action == "declare":
             continue
         rooms = [found.viewpoints[k].name for k in decision.tour]
-        actions.append(Action("search", (name, *rooms[:MOST_NAMES]), decision.cost))
+        seconds = tour_seconds(found.problem, found.belief, decision.tour)
+        actions.append(Action("search", (name, *rooms[:MOST_NAMES]), seconds))
     rest = [atom for atom in parsed.atoms if atom.relation != FOUND]
     bound = 0.0
     if rest:

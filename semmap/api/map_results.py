@@ -183,8 +183,10 @@ class ObjectSearch:
 
     @property
     def seconds(self) -> float:
-        """Expected seconds of the search, wrong answers included."""
-        return self.decision.cost
+        """Expected seconds of the tour, until the object is found."""
+        from planner.search.receding_horizon import tour_seconds
+
+        return tour_seconds(self.problem.problem, self.problem.belief, self.decision.tour)
 
     @cached_property
     def belief(self) -> dict[str, float]:

@@ -196,6 +196,7 @@ source = group(
 
 fields_command = group(
     printed("SpatialFields.ls", ("name", "kind", "voxels", "volume")),
+    _at,
     _query,
     _update,
     printed(
@@ -207,6 +208,4 @@ fields_command = group(
     _serve,
     _send,
 )
-negative = {"ignore_unknown_options": True}  # -1,2,3 is a point
-fields_command.command("at", help=_at.help, context_settings=negative)(_at.function)
 fields_command.add_typer(source, name="source", help="Sources of the running service.")

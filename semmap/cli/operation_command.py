@@ -16,6 +16,7 @@ The rest says how an option differs from its argument: ``keep_as="--keep"`` has 
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Mapping
 from contextlib import ExitStack, nullcontext
 from dataclasses import dataclass, fields, is_dataclass
@@ -24,7 +25,7 @@ from inspect import Parameter, Signature, signature
 from typing import Any, get_type_hints
 
 import typer
-from typer.core import TyperGroup
+from typer.core import TyperCommand, TyperGroup
 
 from semmap.api.operations import COMMANDS, OPERATIONS, Operation
 from semmap.api.signatures import REQUIRED, Argument
@@ -171,8 +172,17 @@ def group(*commands: OperationCommand, cls: type[TyperGroup] = TyperGroup) -> ty
     found = typer.Typer(no_args_is_help=True, cls=cls)
     for each in commands:
         name = str(each.operation.command).rpartition(" ")[2]
-        found.command(name, help=each.help)(each.function)
+        found.command(name, help=each.help, cls=NumbersCommand)(each.function)
     return found
+
+
+class NumbersCommand(TyperCommand):
+    """A command in which -1 and -1,2,3 are numbers, not options."""
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        """As words that begin with a negative number are no options."""
+        ctx.ignore_unknown_options |= any(re.match(r"-\.?\d", word) for word in args)
+        return super().parse_args(ctx, args)
 
 
 @dataclass(frozen=True)

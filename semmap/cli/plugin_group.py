@@ -15,6 +15,7 @@ import typer
 from typer.core import TyperGroup
 
 from semmap.api.operations import COMMANDS
+from semmap.cli.operation_command import NumbersCommand
 from semmap.cli.texts import with_options
 from semmap.error import Error
 from semmap.terminal import visible
@@ -76,7 +77,7 @@ class PluginGroup(TyperGroup):
         elif callable(found):
             around.command(name)(found)
         elif isinstance(getattr(found, "help", None), str):  # a `OperationCommand`
-            around.command(name, help=found.help)(found.function)
+            around.command(name, help=found.help, cls=NumbersCommand)(found.function)
         else:
             raise TypeError(f"{GROUP}: {name} is {found!r}, neither a function nor a typer.Typer")
         group = typer.main.get_command(around)

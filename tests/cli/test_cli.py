@@ -6,8 +6,11 @@ import json
 from pathlib import Path
 
 import pytest
+import shapely
 from sqlalchemy import Engine
 
+import semmap
+from tests import command_line
 from tests.forked import semmap_process
 from tests.ingest.worlds_by_hand import box_world
 
@@ -116,3 +119,19 @@ def test_changes_come_with_a_cursor(office: str) -> None:
         json.loads(semmap_process(office, "changes", then["cursor"], "--json").stdout)["changes"]
         == []
     )
+
+
+def test_negative_numbers_are_numbers_and_unknown_options_errors(database: str) -> None:
+    with semmap.connect(database) as db:
+        place = db.create_map("kelder")
+        for name, x in (("alpha", -5.0), ("beta", 0.2)):
+            place.add_room(name, shapely.box(x, -5, x + 4.9, 0), floor=0, ceiling=2.5)
+        place.add_door("d", "alpha", "beta", ((0.05, -3), (0.05, -2)))
+    for words, says in (
+        (("route", "-1,-2", "beta"), "alpha -> beta"),
+        (("route", "-1,-2,0", "-.5,-1"), "alpha"),
+        (("route", "-1,-2", "beta", "--bogus"), "--bogus"),
+    ):
+        found = command_line.semmap(database, *words, "--map", "kelder")
+        assert says in found.output
+        assert (found.exit_code == 0) == ("--bogus" not in words)

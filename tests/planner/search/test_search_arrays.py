@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from planner.search.pomdp import Pomdp, write_pomdp
-from planner.search.receding_horizon import decide
+from planner.search.receding_horizon import decide, tour_seconds
 from planner.search.search_problem import NOT_SEEN, SearchProblem, as_pomdp
 from tests.oracles.point_based import solve
 from tests.planner.search.brute import best_order, expectimax
@@ -291,3 +291,19 @@ def test_a_search_among_many_objects_and_places_takes_a_step():
     assert decision.action == "go"
     assert len(set(decision.tour)) > 10
     assert decision.cost < problem.declared(belief)[1]
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_the_seconds_of_a_tour_are_those_until_the_object_is_found(seed):
+    """As brute force adds them up by true spot; what a wrong answer costs is none of them."""
+    problem, belief = random_search(seed, wrong=[60.0, 3600.0][seed % 2], shut=seed % 3)
+    tour = decide(problem, belief).tour
+    expected, spent, unseen, at, opened = 0.0, 0.0, belief[0].copy(), None, set()
+    for stop in tour:
+        leg = problem.start[stop] if at is None else problem.travel[at, stop]
+        spent = leg + problem.look + (stop not in opened) * problem.opening[stop]
+        expected += unseen.sum() * spent
+        unseen *= 1 - problem.hit[0] * problem.visible[stop]
+        at = stop
+        opened.add(stop)
+    assert tour_seconds(problem, belief, tour) == pytest.approx(expected)
