@@ -49,6 +49,9 @@ HIT, FALSE_ALARMS, LACKING = 0.9, 0.001, 0.05
 """Of a detector: P(seen | there), and the expected number of false detections of a type at a place;
 of a map: the expected number of objects of a type at a place that it lacks."""
 
+AGAIN = 10.0
+"""Seconds within which views of one observer are not independent, as in the thesis's sightings."""
+
 NEW, FALSE_ALARM = "(new)", "(false alarm)"
 NONE_KNOWN = {NEW, FALSE_ALARM}
 """What a detection may be beside a known object."""
@@ -216,11 +219,16 @@ def observe_detections(
     a new one, with such rates that the belief says how probable that is. Each row has `type`,
     `object` (the most probable one, None for none), its `probability`, whether it was added as
     `new`, the `place`, and all that it `may_be`. `rates` and errors are those of `identify`;
-    nothing is stored then.
+    nothing is stored then. A doubtful view repeated within `AGAIN` seconds says nothing new: it
+    stays in doubt, and is not stored again.
     """
     found = identify(seen, detections, frame=frame, at=at, **rates)
     whole = _by_place(found)
-    chosen = _chosen(found, whole)
+    doubted = _doubted(seen, frame, at)
+    chosen = [
+        None if (name, who.place) in doubted else name
+        for name, who in zip(_chosen(found, whole), found, strict=True)
+    ]
     sighted = {name for name in chosen if name is not None}
     rows: list[Row] = []
     for detection, who, known in zip(detections, found, chosen, strict=True):
@@ -238,7 +246,7 @@ def observe_detections(
             least = max(LEAST, who.new)  # else many views of a new object make it a known one
             likely = {name for name, share in who.known.items() if share >= least} - sighted
             here = {each for each in likely if _likeliest(whole[each]) == place}
-            for each in sorted(here):
+            for each in sorted(name for name in here if (name, place) not in doubted):
                 odds = _rates(seen, each, str(place), whole[each][str(place)])
                 observe_point(seen, each, detection.point, frame=frame, at=at, surely=False, **odds)
             sighted |= here
@@ -246,6 +254,22 @@ def observe_detections(
         row |= {"probability": probability, "new": is_new, "place": place, "may_be": may_be}
         rows.append(row)
     return rows
+
+
+def _doubted(seen: Snapshot, observer: str | None, at: datetime | None) -> set[tuple[str, str]]:
+    """The objects and places that this observer has seen in doubt just before a moment."""
+    rows = seen.session.execute(_DOUBTED, {"observer": observer, "at": at, "again": AGAIN})
+    return {(name, place) for name, place in rows.fetchall()}
+
+
+_DOUBTED = """
+SELECT e.name, p.name FROM observation o JOIN entity e ON e.id = o.entity_id
+JOIN entity p ON p.id = o.place_id LEFT JOIN entity r ON r.id = o.observer_id,
+     (SELECT coalesce(%(at)s::timestamptz, clock_timestamp())) now (at)
+WHERE e.map_id = current_map() AND o.seen AND o.position IS NULL AND o.hit IS NOT NULL
+  AND r.name IS NOT DISTINCT FROM %(observer)s::text
+  AND o.at > now.at - make_interval(secs => %(again)s) AND o.at <= now.at
+"""
 
 
 def _by_place(found: Sequence[Identity]) -> dict[str, dict[str, float]]:

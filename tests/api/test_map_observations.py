@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from datetime import datetime
+from datetime import UTC, datetime, timedelta
 from typing import Any
 
 import numpy as np
@@ -116,6 +116,24 @@ def test_one_of_four_alike_that_moved_moves_none_of_them(flat: Map) -> None:
             assert (flat[name].pose.x, flat[name].pose.y) == pytest.approx(point)
     now = flat.beliefs(list(points))
     assert all(belief.rows[0]["place"] == "kitchen" for belief in now.values())
+
+
+def test_a_doubtful_view_that_is_repeated_says_nothing_new(flat: Map) -> None:
+    """Within ten seconds: later it is another look, which makes it surer."""
+    for name, (x, y) in {"a": (0.3, 0.3), "b": (0.3, 2.7), "c": (0.9, 0.6)}.items():
+        flat.add_object(name, type="stool", size=(0.3, 0.3, 0.4), pose=(x, y, 0, 0))
+    flat.add_object("lost", type="stool", size=(0.3, 0.3, 0.4))
+    seen = [Detection("stool", (2.6, 1.4, 0.2), (0.3, 0.3, 0.4))]
+    begin = datetime.now(UTC) - timedelta(seconds=60)
+    counts = []
+    for second in (0, 0.2, 1, 5, 9.9, 11, 12):
+        flat.observe_objects(seen, at=begin + timedelta(seconds=second))
+        counts.append(len(stored(flat)))
+    assert counts[0] > 0
+    assert len({*counts[:5]}) == 1
+    assert counts[5] > counts[4]
+    assert counts[6] == counts[5]
+    assert flat["lost"].pose is None
 
 
 def test_a_view_tells_what_was_seen_and_what_was_missed(flat: Map) -> None:

@@ -428,6 +428,14 @@ def test_a_solid_inside_another_is_found_and_what_is_in_an_open_inside_is_not(
     assert done(here, found)
 
 
+def test_what_hangs_within_a_solid_is_reported_once(db: semmap.Database) -> None:
+    here = db.create_map("nested")
+    here.add_room("r", [(0, 0), (9, 0), (9, 4), (0, 4)], floor=0, ceiling=2.5)
+    here.add_object("block", size=(0.6, 0.6, 0.6), pose=(6, 2, 0))
+    here.add_object("core", size=(0.2, 0.2, 0.2), pose=(6, 2, 0.2))
+    assert seen(here) == {("penetrating", frozenset({"core", "block"}))}
+
+
 def test_proposed_doors_are_on_one_floor_and_in_a_common_wall(db: semmap.Database) -> None:
     here = db.create_map("doors")
     for level, names in enumerate(("ab", "cd")):

@@ -111,7 +111,11 @@ def _no_storey(building: SupportedBuilding) -> Found:
 def _floating(building: SupportedBuilding) -> Found:
     grouped = {e.name for group in building.levels.values() for e in group}
     for entity in building.floating:
-        if entity.name in grouped:
+        if entity.name in grouped or any(
+            _shared(entity, other) is not None
+            for other in building.near(entity, 0.0)
+            if not _belongs(building, entity, other)
+        ):
             continue  # another rule says so
         gap, name = building.gap_beneath(entity)
         beneath = "the floor" if name is None else name
