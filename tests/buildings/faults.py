@@ -222,6 +222,11 @@ def _free(building: Building, place: semmap.Map) -> Iterator[Spot]:
             and item.high > room.floor - 0.1
         ]
         taken += [] if annex is None else [annex]
+        taken += [  # before a door they would be in its way
+            shapely.LineString(door.ends).buffer(0.3)
+            for door in building.doors
+            if room.name in door.rooms
+        ]
         free = room.outline.buffer(-0.4).difference(shapely.union_all(taken).buffer(0.4))
         while room.elevator is None and not free.is_empty:
             at = free.representative_point()
