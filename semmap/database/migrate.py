@@ -18,6 +18,7 @@ import psycopg
 from alembic import command
 from alembic.config import Config
 from alembic.util import CommandError
+from psycopg import sql
 from sqlalchemy import Connection, Engine, text
 from sqlalchemy.exc import DBAPIError
 
@@ -32,8 +33,6 @@ if TYPE_CHECKING:
 
 LOCK = 0x73656D6D6170  # "semmap"
 """Key of the advisory lock that whoever changes the schema holds."""
-
-CODE = ("functions/*.sql", "views/*.sql", "roles.sql")
 
 DROP_CODE = """
 DO $$
@@ -121,7 +120,10 @@ def _change_tables(
     if (revisions.installed(driver_of(connection)) or "").split(" ")[0] == revisions.newest():
         # bodies are not checked here: functions may call those of later files
         connection.exec_driver_sql("SET LOCAL check_function_bodies = off")
-        run_sql_files(connection, *(p for p in CODE if any(schema_folder().glob(p))))
+        run_sql_files(connection, *(p for p in revisions.CODE if any(schema_folder().glob(p))))
+        if connection.scalar(text("SELECT to_regnamespace('semmap') IS NOT NULL")):
+            mark = sql.Literal(revisions.code())
+            driver_of(connection).execute(sql.SQL("COMMENT ON SCHEMA semmap IS {}").format(mark))
 
 
 def _drop_code(connection: Connection) -> None:

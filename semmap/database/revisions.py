@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import ast
+import hashlib
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import psycopg
 
 from semmap.database.error import DatabaseError
-from semmap.database.files import migrations_folder
+from semmap.database.files import migrations_folder, schema_folder
 from semmap.database.maps import driver_of
 
 if TYPE_CHECKING:
@@ -19,26 +20,43 @@ VERSION_TABLE = "semmap_version"
 VERSION_SCHEMA = "public"
 """Not in `semmap`, for a revision may rename that schema."""
 
+CODE = ("functions/*.sql", "views/*.sql", "roles.sql")
+"""The files of `schema/` that are made again at each upgrade."""
+
 
 def installed(connection: psycopg.Connection[Any]) -> str | None:
     """The revision that the database has; None where there is no schema yet.
 
-    A downgrade drops the functions: without them, a revision is told as ``0001 without functions``,
-    which is never the newest. DatabaseError where the user has no right to read it.
+    A downgrade drops the functions: without them, a revision is told as ``0001 without functions``;
+    with those of another version of semmap, the newest is told as ``0004 with other functions``.
+    DatabaseError where the user has no right to read it.
     """
     try:
         with connection.transaction():
             row = connection.execute(
-                "SELECT version_num || CASE WHEN EXISTS (SELECT FROM pg_proc "
-                "WHERE pronamespace = to_regnamespace('semmap')) "
-                "THEN '' ELSE ' without functions' END "
+                "SELECT version_num, EXISTS (SELECT FROM pg_proc "
+                "WHERE pronamespace = to_regnamespace('semmap')), "
+                "obj_description(to_regnamespace('semmap'), 'pg_namespace') "
                 f"FROM {VERSION_SCHEMA}.{VERSION_TABLE}"
             ).fetchone()
     except psycopg.errors.UndefinedTable:
         return None
     except psycopg.ProgrammingError as error:
         raise DatabaseError(f"the schema's revision cannot be read: {error}") from error
-    return None if row is None else str(row[0])
+    if row is None:
+        return None
+    version, has_code, mark = row
+    if not has_code:
+        return f"{version} without functions"
+    return f"{version} with other functions" if version == newest() and mark != code() else version
+
+
+def code() -> str:
+    """What the comment on the schema says of the functions, views and rights in `schema/`."""
+    digest = hashlib.sha256()
+    for path in sorted(file for pattern in CODE for file in schema_folder().glob(pattern)):
+        digest.update(path.read_bytes())
+    return f"semmap's functions {digest.hexdigest()[:16]}"
 
 
 def installed_on(engine: Engine) -> str | None:

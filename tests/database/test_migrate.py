@@ -167,6 +167,21 @@ def test_revisions_change_what_functions_depend_on(engine: Engine) -> None:
     assert revisions.installed_on(engine) == released
 
 
+def test_functions_of_another_version_are_made_again(engine: Engine) -> None:
+    with engine.begin() as connection:
+        connection.exec_driver_sql("DROP VIEW semmap.door_faults")
+        connection.exec_driver_sql("COMMENT ON SCHEMA semmap IS 'functions of before'")
+        names = {*connection.exec_driver_sql(NAMES).scalars()}
+    newest = revisions.newest()
+    assert revisions.installed_on(engine) == f"{newest} with other functions"
+    with pytest.raises(OldSchema, match=f"{newest} with other functions, .* run semmap db upgrade"):
+        open_engine(engine.url, check=True)
+    open_engine(engine.url).dispose()
+    assert revisions.installed_on(engine) == newest
+    with engine.begin() as connection:
+        assert "door_faults" in {*connection.exec_driver_sql(NAMES).scalars()} - names
+
+
 def test_drop_and_install_again(engine: Engine) -> None:
     with engine.begin() as connection:
         connection.exec_driver_sql("INSERT INTO map (name) VALUES ('gone')")
