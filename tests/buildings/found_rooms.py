@@ -128,7 +128,8 @@ def score_lifts(building: Building, found: Sequence[FoundRooms]) -> Score:
     outlines = {room.name: room.outline for storey in found for room in storey.rooms}
     lifts = [[outlines[name] for name in lift.cabins] for each in found for lift in each.lifts]
     right = [all(score_rooms([r], cabins).both for r in rooms) for rooms in lifts]
-    return Score(int(len(cabins) > 1), len(lifts), sum(right))
+    known = int(len(cabins) > 1)
+    return Score(known, len(lifts), min(known, sum(right)))  # one in two parts is one
 
 
 def areas(known: Sequence[shapely.Polygon], found: Sequence[shapely.Polygon]) -> list[float]:
