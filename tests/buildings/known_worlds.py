@@ -27,10 +27,13 @@ from semmap.query.storey_reader import read_storeys
 from semmap.query.storey_scene import SceneEntity, StoreyScene
 from tests.buildings.found_rooms import NEAR, SHARED
 
+OFFICE = Path(__file__).parents[2] / "examples" / "office"
+
 WORLDS = {
     "hotel": ("rmf/hotel/hotel.building.yaml",),
     "clinic": ("rmf/clinic/clinic.building.yaml",),
     "Duplex": ("ifc/Duplex_A_20110907.ifc",),
+    "office": (OFFICE / "office.sdf", OFFICE / "office_rooms.geojson"),
     "small_house": (
         "small_house/worlds/small_house.world",
         Path(__file__).parents[1] / "worlds" / "small_house_rooms.geojson",
