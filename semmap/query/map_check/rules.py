@@ -397,7 +397,7 @@ def _blocked(building: SupportedBuilding, structure: bool) -> Found:
             continue  # another rule says so
         assert door.pose is not None
         width = door.row["width"] or DOOR
-        solids = building.at_opening(door.pose, width)
+        solids = [e for e in building.at_opening(door.pose, width) if e.row["type"] != "door_leaf"]
         taken = {e: taken_lines(door.pose, width, e.triangles) for e in solids}
         parts = closing(width, {e: v for e, v in taken.items() if building.is_part(e)})
         shut = parts if structure or parts else closing(width, taken)
