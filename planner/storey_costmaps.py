@@ -33,6 +33,9 @@ from semmap.query.storey_scene import SceneEntity, StoreyScene
 
 T = TypeVar("T")
 
+LEAVES, FRAME = frozenset({"door", "door_leaf"}), 0.2
+"""Types of the leaves of doors; metres beside a line across an opening where closed ones are."""
+
 SNAP = 0.5
 """Metres within which a pose that is too close to an obstacle counts as the nearest free cell."""
 
@@ -119,10 +122,15 @@ class StoreyCostmaps:
         self._progress = progress
 
     def costmap(self, storey: str) -> Costmap:
-        """The costmap of a storey, without its doors and agents."""
+        """The costmap of a storey, without its doors, their closed leaves, and agents."""
         if storey not in self._costmaps:
             scene = self._read_scene(storey)
-            fixed = tuple(e for e in scene.entities if e.kind not in ("connector", "agent"))
+            openings = self._openings(storey)
+            fixed = tuple(
+                e
+                for e in scene.entities
+                if e.kind not in ("connector", "agent") and not _is_closed_leaf(e, openings)
+            )
             self._costmaps[storey] = Costmap(
                 replace(scene, entities=fixed),
                 self.robot.parts,
@@ -131,6 +139,19 @@ class StoreyCostmaps:
                 fields=self._fields,
             )
         return self._costmaps[storey]
+
+    def _openings(self, storey: str) -> list[shapely.Polygon]:
+        """The ground of the doors of a storey, as thick as leaves and their frames."""
+        doors = (
+            c
+            for c in self.topology.connectors.values()
+            if c.type in ("door", "elevator_door") and c.metres > 0
+        )
+        return [
+            door.leaf(FRAME).buffer(FRAME, cap_style="flat")
+            for door in doors
+            if storey in (self.storey_of(place) for place in door.places if place != OUTSIDE)
+        ]
 
     def storeys(self) -> list[str]:
         """The storeys whose costmaps are made by now."""
@@ -607,6 +628,14 @@ def _stands_in(costmap: Costmap, door: PlaceConnector) -> bool:
     except ValueError:  # outside of the grid
         return False
     return any(s.cost >= INSCRIBED and s.layer != WALLS for s in sources)
+
+
+def _is_closed_leaf(entity: SceneEntity, openings: Sequence[shapely.Polygon]) -> bool:
+    """Whether it is a leaf in the opening of its door, whose state says whether it is shut."""
+    if LEAVES.isdisjoint(entity.types) or entity.footprint is None or entity.footprint.is_empty:
+        return False
+    least = 0.9 * entity.footprint.area
+    return any(entity.footprint.intersection(opening).area >= least for opening in openings)
 
 
 def _stands_near(costmap: Costmap, way: shapely.LineString) -> bool:

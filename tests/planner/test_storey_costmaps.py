@@ -384,3 +384,24 @@ def test_a_pose_too_near_to_something_is_snapped_and_one_in_it_refused():
 def test_a_robot_without_a_shape_has_no_ground():
     with pytest.raises(ValueError, match=r"robot robot has no shape.*semmap robot add"):
         StoreyCostmaps(rooms(), RobotClass(), lambda storey: scene())
+
+
+def test_a_closed_leaf_is_the_door_and_a_wall_in_its_place_is_none() -> None:
+    """A leaf in its opening is passed, for the door is opened; one that stands out is not."""
+    panel = box(30, 3.05, 1.5, 0.5)
+    flat = panel.triangles.copy()
+    flat[:, :, 0] = 3.05 + (flat[:, :, 0] - 3.05) * 0.05
+    ground = shapely.box(3.025, 1.0, 3.075, 2.0)
+    for types, passes in (
+        (("door_leaf", "building_element"), True),
+        (("wall", "building_element"), False),
+    ):
+        leaf = replace(panel, triangles=flat, footprint=ground, types=types)
+        made = StoreyCostmaps(
+            rooms(),
+            ROBOT,
+            lambda storey, leaf=leaf: scene([wall(20, -0.2, 1.0), wall(21, 2.0, 3.2), leaf]),
+            resolution=0.05,
+        )
+        reason = made.obstruction("left", rooms().connectors["door"].poses[0])
+        assert (reason is None) == passes, reason

@@ -335,6 +335,20 @@ def test_planted_fault_is_the_only_finding(db: semmap.Database, fault: Fault) ->
             assert done(here, found)
 
 
+def test_books_in_a_row_and_plates_in_a_stack_are_no_twins(db: semmap.Database) -> None:
+    here = db.create_map("shelf")
+    here.add_room("r", [(0, 0), (4, 0), (4, 4), (0, 4)], floor=0, ceiling=2.5)
+    for number in range(3):
+        mesh = box_mesh((0, 0, 0), (0.03, 0.2, 0.25))
+        here.add_object(f"b{number}", mesh=mesh, pose=(1 + 0.03 * number, 1, 0))
+        plate = box_mesh((-0.1, -0.1, 0), (0.1, 0.1, 0.003))
+        here.add_object(f"p{number}", mesh=plate, pose=(2, 1, 0.01 + 0.004 * number))
+    assert "things at one point" not in {kind for kind, _ in seen(here)}
+    here.add_object("b", mesh=mesh, pose=(1.02, 1, 0))
+    twins = {names for kind, names in seen(here) if kind == "things at one point"}
+    assert any("b" in names for names in twins)
+
+
 def stool(draw: random.Random) -> list[tuple[tuple[float, ...], tuple[float, ...]]]:
     """The boxes of a table or stool: four legs and a plate."""
     x, y, z = draw.uniform(0.2, 1), draw.uniform(0.2, 0.6), draw.uniform(0.4, 1)

@@ -202,7 +202,8 @@ def _coincide(one: CheckedEntity, two: CheckedEntity) -> bool:
     sizes = one.high - one.low, two.high - two.low
     alike = np.abs(sizes[0] - sizes[1]) <= TWINS * np.maximum(*sizes)
     near = apart <= np.array([CONTACT, CONTACT, min(STACKED, sizes[0][2] / 2)]) + 1e-6
-    return bool(len(one.triangles) and len(two.triangles) and alike.all() and near.all())
+    shaped = len(one.triangles) and len(two.triangles)
+    return bool(shaped and alike.all() and near.all() and _share_space(one, two))
 
 
 def _share_space(one: CheckedEntity, two: CheckedEntity) -> bool:
