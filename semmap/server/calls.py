@@ -20,6 +20,10 @@ _ROWS = {"Map.find": "Map.table"}
 """Methods that return entities, and those that return their rows."""
 
 
+_WRITING = ("try_grasps", "write")
+"""Arguments that let what only reads write."""
+
+
 class OperationCall:
     """An operation of a map that programs call by name."""
 
@@ -31,7 +35,8 @@ class OperationCall:
     def arguments(self) -> dict[str, Schema]:
         """The JSON schema of each argument that JSON can give."""
         found = {each.name: schema_of(each) for each in self.operation.arguments}
-        return {name: schema for name, schema in found.items() if schema is not None}
+        left_out = _WRITING if self.operation.right == "reader" else ()
+        return {n: each for n, each in found.items() if each is not None and n not in left_out}
 
     @cached_property
     def required(self) -> list[str]:

@@ -75,7 +75,7 @@ class ToolServer:
             found = await anyio.to_thread.run_sync(
                 call, chosen, params.arguments or {}, limiter=self._limiter
             )
-        except Error as error:
+        except (Error, OSError) as error:  # of the files of a simulated world
             return _refused(str(error))
         if isinstance(found, Picture):
             data = base64.b64encode(found.png).decode()

@@ -90,6 +90,8 @@ def test_what_a_client_may_not_do_or_says_wrong_is_named(url: str) -> None:
     async def talk(client: Client) -> None:
         assert "no tool observe: there are find, " in await refusal(client, "observe", name="x")
         assert "no argument colour" in await refusal(client, "find", colour="red")
+        trial = {"goal": "in(robot, kitchen)", "try_grasps": True}
+        assert "no argument try_grasps" in await refusal(client, "plan", **trial)
         assert "route needs start" in await refusal(client, "route", goal="kitchen")
         words = {"start": "kitchen", "goal": "bedroom", "robot": "../etc/robot.urdf"}
         assert "give the name of one in the map" in await refusal(client, "route", **words)
