@@ -116,7 +116,8 @@ class FoundRooms:
     """What the geometry of a storey shows and the map does not have yet.
 
     These are rooms, doorways, stairs to the storey above, and lifts that begin here. `known` are
-    the rooms of the map that were found again; `problem` says why nothing was found.
+    the rooms of the map that were found again; `problem` says why nothing was found, or which
+    doorways were not added, and why.
     """
 
     storey: str

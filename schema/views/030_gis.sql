@@ -140,7 +140,7 @@ BEGIN
             USING ERRCODE = 'check_violation', HINT = 'Draw its line from one room into another of the storey, or outside.';
     END IF;
     SELECT max(ST_Distance(w.footprint, middle)) INTO away FROM semmap.world w WHERE w.entity_id = ANY (rooms);
-    IF away > semmap.door_reach() THEN
+    IF away > semmap.door_reach(semmap.opening_of(semmap.planar_pose(ST_X(middle), ST_Y(middle), heading), 0.2), rooms) THEN
         RAISE EXCEPTION 'the middle of % is % m beside a room that it joins', whose, round(away::numeric, 2)
             USING ERRCODE = 'check_violation', HINT = 'Draw its line as far into the one room as into the other, so that the door is in their wall.';
     END IF;

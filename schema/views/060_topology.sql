@@ -13,8 +13,8 @@ CREATE VIEW approach_pose AS
 CREATE FUNCTION is_at_its_rooms(c connector, at_pose double precision[])
 RETURNS boolean LANGUAGE sql STABLE SET search_path = semmap, public, pg_temp
 BEGIN ATOMIC
--- Whether a connector with this world pose is at the rooms that it joins: its opening, or the ends of stairs and ramps,
--- door_reach() beside them and half a metre above or below their floors at most. No route leads through others.
+-- Whether a connector with this world pose is at the rooms that it joins: its opening in their wall, or the ends of
+-- stairs and ramps, door_reach() beside them and half a metre above or below their floors at most. No route leads through others.
 SELECT NOT EXISTS (
     SELECT FROM (VALUES (c.place_a, pose_compose(at_pose, c.pose_a)), (c.place_b, pose_compose(at_pose, c.pose_b))) s (place, stand)
     JOIN world w ON w.entity_id = s.place JOIN room r ON r.entity_id = s.place
@@ -22,7 +22,9 @@ SELECT NOT EXISTS (
     CROSS JOIN LATERAL (SELECT CASE WHEN climbs THEN ST_MakePoint(stand[1], stand[2]) ELSE opening_of(at_pose, c.width) END AS at,
                                CASE WHEN climbs THEN stand[3] ELSE at_pose[3] END AS z) o
     WHERE w.footprint IS NOT NULL
-      AND (ST_Distance(w.footprint, o.at) > door_reach() + 1e-6 OR abs(o.z - w.pose[3] - r.floor) > 0.5 + 1e-6));
+      AND (abs(o.z - w.pose[3] - r.floor) > 0.5 + 1e-6
+           OR ST_Distance(w.footprint, o.at) > door_reach() + 1e-6
+          AND (climbs OR ST_Distance(w.footprint, o.at) > door_reach(o.at, ARRAY[c.place_a, c.place_b]) + 1e-6)));
 END;
 
 CREATE VIEW gis_approach_pose AS

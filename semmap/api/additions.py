@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -25,7 +26,7 @@ from semmap.ingest.world import (
     Shape,
     World,
 )
-from semmap.query.map_check.building import STEP
+from semmap.query.map_check.building import STEP, WALL
 
 if TYPE_CHECKING:
     from navgrid.found_rooms import FoundRooms
@@ -159,7 +160,10 @@ def door(
     if sides[0] > 0 or (sides[0] == 0 and sides[1:] == [-1]):
         normal = -normal
     yaw = math.atan2(normal[1], normal[0])
-    reach = clearance + SIDE
+    reaches = [clearance + SIDE] * 2
+    for number, room in enumerate(rooms):  # in the room, and not in a thick wall
+        away = room.footprint.distance(shapely.Point(middle)) if room.footprint else 0.0
+        reaches[number] += max(0.0, away - WALL)
     place_a, place_b = places
     if detail["width"] is None:
         detail["width"] = length
@@ -175,7 +179,7 @@ def door(
         pose=Pose.planar(float(middle[0]), float(middle[1]), yaw, height),
         detail=ConnectorDetail(
             (place_a, OUTSIDE if place_b is None else place_b),
-            (Pose(-reach), Pose.planar(reach, 0, math.pi)),
+            (Pose(-reaches[0]), Pose.planar(reaches[1], 0, math.pi)),
             **detail,
         ),
     )
@@ -204,8 +208,11 @@ WHERE f.type = ANY (subtypes('room')) GROUP BY s.name
 """By type of objects, the types of rooms in which they usually are."""
 
 
-def add_found_rooms(map: Map, found: FoundRooms) -> None:
-    """Add the rooms and doorways of a storey that were found."""
+def add_found_rooms(map: Map, found: FoundRooms) -> FoundRooms:
+    """Add the rooms and doorways of a storey that were found; return those that were added.
+
+    A doorway that is no sound door is left out, and `problem` says why.
+    """
     for room in found.rooms:
         heights = found.elevation, room.ceiling
         made = drawn(room.name, "room", room.outline, *heights, room.type, None)
@@ -214,13 +221,22 @@ def add_found_rooms(map: Map, found: FoundRooms) -> None:
             "shown_by": list(room.shown_by),
         }
         add_entry(map, made, storey=found.storey if found.storey in map else None)
+    added, faults = [], []
     for way in found.doorways:
         detail = {"width": None, "type": "door", "behaviour": "drive_through"}
         line = way.line.coords[:]
-        made = door(map, way.name, way.rooms, line, found.elevation, CLEARANCE, **detail)
+        try:
+            made = door(map, way.name, way.rooms, line, found.elevation, CLEARANCE, **detail)
+        except ValueError as error:
+            faults.append(str(error))
+            continue
         made.type = "opening"
         made.properties["found"] = {"confidence": round(way.confidence, 3)}
         add_entry(map, made)
+        added.append(way)
+    if not faults:
+        return found
+    return replace(found, doorways=tuple(added), problem="; ".join(faults))
 
 
 def add_found_stairs(map: Map, found: FoundRooms) -> None:

@@ -281,6 +281,7 @@ class Database(DatabaseManipulation, DatabaseInterlinking):
             found = made.find_rooms(add=True)
             summary.notes += [
                 f"{each.storey}: found {len(each.rooms)} rooms, {len(each.doorways)} doorways"
+                + (f"; left out: {each.problem}" if each.problem else "")
                 for each in found
             ]
         return summary

@@ -279,7 +279,8 @@ class Map(
         Parameters
         ----------
         storey : only this one
-        add : put them into the map, all of them or none; their property `found` has the confidence
+        add : put them into the map; their property `found` has the confidence. A doorway that is
+            no sound door, as in a wall thicker than 1.2 m, is left out: `problem` says which
 
         Raises
         ------
@@ -312,7 +313,8 @@ class Map(
         found = with_lifts(scenes, with_stairs(scenes, found))
         if add:
             with self._change():
-                for step in (add_found_rooms, add_found_stairs, add_found_lifts):
+                found = [add_found_rooms(self, each) for each in found]
+                for step in (add_found_stairs, add_found_lifts):
                     for each in found:
                         step(self, each)
         return found

@@ -24,7 +24,7 @@ BEHAVIOURS = {
 }
 """The behaviour that passing a connector of this form or type needs, unless a file states it."""
 
-APPROACH_DISTANCES = (0.6, 0.5, 0.4, 0.8, 1.0, 0.3)
+APPROACH_DISTANCES = (0.6, 0.5, 0.4, 0.8, 1.0, 0.3, 1.3)
 """Metres from an opening at which a robot may face it, the preferred distance first."""
 
 

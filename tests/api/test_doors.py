@@ -9,8 +9,11 @@ from pathlib import Path
 
 import pytest
 import shapely
+import shapely.affinity
 
 import semmap
+from navgrid.found_rooms import FoundDoorway, FoundRoom, FoundRooms
+from semmap.api.additions import add_found_rooms
 
 ROOMS = {"cella": (0, 0, 4, 4), "aula": (4.2, 0, 9, 3)}
 
@@ -119,3 +122,135 @@ def test_an_import_says_which_doors_lead_nobody(database: str, tmp_path: Path) -
         ]
         found = {each.entities for each in db.map("imported").check() if each.kind == "no passage"}
         assert found == {("slit",), ("long",)}
+
+
+def two_rooms(place: semmap.Map, wall: float, turn: float) -> shapely.LineString:
+    """Add rooms to both sides of a wall; return the line through it, x from 0 to its thickness."""
+    for name, (low, high) in {"one": (-4, 0), "other": (wall, wall + 4)}.items():
+        outline = shapely.affinity.rotate(shapely.box(low, 20, high, 24), turn, origin=(0, 20))
+        place.add_room(name, outline)
+    return shapely.affinity.rotate(shapely.LineString([(0, 22), (wall, 22)]), turn, origin=(0, 20))
+
+
+def across(wall: shapely.LineString, part: float, along: float = 0.0) -> list[tuple[float, float]]:
+    """A line of 1 m through a part of a wall, parallel to its faces."""
+    (ax, ay), (bx, by) = wall.coords
+    x, y = ax + part * (bx - ax), ay + part * (by - ay)
+    u, v = -(by - ay) / wall.length, (bx - ax) / wall.length
+    return [(x + (along + s) * u, y + (along + s) * v) for s in (-0.5, 0.5)]
+
+
+@pytest.mark.parametrize("turn", [0, 33])
+@pytest.mark.parametrize("thick", [0.2, 0.35, 0.5, 0.65, 0.7, 0.9, 1.0])
+def test_a_door_may_be_anywhere_in_a_thick_wall(
+    place: semmap.Map, thick: float, turn: float
+) -> None:
+    wall = two_rooms(place, thick, turn)
+    for number, part in enumerate((0, 0.25, 0.5, 0.75, 1)):
+        made = place.add_door(f"d{number}", "one", "other", across(wall, part))
+        poses = place.execute("SELECT pose FROM approach_pose WHERE connector = %s", made.name)
+        stands = [shapely.Point(pose[:2]) for (pose,) in poses]
+        for room in ("one", "other"):
+            assert any(place[room].footprint.buffer(-0.1).contains(each) for each in stands)  # type: ignore[union-attr]
+    assert not [f for f in place.check() if f.kind in ("no passage", "door away from its room")]
+    passable = "SELECT is_at_its_rooms(c, w.pose) FROM connector c JOIN world w USING (entity_id)"
+    assert {row[0] for row in place.execute(passable)} == {True}
+    for line in (across(wall, 1 + 0.5 / thick), across(wall, 0.5, along=2.1)):
+        with pytest.raises(ValueError, match="beside"):
+            place.add_door("off", "one", "other", line)
+
+
+@pytest.mark.parametrize("thick", [0.4, 0.9])
+def test_a_door_through_a_thick_wall_is_drawn_and_moved_in_it(
+    place: semmap.Map, thick: float
+) -> None:
+    two_rooms(place, thick, 0)
+    place.execute(
+        "INSERT INTO gis_connector (map, name, width, geom) VALUES ('doors', 'd', 1, "
+        "ST_GeomFromText(%s))",
+        f"LINESTRING(-0.5 22, {thick + 0.5} 22)",
+    )
+    passable = "SELECT is_at_its_rooms(c, w.pose) FROM connector c JOIN world w USING (entity_id)"
+    for x, sound in ((0.0, True), (thick, True), (thick + 0.5, False), (-0.5, False)):
+        place["d"].move_to(x, 22, 0)
+        assert place.execute(passable)[0][0] == sound
+        found = {each.kind for each in place.check() if "d" in each.entities}
+        assert ("door away from its room" in found) != sound
+
+
+def test_no_door_leads_through_a_room_or_a_wall_of_two_metres(place: semmap.Map) -> None:
+    for name, (low, high) in {
+        "a": (0, 3),
+        "closet": (3.1, 3.8),
+        "b": (3.9, 7),
+        "c": (9, 12),
+    }.items():
+        place.add_room(name, shapely.box(low, 20, high, 24))
+    for rooms, x in ((("a", "b"), 3.45), (("b", "c"), 8.0)):
+        with pytest.raises(ValueError, match="beside"):
+            place.add_door("d", *rooms, ((x, 21), (x, 22)))
+
+
+@pytest.mark.parametrize("thick", [0.2, 0.4, 0.64, 0.7, 0.9, 1.0])
+def test_rooms_are_found_on_both_sides_of_a_thick_wall(database: str, thick: float) -> None:
+    walls: list[tuple[float, ...]] = [
+        (0, 0, 0.2, 5),
+        (9.8 + thick, 0, 10 + thick, 5),
+        (0, 0, 10 + thick, 0.2),
+    ]
+    walls += [(0, 4.8, 10 + thick, 5), (3, 0, 3.2, 2), (3, 2.9, 3.2, 5)]
+    walls += [(6, 0, 6 + thick, 2), (6, 2.9, 6 + thick, 5)]
+    with semmap.connect(database) as db:
+        place = db.create_map("walled")
+        for number, (a, b, c, d) in enumerate(walls):
+            middle = ((a + c) / 2, (b + d) / 2, 0)
+            place.add_object(f"w{number}", type="wall", size=(c - a, d - b, 2.6), pose=middle)
+        (found,) = place.find_rooms(add=True)
+        assert {room.name for room in found.rooms} == {room.name for room in place.rooms}
+        assert {way.name for way in found.doorways} == {door.name for door in place.doors}
+        west, *_, east = sorted(place.rooms, key=lambda room: room.footprint.centroid.x)  # type: ignore[union-attr]
+        assert found.problem is None
+        assert len(place.route(west.name, east.name).doors) == 2
+
+
+def test_a_found_doorway_that_is_no_door_is_left_out_alone(place: semmap.Map) -> None:
+    rooms = tuple(
+        FoundRoom(name, shapely.box(low, 20, low + 4, 24), 2.5, 0.9)
+        for name, low in (("west", 0.0), ("east", 4.7))
+    )
+    posts = {"sound": ((4.35, 21), (4.35, 22)), "off": ((6, 21), (6, 22))}
+    ways = tuple(
+        FoundDoorway(name, ("west", "east"), shapely.LineString(line), 1.0)
+        for name, line in posts.items()
+    )
+    added = add_found_rooms(place, FoundRooms("ground", 0.0, rooms, ways))
+    assert {"west", "east"} <= {room.name for room in place.rooms}
+    assert [door.name for door in place.doors] == [way.name for way in added.doorways] == ["sound"]
+    assert (added.problem or "").startswith("off ends 2.00 m beside west")
+
+
+@pytest.mark.parametrize("thick", [0.4, 0.9, 1.1])
+@pytest.mark.parametrize("part", [0, 0.5])
+def test_a_door_of_a_file_leads_through_a_thick_wall(
+    database: str, tmp_path: Path, thick: float, part: float
+) -> None:
+    shapes = {"p": shapely.box(0, 0, 4, 3), "q": shapely.box(4 + thick, 0, 9, 3)}
+    x = 4 + part * thick
+    shapes["d"] = shapely.LineString([(x, 1), (x, 2)])
+    kinds = {"p": {"kind": "room"}, "q": {"kind": "room"}}
+    features = [
+        {
+            "type": "Feature",
+            "properties": {"name": name, **kinds.get(name, {"kind": "connector", "joins": "p,q"})},
+            "geometry": shapely.geometry.mapping(shape),
+        }
+        for name, shape in shapes.items()
+    ]
+    path = tmp_path / "thick.geojson"
+    path.write_text(json.dumps({"type": "FeatureCollection", "features": features}))
+    with semmap.connect(database) as db:
+        summary = db.import_file(path, map="thick")
+        place = db.map("thick")
+        assert not [note for note in summary.notes if note.startswith("d ")]
+        assert [step.connector.name for step in place.route("p", "q").doors] == ["d"]
+        assert not [each for each in place.check() if "d" in each.entities]

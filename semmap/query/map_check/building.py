@@ -39,6 +39,9 @@ WALL = 0.3
 """Metres of the thickest usual wall: outlines of rooms may follow either face of it, and its door
 may be drawn on either, too."""
 
+THICKEST = 1.2
+"""Metres of the thickest wall between two rooms that has a door."""
+
 CEILING = 0.5
 """Metres beneath a ceiling that is only a number: slabs and suspended ceilings lie between."""
 

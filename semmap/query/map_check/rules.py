@@ -22,6 +22,7 @@ from semmap.query.map_check.building import (
     FASTENED,
     SAME_POINT,
     STEP,
+    THICKEST,
     WALL,
 )
 from semmap.query.map_check.doorways import closing, taken_lines
@@ -319,12 +320,41 @@ def _door(building: SupportedBuilding, room: CheckedEntity) -> str:
     return "by hand: draw its door in gis_connector; no room is beside it on its floor"
 
 
+def _wall_at(building: SupportedBuilding, door: CheckedEntity) -> float:
+    """How far a door may be from its rooms: the thickness of their wall there, if it is thick.
+
+    Measured across the opening, a tenth of its width within its posts; no third room is in it.
+    """
+    assert door.pose is not None
+    ends = [building.by_id.get(door.row[f"place_{end}"]) for end in "ab"]
+    rooms = [room for room in ends if room is not None and room.kind == "room" and room.outline]
+    inner = 0.4 * (door.row["width"] or 0.0)
+    if len(rooms) < 2 or rooms[0] is rooms[1] or not inner:
+        return WALL
+    thick = WALL
+    for y in (-inner, inner):
+        reach = THICKEST + FASTENED
+        across = shapely.LineString(door.pose.apply([[-reach, y, 0], [reach, y, 0]])[:, :2])
+        faces = [across.intersection(room.outline) for room in rooms]
+        if any(face.is_empty for face in faces) or shapely.distance(*faces) > THICKEST:
+            return WALL
+        wall = shapely.shortest_line(*faces)
+        for number in building.room_tree.query(wall, predicate="intersects"):
+            other = building.rooms[number]
+            level = abs(building.floor(other) - building.floor(rooms[0])) <= STEP
+            if other not in rooms and level and wall.intersection(other.outline).length > 0.1:
+                return WALL
+        thick = max(thick, wall.length + FASTENED)
+    return thick
+
+
 def _far_doors(building: SupportedBuilding) -> Found:
     for door in building.doors:
         assert door.pose is not None
         stairs = door.row["form"] in ("stairs", "ramp")
         half = (door.row["width"] or 0.0) / 2
         opening = shapely.LineString(door.pose.apply([[0, -half, 0], [0, half, 0]])[:, :2])
+        reach = WALL if stairs else _wall_at(building, door)
         for end in "ab":
             room = building.by_id.get(door.row[f"place_{end}"])
             if room is None or room.outline is None or room.kind != "room":
@@ -333,9 +363,9 @@ def _far_doors(building: SupportedBuilding) -> Found:
             here = shapely.Point(stand.x, stand.y) if stairs else opening
             gap = float(here.distance(room.outline))
             rise = abs((stand.z if stairs else door.pose.z) - building.floor(room))
-            if gap <= WALL and rise <= STEP:
+            if gap <= reach and rise <= STEP:
                 continue
-            how = f"{gap:.2f} m beside" if gap > WALL else f"{rise:.2f} m above or below"
+            how = f"{gap:.2f} m beside" if gap > reach else f"{rise:.2f} m above or below"
             text = f"the door {door.name} is {how} the room {room.name}, which it joins"
             yield (door.name, room.name), text, _door_moves(building, door, room, here)
 
@@ -360,7 +390,7 @@ def _no_passage(building: SupportedBuilding) -> Found:
             continue  # another rule says so
         elif rooms[0] is rooms[1] and not shapely.covers(outlines[:1], spots[2:]).all():
             why = "joins a room with itself, and is not in it"
-        elif beside > WALL + SAME_POINT:
+        elif beside > _wall_at(building, door) + SAME_POINT:
             why = f"ends {beside:.2f} m beside a room that it joins"
         if why is not None:
             fix = "by hand: draw it again in gis_connector, in the wall of its rooms, or delete it"
