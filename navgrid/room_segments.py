@@ -6,6 +6,7 @@ where floods meet. Two parts stay two rooms if each passage between them could b
 end at both of its sides, or at one and it is narrow, along the direction of most walls; across it,
 a doorway is narrower. Gaps in walls along rows and columns, and lintels that meshes show above a
 passage, are doorways before the flood; a beam across a room is none, as no wall goes on there.
+Pillars divide nothing: what is small and stands free, but for a piece of wall between two doors.
 """
 
 from __future__ import annotations
@@ -47,6 +48,9 @@ THICKEST, NARROWEST = 0.6, 0.4
 
 SHORTEST = 0.2
 """Metres of a wall, at least, that ends beside a doorway."""
+
+PILLAR, BESIDE_PILLAR = 0.65, 2.0
+"""Metres along rows and columns of a pillar, and of a door beside a piece of wall as small."""
 
 LEAST = 0.4
 """The confidence from which a passage divides two rooms."""
@@ -90,11 +94,8 @@ def room_segments(walls: Cells, resolution: float, above: Cells | None = None) -
 
     `above` (rows, columns): the cells of walls above persons and doors.
     """
-    full, gaps = walls, []
-    if above is not None and above.any():  # then a lower wall divides no room
-        full = walls & ndimage.binary_dilation(above, _EIGHT)
-        gaps = _lintels(walls, above, resolution)
-    gaps += wall_gaps(walls, full, resolution)
+    pillars, full, gaps = _pillars(walls, above, resolution)
+    walls = walls & ~pillars
     closed = walls.copy()
     for gap in gaps:
         closed[tuple(gap.cells.T)] = True
@@ -111,7 +112,9 @@ def room_segments(walls: Cells, resolution: float, above: Cells | None = None) -
     labels = number[labels]
     passages += _in_gaps(gaps, labels, resolution)
     passages = _once(passages, resolution)
-    return RoomSegments(_parted(labels, passages, closed, resolution), tuple(passages))
+    labels = _parted(labels, passages, closed, resolution)
+    labels[pillars] = 0
+    return RoomSegments(labels, tuple(passages))
 
 
 def wall_heading(cells: Cells) -> float:
@@ -189,6 +192,47 @@ def _once(passages: list[Passage], resolution: float) -> list[Passage]:
         ):
             kept.append(passage)
     return kept
+
+
+def _pillars(
+    walls: Cells, above: Cells | None, resolution: float
+) -> tuple[Cells, Cells, list[Gap]]:
+    """The cells of pillars; without them, those of walls that may end at doorways, and the gaps.
+
+    A pillar is small, nothing is beside it, and no doors are at two opposite sides of it.
+    """
+    reach = max(1, round(NARROWEST / 2 / resolution))
+    pieces, _ = ndimage.label(ndimage.binary_dilation(walls, _EIGHT, iterations=reach), _EIGHT)
+    boxes = ndimage.find_objects(np.where(walls, pieces, 0))
+    spans = np.array([0, *(max(s.stop - s.start for s in box) for box in boxes)])
+    small = (spans > 0) & (spans * resolution <= PILLAR)
+    pillars = np.zeros_like(walls)
+    while True:  # a row of pillars that ends at no wall falls from its end
+        left = walls & ~pillars
+        full, gaps = left, []
+        if above is not None and above.any():  # then a lower wall divides no room
+            full = left & ndimage.binary_dilation(above, _EIGHT)
+            gaps = _lintels(left, above & ~pillars, resolution)
+        gaps += wall_gaps(left, full, resolution)
+        more = (small & ~_between_doors(pieces, gaps, resolution))[pieces] & left
+        if not more.any():
+            return pillars, full, gaps
+        pillars |= more
+
+
+def _between_doors(pieces: Labels, gaps: Sequence[Gap], resolution: float) -> Cells:
+    """Whether doors are at two opposite sides of each piece of wall, the first of which is none."""
+    ways: defaultdict[int, list[Floats]] = defaultdict(list)
+    for gap in gaps:
+        length = float(np.hypot(*(gap.ends[1] - gap.ends[0])))
+        if (length - 1) * resolution <= BESIDE_PILLAR:
+            way = (gap.ends[1] - gap.ends[0]) / length
+            for end, out in zip(gap.ends, (way, -way), strict=True):
+                ways[int(pieces[tuple(np.rint(end).astype(int))])].append(out)
+    found = np.zeros(int(pieces.max(initial=0)) + 1, np.bool_)
+    for piece, each in ways.items():
+        found[piece] = any(one @ other < -0.9 for one in each for other in each)
+    return found
 
 
 def _lintels(walls: Cells, above: Cells, resolution: float) -> list[Gap]:
