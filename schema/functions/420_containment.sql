@@ -125,7 +125,8 @@ SELECT CASE
           FROM semmap.world w JOIN semmap.entity e ON e.id = w.entity_id AND e.kind = 'room'
           CROSS JOIN LATERAL greatest(ST_Distance(w.footprint, ST_StartPoint(opening)), ST_Distance(w.footprint, ST_EndPoint(opening))) away
           WHERE w.entity_id = ANY (rooms) AND away > semmap.door_reach() + 1e-6
-            AND away > semmap.door_reach(opening, rooms) + 1e-6 ORDER BY away DESC LIMIT 1)
+            AND away > semmap.door_reach(opening, rooms) + 1e-6 AND away > ST_Length(opening) / 10  -- the rest is wide
+          ORDER BY away DESC LIMIT 1)
 END
 $$;
 

@@ -390,7 +390,7 @@ def _no_passage(building: SupportedBuilding) -> Found:
             continue  # another rule says so
         elif rooms[0] is rooms[1] and not shapely.covers(outlines[:1], spots[2:]).all():
             why = "joins a room with itself, and is not in it"
-        elif beside > _wall_at(building, door) + SAME_POINT:
+        elif beside > max(_wall_at(building, door) + SAME_POINT, width / 10):  # the rest is wide
             why = f"ends {beside:.2f} m beside a room that it joins"
         if why is not None:
             fix = "by hand: draw it again in gis_connector, in the wall of its rooms, or delete it"
