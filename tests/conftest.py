@@ -54,6 +54,7 @@ MEMORY_FOR_TESTS = 6 << 30
 
 
 SLOW = (
+    "worlds/test_moves.py",
     "worlds/test_arms_small_house.py",
     "export/test_round_trips.py",
     "worlds/test_arm_plans_small_house.py",
