@@ -34,6 +34,8 @@ def taken_lines(door: Pose, width: float, triangles: Floats) -> Bools:
     across = np.asarray((np.arange(round(width / LINES)) + 0.5) * LINES - width / 2, np.float64)
     taken = np.zeros(len(across), np.bool_)
     flat = door.inverse().apply(triangles.reshape(-1, 3)).reshape(-1, 3, 3)
+    y = flat[:, :, 1]  # no line meets others, nor does a ray along it
+    flat = flat[(y.min(axis=1) <= width / 2) & (y.max(axis=1) >= -width / 2)]
     for height in HEIGHTS:
         begin, end = _section(flat, height)
         taken |= _are_met(begin, end, across) | _are_inside(begin, end, across)
