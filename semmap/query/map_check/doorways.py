@@ -90,8 +90,13 @@ def _are_met(begin: Floats, end: Floats, across: Floats) -> Bools:
 
 def _are_inside(begin: Floats, end: Floats, across: Floats) -> Bools:
     """Which points of an opening are within a section: rays from them meet it an odd time."""
-    a, b = begin[:, 1] > across[:, None], end[:, 1] > across[:, None]
-    with np.errstate(divide="ignore", invalid="ignore"):
-        share = (across[:, None] - begin[:, 1]) / (end[:, 1] - begin[:, 1])
-        ahead = begin[:, 0] + share * (end[:, 0] - begin[:, 0]) > 0
-    return np.asarray(((a != b) & ahead).sum(axis=1) % 2 == 1)
+    low, high = np.minimum(begin[:, 1], end[:, 1]), np.maximum(begin[:, 1], end[:, 1])
+    first, after = np.searchsorted(across, low), np.searchsorted(across, high)
+    counts = after - first  # of the rays that a line crosses
+    line = np.repeat(np.arange(len(begin)), counts)
+    ray = np.arange(len(line)) - np.repeat(np.cumsum(counts) - counts - first, counts)
+    a, b = begin[line], end[line]
+    share = (across[ray] - a[:, 1]) / (b[:, 1] - a[:, 1])
+    ahead = a[:, 0] + share * (b[:, 0] - a[:, 0]) > 0
+    found: Bools = np.bincount(ray[ahead], minlength=len(across)) % 2 == 1
+    return found

@@ -40,10 +40,12 @@ class Trials:
         self, building: SupportedBuilding, judge: Callable[[SupportedBuilding], Named]
     ) -> None:
         self.building, self.judge, self.left = building, judge, MOST_TRIALS
-        self._loose = [*building.objects, *building.agents]
-        self._low = np.array([e.low[:2] for e in self._loose]).reshape(-1, 2)
-        self._high = np.array([e.high[:2] for e in self._loose]).reshape(-1, 2)
-        self._fixed = [e for e in building.entities if e.kind not in ("object", "agent")]
+        self._loose = [*building.objects, *building.agents, *building.doors]
+        wide = np.array([(e.row["width"] or 0.0) / 2 for e in self._loose])[:, None]  # of a door
+        self._low = np.array([e.low[:2] for e in self._loose]).reshape(-1, 2) - wide
+        self._high = np.array([e.high[:2] for e in self._loose]).reshape(-1, 2) + wide
+        loose = {*self._loose}
+        self._fixed = [e for e in building.entities if e not in loose]
 
     def fix(self, kind: str, names: tuple[str, ...], moves: Moves) -> str:
         """Return the call of the first move after which the finding is gone and none is new."""

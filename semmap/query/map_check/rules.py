@@ -6,7 +6,7 @@ import itertools
 from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from functools import partial
+from functools import lru_cache, partial
 from typing import Literal
 
 import numpy as np
@@ -421,7 +421,23 @@ def _door_moves(
 
 def _blocked(building: SupportedBuilding, structure: bool) -> Found:
     """Doors in whose opening parts of the building stand, or else other things."""
+    for door, shut in _shut_doors(building):
+        if building.is_part(shut[0]) != structure:
+            continue
+        names = tuple(sorted(e.name for e in shut))
+        stand = "stands" if len(names) == 1 else "stand"
+        text = f"{listed(names)} {stand} in the opening of {door.name}, and no robot passes"
+        fix = "by hand: give the wall an opening there, or move or delete the door or the wall"
+        yield (door.name, *names), text, fix if structure else "by hand: move it, if it is there"
+
+
+@lru_cache(maxsize=1)  # for both rules of the same building
+def _shut_doors(
+    building: SupportedBuilding,
+) -> list[tuple[CheckedEntity, list[CheckedEntity]]]:
+    """The doors that are closed by parts of the building, or else by things with them."""
     off = {names[0] for names, *_ in _far_doors(building)}
+    found = []
     for door in building.doors:
         if door.name in off or door.row["form"] not in ("door", "elevator_door"):
             continue  # another rule says so
@@ -430,14 +446,9 @@ def _blocked(building: SupportedBuilding, structure: bool) -> Found:
         solids = [e for e in building.at_opening(door.pose, width) if e.row["type"] != "door_leaf"]
         taken = {e: taken_lines(door.pose, width, e.triangles) for e in solids}
         parts = closing(width, {e: v for e, v in taken.items() if building.is_part(e)})
-        shut = parts if structure or parts else closing(width, taken)
-        if not shut or (parts and not structure):
-            continue
-        names = tuple(sorted(e.name for e in shut))
-        stand = "stands" if len(names) == 1 else "stand"
-        text = f"{listed(names)} {stand} in the opening of {door.name}, and no robot passes"
-        fix = "by hand: give the wall an opening there, or move or delete the door or the wall"
-        yield (door.name, *names), text, fix if structure else "by hand: move it, if it is there"
+        if shut := parts or sorted(closing(width, taken), key=building.is_part):
+            found.append((door, shut))
+    return found
 
 
 def _no_floor(building: SupportedBuilding) -> Found:
