@@ -17,7 +17,7 @@ from semmap.api.map import Map
 from semmap.api.map_questions import sql_rows
 from semmap.database.configuration import READER
 from semmap.database.maps import pick_map
-from semmap.database.session import open_session
+from semmap.database.session import is_idle, open_session
 from semmap.database.shared_engine import shared_engine
 from semmap.query import entity_query
 
@@ -108,6 +108,12 @@ class Database(DatabaseManipulation, DatabaseInterlinking):
         for name in ("reading_engine", "engine"):
             if name in vars(self):
                 getattr(self, name).dispose()
+
+    def is_usable(self) -> bool:
+        """Whether its sessions are between transactions, and the server has not left them."""
+        parts = (vars(owner) for owner in (self, *self._maps.values()))
+        opened = (part.get(name) for part in parts for name in ("session", "_reader", "connection"))
+        return all(is_idle(session) for session in opened if session is not None)
 
     @cached_property
     def engine(self) -> Engine:

@@ -212,7 +212,6 @@ OPERATIONS: tuple[Operation, ...] = (
     Operation("Map.export_rdf", "rdf export", "reader"),
     Operation("Map.import_rdf", "rdf import", "robot"),
     Operation("Map.push_fields", "rdf push", "robot"),
-    Operation("Map.serve_sparql", "rdf serve", "reader"),
     Operation("Map.reason", "knowledge reason", "robot"),
     Operation("Map.keep_reasoning", "knowledge reason", "robot"),
     Operation("Map.forget_inferences", "knowledge reason", "robot"),

@@ -151,15 +151,6 @@ def _push(call: MethodCall) -> None:
         call(started=say)
 
 
-@command_of("Map.serve_sparql")
-def _serve(call: MethodCall) -> None:
-    """Serve the map by the SPARQL 1.1 protocol: /sparql, /update and /graph.
-
-    Everybody who reaches the address may read; changes need a token.
-    """
-    call(started=lambda url: print(f"map {call.handle.name}: {url}", flush=True))
-
-
 @command_of("Map.reason")
 def _reason(
     call: MethodCall,
@@ -259,5 +250,5 @@ def _bind(
         print(f"binding shapes: {', '.join(names) or 'none'}")
 
 
-rdf_command = group(_export, _import, _push, _serve)
+rdf_command = group(_export, _import, _push)
 knowledge_command = group(_reason, _contradictions, _why, _validate, _bind)

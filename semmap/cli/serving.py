@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 
 import typer
@@ -33,23 +33,30 @@ def mcp_command(
 
 def serve_command(
     host: str = Option("127.0.0.1", help="Where to listen."),
-    port: int = Option(8890, help="Where to listen."),
+    port: int = Option(8890, min=0, max=65535, help="Where to listen."),
     tokens: Path | None = Option(
         None, help="A token and its database role in each line; without it, nobody may write."
     ),
+    seconds: float = Option(60, min=0.1, max=86_400, help="Stop a statement after this time."),
+    rows: int = Option(1_000_000, min=1, help="The most rows of an answer of SPARQL."),
 ) -> None:
     """Serve all maps over HTTP: operations, events, OGC API - Features, SPARQL."""
     with _extra(), open_database() as database:
-        from semmap.knowledge.service import read_tokens, serve
+        import uvicorn
+
         from semmap.server.http_api import HttpApi
+        from semmap.server.requests import read_tokens
 
         local = host in ("localhost", "127.0.0.1", "::1")
         if tokens is None and not local:
             raise typer.BadParameter(f"others reach {host}: give --tokens")
         known = {} if tokens is None else read_tokens(tokens)
-        api = HttpApi(database, known, local=local)
+        api = HttpApi(database, known, local=local, seconds=seconds, rows=rows)
         cli.err.print(f"http://{host}:{port}/maps; the operations: /openapi.json", style="dim")
-        serve(api.app, host, port)
+        with suppress(KeyboardInterrupt):
+            uvicorn.run(
+                api.app, host=host, port=port, log_level="warning", timeout_graceful_shutdown=5
+            )
 
 
 @contextmanager

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import select
 from typing import TYPE_CHECKING, Any
 
 import psycopg
 from psycopg.conninfo import make_conninfo
+from psycopg.pq import TransactionStatus
 
 from semmap.database import revisions
 from semmap.database.reach import reach
@@ -67,3 +69,12 @@ def conninfo_of(session: psycopg.Connection[Any]) -> str:
 def reopen_session(conninfo: str) -> psycopg.Connection[Any]:
     """Open a session in autocommit mode."""
     return SharedConnection.connect(conninfo, autocommit=True)
+
+
+def is_idle(session: psycopg.Connection[Any]) -> bool:
+    """Whether a session is between transactions, and its server has not left it."""
+    if session.closed or session.info.transaction_status != TransactionStatus.IDLE:
+        return False
+    poll = select.poll()
+    poll.register(session.fileno(), select.POLLIN)
+    return not poll.poll(0)  # a server has nothing to say to an idle session but that it ends

@@ -28,7 +28,8 @@ class BusyError(Error):
 class Handles:
     """At most `MOST_HANDLES` handles in use at once; those that were used wait for the next."""
 
-    def __init__(self, database: Database) -> None:
+    def __init__(self, database: Database, seconds: float = SECONDS) -> None:
+        self._seconds = seconds
         self._own, self._reading = database.engine.url, database.reading_engine.url
         self._free: defaultdict[str | None, list[Database]] = defaultdict(list)
         self._lock = threading.Lock()
@@ -43,20 +44,12 @@ class Handles:
         if not self._turns.acquire(timeout=PATIENCE):
             raise BusyError(f"{MOST_HANDLES} requests are in progress: try again")
         try:
-            with self._lock:
-                waiting = self._free[role]
-                handle = waiting.pop() if waiting else None
-            if handle is None or handle.session.closed:
-                handle = self.open(role)
+            handle = self._take(role) or self.open(role)
             try:
                 yield handle
-            except BaseException:
-                if handle.session.closed:
-                    handle.close()
-                    raise
-                self._put(role, handle)
-                raise
-            self._put(role, handle)
+            finally:
+                with self._lock:
+                    self._free[role].append(handle)
         finally:
             self._turns.release()
 
@@ -64,7 +57,7 @@ class Handles:
         """Open a handle that its caller closes."""
         reads = role is None and self._reading != self._own
         url = self._reading if reads else self._own
-        settings = f"-c statement_timeout={SECONDS}s"
+        settings = f"-c statement_timeout={1e3 * self._seconds:.0f}"
         if not reads:
             settings += f" -c role={role or 'semmap_reader'}"
         text = url.set(drivername="postgresql").render_as_string(hide_password=False)
@@ -78,6 +71,13 @@ class Handles:
                 handle.close()
             self._free.clear()
 
-    def _put(self, role: str | None, handle: Database) -> None:
-        with self._lock:
-            self._free[role].append(handle)
+    def _take(self, role: str | None) -> Database | None:
+        """A handle that waits, and whose server has not left it."""
+        while True:
+            with self._lock:
+                if not self._free[role]:
+                    return None
+                handle = self._free[role].pop()
+            if handle.is_usable():
+                return handle
+            handle.close()

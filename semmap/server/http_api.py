@@ -22,19 +22,20 @@ from starlette.middleware.trustedhost import TrustedHostMiddleware
 from starlette.requests import Request
 from starlette.responses import JSONResponse, Response, StreamingResponse
 from starlette.routing import Mount, Route
-from starlette.types import Receive, Scope, Send
 
 from semmap.api.database import Database
 from semmap.api.map import Map
 from semmap.api.operations import OPERATIONS, Right
 from semmap.draw.picture import Picture
 from semmap.error import Error, InvalidArgumentError, UnknownNameError
-from semmap.knowledge.service import SparqlEndpoint, role_of, session_opener
+from semmap.knowledge.queries import KnowledgeError
 from semmap.plain_values import plain
 from semmap.query.map_events import MapEvent
 from semmap.server import ogc_features as ogc
 from semmap.server.calls import OperationCall, answered_at_once, offered
-from semmap.server.handles import BusyError, Handles
+from semmap.server.handles import SECONDS, BusyError, Handles
+from semmap.server.requests import body_of, role_of
+from semmap.server.sparql_endpoint import MOST_ROWS, SparqlEndpoint
 
 MOST_LISTENERS = 32
 """The most clients that follow the changes at once."""
@@ -50,10 +51,12 @@ MOST_BYTES = 2**20
 STATUS: dict[type[Exception], int] = {
     UnknownNameError: 404,
     BusyError: 503,
+    KnowledgeError: 503,
     Error: 400,
     PermissionError: 401,
     psycopg.errors.InsufficientPrivilege: 403,
     psycopg.errors.ReadOnlySqlTransaction: 403,
+    psycopg.IntegrityError: 400,
     psycopg.OperationalError: 503,
 }
 """The HTTP status of each error."""
@@ -73,14 +76,21 @@ class HttpApi:
 
     On this machine alone (`local`) requests need no token to read, and name this machine: a page
     of the web cannot reach the maps under a name of its own. Elsewhere each request has a token.
+    A statement is stopped after `seconds`, an answer of SPARQL has at most `rows`.
     """
 
     def __init__(
-        self, database: Database, tokens: Mapping[str, str] | None = None, *, local: bool = True
+        self,
+        database: Database,
+        tokens: Mapping[str, str] | None = None,
+        *,
+        local: bool = True,
+        seconds: float = SECONDS,
+        rows: int = MOST_ROWS,
     ) -> None:
         self._tokens, self._local = dict(tokens or {}), local
-        self._database, self._handles = database, Handles(database)
-        self._endpoints: dict[str, SparqlEndpoint] = {}
+        self._handles = Handles(database, seconds)
+        sparql = SparqlEndpoint(self._handles, self._role, seconds=seconds, rows=rows)
         self._listeners = 0
         calls = answered_at_once(OPERATIONS)
         self._calls = {rights: offered(calls, rights) for rights in {*RIGHTS.values(), _ALL}}
@@ -104,7 +114,7 @@ class HttpApi:
                 Route("/maps/{map}/openapi.json", self._description),
                 Route("/maps/{map}/events", self._events),
                 *(Route(f"/maps/{{map}}{path}", self._ogc(of)) for path, of in features.items()),
-                Mount("/maps/{map}/rdf", self._rdf),
+                Mount("/maps/{map}/rdf", routes=sparql.routes),
                 Route("/maps/{map}/{operation}", self._operation, methods=["GET", "POST"]),
             ],
             middleware=[Middleware(TrustedHostMiddleware, allowed_hosts=THIS_MACHINE)] * local,
@@ -114,8 +124,6 @@ class HttpApi:
     @asynccontextmanager
     async def _lifespan(self, _: Starlette) -> AsyncIterator[None]:
         yield
-        for endpoint in self._endpoints.values():
-            endpoint.close()
         self._handles.close()
 
     async def _maps(self, request: Request) -> Response:
@@ -189,17 +197,6 @@ class HttpApi:
 
         return StreamingResponse(told(), media_type="text/event-stream")
 
-    async def _rdf(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Answer by the SPARQL protocol: sparql, update and graph below it."""
-        self._role(Request(scope))
-        name = scope["path_params"]["map"]
-        if name not in self._endpoints:
-            await run_in_threadpool(self._with, None, lambda db: db.map(name))
-            reading = session_opener(self._database.reading_engine, name)
-            writing = session_opener(self._database.engine, name)
-            self._endpoints[name] = SparqlEndpoint(reading, writing, self._tokens)
-        await self._endpoints[name].app(scope, receive, send)
-
     async def _description(self, request: Request) -> Response:
         return JSONResponse(description(self._calls[RIGHTS.get(self._role(request), _ALL)]))
 
@@ -250,11 +247,7 @@ async def _values(request: Request, call: OperationCall) -> dict[str, Any]:
     """The arguments of a request: of its query, or a JSON object in its body."""
     if request.method == "GET":
         return {word: call.read(word, text) for word, text in request.query_params.items()}
-    body = bytearray()
-    async for part in request.stream():
-        body += part
-        if len(body) > MOST_BYTES:
-            raise InvalidArgumentError(f"the request has more than {MOST_BYTES:,} bytes")
+    body = await body_of(request, MOST_BYTES)
     try:
         values = json.loads(body or b"{}")
     except (ValueError, RecursionError) as error:
@@ -266,4 +259,5 @@ async def _values(request: Request, call: OperationCall) -> dict[str, Any]:
 
 async def _failure(_: Request, error: Exception) -> Response:
     status = next(code for kind, code in STATUS.items() if isinstance(error, kind))
-    return JSONResponse({"error": str(error).splitlines()[0]}, status_code=status)
+    headers = {"WWW-Authenticate": "Bearer"} if status == 401 else None
+    return JSONResponse({"error": str(error).splitlines()[0]}, status, headers)

@@ -43,7 +43,7 @@ MOST = 10_000
 """The most features of a page."""
 
 
-def landing(base: str, map_name: str) -> dict[str, Any]:
+def landing(base: str, title: str) -> dict[str, Any]:
     """The landing page of a map at an URL."""
     links = [
         ("self", base, "this document"),
@@ -51,7 +51,7 @@ def landing(base: str, map_name: str) -> dict[str, Any]:
         ("data", f"{base}/collections", "collections"),
         ("service-desc", f"{base}/openapi.json", "the API"),
     ]
-    return {"title": map_name, "links": [_link(*each) for each in links]}
+    return {"title": title, "links": [_link(*each) for each in links]}
 
 
 def collections(base: str) -> dict[str, Any]:

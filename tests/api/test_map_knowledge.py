@@ -2,15 +2,10 @@
 
 from __future__ import annotations
 
-import json
 import queue
-import threading
-import urllib.error
-import urllib.request
 from collections import Counter
 from datetime import datetime
 from pathlib import Path
-from urllib.parse import quote
 
 import psycopg
 import pytest
@@ -172,39 +167,6 @@ def test_facts_of_a_file_are_added_as_a_whole(flat: semmap.Map, tmp_path: Path) 
             call(tmp_path / "facts.xyz")
 
 
-def test_the_endpoint_answers_and_stops(flat: semmap.Map, tmp_path: Path) -> None:
-    tokens = tmp_path / "tokens"
-    tokens.write_text(f"{'w' * 20} semmap_robot\n")
-    tokens.chmod(0o600)
-    stop, urls = threading.Event(), queue.SimpleQueue[str]()
-    port = 18_890
-    serving = threading.Thread(
-        target=flat.serve_sparql,
-        args=("127.0.0.1", port),
-        kwargs={"tokens": tokens, "stop": stop, "started": urls.put},
-    )
-    serving.start()
-    try:
-        url = urls.get(timeout=20)
-        assert url == f"http://127.0.0.1:{port}/sparql"
-        asked = f"{url}?query={quote('SELECT ?x { ?x semmap:heldBy :table1 }')}"
-        for attempt in range(200):
-            try:
-                with urllib.request.urlopen(asked, timeout=20) as reply:
-                    rows = json.load(reply)["results"]["bindings"]
-                break
-            except urllib.error.URLError:
-                assert attempt < 199
-                threading.Event().wait(0.05)
-        assert [row["x"]["value"] for row in rows] == ["urn:semmap:map:flat#cup%201"]
-        with pytest.raises(ValueError, match=f"{port} cannot be used"):
-            flat.serve_sparql(port=port)
-    finally:
-        stop.set()
-        serving.join(20)
-    assert not serving.is_alive()
-
-
 def test_pushing_needs_a_relation_and_a_service(flat: semmap.Map) -> None:
     with pytest.raises(ValueError, match="name a relation"):
         flat.push_fields()
@@ -229,8 +191,6 @@ def test_limits_are_numbers_above_zero(flat: semmap.Map) -> None:
     with pytest.raises(ValueError, match="rows is -1: give a number of at least 1"):
         flat.sparql("SELECT ?x { ?x a ?y }", rows=-1)
     assert flat.sparql("ASK {}", seconds=1e12)
-    with pytest.raises(ValueError, match="port is 99999"):
-        flat.serve_sparql(port=99_999)
 
 
 def test_a_missing_folder_is_one_line_for_a_user(flat: semmap.Map, tmp_path: Path) -> None:

@@ -26,6 +26,7 @@ ROOT = Path(__file__).parents[2]
 OWNERS = (semmap.Map, semmap.Database, semmap.MapEntity, semmap.Door, SpatialFields)
 
 HANDLES = {
+    "is_usable",
     "address",
     "close",
     "connection",

@@ -6,69 +6,50 @@ import re
 import threading
 import time
 import xml.etree.ElementTree as ET
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from urllib.parse import urlencode
 
 import httpx
-import psycopg
 import pytest
 import rdflib
 import uvicorn
 
+import semmap
 from semmap import Map
-from semmap.knowledge.service import SparqlEndpoint, read_tokens, session_opener
 from semmap.knowledge.whole_graph import without_warnings
+from semmap.server.http_api import HttpApi
+from semmap.server.requests import read_tokens
 
 WRITER, READER = "w" * 20, "r" * 20
 QUERY = "SELECT ?n { ?x a semmap:Sofa ; semmap:name ?n }"
 XML = "{http://www.w3.org/2005/sparql-results#}"
 
 
-def connector(loft_map: Map, role: str | None) -> Callable[[], psycopg.Connection]:
-    """Return a function that opens a session which sees the loft, with the rights of a role."""
-    open_session = session_opener(loft_map.database.engine, "loft")
-
-    def connect() -> psycopg.Connection:
-        session = open_session()
-        if role is not None:
-            session.execute(f"SET ROLE {role}")
-        session.commit()
-        return session
-
-    return connect
-
-
 @contextmanager
-def serving(endpoint: SparqlEndpoint) -> Iterator[httpx.Client]:
-    """Serve an endpoint on a free port of this machine."""
-    server = uvicorn.Server(
-        uvicorn.Config(endpoint.app, host="127.0.0.1", port=0, log_level="error", ws="none")
-    )
-    thread = threading.Thread(target=server.run)
-    thread.start()
-    try:
-        while not server.started:
-            time.sleep(0.01)
-        port = server.servers[0].sockets[0].getsockname()[1]
-        with httpx.Client(base_url=f"http://127.0.0.1:{port}", timeout=30) as client:
-            yield client
-    finally:
-        server.should_exit = True
-        thread.join()
+def serving(loft_map: Map, **options: float) -> Iterator[httpx.Client]:
+    """Serve the loft on a free port of this machine."""
+    with semmap.connect(loft_map.database.address) as database:
+        api = HttpApi(database, {WRITER: "semmap_robot", READER: "semmap_reader"}, **options)
+        server = uvicorn.Server(uvicorn.Config(api.app, port=0, log_level="error", ws="none"))
+        thread = threading.Thread(target=server.run)
+        thread.start()
+        try:
+            while not server.started:
+                time.sleep(0.01)
+            port = server.servers[0].sockets[0].getsockname()[1]
+            url = f"http://127.0.0.1:{port}/maps/loft/rdf"
+            with httpx.Client(base_url=url, timeout=30) as client:
+                yield client
+        finally:
+            server.should_exit = True
+            thread.join()
 
 
 @pytest.fixture(scope="module")
 def client(loft_map: Map) -> Iterator[httpx.Client]:
-    endpoint = SparqlEndpoint(
-        connector(loft_map, "semmap_reader"),
-        connector(loft_map, None),
-        {WRITER: "semmap_robot", READER: "semmap_reader"},
-        seconds=20,
-        rows=1000,
-    )
-    with serving(endpoint) as client:
+    with serving(loft_map, seconds=20, rows=1000) as client:
         yield client
 
 
@@ -207,33 +188,37 @@ def test_an_update_reads_the_dataset_of_its_request(client: httpx.Client) -> Non
 
 
 def test_a_query_that_takes_too_long_is_stopped(loft_map: Map) -> None:
-    connect = connector(loft_map, "semmap_reader")
-    endpoint = SparqlEndpoint(connect, connect, seconds=0.2)
     text = "SELECT (COUNT(*) AS ?n) { ?a ?b ?c . ?d ?e ?f . ?g ?h ?i }"
-    with serving(endpoint) as client:
+    with serving(loft_map, seconds=0.2) as client:
         answer = client.get("/sparql", params={"query": text})
         assert answer.status_code == 503
         assert "0.2 s" in answer.text
         assert client.get("/sparql", params={"query": QUERY}).status_code == 200
 
 
-def test_a_session_serves_many_queries_until_the_server_ends_it(loft_map: Map) -> None:
-    opened: list[int] = []
-    open_session = connector(loft_map, "semmap_reader")
+SESSIONS = """
+SELECT array_agg(pid ORDER BY pid) FROM pg_stat_activity
+WHERE datname = current_database() AND pid <> pg_backend_pid() AND NOT pid = ANY (%s)
+"""
 
-    def connect() -> psycopg.Connection:
-        session = open_session()
-        opened.append(session.info.backend_pid)
-        return session
 
-    with serving(SparqlEndpoint(connect, connect)) as client:
+def test_sessions_serve_many_queries_until_the_server_ends_them(loft_map: Map) -> None:
+    session = loft_map.connection
+    before = session.execute(SESSIONS, ([],)).fetchone()[0] or []
+
+    def opened() -> list[int] | None:
+        return session.execute(SESSIONS, (before,)).fetchone()[0]
+
+    with serving(loft_map) as client:
+        assert client.get("/sparql", params={"query": QUERY}).status_code == 200
+        first = opened()
         for _ in range(3):
             assert client.get("/sparql", params={"query": QUERY}).status_code == 200
-        assert len(opened) == 1
-        assert client.get("/sparql", params={"query": "SELECT ?x {"}).status_code == 400
-        loft_map.connection.execute("SELECT pg_terminate_backend(%s, 10000)", opened)
+            assert client.get("/sparql", params={"query": "SELECT ?x {"}).status_code == 400
+        assert opened() == first
+        session.execute("SELECT pg_terminate_backend(pid, 10000) FROM unnest(%s) pid", (first,))
         assert client.get("/sparql", params={"query": QUERY}).json()["results"]["bindings"]
-        assert len(opened) == 2
+        assert not {*first} & {*opened()}
 
 
 def test_changes_need_a_token_whose_role_may_make_them(client: httpx.Client) -> None:

@@ -1,0 +1,52 @@
+"""What requests say: the role of their token, and a body that is not too large."""
+
+from __future__ import annotations
+
+import hmac
+from collections.abc import Mapping
+from pathlib import Path
+
+from starlette.exceptions import HTTPException
+from starlette.requests import Request
+
+
+async def body_of(request: Request, most_bytes: int) -> bytes:
+    """The body of a request; HTTPException if it is larger than `most_bytes`."""
+    body = bytearray()
+    async for part in request.stream():
+        body += part
+        if len(body) > most_bytes:
+            raise HTTPException(413, f"the request has more than {most_bytes:,} bytes")
+    return bytes(body)
+
+
+def role_of(authorization: str | None, tokens: Mapping[str, str]) -> str | None:
+    """The role of a header ``Bearer TOKEN``; None without one.
+
+    PermissionError if the token is not known.
+    """
+    if authorization is None:
+        return None
+    scheme, _, token = authorization.partition(" ")
+    if scheme.lower() == "bearer":
+        for known, role in tokens.items():
+            if hmac.compare_digest(known.encode(), token.strip().encode()):
+                return role
+    raise PermissionError("the token is not known")
+
+
+def read_tokens(path: Path) -> dict[str, str]:
+    """The roles of tokens: a file with a token and a role in each line."""
+    if path.stat().st_mode & 0o077:
+        raise ValueError(f"{path}: others can read it: chmod 600 {path}")
+    tokens = {}
+    for number, line in enumerate(path.read_text(encoding="utf-8").splitlines(), 1):
+        words = line.split()
+        if not words or words[0].startswith("#"):
+            continue
+        if len(words) != 2 or len(words[0]) < 16:
+            raise ValueError(
+                f"{path}, line {number}: give a token of at least 16 characters and a role"
+            )
+        tokens[words[0]] = words[1]
+    return tokens

@@ -1,0 +1,220 @@
+"""A SPARQL 1.1 protocol endpoint: query, update and graph store, over HTTP.
+
+See www.w3.org/TR/sparql11-protocol and sparql11-http-rdf-update.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+from urllib.parse import parse_qsl
+
+import rdflib
+from starlette.concurrency import run_in_threadpool
+from starlette.exceptions import HTTPException
+from starlette.requests import Request
+from starlette.responses import JSONResponse, Response
+from starlette.routing import Route
+
+from semmap.ingest.world import WorldError
+from semmap.knowledge.facts import Fact, FactWriter, with_consequences
+from semmap.knowledge.map_view import MapView
+from semmap.knowledge.mapping import INFERRED_GRAPH
+from semmap.knowledge.queries import limited, query
+from semmap.knowledge.rdf_file import parse_facts
+from semmap.knowledge.results import RESULT_FORMATS
+from semmap.knowledge.sparql.kept_queries import Session
+from semmap.knowledge.sparql.scope import Chosen
+from semmap.knowledge.updates import update
+from semmap.knowledge.whole_graph import facts, serialized, with_prefixes
+from semmap.server.handles import Handles
+from semmap.server.requests import body_of
+
+GRAPH_FORMATS = {
+    "text/turtle": "turtle",
+    "application/n-triples": "nt",
+    "application/ld+json": "json-ld",
+    "application/trig": "trig",
+    "application/n-quads": "nquads",
+}
+"""Media types of graphs with rdflib's names, the default first."""
+
+_IRI = re.compile(r"[A-Za-z][A-Za-z0-9+.-]*:[^\x00-\x20<>\"{}|^`\\]*")
+
+MOST_BYTES = 16 * 2**20
+"""The most bytes of a request."""
+
+MOST_ROWS = 1_000_000
+"""The most rows of an answer, unless another number is given."""
+
+
+class SparqlEndpoint:
+    """The endpoint of each map; `role` gives the database role of a request."""
+
+    def __init__(
+        self,
+        handles: Handles,
+        role: Callable[[Request], str | None],
+        *,
+        seconds: float,
+        rows: int,
+    ) -> None:
+        self._handles, self._role = handles, role
+        self._seconds, self._rows = seconds, rows
+        self.routes = [
+            Route("/sparql", self._sparql, methods=["GET", "POST"]),
+            Route("/update", self._sparql, methods=["POST"]),
+            Route("/graph", self._graph, methods=["GET", "HEAD", "PUT", "POST", "DELETE"]),
+        ]
+
+    async def _sparql(self, request: Request) -> Response:
+        kind, text, dataset = await _read(request)
+        if kind == "update":
+            self._writer(request)
+        of = self._update if kind == "update" else self._query
+        return await run_in_threadpool(of, request, text, dataset)
+
+    def _query(self, request: Request, text: str, dataset: Chosen | None) -> Response:
+        with self._session(request) as session:
+            answer = query(session, text, seconds=self._seconds, rows=self._rows, dataset=dataset)
+        accept = request.headers.get("accept", "*/*")
+        if answer.graph is not None:
+            kind = _chosen(accept, {k: GRAPH_FORMATS[k] for k in list(GRAPH_FORMATS)[:3]})
+            return Response(serialized(answer.graph, GRAPH_FORMATS[kind]), media_type=kind)
+        kind = _chosen(accept, RESULT_FORMATS)
+        return Response(RESULT_FORMATS[kind](answer), media_type=kind)
+
+    def _update(self, request: Request, text: str, dataset: Chosen | None) -> Response:
+        with self._session(request) as session:
+            changes = update(session, text, seconds=self._seconds, dataset=dataset)
+        return JSONResponse({"added": changes.added, "removed": changes.removed})
+
+    async def _graph(self, request: Request) -> Response:
+        named = request.query_params.get("graph")
+        if (named is None) == ("default" not in request.query_params):
+            raise HTTPException(400, "name a graph: ?graph=IRI or ?default")
+        if request.method in ("GET", "HEAD"):
+            return await run_in_threadpool(self._read_graph, request, named)
+        self._writer(request)
+        if named is None and request.method != "POST":
+            raise HTTPException(403, "the default graph is the map: it is not replaced")
+        body = await body_of(request, MOST_BYTES)
+        return await run_in_threadpool(self._write_graph, request, named, body)
+
+    def _read_graph(self, request: Request, named: str | None) -> Response:
+        format_ = _chosen(request.headers.get("accept", "*/*"), GRAPH_FORMATS)
+        with self._session(request) as session, limited(session, self._seconds):
+            dataset = with_prefixes(rdflib.Dataset(), MapView.of(session).name)
+            inferences = named == INFERRED_GRAPH
+            for s, p, o, graph in facts(session, inferences=inferences):
+                if (None if graph is None else str(graph)) == named:
+                    dataset.default_graph.add((s, p, o))
+        if named is not None and not len(dataset.default_graph):
+            raise HTTPException(404, f"there is no graph <{named}>")
+        return Response(serialized(dataset, GRAPH_FORMATS[format_]), media_type=format_)
+
+    def _write_graph(self, request: Request, named: str | None, body: bytes) -> Response:
+        method = request.method
+        kind = request.headers.get("content-type", "text/turtle").split(";")[0].strip()
+        new: list[Fact] = []
+        if method != "DELETE":
+            if kind not in GRAPH_FORMATS:
+                raise HTTPException(415, f"{kind} is not one of {', '.join(GRAPH_FORMATS)}")
+            try:
+                parsed = parse_facts(body.decode(), GRAPH_FORMATS[kind], Path("request"))
+            except (WorldError, UnicodeDecodeError) as error:
+                raise HTTPException(400, str(error)) from error
+            graph = None if named is None else rdflib.URIRef(named)
+            new = [fact._replace(graph=graph) for fact in parsed]
+        with self._session(request) as session, limited(session, self._seconds):
+            view = MapView.of(session)
+            gone = 0
+            with with_consequences(view):
+                if method in ("PUT", "DELETE"):
+                    gone = session.execute(
+                        "DELETE FROM statement WHERE map_id = %s AND graph = %s",
+                        (view.number, named),
+                    ).rowcount
+                FactWriter(view).insert(new)
+        if method == "DELETE" and not gone:
+            raise HTTPException(404, f"there is no graph <{named}>")
+        return Response(status_code=204 if method == "DELETE" or gone else 201)
+
+    def _writer(self, request: Request) -> None:
+        if self._role(request) is None:
+            raise PermissionError("a change needs a token: Authorization: Bearer ...")
+
+    @contextmanager
+    def _session(self, request: Request) -> Iterator[Session]:
+        with self._handles.lend(self._role(request)) as database:
+            yield database.map(request.path_params["map"]).connection
+
+
+async def _read(request: Request) -> tuple[str, str, Chosen | None]:
+    """Return kind, text and graphs of a request, however it was sent (sections 2.1 and 2.2)."""
+    pairs = list(request.query_params.multi_items())
+    kind = request.headers.get("content-type", "").split(";")[0].strip().lower()
+    if request.method == "POST":
+        try:
+            body = (await body_of(request, MOST_BYTES)).decode()
+        except UnicodeDecodeError as error:
+            raise HTTPException(400, f"the request is not UTF-8: {error}") from error
+        if kind == "application/x-www-form-urlencoded":
+            pairs += parse_qsl(body, keep_blank_values=True)
+        elif kind in ("application/sparql-query", "application/sparql-update"):
+            pairs.append((kind.rsplit("-", 1)[1], body))
+        else:
+            raise HTTPException(
+                415,
+                "send application/sparql-query, application/sparql-update or "
+                "application/x-www-form-urlencoded",
+            )
+    texts = [(name, value) for name, value in pairs if name in _DATASETS]
+    if len(texts) != 1:
+        raise HTTPException(400, "give one query, or one update")
+    ((kind, text),) = texts
+    if kind == "update" and request.method != "POST":
+        raise HTTPException(405, "send an update by POST")
+    return kind, text, _dataset(kind, pairs)
+
+
+_DATASETS = {
+    "query": ("default-graph-uri", "named-graph-uri"),
+    "update": ("using-graph-uri", "using-named-graph-uri"),
+}
+
+
+def _dataset(of: str, pairs: list[tuple[str, str]]) -> Chosen | None:
+    """Return the graphs that a request chooses (sections 2.1.4 and 2.2.3); None for the map."""
+    given = {name for name, _ in pairs}
+    for kind, names in _DATASETS.items():
+        for name in given.intersection(names) if kind != of else ():
+            raise HTTPException(400, f"{name} is not a parameter of a {of}")
+    default, named = (tuple(v for n, v in pairs if n == name) for name in _DATASETS[of])
+    for iri in (*default, *named):
+        if not _IRI.fullmatch(iri):
+            raise HTTPException(400, f"{iri!r} is not the IRI of a graph")
+    return Chosen(default, named) if default or named else None
+
+
+def _chosen(accept: str, known: Mapping[str, Any]) -> str:
+    wanted: list[tuple[float, int, str]] = []
+    for position, part in enumerate(accept.split(",")):
+        name, *options = (piece.strip() for piece in part.split(";"))
+        quality = 1.0
+        for option in options:
+            if option.startswith("q="):
+                try:
+                    quality = float(option[2:])
+                except ValueError:
+                    quality = 0.0
+        if quality > 0:
+            wanted.append((-quality, position, name.lower()))
+    for _, _, name in sorted(wanted):
+        for each in known:
+            if name in (each, "*/*", each.split("/")[0] + "/*"):
+                return each
+    raise HTTPException(406, f"the answer is one of {', '.join(known)}")
