@@ -76,6 +76,8 @@ def place_candidates(
     angles = 2 * np.pi / TURNS * np.arange(TURNS)
     turns = np.array([[[np.cos(a), np.sin(a)], [-np.sin(a), np.cos(a)]] for a in angles])
     turned = corners @ turns  # (TURNS, K, 2)
+    poses = np.stack([Pose.planar(0, 0, angle).matrix @ upright for angle in angles])
+    poses[:, :2, 3] = -middle @ turns
     lowest, highest = obstacles[..., 2].min(axis=1), obstacles[..., 2].max(axis=1)
     found = []
     for number, surface in enumerate(surfaces):
@@ -94,11 +96,16 @@ def place_candidates(
         areas = shapely.polygons(turned[turn] + spots[which, None])
         inside = np.flatnonzero(shapely.contains(edge, areas))
         gaps = _room(areas[inside], edge, blocked)
-        for i, gap in zip(inside[gaps >= MARGIN], gaps[gaps >= MARGIN], strict=True):
-            at, angle = spots[which[i]], float(angles[turn[i]])
-            pose = _turned(upright, angle, middle, at, bottom - low[2])
-            share = min(1.0, float(gap) / radius)
-            found.append(PlacePose(pose, (float(at[0]), float(at[1])), number, float(gap), share))
+        free, gaps = inside[gaps >= MARGIN], gaps[gaps >= MARGIN]
+        standing_there = poses[turn[free]]
+        standing_there[:, :2, 3] += spots[which[free]]
+        standing_there[:, 2, 3] = bottom - low[2]
+        found += [
+            PlacePose(pose, (x, y), number, gap, min(1.0, gap / radius))
+            for pose, (x, y), gap in zip(
+                standing_there, spots[which[free]].tolist(), gaps.tolist(), strict=True
+            )
+        ]
     return sorted(found, key=lambda place: -place.clearance)
 
 
@@ -154,12 +161,3 @@ def stability(vertices: Floats, upright: Floats) -> float:
     beside = shapely.distance(base.boundary, point) if base.contains(point) else 0.0
     tilt = np.arctan2(beside, centre[2] - lowest)
     return float(np.clip(tilt / FIRM, LEAST, 1.0))
-
-
-def _turned(upright: Floats, angle: float, middle: Floats, spot: Floats, height: float) -> Floats:
-    """The upright pose, turned about the vertical axis through its middle and moved to a spot."""
-    turn = Pose.planar(0.0, 0.0, angle).matrix
-    pose: Floats = turn @ upright
-    pose[:2, 3] = spot - turn[:2, :2] @ middle
-    pose[2, 3] = height
-    return pose

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from itertools import combinations
 from typing import Any
 
@@ -246,16 +247,13 @@ class Trial:
         if link not in self.gripper.robot.meshes:
             return
         mujoco = self._mujoco
-        points = self.gripper.robot.hull(link) @ pose[:3, :3].T + pose[:3, 3]
-        try:
-            hull = trimesh.convex.convex_hull(points)
-        except QhullError:
+        hull = _hull(self.gripper.robot.hull(link).tobytes())
+        if hull is None:
             return
-        if hull.volume < 1e-10:
-            return
+        vertices, faces = hull
         mesh = spec.add_mesh(name=f"hull of {link}")
-        mesh.uservert = hull.vertices.ravel().tolist()
-        mesh.userface = hull.faces.ravel().tolist()
+        mesh.uservert = (vertices @ pose[:3, :3].T + pose[:3, 3]).ravel().tolist()
+        mesh.userface = faces.ravel().tolist()
         shape = body.add_geom(type=mujoco.mjtGeom.mjGEOM_MESH, meshname=f"hull of {link}")
         shape.condim = 4
         shape.mass = 0.0
@@ -397,3 +395,13 @@ class Trial:
                 early = min(1.0, 2 * share)
                 self.data.ctrl[actuator] = opened[name] + early * (shut[name] - opened[name])
             self._mujoco.mj_step(self.model, self.data)
+
+
+@lru_cache(maxsize=256)
+def _hull(corners: bytes) -> tuple[Floats, Any] | None:
+    """Vertices and faces of the hull of corners, which each trial of a hand needs; None if flat."""
+    try:
+        hull = trimesh.convex.convex_hull(np.frombuffer(corners).reshape(-1, 3))
+    except QhullError:
+        return None
+    return None if hull.volume < 1e-10 else (hull.vertices, hull.faces)
