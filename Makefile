@@ -19,7 +19,7 @@ ROBOT ?= $(OFFICE)/delivery_robot.urdf --parts $(OFFICE)/delivery_robot_parts.ya
 .PHONY: docs demo test test-docker soak growth fuzz fuzz-sanitized explore lint bench clean
 
 demo:
-	@scripts/setup
+	@scripts/setup viewer
 	@.venv/bin/semmap demo $(WORLD) --robot $(ROBOT)
 
 test: export PYTHONDONTWRITEBYTECODE =  # else each run compiles the tests anew, ten seconds a worker

@@ -12,6 +12,7 @@ from planner.plan import Plan
 from planner.route import Route
 
 if TYPE_CHECKING:
+    from navgrid.occupancy_grid import StoreyGrid
     from planner.route import RouteStep
     from planner.search.problem_builder import MapSearch, Viewpoint
     from planner.search.receding_horizon import Decision
@@ -19,6 +20,7 @@ if TYPE_CHECKING:
     from planner.topology import Topology
     from semmap.api.map_driving import MapDriving
     from semmap.api.map_tasks import MapTasks
+    from semmap.arrays import Floats
     from semmap.draw.picture import Picture
 
 _AT_A_DOOR = ("from", "to", "approach", "leave")
@@ -82,18 +84,38 @@ class MapRoute(Route):
         ValueError if the places of the route have no outlines.
         """
         from navgrid.grid_output import with_grid
-        from planner.route_lines import route_lines
         from semmap.draw.floor_plan import floor_plan
         from semmap.draw.picture import Picture
 
-        grids = {made.scene.storey: made for made in self.map.grids()}
-        lines = route_lines(self, self.topology, grids, None)
+        grids = self._grids()
+        lines = self._lines(grids)
         if not lines:
             raise ValueError(f"the storey of {self.start} has no floor plan to draw on")
         return Picture.stacked(
             Picture.drawn(partial(floor_plan, replace(with_grid(grids[storey]), path=path)))
             for storey, path in lines.items()
         )
+
+    def ways(self) -> list[dict[str, Any]]:
+        """The way as lines: the `storey` of each and its `points` (x, y, z), metres, on its floor.
+
+        In rooms it is the shortest way on the grid, through doors that of the route.
+        """
+        grids = self._grids()
+        return [
+            {"storey": storey, "points": [[*point, z] for point in line.tolist()]}
+            for storey, lines in self._lines(grids).items()
+            for z in [grids[storey].scene.elevation]
+            for line in lines
+        ]
+
+    def _grids(self) -> dict[str, StoreyGrid]:
+        return {made.scene.storey: made for made in self.map.grids()}
+
+    def _lines(self, grids: dict[str, StoreyGrid]) -> dict[str, list[Floats]]:
+        from planner.route_lines import route_lines
+
+        return route_lines(self, self.topology, grids, None)
 
     def _repr_html_(self) -> str:
         rows = "".join(

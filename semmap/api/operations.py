@@ -95,6 +95,7 @@ COMMANDS = {
     ),
     "teach": CommandWord("belief", "Teach the map: knowledge, relations, actions and objects."),
     "topology": CommandWord("topology", "Write the topology for Nav2 or Open-RMF, as DOT or JSON."),
+    "view": CommandWord("serving", "Show the map in 3D in the browser, and its changes live."),
     "where": CommandWord("belief", "Show where objects or agents probably are, or any of a type."),
 }
 """The commands by their first words, in the order of help; ``NAME_command`` is one of a module."""

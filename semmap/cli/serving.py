@@ -1,10 +1,17 @@
-"""The commands `semmap mcp` and `semmap serve`: the map for programs of others."""
+"""The commands `semmap mcp`, `serve` and `view`: the map for programs and in the browser."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import secrets
+import threading
+import time
+import webbrowser
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
+from functools import partial
 from pathlib import Path
+from typing import Any
+from urllib.parse import quote
 
 import typer
 from typer import Option
@@ -40,10 +47,8 @@ def serve_command(
     seconds: float = Option(60, min=0.1, max=86_400, help="Stop a statement after this time."),
     rows: int = Option(1_000_000, min=1, help="The most rows of an answer of SPARQL."),
 ) -> None:
-    """Serve all maps over HTTP: operations, events, OGC API - Features, SPARQL."""
+    """Serve all maps over HTTP: operations, events, OGC API - Features, SPARQL, the viewer."""
     with _extra(), open_database() as database:
-        import uvicorn
-
         from semmap.server.http_api import HttpApi
         from semmap.server.requests import read_tokens
 
@@ -53,17 +58,61 @@ def serve_command(
         known = {} if tokens is None else read_tokens(tokens)
         api = HttpApi(database, known, local=local, seconds=seconds, rows=rows)
         cli.err.print(f"http://{host}:{port}/maps; the operations: /openapi.json", style="dim")
+        _run(api.app, host, port)
+
+
+def view_command(
+    map_name: MapName = None,
+    port: int = Option(8891, min=0, max=65535, help="Where to listen, on this machine."),
+    browser: bool = Option(True, help="Open the page."),
+    write: bool = Option(False, "--write", help="The page may change the map."),
+) -> None:
+    """Show the map in 3D in the browser, with its changes as they come."""
+    with _extra("viewer"), chosen_map(map_name) as chosen:
+        from semmap.server.http_api import HttpApi
+        from semmap.server.viewer_files import viewer_is_built
+
+        if not viewer_is_built():
+            raise typer.BadParameter("the page is not built: run scripts/setup viewer")
+        token = secrets.token_urlsafe(24) if write else None
+        api = HttpApi(chosen.database, {} if token is None else {token: "semmap_admin"})
+        url = f"http://127.0.0.1:{port}/view/?map={quote(chosen.name, safe='')}"
+        url += "" if token is None else f"#token={token}"
+        print(url, flush=True)
+        cli.err.print("Ctrl-C stops", style="dim")
+        _run(api.app, "127.0.0.1", port, partial(webbrowser.open, url) if browser else None)
+
+
+def _run(app: Any, host: str, port: int, begun: Callable[[], object] | None = None) -> None:
+    """Answer requests until the program is interrupted; `begun` is called when it listens."""
+    import uvicorn
+
+    config = uvicorn.Config(
+        app, host=host, port=port, log_level="warning", timeout_graceful_shutdown=5
+    )
+    server = uvicorn.Server(config)
+    if begun is not None:
+        threading.Thread(target=_when_started, args=(server, begun), daemon=True).start()
+    try:
         with suppress(KeyboardInterrupt):
-            uvicorn.run(
-                api.app, host=host, port=port, log_level="warning", timeout_graceful_shutdown=5
-            )
+            server.run()
+    except SystemExit:
+        raise typer.BadParameter(
+            f"{host}:{port} cannot be used: choose another port or host"
+        ) from None
+
+
+def _when_started(server: Any, call: Callable[[], object]) -> None:
+    while not server.started:
+        time.sleep(0.05)
+    call()
 
 
 @contextmanager
-def _extra() -> Iterator[None]:
+def _extra(name: str = "server") -> Iterator[None]:
     try:
         yield
     except ModuleNotFoundError as error:
         raise typer.BadParameter(
-            f"{error.name} is not installed: pip install 'semmap[server]'"
+            f"{error.name} is not installed: pip install 'semmap[{name}]'"
         ) from None

@@ -35,7 +35,9 @@ from semmap.server import ogc_features as ogc
 from semmap.server.calls import OperationCall, answered_at_once, offered
 from semmap.server.handles import SECONDS, BusyError, Handles
 from semmap.server.requests import body_of, role_of
+from semmap.server.scene import meshes_of, scene_of, ways_of
 from semmap.server.sparql_endpoint import MOST_ROWS, SparqlEndpoint
+from semmap.server.viewer_files import Viewer
 
 MOST_LISTENERS = 32
 """The most clients that follow the changes at once."""
@@ -105,6 +107,9 @@ class HttpApi:
             "/collections/{name}/items/{id}": lambda map, base, request: ogc.item(
                 map, request.path_params["name"], base, request.path_params["id"]
             ),
+            "/scene": lambda map, _, __: scene_of(map),
+            "/meshes.glb": lambda map, _, __: meshes_of(map),
+            "/ways": lambda map, _, request: ways_of(map, request.query_params),
         }
         self.app = Starlette(
             lifespan=self._lifespan,
@@ -115,6 +120,7 @@ class HttpApi:
                 Route("/maps/{map}/events", self._events),
                 *(Route(f"/maps/{{map}}{path}", self._ogc(of)) for path, of in features.items()),
                 Mount("/maps/{map}/rdf", routes=sparql.routes),
+                Mount("/view", Viewer()),
                 Route("/maps/{map}/{operation}", self._operation, methods=["GET", "POST"]),
             ],
             middleware=[Middleware(TrustedHostMiddleware, allowed_hosts=THIS_MACHINE)] * local,
@@ -207,6 +213,8 @@ class HttpApi:
             found = await run_in_threadpool(
                 self._with, role, lambda db: of(db.map(name), base, request)
             )
+            if isinstance(found, bytes):
+                return Response(found, media_type="model/gltf-binary")
             kind = "application/geo+json" if "features" in found or "geometry" in found else None
             return JSONResponse(found, media_type=kind)
 

@@ -43,7 +43,7 @@ HANDLES = {
 }
 """What opens, closes and lends connections, or leads to other operations."""
 
-OWN = {"demo", "mcp", "serve", "db"}
+OWN = {"demo", "mcp", "serve", "view", "db"}
 """Commands of the program itself: the demo, and the database's server and schema."""
 
 

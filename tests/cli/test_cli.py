@@ -76,8 +76,8 @@ def test_route_of_figure_4(office: str) -> None:
         (("import", "nowhere.obj", "--scale", "0"), "scale is 0.0: give a finite number above 0"),
         (("import", "nowhere.sdf", "--model-path", "away"), "away is not a folder"),
         (("show", "muffin1", "--at", "noon"), "--at takes an ISO 8601 time"),
-        (("rdf", "serve", "--port", "70000"), "port is 70000"),
-        (("rdf", "serve", "--seconds", "0"), "give a finite number above 0"),
+        (("serve", "--port", "70000"), "0<=x<=65535"),
+        (("serve", "--seconds", "0"), "0.1<=x<=86400"),
     ],
 )
 def test_errors_name_the_fix(office: str, words: tuple[str, ...], says: str) -> None:

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import re
-import threading
-import time
 import xml.etree.ElementTree as ET
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -14,13 +12,12 @@ from urllib.parse import urlencode
 import httpx
 import pytest
 import rdflib
-import uvicorn
 
 import semmap
 from semmap import Map
 from semmap.knowledge.whole_graph import without_warnings
-from semmap.server.http_api import HttpApi
 from semmap.server.requests import read_tokens
+from tests.served import served
 
 WRITER, READER = "w" * 20, "r" * 20
 QUERY = "SELECT ?n { ?x a semmap:Sofa ; semmap:name ?n }"
@@ -29,22 +26,14 @@ XML = "{http://www.w3.org/2005/sparql-results#}"
 
 @contextmanager
 def serving(loft_map: Map, **options: float) -> Iterator[httpx.Client]:
-    """Serve the loft on a free port of this machine."""
-    with semmap.connect(loft_map.database.address) as database:
-        api = HttpApi(database, {WRITER: "semmap_robot", READER: "semmap_reader"}, **options)
-        server = uvicorn.Server(uvicorn.Config(api.app, port=0, log_level="error", ws="none"))
-        thread = threading.Thread(target=server.run)
-        thread.start()
-        try:
-            while not server.started:
-                time.sleep(0.01)
-            port = server.servers[0].sockets[0].getsockname()[1]
-            url = f"http://127.0.0.1:{port}/maps/loft/rdf"
-            with httpx.Client(base_url=url, timeout=30) as client:
-                yield client
-        finally:
-            server.should_exit = True
-            thread.join()
+    """A client of the protocol of the loft."""
+    tokens = {WRITER: "semmap_robot", READER: "semmap_reader"}
+    with (
+        semmap.connect(loft_map.database.address) as database,
+        served(database, tokens, **options) as url,
+        httpx.Client(base_url=f"{url}/maps/loft/rdf", timeout=30) as client,
+    ):
+        yield client
 
 
 @pytest.fixture(scope="module")

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import shutil
 import subprocess
-import threading
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -14,7 +13,6 @@ from typing import Any
 import httpx
 import pyogrio
 import pytest
-import uvicorn
 from pyproj import Geod
 from sqlalchemy import Engine
 from starlette.testclient import TestClient
@@ -22,6 +20,7 @@ from starlette.testclient import TestClient
 import semmap
 from semmap.server.handles import Handles
 from semmap.server.http_api import HttpApi
+from tests.served import served
 
 ROBOT, ADMIN = "a-token-of-a-robot", "a-token-of-an-admin"
 TOKENS = {ROBOT: "semmap_robot", ADMIN: "semmap_admin"}
@@ -36,18 +35,8 @@ def db(house: Engine) -> Iterator[semmap.Database]:
 @pytest.fixture(scope="module")
 def url(db: semmap.Database) -> Iterator[str]:
     """Where the maps are served."""
-    config = uvicorn.Config(
-        HttpApi(db, TOKENS).app, port=0, log_level="warning", timeout_graceful_shutdown=1
-    )
-    server = uvicorn.Server(config)
-    thread = threading.Thread(target=server.run)
-    thread.start()
-    while not server.started:
-        time.sleep(0.01)
-    port = server.servers[0].sockets[0].getsockname()[1]
-    yield f"http://127.0.0.1:{port}"
-    server.should_exit = True
-    thread.join()
+    with served(db, TOKENS) as address:
+        yield address
 
 
 @pytest.fixture

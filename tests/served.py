@@ -1,0 +1,38 @@
+"""The maps of a database over HTTP, on a free port of this machine."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from typing import Any
+
+import uvicorn
+
+import semmap
+from semmap.server.http_api import HttpApi
+
+
+@contextmanager
+def served(
+    database: semmap.Database, tokens: Mapping[str, str] | None = None, **options: Any
+) -> Iterator[str]:
+    """The address of a server; `options` are those of `HttpApi`."""
+    config = uvicorn.Config(
+        HttpApi(database, tokens, **options).app,
+        port=0,
+        log_level="warning",
+        timeout_graceful_shutdown=1,
+    )
+    server = uvicorn.Server(config)
+    thread = threading.Thread(target=server.run)
+    thread.start()
+    while not server.started:
+        time.sleep(0.01)
+    port = server.servers[0].sockets[0].getsockname()[1]
+    try:
+        yield f"http://127.0.0.1:{port}"
+    finally:
+        server.should_exit = True
+        thread.join()

@@ -1,0 +1,202 @@
+"""The viewer in a real browser: it shows the small house, hears of changes, and finds its way."""
+
+from __future__ import annotations
+
+import shutil
+import time
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+import pytest
+from playwright.sync_api import Page, sync_playwright
+from sqlalchemy import Engine
+
+import semmap
+from semmap.server.viewer_files import viewer_is_built
+from tests.served import served
+
+SOFTWARE = ["--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
+QUIET = ["--disable-background-networking", "--disable-component-update", "--disable-sync"]
+
+
+@pytest.fixture(scope="module")
+def db(house: Engine) -> Iterator[semmap.Database]:
+    with semmap.connect(house.url.render_as_string(hide_password=False)) as db:
+        yield db
+
+
+@pytest.fixture(scope="module")
+def url(db: semmap.Database) -> Iterator[str]:
+    with served(db) as address:
+        yield address
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Any]:
+    program = shutil.which("chromium")
+    if program is None or not viewer_is_built():
+        pytest.skip("chromium or the page is not there: scripts/setup test")
+    with sync_playwright() as playwright:
+        options = ["--no-sandbox", "--disable-quic", "--no-first-run", *QUIET, *SOFTWARE]
+        browser = playwright.chromium.launch(executable_path=program, args=options)
+        yield browser
+        browser.close()
+
+
+@pytest.fixture
+def page(browser: Any, url: str) -> Iterator[Page]:
+    """The page, when it has shown the map; it asks nobody else, and raises nothing."""
+    page = browser.new_page(viewport={"width": 900, "height": 600})
+    asked: list[str] = []
+    raised: list[str] = []
+    page.on("request", lambda request: asked.append(request.url))
+    page.on("pageerror", lambda error: raised.append(str(error)))
+    open_page(page, f"{url}/view/?map=house")
+    yield page
+    page.close()
+    assert [each for each in asked if not each.startswith((url, "data:", f"blob:{url}"))] == []
+    assert raised == []
+
+
+def open_page(page: Page, address: str) -> None:
+    page.goto(address)
+    page.evaluate("semmap.ready")
+    until(page, "document.getElementById('status').value === 'live'")
+
+
+def until(page: Page, what: str, value: Any = None, seconds: float = 10) -> None:
+    """Wait until an expression is true; the page's policy forbids Playwright's own wait."""
+    end = time.monotonic() + seconds
+    while not page.evaluate(what, value):
+        assert time.monotonic() < end, what
+        page.wait_for_timeout(20)
+
+
+def known(page: Page, name: str, key: str) -> Any:
+    return page.evaluate("([name, key]) => semmap.house.entities.get(name)?.[key]", [name, key])
+
+
+def test_it_has_what_the_map_has(page: Page, db: semmap.Database) -> None:
+    house = db.map("house")
+    told = dict(page.evaluate("[...semmap.house.entities].map(([name, e]) => [name, e.pose])"))
+    there = {e.name: e.pose for e in house.find() if e.kind not in ("storey", "elevator")}
+    assert told.keys() == there.keys()
+    for entity in house.find("object"):
+        assert told[entity.name] == pytest.approx(list(entity.pose))
+
+
+def test_what_is_met_first_is_what_rays_meet_first(page: Page, db: semmap.Database) -> None:
+    """Rays are cast here through the meshes of the map by another algorithm, in double numbers."""
+    for kind in ("rooms", "doors"):
+        page.get_by_label(kind, exact=True).uncheck()
+    meshes = [(e.name, e.mesh) for e in db.map("house").find("object") if e.mesh is not None]
+    meshes = [(name, mesh) for name, mesh in meshes if known(page, name, "clear") is False]
+    owner = np.repeat([name for name, _ in meshes], [len(mesh.faces) for _, mesh in meshes])
+    triangles = np.concatenate([mesh.triangles for _, mesh in meshes])
+    dice = np.random.default_rng(5)
+    agreed = 0
+    for x, y in dice.uniform((330, 100), (880, 500), (40, 2)):
+        seen, origin, way = page.evaluate(
+            "([clientX, clientY]) => { const ray = semmap.stage.ray({clientX, clientY});"
+            "return [semmap.house.met(ray) ?? null, ...[ray.ray.origin, ray.ray.direction]"
+            ".map((v) => v.toArray())] }",
+            [x, y],
+        )
+        distances = along(triangles, np.array(origin), np.array(way))
+        first = distances.argmin()
+        if seen is None:
+            assert distances[first] == np.inf
+        else:
+            own = distances[owner == seen].min()
+            assert own == pytest.approx(distances[first], abs=2e-3), (seen, owner[first])
+            agreed += 1
+    assert agreed > 20
+
+
+def along(triangles: np.ndarray, origin: np.ndarray, way: np.ndarray) -> np.ndarray:
+    """How far a ray goes to each triangle; infinite past them (plane, then signs of areas)."""
+    a, b, c = triangles.transpose(1, 0, 2)
+    normal = np.cross(b - a, c - a)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        far = ((a - origin) * normal).sum(1) / (normal @ way)
+        point = origin + far[:, None] * way
+        sides = [(np.cross(q - p, point - p) * normal).sum(1) for p, q in ((a, b), (b, c), (c, a))]
+        inside = np.all(np.array(sides) >= 0, axis=0) & (far > 0)
+    return np.where(inside, far, np.inf)
+
+
+def test_changes_of_others_appear(page: Page, db: semmap.Database) -> None:
+    house = db.map("house")
+    ball = house["Ball_01_001"]
+    ball.move_to(1.25, -2.5, 0.5)
+    until(page, "semmap.house.entities.get('Ball_01_001').pose[0] === 1.25")
+    at = page.evaluate(
+        "(() => { const { object, number } = semmap.house.entities.get('Ball_01_001');"
+        "return [...object.instanceMatrix.array.slice(16 * number + 12, 16 * number + 15)] })()"
+    )
+    assert at == pytest.approx([1.25, -2.5, 0.5])
+    door = next(iter(house.doors))
+    before = page.evaluate(
+        "(name) => semmap.house.entities.get(name).object.material.color.getHex()", door.name
+    )
+    door.state = "closed" if door.state == "open" else "open"
+    until(
+        page,
+        "([name, before]) => semmap.house.entities.get(name).object.material.color.getHex() "
+        "!== before",
+        [door.name, before],
+    )
+    house.add_object("Stuhl <b>1</b>", type="chair", size=(0.4, 0.4, 0.9), pose=(1, -1, 0))
+    until(page, "semmap.house.entities.has('Stuhl <b>1</b>')")
+    page.get_by_placeholder("Search").fill("chair <b>")
+    page.get_by_role("button", name="Stuhl <b>1</b> chair").click()
+    page.get_by_role("heading", name="Stuhl <b>1</b>").wait_for(timeout=5000)
+    house["Stuhl <b>1</b>"].delete()
+    until(page, "semmap.house.entities.get('Stuhl <b>1</b>').removed")
+
+
+def test_routes_and_answers_are_marked(page: Page, db: semmap.Database) -> None:
+    house = db.map("house")
+    route = page.locator("#route")
+    route.get_by_placeholder("from").fill("bedroom")
+    route.get_by_placeholder("to", exact=True).fill("kitchen")
+    route.get_by_role("button").click()
+    until(page, "semmap.house.lines.children.length")
+    metres = house.route("bedroom", "kitchen").metres
+    assert route.locator("output").inner_text().startswith(f"{metres:.1f} m")
+    route.get_by_placeholder("to", exact=True).fill("nowhere")
+    route.get_by_role("button").click()
+    until(page, "document.querySelector('#route output').className === 'wrong'")
+    assert "nowhere" in route.locator("output").inner_text()
+    query = page.locator("#query")
+    query.get_by_role("textbox").fill("SELECT ?x { ?x a semmap:Chair }")
+    query.get_by_role("button").click()
+    until(page, "semmap.house.marked.size > 0")
+    assert {*page.evaluate("[...semmap.house.marked]")} == {e.name for e in house.find("chair")}
+
+
+def test_a_link_restores_the_view(page: Page, browser: Any) -> None:
+    page.get_by_label("things", exact=True).uncheck()
+    page.get_by_placeholder("Search").fill("sofa")
+    page.get_by_role("button", name="Sofa").first.click()
+    until(page, "location.hash.includes('selected')")
+    state = (
+        "[semmap.stage.camera.position.toArray().map((v) => Math.round(10 * v)), "
+        "[...semmap.house.marked], [...semmap.house.hidden].sort()]"
+    )
+    before = page.evaluate(state)
+    again = browser.new_page(viewport={"width": 900, "height": 600})
+    open_page(again, page.url)
+    assert again.evaluate(state) == before
+    assert before[1]
+    again.close()
+
+
+def test_the_page_loads_nothing_from_elsewhere(page: Page) -> None:
+    refused = page.evaluate(
+        "fetch('http://127.0.0.2:9/').then(() => 'sent', (error) => error.message)"
+    )
+    assert refused != "sent"
+    reply = page.request.get(page.url)
+    assert "default-src 'self'" in reply.headers["content-security-policy"]

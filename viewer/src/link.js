@@ -1,0 +1,16 @@
+// The view in the fragment of the address, so that a link restores it; a token there stays.
+
+export function readLink() {
+  return Object.fromEntries(new URLSearchParams(location.hash.slice(1)));
+}
+
+export function writeLink(values) {
+  const kept = new URLSearchParams({ ...readLink(), ...values });
+  for (const [key, value] of [...kept]) if (value === "" || value === "null") kept.delete(key);
+  history.replaceState(null, "", `${location.pathname}${location.search}#${kept}`);
+}
+
+export function numbers(text, count) {
+  const found = (text ?? "").split(",").map(Number);
+  return found.length === count && found.every(Number.isFinite) ? found : null;
+}

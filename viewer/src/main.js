@@ -1,0 +1,147 @@
+// The page: reads the map, shows it, follows its changes, and does what the panel asks.
+
+import { House, LAYERS } from "./house.js";
+import { numbers, readLink, writeLink } from "./link.js";
+import { Maps } from "./maps.js";
+import { Panel } from "./panel.js";
+import { Stage } from "./stage.js";
+
+const REREAD = 100; // milliseconds that changes are gathered before the scene is read again
+
+const link = readLink();
+const name = new URLSearchParams(location.search).get("map");
+const maps = new Maps(name, link.token);
+const canvas = document.getElementById("stage");
+const stage = new Stage(canvas, document.getElementById("labels"), document.getElementById("panel"));
+const house = new House(stage);
+const panel = new Panel({ select, route, query, hide, apart });
+let selected = null;
+
+async function read() {
+  const [scene, meshes] = await Promise.all([
+    maps.get("scene").then((reply) => reply.json()),
+    maps.get("meshes.glb").then((reply) => reply.arrayBuffer()),
+  ]);
+  await house.show(scene, meshes);
+  house.mark(selected ? [selected] : []);
+  panel.show(house, [...new Set(Object.values(LAYERS)), "ceilings"]);
+  return scene;
+}
+
+async function start() {
+  for (const each of (link.hidden ?? "ceilings").split(",").filter(Boolean)) house.hidden.add(each);
+  house.apart = Number(link.apart) || 0;
+  const scene = await read();
+  const from = numbers(link.from, 3);
+  const to = numbers(link.to, 3);
+  if (from && to) {
+    stage.camera.position.set(...from);
+    stage.controls.target.set(...to);
+    stage.controls.update();
+  } else whole();
+  stage.controls.addEventListener("end", remember);
+  if (link.selected) await select(link.selected);
+  if (!scene.places.length) {
+    panel.say("no rooms: find them by semmap rooms find");
+  }
+  maps.follow(scene.cursor, hear, (text) => panel.say(text)).catch((error) => panel.say(error.message));
+}
+
+let waiting = null;
+
+function hear(event) {
+  if (!house.hear(event)) waiting ??= setTimeout(reread, REREAD);
+  if (event.name === selected) card();
+}
+
+async function reread() {
+  waiting = null;
+  try {
+    await read();
+  } catch (error) {
+    panel.say(error.message);
+    waiting ??= setTimeout(reread, 10 * REREAD);
+  }
+}
+
+async function select(of, near = false) {
+  selected = house.entities.has(of) ? of : null;
+  house.mark(selected ? [selected] : []);
+  writeLink({ selected: selected ?? "" });
+  if (near && selected) {
+    const box = house.box([selected]);
+    if (!box.isEmpty()) stage.look(box.expandByScalar(1.5));
+    remember();
+  }
+  await card();
+}
+
+async function card() {
+  const asked = selected;
+  if (asked === null) return panel.card(null);
+  try {
+    const told = await maps.ask("describe", { name: asked });
+    if (asked === selected) panel.card(told);
+  } catch (error) {
+    panel.card({ name: asked, error: error.message });
+  }
+}
+
+async function route(values) {
+  house.drawWays([]);
+  const found = await maps.ask("route", values);
+  const ways = await (await maps.get(`ways?${new URLSearchParams(values)}`)).json();
+  house.drawWays(ways.map((way) => way.points));
+  const doors = found.doors.map((door) => door.name).join(", ");
+  return `${found.metres.toFixed(1)} m, ${found.seconds.toFixed(0)} s${doors ? ` through ${doors}` : ""}`;
+}
+
+async function query({ text }) {
+  const answer = await maps.ask("sparql", { text });
+  const known = (answer.rows ?? []).flat().filter((value) => house.entities.has(value));
+  house.mark(known);
+  return answer.rows ? `${answer.rows.length} answers, ${new Set(known).size} entities` : JSON.stringify(answer);
+}
+
+function hide(of, hidden) {
+  if (hidden) house.hidden.add(of);
+  else house.hidden.delete(of);
+  house.arrange();
+  writeLink({ hidden: [...house.hidden].join(",") || "," });
+}
+
+function apart(metres) {
+  house.apart = metres;
+  house.arrange();
+  writeLink({ apart: metres || "" });
+}
+
+function whole() {
+  stage.look(house.box());
+}
+
+function remember() {
+  const short = (vector) => vector.toArray().map((value) => value.toFixed(2)).join(",");
+  writeLink({ from: short(stage.camera.position), to: short(stage.controls.target) });
+}
+
+let down = null;
+canvas.addEventListener("pointerdown", (event) => (down = event));
+canvas.addEventListener("pointerup", (event) => {
+  if (down && Math.hypot(event.clientX - down.clientX, event.clientY - down.clientY) < 4) {
+    select(house.met(stage.ray(event)) ?? null);
+  }
+});
+addEventListener("keydown", (event) => {
+  const writes = /input|textarea/i.test(event.target.tagName);
+  if (event.key === "Escape") select(null);
+  else if (writes) return;
+  else if (event.key === "f") whole();
+  else if (event.key === "/") {
+    event.preventDefault();
+    document.getElementById("search").focus();
+  }
+});
+
+window.semmap = { house, stage, ready: start() };
+window.semmap.ready.catch((error) => panel.say(error.message));

@@ -1,0 +1,67 @@
+// What the server says of one map. The token, if any, is in the fragment of the address.
+
+export class Maps {
+  constructor(name, token) {
+    this.at = new URL(`maps/${encodeURIComponent(name)}/`, new URL("../", location.href)).href;
+    this.headers = token ? { Authorization: `Bearer ${token}` } : {};
+  }
+
+  async get(path) {
+    return answered(await fetch(this.at + path, { headers: this.headers }));
+  }
+
+  // The answer of an operation with its arguments by name.
+  async ask(operation, values) {
+    const headers = { ...this.headers, "Content-Type": "application/json" };
+    const body = JSON.stringify(values);
+    const reply = await fetch(this.at + operation, { method: "POST", headers, body });
+    return (await answered(reply)).json();
+  }
+
+  // Call with each event after a cursor, for ever: a connection that ends is opened again.
+  async follow(cursor, hear, say) {
+    for (;;) {
+      try {
+        const reply = await this.get(`events?since=${encodeURIComponent(cursor)}`);
+        say("live");
+        for await (const event of events(reply.body)) {
+          cursor = event.cursor;
+          hear(event);
+        }
+      } catch (error) {
+        if (error.status === 400) throw error; // changes after the cursor are not kept
+        say(`away: ${error.message}`);
+      }
+      await new Promise((done) => setTimeout(done, 1000));
+    }
+  }
+}
+
+async function answered(reply) {
+  if (reply.ok) return reply;
+  const text = await reply.text();
+  let why = text;
+  try {
+    why = JSON.parse(text).error;
+  } catch {
+    // a text says why, too
+  }
+  throw Object.assign(new Error(why || reply.statusText), { status: reply.status });
+}
+
+async function* events(stream) {
+  let text = "";
+  for await (const part of read(stream.pipeThrough(new TextDecoderStream()))) {
+    const blocks = (text + part).split("\n\n");
+    text = blocks.pop();
+    for (const block of blocks) {
+      const line = block.split("\n").find((each) => each.startsWith("data: "));
+      if (line) yield JSON.parse(line.slice(6));
+    }
+  }
+}
+
+async function* read(stream) {
+  const reader = stream.getReader();
+  for (let part = await reader.read(); !part.done; part = await reader.read()) yield part.value;
+}

@@ -1,0 +1,100 @@
+// The panel: search, the card of what is selected, routes, queries, storeys and layers.
+
+const MOST_FOUND = 50;
+const at = (id) => document.getElementById(id);
+
+export class Panel {
+  // `does` has what its controls call: select(name), route(values), query(text), hide(name, hidden), apart(metres).
+  constructor(does) {
+    this.does = does;
+    at("search").addEventListener("input", () => this.search());
+    at("search").addEventListener("keydown", (event) => {
+      if (event.key === "Enter") at("found").querySelector("button")?.click();
+    });
+    for (const id of ["route", "query"]) {
+      at(id).addEventListener("submit", async (event) => {
+        event.preventDefault();
+        const form = event.target;
+        const output = form.querySelector("output");
+        const values = Object.fromEntries([...new FormData(form)].filter(([, value]) => value.trim()));
+        output.className = "";
+        output.value = "asking";
+        try {
+          output.value = await does[id](values);
+        } catch (error) {
+          output.className = "wrong";
+          output.value = error.message;
+        }
+      });
+    }
+    at("apart").addEventListener("input", (event) => does.apart(Number(event.target.value)));
+  }
+
+  say(text) {
+    at("status").value = text;
+  }
+
+  // Show the names, storeys and layers of a scene.
+  show(house, kinds) {
+    at("map-name").textContent = document.title = house.scene.map;
+    this.entities = [...house.entities.values()];
+    at("names").replaceChildren(...this.entities.map((each) => element("option", { value: each.name })));
+    const storeys = house.scene.storeys.map((storey) => storey.name).reverse();
+    at("storeys").previousElementSibling.hidden = !storeys.length;
+    at("storeys").replaceChildren(...storeys.map((name) => this.box(house, name)));
+    at("kinds").replaceChildren(...kinds.map((name) => this.box(house, name)));
+    at("apart").parentElement.hidden = storeys.length < 2;
+    at("apart").value = house.apart;
+    this.search();
+  }
+
+  box(house, name) {
+    const box = element("input", { type: "checkbox", checked: !house.hidden.has(name), name });
+    box.addEventListener("change", () => this.does.hide(name, !box.checked));
+    return element("label", {}, box, ` ${name}`);
+  }
+
+  search() {
+    const words = at("search").value.toLowerCase().split(/\s+/).filter(Boolean);
+    const fits = (each) =>
+      words.every((word) => `${each.name} ${each.type ?? ""} ${each.label ?? ""}`.toLowerCase().includes(word));
+    const found = words.length ? this.entities.filter((each) => !each.removed && fits(each)) : [];
+    at("found").replaceChildren(
+      ...found.slice(0, MOST_FOUND).map((each) => {
+        const button = element("button", { type: "button" }, `${each.name} `, element("small", {}, each.type ?? ""));
+        button.addEventListener("click", () => this.does.select(each.name, true));
+        return element("li", {}, button);
+      }),
+      ...(found.length > MOST_FOUND ? [element("li", {}, `and ${found.length - MOST_FOUND} more`)] : []),
+      ...(words.length && !found.length ? [element("li", {}, "nothing has such a name or type")] : []),
+    );
+  }
+
+  // Show what is known of an entity; null for none.
+  card(told) {
+    at("card").hidden = told === null;
+    if (told === null) return;
+    const rows = Object.entries(told).filter(([key, value]) => !OMITTED.has(key) && value !== null && value !== "");
+    at("card").replaceChildren(
+      element("h2", {}, told.name),
+      element("dl", {}, ...rows.flatMap(([key, value]) => [element("dt", {}, key), element("dd", {}, text(value))])),
+    );
+  }
+}
+
+const OMITTED = new Set(["name", "footprint", "box", "front", "properties"]);
+
+function text(value) {
+  if (Array.isArray(value)) return value.map(text).join(", ");
+  if (typeof value === "number") return String(Math.round(value * 1000) / 1000);
+  if (value && typeof value === "object") {
+    return Object.entries(value).map(([key, each]) => `${key}: ${text(each)}`).join(", ");
+  }
+  return String(value);
+}
+
+function element(tag, values, ...children) {
+  const made = Object.assign(document.createElement(tag), values);
+  made.append(...children);
+  return made;
+}
