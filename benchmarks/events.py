@@ -1,4 +1,4 @@
-"""A move of one of 10,000 objects until clients hear of it: by Python, and over HTTP."""
+"""A move of one of 10,000 objects until Python, a client of HTTP and the viewer hear of it."""
 
 from __future__ import annotations
 
@@ -11,16 +11,19 @@ from queue import SimpleQueue
 
 import httpx
 import numpy as np
-import uvicorn
 
 import semmap
 from benchmarks.inventory import building, stored
 from benchmarks.timing import Row, print_rows
-from semmap.server.http_api import HttpApi
+from tests.browser import SIZE, chromium, open_viewer
+from tests.served import served
 
 Follow = Callable[[semmap.Database, Callable[[str], None]], AbstractContextManager[None]]
 
 MOVES = 200
+OPENED = 5.0
+"""Seconds within which the viewer shows a map."""
+
 LIMIT = 200
 """Milliseconds within which 99 of 100 moves are heard of."""
 
@@ -34,6 +37,7 @@ def measured() -> list[Row]:
             return [
                 _row("a client in Python (Map.subscribe)", db, subscribed),
                 _row("a client of HTTP (server-sent events)", db, streamed),
+                *_viewer_rows(db),
             ]
 
 
@@ -47,50 +51,83 @@ def subscribed(db: semmap.Database, hear: Callable[[str], None]) -> Iterator[Non
 @contextmanager
 def streamed(db: semmap.Database, hear: Callable[[str], None]) -> Iterator[None]:
     """Call with the name of each entity that changes."""
-    config = uvicorn.Config(
-        HttpApi(db).app, port=0, log_level="warning", timeout_graceful_shutdown=1
-    )
-    server = uvicorn.Server(config)
-    threads = [threading.Thread(target=server.run)]
-    threads[0].start()
-    while not server.started:
-        time.sleep(0.01)
-    port = server.servers[0].sockets[0].getsockname()[1]
     ready = threading.Event()
 
-    def follow() -> None:
-        at = f"http://127.0.0.1:{port}/maps/building/events"
+    def follow(url: str) -> None:
+        at = f"{url}/maps/building/events"
         with suppress(httpx.RemoteProtocolError), httpx.stream("GET", at, timeout=60) as events:
             for line in events.iter_lines():  # until the server stops
                 ready.set()
                 if line.startswith("data: "):
                     hear(json.loads(line[6:])["name"])
 
-    threads.append(threading.Thread(target=follow))
-    threads[1].start()
-    ready.wait()
-    yield
-    server.should_exit = True
-    for thread in threads:
-        thread.join()
+    with served(db) as url:
+        threading.Thread(target=follow, args=(url,), daemon=True).start()
+        ready.wait()
+        yield
 
 
 def _row(name: str, db: semmap.Database, by: Follow) -> Row:
     heard: SimpleQueue[str] = SimpleQueue()
     took = []
     with by(db, heard.put):
-        for number in range(MOVES):
-            cup = db.map("building")[f"cup{number % 100}_3_{number % 9}"]
-            assert cup.pose is not None
-            x, y, z = cup.pose[:3]
-            began = time.perf_counter()
-            cup.move_to(x + 0.01, y, z)
-            while heard.get(timeout=20) != cup.name:
+        for moved, began in _moves(db):
+            while heard.get(timeout=20) != moved:
                 pass
-            took.append((time.perf_counter() - began) * 1e3)
-    middle, late = np.percentile(took, (50, 99))
+            took.append(time.time() - began)
+    return _told(name, took)
+
+
+def _moves(db: semmap.Database) -> Iterator[tuple[str, float]]:
+    """Move cups; yields the name of each, and when the call began."""
+    for number in range(MOVES):
+        cup = db.map("building")[f"cup{number % 100}_3_{number % 9}"]
+        assert cup.pose is not None
+        x, y, z = cup.pose[:3]
+        began = time.time()
+        cup.move_to(x + 0.01, y, z)
+        yield cup.name, began
+
+
+def _told(name: str, took: list[float]) -> Row:
+    middle, late = 1e3 * np.percentile(took, (50, 99))
     shown = f"{middle:.1f} ms, 99 of 100 in {late:.1f} ms"
     return Row(name, shown, "", f"99 of 100 in {LIMIT} ms", bool(late <= LIMIT))
+
+
+def _viewer_rows(db: semmap.Database) -> Iterator[Row]:
+    """The page of the viewer in Chromium; its drawing, by software here, is not measured."""
+    with served(db) as url, chromium() as browser:
+        page = browser.new_page(viewport=SIZE)
+        began = time.time()
+        open_viewer(page, f"{url}/view/?map=building")
+        took = time.time() - began
+        yield Row("the viewer, opened", f"{took:.1f} s", "", f"{OPENED} s", took <= OPENED)
+        page.evaluate(HEARING)
+        begun = dict(_moves(db))  # the last move of each cup
+        heard: dict[str, float] = {}
+        while len(heard) < len(begun):
+            page.wait_for_timeout(100)
+            heard = dict(page.evaluate("window.heard"))
+        yield _told(
+            "the viewer, until it has the new place",
+            [heard[name] / 1e3 - begun[name] for name in begun],
+        )
+
+
+HEARING = """
+() => {
+    const { house } = semmap, hear = house.hear.bind(house);
+    window.heard = [];
+    semmap.stage.renderer.render = () => {};
+    house.hear = (event) => {
+        const done = hear(event);
+        heard.push([event.name, performance.timeOrigin + performance.now()]);
+        return done;
+    };
+}
+"""
+"""Notes when the page has taken each event."""
 
 
 def main() -> None:

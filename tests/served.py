@@ -8,10 +8,9 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from typing import Any
 
-import uvicorn
-
 import semmap
 from semmap.server.http_api import HttpApi
+from semmap.server.http_server import HttpServer
 
 
 @contextmanager
@@ -19,13 +18,7 @@ def served(
     database: semmap.Database, tokens: Mapping[str, str] | None = None, **options: Any
 ) -> Iterator[str]:
     """The address of a server; `options` are those of `HttpApi`."""
-    config = uvicorn.Config(
-        HttpApi(database, tokens, **options).app,
-        port=0,
-        log_level="warning",
-        timeout_graceful_shutdown=1,
-    )
-    server = uvicorn.Server(config)
+    server = HttpServer(HttpApi(database, tokens, **options), "127.0.0.1", 0)
     thread = threading.Thread(target=server.run)
     thread.start()
     while not server.started:

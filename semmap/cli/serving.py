@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import secrets
-import threading
-import time
 import webbrowser
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 from urllib.parse import quote
 
 import typer
@@ -19,6 +17,9 @@ from typer import Option
 from semmap import cli
 from semmap.cli.chosen import chosen_map, open_database
 from semmap.cli.options import MapName
+
+if TYPE_CHECKING:
+    from semmap.server.http_api import HttpApi
 
 
 def mcp_command(
@@ -58,7 +59,7 @@ def serve_command(
         known = {} if tokens is None else read_tokens(tokens)
         api = HttpApi(database, known, local=local, seconds=seconds, rows=rows)
         cli.err.print(f"http://{host}:{port}/maps; the operations: /openapi.json", style="dim")
-        _run(api.app, host, port)
+        _run(api, host, port)
 
 
 def view_command(
@@ -80,32 +81,20 @@ def view_command(
         url += "" if token is None else f"#token={token}"
         print(url, flush=True)
         cli.err.print("Ctrl-C stops", style="dim")
-        _run(api.app, "127.0.0.1", port, partial(webbrowser.open, url) if browser else None)
+        _run(api, "127.0.0.1", port, partial(webbrowser.open, url) if browser else str)
 
 
-def _run(app: Any, host: str, port: int, begun: Callable[[], object] | None = None) -> None:
+def _run(api: HttpApi, host: str, port: int, begun: Callable[[], object] = lambda: None) -> None:
     """Answer requests until the program is interrupted; `begun` is called when it listens."""
-    import uvicorn
+    from semmap.server.http_server import HttpServer
 
-    config = uvicorn.Config(
-        app, host=host, port=port, log_level="warning", timeout_graceful_shutdown=5
-    )
-    server = uvicorn.Server(config)
-    if begun is not None:
-        threading.Thread(target=_when_started, args=(server, begun), daemon=True).start()
     try:
         with suppress(KeyboardInterrupt):
-            server.run()
+            HttpServer(api, host, port, begun).run()
     except SystemExit:
         raise typer.BadParameter(
             f"{host}:{port} cannot be used: choose another port or host"
         ) from None
-
-
-def _when_started(server: Any, call: Callable[[], object]) -> None:
-    while not server.started:
-        time.sleep(0.05)
-    call()
 
 
 @contextmanager

@@ -26,11 +26,14 @@ from semmap.query.entity_shapes import read_shapes
 from semmap.query.meshes import models_points, models_triangles
 from semmap.query.snapshot import Snapshot
 
+_STOREYS = (
+    "WITH floor AS MATERIALIZED (SELECT s.name, b.pose[3] AS z, count(*) OVER () AS number "
+    "FROM entity s LEFT JOIN world b ON b.entity_id = s.id "
+    "WHERE s.map_id = current_map() AND s.kind = 'storey')"
+)
 _BASE = (
-    "CROSS JOIN LATERAL (SELECT coalesce((SELECT b.pose[3] FROM world b JOIN entity s ON s.id = "
-    "b.entity_id WHERE s.map_id = current_map() AND s.kind = 'storey' AND (s.name = v.storey OR "
-    "v.storey IS NULL AND 1 = (SELECT count(*) FROM entity o WHERE o.map_id = s.map_id "
-    "AND o.kind = 'storey'))), 0)) base (z)"
+    "LEFT JOIN floor ON floor.name = v.storey OR v.storey IS NULL AND floor.number = 1 "
+    "CROSS JOIN LATERAL (SELECT coalesce(floor.z, 0)) base (z)"
 )
 """The height above which the file has the heights of a feature of the view `v`."""
 
@@ -203,7 +206,7 @@ def read_map(
             names = {number: row["name"] for number, row in shapes.items()}
             meshes = _meshes(seen, found, folder, boxes, names)
         for layer, statement in LAYERS.items():
-            for row in cursor.execute(f"{statement} ORDER BY 3").fetchall():
+            for row in cursor.execute(f"{_STOREYS} {statement} ORDER BY 3").fetchall():
                 number = row.pop("fid")
                 shown, base = shapes[number], row.pop("base", None)
                 keys = {k: v for k, v in row.items() if v is not None}

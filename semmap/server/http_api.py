@@ -9,6 +9,7 @@ import asyncio
 import json
 from collections.abc import AsyncIterator, Callable, Mapping
 from contextlib import asynccontextmanager
+from functools import partial
 from importlib.metadata import version
 from typing import Any
 from urllib.parse import quote
@@ -93,7 +94,7 @@ class HttpApi:
         self._tokens, self._local = dict(tokens or {}), local
         self._handles = Handles(database, seconds)
         sparql = SparqlEndpoint(self._handles, self._role, seconds=seconds, rows=rows)
-        self._listeners = 0
+        self._listeners: set[Callable[[], object]] = set()  # each ends one
         calls = answered_at_once(OPERATIONS)
         self._calls = {rights: offered(calls, rights) for rights in {*RIGHTS.values(), _ALL}}
         features: dict[str, Callable[[Map, str, Request], Any]] = {
@@ -132,6 +133,11 @@ class HttpApi:
         yield
         self._handles.close()
 
+    def end_streams(self) -> None:
+        """Let go of those who follow the changes, so that the server can stop."""
+        for leave in [*self._listeners]:
+            leave()
+
     async def _maps(self, request: Request) -> Response:
         role = self._role(request)
         found = await run_in_threadpool(self._with, role, lambda db: db.list_maps())
@@ -155,17 +161,17 @@ class HttpApi:
     async def _events(self, request: Request) -> Response:
         role, map_name = self._role(request), request.path_params["map"]
         since = request.headers.get("last-event-id") or request.query_params.get("since")
-        if self._listeners >= MOST_LISTENERS:
+        if len(self._listeners) >= MOST_LISTENERS:
             raise BusyError(f"{MOST_LISTENERS} clients follow the changes: try again")
         loop = asyncio.get_running_loop()
-        waiting: asyncio.Queue[MapEvent] = asyncio.Queue(MOST_EVENTS)
-        late = asyncio.Event()  # the client does not read; it comes again with its last event
+        waiting: asyncio.Queue[MapEvent | None] = asyncio.Queue(MOST_EVENTS)
 
-        def deliver(event: MapEvent) -> None:
-            if waiting.full():
-                late.set()
-            else:
-                waiting.put_nowait(event)
+        def deliver(event: MapEvent | None) -> None:
+            if waiting.full():  # the client does not read; it comes again with its last event
+                event = None
+                while not waiting.empty():
+                    waiting.get_nowait()
+            waiting.put_nowait(event)
 
         def begin() -> tuple[Database, Any]:
             handle = self._handles.open(role)
@@ -184,20 +190,23 @@ class HttpApi:
                 handle.close()
 
         handle, subscription = await run_in_threadpool(begin)
-        self._listeners += 1
+        leave = partial(loop.call_soon_threadsafe, deliver, None)
+        self._listeners.add(leave)
 
         async def told() -> AsyncIterator[str]:
             try:
                 yield ": the changes of the map, one event each\n\n"
-                while not late.is_set():
+                while True:
                     try:
                         event = await asyncio.wait_for(waiting.get(), 15)
                     except TimeoutError:
                         yield ": still here\n\n"
                         continue
+                    if event is None:
+                        return
                     yield f"id: {event.cursor}\ndata: {json.dumps(plain(event))}\n\n"
             finally:
-                self._listeners -= 1
+                self._listeners.discard(leave)
                 with anyio.CancelScope(shield=True):  # also where the client has left
                     await run_in_threadpool(end)
 

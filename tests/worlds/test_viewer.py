@@ -3,21 +3,18 @@
 from __future__ import annotations
 
 import shutil
-import time
 from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
 import pytest
-from playwright.sync_api import Page, sync_playwright
+from playwright.sync_api import Page
 from sqlalchemy import Engine
 
 import semmap
 from semmap.server.viewer_files import viewer_is_built
+from tests.browser import SIZE, chromium, open_viewer, until
 from tests.served import served
-
-SOFTWARE = ["--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
-QUIET = ["--disable-background-networking", "--disable-component-update", "--disable-sync"]
 
 
 @pytest.fixture(scope="module")
@@ -34,43 +31,25 @@ def url(db: semmap.Database) -> Iterator[str]:
 
 @pytest.fixture(scope="module")
 def browser() -> Iterator[Any]:
-    program = shutil.which("chromium")
-    if program is None or not viewer_is_built():
+    if shutil.which("chromium") is None or not viewer_is_built():
         pytest.skip("chromium or the page is not there: scripts/setup test")
-    with sync_playwright() as playwright:
-        options = ["--no-sandbox", "--disable-quic", "--no-first-run", *QUIET, *SOFTWARE]
-        browser = playwright.chromium.launch(executable_path=program, args=options)
+    with chromium() as browser:
         yield browser
-        browser.close()
 
 
 @pytest.fixture
 def page(browser: Any, url: str) -> Iterator[Page]:
     """The page, when it has shown the map; it asks nobody else, and raises nothing."""
-    page = browser.new_page(viewport={"width": 900, "height": 600})
+    page = browser.new_page(viewport=SIZE)
     asked: list[str] = []
     raised: list[str] = []
     page.on("request", lambda request: asked.append(request.url))
     page.on("pageerror", lambda error: raised.append(str(error)))
-    open_page(page, f"{url}/view/?map=house")
+    open_viewer(page, f"{url}/view/?map=house")
     yield page
     page.close()
     assert [each for each in asked if not each.startswith((url, "data:", f"blob:{url}"))] == []
     assert raised == []
-
-
-def open_page(page: Page, address: str) -> None:
-    page.goto(address)
-    page.evaluate("semmap.ready")
-    until(page, "document.getElementById('status').value === 'live'")
-
-
-def until(page: Page, what: str, value: Any = None, seconds: float = 10) -> None:
-    """Wait until an expression is true; the page's policy forbids Playwright's own wait."""
-    end = time.monotonic() + seconds
-    while not page.evaluate(what, value):
-        assert time.monotonic() < end, what
-        page.wait_for_timeout(20)
 
 
 def known(page: Page, name: str, key: str) -> Any:
@@ -186,8 +165,8 @@ def test_a_link_restores_the_view(page: Page, browser: Any) -> None:
         "[...semmap.house.marked], [...semmap.house.hidden].sort()]"
     )
     before = page.evaluate(state)
-    again = browser.new_page(viewport={"width": 900, "height": 600})
-    open_page(again, page.url)
+    again = browser.new_page(viewport=SIZE)
+    open_viewer(again, page.url)
     assert again.evaluate(state) == before
     assert before[1]
     again.close()
