@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import secrets
 import webbrowser
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
@@ -66,7 +65,6 @@ def view_command(
     map_name: MapName = None,
     port: int = Option(8891, min=0, max=65535, help="Where to listen, on this machine."),
     browser: bool = Option(True, help="Open the page."),
-    write: bool = Option(False, "--write", help="The page may change the map."),
 ) -> None:
     """Show the map in 3D in the browser, with its changes as they come."""
     with _extra("viewer"), chosen_map(map_name) as chosen:
@@ -75,13 +73,15 @@ def view_command(
 
         if not viewer_is_built():
             raise typer.BadParameter("the page is not built: run scripts/setup viewer")
-        token = secrets.token_urlsafe(24) if write else None
-        api = HttpApi(chosen.database, {} if token is None else {token: "semmap_admin"})
         url = f"http://127.0.0.1:{port}/view/?map={quote(chosen.name, safe='')}"
-        url += "" if token is None else f"#token={token}"
         print(url, flush=True)
         cli.err.print("Ctrl-C stops", style="dim")
-        _run(api, "127.0.0.1", port, partial(webbrowser.open, url) if browser else str)
+        _run(
+            HttpApi(chosen.database),
+            "127.0.0.1",
+            port,
+            partial(webbrowser.open, url) if browser else str,
+        )
 
 
 def _run(api: HttpApi, host: str, port: int, begun: Callable[[], object] = lambda: None) -> None:

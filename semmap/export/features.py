@@ -79,8 +79,9 @@ LAYERS = {
 """The layers of a file, each with the statement of its columns."""
 
 _MODELS = (
-    "SELECT e.id, w.pose, array_agg(m.id ORDER BY m.id) AS models, bool_or(m.kind = 'cloud') "
-    "AS cloud, count(*) > 1 OR bool_or(m.kind NOT IN ('box', 'polygon')) AS meshed "
+    "SELECT e.id, e.name, w.pose, array_agg(m.id ORDER BY m.id) AS models, "
+    "bool_or(m.kind = 'cloud') AS cloud, "
+    "count(*) > 1 OR bool_or(m.kind NOT IN ('box', 'polygon')) AS meshed "
     "FROM entity e JOIN world w ON w.entity_id = e.id JOIN entity_model em ON em.entity_id = e.id "
     "JOIN model m ON m.id = em.model_id WHERE e.map_id = current_map() "
     "AND e.kind IN ('object', 'agent') AND (m.triangles > 0 OR m.kind = 'cloud') "
@@ -203,8 +204,7 @@ def read_map(
         placed = dict(cursor.connection.execute(_POSES).fetchall())
         meshes = {}
         if folder is not None:
-            names = {number: row["name"] for number, row in shapes.items()}
-            meshes = _meshes(seen, found, folder, boxes, names)
+            meshes = read_meshes(seen, found, folder, boxes)
         for layer, statement in LAYERS.items():
             for row in cursor.execute(f"{_STOREYS} {statement} ORDER BY 3").fetchall():
                 number = row.pop("fid")
@@ -249,9 +249,7 @@ def _own_frame(
     return {"pose": list(own)}
 
 
-def _meshes(
-    seen: Snapshot, found: MapFeatures, folder: str, boxes: bool, names: Mapping[int, str]
-) -> dict[int, str]:
+def read_meshes(seen: Snapshot, found: MapFeatures, folder: str, boxes: bool) -> dict[int, str]:
     """Add the meshes of objects to a map, each once; return the paths by the ids of objects."""
     with seen.session.cursor(row_factory=dict_row) as cursor:
         rows = [
@@ -273,7 +271,7 @@ def _meshes(
                 if parts
                 else Mesh(np.concatenate(clouds), np.empty((0, 3), np.int32))
             )
-            plain = f"{folder}/{_FILE.sub('_', names[row['id']])[:80]}"
+            plain = f"{folder}/{_FILE.sub('_', row['name'])[:80]}"
             name = unique_name(plain, taken)
             taken.add(name)
             by_models[key] = name + (".obj" if parts else ".ply")

@@ -12,7 +12,7 @@ import trimesh
 from semmap.api.map import Map
 from semmap.draw.palette import STATES, object_colour, room_colour
 from semmap.error import InvalidArgumentError
-from semmap.export.features import MapFeature, MapFeatures, read_map
+from semmap.export.features import MapFeature, MapFeatures, read_map, read_meshes
 
 CLOUD = 100_000
 """The most points of a cloud that are sent: a page draws millions slowly."""
@@ -56,7 +56,8 @@ def scene_of(map: Map) -> dict[str, Any]:
 def meshes_of(map: Map) -> bytes:
     """The meshes of a map as GLB, z up, each a node with its number; clouds are points."""
     with map.snapshot() as seen:
-        found = read_map(seen, folder=_FOLDER, boxes=True)
+        found = MapFeatures(map.name)
+        read_meshes(seen, found, _FOLDER, True)
     scene: Any = trimesh.Scene()
     for number, mesh in enumerate(found.meshes.values()):
         points: Any = trimesh.PointCloud

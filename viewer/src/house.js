@@ -6,7 +6,8 @@ import { GLTFLoader } from "three/addons/loaders/GLTFLoader.js";
 
 const MARK = new THREE.Color("#d6336c");
 const NOWHERE = new THREE.Matrix4().makeScale(0, 0, 0);
-const DOOR_HEIGHT = 2;
+const DOOR_HEIGHT = 2; // metres, where the map has none
+const FAR_APART = 6; // metres between storeys at which all names of rooms are seen
 
 export class House {
   constructor(stage) {
@@ -73,7 +74,7 @@ export class House {
     );
     floor.add(edge);
     if (!region && corners.length) this.name(place, floor);
-    this.keep(place, floor, place.floor + (region ? 0.02 : 0));
+    this.keep(place, floor, place.floor + (region ? 0.03 : 0.015)); // above a floor of the same height
   }
 
   name(place, floor) {
@@ -83,16 +84,18 @@ export class House {
     const size = floor.geometry.boundingBox.getSize(new THREE.Vector3());
     floor.geometry.boundingBox.getCenter(label.position);
     floor.add(label);
-    this.labels.push({ label, wide: size.x, letters: place.name.length });
+    this.labels.push({ label, place, wide: size.x });
   }
 
-  // Show the names of rooms that are wide enough in the picture.
+  // Show the names of rooms that are wide enough in the picture, and below no other storey.
   label(camera, height) {
     const scale = height / (2 * Math.tan(((camera.fov / 2) * Math.PI) / 180));
     const at = new THREE.Vector3();
-    for (const { label, wide, letters } of this.labels) {
+    const highest = this.scene?.storeys.findLast((storey) => !this.hidden.has(storey.name));
+    for (const { label, place, wide } of this.labels) {
       const pixels = (wide * scale) / camera.position.distanceTo(label.getWorldPosition(at));
-      label.visible = label.parent.visible && pixels > 6 * letters;
+      const free = this.apart >= FAR_APART || this.storeyAt(place.level) === highest;
+      label.visible = free && label.parent.visible && pixels > 6 * place.name.length;
     }
   }
 
@@ -147,6 +150,10 @@ export class House {
     return this.scene.storeys.findLast((storey) => storey.elevation <= z + 0.3) ?? this.scene.storeys[0];
   }
 
+  lift(storey) {
+    return this.apart * Math.max(this.scene.storeys.indexOf(storey), 0);
+  }
+
   isShown(entity, storey) {
     if (entity.removed || this.hidden.has(storey?.name)) return false;
     return !this.hidden.has(entity.clear ? "ceilings" : LAYERS[entity.kind] ?? "things");
@@ -156,7 +163,7 @@ export class House {
   place(entity) {
     const z = entity.pose ? entity.pose[2] : entity.level;
     const storey = this.storeyAt(z);
-    const lift = this.apart * Math.max(this.scene.storeys.indexOf(storey), 0);
+    const lift = this.lift(storey);
     const shown = this.isShown(entity, storey);
     if (!entity.object) return;
     if (!entity.pose || entity.level !== undefined) {
@@ -182,6 +189,7 @@ export class House {
 
   arrange() {
     for (const entity of this.entities.values()) this.place(entity);
+    for (const way of this.lines.children) way.position.z = this.lift(this.storeyAt(way.userData.level));
     this.stage.draw();
   }
 
@@ -231,10 +239,11 @@ export class House {
       } else own.setFromObject(entity.object);
       if (names || entity.kind === "room") box.union(own);
     }
-    return box;
+    if (!names && !box.isEmpty()) box.max.z += DOOR_HEIGHT;
+    return box.isEmpty() && !names ? new THREE.Box3().setFromObject(this.group) : box;
   }
 
-  // Draw ways, a list of points (x, y, z) each.
+  // Draw ways, a list of points (x, y, z) each; they are seen through walls.
   drawWays(ways) {
     this.lines.clear();
     for (const points of ways) {
@@ -243,10 +252,13 @@ export class House {
         curve.add(new THREE.LineCurve3(lifted(points[i - 1]), lifted(points[i])));
       }
       if (!curve.curves.length) continue;
-      const tube = new THREE.TubeGeometry(curve, 4 * points.length, 0.05, 6);
-      this.lines.add(new THREE.Mesh(tube, new THREE.MeshBasicMaterial({ color: MARK })));
+      const tube = new THREE.TubeGeometry(curve, 8 * points.length, 0.06, 6);
+      const way = new THREE.Mesh(tube, new THREE.MeshBasicMaterial({ color: MARK, depthTest: false }));
+      way.renderOrder = 1;
+      way.userData.level = points[0][2];
+      this.lines.add(way);
     }
-    this.stage.draw();
+    this.arrange();
   }
 }
 

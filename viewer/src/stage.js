@@ -63,7 +63,7 @@ export class Stage {
     const { clientWidth: width, clientHeight: height } = this.canvas;
     const { right } = this.panel.getBoundingClientRect();
     const free = right < width / 2 ? width - right : width;
-    const far = size * Math.max(1.05, (1.1 * height) / free);
+    const far = size * Math.max(1.15, (1.2 * height) / free);
     const away = new THREE.Vector3(0, -0.75, 1).normalize().multiplyScalar(far);
     this.camera.position.copy(middle).add(away);
     this.controls.target.copy(middle);
