@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import shlex
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
@@ -121,6 +122,8 @@ def run_demo(
             say(f"   {picture}")
         say("\n10. A QGIS project")
         say(f"   {house.write_qgis_project(folder / 'map.qgz')}")
+        say("\n11. The map in the browser, with its changes as they come")
+        say(f"   .venv/bin/semmap view --map {shlex.quote(map_name)}")
         say(f"\n{time.perf_counter() - began:.1f} s")
     return pictures
 
