@@ -255,6 +255,9 @@ TOOLS = (
     "Map.sparql",
     "Map.observe",
     "Map.observe_point",
+    "MapEntity.move_to",
+    "MapEntity.put_on",
+    "Door.state",
     "Map.run",
 )
 """The operations that programs which speak for people call, in their order."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import secrets
 import webbrowser
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
@@ -65,6 +66,7 @@ def view_command(
     map_name: MapName = None,
     port: int = Option(8891, min=0, max=65535, help="Where to listen, on this machine."),
     browser: bool = Option(True, help="Open the page."),
+    write: bool = Option(False, "--write", help="Who has the address may change the map."),
 ) -> None:
     """Show the map in 3D in the browser, with its changes as they come."""
     with _extra("viewer"), chosen_map(map_name) as chosen:
@@ -74,10 +76,12 @@ def view_command(
         if not viewer_is_built():
             raise typer.BadParameter("the page is not built: run scripts/setup viewer")
         url = f"http://127.0.0.1:{port}/view/?map={quote(chosen.name, safe='')}"
+        tokens = {secrets.token_urlsafe(24): "semmap_admin"} if write else {}
+        url += "".join(f"#token={token}" for token in tokens)
         print(url, flush=True)
         cli.err.print("Ctrl-C stops", style="dim")
         _run(
-            HttpApi(chosen.database),
+            HttpApi(chosen.database, tokens),
             "127.0.0.1",
             port,
             partial(webbrowser.open, url) if browser else str,

@@ -10,7 +10,7 @@ from functools import cached_property
 from typing import Any
 
 from semmap.api.operations import OPERATIONS, Operation, Right
-from semmap.api.signatures import REQUIRED
+from semmap.api.signatures import REQUIRED, Argument
 from semmap.draw.picture import Picture
 from semmap.error import InvalidArgumentError
 from semmap.plain_values import plain
@@ -25,23 +25,35 @@ _WRITING = ("try_grasps", "write")
 
 
 class OperationCall:
-    """An operation of a map that programs call by name."""
+    """An operation of a map, or of the `entity` that is named, that programs call by name.
+
+    What Python sets, such as the state of a door, has a `value` and the name ``set_state``.
+    """
 
     def __init__(self, operation: Operation) -> None:
         self.operation = operation
-        self.name = operation.method.partition(".")[2]
+        self._owner, _, self._member = operation.method.partition(".")
+        sets = self._owner != "Map" and not operation.arguments and operation.result != "None"
+        self._sets = sets and operation.right != "reader"
+        self.name = f"set_{self._member}" if self._sets else self._member
+
+    @cached_property
+    def _arguments(self) -> list[Argument]:
+        of = [] if self._owner == "Map" else [Argument("entity", "str", REQUIRED, "Its name")]
+        value = [Argument("value", self.operation.result, REQUIRED, "")] * self._sets
+        return [*of, *self.operation.arguments, *value]
 
     @cached_property
     def arguments(self) -> dict[str, Schema]:
         """The JSON schema of each argument that JSON can give."""
-        found = {each.name: schema_of(each) for each in self.operation.arguments}
+        found = {each.name: schema_of(each) for each in self._arguments}
         left_out = _WRITING if self.operation.right == "reader" else ()
         return {n: each for n, each in found.items() if each is not None and n not in left_out}
 
     @cached_property
     def required(self) -> list[str]:
         """The arguments without a default."""
-        return [each.name for each in self.operation.arguments if each.default is REQUIRED]
+        return [each.name for each in self._arguments if each.default is REQUIRED]
 
     @property
     def schema(self) -> Schema:
@@ -70,9 +82,18 @@ class OperationCall:
             given[names[word]] = self._value(names[word], value)
         if missing := [name for name in self.required if name not in given]:
             raise InvalidArgumentError(f"{self.name} needs {', '.join(missing)}")
+        target = handle if self._owner == "Map" else self._entity(handle, given.pop("entity"))
+        if self._sets:
+            return setattr(target, self._member, given["value"])
         method = _ROWS.get(self.operation.method, self.operation.method).partition(".")[2]
-        found = getattr(handle, method)(**given)
+        found = getattr(target, method)(**given)
         return found if isinstance(found, Picture) else plain(found)
+
+    def _entity(self, handle: Any, name: str) -> Any:
+        entity = handle[name]
+        if not hasattr(type(entity), self._member):
+            raise InvalidArgumentError(f"{name} is no door, but of the kind {entity.kind}")
+        return entity
 
     def read(self, word: str, text: str) -> Any:
         """A value that an URL has as text: JSON, or itself where the argument takes a text."""
@@ -133,15 +154,21 @@ _LASTING = {"stop", "callback", "started"}
 
 
 def answered_at_once(map_operations: Iterable[Operation]) -> list[str]:
-    """The methods of a map that need no file, end by themselves and whose results are plain."""
+    """The methods of a map that need no file, end by themselves and whose results are plain.
+
+    Of entities, those that change them: `Map.describe` tells the rest.
+    """
     return [
         each.method
         for each in map_operations
-        if each.method.startswith("Map.")
-        and each.command is not None
-        and not _LASTING.intersection(argument.name for argument in each.arguments)
-        and (each.method in _ROWS or {*re.findall(r"[A-Za-z]\w*", each.result)} <= {*PLAIN})
-        and each.method != "Map.sql"  # a statement could leave the role of a reader
+        if (each.method.startswith(("MapEntity.", "Door.")) and each.right != "reader")
+        or (
+            each.method.startswith("Map.")
+            and each.command is not None
+            and not _LASTING.intersection(argument.name for argument in each.arguments)
+            and (each.method in _ROWS or {*re.findall(r"[A-Za-z]\w*", each.result)} <= {*PLAIN})
+            and each.method != "Map.sql"  # a statement could leave the role of a reader
+        )
     ]
 
 

@@ -104,6 +104,36 @@ def test_a_token_is_a_role(web: httpx.Client, db: semmap.Database) -> None:
     assert {room.name for room in db.map("house").rooms} >= {"kitchen", "bedroom"}
 
 
+def test_entities_are_changed_by_their_names(web: httpx.Client, db: semmap.Database) -> None:
+    house, robot = db.map("house"), with_token(ROBOT)
+    chair = house.find("chair")[0].name
+    at = {"entity": chair, "x": 1.5, "y": -2, "z": 0.4}
+    assert web.post("/maps/house/move_to", json=at).status_code == 404
+    assert web.post("/maps/house/move_to", json=at, headers=robot).status_code == 200
+    assert house[chair].pose[:3] == pytest.approx((1.5, -2, 0.4))
+    assert web.get("/maps/house/move_to", params=at, headers=robot).status_code == 400
+    named = {"entity": chair, "value": "Sillón"}
+    assert web.post("/maps/house/set_name", json=named, headers=robot).status_code == 404
+    admin = with_token(ADMIN)
+    assert web.post("/maps/house/set_name", json=named, headers=admin).status_code == 200
+    assert "Sillón" in house
+    door = next(iter(house.doors)).name
+    for state, status in (("closed", 200), ("ajar", 400), ("open", 200)):
+        told = web.post(
+            "/maps/house/set_state", json={"entity": door, "value": state}, headers=robot
+        )
+        assert told.status_code == status, told.text
+        (now,) = (each.state for each in house.doors if each.name == door)
+        assert now == ("closed" if state == "ajar" else state)
+    for values, status, said in (
+        ({"entity": "Sillón", "value": "open"}, 400, "Sillón is no door"),
+        ({"entity": "Sillon", "value": "open"}, 404, "Sillón"),
+        ({"value": "open"}, 400, "needs entity"),
+    ):
+        told = web.post("/maps/house/set_state", json=values, headers=robot)
+        assert (told.status_code, said in told.json()["error"]) == (status, True), told.text
+
+
 @pytest.mark.parametrize("role", [None, "semmap_robot"])
 def test_a_statement_ends_in_time(db: semmap.Database, role: str | None) -> None:
     with Handles(db).open(role) as handle:

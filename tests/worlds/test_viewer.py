@@ -23,9 +23,12 @@ def db(house: Engine) -> Iterator[semmap.Database]:
         yield db
 
 
+TOKEN = "a-token-of-an-admin"
+
+
 @pytest.fixture(scope="module")
 def url(db: semmap.Database) -> Iterator[str]:
-    with served(db) as address:
+    with served(db, {TOKEN: "semmap_admin"}) as address:
         yield address
 
 
@@ -179,3 +182,68 @@ def test_the_page_loads_nothing_from_elsewhere(page: Page) -> None:
     assert refused != "sent"
     reply = page.request.get(page.url)
     assert "default-src 'self'" in reply.headers["content-security-policy"]
+
+
+@pytest.fixture
+def writer(browser: Any, url: str) -> Iterator[Page]:
+    """The page of somebody who may change the map."""
+    page = browser.new_page(viewport=SIZE)
+    open_viewer(page, f"{url}/view/?map=house#token={TOKEN}")
+    assert TOKEN not in page.url
+    yield page
+    page.close()
+
+
+def choose(page: Page, name: str) -> None:
+    page.get_by_placeholder("Search").fill(name)
+    page.get_by_role("button", name=name).first.click()
+    page.get_by_role("heading", name=name, exact=True).wait_for(timeout=5000)
+
+
+def test_what_is_dragged_is_moved_and_moved_back(writer: Page, db: semmap.Database) -> None:
+    ball = db.map("house")["Ball_01_001"]
+    before = ball.pose
+    choose(writer, ball.name)
+    # The arrow is found by the pointer, along the axis x in the picture.
+    points = writer.evaluate(
+        "[0, 1].map((far) => { const { hand, stage } = semmap;"
+        "const { left, top, width, height } = stage.canvas.getBoundingClientRect();"
+        "const at = hand.point.position.clone(); at.x += far; at.project(stage.camera);"
+        "return [left + (at.x + 1) / 2 * width, top + (1 - at.y) / 2 * height] })"
+    )
+    (x0, y0), (x1, y1) = points
+    way = np.array([x1 - x0, y1 - y0])
+    way /= np.linalg.norm(way)
+    for far in range(8, 200, 4):
+        writer.mouse.move(x0 + far * way[0], y0 + far * way[1])
+        if writer.evaluate("semmap.hand.gizmo.axis") == "X":
+            break
+    else:
+        raise AssertionError("no arrow")
+    writer.mouse.down()
+    writer.mouse.move(x0 + (far + 60) * way[0], y0 + (far + 60) * way[1], steps=4)
+    writer.mouse.up()
+    until(writer, "document.getElementById('status').value === 'move to: done'")
+    assert ball.pose.x > before.x + 0.05
+    assert (ball.pose.y, ball.pose.z) == pytest.approx((before.y, before.z), abs=1e-6)
+    writer.keyboard.press("Control+z")
+    until(writer, "document.getElementById('status').value === 'taken back'")
+    assert ball.pose[:3] == pytest.approx(before[:3], abs=1e-6)
+
+
+def test_a_name_and_a_state_are_changed_in_the_card(writer: Page, db: semmap.Database) -> None:
+    house = db.map("house")
+    door = next(iter(house.doors))
+    former = door.state
+    choose(writer, door.name)
+    field = writer.get_by_label("new state")
+    field.fill("ajar")
+    field.press("Enter")
+    until(writer, "document.getElementById('status').value.includes('ajar')")
+    assert door.state == former
+    choose(writer, door.name)
+    field.fill("locked")
+    field.press("Enter")
+    until(writer, "document.getElementById('status').value === 'set state: done'")
+    assert door.state == "locked"
+    door.state = former

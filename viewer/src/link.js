@@ -1,4 +1,12 @@
-// The view in the fragment of the address, so that a link restores it; a token there stays.
+// The view in the fragment of the address, so that a link restores it.
+
+// The token of the address, which from now on is that of the tab alone: a link does not give it on.
+export function takeToken() {
+  const { token } = readLink();
+  if (token) sessionStorage.setItem("token", token);
+  writeLink({ token: "" });
+  return sessionStorage.getItem("token");
+}
 
 export function readLink() {
   return Object.fromEntries(new URLSearchParams(location.hash.slice(1)));

@@ -1,7 +1,8 @@
 // The page: reads the map, shows it, follows its changes, and does what the panel asks.
 
 import { House, LAYERS } from "./house.js";
-import { numbers, readLink, writeLink } from "./link.js";
+import { Hand } from "./hand.js";
+import { numbers, readLink, takeToken, writeLink } from "./link.js";
 import { Maps } from "./maps.js";
 import { Panel } from "./panel.js";
 import { Stage } from "./stage.js";
@@ -10,11 +11,13 @@ const REREAD = 100; // milliseconds that changes are gathered before the scene i
 
 const link = readLink();
 const name = new URLSearchParams(location.search).get("map");
-const maps = new Maps(name, link.token);
+const token = takeToken();
+const maps = new Maps(name, token);
 const canvas = document.getElementById("stage");
 const stage = new Stage(canvas, document.getElementById("labels"), document.getElementById("panel"));
 const house = new House(stage);
-const panel = new Panel({ select, route, query, hide, apart });
+const panel = new Panel({ select, route, query, hide, apart, change });
+const hand = token ? new Hand(stage, house, tried) : null;
 let selected = null;
 
 async function read() {
@@ -24,6 +27,7 @@ async function read() {
   ]);
   await house.show(scene, meshes);
   house.mark(selected ? [selected] : []);
+  hand?.hold(house.entities.get(selected));
   panel.show(house, [...new Set(Object.values(LAYERS)), "ceilings"]);
   return scene;
 }
@@ -51,7 +55,32 @@ let waiting = null;
 
 function hear(event) {
   if (!house.hear(event)) waiting ??= setTimeout(reread, REREAD);
-  if (event.name === selected) card();
+  if (event.name !== selected) return;
+  const renamed = event.values?.name;
+  if (renamed) selected = renamed[1];
+  else if (!hand?.busy) hand?.hold(house.entities.get(selected));
+  card();
+}
+
+// Carry out a change; what the map refuses is shown as it is there.
+async function tried(operation, values) {
+  try {
+    await maps.ask(operation, values);
+    panel.say(`${operation.replace("_", " ")}: done`);
+  } catch (error) {
+    panel.say(error.message);
+    await reread();
+    throw error;
+  }
+}
+
+// Change a value of what is selected: its name, type or state.
+function change(key, value) {
+  const { name, [key]: former } = house.entities.get(selected);
+  const back = key === "name" ? value : name;
+  hand
+    .act(`set_${key}`, { entity: name, value }, [`set_${key}`, { entity: back, value: former }])
+    .catch(() => {});
 }
 
 async function reread() {
@@ -67,6 +96,7 @@ async function reread() {
 async function select(of, near = false) {
   selected = house.entities.has(of) ? of : null;
   house.mark(selected ? [selected] : []);
+  hand?.hold(house.entities.get(selected));
   writeLink({ selected: selected ?? "" });
   if (near && selected) {
     const box = house.box([selected]);
@@ -81,7 +111,8 @@ async function card() {
   if (asked === null) return panel.card(null);
   try {
     const told = await maps.ask("describe", { name: asked });
-    if (asked === selected) panel.card(told);
+    const { state = null } = house.entities.get(asked);
+    if (asked === selected) panel.card({ ...told, state }, hand !== null);
   } catch (error) {
     panel.card({ name: asked, error: error.message });
   }
@@ -128,6 +159,7 @@ function remember() {
 let down = null;
 canvas.addEventListener("pointerdown", (event) => (down = event));
 canvas.addEventListener("pointerup", (event) => {
+  if (hand?.busy) return;
   if (down && Math.hypot(event.clientX - down.clientX, event.clientY - down.clientY) < 4) {
     select(house.met(stage.ray(event)) ?? null);
   }
@@ -136,12 +168,14 @@ addEventListener("keydown", (event) => {
   const writes = /input|textarea/i.test(event.target.tagName);
   if (event.key === "Escape") select(null);
   else if (writes) return;
-  else if (event.key === "f") whole();
+  else if (event.key === "z" && (event.ctrlKey || event.metaKey)) {
+    hand?.undo().then((undone) => panel.say(undone ? "taken back" : "nothing to take back"), () => {});
+  } else if (event.key === "f") whole();
   else if (event.key === "/") {
     event.preventDefault();
     document.getElementById("search").focus();
   }
 });
 
-window.semmap = { house, stage, ready: start() };
+window.semmap = { hand, house, stage, ready: start() };
 window.semmap.ready.catch((error) => panel.say(error.message));

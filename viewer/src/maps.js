@@ -1,4 +1,4 @@
-// What the server says of one map. The token, if any, is in the fragment of the address.
+// What the server says of one map, with the rights of a token or of a reader.
 
 export class Maps {
   constructor(name, token) {

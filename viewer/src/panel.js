@@ -70,19 +70,27 @@ export class Panel {
     );
   }
 
-  // Show what is known of an entity; null for none.
-  card(told) {
+  // Show what is known of an entity; null for none. `writes`: its name, type and state can be changed.
+  card(told, writes = false) {
     at("card").hidden = told === null;
     if (told === null) return;
-    const rows = Object.entries(told).filter(([key, value]) => !OMITTED.has(key) && value !== null && value !== "");
+    const rows = Object.entries(told).filter(([key, value]) => !OMITTED.has(key) && text(value ?? "") !== "");
     at("card").replaceChildren(
       element("h2", {}, told.name),
       element("dl", {}, ...rows.flatMap(([key, value]) => [element("dt", {}, key), element("dd", {}, text(value))])),
+      ...(writes ? CHANGED.filter((key) => key in told && told[key] !== null).map((key) => this.field(key, told[key])) : []),
     );
+  }
+
+  field(key, value) {
+    const input = element("input", { name: key, value });
+    input.addEventListener("change", () => this.does.change(key, input.value));
+    return element("label", {}, `new ${key} `, input);
   }
 }
 
-const OMITTED = new Set(["name", "footprint", "box", "front", "properties"]);
+const CHANGED = ["name", "type", "state"];
+const OMITTED = new Set(["name", "footprint", "box", "front", "models", "properties"]);
 
 function text(value) {
   if (Array.isArray(value)) return value.map(text).join(", ");
