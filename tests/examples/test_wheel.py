@@ -8,6 +8,7 @@ import subprocess
 import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from zipfile import ZipFile
 
 import pytest
 from sqlalchemy import Engine
@@ -45,6 +46,10 @@ def wheel() -> Path:
     if sys.version_info[:2] != DEBIAN:
         pytest.skip("the wheel of this Python is not for the container, which has Python 3.11")
     return ROOT / run(ROOT / "scripts/wheel").split()[-1]
+
+
+def test_it_has_the_page_of_the_viewer(wheel: Path) -> None:
+    assert "semmap/server/viewer/index.html" in ZipFile(wheel).namelist()
 
 
 @pytest.fixture(scope="session")
