@@ -155,7 +155,16 @@ def test_routes_and_answers_are_marked(page: Page, db: semmap.Database) -> None:
     query.get_by_role("textbox").fill("SELECT ?x { ?x a semmap:Chair }")
     query.get_by_role("button").click()
     until(page, "semmap.house.marked.size > 0")
-    assert {*page.evaluate("[...semmap.house.marked]")} == {e.name for e in house.find("chair")}
+    assert {*page.evaluate("[...semmap.house.marked.keys()]")} == {
+        e.name for e in house.find("chair")
+    }
+    where = page.locator("#where")
+    where.get_by_placeholder("a name").fill("Ball_01_001")
+    where.get_by_role("button").click()
+    until(page, "document.querySelector('#where output').innerText.includes('%')")
+    believed = house.where("Ball_01_001")
+    for name, share in page.evaluate("[...semmap.house.marked]"):
+        assert share**2 == pytest.approx(believed[name], abs=0.01)
 
 
 def test_a_link_restores_the_view(page: Page, browser: Any) -> None:
@@ -165,7 +174,7 @@ def test_a_link_restores_the_view(page: Page, browser: Any) -> None:
     until(page, "location.hash.includes('selected')")
     state = (
         "[semmap.stage.camera.position.toArray().map((v) => Math.round(10 * v)), "
-        "[...semmap.house.marked], [...semmap.house.hidden].sort()]"
+        "[...semmap.house.marked.keys()], [...semmap.house.hidden].sort()]"
     )
     before = page.evaluate(state)
     again = browser.new_page(viewport=SIZE)

@@ -17,7 +17,7 @@ export class House {
     stage.scene.add(this.group, this.lines);
     this.hidden = new Set(["ceilings"]); // names of storeys and kinds
     this.apart = 0;
-    this.marked = new Set();
+    this.marked = new Map(); // how much of the colour of a mark each name has, from 0 to 1
     this.entities = new Map();
     this.labels = [];
     stage.before = (camera, height) => this.label(camera, height);
@@ -138,7 +138,8 @@ export class House {
 
   colour(entity) {
     const state = this.scene.states[entity.state];
-    const colour = this.marked.has(entity.name) ? MARK : new THREE.Color(state ?? entity.colour ?? "#8f8a82");
+    const colour = new THREE.Color(state ?? entity.colour ?? "#8f8a82");
+    colour.lerp(MARK, this.marked.get(entity.name) ?? 0);
     if (entity.object?.isInstancedMesh) {
       entity.object.setColorAt(entity.number, colour);
       entity.object.instanceColor.needsUpdate = true;
@@ -212,9 +213,11 @@ export class House {
     return true;
   }
 
+  // Mark names, or what a map from names gives a share.
   mark(names) {
-    const changed = new Set([...this.marked, ...names]);
-    this.marked = new Set(names);
+    const marked = names instanceof Map ? names : new Map(names.map((name) => [name, 1]));
+    const changed = new Set([...this.marked.keys(), ...marked.keys()]);
+    this.marked = marked;
     for (const name of changed) if (this.entities.has(name)) this.colour(this.entities.get(name));
     this.stage.draw();
   }

@@ -16,7 +16,7 @@ const maps = new Maps(name, token);
 const canvas = document.getElementById("stage");
 const stage = new Stage(canvas, document.getElementById("labels"), document.getElementById("panel"));
 const house = new House(stage);
-const panel = new Panel({ select, route, query, hide, apart, change });
+const panel = new Panel({ select, route, where, query, hide, apart, change });
 const hand = token ? new Hand(stage, house, tried) : null;
 let selected = null;
 
@@ -125,6 +125,14 @@ async function route(values) {
   house.drawWays(ways.map((way) => way.points));
   const doors = found.doors.map((door) => door.name).join(", ");
   return `${found.metres.toFixed(1)} m, ${found.seconds.toFixed(0)} s${doors ? ` through ${doors}` : ""}`;
+}
+
+// Mark the places where something probably is by their probabilities.
+async function where(values) {
+  const { belief } = await maps.ask("where", values);
+  house.mark(new Map(belief.map((each) => [each.place, Math.sqrt(each.probability)])));
+  const likely = belief.filter((each) => each.probability >= 0.01);
+  return likely.map((each) => `${each.place} ${Math.round(100 * each.probability)} %`).join(", ");
 }
 
 async function query({ text }) {

@@ -4,14 +4,14 @@ const MOST_FOUND = 50;
 const at = (id) => document.getElementById(id);
 
 export class Panel {
-  // `does` has what its controls call: select(name), route(values), query(text), hide(name, hidden), apart(metres).
+  // `does` has what its controls call: select(name), route(values), where(values), query(values), hide(name, hidden), apart(metres).
   constructor(does) {
     this.does = does;
     at("search").addEventListener("input", () => this.search());
     at("search").addEventListener("keydown", (event) => {
       if (event.key === "Enter") at("found").querySelector("button")?.click();
     });
-    for (const id of ["route", "query"]) {
+    for (const id of ["route", "where", "query"]) {
       at(id).addEventListener("submit", async (event) => {
         event.preventDefault();
         const form = event.target;
