@@ -5,7 +5,7 @@ Some rooms that a file states are not divided by walls, as a kitchen from a livi
 that walls and doorways enclose it does not state, as the bathrooms of a hotel's rooms. The table
 counts both, by a section through the walls: `open` are the stated rooms that are missing and whose
 border is not at walls and doors; `more` are the rooms that are found, not stated, and whose border
-is. R' and P' leave them out.
+is, or which are such open rooms together. R' and P' leave them out.
 """
 
 from __future__ import annotations
@@ -98,11 +98,13 @@ def judge_storey(scene: StoreyScene) -> tuple[Tally, Tally]:
     is_open = np.array([not is_walled(outline, built) for outline in known], bool)
     is_more = np.array([is_walled(outline, built) for outline in outlines], bool)
     is_open &= ~same.any(axis=1)
+    stated = [o for o, each in zip(known, is_open, strict=True) if each]
+    is_more |= np.array([are_one(stated, outline) for outline in outlines], bool)
     is_more &= ~same.any(axis=0)
     middles = shapely.centroid(lines)
     doorways = np.array([way.line for way in found.doorways])
     near = shapely.distance(middles[:, None], shapely.centroid(doorways)) <= NEAR
-    beside_open = shapely.union_all([o for o, each in zip(known, is_open, strict=True) if each])
+    beside_open = shapely.union_all(stated)
     beside_more = shapely.union_all([o for o, each in zip(outlines, is_more, strict=True) if each])
     lost = shapely.distance(middles, beside_open) <= NEAR
     extra = shapely.distance(doorways, beside_more) <= NEAR
@@ -157,6 +159,13 @@ def is_walled(outline: shapely.Geometry, built: shapely.Geometry) -> bool:
     border = outline.boundary
     points = shapely.line_interpolate_point(border, np.arange(0, border.length, 0.1))
     return bool((shapely.distance(points, built) <= BESIDE).mean() >= ENCLOSED)
+
+
+def are_one(parts: Sequence[shapely.Geometry], whole: shapely.Polygon) -> bool:
+    """Whether those parts that are mostly inside of a whole are it together."""
+    inside = [part for part in parts if part.intersection(whole).area >= SHARED * part.area]
+    together = shapely.union_all(inside)
+    return bool(together.intersection(whole).area >= SHARED * together.union(whole).area)
 
 
 def judge_world(database: semmap.Database, folder: Path, name: str) -> tuple[Tally, Tally]:
