@@ -6,6 +6,7 @@ where floods meet. Two parts stay two rooms if each passage between them could b
 end at both of its sides, or at one and it is narrow, along the direction of most walls; across it,
 a doorway is narrower. Gaps in walls along rows and columns, and lintels that meshes show above a
 passage, are doorways before the flood; a beam across a room is none, as no wall goes on there.
+Passages between the ends of slanted walls are found by a first flood and closed for the second.
 Pillars divide nothing: what is small and stands free, but for a piece of wall between two doors.
 """
 
@@ -52,6 +53,9 @@ SHORTEST = 0.2
 PILLAR, BESIDE_PILLAR = 0.65, 2.0
 """Metres along rows and columns of a pillar, and of a door beside a piece of wall as small."""
 
+SURE = 0.8
+"""The confidence from which a passage is closed before the second flood."""
+
 LEAST = 0.4
 """The confidence from which a passage divides two rooms."""
 
@@ -96,9 +100,35 @@ def room_segments(walls: Cells, resolution: float, above: Cells | None = None) -
     """
     pillars, full, gaps = _pillars(walls, above, resolution)
     walls = walls & ~pillars
+    _, passages = _flooded_passages(_closed(walls, gaps), full, resolution)
+    gaps += [
+        Gap(_doorway(each, walls, resolution), each.ends, each.confidence)
+        for each in passages
+        if each.confidence >= SURE
+    ]
+    closed = _closed(walls, gaps)
+    labels, passages = _flooded_passages(closed, full, resolution)
+    number, passages = _merged(_once(passages, resolution), int(labels.max(initial=0)) + 1)
+    labels = number[labels]
+    passages += _in_gaps(gaps, labels, resolution)
+    passages = _once(passages, resolution)
+    labels = _parted(labels, passages, closed, resolution)
+    labels[pillars] = 0
+    return RoomSegments(labels, tuple(passages))
+
+
+def _closed(walls: Cells, gaps: Sequence[Gap]) -> Cells:
+    """The cells of walls and gaps."""
     closed = walls.copy()
     for gap in gaps:
         closed[tuple(gap.cells.T)] = True
+    return closed
+
+
+def _flooded_passages(
+    closed: Cells, full: Cells, resolution: float
+) -> tuple[Labels, list[Passage]]:
+    """The segments of the cells that are not closed, and the passages where they meet."""
     clearance, nearest = ndimage.distance_transform_edt(
         ~closed, sampling=resolution, return_indices=True
     )
@@ -108,13 +138,7 @@ def room_segments(walls: Cells, resolution: float, above: Cells | None = None) -
         for pair, cells in _borders(labels).items()
         for cell in _widest(cells, clearance)
     ]
-    number, passages = _merged(_once(passages, resolution), int(labels.max(initial=0)) + 1)
-    labels = number[labels]
-    passages += _in_gaps(gaps, labels, resolution)
-    passages = _once(passages, resolution)
-    labels = _parted(labels, passages, closed, resolution)
-    labels[pillars] = 0
-    return RoomSegments(labels, tuple(passages))
+    return labels, passages
 
 
 def wall_heading(cells: Cells) -> float:
@@ -164,8 +188,9 @@ def _parted(labels: Labels, passages: list[Passage], walls: Cells, resolution: f
 def _doorway(passage: Passage, walls: Cells, resolution: float) -> NDArray[np.int64]:
     """The cells (N, 2) between the posts of a passage, as deep as both are."""
     one, other = passage.ends
-    way = (other - one) / np.hypot(*(other - one))
-    steps = np.arange(0, np.hypot(*(other - one)) + 0.25, 0.5)
+    length = float(np.hypot(*(other - one)))
+    way = (other - one) / length
+    steps = np.linspace(-1, length + 1, 2 * math.ceil(length) + 5)  # into the walls
     middle = np.rint(one + steps[:, None] * way).astype(np.int64)
     rows = [middle]
     for side in (1, -1):
@@ -422,21 +447,40 @@ def _passage(
     if not hit.any():
         return Passage(pair, np.stack([one, middle]), math.inf)
     step = int(hit.any(axis=1).argmax())
-    other = rays[step, int(hit[step].argmax())].astype(np.float64)
-    line = (other - one) / np.hypot(*(other - one))
-    width = (float(np.hypot(*(other - one))) - 1) * resolution
-    stubs = _is_stub(full, one, -line, resolution) + _is_stub(full, other, line, resolution)
+    ends = np.stack([one, rays[step, int(hit[step].argmax())]])
+    line = ends[1] - ends[0]
+    middles = (_wall_end(full, ends[i], way, resolution) for i, way in enumerate((-line, line)))
+    stubs = [middle for middle in middles if middle is not None]
     level = math.atan2(*sorted(np.abs(line))) <= LEVEL
-    return Passage(pair, np.stack([one, other]), width, _confidence(level, stubs, width))
+    if len(stubs) == 2 and not level:
+        ends = _at_walls(walls, np.stack(stubs))
+    width = (float(np.hypot(*(ends[1] - ends[0]))) - 1) * resolution
+    return Passage(pair, ends, width, _confidence(level, len(stubs), width))
 
 
-def _is_stub(walls: Cells, end: Floats, way: Floats, resolution: float) -> bool:
-    """Return whether a wall ends at a point: free space is before and behind it, beside `way`."""
+def _wall_end(walls: Cells, end: Floats, way: Floats, resolution: float) -> Floats | None:
+    """Return the middle of a wall's end, across `way` into it.
+
+    None if free space is not before and behind the wall.
+    """
+    way = way / np.hypot(*way)
+    across = np.array([-way[1], way[0]])
     steps = np.arange(0, THICKEST / resolution + 0.5)[:, None]
-    beside = steps * np.array([-way[1], way[0]])
-    cells = np.rint(end + 0.5 * way + np.stack([beside, -beside])).astype(np.int64)
+    cells = np.rint(end + 0.5 * way + np.stack([steps * across, -steps * across])).astype(np.int64)
     free = ~_at(walls, cells)
-    return bool(free.any(axis=1).all() and not free[:, 0].any())
+    if not free.any(axis=1).all() or free[:, 0].any():
+        return None
+    before, behind = free.argmax(axis=1)
+    return np.asarray(end + (before - behind) / 2 * across)
+
+
+def _at_walls(walls: Cells, ends: Floats) -> Floats:
+    """Move the ends of a line (2, 2) along it to the first walls on both sides of its middle."""
+    length = float(np.hypot(*(ends[1] - ends[0])))
+    steps = np.arange(0, length / 2 + 3, 0.5)[:, None, None]
+    on = ends.mean(axis=0) + steps * (ends - ends.mean(axis=0)) / (length / 2)
+    hit = _at(walls, np.rint(on).astype(np.int64))
+    return ends if hit[0].any() or not hit.any(axis=0).all() else on[hit.argmax(axis=0), [0, 1]]
 
 
 def _wall_along(walls: Cells, end: Floats, way: Floats, resolution: float) -> float:

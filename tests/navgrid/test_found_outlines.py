@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import shapely
-from hypothesis import given, settings
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from shapely import affinity
 
@@ -62,3 +62,33 @@ def test_the_heading_is_that_of_most_walls(turn: float) -> None:
     found = wall_heading(shapely.contains_xy(walls, x, y))
     away = (found - turn + np.pi / 4) % (np.pi / 2) - np.pi / 4
     assert abs(away) < np.radians(0.25)
+
+
+@settings(max_examples=40, deadline=None)
+@given(
+    st.floats(5, 40),
+    st.sampled_from([-1, 1]),
+    st.floats(0.8, 1.2),
+    st.floats(-3, 3),
+    st.floats(4, 6),
+)
+def test_a_door_in_a_slanted_wall_divides_two_rooms(
+    turn: float, side: int, width: float, at: float, x: float
+) -> None:
+    outer = shapely.box(0, 0, 10, 8)
+    wall, door = (
+        affinity.translate(affinity.rotate(shape, side * turn, (0, 0)), x, 4)
+        for shape in (shapely.box(-0.1, -20, 0.1, 20), shapely.box(-0.11, at, 0.11, at + width))
+    )
+    assume(outer.contains(door.buffer(0.1)))
+    rooms = shapely.get_parts(outer.difference(wall))
+    found = find_rooms(scene(shapely.union_all([*rooms, door])))
+    (way,) = found.doorways
+    assert way.line.centroid.distance(door.centroid) < 0.15
+    (x0, y0), (x1, y1) = way.line.coords
+    across = np.arctan2(y1 - y0, x1 - x0) - np.radians(90 + side * turn)
+    assert abs(np.sin(across)) < 0.12
+    assert len(found.rooms) == 2
+    for room in rooms:
+        best = max((r.outline for r in found.rooms), key=lambda o: o.intersection(room).area)
+        assert best.intersection(room).area > 0.95 * best.union(room).area
