@@ -50,6 +50,9 @@ THICKEST, NARROWEST = 0.6, 0.4
 SHORTEST = 0.2
 """Metres of a wall, at least, that ends beside a doorway."""
 
+ROUGH = 0.15
+"""Metres by which the rows of a wall's end may differ: scans, and walls that were turned."""
+
 PILLAR, BESIDE_PILLAR = 0.65, 2.0
 """Metres along rows and columns of a pillar, and of a door beside a piece of wall as small."""
 
@@ -308,7 +311,7 @@ def _gaps_in_rows(walls: Cells, full: Cells, resolution: float) -> Iterator[Gap]
         if (
             len(posts) == bottom - top + 5
             and not posts[[0, -1]].any()
-            and np.ptp(sides, axis=0).max() <= (bottom - top) // 2
+            and np.ptp(sides, axis=0).max() <= max((bottom - top) // 2, round(ROUGH / resolution))
             and (bottom - top) * resolution <= THICKEST
             and beside[[0, -1]].mean(axis=1).min() >= 0.5
         ):

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from navgrid.room_segments import room_segments
+from navgrid.room_segments import room_segments, wall_gaps
 
 CELL = 0.05
 
@@ -117,3 +117,16 @@ def test_rooms_in_a_row_are_those_that_closed_doors_would_leave(
     for part in range(1, count + 1):
         numbers = np.bincount(found.labels[parts == part])
         assert numbers.max() >= 0.95 * (parts == part).sum()
+
+
+@settings(max_examples=25, deadline=None)
+@given(st.lists(st.integers(0, 3), min_size=8, max_size=8))
+def test_a_gap_is_found_between_the_rough_ends_of_a_scanned_wall(rough: list[int]) -> None:
+    walls = np.zeros((60, 120), np.bool_)
+    walls[28:32] = True
+    for row, before, behind in zip(range(28, 32), rough[:4], rough[4:], strict=True):
+        walls[row, 40 - before : 80 + behind] = False
+
+    (gap,) = wall_gaps(walls, walls, CELL)
+
+    assert gap.ends.mean(axis=0) == pytest.approx((29.5, 59.5), abs=2)
