@@ -284,12 +284,17 @@ class Database(DatabaseManipulation, DatabaseInterlinking):
         )
         made = self.map(summary.map)
         if find_rooms and not made.rooms:
-            found = made.find_rooms(add=True)
-            summary.notes += [
-                f"{each.storey}: found {len(each.rooms)} rooms, {len(each.doorways)} doorways"
-                + (f"; left out: {each.problem}" if each.problem else "")
-                for each in found
-            ]
+            try:
+                summary.notes += [
+                    f"{each.storey}: found {len(each.rooms)} rooms, {len(each.doorways)} doorways"
+                    + (f"; left out: {each.problem}" if each.problem else "")
+                    for each in made.find_rooms(add=True)
+                ]
+            except ValueError as error:  # the world is in the map all the same
+                summary.notes.append(
+                    f"found no rooms: {error}. Give walls that type, or draw rooms in a GeoJSON "
+                    "file and import it into this map"
+                )
         return summary
 
     def add_robot(

@@ -43,7 +43,8 @@ def import_command(
             summary = call(path=path, map=map_name, progress=bars.report, find_rooms=last)
         summaries.append(summary)
         map_name = map_name or summary.map
-    _name_roomless(call.handle, {summary.map for summary in summaries})
+    if not find_rooms:
+        _name_roomless(call.handle, {summary.map for summary in summaries})
     if json_:
         print_json([summary.as_json() for summary in summaries])
         return
