@@ -203,7 +203,7 @@ def _add_model(level: _Level, thing: MapFeature) -> None:
     if thing.pose is None or thing.keys["kind"] != "object" or thing.keys.get("type") in PARTS:
         return
     x, y, z = (round(float(v), 4) for v in thing.pose[:3])
-    model = str(thing.free.get("model") or thing.keys.get("type") or thing.name)
+    model = str(thing.free.get("model") or thing.keys.get("type") or "object")
     level.data["models"].append(
         {
             "model_name": model,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections import Counter
 from pathlib import Path
 
@@ -110,3 +111,25 @@ def test_the_hotel(imported: Import, worlds: Path, tmp_path: Path) -> None:
         assert sorted(map(str, lanes[0].values())) == sorted(map(str, lanes[1].values()))
         types = [Counter(e.type for e in place.regions) for place in (before, after)]
         assert types[0] == types[1]
+
+
+def test_an_object_without_a_type_comes_back_without_one(database: str, tmp_path: Path) -> None:
+    about = {"kind": "object", "storey": "F1"}
+    features = [
+        ({"kind": "storey", "name": "F1", "elevation": 0}, None),
+        ({"kind": "room", "name": "hall", "storey": "F1"}, shapely.box(0, 0, 5, 5)),
+        ({**about, "name": "gizmo one", "height": 1.0}, shapely.box(1, 1, 2, 2)),
+        ({**about, "name": "gizmo two", "type": "table", "height": 1.0}, shapely.box(3, 1, 4, 2)),
+    ]
+    drawn = [
+        {"type": "Feature", "properties": p, "geometry": g and shapely.geometry.mapping(g)}
+        for p, g in features
+    ]
+    file = tmp_path / "plan.geojson"
+    file.write_text(json.dumps({"type": "FeatureCollection", "features": drawn}))
+    with semmap.connect(database) as db:
+        before, after = db.create_map("plan"), db.create_map("again")
+        before.import_file(file)
+        after.import_file(before.export(tmp_path / "plan.building.yaml"))
+        types = {o.name: o.type for o in after.objects}
+        assert (types["gizmo one"], types["gizmo two"]) == (None, "table")

@@ -261,7 +261,9 @@ class StoreyEntries:
             self.world.skip(element, problem, "Move it to where it belongs.")
             return
         own = model.model.rpartition("/")[2]
-        entry = Entry(model.name.rpartition("/")[2], "object", "_".join(words(own)) or None, own)
+        label = own if own != "object" else None  # as an export names what has no type
+        type_ = "_".join(words(label or "")) or None
+        entry = Entry(model.name.rpartition("/")[2], "object", type_, label)
         entry.properties = {"model": model.model, "static": model.static}
         yaw = model.yaw + self.drawing.to_map.yaw
         inside, entry.shapes = self.shapes.of(model.model, f"{model.element} ({model.name})")
