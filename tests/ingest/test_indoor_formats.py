@@ -276,7 +276,7 @@ def two_levels_of_osm(path: Path) -> Path:
             UP.reverse(),
             {"highway": "steps", "incline": "down", "conveying": "backward", "level": "0;1"},
         ),
-        feature(shapely.Point(3, 1), {"highway": "elevator", "level": "0-1", "name": "point"}),
+        feature(shapely.Point(3, 1), {"highway": "elevator", "level": "0-1", "name": "node"}),
     ]
     path.with_suffix(".geojson").write_text(
         json.dumps({"type": "FeatureCollection", "features": features})
@@ -327,8 +327,7 @@ def test_stairs_lifts_and_escalators_join_levels(
     """Each way is taken where the others are avoided, up and, but for the escalator, down."""
     with semmap.connect(database) as db:
         summary = db.import_file(write(tmp_path / "house"), map="house")
-        problems = [each.problem for each in summary.skipped]
-        assert problems == (["is a lift without an area"] if write is two_levels_of_osm else [])
+        assert summary.skipped == []
         house = db.map("house")
         ways = {e.name: e.type for e in house.doors if e.type in WAYS_UP}
         assert set(ways.values()) == WAYS_UP
@@ -341,3 +340,30 @@ def test_stairs_lifts_and_escalators_join_levels(
         others = [name for name, type_ in ways.items() if type_ != "escalator"]
         with pytest.raises(NoRouteError):
             house.route(*down, avoid=others)
+
+
+def test_a_lift_that_is_a_node_gets_a_cabin_and_a_door_on_each_level(
+    database: str, tmp_path: Path
+) -> None:
+    with semmap.connect(database) as db:
+        file = two_levels_of_osm(tmp_path / "house")
+        summary = db.import_file(file, map="house")
+        house = db.map("house")
+        assert [note for note in summary.notes if note.startswith("1 lift is a node")]
+        assert {house[f"node {n}"].type for n in (0, 1)} == {"elevator_cabin"}
+        assert house["node 0"].geometry.area == pytest.approx(1.6**2, rel=1e-3)
+        for room in (house["passage 0"], house["passage 1"]):
+            assert room.geometry.area == pytest.approx(30 - 1.6**2, rel=1e-3)
+        others = [
+            door.name
+            for door in house.doors
+            if door.type in WAYS_UP and not any(p and "node" in p.name for p in door.places)
+        ]
+        route = house.route("yard", "lab", avoid=others)
+        assert route.places[1:5] == ["passage 0", "node 0", "node 1", "passage 1"]
+
+        features = json.loads(file.read_text())
+        features["features"][-1]["geometry"] = degrees(shapely.Point(30, 1))
+        file.write_text(json.dumps(features))
+        (skipped,) = db.import_file(file, map="away").skipped
+        assert skipped.problem == "is a lift beside no room of its levels"

@@ -35,6 +35,9 @@ STAIRS, ELEVATOR = ("stairs", "steps"), ("elevator",)
 WIDTH, THICKNESS = 0.9, 0.1
 """Metres of a door that is a node, and of a wall that is a line."""
 
+CABIN = 1.6
+"""Metres of the sides of a lift's cabin, where the lift is a node."""
+
 NEAR = 1.0
 """Metres from a room within which a way ends there."""
 
@@ -67,6 +70,7 @@ def from_osm_indoor(file: FeatureFile) -> FeatureFile:
     for each in drawn:
         with file.leaving_out(each.where, each.properties.get("name")):
             on_levels.append((each, _levels(each)))
+    on_levels = list(_with_cabins(file, on_levels))
     names = {level: f"level {level:g}" for _, levels in on_levels for level in levels}
     for level in sorted(names):
         about = {"kind": "storey", "name": names[level], "elevation": level * ASSUMED_HEIGHT}
@@ -93,12 +97,6 @@ def from_osm_indoor(file: FeatureFile) -> FeatureFile:
             for pair in itertools.pairwise(levels):
                 with file.leaving_out(each.where, tags.get("name")):
                     file.features.append(_way(each, pair, names, rooms))
-            continue
-        if _joins(each, ELEVATOR):
-            with file.leaving_out(each.where, tags.get("name")):
-                raise Refused(
-                    "is a lift without an area", "Draw its cabin, with doors in its border."
-                )
             continue
         door = tags.get("indoor") == "door" or {"door", "entrance"} & tags.keys()
         if not door and tags.get("indoor") != "wall":
@@ -130,6 +128,43 @@ def _levels(feature: Feature) -> list[float]:
             raise Refused(problem, "Write it as 0, 0;1 or 0-2.")
         found |= {first + step for step in range(int(last - first) + 1)}
     return sorted(found)
+
+
+def _with_cabins(
+    file: FeatureFile, on_levels: list[tuple[Feature, list[float]]]
+) -> Iterator[tuple[Feature, list[float]]]:
+    """Yield features and their levels; a lift that is a node gets a cabin, and doors to rooms."""
+    drawn = [(each, levels) for each, levels in on_levels if _is_lift_node(each)]
+    cabins = [shapely.buffer(e.geometry, CABIN / 2, cap_style="square") for e, _ in drawn]
+    rooms = [(each, levels) for each, levels in on_levels if _is_room(each)]
+    if drawn:
+        are = "lift is" if len(drawn) == 1 else "lifts are each"
+        file.notes.append(f"{len(drawn)} {are} a node: its cabin is assumed {CABIN:g} m wide")
+    for each, levels in on_levels:
+        if _is_room(each):
+            taken = [c for c, (_, on) in zip(cabins, drawn, strict=True) if set(on) & set(levels)]
+            yield replace(each, geometry=each.geometry - shapely.union_all(taken)), levels
+        elif not _is_lift_node(each):
+            yield each, levels
+    for (each, levels), cabin in zip(drawn, cabins, strict=True):
+        with file.leaving_out(each.where, each.properties.get("name")):
+            doors = [_cabin_door(cabin, [r.geometry for r, on in rooms if n in on]) for n in levels]
+            yield replace(each, geometry=cabin), levels
+            for level, door in zip(levels, doors, strict=True):
+                yield Feature(each.where, None, door, {"door": "yes"}), [level]
+
+
+def _is_lift_node(feature: Feature) -> bool:
+    return isinstance(feature.geometry, Point) and _joins(feature, ELEVATOR)
+
+
+def _cabin_door(cabin: Polygon, rooms: list[Any]) -> Point:
+    """The middle of the side of a cabin before which most of the nearest room is."""
+    room = min(rooms, key=cabin.centroid.distance, default=None)
+    if room is None or room.distance(cabin) > 0:
+        raise Refused("is a lift beside no room of its levels", "Draw the rooms, or its cabin.")
+    sides = [side.interpolate(0.5, normalized=True) for side in straight_parts(cabin.exterior)]
+    return max(sides, key=lambda side: side.buffer(NEAR).intersection(room - cabin).area)
 
 
 def _is_room(feature: Feature) -> bool:
