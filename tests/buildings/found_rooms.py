@@ -5,7 +5,8 @@ grid that a level scanner of a SLAM program would make of it. The table has reca
 the same rooms and doorways, the recall and precision of areas of Bormann et al. (2016, section
 V.B), and the Matthews correlation of MAORIS (Mielle et al., 2018, section III). Those are sure that
 have a confidence above 0.5: of them, and of the others, the table has the precision; and the mean
-metres between the outlines of the same rooms.
+metres between the outlines of the same rooms. A second table compares rooms with those of the
+morphological segmentation (`tests.buildings.eroded_rooms`).
 Found and known rooms are the same if they share 70 percent of what both cover, doorways if they are
 within half a metre; a lift is one if its rooms are cabins.
 """
@@ -27,7 +28,9 @@ import shapely
 import semmap
 from navgrid.found_rooms import FoundRooms
 from semmap.database import Cluster
+from semmap.query.storey_reader import read_storeys
 from tests.buildings.building import Building, random_building
+from tests.buildings.eroded_rooms import eroded_rooms
 
 SHARED, NEAR = 0.7, 0.5
 
@@ -159,6 +162,7 @@ class Scores:
     right_rooms: tuple[tuple[bool, float], ...] = ()
     right_doors: tuple[tuple[bool, float], ...] = ()
     apart: tuple[float, ...] = ()
+    other: Scores | None = None  # of the segmentation to compare with
 
     def add(self, building: Building, storey: str, here: FoundRooms) -> None:
         """Judge a storey."""
@@ -172,6 +176,11 @@ class Scores:
         self.right_rooms += (*right_rooms(known, here),)
         self.right_doors += (*right_doors(doors, here),)
         self.apart += (*apart(known, outlines),)
+
+    @property
+    def compared(self) -> tuple[float, float, float]:
+        """Recall and precision of rooms, and the correlation of their areas."""
+        return self.rooms.recall, self.rooms.precision, float(np.mean(self.areas, axis=0)[2])
 
     def __str__(self) -> str:
         numbers = [n for s in (self.rooms, self.doors) for n in (s.recall, s.precision)]
@@ -187,6 +196,7 @@ def judge(building: Building, database: semmap.Database, folder: Path, scores: S
     """Add the scores of a building that is imported without rooms, doors and lifts."""
     with bare(building, database, folder) as house:
         found = house.find_rooms()
+        add_other(building, house, None, scores)
     scores.lifts += score_lifts(building, found)
     for each in found:
         scores.add(building, each.storey, each)
@@ -202,8 +212,21 @@ def judge_scans(
     for storey, _, _ in building.storeys:
         (file,) = (folder / storey).rglob("map.yaml")
         database.import_file(file, map="scan")
-        scores.add(building, storey, database.map("scan").find_rooms()[0])
+        scan = database.map("scan")
+        scores.add(building, storey, scan.find_rooms()[0])
+        add_other(building, scan, storey, scores)
         database.drop_map("scan")
+
+
+def add_other(building: Building, place: semmap.Map, storey: str | None, scores: Scores) -> None:
+    """Add the scores of the other segmentation; `storey` is the one that a scan is of."""
+    scores.other = scores.other or Scores()
+    with place.snapshot() as seen:
+        scenes = read_storeys(seen)
+    for scene in scenes:
+        name = storey or scene.storey
+        inside = shapely.union_all([r.outline for r in building.rooms if r.storey == name])
+        scores.other.add(building, name, eroded_rooms(scene, inside.buffer(0.3).buffer(-0.3)))
 
 
 @contextmanager
@@ -253,6 +276,10 @@ def main() -> None:
     print(" " * 20, "  ".join(f"{name:>10}" for name in COLUMNS))
     for name, (_, _, scores) in ways.items():
         print(f"{name:20}", scores)
+    print(f"\n{'':20}  by doorways: R, P, MCC    by erosion: R, P, MCC")
+    for name, (_, _, scores) in ways.items():
+        numbers = [*scores.compared, *(scores.other or scores).compared]
+        print(f"{name:20}", "".join(f"{n:8.3f}" for n in numbers))
     lifts = ways["meshes, furnished"][2].lifts
     print(f"lifts: {lifts}, recall {lifts.recall:.3f}, precision {lifts.precision:.3f}")
 

@@ -21,6 +21,8 @@ def test_most_rooms_and_doorways_are_found(make_database: MakeDatabase, tmp_path
     assert rooms.known > 50
     assert min(rooms.recall, rooms.precision, doors.recall, doors.precision) >= 0.9, (rooms, doors)
     assert (lifts.precision, lifts.recall) >= (1, 0.5), lifts
+    assert scores.other is not None
+    assert 0.7 < scores.other.rooms.recall < rooms.recall
 
 
 def test_a_robot_takes_a_lift_that_was_found(make_database: MakeDatabase, tmp_path: Path) -> None:
