@@ -16,7 +16,7 @@ from tests.buildings.clouds import scanned
 from tests.buildings.judges import stored
 from tests.conftest import Import, MakeDatabase
 from tests.export.comparison import Picture, differences
-from tests.worlds.conftest import HOTEL, HOUSE, ROOMS
+from tests.worlds.conftest import CLINIC, HOTEL, HOUSE, ROOMS
 from tests.worlds.test_duplex import DUPLEX
 
 ENDINGS = [".gpkg", ".geojson", ".sdf", ".gml"]
@@ -108,12 +108,17 @@ def test_storeys_and_rooms_that_were_found(db: semmap.Database, tmp_path: Path) 
         assert differences(picture, again) == []
 
 
-@pytest.fixture(scope="module", params=["house", "hotel", "duplex"])
+@pytest.fixture(scope="module", params=["house", "hotel", "clinic", "duplex"])
 def world(
     request: pytest.FixtureRequest, imported: Import, worlds: Path
 ) -> Iterator[tuple[semmap.Map, Picture]]:
     name = request.param
-    files: list[Any] = {"house": [HOUSE, ROOMS], "hotel": [HOTEL], "duplex": [DUPLEX]}[name]
+    files: list[Any] = {
+        "house": [HOUSE, ROOMS],
+        "hotel": [HOTEL],
+        "clinic": [CLINIC],
+        "duplex": [DUPLEX],
+    }[name]
     with (
         imported(*((worlds / file, name) for file in files)) as engine,
         semmap.connect(engine.url.render_as_string(hide_password=False)) as db,
