@@ -39,8 +39,9 @@ WORLD_FILES = ("*.world", "*.sdf", "*.building.yaml", "*.gpkg", "*.geojson")
 MOST_ROOMS = 40
 """Number of rooms among which the longest route is searched."""
 
-MOST_ROUTES = 5
-"""Number of routes, the longest first, that are tried until one has room for the robot."""
+MOST_ROUTES = 40
+"""Number of routes, the longest first, that are tried until one has room for the robot: a room that
+furniture closes has the longest of all."""
 
 Say = Callable[..., Any]
 
@@ -237,8 +238,11 @@ def _find_route(
     seconds = seconds_between(graph, *ends)
     longest = np.argsort(-np.where(np.isfinite(seconds), seconds, -1.0), axis=None)
     reason = "none: no two rooms are joined"
-    for a, b in np.array(np.unravel_index(longest[:MOST_ROUTES], seconds.shape)).T:
-        if starts[a] != goals[b]:
+    tried: set[frozenset[str]] = set()
+    for a, b in np.array(np.unravel_index(longest, seconds.shape)).T:
+        pair = frozenset((starts[a], goals[b]))
+        if len(pair) == 2 and pair not in tried and len(tried) < MOST_ROUTES:
+            tried.add(pair)
             try:
                 return house.route(starts[a], goals[b])
             except NoRouteError as error:

@@ -124,3 +124,18 @@ def test_another_world_takes_files_and_folders(folder, said, tmp_path):
     assert any("How many doors has each room? In SPARQL:" in s for s in said)
     with pytest.raises(LookupError, match="no world in it"):
         demo.run_demo([folder], folder, OFFICE_ROBOT)
+
+
+def test_a_room_that_furniture_closes_does_not_hide_the_routes_between_the_others(url):
+    with semmap.connect(url) as db:
+        row = db.create_map("row")
+        for x in range(0, 32, 4):
+            row.add_room(f"r{x}", [(x, 0), (x + 3.9, 0), (x + 3.9, 4), (x, 4)])
+        for x in range(0, 28, 4):
+            row.add_door(f"d{x}", f"r{x}", f"r{x + 4}", ((x + 3.95, 1), (x + 3.95, 2.5)))
+        row.add_object("crate", size=(0.8, 2, 1), pose=(7.95, 1.75, 0))
+        with row.snapshot() as seen:
+            topology = demo.read_topology(seen)
+        route = demo._find_route(row, topology, None, None)
+        assert {route.places[0], route.places[-1]} == {"r8", "r28"}
+        db.drop_map("row")
