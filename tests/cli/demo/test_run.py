@@ -4,6 +4,7 @@ from matplotlib.colors import to_rgb
 from PIL import Image
 
 import semmap
+from planner.readers.topology import read_topology
 from semmap import cli
 from semmap.cli.chosen import CliOptions
 from semmap.cli.demo import run as demo
@@ -135,7 +136,7 @@ def test_a_room_that_furniture_closes_does_not_hide_the_routes_between_the_other
             row.add_door(f"d{x}", f"r{x}", f"r{x + 4}", ((x + 3.95, 1), (x + 3.95, 2.5)))
         row.add_object("crate", size=(0.8, 2, 1), pose=(7.95, 1.75, 0))
         with row.snapshot() as seen:
-            topology = demo.read_topology(seen)
+            topology = read_topology(seen)
         route = demo._find_route(row, topology, None, None)
         assert {route.places[0], route.places[-1]} == {"r8", "r28"}
         db.drop_map("row")
