@@ -349,7 +349,7 @@ def test_a_lift_that_is_a_node_gets_a_cabin_and_a_door_on_each_level(
         file = two_levels_of_osm(tmp_path / "house")
         summary = db.import_file(file, map="house")
         house = db.map("house")
-        assert [note for note in summary.notes if note.startswith("1 lift is a node")]
+        assert [note for note in summary.notes if "is a node: its cabin is assumed 1.6 m" in note]
         assert {house[f"node {n}"].type for n in (0, 1)} == {"elevator_cabin"}
         assert house["node 0"].geometry.area == pytest.approx(1.6**2, rel=1e-3)
         for room in (house["passage 0"], house["passage 1"]):
@@ -363,7 +363,18 @@ def test_a_lift_that_is_a_node_gets_a_cabin_and_a_door_on_each_level(
         assert route.places[1:5] == ["passage 0", "node 0", "node 1", "passage 1"]
 
         features = json.loads(file.read_text())
-        features["features"][-1]["geometry"] = degrees(shapely.Point(30, 1))
+        node = features["features"][-1]
+        for at, problem in (
+            (shapely.Point(30, 1), "is a lift beside no room of its levels"),
+            (shapely.Point(1, 5), "is a lift in a room of its size"),
+        ):
+            node["geometry"] = degrees(at)
+            features["features"][3]["geometry"] = degrees(shapely.box(0, 4, 2, 6))
+            file.write_text(json.dumps(features))
+            (skipped,) = db.import_file(file, map=problem).skipped
+            assert skipped.problem == problem
+        bow = shapely.Polygon([(20, 0), (24, 4), (24, 0), (20, 4)])
+        features["features"][2]["geometry"] = degrees(bow)
+        node["geometry"] = degrees(shapely.Point(3, 1))
         file.write_text(json.dumps(features))
-        (skipped,) = db.import_file(file, map="away").skipped
-        assert skipped.problem == "is a lift beside no room of its levels"
+        assert [s.element for s in db.import_file(file, map="bow").skipped] == ["features[2] (lab)"]

@@ -35,8 +35,9 @@ STAIRS, ELEVATOR = ("stairs", "steps"), ("elevator",)
 WIDTH, THICKNESS = 0.9, 0.1
 """Metres of a door that is a node, and of a wall that is a line."""
 
-CABIN = 1.6
-"""Metres of the sides of a lift's cabin, where the lift is a node."""
+CABIN, LARGER = 1.6, 3.0
+"""Metres of the sides of a lift's cabin, where the lift is a node; and how many times as large the
+room that it is in must be."""
 
 NEAR = 1.0
 """Metres from a room within which a way ends there."""
@@ -70,7 +71,7 @@ def from_osm_indoor(file: FeatureFile) -> FeatureFile:
     for each in drawn:
         with file.leaving_out(each.where, each.properties.get("name")):
             on_levels.append((each, _levels(each)))
-    on_levels = list(_with_cabins(file, on_levels))
+    on_levels, shafts = _with_cabins(file, on_levels)
     names = {level: f"level {level:g}" for _, levels in on_levels for level in levels}
     for level in sorted(names):
         about = {"kind": "storey", "name": names[level], "elevation": level * ASSUMED_HEIGHT}
@@ -80,7 +81,7 @@ def from_osm_indoor(file: FeatureFile) -> FeatureFile:
     taken: set[str] = set()
     for each, levels in on_levels:
         if _is_room(each):
-            file.features += _rooms(each, levels, names, rooms, taken)
+            file.features += _rooms(each, levels, names, rooms, taken, shafts)
         elif each.properties.get("indoor") == "wall" and isinstance(each.geometry, LineString):
             for level in levels:
                 walls[level].append(each.geometry)
@@ -132,26 +133,27 @@ def _levels(feature: Feature) -> list[float]:
 
 def _with_cabins(
     file: FeatureFile, on_levels: list[tuple[Feature, list[float]]]
-) -> Iterator[tuple[Feature, list[float]]]:
-    """Yield features and their levels; a lift that is a node gets a cabin, and doors to rooms."""
-    drawn = [(each, levels) for each, levels in on_levels if _is_lift_node(each)]
-    cabins = [shapely.buffer(e.geometry, CABIN / 2, cap_style="square") for e, _ in drawn]
-    rooms = [(each, levels) for each, levels in on_levels if _is_room(each)]
-    if drawn:
-        are = "lift is" if len(drawn) == 1 else "lifts are each"
-        file.notes.append(f"{len(drawn)} {are} a node: its cabin is assumed {CABIN:g} m wide")
+) -> tuple[list[tuple[Feature, list[float]]], dict[float, Any]]:
+    """Give each lift that is a node a cabin, and a door to a room on each level.
+
+    Returns the features and their levels, and by level the area of these cabins.
+    """
+    drawn = [(each.geometry, levels) for each, levels in on_levels if _is_room(each)]
+    rooms = [(room, levels) for room, levels in drawn if shapely.is_valid(room)]
+    found, shafts = [], {level: Point() for _, levels in on_levels for level in levels}
     for each, levels in on_levels:
-        if _is_room(each):
-            taken = [c for c, (_, on) in zip(cabins, drawn, strict=True) if set(on) & set(levels)]
-            yield replace(each, geometry=each.geometry - shapely.union_all(taken)), levels
-        elif not _is_lift_node(each):
-            yield each, levels
-    for (each, levels), cabin in zip(drawn, cabins, strict=True):
+        if not _is_lift_node(each):
+            found.append((each, levels))
+            continue
+        cabin: Any = shapely.buffer(each.geometry, CABIN / 2, cap_style="square")
         with file.leaving_out(each.where, each.properties.get("name")):
-            doors = [_cabin_door(cabin, [r.geometry for r, on in rooms if n in on]) for n in levels]
-            yield replace(each, geometry=cabin), levels
+            doors = [_cabin_door(cabin, [room for room, on in rooms if n in on]) for n in levels]
+            found.append((replace(each, geometry=cabin), levels))
             for level, door in zip(levels, doors, strict=True):
-                yield Feature(each.where, None, door, {"door": "yes"}), [level]
+                found.append((Feature(each.where, None, door, {"door": "yes"}), [level]))
+                shafts[level] = shafts[level] | cabin
+            file.notes.append(f"{each.where} is a node: its cabin is assumed {CABIN:g} m wide")
+    return found, shafts
 
 
 def _is_lift_node(feature: Feature) -> bool:
@@ -163,6 +165,8 @@ def _cabin_door(cabin: Polygon, rooms: list[Any]) -> Point:
     room = min(rooms, key=cabin.centroid.distance, default=None)
     if room is None or room.distance(cabin) > 0:
         raise Refused("is a lift beside no room of its levels", "Draw the rooms, or its cabin.")
+    if room.area < LARGER * cabin.area:
+        raise Refused("is a lift in a room of its size", "Give this room highway=elevator instead.")
     sides = [side.interpolate(0.5, normalized=True) for side in straight_parts(cabin.exterior)]
     return max(sides, key=lambda side: side.buffer(NEAR).intersection(room - cabin).area)
 
@@ -188,6 +192,7 @@ def _rooms(
     names: dict[float, str],
     rooms: dict[float, list[_Room]],
     taken: set[str],
+    shafts: dict[float, Any],
 ) -> Iterator[Feature]:
     """Yield a room for each level, which joins `rooms`, and stairs between them."""
     tags = feature.properties
@@ -201,12 +206,15 @@ def _rooms(
         wanted = given if len(levels) == 1 else f"{given} {level:g}"
         name = next(n for n in _numbered(wanted) if n not in taken)
         taken.add(name)
-        rooms[level].append(_Room(name, feature.geometry, is_open, elevator))
+        area: Any = feature.geometry
+        if not elevator and area.is_valid and area.intersects(shafts[level]):
+            area -= shafts[level]
+        rooms[level].append(_Room(name, area, is_open, elevator))
         about: dict[str, Any] = {"kind": "room", "name": name, "storey": names[level]}
         about |= {"type": type_} if type_ else {}
         about |= {"type": kind} if stairs or elevator else {}
         about |= {"elevator": f"{given} lift"} if elevator else {}
-        yield replace(feature, properties=_free(feature) | about)
+        yield replace(feature, geometry=area, properties=_free(feature) | about)
     if stairs:
         line, type_ = way_along(feature.geometry), _type_of_way(feature)
         for low, high in itertools.pairwise(levels):
