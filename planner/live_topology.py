@@ -27,7 +27,7 @@ from planner.readers.topology import (
     read_regions,
 )
 from planner.readers.travel_times import TravelTimeStore
-from planner.robot_class import BODY, Durations, RobotClass
+from planner.robot_class import ASSUMED_BODY, BODY, Durations, RobotClass
 from planner.routing_graph import RoutingGraph
 from planner.storey_costmaps import StoreyCostmaps
 from planner.topology import PlaceConnector, Topology
@@ -74,7 +74,8 @@ class LiveTopology:
     source
         A `semmap.Map`, or another handle of a map.
     robot
-        A class of robots, or the name of one in the database; by default one that has no shape.
+        A class of robots, or the name of one in the database; by default one that has no shape of
+        its own.
     progress
         Called with the name of a place that is measured, its number, and the number of places.
     assume_sizes
@@ -83,7 +84,7 @@ class LiveTopology:
     body
         Inside of places, a robot without shape has `planner.robot_class.BODY`: it drives around
         obstacles, and needs a free pose at an object. Places without an outline are crossed
-        straight.
+        straight. Without it, such a robot is a point, and meets nothing.
 
     Attributes
     ----------
@@ -107,7 +108,7 @@ class LiveTopology:
         *,
         progress: Progress | None = None,
         assume_sizes: bool = False,
-        body: bool = False,
+        body: bool = True,
     ) -> None:
         self._robot = robot
         self._body = body
@@ -144,8 +145,13 @@ class LiveTopology:
         return self.graph.topology
 
     @property
+    def assumed_body(self) -> str | None:
+        """Which body is assumed, in words; None for a robot that has a shape, or is a point."""
+        return None if self.costmaps is None or self.graph.robot.parts else ASSUMED_BODY
+
+    @property
     def costmaps(self) -> StoreyCostmaps | None:
-        """The costmaps; None for a robot without shape."""
+        """The costmaps; None for a robot that is a point."""
         costs = self.graph.costs
         return costs if isinstance(costs, StoreyCostmaps) else None
 

@@ -97,6 +97,11 @@ BODY = Part(
 )
 """The shape inside of places of a robot of which nothing is known: 0.6 m wide, 1.5 m high."""
 
+ASSUMED_BODY = (
+    f"a robot {2 * _RADIUS:g} m wide and {BODY.interval[1]:g} m high is assumed: "
+    "name yours by robot="
+)
+
 
 @dataclass(frozen=True)
 class RobotClass:

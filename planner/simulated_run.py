@@ -85,7 +85,7 @@ class SimulatedRun:
     source: MapSource
     start: str | None = None  # a room, object or region; by default where the robot is, or its home
     robot: str = "robot"  # name of the agent
-    robot_class: str | None = None  # a stored class; by default that of the agent, else no shape
+    robot_class: str | None = None  # a stored class; by default that of the agent, else `BODY`
     speed: float = 20.0  # how many times faster than real time
     fail: Sequence[str] = ()  # as `planner.mission.failures.FailureRule` reads them
     seed: int = 0  # of the simulation's chance
@@ -146,6 +146,8 @@ class SimulatedRun:
             copy = MapHandle(engine, happens_in)
             store = opened_here.enter_context(MissionStore(copy, process, grasps))
             live = LiveTopology(copy, robot_class)
+            if live.assumed_body is not None:
+                self.say(live.assumed_body)
             tasks = TaskPlanner(live, self.domain, self.gripper)
             assert goal is not None
             with live.snapshot() as seen:

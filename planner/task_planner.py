@@ -31,7 +31,7 @@ from planner.tasks.goal import Goal, parse_goal
 from planner.tasks.problem import NoPlanError, Problem
 from planner.tasks.problem_builder import build_problem
 from planner.tasks.reader import read_state, read_world
-from planner.tasks.sites import ApproachPoseOf, Target
+from planner.tasks.sites import ApproachPoseOf, Target, stand
 from planner.tasks.solver import PATIENCE, find_plan
 from planner.tasks.world import TaskObject, TaskState, TaskWorld
 from planner.topology import Place, PlaceRegion
@@ -207,7 +207,8 @@ def _approach_poses(
 ) -> ApproachPoseOf | None:
     """Finds base poses on the costmaps that were not tried, and from which the robot's arm acts.
 
-    None for a robot without shape. An object is reached at the place where it is
+    None for a robot that is a point. A robot without shape crosses places without an outline
+    straight, and stands at the object there. An object is reached at the place where it is
     `believed`. The arm is asked about objects whose poses are known, not about floors.
     """
     costmaps = live.costmaps
@@ -267,7 +268,11 @@ def _approach_poses(
             "poses around it that are free"
         )
 
-    def approach_pose(of: Target) -> Pose:
+    def approach_pose(of: Target) -> Pose | None:
+        place = of.place if isinstance(of, TaskObject) else of.name
+        place = of.places[0] if isinstance(of, PlaceRegion) else place
+        if costmaps.straight and place is not None and costmaps.ground(place) is None:
+            return stand(of)
         key = (of.name, of.places if isinstance(of, PlaceRegion) else ())
         if key not in found:
             reached = within_reach(of) if isinstance(of, TaskObject) else None

@@ -38,7 +38,7 @@ class Sites:
         approach_pose: ApproachPoseOf | None,
     ) -> None:
         self.graph, self.world = graph, world
-        self.approach_pose = approach_pose or _stand
+        self.approach_pose = approach_pose or stand
         self.all: list[Endpoint] = []
         self._numbers: dict[tuple[str, Pose | None], int] = {}
         self._away: dict[int, float] = {}  # seconds from the robot, where queried
@@ -110,7 +110,8 @@ class Sites:
         return f"{name} cannot be reached: {reason}"
 
 
-def _stand(item: Target) -> Pose | None:
+def stand(item: Target) -> Pose | None:
+    """The base pose for a target among no obstacles; None anywhere in its place."""
     if isinstance(item, Place):
         return None
     if isinstance(item, PlaceRegion):

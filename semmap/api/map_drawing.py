@@ -199,7 +199,8 @@ class MapDrawing(MapTasks):
         from planner.exchange.route_graph import ExchangeError
         from planner.robot_class import RobotClass
 
-        graph = self.live_topology(robot or RobotClass(speed=speed, unlocks=unlocks)).graph
+        shape = robot or RobotClass(speed=speed, unlocks=unlocks)
+        graph = self.live_topology(shape, body=False).graph
         if not graph.topology.connectors:
             raise ExchangeError(
                 f"the map {self.name} has no connectors: import an annotation that has them "

@@ -328,20 +328,21 @@ class MapDriving(MapQuestions):
 
     def topology(self, robot: str | RobotClass | None = None) -> Topology:
         """The places of the building and the connectors that join them, as plain data."""
-        return self.live_topology(robot).topology
+        return self.live_topology(robot, body=False).topology
 
     def live_topology(
         self,
         robot: str | RobotClass | None = None,
         *,
         assume_sizes: bool = False,
-        body: bool = False,
+        body: bool = True,
         progress: Progress | None = None,
     ) -> LiveTopology:
         """The routing graph of a robot, up to date; it is kept, and follows later changes.
 
-        `body`: inside of rooms, a robot without shape is as that of `route` by default. ValueError
-        while a transaction of this map is open, whose changes the graph would not see.
+        Inside of rooms, a robot without shape has the default `body` of `route`, or is a point
+        without it. ValueError while a transaction of this map is open, whose changes the graph
+        would not see.
         """
         from planner.live_topology import LiveTopology
 
@@ -371,10 +372,9 @@ class MapDriving(MapQuestions):
 
         able = {name: value for name, value in abilities.items() if value is not None}
         live = self.live_topology(
-            _robot_with(**able) if robot is None else robot,
+            _robot_with(**able) if robot is None and able else robot,
             assume_sizes=assume_sizes,
             progress=progress,
-            body=True,
         )
         costs = None if rules is None else CostRules.read(Path(rules))
         planner = RoutePlanner.of_live(live, rules=costs)
@@ -385,7 +385,7 @@ class MapDriving(MapQuestions):
     def _route(self, live: LiveTopology, route: Any) -> MapRoute:
         from semmap.api.map_results import MapRoute
 
-        return MapRoute.of(self, live.topology, route)
+        return MapRoute.of(self, live, route)
 
 
 @cache

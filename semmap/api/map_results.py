@@ -13,6 +13,7 @@ from planner.route import Route
 
 if TYPE_CHECKING:
     from navgrid.occupancy_grid import StoreyGrid
+    from planner.live_topology import LiveTopology
     from planner.route import RouteStep
     from planner.search.problem_builder import MapSearch, Viewpoint
     from planner.search.receding_horizon import Decision
@@ -29,16 +30,21 @@ _AT_A_DOOR = ("from", "to", "approach", "leave")
 
 @dataclass(frozen=True, repr=False)
 class MapRoute(Route):
-    """A `planner.Route` that `Map.route` found, with the map and topology where it was planned."""
+    """A `planner.Route` that `Map.route` found, with the map and topology where it was planned.
+
+    `assumed_body` says which body was assumed for a robot without shape.
+    """
 
     map: MapDriving = field(repr=False, compare=False, kw_only=True)
     topology: Topology = field(repr=False, compare=False, kw_only=True)
+    assumed_body: str | None = field(default=None, repr=False, compare=False, kw_only=True)
 
     @classmethod
-    def of(cls, map: MapDriving, topology: Topology, route: Route) -> Self:
+    def of(cls, map: MapDriving, live: LiveTopology, route: Route) -> Self:
         """Return a route with the map that it was planned on."""
         values = {each.name: getattr(route, each.name) for each in fields(Route)}
-        return cls(**values, map=map, topology=topology)
+        body = live.assumed_body
+        return cls(**values, map=map, topology=live.topology, assumed_body=body)
 
     @property
     def places(self) -> list[str]:
@@ -63,6 +69,7 @@ class MapRoute(Route):
             "cost": self.seconds,
             "seconds": self.seconds,
             "metres": self.metres,
+            "assumed_body": self.assumed_body,
             "doors": [
                 {"name": step.connector.name}
                 | {key: value for key, value in _step_as_json(step).items() if key in _AT_A_DOOR}
@@ -138,10 +145,12 @@ class MapPlan(Plan):
 
     `reasons` has a sentence for each object that is searched for, why it goes where it goes, and
     for each one whose grasps are not judged.
-    `assumed` are the objects of the plan for which the typical box of their type was assumed.
+    `assumed` are the objects of the plan for which the typical box of their type was assumed;
+    `assumed_body` is as for routes.
     """
 
     assumed: tuple[str, ...] = field(default=(), kw_only=True)
+    assumed_body: str | None = field(default=None, kw_only=True)
     reasons: tuple[str, ...] = field(default=(), kw_only=True)
     map: MapTasks = field(repr=False, compare=False, kw_only=True)
     options: dict[str, Any] = field(default_factory=dict, repr=False, compare=False, kw_only=True)
@@ -159,6 +168,7 @@ class MapPlan(Plan):
             "bound": self.bound,
             "optimal": self.optimal,
             "assumed_sizes": [*self.assumed],
+            "assumed_body": self.assumed_body,
             "actions": [
                 {
                     "name": action.name,
@@ -202,6 +212,7 @@ class ObjectSearch:
     decision: Decision
     map: MapTasks = field(repr=False, compare=False)
     options: dict[str, Any] = field(default_factory=dict, repr=False, compare=False)
+    assumed_body: str | None = field(default=None, repr=False)
 
     @property
     def seconds(self) -> float:
@@ -233,6 +244,7 @@ class ObjectSearch:
         """The search as plain values; poses are x, y, z and quaternion."""
         return {
             "object": self.name,
+            "assumed_body": self.assumed_body,
             "belief": self.belief,
             "action": self.decision.action,
             "seconds": self.seconds,

@@ -45,8 +45,8 @@ class MapTasks(MapDriving):
         goal : ``on(mug1, table1) and in(robot, kitchen)``: names, labels or types of the map
         start : the room, object, agent or region where the robot is; by default its place in the
             map, else the map's home region
-        robot : a stored class, or a `planner.RobotClass`; by default that of the agent, else a
-            robot without shape
+        robot : a stored class, or a `planner.RobotClass`; by default that of the agent, else the
+            body that `route` assumes
         gripper : by default the robot's own, or the preferred one, else an assumed one that opens
             0.09 m, as in missions
         domain : a YAML file of additional actions
@@ -111,7 +111,8 @@ class MapTasks(MapDriving):
                 assumed = [name for name in read_names_without_geometry(seen) if name in used]
         options = {"start": start, "robot": agent, "gripper": gripper, "domain": domain}
         options |= {"assume_sizes": assume_sizes}
-        told = {"reasons": tuple(reasons), "assumed": tuple(assumed)}
+        told: Any = {"reasons": tuple(reasons), "assumed": tuple(assumed)}
+        told["assumed_body"] = live.assumed_body
         made = MapPlan.of(self, plan, **told, options=options)
         if try_grasps and items:
             if agent is None and robot is not None:
@@ -157,7 +158,7 @@ class MapTasks(MapDriving):
         ----------
         goal : as for `plan`; none to resume a mission
         start : as for `plan`
-        robot : a stored class; by default that of the agent, else robots without shape
+        robot : a stored class; by default that of the agent, else the body of `route`
         agent : the name of the robot in the map
         speed : how many times faster than real time
         fail : failures: ``door3 locked``, ``Lift 1 broken``, ``pickup fails twice``
@@ -254,7 +255,7 @@ class MapTasks(MapDriving):
         best = min(range(len(names)), key=lambda number: decisions[number].cost)
         name, problem, decision = names[best], begun[best], decisions[best]
         options = {"start": start, "robot": robot, "sight": sight, "detector": detector}
-        return ObjectSearch(name, problem, decision, self, options)
+        return ObjectSearch(name, problem, decision, self, options, live.assumed_body)
 
     def missions(self) -> list[dict[str, Any]]:
         """The missions of the map, the newest first, with the counts of their steps."""

@@ -141,6 +141,8 @@ def search_command(
     else:
         print(search.reason)
         _show_tour(search)
+        if search.assumed_body is not None:
+            _say(search.assumed_body)
 
 
 def _show_tour(search: ObjectSearch) -> None:

@@ -31,6 +31,8 @@ def plan_command(call: MethodCall, json_: Json = False) -> None:
     for reason in plan.reasons:
         cli.out.print(reason, style="cyan")
     _show_plan(plan)
+    if plan.assumed_body is not None:
+        cli.out.print(plan.assumed_body, style="cyan")
 
 
 def _show_plan(plan: Plan) -> None:

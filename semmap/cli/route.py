@@ -19,6 +19,7 @@ from semmap.cli.output import place_progress, print_folded
 
 if TYPE_CHECKING:
     from planner.route import Route
+    from semmap.api.map_results import MapRoute
     from semmap.geometry.pose import Pose
 
 
@@ -63,7 +64,7 @@ def route_command(
 
 
 def _show_routes(
-    found: Sequence[Route], without_shape: Mapping[str, Sequence[str]], timed: bool
+    found: Sequence[MapRoute], without_shape: Mapping[str, Sequence[str]], timed: bool
 ) -> None:
     from semmap.query.geometry_notes import names_note
 
@@ -71,6 +72,8 @@ def _show_routes(
         if len(found) > 1:
             print(f"{number}.")
         _show_route(route, timed=timed)
+    if found[0].assumed_body is not None:
+        cli.out.print(found[0].assumed_body, style="cyan")
     for key, names in without_shape.items():
         if names:
             cli.out.print(names_note(names, key), style="yellow")
