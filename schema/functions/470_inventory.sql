@@ -157,8 +157,8 @@ RETURNS TABLE (entity_id bigint, holder_id bigint, relation text, confidence dou
 LANGUAGE plpgsql STABLE ROWS 10 SET search_path = semmap, public, pg_temp
 SET plan_cache_mode = force_generic_plan SET enable_seqscan = off AS $$
 -- The holder that the geometry gives to each of the given objects and agents, with a confidence (0 to 1):
--- 1. on an object: a support surface within 3 cm of its bottom bears at least half of its footprint. What is
---    flatter than 3 cm and larger than half a square metre, such as a carpet, is not a holder. The holder's
+-- 1. on an object: a support surface within 3 cm of its bottom bears at least half of its footprint; else
+--    objects whose tops it touches, around its middle: a tray on a mug, a board on two trestles. What is flatter than 3 cm and larger than half a square metre, such as a carpet, is not a holder. The holder's
 --    bottom is below that of its contents. For a model without known support surfaces: is_on.
 -- 2. in an object of less than 4 square metres that encloses it, is larger and does not begin above it: is_in.
 -- 3. in the room of its place: room_at.
@@ -189,7 +189,7 @@ BEGIN
           AND ST_ZMin(o.box) <= i.low + 2e-6 AND ST_ZMax(o.box) >= i.low - contact
     ), below AS MATERIALIZED (
         -- objects that reach beneath an item
-        SELECT n.id, n.low, n.ground, n.owner, n.pose, abs(n.pose[4]) < 1e-3 AND abs(n.pose[5]) < 1e-3 AS upright
+        SELECT n.id, n.low, n.ground, n.owner, n.pose, n.footprint, n.owner_high, abs(n.pose[4]) < 1e-3 AND abs(n.pose[5]) < 1e-3 AS upright
         FROM near n
         WHERE n.owner_low < n.low - 1e-6 AND (n.owner_high - n.owner_low > contact OR ST_Area(n.footprint) < 0.5)
     ), laid AS MATERIALIZED (
@@ -207,12 +207,24 @@ BEGIN
         FROM below b
         WHERE NOT EXISTS (SELECT FROM semmap.entity_model em JOIN semmap.support_surface s ON s.model_id = em.model_id
                           WHERE em.entity_id = b.owner)
-    ), resting AS (
+    ), borne AS (
         SELECT DISTINCT ON (s.id) s.id, s.owner, s.share, s.gap
         FROM (SELECT id, owner, least(sum(share), 1) AS share, min(gap) AS gap FROM surface GROUP BY 1, 2) s
         WHERE s.share >= 0.5 - 1e-9
           AND NOT (EXISTS (SELECT FROM semmap.placement p WHERE p.holder_id = s.id) AND semmap.is_stated_in(s.owner, s.id))
         ORDER BY s.id, s.share DESC, s.gap, s.owner
+    ), propped AS (
+        SELECT t.id, t.owner, t.ground, ST_Intersection(t.ground, t.footprint) AS common
+        FROM below t
+        WHERE abs(t.owner_high - t.low) <= contact / 3 AND t.id NOT IN (SELECT id FROM borne)
+          AND semmap.is_on(t.id, t.owner) AND NOT semmap.is_stated_in(t.owner, t.id)
+    ), resting AS (
+        SELECT b.id, b.owner, b.share, b.gap FROM borne b
+      UNION ALL
+        (SELECT DISTINCT ON (t.id) t.id, t.owner, 0.5, 0
+         FROM propped t JOIN (SELECT p.id, ST_ConvexHull(ST_Collect(p.common)) AS base FROM propped p GROUP BY 1) a ON a.id = t.id
+         WHERE ST_DWithin(a.base, ST_Centroid(t.ground), 1e-6)
+         ORDER BY t.id, ST_Area(t.common) DESC, t.owner)
     ), enclosed AS (
         SELECT DISTINCT ON (n.id) n.id, n.owner
         FROM near n

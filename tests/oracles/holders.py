@@ -72,10 +72,11 @@ def derive_holders(
     """The holder of each thing: the surface it lies on, else the room it stands in, else none.
 
     A thing lies on a surface whose height is within `CONTACT` of its bottom and which bears at
-    least half of its footprint. What one walks over (flatter than `CONTACT`, larger than `WALKED`:
-    a carpet) holds nothing, a tray does. A holder's bottom is below that of what it holds, so that
-    no two things hold each other. A thing stands in the room with most of its footprint, at least
-    half, whose heights take in its middle.
+    least half of its footprint; else on the largest of those that touch it, within a third of
+    `CONTACT`, if its middle is between them. What one walks over (flatter than `CONTACT`, larger
+    than `WALKED`: a carpet) holds nothing, a tray does. A holder's bottom is below that of what it
+    holds, so that no two things hold each other. A thing stands in the room with most of its
+    footprint, at least half, whose heights take in its middle.
     """
     known = {thing.id: thing for thing in things}
     bearing = [s for s in surfaces if _bears(s, known.get(s.owner))]
@@ -114,7 +115,18 @@ def _on(thing: Item, surfaces: Sequence[SurfacePatch], tree: STRtree) -> Holding
         return None
     best = max(shares, key=lambda owner: (shares[owner], -gaps[owner], -owner))
     if shares[best] < HALF:
-        return None
+        touched = {o: share for o, share in shares.items() if share and gaps[o] <= CONTACT / 3}
+        base = shapely.union_all(
+            [
+                surfaces[i].outline
+                for i in tree.query(thing.footprint)
+                if surfaces[i].owner in touched
+            ]
+        )
+        base = shapely.convex_hull(shapely.intersection(base, thing.footprint))
+        if not touched or base.distance(thing.footprint.centroid) > 1e-6:
+            return None
+        return Holding(max(touched, key=lambda owner: (touched[owner], -owner)), 0.5, "on")
     sure = (
         1.0
         if shares[best] >= CLEAR and gaps[best] <= CONTACT / 3

@@ -379,6 +379,7 @@ ROOMS = [
 ]
 TABLE = box(1, (1, 1, 0), (1.2, 0.6, 0.75))
 TRAY = box(2, (1.1, 1.1, 0.75), (0.4, 0.3, 0.04))
+STOOL = box(4, (4.1, 2.1, 0), (0.2, 0.2, 0.4))
 
 
 @pytest.mark.parametrize(
@@ -392,8 +393,14 @@ TRAY = box(2, (1.1, 1.1, 0.75), (0.4, 0.3, 0.04))
         ((2.14, 1.2, 0.75), (0.1, 0.1, 0.1), (1, 0.6, "on")),  # 60 % on the table
         ((1.7, 1.2, 0.77), (0.1, 0.1, 0.1), (1, 0.667, "on")),  # 2 cm above it
         ((4.7, 2, 0), (0.5, 0.5, 0.5), (100, 0.6, "in")),  # 60 % in the room
+        ((3.9, 1.9, 0.4), (0.6, 0.6, 0.3), (4, 0.5, "on")),  # wider than its stool
+        ((4.1, 2.1, 0.4), (0.6, 0.6, 0.3), (100, 1, "in")),  # its middle is beside the stool
+        ((3.9, 1.9, 0.42), (0.6, 0.6, 0.3), (100, 1, "in")),  # 2 cm above it
     ],
-    ids=["table", "tray", "hanging", "outside", "mostly-outside", "edge", "above", "sill"],
+    ids=[
+        *("table", "tray", "hanging", "outside", "mostly-outside", "edge", "above", "sill"),
+        *("on-stool", "beside-stool", "over-stool"),
+    ],
 )
 def test_rules(
     module_engine: Engine,
@@ -402,7 +409,7 @@ def test_rules(
     size: tuple[float, ...],
     expected: tuple[int | None, float, str],
 ) -> None:
-    things = [TABLE, TRAY, box(3, low, size)]
+    things = [TABLE, TRAY, box(3, low, size), STOOL]
     found = derived(module_engine, request.node.name, things, ROOMS)[2]
     assert (found.holder, found.relation) == (expected[0], expected[2])
     assert found.confidence == pytest.approx(expected[1], abs=1e-3)
@@ -473,3 +480,15 @@ def test_random_piles_against_python(
                 for h in (found.holder, wanted.holder)
             ]
             assert shares[0] == pytest.approx(shares[1])
+
+
+def test_a_board_lies_on_the_trestles_around_its_middle(
+    module_engine: Engine, request: pytest.FixtureRequest
+) -> None:
+    """Each bears less than half; with the second one away, the board would tip."""
+    trestles = [box(i, (x, 2, 0), (w, 0.5, 0.7)) for i, x, w in ((1, 1.0, 0.2), (2, 2.7, 0.3))]
+    board = box(3, (1.0, 2, 0.7), (2.0, 0.5, 0.03))
+    for held_by, there in ((2, trestles), (100, trestles[:1])):
+        name = f"{request.node.name}{held_by}"
+        found = derived(module_engine, name, [*there, board], ROOMS)[-1]
+        assert found.holder == held_by
