@@ -302,7 +302,9 @@ def test_a_hotel_of_shapeless_tables_works_with_typical_sizes(hotel: Map, worlds
     assert seen.holder == "CoffeeTable_3"
     sizes = "SELECT typical_size FROM semantic_type WHERE name = 'coffee_table'"
     depth, width, height = hotel.execute(sizes)[0][0]
-    offset = table.pose.inverse().apply([seen.pose.translation])[0]
+    can = hotel["can"]
+    middle = can.pose.inverse().apply([can.mesh.bounds.mean(axis=0)])
+    offset = table.pose.inverse().apply(seen.pose.apply(middle))[0]
     assert abs(offset[0]) < max(depth, width) / 2
     assert abs(offset[1]) < max(depth, width) / 2
     assert 0 < offset[2] - height < 0.1
