@@ -10,7 +10,6 @@ import math
 import random
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import replace
 from pathlib import Path
 
 import networkx as nx
@@ -26,7 +25,7 @@ from tests.buildings.faults import judge_faults
 from tests.buildings.missions import judge_missions
 from tests.buildings.plans import judge_plans
 from tests.buildings.rooms import disagreements, said_rooms
-from tests.buildings.ways import CELL, Body, Ground, doors_of, refusal, stand
+from tests.buildings.ways import BODY, CELL, Ground, doors_of
 
 Judge = Callable[[Building, semmap.Map], tuple[int, list[str]]]
 """Returns how many questions it asked, and a sentence for each wrong answer."""
@@ -240,28 +239,13 @@ def judge_steps(building: Building, place: semmap.Map) -> tuple[int, list[str]]:
     return max(asked, 1), wrong
 
 
-BODY = Body(0.3, 0.3, 0.6, (0.0, 1.5), 1.5)
-"""The robot of which nothing is known."""
-
-
 def _reached(building: Building, *, sure: bool) -> nx.DiGraph:
     """Where its disc surely gets, or may, from a room, (name, None), to a room, (None, name).
 
-    It takes stairs and ramps, too. It surely starts at all doors of a room alone. As nothing is
-    known of its shape, no door is too narrow or too low for it.
+    It surely starts at all doors of a room alone.
     """
-    ground = Ground(building, BODY if sure else replace(BODY, width=0, top=0, step=1), sure=sure)
+    ground = Ground(building, BODY, sure=sure)
     graph = ground.graph.copy()
-    for door in building.doors:
-        for side in (0, 1) if door.climbs else ():
-            if refusal(door, side, None) is None:
-                a, b = (
-                    ground.near(door.rooms[s], stand(building, door, s)[:2])
-                    for s in (side, 1 - side)
-                )
-                graph.add_edges_from(
-                    ((door.rooms[side], i), (door.rooms[1 - side], j)) for i in a for j in b
-                )
     for room in building.rooms:
         graph.add_nodes_from([(room.name, None), (None, room.name)])
         graph.add_edges_from(((room.name, None), (room.name, k)) for k in ground.starts(room.name))

@@ -1,4 +1,4 @@
-"""The judge of plans: goals by chance, for robots with and without a shape.
+"""The judge of plans: goals by chance, for stored robots and the one of which nothing is known.
 
 A plan is followed action by action in a world of its own, made of the building's description.
 What cannot be reached is refused with a reason that names what is in the way.
@@ -20,7 +20,7 @@ import shapely
 
 import semmap
 from tests.buildings.building import Building, Door, Item, room_of
-from tests.buildings.ways import Body, Ground, doors_of, refusal, seconds
+from tests.buildings.ways import BODY, Body, Ground, doors_of, refusal
 from tests.robot.robots import REAL, real_robot
 
 LIFTED = (0.0, 1.6)
@@ -49,9 +49,8 @@ class Truth:
     """The world that a plan is followed in, from the building's description alone."""
 
     building: Building
-    body: Body | None
+    ground: Ground
     place: str
-    ground: Ground | None = None
     below: dict[str, str] = field(default_factory=dict)
     held: list[str] = field(default_factory=list)
     opened: str | None = None
@@ -108,7 +107,7 @@ class Truth:
         door = self.doors[name]
         if here != self.place or {here, there} != {*door.rooms}:
             return f"{name} joins {door.rooms}; the robot is in {self.place}"
-        wrong = refusal(door, door.rooms.index(here), self.body)
+        wrong = refusal(door, door.rooms.index(here), self.ground.body)
         if wrong or behaviour != door.behaviour:
             return f"{name}: {wrong or door.behaviour}"
         lift = door.type == "elevator_door"
@@ -157,11 +156,11 @@ class Truth:
             return f"{name} is in {rooms}, the robot in {self.place}"
         while name in self.moved:
             name = self.below[name]
-        if self.body is None or self.ground is None or name not in self.items:
+        if name not in self.items:
             return None
         ground = self.items[name].ground
         away = ground.distance(shapely.Point(at.x, at.y))
-        near, far = self.body.reach
+        near, far = self.ground.body.reach
         if not near - 0.02 <= away <= far + 0.02:
             return f"{name} is {away:.2f} m from ({at.x:.2f}, {at.y:.2f})"
         if not self.ground.fits(self.place, (at.x, at.y)):
@@ -170,7 +169,7 @@ class Truth:
 
     def _drive(self, step: Any) -> str | None:
         """Whether a drive stays in one free part of a room."""
-        if self.ground is None or step.approach is None or step.from_place != step.to_place:
+        if step.approach is None or step.from_place != step.to_place:
             return None
         room = step.from_place
         parts = [self.ground.near(room, (p.x, p.y)) for p in (step.approach, step.leave)]
@@ -205,16 +204,13 @@ Node = tuple[str, int]
 
 @dataclass(frozen=True)
 class Reach:
-    """Where a robot gets: rooms, or with a shape the free parts of rooms."""
+    """Where a robot gets: free parts of rooms."""
 
     truth: Truth
-    graph: nx.DiGraph
-    ground: Ground | None
+    ground: Ground
 
     def at(self, name: str) -> set[Any]:
         """The nodes at which the robot reaches a thing, or is in a room."""
-        if self.ground is None:
-            return self.truth.rooms(name) if name in self.truth.items else {name}
         if name not in self.truth.items:
             return {(name, k) for k in range(len(self.ground.parts[name]))}
         item = self.truth.items[name]
@@ -223,15 +219,13 @@ class Reach:
     def start(self) -> set[Any]:
         """The nodes at which the robot may begin."""
         place = self.truth.place
-        if self.ground is None:
-            return {place}
         if not self.ground.sure:
             return self.at(place)
         return {(place, k) for k in self.ground.starts(place)}
 
     def onward(self, nodes: set[Any], name: str) -> set[Any]:
         """The nodes at a thing or room that are reached from some nodes."""
-        seen = set(nodes).union(*(nx.descendants(self.graph, n) for n in nodes))
+        seen = set(nodes).union(*(nx.descendants(self.ground.graph, n) for n in nodes))
         return seen & self.at(name)
 
     def reached(self, goal: Sequence[Relation]) -> bool:
@@ -284,11 +278,9 @@ def judge_plans(building: Building, place: semmap.Map) -> tuple[int, list[str]]:
     chance = random.Random(f"plans of {building.seed}")
     asked, wrong = 0, []
     name = chance.choice(ROBOTS)
-    bodies = {None: None, name: stored_robot(place, name)}
+    bodies = {None: BODY, name: stored_robot(place, name)}
     for robot, body in bodies.items():
-        sure = may = None
-        if body is not None:
-            sure, may = (Ground(building, body, sure=s) for s in (True, False))
+        sure, may = (Ground(building, body, sure=s) for s in (True, False))
         for goal in goals(building, chance):
             start = chance.choice([room.name for room in building.rooms])
             asked += 1
@@ -310,14 +302,12 @@ def _judge(
     goal: Sequence[Relation],
     start: str,
     robot: str | None,
-    body: Body | None,
-    sure: Ground | None,
-    may: Ground | None,
+    body: Body,
+    sure: Ground,
+    may: Ground,
 ) -> Iterator[str]:
-    truth = Truth(building, body, start, may)
-    graph = doors_of(building, body)
-    least = Reach(truth, graph if sure is None else sure.graph, sure)
-    most = Reach(truth, graph if may is None else may.graph, may)
+    truth = Truth(building, may, start)
+    least, most = Reach(truth, sure), Reach(truth, may)
     moved = [b if relation == "carries" else a for relation, a, b in goal]
     lifted = all(
         n == "robot" or can_be_lifted(building, truth.items[n], robot) or truth.holds(g)
@@ -332,7 +322,7 @@ def _judge(
         elif not lifted:
             if not any(n in str(error) for n in moved):
                 yield f"refused without the thing's name: {error}"
-        elif least.reached(goal) and not _asks_for_floor(goal, truth, body):
+        elif least.reached(goal) and not _asks_for_floor(goal, truth):
             yield f"refused, but it can be reached: {error}"
         elif not _names_what_is_in_the_way(str(error), truth, goal, body):
             yield f"refused, not for what is in the way: {error}"
@@ -350,53 +340,23 @@ def _judge(
             return
     if not all(truth.holds(each) for each in goal):
         yield f"the goal does not hold after {[*map(str, plan.actions)]}"
-    if body is None and not done and plan.optimal:
-        yield from _judge_seconds(building, goal, start, plan)
 
 
-def _asks_for_floor(goal: Sequence[Relation], truth: Truth, body: Body | None) -> bool:
+def _asks_for_floor(goal: Sequence[Relation], truth: Truth) -> bool:
     """Whether a goal needs a free place on a floor, which no oracle promises."""
-    return body is not None and any(g[0] == "in" and g[1] in truth.items for g in goal)
+    return any(g[0] == "in" and g[1] in truth.items for g in goal)
 
 
-def _judge_seconds(
-    building: Building, goal: Sequence[Relation], start: str, plan: Any
-) -> Iterator[str]:
-    """The seconds of a robot without a shape: those of the shortest way."""
-    items = {item.name: item for item in building.items}
-
-    def site(name: str) -> Any:
-        item = items[name]
-        return next(iter(room_of(building, item))), item.centre
-
-    names = [action.name for action in plan.actions]
-    handled = names.count("pickup") + names.count("place")
-    (relation, a, b), *more = goal
-    if more or (relation == "in" and a != "robot"):
-        return
-    if a == "robot" and relation == "in":
-        expected = seconds(building, start, b)
-    elif relation == "carries":
-        expected = seconds(building, start, site(b)) + 10.0
-    else:
-        expected = seconds(building, start, site(a)) + seconds(building, site(a), site(b)) + 20.0
-    usual = handled <= 2
-    if plan.seconds < expected - 1e-3 or (usual and plan.seconds > expected + 1e-3):
-        yield f"it takes {plan.seconds:.3f} s, not {expected:.3f} s: {[*map(str, plan.actions)]}"
-
-
-def _names_what_is_in_the_way(
-    why: str, truth: Truth, goal: Sequence[Relation], body: Body | None
-) -> bool:
+def _names_what_is_in_the_way(why: str, truth: Truth, goal: Sequence[Relation], body: Body) -> bool:
     """Whether a way leads farther if all doors and things that a reason names were no hindrance.
 
-    Where things stand in the way of a robot with a shape, a shut door on another way may be named.
+    Where things stand in the way of a robot, a shut door on another way may be named.
     """
     building = truth.building
     words = set(re.findall(r"[^\s:;,()]+", why))
     named = {door.name for door in building.doors if door.name in words}
     joined = doors_of(building, body, {d.name for d in building.doors})
-    before, after = doors_of(building, body), doors_of(building, body, named)
+    after = doors_of(building, body, named)
     legs = []
     places = [truth.place]
     for _, a, b in goal:
@@ -406,17 +366,14 @@ def _names_what_is_in_the_way(
             places += [r for r in rooms if r not in places]
     if "nothing joins them" in why or "has no door" in why:
         return any(not nx.has_path(joined, *leg) for leg in legs)
-    if named and any(
-        (body is not None or not nx.has_path(before, *leg)) and nx.has_path(after, *leg)
-        for leg in legs
-    ):
+    if named and any(nx.has_path(after, *leg) for leg in legs):
         return True
     spatial = (
         " finds no path in ", " reaches none of its doors", " finds no free place within ",
         " cannot face ", " finds no free floor in ", " fits nowhere ", " no grasp fits ",
     )  # fmt: skip
     names = {*truth.items, *truth.storeys}
-    return body is not None and any(s in why for s in spatial) and bool(words & names)
+    return any(s in why for s in spatial) and bool(words & names)
 
 
 def stored_robot(place: semmap.Map, name: str) -> Body:

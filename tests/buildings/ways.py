@@ -1,8 +1,8 @@
 """Where robots get in a random building, by networkx and Shapely, from its own description.
 
-A robot without a shape is stopped by doors alone. For one with a shape there are two answers. It
-surely gets where a disc around all of it does, whatever it meets at any height. It may get where
-the disc within its base does. Between the two, its shape decides, and no judge says.
+There are two answers. A robot surely gets where a disc around all of it does, whatever it meets at
+any height. It may get where the disc within its base does. Between the two, its shape decides, and
+no judge says.
 """
 
 from __future__ import annotations
@@ -29,7 +29,10 @@ CELL = 0.05
 
 @dataclass(frozen=True)
 class Body:
-    """What a robot is: radii within its base and around all of it, width, heights, and reach."""
+    """What a robot is: radii within its base and around all of it, width, heights, and reach.
+
+    No door is too narrow or too low for one that is only `assumed`, and no stairs too steep.
+    """
 
     inner: float
     outer: float
@@ -38,6 +41,11 @@ class Body:
     top: float
     step: float = 0.02
     reach: tuple[float, float] = (0.2, 0.8)
+    assumed: bool = False
+
+
+BODY = Body(0.3, 0.3, 0.6, (0.0, 1.5), 1.5, assumed=True)
+"""The robot of which nothing is known."""
 
 
 def refusal(door: Door, side: int, body: Body | None) -> str | None:
@@ -48,7 +56,7 @@ def refusal(door: Door, side: int, body: Body | None) -> str | None:
         return "it leads the other way"
     if door.state == "locked" or door.permission:
         return "it is locked"
-    if body is None:
+    if body is None or body.assumed:
         return None
     if door.climbs:
         return "it is too steep"
@@ -94,61 +102,6 @@ def stand(building: Building, door: Door, side: int) -> tuple[float, float, floa
     outline = building.room(room if room != OUTSIDE else inside.name).outline
     spots.sort(key=lambda at: outline.distance(shapely.Point(at)))
     return (*spots[0 if room != OUTSIDE else 1], inside.floor)
-
-
-def seconds(
-    building: Building,
-    start: str | tuple[str, tuple[float, float]],
-    goal: str | tuple[str, tuple[float, float]],
-) -> float:
-    """How long a robot without a shape takes at 1 m/s; a room is reached at any of its doors.
-
-    A closed door is opened in 2 s, a lift called in 8 s; it rides in 7 s and 1 s for each metre.
-    """
-    graph = nx.DiGraph()
-    ends = [(end, None) if isinstance(end, str) else end for end in (start, goal)]
-    graph.add_nodes_from(["start", "goal"])
-    inside: dict[str, list[tuple[str, int]]] = {}
-    at = {}
-    for door in building.doors:
-        for side in (0, 1):
-            at[door.name, side] = stand(building, door, side)
-            inside.setdefault(door.rooms[side], []).append((door.name, side))
-    cabins = {room.name for room in building.rooms if room.elevator}
-    for door in building.doors:
-        for side in (0, 1):
-            if refusal(door, side, None) is None:
-                here, there = (door.name, side), (door.name, 1 - side)
-                took = math.dist(at[here], at[there])
-                took += 2.0 * (door.state == "closed" and door.type != "elevator_door")
-                took += 8.0 * (door.rooms[1 - side] in cabins)
-                graph.add_edge(here, there, seconds=took)
-    for room, nodes in inside.items():
-        for a in nodes:
-            for b in nodes if room != OUTSIDE else ():
-                if a != b:
-                    graph.add_edge(a, b, seconds=math.dist(at[a], at[b]))
-    for a, b in rides(building):
-        for p in inside.get(a, ()):
-            for q in inside.get(b, ()):
-                rise = 7.0 + abs(at[p][2] - at[q][2]) + math.dist(at[p][:2], at[q][:2])
-                graph.add_edge(p, q, seconds=rise)
-    for node in inside.get(ends[0][0], ()):
-        graph.add_edge("start", node, seconds=_away(ends[0][1], at[node]))
-    for node in inside.get(ends[1][0], ()):
-        graph.add_edge(node, "goal", seconds=_away(ends[1][1], at[node]))
-    if ends[0][0] == ends[1][0]:
-        known = ends[0][1] is not None and ends[1][1] is not None
-        direct = math.dist(ends[0][1], ends[1][1]) if known else 0.0  # type: ignore[arg-type]
-        graph.add_edge("start", "goal", seconds=direct)
-    try:
-        return float(nx.dijkstra_path_length(graph, "start", "goal", weight="seconds"))
-    except nx.NetworkXNoPath:
-        return math.inf
-
-
-def _away(point: tuple[float, float] | None, node: tuple[float, float, float]) -> float:
-    return 0.0 if point is None else math.dist(point, node[:2])
 
 
 class Ground:
@@ -210,8 +163,6 @@ class Ground:
         for room, parts in self.parts.items():
             graph.add_nodes_from((room, k) for k in range(len(parts)))
         for door in self.building.doors:
-            if door.climbs or OUTSIDE in door.rooms:
-                continue
             for side in (0, 1):
                 if refusal(door, side, self.body) is None:
                     graph.add_edges_from(self._through(door, side))
@@ -228,6 +179,10 @@ class Ground:
         a, b = door.rooms[side], door.rooms[1 - side]
         here, there = (stand(self.building, door, s)[:2] for s in (side, 1 - side))
         room = self.building.room(a)
+        if door.climbs:
+            ends = self.near(a, here), self.near(b, there)
+            yield from (((a, i), (b, j)) for i in ends[0] for j in ends[1])
+            return
         if self.sure:  # straight through
             way = shapely.LineString([here, there])
             if way.intersects(self._obstacles[room.storey]):
