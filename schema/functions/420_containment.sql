@@ -111,6 +111,27 @@ CROSS JOIN LATERAL (SELECT EXISTS (
 WHERE a.entity_id = rooms[1]
 $$;
 
+CREATE FUNCTION exit_fault(opening geometry, room bigint)
+RETURNS text LANGUAGE sql STABLE PARALLEL SAFE SET search_path = semmap, public, pg_temp AS $$
+-- Why a door of one room leads nobody outside, and what to do; null if it may. The room is on both sides of it, or
+-- another room is on its other side, within the 0.6 m that a robot needs to stand there.
+SELECT CASE WHEN bool_and(side.within) THEN format('leads outside, but %s is on both sides of it: draw it in the outer wall', min(e.name))
+            WHEN min(other.name) IS NOT NULL
+            THEN format('leads outside, but %s is on its other side: join it with that room', min(other.name)) END
+FROM semmap.world a JOIN semmap.entity e ON e.id = a.entity_id JOIN semmap.room r ON r.entity_id = a.entity_id
+CROSS JOIN unnest(ARRAY[-1, 1]) sign
+CROSS JOIN LATERAL (
+    SELECT ST_Covers(a.footprint, ST_LineInterpolatePoint(ST_OffsetCurve(opening, sign * (semmap.door_reach() + 0.05)), 0.5)),
+           ST_Difference(ST_MakeLine(ST_LineInterpolatePoint(opening, 0.5), ST_LineInterpolatePoint(ST_OffsetCurve(opening, sign * 0.6), 0.5)),
+                         a.footprint)) side (within, way)
+LEFT JOIN LATERAL (
+    SELECT oe.name FROM semmap.world o JOIN semmap.room f ON f.entity_id = o.entity_id JOIN semmap.entity oe ON oe.id = o.entity_id
+    WHERE NOT side.within AND o.map_id = a.map_id AND o.entity_id <> a.entity_id AND o.footprint && side.way
+      AND abs(o.pose[3] + f.floor - a.pose[3] - r.floor) <= 0.5 AND ST_Length(ST_Intersection(o.footprint, side.way)) > 0.05
+    ORDER BY ST_Distance(o.footprint, opening), oe.name LIMIT 1) other ON true
+WHERE a.entity_id = room AND a.footprint IS NOT NULL
+$$;
+
 CREATE FUNCTION door_fault(form text, width double precision, opening geometry, rooms bigint[])
 RETURNS text LANGUAGE sql STABLE PARALLEL SAFE SET search_path = semmap, public, pg_temp AS $$
 -- Why a connector leads nobody from room to room, and what to do, as what follows its name; null if it may. `opening` is
@@ -121,12 +142,13 @@ SELECT CASE
     WHEN rooms[1] = rooms[2] AND (SELECT count(*) FROM semmap.world w, unnest(ARRAY[-1, 1]) side (sign)
          WHERE w.entity_id = rooms[1] AND ST_Covers(w.footprint, ST_LineInterpolatePoint(ST_OffsetCurve(opening, sign * (semmap.door_reach() + 0.05)), 0.5))) < 2
         THEN 'joins a room with itself, and is not in it: name the room on its other side, or none for outside'
-    ELSE (SELECT format('ends %s m beside %s, which it joins: draw it at the wall of the room, from post to post', round(away::numeric, 2), e.name)
+    ELSE coalesce(CASE WHEN rooms[2] IS NULL THEN semmap.exit_fault(opening, rooms[1]) END,
+         (SELECT format('ends %s m beside %s, which it joins: draw it at the wall of the room, from post to post', round(away::numeric, 2), e.name)
           FROM semmap.world w JOIN semmap.entity e ON e.id = w.entity_id AND e.kind = 'room'
           CROSS JOIN LATERAL greatest(ST_Distance(w.footprint, ST_StartPoint(opening)), ST_Distance(w.footprint, ST_EndPoint(opening))) away
           WHERE w.entity_id = ANY (rooms) AND away > semmap.door_reach() + 1e-6
             AND away > semmap.door_reach(opening, rooms) + 1e-6 AND away > ST_Length(opening) / 10  -- the rest is wide
-          ORDER BY away DESC LIMIT 1)
+          ORDER BY away DESC LIMIT 1))
 END
 $$;
 

@@ -14,6 +14,7 @@ import shapely
 from semmap.finite_number import finite_numbers
 from semmap.geometry.mesh import Mesh, box_mesh, prism_mesh
 from semmap.geometry.pose import Pose
+from semmap.ingest.openings import WIDER
 from semmap.ingest.stairs import way_entry
 from semmap.ingest.store.holder_store import find_surfaces
 from semmap.ingest.store.world_store import store_world
@@ -167,6 +168,11 @@ def door(
     place_a, place_b = places
     if detail["width"] is None:
         detail["width"] = length
+    if detail["width"] > length + WIDER:
+        raise ValueError(
+            f"{name} is {detail['width']:g} m wide, but its line is {length:.2f} m long from post "
+            "to post: correct one of them"
+        )
     fault = map.execute(
         "SELECT door_fault(%s, %s, ST_MakeLine(ST_MakePoint(%s, %s), ST_MakePoint(%s, %s)), %s)",
         *(detail["type"], detail["width"], *ends.ravel().tolist(), [room.id for room in rooms]),

@@ -259,7 +259,8 @@ class Map(
         ------
         LookupError, ValueError
             There is no such room; the name is taken; the line is not at a wall of the rooms from
-            post to post, or narrower than 0.2 m.
+            post to post, narrower than 0.2 m, or shorter than the width; a room is on both
+            sides of a way outside.
         """
         from semmap.api.additions import add_entry, door
 

@@ -27,6 +27,9 @@ BEHAVIOURS = {
 APPROACH_DISTANCES = (0.6, 0.5, 0.4, 0.8, 1.0, 0.3, 1.3)
 """Metres from an opening at which a robot may face it, the preferred distance first."""
 
+WIDER = 0.1
+"""Metres by which the clear width of a door may exceed its line from post to post: a rough line."""
+
 
 def door_leaf(width: float) -> Shape:
     """Return the closed leaf of a door in the door's frame: x leads through it, y along it."""

@@ -34,6 +34,14 @@ def place(database: str) -> Iterator[semmap.Map]:
         (("cella", "aula"), ((4.1, 1), (4.1, 2)), {"width": 0.1}, "give its clear width"),
         (("cella", "aula"), ((4.1, 2.6), (4.1, 3.6)), {}, "ends 0.6[0-9] m beside aula"),
         (("cella", None), ((3.7, 4), (4.7, 4)), {}, "ends 0.70 m beside cella"),
+        (("cella", None), ((1.5, 2), (2.5, 2)), {}, "leads outside, but cella is on both sides"),
+        (("cella", None), ((4.05, 1), (4.05, 2)), {}, "leads outside, but aula is on its other"),
+        (
+            ("cella", "aula"),
+            ((4.1, 1), (4.1, 1.6)),
+            {"width": 3.0},
+            "3 m wide, but its line is 0.60",
+        ),
         (("cella", "cella"), ((0, 1), (0, 2)), {}, "joins a room with itself, and is not in it"),
     ],
 )
@@ -112,6 +120,9 @@ def test_an_import_says_which_doors_lead_nobody(database: str, tmp_path: Path) -
         }
         for name, line in lines.items()
     ]
+    doors[2]["properties"]["width"] = 1.05  # type: ignore[index]
+    doors.append(json.loads(json.dumps(doors[2])))
+    doors[3]["properties"] |= {"name": "torn", "width": 3.0}  # type: ignore[operator]
     path = tmp_path / "doors.geojson"
     path.write_text(json.dumps({"type": "FeatureCollection", "features": [*rooms, *doors]}))
     with semmap.connect(database) as db:
@@ -119,6 +130,9 @@ def test_an_import_says_which_doors_lead_nobody(database: str, tmp_path: Path) -
         assert [note.split(":")[0] for note in summary.notes if note[:4] in ("slit", "long")] == [
             "long ends 0.91 m beside aula, which it joins",
             "slit is 0.100 m wide, and nobody passes less than 0.2 m",
+        ]
+        assert [s.problem for s in summary.skipped] == [
+            "its width is 3 m, but its line is 1.00 m long"
         ]
         found = {each.entities for each in db.map("imported").check() if each.kind == "no passage"}
         assert found == {("slit",), ("long",)}
@@ -254,3 +268,54 @@ def test_a_door_of_a_file_leads_through_a_thick_wall(
         assert not [note for note in summary.notes if note.startswith("d ")]
         assert [step.connector.name for step in place.route("p", "q").doors] == ["d"]
         assert not [each for each in place.check() if "d" in each.entities]
+
+
+def test_ways_out_lead_outside_where_shapely_says_so(place: semmap.Map) -> None:
+    """A door of one room is refused within it, and before another room; else it is accepted."""
+    draw = random.Random(11)
+    cella, aula = (shapely.box(*ROOMS[name]) for name in ("cella", "aula"))
+    drawn = {True: 0, False: 0}
+    for number in range(80):
+        x, y = draw.choice([(draw.uniform(0, 4), draw.choice([0, 2, 4])), (4, draw.uniform(0, 4))])
+        line = shapely.LineString([(x - 0.4, y), (x + 0.4, y)])
+        line = shapely.affinity.rotate(line, 90 * (x == 4 or draw.random() < 0.2))
+        sides = [
+            shapely.LineString([(x, y), end]) for end in shapely.affinity.rotate(line, 90).coords[:]
+        ]
+        within = [cella.covers(side) for side in sides]
+        beyond = [side for side, inner in zip(sides, within, strict=True) if not inner]
+        sound = len(beyond) == 1 and not beyond[0].dwithin(aula, 0.25)
+        sound &= all(cella.dwithin(shapely.Point(post), 0.29) for post in line.coords)
+        wrong = not beyond or (len(beyond) == 1 and beyond[0].intersects(aula))
+        assert not (sound and wrong), line
+        if sound or wrong:
+            drawn[sound] += 1
+            refused = False
+            try:
+                place.add_door(f"d{number}", "cella", None, line.coords[:])
+            except ValueError:
+                refused = True
+            assert refused == wrong, line
+    assert min(drawn.values()) > 5
+    assert not [each for each in place.check() if each.kind == "no passage"]
+
+
+def test_check_says_which_doors_lead_outside_into_a_room(place: semmap.Map) -> None:
+    """Also where the room behind a door was added after it."""
+    place.add_door("east", "aula", None, ((9.05, 1), (9.05, 2)))
+    place.add_door("south", "aula", None, ((6, 0), (7, 0)))
+    assert not [each for each in place.check() if each.kind == "no passage"]
+    place.add_room("annexe", shapely.box(9.2, 0, 12, 3))
+    (found,) = [each for each in place.check() if each.kind == "no passage"]
+    assert found.text == "the door east leads outside, but annexe is on its other side"
+
+
+def test_a_way_out_drawn_into_a_room_is_refused(place: semmap.Map) -> None:
+    """Its line ends in the wall before the other room, which it does not join."""
+    for line in ("3.6 1, 4.1 1", "1.5 2, 2.5 2"):
+        with pytest.raises(semmap.Error, match=r"aula is on its other side|does not join"):
+            place.execute(
+                "INSERT INTO gis_connector (map, name, width, geom) "
+                "VALUES ('doors', 'd', 0.8, ST_GeomFromText(%s))",
+                f"LINESTRING({line})",
+            )

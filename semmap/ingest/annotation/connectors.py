@@ -20,7 +20,7 @@ from semmap.ingest.annotation.feature_values import (
     text,
 )
 from semmap.ingest.floor_plan import middle_of, rooms_beside
-from semmap.ingest.openings import BEHAVIOURS, approach_pose, door_leaf, opening_pose
+from semmap.ingest.openings import BEHAVIOURS, WIDER, approach_pose, door_leaf, opening_pose
 from semmap.ingest.world import OUTSIDE, ConnectorDetail, Refused
 
 REACH = 0.5
@@ -117,6 +117,11 @@ def _storey_of(world: DraftWorld, feature: Feature, joins: Joined) -> str | None
 def _add_opening(world: DraftWorld, draft: Draft, detail: ConnectorDetail, joins: Joined) -> None:
     """Add a door: x of its frame leads through it, from its first place to its second."""
     line = line_of(draft.feature, world.out.notes)
+    if detail.width is not None and detail.width > line.length + WIDER:
+        raise Refused(
+            f"its width is {detail.width:g} m, but its line is {line.length:.2f} m long",
+            "Draw the line from post to post, or correct the width.",
+        )
     storey = _storey_of(world, draft.feature, joins)
     rooms = world.rooms_on(storey)
     sides = rooms_beside([room.area for room in rooms], line, reach=REACH)

@@ -25,7 +25,7 @@ from semmap.query.map_check.building import (
     THICKEST,
     WALL,
 )
-from semmap.query.map_check.doorways import closing, taken_lines
+from semmap.query.map_check.doorways import PASSAGE, closing, taken_lines
 from semmap.query.map_check.fixes import Moves, Named, Trials
 from semmap.query.map_check.reader import CheckedEntity, read_checked_entities
 from semmap.query.map_check.support import SupportedBuilding
@@ -388,6 +388,8 @@ def _no_passage(building: SupportedBuilding) -> Found:
             why = f"is {width:.2f} m wide"
         elif door.row["form"] not in ("door", "elevator_door") or door.name in off:
             continue  # another rule says so
+        elif rooms[1] is None and (inside := _behind_exit(building, door, rooms[0])) is not None:
+            why = f"leads outside, but {inside} is on its other side"
         elif rooms[0] is rooms[1] and not shapely.covers(outlines[:1], spots[2:]).all():
             why = "joins a room with itself, and is not in it"
         elif beside > max(_wall_at(building, door) + SAME_POINT, width / 10):  # the rest is wide
@@ -395,6 +397,27 @@ def _no_passage(building: SupportedBuilding) -> Found:
         if why is not None:
             fix = "by hand: draw it again in gis_connector, in the wall of its rooms, or delete it"
             yield (door.name,), f"the door {door.name} {why}", fix
+
+
+def _behind_exit(
+    building: SupportedBuilding, door: CheckedEntity, room: CheckedEntity | None
+) -> str | None:
+    """The room in which a robot would be that takes a door outside; None if it is outside."""
+    if door.pose is None or room is None or room.outline is None:
+        return None
+    ways = door.pose.apply([[x, 0, 0] for x in (0, AHEAD, PASSAGE, -AHEAD, -PASSAGE)])[:, :2]
+    middle, *sides = ways
+    inner = shapely.covers(room.outline, shapely.points(sides[::2]))
+    if inner.all():
+        return str(room.name)
+    for within, end in zip(inner, sides[1::2], strict=True):
+        way = shapely.LineString([middle, end]).difference(room.outline)
+        for number in building.room_tree.query(way) if not within else ():
+            other = building.rooms[number]
+            level = other is not room and abs(building.floor(other) - building.floor(room)) <= STEP
+            if level and way.intersection(other.outline).length > FASTENED:
+                return str(other.name)
+    return None
 
 
 def _door_moves(
