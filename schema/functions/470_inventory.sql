@@ -224,7 +224,9 @@ BEGIN
         (SELECT DISTINCT ON (t.id) t.id, t.owner, 0.5, 0
          FROM propped t JOIN (SELECT p.id, ST_ConvexHull(ST_Collect(p.common)) AS base FROM propped p GROUP BY 1) a ON a.id = t.id
          WHERE ST_DWithin(a.base, ST_Centroid(t.ground), 1e-6)
-         ORDER BY t.id, ST_Area(t.common) DESC, t.owner)
+         -- of equal ones the western, which an export and import keep, as they do not the numbers
+         ORDER BY t.id, round(ST_Area(t.common)::numeric, 4) DESC, round(ST_X(ST_Centroid(t.common))::numeric, 2),
+                  round(ST_Y(ST_Centroid(t.common))::numeric, 2), t.owner)
     ), enclosed AS (
         SELECT DISTINCT ON (n.id) n.id, n.owner
         FROM near n
