@@ -157,14 +157,16 @@ RETURNS TABLE (entity_id bigint, holder_id bigint, relation text, confidence dou
 LANGUAGE plpgsql STABLE ROWS 10 SET search_path = semmap, public, pg_temp
 SET plan_cache_mode = force_generic_plan SET enable_seqscan = off AS $$
 -- The holder that the geometry gives to each of the given objects and agents, with a confidence (0 to 1):
--- 1. on an object: a support surface within 3 cm of its bottom bears at least half of its footprint; else
---    objects whose tops it touches, around its middle: a tray on a mug, a board on two trestles. What is flatter than 3 cm and larger than half a square metre, such as a carpet, is not a holder. The holder's
---    bottom is below that of its contents. For a model without known support surfaces: is_on.
+-- 1. on an object: a support surface within 3 cm of its bottom bears at least half of its footprint, the highest one;
+--    else objects whose tops it touches, around its middle: a tray on a mug, a board on two trestles. What is flatter
+--    than 3 cm and larger than half a square metre, such as a carpet, is not a holder. The holder's bottom is below that
+--    of its contents. For a model without known support surfaces: is_on.
 -- 2. in an object of less than 4 square metres that encloses it, is larger and does not begin above it: is_in.
 -- 3. in the room of its place: room_at.
 -- 4. in the highest storey whose floor is at most half a metre above its bottom, else the lowest.
 -- Agents are in rooms and storeys alone, parts of the building in storeys. Null: none of them.
 -- A holder begins lower, or as low and is larger: derived holders are no cycle.
+-- Equal holders are told apart by their places, which an export and import keep, and not the last digits and numbers.
 -- The rules meet in a sort, and NOT IN becomes a lookup in a hash table: the plan is made for few entities, where joins
 -- would be nested loops, which are quadratic when a file is imported.
 DECLARE
@@ -193,26 +195,29 @@ BEGIN
         FROM near n
         WHERE n.owner_low < n.low - 1e-6 AND (n.owner_high - n.owner_low > contact OR ST_Area(n.footprint) < 0.5)
     ), laid AS MATERIALIZED (
-        SELECT b.id, b.owner, b.ground, abs(b.pose[3] + s.height - b.low) AS gap,
+        SELECT b.id, b.owner, b.ground, b.pose[3] + s.height - b.low AS rise,
                ST_Rotate(s.outline, semmap.pose_yaw(b.pose), 0, 0) AS outline, b.pose[1] AS x, b.pose[2] AS y
         FROM below b JOIN semmap.entity_model em ON em.entity_id = b.owner
         JOIN semmap.support_surface s ON s.model_id = em.model_id AND abs(b.pose[3] + s.height - b.low) <= contact
         WHERE b.upright
     ), placed AS MATERIALIZED (
-        SELECT l.id, l.owner, l.gap, l.ground, ST_Translate(l.outline, l.x, l.y) AS outline FROM laid l
+        SELECT l.id, l.owner, l.rise, l.x, l.y, l.ground, ST_Translate(l.outline, l.x, l.y) AS outline FROM laid l
     ), surface AS (
-        SELECT l.id, l.owner, l.gap, semmap.ground_share(l.ground, l.outline) AS share FROM placed l
+        SELECT l.id, l.owner, l.rise, l.x, l.y, semmap.ground_share(l.ground, l.outline) AS share FROM placed l
       UNION ALL
-        SELECT b.id, b.owner, contact / 3, CASE WHEN semmap.is_on(b.id, b.owner, contact) THEN 1 ELSE 0 END
+        SELECT b.id, b.owner, -contact / 3, b.pose[1], b.pose[2], CASE WHEN semmap.is_on(b.id, b.owner, contact) THEN 1 ELSE 0 END
         FROM below b
         WHERE NOT EXISTS (SELECT FROM semmap.entity_model em JOIN semmap.support_surface s ON s.model_id = em.model_id
                           WHERE em.entity_id = b.owner)
     ), borne AS (
-        SELECT DISTINCT ON (s.id) s.id, s.owner, s.share, s.gap
-        FROM (SELECT id, owner, least(sum(share), 1) AS share, min(gap) AS gap FROM surface GROUP BY 1, 2) s
+        -- the highest surface, unless it has sunk more than a third of a contact into that
+        SELECT DISTINCT ON (s.id) s.id, s.owner, s.share, abs(s.rise) AS gap
+        FROM (SELECT id, owner, x, y, least(sum(share), 1) AS share, (array_agg(rise ORDER BY abs(rise)))[1] AS rise
+              FROM surface GROUP BY 1, 2, 3, 4) s
         WHERE s.share >= 0.5 - 1e-9
           AND NOT (EXISTS (SELECT FROM semmap.placement p WHERE p.holder_id = s.id) AND semmap.is_stated_in(s.owner, s.id))
-        ORDER BY s.id, s.share DESC, s.gap, s.owner
+        ORDER BY s.id, s.rise > contact / 3, round(s.rise::numeric, 3) DESC, round(s.share::numeric, 3) DESC,
+                 round(s.x::numeric, 2), round(s.y::numeric, 2), s.owner
     ), propped AS (
         SELECT t.id, t.owner, t.ground, ST_Intersection(t.ground, t.footprint) AS common
         FROM below t
@@ -224,7 +229,6 @@ BEGIN
         (SELECT DISTINCT ON (t.id) t.id, t.owner, 0.5, 0
          FROM propped t JOIN (SELECT p.id, ST_ConvexHull(ST_Collect(p.common)) AS base FROM propped p GROUP BY 1) a ON a.id = t.id
          WHERE ST_DWithin(a.base, ST_Centroid(t.ground), 1e-6)
-         -- of equal ones the western, which an export and import keep, as they do not the numbers
          ORDER BY t.id, round(ST_Area(t.common)::numeric, 4) DESC, round(ST_X(ST_Centroid(t.common))::numeric, 2),
                   round(ST_Y(ST_Centroid(t.common))::numeric, 2), t.owner)
     ), enclosed AS (

@@ -72,11 +72,11 @@ def derive_holders(
     """The holder of each thing: the surface it lies on, else the room it stands in, else none.
 
     A thing lies on a surface whose height is within `CONTACT` of its bottom and which bears at
-    least half of its footprint; else on the largest of those that touch it, within a third of
-    `CONTACT`, if its middle is between them. What one walks over (flatter than `CONTACT`, larger
-    than `WALKED`: a carpet) holds nothing, a tray does. A holder's bottom is below that of what it
-    holds, so that no two things hold each other. A thing stands in the room with most of its
-    footprint, at least half, whose heights take in its middle.
+    least half of its footprint, on the highest into which it has not sunk; else on the largest of
+    those that touch it, within a third of `CONTACT`, if its middle is between them. What one walks
+    over (flatter than `CONTACT`, larger than `WALKED`: a carpet) holds nothing, a tray does. A
+    holder's bottom is below that of what it holds, so that no two things hold each other. A thing
+    stands in the room with most of its footprint, at least half, whose heights take in its middle.
     """
     known = {thing.id: thing for thing in things}
     bearing = [s for s in surfaces if _bears(s, known.get(s.owner))]
@@ -102,20 +102,27 @@ def _bears(surface: SurfacePatch, owner: Item | None) -> bool:
 def _on(thing: Item, surfaces: Sequence[SurfacePatch], tree: STRtree) -> Holding | None:
     bottom, area = thing.box[0, 2], thing.footprint.area
     shares: dict[int, float] = {}
-    gaps: dict[int, float] = {}
+    rises: dict[int, float] = {}
     for i in tree.query(thing.footprint):
         surface = surfaces[i]
-        gap = abs(surface.height - bottom)
-        if surface.owner == thing.id or gap > CONTACT or surface.low >= bottom - 1e-6 or area == 0:
+        rise = surface.height - bottom
+        if (
+            surface.owner == thing.id
+            or abs(rise) > CONTACT
+            or surface.low >= bottom - 1e-6
+            or area == 0
+        ):
             continue
         share = surface.outline.intersection(thing.footprint).area / area
         shares[surface.owner] = min(shares.get(surface.owner, 0.0) + share, 1.0)
-        gaps[surface.owner] = min(gaps.get(surface.owner, gap), gap)
+        rises[surface.owner] = min(rises.get(surface.owner, rise), rise, key=abs)
     if not shares:
         return None
-    best = max(shares, key=lambda owner: (shares[owner], -gaps[owner], -owner))
-    if shares[best] < HALF:
-        touched = {o: share for o, share in shares.items() if share and gaps[o] <= CONTACT / 3}
+    bearers = [owner for owner, share in shares.items() if share >= HALF]
+    if not bearers:
+        touched = {
+            o: share for o, share in shares.items() if share and abs(rises[o]) <= CONTACT / 3
+        }
         base = shapely.union_all(
             [
                 surfaces[i].outline
@@ -127,10 +134,15 @@ def _on(thing: Item, surfaces: Sequence[SurfacePatch], tree: STRtree) -> Holding
         if not touched or base.distance(thing.footprint.centroid) > 1e-6:
             return None
         return Holding(max(touched, key=lambda owner: (touched[owner], -owner)), 0.5, "on")
+    best = max(
+        bearers,
+        key=lambda o: (rises[o] <= CONTACT / 3, round(rises[o], 3), round(shares[o], 3), -o),
+    )
+    gap = abs(rises[best])
     sure = (
         1.0
-        if shares[best] >= CLEAR and gaps[best] <= CONTACT / 3
-        else shares[best] * (1 - gaps[best] / (2 * CONTACT))
+        if shares[best] >= CLEAR and gap <= CONTACT / 3
+        else shares[best] * (1 - gap / (2 * CONTACT))
     )
     return Holding(best, float(sure), "on")
 
