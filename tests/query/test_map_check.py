@@ -7,12 +7,16 @@ import random
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
+import numpy as np
 import pytest
+import shapely
 from sqlalchemy import URL
 
 import semmap
+from planner.robot_class import RobotClass
 from semmap.geometry.mesh import box_mesh, join
 from semmap.query.map_check.rules import Finding
+from semmap.robot import Part
 from tests.conftest import Import, MakeDatabase
 from tests.forged import forge
 
@@ -555,3 +559,51 @@ def test_real_buildings_have_the_findings_that_sql_counts(
     (note,) = (each for each in found if each.kind == "without geometry")
     assert sorted(note.entities) == sorted(row[0] for row in shapeless)
     assert len(found) == len(without) + 1
+
+
+@pytest.fixture
+def doorway(database: str) -> Iterator[semmap.Map]:
+    """Two rooms with a door of 1 m in a wall of 20 cm."""
+    with semmap.connect(database) as db:
+        here = db.create_map("lodge")
+        for name, x in (("porch", 0.0), ("lobby", 4.2)):
+            here.add_room(name, shapely.box(x, 0, x + 4, 4), floor=0, ceiling=2.6)
+        here.add_door("gate", "porch", "lobby", ((4.1, 1.5), (4.1, 2.5)))
+        yield here
+
+
+@pytest.mark.parametrize(
+    ("size", "low", "type_", "kind", "says"),
+    [
+        ((0.2, 1.4, 1.2), 1.0, "wall", "blocked door", "no robot higher than 1.00 m passes"),
+        ((0.2, 1.4, 0.05), 0.62, "wall", "blocked door", "no robot higher than 0.62 m passes"),
+        ((0.2, 1.4, 2.4), 0.0, "wall", "blocked door", "and no robot passes"),
+        ((0.02, 1.4, 2.1), 0.0, "curtain", "thing in a doorway", "and no robot passes"),
+        ((0.05, 0.95, 2.1), 0.0, None, "thing in a doorway", "give it the type door_leaf"),
+        ((0.05, 0.95, 2.1), 0.0, "door_leaf", None, ""),
+    ],
+    ids=["lintel", "bar", "wall", "curtain", "untyped-leaf", "leaf"],
+)
+def test_what_closes_a_doorway_is_judged_by_what_it_is(
+    doorway: semmap.Map,
+    size: tuple[float, float, float],
+    low: float,
+    type_: str | None,
+    kind: str | None,
+    says: str,
+) -> None:
+    doorway.add_object("thing", type=type_, size=size, pose=(4.1, 2, low))
+    found = [f for f in doorway.check() if "gate" in f.entities]
+    assert [f.kind for f in found] == ([] if kind is None else [kind])
+    assert all(says in f"{f.text} {f.fix}" for f in found)
+    top = low if low else 1.5  # what check says of heights is so for routes
+    for height in (0.9 * top, top + 0.1):
+        corners = [(0.2, 0.2), (-0.2, 0.2), (-0.2, -0.2), (0.2, -0.2)]
+        part = Part("box", ("box",), (0.03, height), np.array(corners), 0.2, 0.29)
+        passes = type_ == "door_leaf" or 0 < low >= height
+        try:
+            doorway.route("porch", "lobby", robot=RobotClass("box", (part,)))
+        except ValueError:
+            assert not passes
+        else:
+            assert passes

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from bisect import bisect_left
+from collections.abc import Mapping, Sequence
 from typing import TypeVar
 
 import numpy as np
@@ -11,8 +12,9 @@ from numpy.typing import NDArray
 from semmap.geometry.pose import Pose
 from semmap.query.map_check.building import LINTEL, WALL
 
-HEIGHTS = np.arange(0.1, LINTEL, 0.17)
-"""Metres above the floor of a door: over thresholds and carpets, up to the top of a robot."""
+LOWEST, APART = 0.1, 0.17
+"""Metres above the floor of a door from which solids count, over thresholds and carpets, and
+between the heights at which they are looked for, at most."""
 
 LINES = 0.01
 """Metres between the lines straight through an opening along which solids are looked for."""
@@ -26,20 +28,41 @@ Bools = NDArray[np.bool_]
 T = TypeVar("T")
 
 
-def taken_lines(door: Pose, width: float, triangles: Floats) -> Bools:
+def taken_lines(door: Pose, width: float, triangles: Floats, top: float = LINTEL) -> Bools:
     """Which lines straight through an opening, from post to post, a solid (F, 3, 3) meets.
 
-    They are as long as walls around an opening may be thick.
+    They are as long as walls around an opening may be thick, and no higher than `top`, metres
+    above the floor. No part that is thicker than a centimetre is between two heights.
     """
     across = np.asarray((np.arange(round(width / LINES)) + 0.5) * LINES - width / 2, np.float64)
     taken = np.zeros(len(across), np.bool_)
     flat = door.inverse().apply(triangles.reshape(-1, 3)).reshape(-1, 3, 3)
     y = flat[:, :, 1]  # no line meets others, nor does a ray along it
     flat = flat[(y.min(axis=1) <= width / 2) & (y.max(axis=1) >= -width / 2)]
-    for height in HEIGHTS:
+    levels = np.unique(np.concatenate([np.arange(LOWEST, top, APART), corner_heights(flat, top)]))
+    for height in (levels + np.append(levels[1:], top)) / 2:
         begin, end = _section(flat, height)
         taken |= _are_met(begin, end, across) | _are_inside(begin, end, across)
     return taken
+
+
+def corner_heights(flat: Floats, top: float) -> Floats:
+    """The heights of the corners of faces between `LOWEST` and `top`, to a centimetre."""
+    z = flat[:, :, 2].round(2)
+    return np.asarray(np.unique(z[(z > LOWEST) & (z < top)]))
+
+
+def clear_height(door: Pose, width: float, solids: Sequence[Floats]) -> float:
+    """How high a robot may be that passes beneath what closes an opening; 0 where none passes."""
+    local = [door.inverse().apply(t.reshape(-1, 3)).reshape(-1, 3, 3) for t in solids]
+    levels = [LOWEST, *np.unique(np.concatenate([corner_heights(t, LINTEL) for t in local]))]
+
+    def is_closed(level: float) -> bool:
+        lines = [taken_lines(door, width, t, level + 0.01) for t in solids]
+        return bool(closing(width, dict(enumerate(lines))))
+
+    number = bisect_left(levels, True, key=is_closed)
+    return float(levels[min(number, len(levels) - 1)]) if number else 0.0
 
 
 def closing(width: float, taken: Mapping[T, Bools]) -> list[T]:

@@ -25,7 +25,7 @@ from semmap.query.map_check.building import (
     THICKEST,
     WALL,
 )
-from semmap.query.map_check.doorways import PASSAGE, closing, taken_lines
+from semmap.query.map_check.doorways import PASSAGE, clear_height, closing, taken_lines
 from semmap.query.map_check.fixes import Moves, Named, Trials
 from semmap.query.map_check.reader import CheckedEntity, read_checked_entities
 from semmap.query.map_check.support import SupportedBuilding
@@ -48,6 +48,9 @@ NARROWEST = 0.2
 
 AHEAD = 0.35
 """Metres before and behind a door that are in the rooms that it joins, behind walls."""
+
+LEAF = 0.1
+"""Metres of the thickest leaf of a door with its handles, and by which it covers its frame."""
 
 DOOR = 0.9
 """Metres of the width of a proposed door."""
@@ -445,13 +448,35 @@ def _door_moves(
 def _blocked(building: SupportedBuilding, structure: bool) -> Found:
     """Doors in whose opening parts of the building stand, or else other things."""
     for door, shut in _shut_doors(building):
-        if building.is_part(shut[0]) != structure:
+        if _is_fast(building, door, shut[0]) != structure:
             continue
+        assert door.pose is not None
         names = tuple(sorted(e.name for e in shut))
         stand = "stands" if len(names) == 1 else "stand"
-        text = f"{listed(names)} {stand} in the opening of {door.name}, and no robot passes"
-        fix = "by hand: give the wall an opening there, or move or delete the door or the wall"
-        yield (door.name, *names), text, fix if structure else "by hand: move it, if it is there"
+        high = clear_height(door.pose, door.row["width"] or DOOR, [e.triangles for e in shut])
+        who = f"no robot higher than {high:.2f} m" if high else "no robot"
+        text = f"{listed(names)} {stand} in the opening of {door.name}, and {who} passes"
+        fix = "by hand: move it, if it is there"
+        if structure:
+            fix = "by hand: give the wall an opening there, or move or delete the door or the wall"
+        elif _is_in_opening(door, shut[0]):
+            fix = "by hand: if it is the leaf of the door, give it the type door_leaf; else move it"
+        yield (door.name, *names), text, fix
+
+
+def _is_fast(building: SupportedBuilding, door: CheckedEntity, entity: CheckedEntity) -> bool:
+    """Whether a solid is a part of the building that never opens: no curtain, and no leaf."""
+    known = bool(entity.row["structure"])
+    loose = entity.row["fixture"] or (not known and _is_in_opening(door, entity))
+    return building.is_part(entity) and not loose
+
+
+def _is_in_opening(door: CheckedEntity, entity: CheckedEntity) -> bool:
+    """Whether a solid is as thin as leaves and within the opening of a door, as leaves are."""
+    assert door.pose is not None
+    reach = np.abs(door.pose.inverse().apply(entity.hull))[:, :2]
+    thick, wide = np.ptp(door.pose.inverse().apply(entity.hull)[:, 0]), (door.row["width"] or DOOR)
+    return bool(thick <= LEAF and (reach.max(axis=0) <= [WALL, wide / 2 + LEAF]).all())
 
 
 @lru_cache(maxsize=1)  # for both rules of the same building
@@ -468,8 +493,9 @@ def _shut_doors(
         width = door.row["width"] or DOOR
         solids = [e for e in building.at_opening(door.pose, width) if e.row["type"] != "door_leaf"]
         taken = {e: taken_lines(door.pose, width, e.triangles) for e in solids}
-        parts = closing(width, {e: v for e, v in taken.items() if building.is_part(e)})
-        if shut := parts or sorted(closing(width, taken), key=building.is_part):
+        fast = partial(_is_fast, building, door)
+        parts = closing(width, {e: v for e, v in taken.items() if fast(e)})
+        if shut := parts or sorted(closing(width, taken), key=fast):
             found.append((door, shut))
     return found
 
