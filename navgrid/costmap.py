@@ -240,7 +240,7 @@ class Costmap:
 
         Heights within a step of the floor do not count.
         """
-        step = self.limits.max_step
+        step = self.limits.ground
         return [(max(low, step), high) for low, high in (part.interval for part in self.parts)]
 
     def section(self, height: float) -> NDArray[np.bool_]:
@@ -426,13 +426,13 @@ class Costmap:
 def _check(costmap: Costmap) -> None:
     if not costmap.parts:
         raise ValueError("a costmap needs the parts of a robot: give one or more")
-    step = costmap.limits.max_step
+    step = costmap.limits.ground
     for part in costmap.parts:
         low, high = part.interval
         if high <= max(low, step):
             raise ValueError(
                 f"part {part.name} reaches from {low:.3f} to {high:.3f} m, all within a step "
-                f"of {step} m: it can meet only floor. Join it to another part"
+                f"of {costmap.limits.max_step} m: it can meet only floor. Join it to another part"
             )
     taken = {layer.name for layer in costmap.policy.layers}
     for name, cells in costmap.static.items():

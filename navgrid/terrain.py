@@ -18,7 +18,7 @@ from shapely import box, contains_properly, polygons, union_all
 
 from navgrid.grid import Grid
 from navgrid.slabs import area_cells, mesh_of, occupancy
-from semmap.geometry.walk import GAP, walked_faces
+from semmap.geometry.walk import EXACT, GAP, walked_faces
 from semmap.query.storey_scene import FloorArea
 
 THINNEST = 0.005
@@ -47,8 +47,8 @@ class DriveLimits:
 
     @property
     def ground(self) -> float:
-        """Metres within which a face lies in the floor: a step, at least a micrometre."""
-        return max(self.max_step, 1e-6)
+        """Metres above the floor that a robot drives over: a step, as exactly as files have it."""
+        return self.max_step + EXACT
 
 
 @dataclass(frozen=True, eq=False)

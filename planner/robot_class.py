@@ -153,7 +153,7 @@ class RobotClass:
         if not self.name:
             raise ValueError("the name of a robot class is empty; give it one")
         for part in self.parts:
-            if part.interval[1] <= self.drive_limits.max_step:
+            if part.interval[1] <= self.drive_limits.ground:
                 raise ValueError(
                     f"robot {self.name}: its part {part.name} ends at {part.interval[1]:.3f} m, "
                     f"below a step of {self.drive_limits.max_step:g} m; give a lower step"
@@ -232,7 +232,7 @@ class RobotClass:
                     f"{top:.2f} m, the opening to {connector.height:.2f} m{hint}"
                 )
         limits = self.drive_limits
-        if connector.step > limits.max_step:
+        if connector.step > limits.ground:
             return (
                 f"{connector.name} has a step of {connector.step:.2f} m, {self.name} takes "
                 f"{limits.max_step:.2f} m"

@@ -26,7 +26,7 @@ from planner.topology import OUTSIDE, Topology
 from semmap.query.snapshot import Snapshot
 from semmap.query.storey_reader import CARRIED
 
-RULE = 3
+RULE = 4
 """Of how travel is measured: stored times of another rule, or of another policy, do not hold."""
 
 

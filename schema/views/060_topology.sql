@@ -50,7 +50,7 @@ SELECT c.state = 'locked' AND NOT r.unlocks
     OR r.behaviours IS NOT NULL AND c.behaviour <> ALL (r.behaviours)
     OR c.permissions <> '{}' AND NOT c.permissions && r.permissions
     OR r.width IS NOT NULL AND (coalesce(r.width > c.width, false) OR coalesce(r.height > c.height, false)
-       OR c.step > r.max_step OR c.form = 'stairs'
+       OR c.step > r.max_step + 0.001 OR c.form = 'stairs'
        OR c.form = 'ramp' AND atan2(abs(c.pose_a[3] - c.pose_b[3]),
                                     sqrt((c.pose_a[1] - c.pose_b[1]) ^ 2 + (c.pose_a[2] - c.pose_b[2]) ^ 2)) > r.max_slope);
 END;

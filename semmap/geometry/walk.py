@@ -14,6 +14,9 @@ from shapely import STRtree, polygons
 GAP = 0.005
 """Largest gap between connected faces, seen from above, metres."""
 
+EXACT = 0.001
+"""Metres by which a step may exceed the highest one: heights in files are rounded."""
+
 
 def walked_faces(
     triangles: NDArray[np.float64],
@@ -35,12 +38,12 @@ def walked_faces(
     if among is not None:
         gentle &= among
     heights = set(floors)
-    step = max(max_step, 1e-6)
+    step = max_step + EXACT
     start = np.zeros(len(triangles), np.bool_)
     for floor in heights:
         start |= gentle & (low < floor + step) & (high > floor - step)
     found = start.copy()
-    some = np.flatnonzero(gentle & _within_steps(low, high, gentle, heights, max_step))
+    some = np.flatnonzero(gentle & _within_steps(low, high, gentle, heights, step))
     if start[some].all():
         return found
     shapes = polygons(triangles[some][:, :, :2])
@@ -48,7 +51,7 @@ def walked_faces(
     rise = np.maximum(low[some[one]], low[some[other]]) - np.minimum(
         high[some[one]], high[some[other]]
     )
-    joined = rise <= max_step
+    joined = rise <= step
     graph = coo_array(
         (np.ones(int(joined.sum()), bool), (one[joined], other[joined])), shape=(len(some),) * 2
     )

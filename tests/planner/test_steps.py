@@ -1,0 +1,58 @@
+"""A step of exactly the highest one is driven over, wherever the floor is; a higher one is not."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import shapely
+
+import semmap
+from navgrid.terrain import DriveLimits, drivable
+from planner.robot_class import BODY, RobotClass
+from planner.topology import PlaceConnector
+from semmap.geometry.pose import Pose
+
+CART = RobotClass("cart", (replace(BODY, interval=(0.0, 1.2)),), DriveLimits(max_step=0.02))
+FLOORS = (0.0, 0.1 + 0.2, 2.7, 7.1, -3.3)
+STEPS = [(0.02, True), (0.0205, True), (0.0199, True), (0.022, False), (0.05, False)]
+
+
+@pytest.mark.parametrize("floor", FLOORS)
+@pytest.mark.parametrize(("step", "passes"), STEPS)
+def test_thresholds_and_slabs(floor: float, step: float, passes: bool) -> None:
+    height = (floor + step) - floor  # with the last digits of a sum
+    door = PlaceConnector("d", ("a", "b"), (Pose(-1.0, 0.0), Pose(1.0, 0.0)), step=height)
+    assert (CART.blocking_reason(door) is None) == passes
+    square = np.array([(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 0, 0), (1, 1, 0), (0, 1, 0)], float)
+    slab = square.reshape(2, 3, 3) + np.array((0, 0, floor + step))
+    assert drivable(slab, [floor], CART.drive_limits).all() == passes
+    assert drivable(slab - np.array((0, 0, 2 * step)), [floor], CART.drive_limits).all() == passes
+
+
+def test_a_sill_in_a_doorway_and_the_threshold_of_a_door(database: str) -> None:
+    with semmap.connect(database) as db:
+        for number, (step, passes) in enumerate(STEPS):
+            floor = FLOORS[number]
+            here = db.create_map(f"lodge{number}")
+            for name, x in (("porch", 0.0), ("lobby", 4.2)):
+                here.add_room(name, shapely.box(x, 0, x + 4, 4), floor=floor, ceiling=floor + 2.6)
+            here.add_door("gate", "porch", "lobby", ((4.1, 1.2), (4.1, 2.8)), height=floor)
+            here.add_object("sill", size=(0.2, 4.0, step), pose=(4.1, 2, floor))
+            try:
+                here.route("porch", "lobby", robot=CART)
+            except ValueError:
+                assert not passes
+            else:
+                assert passes
+            here["sill"].delete()
+            here.execute("UPDATE connector SET step = %s", (floor + step) - floor)
+            ((blocked,),) = here.execute(
+                "SELECT is_blocked_for(r, c, 1) "
+                "FROM connector c JOIN entity e ON e.id = c.entity_id, "
+                "jsonb_populate_record(NULL::robot_class, %s) r "
+                "WHERE e.map_id = current_map()",
+                '{"width": 0.6, "max_step": 0.02}',
+            )
+            assert blocked != passes
