@@ -607,3 +607,33 @@ def test_what_closes_a_doorway_is_judged_by_what_it_is(
             assert not passes
         else:
             assert passes
+
+
+@pytest.mark.parametrize(
+    ("type_", "parts", "floats"),
+    [
+        ("wardrobe", "back left right top", False),
+        (None, "back left right front top", False),
+        (None, "back left right top", False),
+        (None, "left right top", True),
+        (None, "top", True),
+    ],
+    ids=["wardrobe", "closed", "open-front", "between-two-walls", "under-a-table"],
+)
+def test_what_hangs_in_furniture_is_held(
+    doorway: semmap.Map, type_: str | None, parts: str, floats: bool
+) -> None:
+    """A coat in the middle of a case of boards, a handbreadth from each of them."""
+    boards = {
+        "back": ((-0.5, -0.5, 0), (-0.48, 0.5, 2)),
+        "front": ((0.48, -0.5, 0), (0.5, 0.5, 2)),
+        "left": ((-0.5, -0.5, 0), (0.5, -0.48, 2)),
+        "right": ((-0.5, 0.48, 0), (0.5, 0.5, 2)),
+        "top": ((-0.5, -0.5, 1.98), (0.5, 0.5, 2)),
+    }
+    legs = [((x, y, 0), (x + 0.04, y + 0.04, 1.99)) for x in (-0.5, 0.46) for y in (-0.5, 0.46)]
+    mesh = join([box_mesh(*ends) for ends in (*(boards[p] for p in parts.split()), *legs)])
+    doorway.add_object("case", type=type_, mesh=mesh, pose=(2, 2, 0))
+    doorway.add_object("coat", size=(0.5, 0.6, 1.0), pose=(2, 2, 0.5))
+    found = {f.entities for f in doorway.check() if f.kind == "floating"}
+    assert found == ({("coat",)} if floats else set())

@@ -41,7 +41,7 @@ def taken_lines(door: Pose, width: float, triangles: Floats, top: float = LINTEL
     flat = flat[(y.min(axis=1) <= width / 2) & (y.max(axis=1) >= -width / 2)]
     levels = np.unique(np.concatenate([np.arange(LOWEST, top, APART), corner_heights(flat, top)]))
     for height in (levels + np.append(levels[1:], top)) / 2:
-        begin, end = _section(flat, height)
+        begin, end = section(flat, height)
         taken |= _are_met(begin, end, across) | _are_inside(begin, end, across)
     return taken
 
@@ -82,8 +82,8 @@ def closing(width: float, taken: Mapping[T, Bools]) -> list[T]:
     return []
 
 
-def _section(triangles: Floats, height: float) -> tuple[Floats, Floats]:
-    """The ends, (N, 2) each, of the lines in which faces cross a height."""
+def section(triangles: Floats, height: float) -> tuple[Floats, Floats]:
+    """Return the ends, (N, 2) each, of the lines in which faces (F, 3, 3) cross a height."""
     above = triangles[:, :, 2] > height
     crossing = triangles[above.any(axis=1) & ~above.all(axis=1)]
     above = crossing[:, :, 2] > height

@@ -13,6 +13,7 @@ from semmap.geometry.extent import extent
 from semmap.geometry.levels import APART, are_floors, standing_levels
 from semmap.geometry.levels import CONTACT as TOUCHED
 from semmap.query.map_check.building import CEILING, CONTACT, FASTENED, SLAB, CheckedBuilding
+from semmap.query.map_check.doorways import section
 from semmap.query.map_check.reader import CheckedEntity
 
 SAMPLES = 200
@@ -23,6 +24,9 @@ ABOVE = ("ceiling", "roof")
 
 OVER = 0.01
 """Metres by which a middle may lie beyond what bears it: so exact are middles and poses."""
+
+RAYS, SHUT = 16, 0.7
+"""Level rays from the middle of an object, and the part of them that what it is in stops."""
 
 Floats = NDArray[np.float64]
 
@@ -95,15 +99,18 @@ class SupportedBuilding(CheckedBuilding):
         return False
 
     def _touching(self, entity: CheckedEntity) -> list[CheckedEntity]:
-        """Parts of the building and things that touch an object and can hold it.
+        """Parts of the building and things that touch an object, or are around it, and can hold it.
 
-        These are larger ones beside it, and what it hangs beneath.
+        These are larger ones beside it, and what it hangs beneath or in: rails are not modelled.
         """
         return [
             other
             for other in self.near(entity, FASTENED)
             if self._can_hold(other, entity)
-            and touches(entity.triangles, other.triangles, FASTENED)
+            and (
+                touches(entity.triangles, other.triangles, FASTENED)
+                or (not self.is_part(other) and _encloses(other, entity))
+            )
         ]
 
     def _can_hold(self, other: CheckedEntity, entity: CheckedEntity) -> bool:
@@ -223,6 +230,21 @@ class SupportedBuilding(CheckedBuilding):
         if away <= OVER or any(other.name not in names for other in self.beside(entity)):
             return None
         return away, bearers[0]
+
+
+def _encloses(around: CheckedEntity, entity: CheckedEntity) -> bool:
+    """Whether a solid has an object within: it is storage, or has walls on three of its sides."""
+    if (entity.low < around.low - CONTACT).any() or (entity.high > around.high + CONTACT).any():
+        return False
+    if around.row["storage"]:
+        return True
+    x, y, z = (entity.low + entity.high) / 2
+    walls = shapely.linestrings(np.stack(section(around.triangles, z), axis=1))
+    far = float(np.linalg.norm(around.high - around.low))
+    turns = 2 * np.pi * np.arange(RAYS) / RAYS
+    ends = np.stack([x + far * np.cos(turns), y + far * np.sin(turns)], axis=1)
+    rays = [shapely.LineString([(x, y), end]) for end in ends]
+    return bool(np.mean([shapely.intersects(walls, ray).any() for ray in rays]) >= SHUT)
 
 
 def _middle(triangles: Floats) -> Floats:
