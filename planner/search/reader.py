@@ -22,6 +22,8 @@ HEIGHT = 0.1  # metres, of an object whose size is unknown
 DOUBT = 0.5
 """How often a thing that is searched for is not where it was believed: who is sure, fetches it."""
 
+DOUBTED = f". Who searches doubts: {DOUBT:.0%} of each chance is the prior, the rest the belief"
+
 SURE = 0.9
 """With this belief in the place of an object in the map, it is fetched there without a search."""
 

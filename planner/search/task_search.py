@@ -7,7 +7,7 @@ from dataclasses import replace
 
 from planner.plan import Action, Plan
 from planner.search.problem_builder import ELSEWHERE
-from planner.search.reader import is_doubtful, read_holder, read_kind, read_seen_by
+from planner.search.reader import DOUBTED, is_doubtful, read_holder, read_kind, read_seen_by
 from planner.search.receding_horizon import decide, tour_seconds
 from planner.search.search_mission import MOST_NAMES, SearchPlanner, explain
 from planner.task_planner import TaskPlanner
@@ -119,7 +119,7 @@ def plan_with_search(
     for name in names:
         found = search.begin(seen, name, begin)
         decision = decide(found.problem, found.belief)
-        reasons.append(explain(found, found.belief, decision))
+        reasons.append(explain(found, found.belief, decision) + DOUBTED)
         if decision.action == "declare":
             continue
         rooms = [found.viewpoints[k].name for k in decision.tour]

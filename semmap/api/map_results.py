@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, fields, replace
-from functools import cached_property, partial
+from functools import partial
 from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
@@ -204,10 +204,12 @@ class ObjectSearch:
     """Where to look for an object, and why (O'Neill, section 4.4.2).
 
     `problem` has places, viewpoints, travel times and rates; `decision` says what to do next, and
-    the tour while nothing is found.
+    the tour while nothing is found. `belief` says how probable each place is, as `Map.where` does.
+    Looks are planned by one who doubts it: half of theirs is the prior.
     """
 
     name: str
+    belief: dict[str, float] = field(repr=False)
     problem: MapSearch = field(repr=False)
     decision: Decision
     map: MapTasks = field(repr=False, compare=False)
@@ -221,13 +223,6 @@ class ObjectSearch:
 
         return tour_seconds(self.problem.problem, self.problem.belief, self.decision.tour)
 
-    @cached_property
-    def belief(self) -> dict[str, float]:
-        """How probable each place is."""
-        problem = self.problem.problem
-        shares = problem.by_place(self.problem.belief)[0].tolist()
-        return dict(zip(problem.places, shares, strict=True))
-
     @property
     def tour(self) -> list[Viewpoint]:
         """Where to look, in order, while the object is not found."""
@@ -235,10 +230,11 @@ class ObjectSearch:
 
     @property
     def reason(self) -> str:
-        """Why it begins where it begins, in a sentence."""
+        """Why it begins where it begins, in sentences."""
+        from planner.search.reader import DOUBTED
         from planner.search.search_mission import explain
 
-        return explain(self.problem, self.problem.belief, self.decision)
+        return explain(self.problem, self.problem.belief, self.decision) + DOUBTED
 
     def as_json(self) -> dict[str, Any]:
         """The search as plain values; poses are x, y, z and quaternion."""

@@ -242,7 +242,7 @@ class MapTasks(MapDriving):
         from planner.search.search_mission import SearchPlanner
         from planner.tasks.reader import read_state
         from semmap.api.map_results import ObjectSearch
-        from semmap.belief.store.beliefs import things_named
+        from semmap.belief.store.beliefs import read_belief, things_named
 
         live = self.live_topology(robot)
         with live.snapshot() as seen:
@@ -251,11 +251,12 @@ class MapTasks(MapDriving):
             planner = SearchPlanner(live, sight, detector)
             names = things_named(seen, name)
             begun = [planner.begin(seen, each, begin, progress=progress) for each in names]
-        decisions = [decide(problem.problem, problem.belief) for problem in begun]
-        best = min(range(len(names)), key=lambda number: decisions[number].cost)
+            decisions = [decide(problem.problem, problem.belief) for problem in begun]
+            best = min(range(len(names)), key=lambda number: decisions[number].cost)
+            belief = read_belief(seen, names[best])
         name, problem, decision = names[best], begun[best], decisions[best]
         options = {"start": start, "robot": robot, "sight": sight, "detector": detector}
-        return ObjectSearch(name, problem, decision, self, options, live.assumed_body)
+        return ObjectSearch(name, belief, problem, decision, self, options, live.assumed_body)
 
     def missions(self) -> list[dict[str, Any]]:
         """The missions of the map, the newest first, with the counts of their steps."""
