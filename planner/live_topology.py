@@ -258,7 +258,7 @@ class LiveTopology:
         elif self._robot is not None:
             read = read_robot_class(seen, self._robot)
             robot, durations = read.robot, read.durations
-            store = None if self.assume_sizes else TravelTimeStore(read)
+            store = TravelTimeStore(read) if robot.parts and not self.assume_sizes else None
         costmaps, stored = None, None
         shaped = replace(robot, parts=(BODY,)) if self._body and not robot.parts else robot
         if shaped.parts:
