@@ -5,9 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterator
 from pathlib import Path
 
+import numpy as np
 import pytest
 from sqlalchemy import Engine
 
+from planner.readers.robot_class import store_robot_class
+from planner.robot_class import RobotClass
+from semmap.robot import Part
 from tests.conftest import Import
 
 HOUSE = "small_house/worlds/small_house.world"
@@ -50,3 +54,12 @@ def house_and_hotel(imported: Import, worlds: Path) -> Iterator[Engine]:
     files = (worlds / HOUSE, "house"), (ROOMS, "house"), (worlds / HOTEL, "hotel")
     with imported(*files) as engine:
         yield engine
+
+
+def store_slim_robot(engine: Engine) -> str:
+    """Store a class of robots that gets between the chairs of the small house; its name."""
+    corners = 0.15 * np.array([(1, 1), (-1, 1), (-1, -1), (1, -1)])
+    part = Part("base", ("base",), (0.05, 1.0), corners, 0.15, 0.22)
+    with engine.begin() as connection:
+        store_robot_class(connection, RobotClass("slim", (part,)))
+    return "slim"

@@ -22,7 +22,7 @@ from semmap.model import Entity, Placement
 from tests.command_line import semmap as semmap_command
 from tests.conftest import Import
 from tests.consistency import HOLDERS, POSES
-from tests.worlds.conftest import HOUSE, ROOMS
+from tests.worlds.conftest import HOUSE, ROOMS, store_slim_robot
 
 WORLDS = {
     "small_house": "small_house/worlds/small_house.world",
@@ -243,7 +243,7 @@ def test_each_way_to_move_a_tablet_into_the_kitchen_is_followed(
             there = holder.name
             assert "kitchen" in (there, holder.holder and holder.holder.name)
         goal = (f"on({TABLET}, CoffeeTable_01_001)", "--from", "kitchen", "--map", "house")
-        planned = semmap_command(url, "plan", *goal)
+        planned = semmap_command(url, "plan", *goal, "--robot", store_slim_robot(engine))
         assert f"pickup({TABLET}, {there})" in planned.output
 
 

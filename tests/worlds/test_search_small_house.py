@@ -10,6 +10,7 @@ from sqlalchemy import Engine
 
 import semmap
 from tests.command_line import semmap as semmap_command
+from tests.worlds.conftest import store_slim_robot
 
 TABLE = "KitchenTable_01_001"
 
@@ -26,12 +27,14 @@ def url(house: Engine) -> str:
             ("box", "box", (0.6, 0.1, 0.4), 0.85),
         ):
             home.add_object(name, type=kind, on=TABLE, size=size, pose=(6.3, y, float(top), 0.0))
+    store_slim_robot(house)
     return text
 
 
 def test_a_mug_behind_a_box_is_found_and_found_again_after_it_moved(url: str, tmp_path: Path):
     def search(*more: str) -> tuple[str, int]:
         words = ("--simulate", "--apply", "--speed", 100000, "--from", "bedroom", "--json")
+        words += ("--robot", "slim")
         world = tmp_path / f"{len([*tmp_path.iterdir()])}.sqlite"
         found = semmap_command(
             url, "search", "mug", "--map", "house", *words, "--world", world, *more
