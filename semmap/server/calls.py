@@ -67,7 +67,12 @@ class OperationCall:
         }
 
     def __call__(self, handle: Any, values: Mapping[str, Any]) -> Any:
-        """What the method of a map returns, as plain values; a picture stays one.
+        """What `result` returns, as plain values; a picture stays one."""
+        found = self.result(handle, values)
+        return found if isinstance(found, Picture) else plain(found)
+
+    def result(self, handle: Any, values: Mapping[str, Any]) -> Any:
+        """What the method of a map, or of an entity, returns.
 
         InvalidArgumentError for arguments that it does not have, and for the name of a file.
         """
@@ -86,8 +91,7 @@ class OperationCall:
         if self._sets:
             return setattr(target, self._member, given["value"])
         method = _ROWS.get(self.operation.method, self.operation.method).partition(".")[2]
-        found = getattr(target, method)(**given)
-        return found if isinstance(found, Picture) else plain(found)
+        return getattr(target, method)(**given)
 
     def _entity(self, handle: Any, name: str) -> Any:
         entity = handle[name]

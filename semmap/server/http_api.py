@@ -36,7 +36,7 @@ from semmap.server import ogc_features as ogc
 from semmap.server.calls import OperationCall, answered_at_once, offered
 from semmap.server.handles import SECONDS, BusyError, Handles
 from semmap.server.requests import body_of, role_of
-from semmap.server.scene import meshes_of, scene_of, ways_of
+from semmap.server.scene import meshes_of, scene_of
 from semmap.server.sparql_endpoint import MOST_ROWS, SparqlEndpoint
 from semmap.server.viewer_files import Viewer
 
@@ -110,7 +110,7 @@ class HttpApi:
             ),
             "/scene": lambda map, _, __: scene_of(map),
             "/meshes.glb": lambda map, _, __: meshes_of(map),
-            "/ways": lambda map, _, request: ways_of(map, request.query_params),
+            "/ways": self._ways,
         }
         self.app = Starlette(
             lifespan=self._lifespan,
@@ -214,6 +214,13 @@ class HttpApi:
 
     async def _description(self, request: Request) -> Response:
         return JSONResponse(description(self._calls[RIGHTS.get(self._role(request), _ALL)]))
+
+    def _ways(self, map: Map, _: str, request: Request) -> list[dict[str, Any]]:
+        """The lines of a route with the arguments of `Map.route`."""
+        call = self._calls[_ALL]["route"]
+        asked = {word: call.read(word, text) for word, text in request.query_params.items()}
+        ways: list[dict[str, Any]] = call.result(map, asked).ways()
+        return ways
 
     def _ogc(self, of: Callable[[Map, str, Request], Any]) -> Callable[..., Any]:
         async def page(request: Request) -> Response:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -11,7 +10,6 @@ import trimesh
 
 from semmap.api.map import Map
 from semmap.draw.palette import STATES, object_colour, room_colour
-from semmap.error import InvalidArgumentError
 from semmap.export.features import MapFeature, MapFeatures, read_map, read_meshes
 
 CLOUD = 100_000
@@ -70,13 +68,6 @@ def meshes_of(map: Map) -> bytes:
     if not scene.geometry:
         scene.add_geometry(trimesh.Trimesh(np.eye(3), [[0, 1, 2]]), node_name="none")
     return bytes(scene.export(file_type="glb"))
-
-
-def ways_of(map: Map, asked: Mapping[str, str]) -> list[dict[str, Any]]:
-    """The lines of a route from `start` to `goal`, of a `robot` if one is named."""
-    if not {"start", "goal"} <= {*asked} <= {"start", "goal", "robot"}:
-        raise InvalidArgumentError("ways needs start and goal, and takes robot")
-    return map.route(asked["start"], asked["goal"], robot=asked.get("robot")).ways()
 
 
 _FOLDER = "meshes"

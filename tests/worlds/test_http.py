@@ -13,6 +13,7 @@ from typing import Any
 import httpx
 import pyogrio
 import pytest
+import shapely
 from pyproj import Geod
 from sqlalchemy import Engine
 from starlette.testclient import TestClient
@@ -132,6 +133,18 @@ def test_entities_are_changed_by_their_names(web: httpx.Client, db: semmap.Datab
     ):
         told = web.post("/maps/house/set_state", json=values, headers=robot)
         assert (told.status_code, said in told.json()["error"]) == (status, True), told.text
+
+
+def test_ways_are_the_lines_of_the_route(web: httpx.Client, db: semmap.Database) -> None:
+    words = {"start": "bedroom", "goal": "kitchen"}
+    (way,) = web.get("/maps/house/ways", params=words).json()
+    line = shapely.LineString(way["points"])
+    route = db.map("house").route("bedroom", "kitchen")
+    for step in route.doors:
+        assert line.distance(shapely.Point(step.approach.x, step.approach.y)) < 1e-6
+        assert line.distance(shapely.Point(step.leave.x, step.leave.y)) < 1e-6
+    file = web.get("/maps/house/ways", params=words | {"robot": "/etc/passwd"})
+    assert (file.status_code, "give the name" in file.json()["error"]) == (400, True)
 
 
 @pytest.mark.parametrize("role", [None, "semmap_robot"])
