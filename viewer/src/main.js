@@ -124,7 +124,8 @@ async function route(values) {
   const ways = await (await maps.get(`ways?${new URLSearchParams(values)}`)).json();
   house.drawWays(ways.map((way) => way.points));
   const doors = found.doors.map((door) => door.name).join(", ");
-  return `${found.metres.toFixed(1)} m, ${found.seconds.toFixed(0)} s${doors ? ` through ${doors}` : ""}`;
+  const told = `${found.metres.toFixed(1)} m, ${found.seconds.toFixed(0)} s${doors ? ` through ${doors}` : ""}`;
+  return found.assumed_body ? `${told}; ${found.assumed_body}` : told;
 }
 
 // Mark the places where something probably is by their probabilities.
