@@ -14,3 +14,7 @@ class UnknownNameError(Error, LookupError):
 
 class InvalidArgumentError(Error, ValueError):
     """An argument that is not valid, or a change that breaks a rule of the map."""
+
+
+class RightsError(Error, PermissionError):
+    """The role of the login may not do it."""

@@ -10,7 +10,7 @@ from psycopg.errors import UniqueViolation
 from psycopg.types.json import Jsonb
 
 from semmap.api.checked import Properties, checked_class
-from semmap.error import InvalidArgumentError
+from semmap.error import InvalidArgumentError, RightsError
 
 if TYPE_CHECKING:
     from datetime import datetime
@@ -263,6 +263,10 @@ class MapEntity:
 
     def _put(self, holder: str | MapEntity, relation: str) -> None:
         above = self.map[holder] if isinstance(holder, str) else holder
+        if relation == "on" and above.kind in ("room", "region", "storey"):
+            raise ValueError(
+                f"{above.name} is a {above.kind}: put {self.name} in it, or on an object"
+            )
         if self.kind in FIXED:
             raise ValueError(f"{self.name} is a {self.kind}, which is not put {relation} anything")
         box = self.map.execute(
@@ -292,7 +296,9 @@ class MapEntity:
         return value
 
     def _set(self, column: str, value: Any) -> None:
-        self.map.execute(f"UPDATE entity SET {column} = %s WHERE id = %s", value, self.id)
+        statement = f"UPDATE entity SET {column} = %s WHERE id = %s RETURNING 1"
+        if not self.map.execute(statement, value, self.id):
+            raise RightsError(f"your role may not change the {self.kind} {self.name}")
 
     def _gone(self) -> LookupError:
         return LookupError(f"{self.name} is no longer in the map {self.map.name}")

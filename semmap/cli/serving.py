@@ -46,7 +46,7 @@ def serve_command(
         None, help="A token and its database role in each line; without it, nobody may write."
     ),
     seconds: float = Option(60, min=0.1, max=86_400, help="Stop a statement after this time."),
-    rows: int = Option(1_000_000, min=1, help="The most rows of an answer of SPARQL."),
+    rows: int = Option(50_000, min=1, help="The most rows of an answer of SPARQL."),
 ) -> None:
     """Serve all maps over HTTP: operations, events, OGC API - Features, SPARQL, the viewer."""
     with _extra(), open_database() as database:

@@ -18,10 +18,13 @@ class Picture:
 
     @classmethod
     def drawn(cls, draw: Callable[[Path], object]) -> Self:
-        """Return what a function draws into the file that it is given."""
+        """Return what a function draws into the file that it is given; a $ in a name is one."""
+        import matplotlib
+
         with TemporaryDirectory(prefix="semmap-") as folder:
             path = Path(folder, "picture.png")
-            draw(path)
+            with matplotlib.rc_context({"text.parse_math": False}):
+                draw(path)
             return cls(path.read_bytes())
 
     @classmethod

@@ -32,6 +32,9 @@ from semmap.limits import QUERY_ROWS, QUERY_SECONDS
 
 KEPT = KeptQueries()  # the queries of this process that were translated
 
+COLUMNS = 10
+"""An answer of more columns may have fewer rows, so that the limit bounds the memory it takes."""
+
 _SETTINGS = "; ".join(
     f"SET LOCAL {name} = {value}" for name, value in (*PLANNER.items(), ("statement_timeout", "{}"))
 )
@@ -69,6 +72,8 @@ def query(
             view.inferred = NOTHING_INFERRED
         parsed = view.parsed(text)
         view.chosen = dataset or Chosen.by(parsed.dataset)
+        if parsed.form == "SelectQuery" and len(parsed.names) > COLUMNS:
+            most = max(1, COLUMNS * most // len(parsed.names))
         with errors_of(parsed):
             try:
                 if parsed.form == "DescribeQuery":

@@ -12,7 +12,7 @@ from typing import Any
 from semmap.api.operations import OPERATIONS, Operation, Right
 from semmap.api.signatures import REQUIRED, Argument
 from semmap.draw.picture import Picture
-from semmap.error import InvalidArgumentError
+from semmap.error import Error, InvalidArgumentError
 from semmap.plain_values import plain
 from semmap.server.json_schema import NAMED, Schema, schema_of
 
@@ -24,14 +24,18 @@ _WRITING = ("try_grasps", "write")
 """Arguments that let what only reads write."""
 
 
+MOST = {"seconds": 60, "rows": 50_000, "width": 4_000}
+"""The most that a request may ask of an argument; the first two hold where it does not say."""
+
+
 class OperationCall:
     """An operation of a map, or of the `entity` that is named, that programs call by name.
 
     What Python sets, such as the state of a door, has a `value` and the name ``set_state``.
     """
 
-    def __init__(self, operation: Operation) -> None:
-        self.operation = operation
+    def __init__(self, operation: Operation, most: Mapping[str, float] = MOST) -> None:
+        self.operation, self._most = operation, most
         self._owner, _, self._member = operation.method.partition(".")
         sets = self._owner != "Map" and not operation.arguments and operation.result != "None"
         self._sets = sets and operation.right != "reader"
@@ -42,6 +46,11 @@ class OperationCall:
         of = [] if self._owner == "Map" else [Argument("entity", "str", REQUIRED, "Its name")]
         value = [Argument("value", self.operation.result, REQUIRED, "")] * self._sets
         return [*of, *self.operation.arguments, *value]
+
+    @cached_property
+    def _files(self) -> set[str]:
+        """The arguments whose texts would be names of files."""
+        return {each.name for each in self._arguments if "Path" in each.annotation} - {*NAMED}
 
     @cached_property
     def arguments(self) -> dict[str, Schema]:
@@ -74,10 +83,13 @@ class OperationCall:
     def result(self, handle: Any, values: Mapping[str, Any]) -> Any:
         """What the method of a map, or of an entity, returns.
 
-        InvalidArgumentError for arguments that it does not have, and for the name of a file.
+        InvalidArgumentError for arguments that it does not have or take, the name of a file, and
+        more than the server's limits.
         """
         names = {name.strip("_"): name for name in self.arguments}
-        given = {}
+        given: dict[str, Any] = {
+            name: self._most[name] for name in ("seconds", "rows") if name in self.arguments
+        }
         for word, value in values.items():
             if word not in names:
                 known = ", ".join(names) or "none"
@@ -87,11 +99,20 @@ class OperationCall:
             given[names[word]] = self._value(names[word], value)
         if missing := [name for name in self.required if name not in given]:
             raise InvalidArgumentError(f"{self.name} needs {', '.join(missing)}")
+        try:
+            return self._done(handle, given)
+        except Error:
+            raise
+        except (TypeError, ValueError, OverflowError) as error:
+            raise InvalidArgumentError(f"{self.name}: {error}") from error
+
+    def _done(self, handle: Any, given: dict[str, Any]) -> Any:
         target = handle if self._owner == "Map" else self._entity(handle, given.pop("entity"))
         if self._sets:
             return setattr(target, self._member, given["value"])
         method = _ROWS.get(self.operation.method, self.operation.method).partition(".")[2]
-        return getattr(target, method)(**given)
+        found = getattr(target, method)
+        return found(**given) if callable(found) else found  # a property of the map
 
     def _entity(self, handle: Any, name: str) -> Any:
         entity = handle[name]
@@ -111,6 +132,16 @@ class OperationCall:
         return text if takes_text and not isinstance(value, list | dict) else value
 
     def _value(self, name: str, value: Any) -> Any:
+        most = self._most.get(name)
+        if most is not None and isinstance(value, int | float) and not 0 < value <= most:
+            raise InvalidArgumentError(
+                f"{name} is {value}: give a number above 0, at most {most:g}"
+            )
+        texts = value if isinstance(value, list) else [value]
+        if name in self._files and any(isinstance(each, str) for each in texts):
+            raise InvalidArgumentError(
+                f"{name}: files of the server are not read, give its content"
+            )
         is_time = self.arguments[name].get("format") == "date-time"
         if not is_time or not isinstance(value, str):
             return value
@@ -176,8 +207,10 @@ def answered_at_once(map_operations: Iterable[Operation]) -> list[str]:
     ]
 
 
-def offered(methods: Sequence[str], rights: Collection[Right]) -> dict[str, OperationCall]:
+def offered(
+    methods: Sequence[str], rights: Collection[Right], most: Mapping[str, float] = MOST
+) -> dict[str, OperationCall]:
     """The calls of those methods whose right is one of these, by their names."""
     known = {each.method: each for each in OPERATIONS if each.right in rights}
-    found = [OperationCall(known[method]) for method in methods if method in known]
+    found = [OperationCall(known[method], most) for method in methods if method in known]
     return {call.name: call for call in found if {*call.required} <= {*call.arguments}}

@@ -27,17 +27,18 @@ from starlette.routing import Mount, Route
 from semmap.api.database import Database
 from semmap.api.map import Map
 from semmap.api.operations import OPERATIONS, Right
+from semmap.database import DatabaseError
 from semmap.draw.picture import Picture
-from semmap.error import Error, InvalidArgumentError, UnknownNameError
+from semmap.error import Error, InvalidArgumentError, RightsError, UnknownNameError
 from semmap.knowledge.queries import KnowledgeError
 from semmap.plain_values import plain
 from semmap.query.map_events import MapEvent
 from semmap.server import ogc_features as ogc
-from semmap.server.calls import OperationCall, answered_at_once, offered
+from semmap.server.calls import MOST, OperationCall, answered_at_once, offered
 from semmap.server.handles import SECONDS, BusyError, Handles
 from semmap.server.requests import body_of, role_of
 from semmap.server.scene import meshes_of, scene_of
-from semmap.server.sparql_endpoint import MOST_ROWS, SparqlEndpoint
+from semmap.server.sparql_endpoint import SparqlEndpoint
 from semmap.server.viewer_files import Viewer
 
 MOST_LISTENERS = 32
@@ -53,8 +54,10 @@ MOST_BYTES = 2**20
 
 STATUS: dict[type[Exception], int] = {
     UnknownNameError: 404,
+    RightsError: 403,
     BusyError: 503,
     KnowledgeError: 503,
+    DatabaseError: 503,
     Error: 400,
     PermissionError: 401,
     psycopg.errors.InsufficientPrivilege: 403,
@@ -79,7 +82,8 @@ class HttpApi:
 
     On this machine alone (`local`) requests need no token to read, and name this machine: a page
     of the web cannot reach the maps under a name of its own. Elsewhere each request has a token.
-    A statement is stopped after `seconds`, an answer of SPARQL has at most `rows`.
+    A statement is stopped after `seconds`, an answer of SPARQL has at most `rows` (fewer where it
+    has more than ten columns).
     """
 
     def __init__(
@@ -89,14 +93,15 @@ class HttpApi:
         *,
         local: bool = True,
         seconds: float = SECONDS,
-        rows: int = MOST_ROWS,
+        rows: int = int(MOST["rows"]),
     ) -> None:
         self._tokens, self._local = dict(tokens or {}), local
         self._handles = Handles(database, seconds)
         sparql = SparqlEndpoint(self._handles, self._role, seconds=seconds, rows=rows)
         self._listeners: set[Callable[[], object]] = set()  # each ends one
         calls = answered_at_once(OPERATIONS)
-        self._calls = {rights: offered(calls, rights) for rights in {*RIGHTS.values(), _ALL}}
+        most = MOST | {"seconds": seconds, "rows": rows}
+        self._calls = {rights: offered(calls, rights, most) for rights in {*RIGHTS.values(), _ALL}}
         features: dict[str, Callable[[Map, str, Request], Any]] = {
             "": lambda _, base, request: ogc.landing(base, request.path_params["map"]),
             "/conformance": lambda _, __, ___: {"conformsTo": ogc.CLASSES},
@@ -284,4 +289,8 @@ async def _values(request: Request, call: OperationCall) -> dict[str, Any]:
 async def _failure(_: Request, error: Exception) -> Response:
     status = next(code for kind, code in STATUS.items() if isinstance(error, kind))
     headers = {"WWW-Authenticate": "Bearer"} if status == 401 else None
-    return JSONResponse({"error": str(error).splitlines()[0]}, status, headers)
+    lines = [line for line in str(error).splitlines() if line.strip()]
+    said = lines[0] if lines else type(error).__name__
+    if isinstance(error, DatabaseError | psycopg.OperationalError):
+        said = "the database does not answer: try again"  # not where it is, and who asks
+    return JSONResponse({"error": said}, status, headers)

@@ -47,9 +47,6 @@ _IRI = re.compile(r"[A-Za-z][A-Za-z0-9+.-]*:[^\x00-\x20<>\"{}|^`\\]*")
 MOST_BYTES = 16 * 2**20
 """The most bytes of a request."""
 
-MOST_ROWS = 1_000_000
-"""The most rows of an answer, unless another number is given."""
-
 
 class SparqlEndpoint:
     """The endpoint of each map; `role` gives the database role of a request."""

@@ -80,6 +80,12 @@ def test_operations_answer_as_the_methods_do(web: httpx.Client, db: semmap.Datab
         ("/maps/house/import_file", {"path": "/etc/passwd"}, 404, "no operation"),
         ("/maps/house/sql", {"statement": "SELECT 1"}, 404, "no operation"),
         ("/maps/house/route", [], 400, "no JSON object"),
+        ("/maps/house/sparql", {"text": "ASK {}", "seconds": 1e5}, 400, "seconds is 100000.0"),
+        ("/maps/house/sparql", {"text": "ASK {}", "rows": 10**9}, 400, "at most 50000"),
+        ("/maps/house/draw_3d", {"width": 100_000}, 400, "at most 4000"),
+        ("/maps/house/draw_3d", {"width": -1}, 400, "at most 4000"),
+        ("/maps/house/find", {"box": [[0, 0, 0], [1, 1]]}, 400, "find: "),
+        ("/maps/house/route", {"start": [1e308, 1e308], "goal": "kitchen"}, 400, ""),
     ],
 )
 def test_what_is_refused_says_why(
@@ -133,6 +139,36 @@ def test_entities_are_changed_by_their_names(web: httpx.Client, db: semmap.Datab
     ):
         told = web.post("/maps/house/set_state", json=values, headers=robot)
         assert (told.status_code, said in told.json()["error"]) == (status, True), told.text
+
+
+def test_a_request_bounds_what_it_costs(web: httpx.Client) -> None:
+    """A product of all facts with themselves is refused before it is read."""
+    wide = "SELECT * { " + " . ".join(f"?a{k} ?b{k} ?c{k}" for k in range(4)) + " }"
+    for path, asked in (("sparql", {"text": wide}), ("rdf/sparql", {"query": wide})):
+        told = web.get(f"/maps/house/{path}", params=asked)
+        assert told.status_code in (400, 503), told.text[:200]
+
+
+def test_files_of_the_server_are_not_read(web: httpx.Client, tmp_path: Path) -> None:
+    secret = tmp_path / "secret.json"
+    secret.write_text('{"relations": [["hidden", "on", "table"]]}')
+    for given in (str(secret), [str(secret)]):
+        told = web.post("/maps/house/teach", json={"teaching": given}, headers=with_token(ROBOT))
+        assert told.status_code == 400
+        assert "hidden" not in told.text
+
+
+def test_what_a_role_may_not_change_is_refused(web: httpx.Client, db: semmap.Database) -> None:
+    named = {"entity": "kitchen", "value": "office"}
+    told = web.post("/maps/house/set_type", json=named, headers=with_token(ROBOT))
+    assert told.status_code == 403, told.text
+    assert db.map("house")["kitchen"].type == "kitchen"
+
+
+def test_properties_of_the_map_are_operations_too(web: httpx.Client) -> None:
+    for name in ("robots", "binding_shapes"):
+        told = web.post(f"/maps/house/{name}", json={})
+        assert told.status_code == 200, told.text
 
 
 def test_ways_are_the_lines_of_the_route(web: httpx.Client, db: semmap.Database) -> None:

@@ -35,7 +35,7 @@ export class Hand {
     this.entity = entity?.pose && entity.object && !entity.removed ? entity : null;
     if (!this.entity) return;
     const [x, y, z] = entity.pose;
-    this.lift = this.house.lift(this.house.storeyAt(z));
+    this.lift = this.house.lift(this.house.storeyOf(entity, z));
     this.point.position.set(x, y, z + this.lift);
     this.from = [x, y, z];
     this.gizmo.attach(this.point);
@@ -55,8 +55,9 @@ export class Hand {
   }
 
   async undo() {
-    const last = this.done.pop();
+    const last = this.done.at(-1);
     if (last) await this.change(...last);
+    this.done.pop();
     return Boolean(last);
   }
 }

@@ -94,7 +94,7 @@ export class House {
     const highest = this.scene?.storeys.findLast((storey) => !this.hidden.has(storey.name));
     for (const { label, place, wide } of this.labels) {
       const pixels = (wide * scale) / camera.position.distanceTo(label.getWorldPosition(at));
-      const free = this.apart >= FAR_APART || this.storeyAt(place.level) === highest;
+      const free = this.apart >= FAR_APART || this.storeyOf(place, place.level) === highest;
       label.visible = free && label.parent.visible && pixels > 6 * place.name.length;
     }
   }
@@ -151,6 +151,11 @@ export class House {
     return this.scene.storeys.findLast((storey) => storey.elevation <= z + 0.3) ?? this.scene.storeys[0];
   }
 
+  // The storey of an entity as the map has it, until it is moved.
+  storeyOf(entity, z) {
+    return this.scene.storeys.find((storey) => storey.name === entity.storey) ?? this.storeyAt(z);
+  }
+
   lift(storey) {
     return this.apart * Math.max(this.scene.storeys.indexOf(storey), 0);
   }
@@ -163,7 +168,7 @@ export class House {
   // Put an entity where it is: on its storey, apart from the others, if it is shown.
   place(entity) {
     const z = entity.pose ? entity.pose[2] : entity.level;
-    const storey = this.storeyAt(z);
+    const storey = this.storeyOf(entity, z);
     const lift = this.lift(storey);
     const shown = this.isShown(entity, storey);
     if (!entity.object) return;
@@ -201,6 +206,7 @@ export class House {
     if (event.what === "moved" && entity && !flat) {
       entity.pose = Object.values(event.to_pose);
       entity.holder = event.to_holder;
+      entity.storey = null; // that of its height
       this.place(entity);
     } else if (event.what === "state" && entity) {
       entity.state = event.values.state[1];

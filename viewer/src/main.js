@@ -46,7 +46,7 @@ async function start() {
   stage.controls.addEventListener("end", remember);
   if (link.selected) await select(link.selected);
   if (!scene.places.length) {
-    panel.say("no rooms: find them by semmap rooms find");
+    panel.note("The map has no rooms: semmap rooms find finds them in its walls.");
   }
   maps.follow(scene.cursor, hear, (text) => panel.say(text)).catch((error) => panel.say(error.message));
 }

@@ -30,6 +30,10 @@ export class Panel {
     at("apart").addEventListener("input", (event) => does.apart(Number(event.target.value)));
   }
 
+  note(text) {
+    at("note").textContent = text;
+  }
+
   say(text) {
     at("status").value = text;
   }
