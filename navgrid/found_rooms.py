@@ -175,8 +175,8 @@ def find_rooms(
     `shows`: by type of objects, the types of rooms in which they usually are. Furniture and the
     leaves of doors divide nothing. Raises ValueError where no walls enclose a room.
     """
-    walls = _walls(scene)
-    turn, grid, cells, above = _turned_cells(walls, scene.elevation, resolution)
+    walls = scene_walls(scene)
+    turn, grid, cells, above = turned_cells(walls, scene.elevation, resolution)
     segments = room_segments(cells, resolution, above)
     outside = set(_border(segments.labels).tolist())
     entered = {segment for passage in segments.passages for segment in passage.segments}
@@ -186,10 +186,10 @@ def find_rooms(
         for segment in range(1, len(areas))
         if segment not in outside
         and areas[segment] >= (SMALLEST if segment in entered else SMALLEST_CLOSED)
-        and (outline := _outline(segments.labels == segment, grid)) is not None
+        and (outline := outline_of_cells(segments.labels == segment, grid)) is not None
     }
     outlines = {
-        segment: shapely.transform(outline, lambda xy: _turned(xy, turn))
+        segment: shapely.transform(outline, lambda xy: turned_points(xy, turn))
         for segment, outline in outlines.items()
     }
     if not outlines:
@@ -199,14 +199,14 @@ def find_rooms(
         )
     origin = np.array(grid.origin)
     ways = [
-        (each, _turned((each.ends[:, ::-1] + 0.5) * resolution + origin, turn))
+        (each, turned_points((each.ends[:, ::-1] + 0.5) * resolution + origin, turn))
         for each in segments.passages
     ]
     found = _new(scene, outlines, ways)
     return replace(found, rooms=tuple(_typed(room, scene, shows) for room in found.rooms))
 
 
-def _walls(scene: StoreyScene) -> list[SceneEntity]:
+def scene_walls(scene: StoreyScene) -> list[SceneEntity]:
     """Return the walls, by type, or by shape where an object has none; ValueError without any."""
     walls = [
         entity
@@ -236,7 +236,7 @@ def _is_upright(entity: SceneEntity, floor: float) -> bool:
     return bool(thickness <= THIN)
 
 
-def _turned_cells(
+def turned_cells(
     walls: Sequence[SceneEntity], floor: float, resolution: float
 ) -> tuple[float, Grid, NDArray[np.bool_], NDArray[np.bool_]]:
     """Return by how many radians to turn cells back, their grid, those of walls, and of lintels.
@@ -254,7 +254,7 @@ def _turned_cells(
     grid, cells = drawn()
     turn = wall_heading(cells[0])
     if abs(turn) * max(grid.shape) > 0.5:
-        triangles = _turned(triangles, -turn)
+        triangles = turned_points(triangles, -turn)
         grid, cells = drawn()
     return turn, grid, cells[0], cells[1]
 
@@ -270,7 +270,7 @@ def _wall_cells(
     return cells
 
 
-def _turned(points: NDArray[np.float64], angle: float) -> NDArray[np.float64]:
+def turned_points(points: NDArray[np.float64], angle: float) -> NDArray[np.float64]:
     """Turn points (..., 2 or 3) about the origin and the z axis."""
     cos, sin = math.cos(angle), math.sin(angle)
     x, y = points[..., 0], points[..., 1]
@@ -283,7 +283,7 @@ def _border(labels: NDArray[np.int32]) -> NDArray[np.int32]:
     return np.concatenate([labels[0], labels[-1], labels[:, 0], labels[:, -1]])
 
 
-def _outline(cells: NDArray[np.bool_], grid: Grid) -> Polygon | None:
+def outline_of_cells(cells: NDArray[np.bool_], grid: Grid) -> Polygon | None:
     """Return the outline of cells, metres: straight along rows and columns, and along other walls.
 
     It is half a cell wider, since a wall has the cells that it touches.

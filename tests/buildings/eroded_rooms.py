@@ -11,8 +11,15 @@ import shapely
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from navgrid.found_rooms import RESOLUTION, FoundRoom, FoundRooms, _outline, _turned, _walls
-from navgrid.found_rooms import _turned_cells as turned_cells
+from navgrid.found_rooms import (
+    RESOLUTION,
+    FoundRoom,
+    FoundRooms,
+    outline_of_cells,
+    scene_walls,
+    turned_cells,
+    turned_points,
+)
 from semmap.query.storey_scene import StoreyScene
 
 SMALLEST, LARGEST = 0.2, 2.0
@@ -23,14 +30,16 @@ CROSS = ndimage.generate_binary_structure(2, 1)
 
 def eroded_rooms(scene: StoreyScene, building: shapely.Geometry) -> FoundRooms:
     """Return the rooms between the walls of a storey, within the outline of its building."""
-    turn, grid, walls, _ = turned_cells(_walls(scene), scene.elevation, RESOLUTION)
+    turn, grid, walls, _ = turned_cells(scene_walls(scene), scene.elevation, RESOLUTION)
     at = (np.argwhere(~walls)[:, ::-1] + 0.5) * RESOLUTION + grid.origin
     free = ~walls
-    free[free] = shapely.contains_xy(building, _turned(at, turn))
+    free[free] = shapely.contains_xy(building, turned_points(at, turn))
     labels = segments(free)
-    outlines = [_outline(labels == number, grid) for number in range(1, labels.max() + 1)]
+    outlines = [outline_of_cells(labels == number, grid) for number in range(1, labels.max() + 1)]
     rooms = tuple(
-        FoundRoom(str(number), shapely.transform(each, lambda xy: _turned(xy, turn)), None, 1.0)
+        FoundRoom(
+            str(number), shapely.transform(each, lambda xy: turned_points(xy, turn)), None, 1.0
+        )
         for number, each in enumerate(outlines)
         if each is not None
     )

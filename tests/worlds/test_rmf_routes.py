@@ -26,6 +26,7 @@ from navgrid.grid import frame_name
 from planner.exchange.nav2_route import nav2_graph
 from planner.exchange.reader import read_building_outline
 from planner.exchange.rmf_nav import rmf_nav_graph
+from planner.live_topology import LiveTopology
 from planner.readers.drawn_graph import read_drawn_graph
 from planner.readers.entity_lookup import MapLookup, find_entities
 from planner.readers.topology import read_topology
@@ -280,8 +281,9 @@ def test_waypoints_are_places_to_go(building: Building) -> None:
     assert route.metres == pytest.approx(a.outline.distance(b.outline), abs=1e-3)
     assert route.metres > 5
     plan = plan_task(MapHandle(building.engine), f"in(robot, {b.name})", start=a.name)
-    assert [action.name for action in plan.actions] == ["navigate"]
-    assert plan.seconds == pytest.approx(route.seconds, abs=0.1)
+    driven = RoutePlanner.of_live(LiveTopology(MapHandle(building.engine))).route(a.name, b.name)
+    assert plan.seconds == pytest.approx(driven.seconds, abs=0.1)
+    assert driven.metres >= route.metres - 1e-6  # around walls, also through other rooms
 
 
 def test_the_rmf_export_has_the_waypoints_and_lanes_of_the_file(building: Building) -> None:
