@@ -262,7 +262,7 @@ def explain(
             why += f"; to look on, from {best} first, costs {others[0].cost:.0f} s"
         else:
             why += "; no viewpoint shows where else it may be"
-        return f"{name} is at {places[0]} ({chance:.0%}): {why}"
+        return f"{name} is at {places[0]} ({chance:.0%}): {why}{_unseen(search, belief)}"
     assert decision.viewpoint is not None
     viewpoint = search.viewpoints[decision.viewpoint]
     chosen = decision.options[0]
@@ -280,7 +280,21 @@ def explain(
             f". From {search.viewpoints[next_.viewpoint or 0].name} first ({next_.seconds:.0f} s, "
             f"{next_.chance:.0%})"
         )
-    return text
+    return text + _unseen(search, belief)
+
+
+WORTH_SAYING = 0.05
+"""The chance of a place from which it is said that no look shows it."""
+
+
+def _unseen(search: MapSearch, belief: Floats) -> str:
+    """The likely places that no look shows, as a sentence; empty if there are none."""
+    chances = dict(zip(search.problem.places, search.problem.by_place(belief)[0], strict=True))
+    likely = [p for p in search.unseen if chances[p] >= WORTH_SAYING]
+    if not likely:
+        return ""
+    named = ", ".join(f"{place} ({chances[place]:.0%})" for place in likely[:MOST_NAMES])
+    return f". No pose that the robot reaches shows {named}"
 
 
 def _likeliest(search: MapSearch, belief: Floats) -> str:

@@ -244,6 +244,7 @@ class ObjectSearch:
             "belief": self.belief,
             "action": self.decision.action,
             "seconds": self.seconds,
+            "unseen": self.problem.unseen,
             "tour": [
                 {
                     "viewpoint": view.name,
