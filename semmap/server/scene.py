@@ -44,7 +44,7 @@ def scene_of(map: Map) -> dict[str, Any]:
                 "pose": None if each.pose is None else list(each.pose),
                 "mesh": number.get(each.keys.get("mesh", "")),
                 "colour": object_colour(types.get(each.keys.get("type"), ())),
-                "clear": each.keys["kind"] == "object" and _covers(types, each),
+                "overhead": each.keys["kind"] == "object" and _covers(types, each),
             }
             for each in found.all("objects")
         ],

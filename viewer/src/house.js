@@ -162,7 +162,7 @@ export class House {
 
   isShown(entity, storey) {
     if (entity.removed || this.hidden.has(storey?.name)) return false;
-    return !this.hidden.has(entity.clear ? "ceilings" : LAYERS[entity.kind] ?? "things");
+    return !this.hidden.has(entity.overhead ? "ceilings" : LAYERS[entity.kind] ?? "things");
   }
 
   // Put an entity where it is: on its storey, apart from the others, if it is shown.
@@ -238,7 +238,7 @@ export class House {
     const box = new THREE.Box3();
     for (const name of names ?? this.entities.keys()) {
       const entity = this.entities.get(name);
-      if (!entity?.object || (!names && entity.clear)) continue;
+      if (!entity?.object || (!names && entity.overhead)) continue;
       const own = new THREE.Box3();
       if (entity.object.isInstancedMesh) {
         const matrix = new THREE.Matrix4();
