@@ -80,9 +80,7 @@ class MapSearch:
     @property
     def unseen(self) -> list[str]:
         """Places where it may be that no look shows: from no pose that the robot reaches."""
-        near = np.isfinite(self.problem.start)
-        reached = (each for each, is_near in zip(self.viewpoints, near, strict=True) if is_near)
-        shown = {place for viewpoint in reached for place, _ in viewpoint.shows}
+        shown = {place for viewpoint in self.viewpoints for place, _ in viewpoint.shows}
         return [p for p in self.problem.places if p not in shown and p != ELSEWHERE]
 
     def nearest(self, room: str, pose: Pose) -> int | None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import psycopg
 import pytest
 
-from semmap.knowledge.queries import query
+from semmap.knowledge.queries import KnowledgeError, query
 from tests.knowledge.engines import Engines, comparable
 
 EX = "PREFIX ex: <http://example.org/>\n"
@@ -249,3 +249,14 @@ def test_the_distance_of_a_computed_iri(loft: psycopg.Connection) -> None:
     assert by_entity
     assert query(loft, near % "IRI(STR(?x))").rows == by_entity
     assert query(loft, near % 'IRI(CONCAT(STR(?x), "%FF"))').rows == ()
+
+
+def test_a_wide_answer_may_have_fewer_rows(loft: psycopg.Connection) -> None:
+    """The limit of rows is one of values, too: those of ten columns."""
+    more = " ".join(f"BIND({k} AS ?c{k})" for k in range(19))
+    rows = len(query(loft, "SELECT ?x { ?x semmap:name ?n }").rows)
+    assert rows > 4
+    narrow = f"SELECT ?x ?c1 {{ ?x semmap:name ?n . {more} }}"
+    assert len(query(loft, narrow, rows=rows).rows) == rows
+    with pytest.raises(KnowledgeError, match=f"more than {10 * rows // 21:,} rows"):
+        query(loft, f"SELECT * {{ ?x semmap:name ?n . {more} }}", rows=rows)
