@@ -132,6 +132,10 @@ def test_changes_of_others_appear(page: Page, db: semmap.Database) -> None:
     )
     house.add_object("Stuhl <b>1</b>", type="chair", size=(0.4, 0.4, 0.9), pose=(1, -1, 0))
     until(page, "semmap.house.entities.has('Stuhl <b>1</b>')")
+    assert page.locator("#note").inner_text() == ""
+    house.add_object("aroma", type="chair", in_="kitchen")
+    until(page, "document.getElementById('note').innerText.startsWith('1 things have no shape')")
+    house["aroma"].delete()
     page.get_by_placeholder("Search").fill("chair <b>")
     page.get_by_role("button", name="Stuhl <b>1</b> chair").click()
     page.get_by_role("heading", name="Stuhl <b>1</b>").wait_for(timeout=5000)

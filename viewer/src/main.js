@@ -29,6 +29,12 @@ async function read() {
   house.mark(selected ? [selected] : []);
   hand?.hold(house.entities.get(selected));
   panel.show(house, [...new Set(Object.values(LAYERS)), "ceilings"]);
+  const shapeless = scene.things.filter((thing) => thing.mesh === null).length;
+  const notes = [
+    scene.places.length ? "" : "The map has no rooms: semmap rooms find finds them in its walls.",
+    shapeless ? `${shapeless} things have no shape and are not drawn.` : "",
+  ];
+  panel.note(notes.join(" ").trim());
   return scene;
 }
 
@@ -45,9 +51,6 @@ async function start() {
   } else whole();
   stage.controls.addEventListener("end", remember);
   if (link.selected) await select(link.selected);
-  if (!scene.places.length) {
-    panel.note("The map has no rooms: semmap rooms find finds them in its walls.");
-  }
   maps.follow(scene.cursor, hear, (text) => panel.say(text)).catch((error) => panel.say(error.message));
 }
 
