@@ -106,10 +106,13 @@ BEGIN
 END $$;
 
 CREATE FUNCTION recognise_parts(ids bigint[])
-RETURNS bigint LANGUAGE sql SET search_path = semmap, public, pg_temp AS $$
+RETURNS bigint LANGUAGE plpgsql SET search_path = semmap, public, pg_temp SET plan_cache_mode = force_generic_plan AS $$
 -- Gives those of the given objects that are parts of the building by their shape this type; returns how many change. A
 -- stated type stays; a type that a name suggests yields to what covers a room, and comes back where nothing does. What
--- is named as a part or fixture of a building, such as a column or curtain, is no wall.
+-- is named as a part or fixture of a building, such as a column or curtain, is no wall. In PL/pgSQL: see ceiling_of.
+DECLARE
+    n bigint;
+BEGIN
 WITH judged AS (
     SELECT o.id, o.type, o.properties, CASE guess ->> 'from' WHEN 'shape' THEN guess -> 'named' ELSE guess END AS named,
            guess ->> 'from' = 'shape' AS shaped
@@ -138,8 +141,9 @@ WITH judged AS (
     FROM found f JOIN judged j ON j.id = f.id
     WHERE e.id = f.id AND (f.part IS NOT NULL OR j.shaped) AND coalesce(f.part, f.named ->> 'type', 'object') IS DISTINCT FROM e.type
     RETURNING e.id)
-SELECT count(*) FROM recognised
-$$;
+SELECT count(*) INTO n FROM recognised;
+RETURN n;
+END $$;
 
 CREATE FUNCTION is_stated_in(a bigint, b bigint)
 RETURNS boolean LANGUAGE sql STABLE PARALLEL SAFE
@@ -241,11 +245,26 @@ BEGIN
           AND n.id NOT IN (SELECT id FROM resting)
           AND semmap.is_in(n.id, n.owner) AND NOT semmap.is_stated_in(n.owner, n.id)
         ORDER BY n.id, ST_Area(n.footprint), n.owner
+    ), loose AS MATERIALIZED (
+        SELECT i.id, i.map_id, i.ground, (i.low + i.high) / 2 AS middle
+        FROM item i WHERE i.inside AND i.id NOT IN (SELECT id FROM resting)
+    ), around AS MATERIALIZED (
+        SELECT o.map_id, o.entity_id AS room_id, o.footprint, o.pose[3] + r.floor AS floor,
+               coalesce(o.pose[3] + r.ceiling, semmap.ceiling_of(o.entity_id)) AS ceiling
+        FROM (SELECT l.map_id, ST_Extent(l.ground) AS zone FROM loose l GROUP BY 1) a
+        JOIN semmap.world o ON o.map_id = a.map_id AND o.footprint && a.zone JOIN semmap.room r ON r.entity_id = o.entity_id
+    ), amid AS (
+        -- what the only room there covers: most of the things, and room_at for each would take as long as all the rest
+        SELECT l.id, min(r.room_id) AS owner
+        FROM loose l JOIN around r ON r.map_id = l.map_id AND r.footprint && l.ground
+             AND l.middle BETWEEN r.floor - contact AND r.ceiling + contact
+        GROUP BY l.id HAVING count(*) = 1 AND bool_and(ST_Covers(r.footprint, l.ground))
     ), within AS (
-        SELECT i.id, r.room_id AS owner, r.share
-        FROM item i CROSS JOIN LATERAL (
-            SELECT * FROM semmap.room_at(i.map_id, i.ground, (i.low + i.high) / 2) OFFSET 0) r (room_id, share)
-        WHERE i.inside AND i.id NOT IN (SELECT id FROM resting) AND r.room_id IS NOT NULL
+        SELECT a.id, a.owner, 1::double precision AS share FROM amid a
+      UNION ALL
+        SELECT l.id, r.room_id, r.share
+        FROM loose l CROSS JOIN LATERAL (SELECT * FROM semmap.room_at(l.map_id, l.ground, l.middle) OFFSET 0) r (room_id, share)
+        WHERE l.id NOT IN (SELECT id FROM amid) AND r.room_id IS NOT NULL
     ), ranked (id, rank, owner, relation, confidence, map_id, low) AS (
         SELECT r.id, 1, r.owner, 'on', CASE WHEN r.share >= 0.95 AND r.gap <= contact / 3 THEN 1
                                             ELSE round((r.share * (1 - r.gap / (2 * contact)))::numeric, 3) END,

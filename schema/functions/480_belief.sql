@@ -615,9 +615,10 @@ SET plan_cache_mode = force_generic_plan SET enable_seqscan = off AS $$
 -- A placement by the map is evidence. An agent moves all the time: it counts once in each holder.
 DECLARE
     moved bigint[] := ARRAY(
-        SELECT n.entity_id FROM former o FULL JOIN fresh n USING (entity_id) JOIN semmap.entity e ON e.id = n.entity_id  -- full: as in placement_updated
+        SELECT n.entity_id FROM former o FULL JOIN fresh n USING (entity_id)  -- full: as in placement_updated
         WHERE coalesce(o.entity_id = n.entity_id, false)
-          AND (o.holder_id IS DISTINCT FROM n.holder_id OR e.kind = 'object' AND o.pose <> n.pose));
+          AND (o.holder_id IS DISTINCT FROM n.holder_id
+               OR o.pose <> n.pose AND EXISTS (SELECT FROM semmap.entity e WHERE e.id = n.entity_id AND e.kind = 'object')));
 BEGIN
     PERFORM semmap.refresh_belief(ARRAY(SELECT DISTINCT b.entity_id FROM semmap.belief b WHERE b.entity_id = ANY (moved)));
     RETURN NULL;
