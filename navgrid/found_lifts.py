@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from shapely import LineString, Polygon
 
 from navgrid.found_rooms import FoundLift, FoundRoom, FoundRooms
+from semmap.geometry.overlay import common, united
 from semmap.query.storey_scene import StoreyScene
 
 CABIN = (1.0, 7.0)
@@ -66,8 +67,8 @@ def _is_above(outline: Polygon, room: FoundRoom) -> bool:
     low, high = CABIN
     if not (low <= room.outline.area <= high and low <= outline.area <= high):
         return False
-    shared = room.outline.intersection(outline).area
-    return bool(shared >= SAME * room.outline.union(outline).area)
+    shared = common(room.outline, outline).area
+    return bool(shared >= SAME * united([room.outline, outline]).area)
 
 
 def _lobbies(room: FoundRoom, storey: FoundRooms) -> list[Polygon]:

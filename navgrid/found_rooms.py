@@ -21,6 +21,7 @@ from navgrid.room_segments import Passage, room_segments, wall_heading
 from navgrid.slabs import mesh_of, occupancy
 from semmap.geometry.extent import extent
 from semmap.geometry.morphology import polygons
+from semmap.geometry.overlay import common, united
 from semmap.ingest.floor_plan import reading_order
 from semmap.ingest.world import OUTSIDE
 from semmap.query.storey_scene import SceneEntity, StoreyScene
@@ -381,10 +382,10 @@ def _same(scene: StoreyScene, outline: Polygon) -> dict[str, Any]:
         e.name: e.footprint
         for e in scene.entities
         if e.kind == "room" and e.footprint is not None
-        if e.footprint.intersection(outline).area >= PART * min(outline.area, e.footprint.area)
+        if common(e.footprint, outline).area >= PART * min(outline.area, e.footprint.area)
     }
-    whole = shapely.union_all([*parts.values()])
-    return parts if whole.intersection(outline).area >= SAME * outline.area else {}
+    whole = united(parts.values())
+    return parts if common(whole, outline).area >= SAME * outline.area else {}
 
 
 def _nearest(rooms: Mapping[str, Any], at: shapely.Point) -> str | None:

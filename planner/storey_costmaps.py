@@ -28,6 +28,7 @@ from planner.base_pose import WALLS, RoomGround
 from planner.graph_edges import StraightTravelCost, Travel
 from planner.robot_class import RobotClass
 from planner.topology import OUTSIDE, PlaceConnector, PlaceRegion, Topology
+from semmap.geometry.overlay import common, united
 from semmap.geometry.pose import Pose
 from semmap.query.storey_scene import SceneEntity, StoreyScene
 
@@ -180,7 +181,7 @@ class StoreyCostmaps:
             costmap = self.costmap(self.storey_of(place))
             wanted = {place} | {c.name for c, _ in self.topology.connectors_of(place)}
             outlines = {p.name: p.outline for p in costmap.scene.floors if p.name in wanted}
-            union = shapely.union_all([*outlines.values()])
+            union = united(outlines.values())
             self._rooms[place] = RoomCostmap(union, costmap.grid) if place in outlines else None
         return self._rooms[place]
 
@@ -211,7 +212,7 @@ class StoreyCostmaps:
         if room is None or costs is None:
             return None
         costmap = self.costmap(self.storey_of(place))
-        own = shapely.union_all([p.outline for p in costmap.scene.floors if p.name == place])
+        own = united(p.outline for p in costmap.scene.floors if p.name == place)
         costs[~area_cells(own, room.grid)] = UNKNOWN  # nothing is taken from a doorway
         return RoomGround(
             place,
@@ -416,7 +417,7 @@ class StoreyCostmaps:
         if self.topology.places[place].elevator is None:
             return passable
         floors = self.costmap(self.storey_of(place)).scene.floors
-        own = shapely.union_all([floor.outline for floor in floors if floor.name == place])
+        own = united(floor.outline for floor in floors if floor.name == place)
         return passable & area_cells(own, grid)
 
     def _joined(self, door: PlaceConnector, pose: Pose) -> NDArray[np.bool_] | None:
@@ -635,7 +636,7 @@ def _is_closed_leaf(entity: SceneEntity, openings: Sequence[shapely.Polygon]) ->
     if LEAVES.isdisjoint(entity.types) or entity.footprint is None or entity.footprint.is_empty:
         return False
     least = 0.9 * entity.footprint.area
-    return any(entity.footprint.intersection(opening).area >= least for opening in openings)
+    return any(common(entity.footprint, opening).area >= least for opening in openings)
 
 
 def _stands_near(costmap: Costmap, way: shapely.LineString) -> bool:

@@ -9,6 +9,7 @@ from sqlalchemy import text
 
 from planner.exchange.route_graph import BuildingOutline, Cabin, DrawnLane
 from semmap.geometry.extent import extent
+from semmap.geometry.overlay import united, without
 from semmap.geometry.pose import Pose
 from semmap.query.snapshot import Snapshot
 
@@ -40,26 +41,26 @@ def read_building_outline(seen: Snapshot) -> BuildingOutline:
     standing: dict[int | None, list[shapely.Geometry]] = {}
     for row in seen.connection.execute(text(_WALLS)):
         standing.setdefault(row.storey_id, []).append(shapely.from_wkb(bytes(row.outline)))
-    walls = {storey: shapely.union_all(parts) for storey, parts in standing.items()}
+    walls = {storey: united(parts) for storey, parts in standing.items()}
     outlines: dict[str, Polygon | MultiPolygon] = {}
     cabins: dict[str, Cabin] = {}
     for row in seen.connection.execute(text(_ROOMS)):
         outline = shapely.from_wkb(bytes(row.outline))
         if not isinstance(outline, Polygon | MultiPolygon):
             continue
-        outlines[row.name] = _without(outline, walls.get(row.storey_id))
+        outlines[row.name] = _free(outline, walls.get(row.storey_id))
         if row.elevator is not None:
             cabins.setdefault(row.elevator, _cabin(Pose(*row.pose), outline))
     lanes = tuple(DrawnLane(*row) for row in seen.connection.execute(text(_LANES)))
     return BuildingOutline(outlines, cabins, lanes)
 
 
-def _without(
+def _free(
     outline: Polygon | MultiPolygon, walls: shapely.Geometry | None
 ) -> Polygon | MultiPolygon:
     if walls is None:
         return outline
-    rest = outline.difference(walls)
+    rest = without(outline, walls)
     whole = isinstance(rest, Polygon | MultiPolygon)
     return rest if whole and rest.area >= (1 - MOST_WALL) * outline.area else outline
 

@@ -18,6 +18,7 @@ from planner.robot_class import RobotClass
 from planner.routing_graph import RoutingGraph
 from planner.topology import OUTSIDE, PlaceConnector, Topology
 from semmap.error import Error
+from semmap.geometry.overlay import without
 
 Outline: TypeAlias = Polygon | MultiPolygon
 
@@ -283,7 +284,7 @@ def around_corners(
         index = {n: i for i, n in enumerate(numbers)}
         pairs = sorted((index[a], index[b]) for a, b in joined)
         points = np.array([nodes[n].point[:2] for n in numbers])
-        outline = outlines[place].difference(_doors_inside(made, numbers))
+        outline = without(outlines[place], _doors_inside(made, numbers))
         ways = corner_paths(outline, points, clearances, pairs)
         first, z = nodes[numbers[0]], nodes[numbers[0]].point[2]
         at = {}

@@ -7,6 +7,8 @@ from collections.abc import Iterable
 import numpy as np
 import shapely
 
+from semmap.geometry.overlay import united, without
+
 STEP = 0.05  # metres between the spots that are tried
 
 
@@ -21,9 +23,9 @@ def find_free_spot(
     A circle of the radius around it lies on the surface and touches no occupied footprint.
     """
     free = surface.buffer(-radius)
-    taken = shapely.union_all([k for k in occupied if not k.is_empty])
+    taken = united(k for k in occupied if not k.is_empty)
     if not taken.is_empty:
-        free = free.difference(taken.buffer(radius + 0.01))
+        free = without(free, taken.buffer(radius + 0.01))
     if free.is_empty:
         return None
     x0, y0, x1, y1 = free.bounds

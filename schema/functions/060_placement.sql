@@ -53,7 +53,7 @@ WITH RECURSIVE tree (entity_id, map_id, storey_id, holder_id, pose, depth) AS (
     CROSS JOIN LATERAL ST_MakePoint(t.pose[1], t.pose[2], t.pose[3]) AS here
     CROSS JOIN LATERAL (
         SELECT CASE cardinality(g.hulls) WHEN 1 THEN g.hulls[1] ELSE ST_Collect(g.hulls) END,
-               ST_Multi(CASE cardinality(g.flats) WHEN 1 THEN g.flats[1] ELSE ST_Union(g.flats) END)
+               ST_Multi(CASE cardinality(g.flats) WHEN 1 THEN g.flats[1] ELSE ST_UnaryUnion(ST_Collect(g.flats), 1e-6) END)
         FROM (SELECT array_agg(h.hull) AS hulls,
                      array_agg(CASE ST_Dimension(f.flat) WHEN 2 THEN f.flat ELSE ST_Buffer(f.flat, 0.001, 1) END) AS flats
               FROM semmap.entity_model em

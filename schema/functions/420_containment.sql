@@ -3,11 +3,12 @@
 CREATE FUNCTION ground_share(a geometry, b geometry)
 RETURNS double precision LANGUAGE sql IMMUTABLE PARALLEL SAFE
 BEGIN ATOMIC
--- Which part (0 to 1) of the footprint a lies in the footprint b; a point: 0 or 1.
+-- Which part (0 to 1) of the footprint a lies in the footprint b; a point: 0 or 1. To a micrometre: without a grid,
+-- ST_Intersection takes rooms for the same that share an edge whose corners differ in their last digits (GEOS 3.11, 3.14).
 SELECT CASE WHEN NOT a && b THEN 0
             WHEN ST_Covers(b, a) THEN 1
             WHEN ST_Dimension(a) = 0 THEN 0
-            ELSE ST_Area(ST_Intersection(a, b)) / ST_Area(a) END;
+            ELSE ST_Area(ST_Intersection(a, b, 1e-6)) / ST_Area(a) END;
 END;
 
 CREATE FUNCTION height_share(low double precision, high double precision, floor double precision, ceiling double precision)
@@ -402,6 +403,6 @@ BEGIN
         RETURN false;
     END IF;
     base := semmap.underside(a, tolerance);
-    common := ST_Area(ST_Intersection(base, support));
+    common := ST_Area(ST_Intersection(base, support, 1e-6));
     RETURN coalesce(common > 1e-7 AND common >= 0.02 * least(ST_Area(base), ST_Area(support)), false);
 END $$;

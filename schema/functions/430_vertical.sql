@@ -54,7 +54,7 @@ BEGIN
        OR semmap.is_in(a, b, tolerance) OR semmap.is_in(b, a, tolerance) THEN
         RETURN false;
     END IF;
-    ground := ST_Intersection(semmap.ground_of(wa), semmap.ground_of(wb));
+    ground := ST_Intersection(semmap.ground_of(wa), semmap.ground_of(wb), 1e-6);
     IF ST_IsEmpty(ground) OR ST_Area(ground) < 0.02 * least(ST_Area(semmap.ground_of(wa)), ST_Area(semmap.ground_of(wb))) THEN
         RETURN false;
     END IF;

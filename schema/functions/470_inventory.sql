@@ -223,7 +223,7 @@ BEGIN
         ORDER BY s.id, s.rise > contact / 3, round(s.rise::numeric, 3) DESC, round(s.share::numeric, 3) DESC,
                  round(s.x::numeric, 2), round(s.y::numeric, 2), s.owner
     ), propped AS (
-        SELECT t.id, t.owner, t.ground, ST_Intersection(t.ground, t.footprint) AS common
+        SELECT t.id, t.owner, t.ground, ST_Intersection(t.ground, t.footprint, 1e-6) AS common
         FROM below t
         WHERE abs(t.owner_high - t.low) <= contact / 3 AND t.id NOT IN (SELECT id FROM borne)
           AND semmap.is_on(t.id, t.owner) AND NOT semmap.is_stated_in(t.owner, t.id)

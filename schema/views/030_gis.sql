@@ -58,7 +58,7 @@ CREATE VIEW gis_storey AS
            o.outline::geometry(MultiPolygon, 0) AS geom
     FROM entity e JOIN map m ON m.id = e.map_id JOIN storey s ON s.entity_id = e.id
     CROSS JOIN LATERAL (
-        SELECT ST_Multi(coalesce(ST_Union(w.footprint) FILTER (WHERE i.kind = 'room'), ST_ConvexHull(ST_Collect(w.footprint))))
+        SELECT ST_Multi(coalesce(ST_Union(w.footprint, 1e-6) FILTER (WHERE i.kind = 'room'), ST_ConvexHull(ST_Collect(w.footprint))))
         FROM world w JOIN entity i ON i.id = w.entity_id WHERE w.storey_id = e.id) o (outline);
 
 -- The types that an entity of a kind may have: the value list of a GIS client.

@@ -13,6 +13,7 @@ import shapely
 
 from semmap.finite_number import finite_numbers
 from semmap.geometry.mesh import Mesh, box_mesh, prism_mesh
+from semmap.geometry.overlay import united
 from semmap.geometry.pose import Pose
 from semmap.ingest.openings import WIDER
 from semmap.ingest.stairs import way_entry
@@ -373,7 +374,7 @@ def _free_point(
     rows = map.execute(
         _IN_THE_WAY, moved, holder, x0, y0, x1, y1, top, low, z - low + z, surface.wkb, holder
     )
-    taken = shapely.union_all([shapely.from_wkb(bytes(row[0])) for row in rows])
+    taken = united(shapely.from_wkb(bytes(row[0])) for row in rows)
     spacing = max(SPOT, math.sqrt(surface.area / 10_000))
     shapely.prepare([surface, taken])
     x0, y0, x1, y1 = surface.bounds

@@ -9,6 +9,7 @@ import shapely
 from shapely.ops import split
 
 from semmap.api.additions import CLEARANCE, add_entry, door, drawn
+from semmap.geometry.overlay import common, united
 from semmap.query.map_check.building import WALL
 
 if TYPE_CHECKING:
@@ -42,10 +43,10 @@ def merge(map: Map, rooms: Sequence[MapEntity]) -> None:
         part = room.footprint
         if whole is None or part is None or whole.distance(part) > WALL:
             raise ValueError(f"{room.name} does not lie beside {first.name}, at most {WALL} m off")
-        both = shapely.union(whole, part)
+        both = united([whole, part])
         closed = both.buffer(GAP / 2, join_style="mitre").buffer(-GAP / 2, join_style="mitre")
-        strip = closed.intersection(whole.buffer(GAP)).intersection(part.buffer(GAP))
-        whole = shapely.union(both, strip).simplify(1e-6)
+        strip = common(common(closed, whole.buffer(GAP)), part.buffer(GAP))
+        whole = united([both, strip]).simplify(1e-6)
     map.execute(
         "DELETE FROM entity WHERE id IN (SELECT entity_id FROM connector "
         "WHERE place_a <> place_b AND place_a = ANY (%s) AND place_b = ANY (%s))",

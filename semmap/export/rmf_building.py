@@ -20,6 +20,7 @@ from shapely import LineString, MultiPolygon, Polygon
 
 from semmap.export.features import MapFeature, MapFeatures
 from semmap.geometry.morphology import polygons
+from semmap.geometry.overlay import common, united, without
 from semmap.geometry.pose import Pose
 from semmap.ingest.annotation.connectors import OPENING
 from semmap.ingest.annotation.feature_values import supertypes
@@ -129,13 +130,13 @@ def _add_rooms(level: _Level, rooms: list[MapFeature], doors: list[MapFeature]) 
         for each in rooms
         if each.geometry is not None and each.geometry.area > 0 and "elevator" not in each.keys
     }
-    inside = shapely.union_all(list(outlines.values()))
+    inside = united(outlines.values())
     parts: dict[str, list[Polygon]] = {name: [] for name in outlines}
     lines: dict[str, Any] = {each.name: each.geometry for each in doors if _is_passage(each)}
     for door in (each for each in doors if each.name in lines):
         for side in (REACH, -REACH):
             beyond = lines[door.name].buffer(-side, single_sided=True)
-            way = lines[door.name].buffer(side, single_sided=True).difference(inside)
+            way = without(lines[door.name].buffer(side, single_sided=True), inside)
             for part in polygons(way):
                 room = _beside(part, door, outlines)
                 if room is not None:
@@ -170,7 +171,7 @@ def _beside(
     if not near.intersects(door.geometry):
         return None
     rooms = [room for room in door.places if room in areas]
-    shared = {room: near.intersection(areas[room]).area for room in rooms}
+    shared = {room: common(near, areas[room]).area for room in rooms}
     best = max(shared, key=lambda room: shared[room], default=None)
     return best if best is not None and shared[best] > 0 else None
 

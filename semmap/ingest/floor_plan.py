@@ -229,7 +229,9 @@ def _on_floors(faces: list[Polygon], floors: Sequence[Polygon], plan: FloorPlan)
     if not floors:
         return faces
     ground = shapely.union_all(floors)
-    covered = shapely.area(shapely.intersection(faces, ground)) > shapely.area(faces) / 2
+    covered = (
+        shapely.area(shapely.intersection(faces, ground, grid_size=GRID)) > shapely.area(faces) / 2
+    )
     plan.floorless += [face for face, on in zip(faces, covered, strict=True) if not on]
     return [face for face, on in zip(faces, covered, strict=True) if on]
 

@@ -20,6 +20,7 @@ from typing import Any
 
 import shapely
 
+from semmap.geometry.overlay import common
 from semmap.ingest.annotation.annotation import draft_entries
 from semmap.ingest.annotation.draft_world import DraftWorld
 from semmap.ingest.annotation.feature_file import (
@@ -262,7 +263,7 @@ class _Shared:
                 and _category(unit) == _category(above)
             ):
                 areas: list[Any] = [unit.geometry, above.geometry]
-                if areas[0].intersection(areas[1]).area >= min(a.area for a in areas) / 2:
+                if common(*areas).area >= min(a.area for a in areas) / 2:
                     met.add(low)
                     yield low, high
 

@@ -19,6 +19,7 @@ from sqlalchemy import text
 
 from semmap.geometry.floor_level import floor_level
 from semmap.geometry.mesh import box_mesh
+from semmap.geometry.overlay import united
 from semmap.geometry.pose import Pose
 from semmap.geometry.voxels import Voxels
 from semmap.query.meshes import models_points, models_triangles
@@ -504,7 +505,7 @@ def _floor_areas(
         if e.kind == "room" and e.footprint is not None and e.floor is not None
         if rooms is None or e.name in rooms
     ]
-    inside = shapely.union_all([area.outline for area in found]).buffer(0.5)
+    inside = united(area.outline for area in found).buffer(0.5)
     for door in entities:
         if door.sides is None:
             continue

@@ -724,7 +724,7 @@ def _add_corner(building: Building, name: str, cell: Box) -> None:
             continue
         at = (x, y, x, y)
         table = building.add(chance.choice(FURNITURE), "thing", at, room.floor, high, shape=shape)
-        side = chance.uniform(0.1, 0.25)
+        side = min(chance.uniform(0.1, 0.25), wide - right - arm - 0.02)
         between = (arm + wide - right) / 2 - wide / 2, arm / 2 + (deep - arm) / 2
         spot = affinity.rotate(shapely.Point(between), turn, origin=(0, 0))
         low = (x + spot.x - side / 2, y + spot.y - side / 2)

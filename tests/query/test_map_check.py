@@ -19,6 +19,7 @@ from semmap.query.map_check.rules import Finding
 from semmap.robot import Part
 from tests.conftest import Import, MakeDatabase
 from tests.forged import forge
+from tests.geometry.test_overlay import BESIDE
 
 NAMES = ("slab", "Wand", "estantería", "x17", "concrete_base", "Möbel", "cosa")
 """Names and types say nothing to the check: they are drawn at random."""
@@ -481,6 +482,21 @@ def test_what_hangs_within_a_solid_is_reported_once(db: semmap.Database) -> None
     here.add_object("block", size=(0.6, 0.6, 0.6), pose=(6, 2, 0))
     here.add_object("core", size=(0.2, 0.2, 0.2), pose=(6, 2, 0.2))
     assert seen(here) == {("penetrating", frozenset({"core", "block"}))}
+
+
+def test_rooms_that_share_a_turned_edge_do_not_overlap(db: semmap.Database) -> None:
+    here = db.create_map("beside")
+    here.add_storey("s", elevation=0, height=3)
+    a, b = (shapely.from_wkt(text) for text in BESIDE)
+    for name, outline in (("a", a), ("b", b)):
+        here.add_room(name, outline, floor=0, ceiling=2.5)
+    assert "overlapping rooms" not in {found.kind for found in here.check()}
+    row = here.execute(
+        "SELECT ground_share(%s::geometry, %s::geometry), ground_share(%s::geometry, %s::geometry),"
+        " sum(ST_Area(geom)) FROM gis_storey WHERE map = 'beside'",
+        *(shape.wkb for shape in (a, b, b, a)),
+    )
+    assert list(row[0]) == pytest.approx([0, 0, a.area + b.area], abs=1e-4)
 
 
 def test_proposed_doors_are_on_one_floor_and_in_a_common_wall(db: semmap.Database) -> None:

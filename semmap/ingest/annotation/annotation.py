@@ -12,6 +12,7 @@ from shapely import MultiPolygon, Point, Polygon
 
 from semmap.geometry.mesh import prism_mesh
 from semmap.geometry.outline import placed_outline
+from semmap.geometry.overlay import common
 from semmap.geometry.pose import IDENTITY, Pose
 from semmap.ingest.annotation.connectors import add_connector
 from semmap.ingest.annotation.draft_world import Draft, DraftWorld, RoomArea
@@ -134,9 +135,9 @@ def _overlaps(rooms: list[RoomArea]) -> list[str]:
         for j in tree.query(room.area, predicate="intersects"):
             other = rooms[j]
             if j > i and room.storey == other.storey:
-                common = room.area.intersection(other.area).area
-                if common > 0.01:
-                    notes.append(f"{room.name} and {other.name} overlap by {common:.2f} m2")
+                shared = common(room.area, other.area).area
+                if shared > 0.01:
+                    notes.append(f"{room.name} and {other.name} overlap by {shared:.2f} m2")
     return notes
 
 

@@ -7,11 +7,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import shapely
 from shapely import LineString, Point, Polygon
 
 from semmap.geometry.mesh import prism_mesh
 from semmap.geometry.outline import placed_outline
+from semmap.geometry.overlay import united, without
 from semmap.geometry.pose import Pose
 from semmap.ingest.floor_plan import FloorPlan, enclose, middle_of, rooms_beside
 from semmap.ingest.naming import give_type, words
@@ -122,7 +122,7 @@ class StoreyEntries:
             "models": len(self.plan.models),
         }
         if self.drawing.floors:
-            outline = shapely.union_all(self.drawing.floors)
+            outline = united(self.drawing.floors)
             entry.shapes = [Shape("polygon", prism_mesh(outline, 0.0, self.height), outline)]
 
     def _wall_entry(self) -> None:
@@ -132,7 +132,7 @@ class StoreyEntries:
         walls = [w.buffer(WALL_THICKNESS / 2, cap_style="square") for w in drawing.walls]
         doors = [d.line.buffer(WALL_THICKNESS, cap_style="flat") for d in drawing.doors]
         lifts = [d.line.buffer(SHAFT_REACH, cap_style="flat") for d in drawing.lift_doors.values()]
-        outline = shapely.difference(shapely.union_all(walls), shapely.union_all(doors + lifts))
+        outline = without(united(walls), united(doors + lifts))
         entry = Entry(f"walls-{self.plan.name}", "object", "wall", holder=self.holder)
         entry.properties = {"walls": len(drawing.walls), "thickness": WALL_THICKNESS}
         entry.shapes = [Shape("mesh", prism_mesh(outline, 0.0, self.height), outline)]

@@ -13,6 +13,7 @@ from scipy.spatial import KDTree
 from shapely import STRtree
 
 from semmap.geometry.contact import shared_columns
+from semmap.geometry.overlay import common, united
 from semmap.geometry.pose import Pose
 from semmap.query.map_check.reader import CheckedEntity
 
@@ -97,7 +98,7 @@ class CheckedBuilding:
             room = self.rooms[number]
             if self.floor(room) - CONTACT <= middle <= self.ceiling(room) + CONTACT:
                 area = ground.area
-                share = ground.intersection(room.outline).area / area if area else 1.0
+                share = common(ground, room.outline).area / area if area else 1.0
                 found[room.name] = float(share)
         return found
 
@@ -112,9 +113,9 @@ class CheckedBuilding:
         """All rooms with what is between them: walls, shafts and columns."""
         if not self.rooms:
             return shapely.Polygon()
-        whole = shapely.union_all([room.outline for room in self.rooms])
+        whole = united(room.outline for room in self.rooms)
         whole = whole.buffer(WALL, join_style="mitre").buffer(-WALL, join_style="mitre")
-        return shapely.union_all([shapely.Polygon(p.exterior) for p in shapely.get_parts(whole)])
+        return united(shapely.Polygon(p.exterior) for p in shapely.get_parts(whole))
 
     def _is_part(self, entity: CheckedEntity) -> bool:
         """Whether an object is a part of the building: by its type, else by shape and place.
@@ -132,7 +133,7 @@ class CheckedBuilding:
         if around.area >= 1:
             for number in self.room_tree.query(around, predicate="intersects"):
                 ground = self.rooms[number].ground
-                if around.intersection(ground).area >= ground.area / 2:
+                if common(around, ground).area >= ground.area / 2:
                     return True
         if height < TALL or not self.rooms:
             return False

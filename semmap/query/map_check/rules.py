@@ -15,6 +15,7 @@ import shapely.ops
 from numpy.typing import NDArray
 
 from semmap.geometry.contact import overlap
+from semmap.geometry.overlay import common, united, without
 from semmap.geometry.pose import Pose
 from semmap.query.geometry_notes import listed
 from semmap.query.map_check.building import (
@@ -252,11 +253,11 @@ def _room_pairs(building: SupportedBuilding, same: bool) -> Found:
             high = min(building.ceiling(room), building.ceiling(other))
             if n <= number or high - low <= STEP:
                 continue
-            common = room.ground.intersection(other.ground)
-            is_same = common.area >= 0.95 * room.ground.union(other.ground).area
-            if is_same != same or common.buffer(-WALL / 2).is_empty:
+            shared = common(room.ground, other.ground)
+            is_same = shared.area >= 0.95 * united([room.ground, other.ground]).area
+            if is_same != same or shared.buffer(-WALL / 2).is_empty:
                 continue
-            what = "are the same place" if same else f"overlap in {common.area:.2f} m2"
+            what = "are the same place" if same else f"overlap in {shared.area:.2f} m2"
             text = f"the rooms {room.name} and {other.name} {what}"
             fix = "by hand: delete one of them, or draw it again in gis_room"
             yield (room.name, other.name), text, fix
@@ -297,13 +298,13 @@ def _door(building: SupportedBuilding, room: CheckedEntity) -> str:
     floor = building.floor(room)
     level = [r for r in building.rooms if r is not room and abs(building.floor(r) - floor) <= STEP]
     for other in sorted(level, key=lambda r: (r.ground.distance(room.ground), r.name)):
-        edges = room.ground.boundary.difference(other.ground)
-        common = edges.intersection(other.ground.buffer(WALL - SAME_POINT, cap_style="flat"))
+        edges = without(room.ground.boundary, other.ground)
+        beside = edges.intersection(other.ground.buffer(WALL - SAME_POINT, cap_style="flat"))
         points = shapely.get_coordinates(room.ground)
         walls = [
             part
             for pair in itertools.pairwise(points)
-            for part in shapely.get_parts(shapely.LineString(pair).intersection(common))
+            for part in shapely.get_parts(shapely.LineString(pair).intersection(beside))
             if part.length >= DOOR
         ]
         if walls:

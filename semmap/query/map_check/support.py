@@ -12,6 +12,7 @@ from semmap.geometry.contact import heights_at, touches
 from semmap.geometry.extent import extent
 from semmap.geometry.levels import APART, are_floors, standing_levels
 from semmap.geometry.levels import CONTACT as TOUCHED
+from semmap.geometry.overlay import common
 from semmap.query.map_check.building import CEILING, CONTACT, FASTENED, SLAB, CheckedBuilding
 from semmap.query.map_check.doorways import section
 from semmap.query.map_check.reader import CheckedEntity
@@ -166,7 +167,7 @@ class SupportedBuilding(CheckedBuilding):
         found: tuple[CheckedEntity, float] | None = None
         for number in self.room_tree.query(entity.ground, predicate="intersects"):
             room = self.rooms[number]
-            if entity.ground.intersection(room.outline).area < entity.ground.area / 2:
+            if common(entity.ground, room.outline).area < entity.ground.area / 2:
                 continue
             depth = self.floor(room) - float(entity.low[2])
             if depth <= FASTENED and middle <= self.ceiling(room) + CEILING:
@@ -222,7 +223,7 @@ class SupportedBuilding(CheckedBuilding):
         if any(np.isfinite(heights_at(middle[None], part)).any() for part in faces):
             return None  # it is right above one of them
         base = shapely.union_all(_flat(_underside(entity)))
-        contact = base.intersection(shapely.union_all(np.concatenate([_flat(f) for f in faces])))
+        contact = common(base, shapely.union_all(np.concatenate([_flat(f) for f in faces])))
         if not contact.area:
             return None
         away = float(contact.convex_hull.distance(shapely.Point(middle[:2])))
