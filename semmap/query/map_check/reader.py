@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
-from functools import cached_property
-from typing import Any
+from functools import cached_property, wraps
+from typing import Any, TypeVar
+from weakref import WeakKeyDictionary
 
 import numpy as np
 import shapely
@@ -66,6 +68,11 @@ class CheckedEntity:
         return found
 
     @cached_property
+    def compared(self) -> WeakKeyDictionary[CheckedEntity, dict[str, Any]]:
+        """What `once_a_pair` found of it and others."""
+        return WeakKeyDictionary()
+
+    @cached_property
     def face_boxes(self) -> tuple[Floats, Floats]:
         """(F, 3) each: the lowest and highest corner of each face."""
         a, b, c = (self.triangles[:, k] for k in range(3))
@@ -82,6 +89,25 @@ class CheckedEntity:
     def ground(self) -> shapely.Geometry:
         """Its outline; its point without geometry."""
         return shapely.Point(*self.low[:2]) if self.outline is None else self.outline
+
+
+T = TypeVar("T")
+
+
+def once_a_pair(
+    compare: Callable[[CheckedEntity, CheckedEntity], T],
+) -> Callable[[CheckedEntity, CheckedEntity], T]:
+    """Keep what a comparison finds: trials of moves ask again about pairs that do not move."""
+
+    @wraps(compare)
+    def compared(one: CheckedEntity, two: CheckedEntity) -> T:
+        known = one.compared.setdefault(two, {})
+        if compare.__name__ not in known:
+            known[compare.__name__] = compare(one, two)
+        found: T = known[compare.__name__]
+        return found
+
+    return compared
 
 
 _ENTITIES = """

@@ -28,7 +28,7 @@ from semmap.query.map_check.building import (
 )
 from semmap.query.map_check.doorways import PASSAGE, clear_height, closing, taken_lines
 from semmap.query.map_check.fixes import Moves, Named, Trials
-from semmap.query.map_check.reader import CheckedEntity, read_checked_entities
+from semmap.query.map_check.reader import CheckedEntity, once_a_pair, read_checked_entities
 from semmap.query.map_check.support import SupportedBuilding
 from semmap.query.snapshot import Snapshot
 
@@ -182,6 +182,7 @@ def _penetrating(building: SupportedBuilding) -> Found:
             yield (small.name, large.name), text, fix
 
 
+@once_a_pair
 def _shared(one: CheckedEntity, two: CheckedEntity) -> Floats | None:
     """The extents of what two solids share; None if it is thin, or in a coarse model of storage."""
     low, high = np.maximum(one.low, two.low), np.minimum(one.high, two.high)

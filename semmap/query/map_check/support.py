@@ -15,7 +15,7 @@ from semmap.geometry.levels import CONTACT as TOUCHED
 from semmap.geometry.overlay import common
 from semmap.query.map_check.building import CEILING, CONTACT, FASTENED, SLAB, CheckedBuilding
 from semmap.query.map_check.doorways import section
-from semmap.query.map_check.reader import CheckedEntity
+from semmap.query.map_check.reader import CheckedEntity, once_a_pair
 
 SAMPLES = 200
 """Points of an underside, and corners of a support, along which gaps are measured."""
@@ -72,13 +72,10 @@ class SupportedBuilding(CheckedBuilding):
         bearers: list[CheckedEntity] = []
         if least <= FASTENED:
             return least, name, bearers
-        under = _underside(entity)
-        points = _samples(under)
-        points = points[points[:, 2] <= entity.low[2] + CONTACT]
         for other in self.beneath(entity):
             if bearers and other.high[2] < entity.low[2] - FASTENED:
                 break  # none of the lower ones bears it
-            gap = _gap(points, under, other.faces_over(*extent(under)))
+            gap = _gap(entity, other)
             if gap < least:
                 least, name = gap, other.name
             if gap <= FASTENED:
@@ -108,10 +105,7 @@ class SupportedBuilding(CheckedBuilding):
             other
             for other in self.near(entity, FASTENED)
             if self._can_hold(other, entity)
-            and (
-                touches(entity.triangles, other.triangles, FASTENED)
-                or (not self.is_part(other) and _encloses(other, entity))
-            )
+            and (_touch(entity, other) or (not self.is_part(other) and _encloses(other, entity)))
         ]
 
     def _can_hold(self, other: CheckedEntity, entity: CheckedEntity) -> bool:
@@ -218,15 +212,13 @@ class SupportedBuilding(CheckedBuilding):
         bearers = [] if self._is_held_alone(entity) else self.bearers(entity)
         if not bearers:
             return None
-        middle = _middle(entity.triangles)
-        faces = [_level(other.faces_over(entity.low, entity.high), entity) for other in bearers]
-        if any(np.isfinite(heights_at(middle[None], part)).any() for part in faces):
+        contacts = [_contact(entity, other) for other in bearers]
+        if any(contact is None for contact in contacts):
             return None  # it is right above one of them
-        base = shapely.union_all(_flat(_underside(entity)))
-        contact = common(base, shapely.union_all(np.concatenate([_flat(f) for f in faces])))
-        if not contact.area:
+        base = shapely.GeometryCollection(contacts)
+        if not base.area:
             return None
-        away = float(contact.convex_hull.distance(shapely.Point(middle[:2])))
+        away = float(base.convex_hull.distance(shapely.Point(_middle(entity.triangles)[:2])))
         names = {other.name for other in bearers}
         if away <= OVER or any(other.name not in names for other in self.beside(entity)):
             return None
@@ -280,11 +272,31 @@ def _flat(faces: Floats) -> NDArray[np.object_]:
     return np.asarray(found[shapely.area(found) > 1e-9])
 
 
-def _gap(points: Floats, under: Floats, support: Floats) -> float:
+@once_a_pair
+def _touch(one: CheckedEntity, two: CheckedEntity) -> bool:
+    return touches(one.triangles, two.triangles, FASTENED)
+
+
+@once_a_pair
+def _contact(entity: CheckedEntity, bearer: CheckedEntity) -> shapely.Geometry | None:
+    """Where an object rests on what bears it; None if its middle is right above that."""
+    faces = _level(bearer.faces_over(entity.low, entity.high), entity)
+    if np.isfinite(heights_at(_middle(entity.triangles)[None], faces)).any():
+        return None
+    under = _flat(_underside(entity))
+    return common(shapely.union_all(under), shapely.union_all(_flat(faces)))
+
+
+@once_a_pair
+def _gap(entity: CheckedEntity, other: CheckedEntity) -> float:
     """Metres of air between an underside and a support; infinite where it is beside or above."""
+    under = _underside(entity)
+    low, high = extent(under)
+    support = other.faces_over(low, high)
     if not len(support):
         return float(np.inf)
-    low, high = extent(under)
+    points = _samples(under)
+    points = points[points[:, 2] <= entity.low[2] + CONTACT]
     tops = _samples(support)
     tops = tops[((tops[:, :2] >= low[:2]) & (tops[:, :2] <= high[:2])).all(axis=1)]
     gaps = np.concatenate(
