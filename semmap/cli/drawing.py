@@ -12,7 +12,7 @@ from semmap.cli.operation_command import MethodCall, command_of
 @command_of("Map.draw", walls="--walls/--no-walls")
 def draw_command(
     call: MethodCall,
-    output: Path = Option(Path("map.png"), "-o", help="The PNG file."),
+    output: Path = Option(Path("map.png"), "-o", help="The file: .png, .svg or .pdf."),
     solid: bool = Option(False, "--3d", help="All storeys in 3D instead."),
 ) -> None:
     """Draw the floor plan of a storey, those of all one below another, or the map in 3D."""

@@ -36,7 +36,9 @@ def route_command(
     call: MethodCall,
     count: int = Option(1, "-k", help="Number of routes, the quickest first."),
     rooms: bool = Option(False, "--rooms", help="Print only the rooms on the route, with commas."),
-    draw: Path | None = Option(None, help="Draw the way on floor plans to this PNG."),
+    draw: Path | None = Option(
+        None, help="Draw the way on floor plans to this .png, .svg or .pdf."
+    ),
     json_: Json = False,
 ) -> None:
     """Find the quickest route: its doors in order, each with an approach and a leave pose."""

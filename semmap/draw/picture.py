@@ -7,32 +7,40 @@ from dataclasses import dataclass, field
 from io import BytesIO
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Self
+
+DRAWN = (".svg", ".pdf")
+"""Files into which a picture is drawn again, as lines."""
 
 
 @dataclass(frozen=True)
 class Picture:
-    """A PNG."""
+    """A PNG, and what draws it into a file: without that, it is of pixels alone."""
 
     png: bytes = field(repr=False)
+    draw: Callable[[Path], object] | None = field(default=None, repr=False, compare=False)
 
     @classmethod
-    def drawn(cls, draw: Callable[[Path], object]) -> Self:
+    def drawn(cls, draw: Callable[[Path], object]) -> Picture:
         """Return what a function draws into the file that it is given; a $ in a name is one."""
         import matplotlib
 
-        with TemporaryDirectory(prefix="semmap-") as folder:
-            path = Path(folder, "picture.png")
+        def drawn(path: Path) -> bytes:
             with matplotlib.rc_context({"text.parse_math": False}):
                 draw(path)
-            return cls(path.read_bytes())
+            return path.read_bytes()
+
+        with TemporaryDirectory(prefix="semmap-") as folder:
+            return cls(drawn(Path(folder, "picture.png")), drawn)
 
     @classmethod
-    def stacked(cls, pictures: Iterable[Picture]) -> Self:
+    def stacked(cls, pictures: Iterable[Picture]) -> Picture:
         """Return pictures one below another, each as wide as the widest."""
         from PIL import Image
 
-        images = [Image.open(BytesIO(picture.png)).convert("RGB") for picture in pictures]
+        pages = [*pictures]
+        if len(pages) == 1:
+            return pages[0]
+        images = [Image.open(BytesIO(picture.png)).convert("RGB") for picture in pages]
         width = max(image.width for image in images)
         whole = Image.new("RGB", (width, sum(image.height for image in images)), "white")
         top = 0
@@ -44,10 +52,21 @@ class Picture:
         return cls(file.getvalue())
 
     def save(self, path: Path | str) -> Path:
-        """Write it as a PNG file; return its path."""
+        """Write it as a PNG, SVG or PDF file, by the end of its name; return its path.
+
+        ValueError: another end, or SVG or PDF for a picture of several storeys.
+        """
         path = Path(path)
+        end = path.suffix.lower()
+        if end not in (".png", *DRAWN):
+            raise ValueError(f"{path}: a picture is a .png, .svg or .pdf file")
+        if end in DRAWN and self.draw is None:
+            raise ValueError(f"{path}: several storeys are one .png file: choose one for {end}")
         path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_bytes(self.png)
+        if end in DRAWN and self.draw is not None:
+            self.draw(path)
+        else:
+            path.write_bytes(self.png)
         return path
 
     def __repr__(self) -> str:

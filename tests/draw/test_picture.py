@@ -1,0 +1,46 @@
+"""Pictures as files: pixels, or lines that are drawn again."""
+
+from __future__ import annotations
+
+import re
+from functools import partial
+from pathlib import Path
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+
+from semmap.draw.floor_plan import floor_plan
+from semmap.draw.palette import ROOMS
+from semmap.draw.picture import Picture
+from tests.draw.storeys import two_rooms
+
+PATH = "{http://www.w3.org/2000/svg}path"
+
+
+def test_a_plan_as_svg_has_the_rooms_as_outlines(tmp_path: Path) -> None:
+    picture = Picture.stacked([Picture.drawn(partial(floor_plan, two_rooms()))])
+    saved = picture.save(tmp_path / "new" / "plan.svg")
+    root = ElementTree.parse(saved).getroot()
+    assert root.tag == PATH.replace("path", "svg")
+    for kind in ("lab", "kitchen"):
+        sizes = [
+            np.ptp(
+                np.array(re.findall(r"[-\d.]+", path.get("d", "")), float).reshape(-1, 2), axis=0
+            )
+            for path in root.iter(PATH)
+            if f"fill: {ROOMS[kind]}" in path.get("style", "")
+        ]
+        wide, high = max(sizes, key=lambda size: float(np.prod(size)))
+        assert wide / high == pytest.approx(4 / 3, rel=0.01)  # both rooms measure 4 x 3 m
+    assert picture.save(tmp_path / "plan.pdf").read_bytes().startswith(b"%PDF")
+    assert picture.save(tmp_path / "plan.png").read_bytes() == picture.png
+
+
+def test_what_a_picture_cannot_be_saved_as_is_refused(tmp_path: Path) -> None:
+    page = Picture.drawn(partial(floor_plan, two_rooms()))
+    with pytest.raises(ValueError, match=r"is a \.png, \.svg or \.pdf file"):
+        page.save(tmp_path / "plan.jpg")
+    with pytest.raises(ValueError, match="several storeys are one"):
+        Picture.stacked([page, page]).save(tmp_path / "plan.svg")
+    assert list(tmp_path.iterdir()) == []
