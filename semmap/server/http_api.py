@@ -36,6 +36,7 @@ from semmap.query.map_events import MapEvent
 from semmap.server import ogc_features as ogc
 from semmap.server.calls import MOST, OperationCall, answered_at_once, offered
 from semmap.server.handles import SECONDS, BusyError, Handles
+from semmap.server.layers import costs_of, moments_of, poses_of
 from semmap.server.requests import body_of, role_of
 from semmap.server.scene import meshes_of, scene_of
 from semmap.server.sparql_endpoint import SparqlEndpoint
@@ -116,6 +117,9 @@ class HttpApi:
             "/scene": lambda map, _, __: scene_of(map),
             "/meshes.glb": lambda map, _, __: meshes_of(map),
             "/ways": self._ways,
+            "/costs": lambda map, _, r: costs_of(map, r.query_params.get("robot") or None),
+            "/moments": lambda map, _, __: moments_of(map),
+            "/poses": lambda map, _, r: poses_of(map, r.query_params.get("at", "")),
         }
         self.app = Starlette(
             lifespan=self._lifespan,

@@ -172,6 +172,90 @@ def test_routes_and_answers_are_marked(page: Page, db: semmap.Database) -> None:
         assert share**2 == pytest.approx(believed[name], abs=0.01)
 
 
+def test_costs_lie_on_the_floor_and_follow_changes(page: Page, db: semmap.Database) -> None:
+    """The picture has colour exactly where the grid has an occupied cell."""
+    house = db.map("house")
+    costs = page.locator("#costs")
+    costs.get_by_role("button").click()
+    until(page, "semmap.house.costs.children.length === 1")
+    assert costs.locator("output").inner_text().startswith(house.grid().scene.storey)
+    same_cells(page, house)
+    chair = house.find("chair")[0]
+    chair.move_to(0, -1, 0.0)
+    before = page.evaluate("semmap.house.costs.children[0].uuid")
+    until(page, "(uuid) => semmap.house.costs.children[0].uuid !== uuid", before)
+    same_cells(page, house)
+    costs.get_by_role("textbox").fill("nobody")
+    costs.get_by_role("button").click()
+    until(page, "document.querySelector('#costs output').className === 'wrong'")
+
+
+def same_cells(page: Page, house: semmap.Map) -> None:
+    made = house.grid()
+    there = page.evaluate(
+        "(() => { const plane = semmap.house.costs.children[0];"
+        "const { image } = plane.material.map; const { width, height } = image;"
+        "const paper = new OffscreenCanvas(width, height).getContext('2d');"
+        "paper.drawImage(image, 0, 0);"
+        "const { data } = paper.getImageData(0, 0, width, height);"
+        "const size = plane.geometry.parameters;"
+        "return { width, height, middle: plane.position.toArray(), size: [size.width, size.height],"
+        "alpha: [...data].filter((_, i) => i % 4 === 3) } })()"
+    )
+    rows, columns = made.grid.shape
+    assert (there["height"], there["width"]) == (rows, columns)
+    assert np.array_equal(np.reshape(there["alpha"], (rows, columns)) > 0, made.cells == 100)
+    wide = np.array([columns, rows]) * made.grid.resolution
+    assert there["size"] == pytest.approx(wide)
+    assert there["middle"][:2] == pytest.approx(np.array(made.grid.origin) + wide / 2)
+
+
+def test_the_past_shows_where_things_were(page: Page, db: semmap.Database) -> None:
+    house = db.map("house")
+    ball = house["Ball_01_001"]
+    ball.move_to(2.0, -2.0, 0.5)
+    ball.move_to(2.5, -1.5, 0.5)
+    house.add_object("late", type="box", size=(0.2, 0.2, 0.2), pose=(1, -1, 0))
+    until(page, "semmap.house.entities.has('late')")
+
+    def go_back(steps: int) -> None:
+        page.evaluate(
+            "(steps) => { const slider = document.getElementById('moment');"
+            "slider.value = slider.max - steps; slider.dispatchEvent(new Event('input')) }",
+            steps,
+        )
+
+    def drawn(name: str) -> list[float]:
+        return page.evaluate(
+            "(name) => { const { object, number } = semmap.house.entities.get(name);"
+            "return [...object.instanceMatrix.array.slice(16 * number + 12, 16 * number + 15)] }",
+            name,
+        )
+
+    now = drawn("Ball_01_001")
+    assert now == pytest.approx([2.5, -1.5, 0.5])
+    added = sum(event.name == "late" for event in house.changes())
+    for steps, place in ((added, [2.5, -1.5, 0.5]), (added + 1, [2.0, -2.0, 0.5])):
+        go_back(steps)
+        until(page, "semmap.house.past !== null")
+        until(
+            page,
+            "(x) => Math.abs(semmap.house.past['Ball_01_001'][0] - x) < 1e-6",
+            place[0],
+        )
+        assert drawn("Ball_01_001") == pytest.approx(place)
+        assert known(page, "late", "object") is not None
+        assert page.evaluate("semmap.house.past['late']") is None
+        assert drawn("late") == [0, 0, 0]
+    ball.move_to(1.0, -1.0, 0.5)
+    until(page, "semmap.house.entities.get('Ball_01_001').pose[0] === 1")
+    assert drawn("Ball_01_001") == pytest.approx([2.0, -2.0, 0.5])
+    go_back(0)
+    until(page, "semmap.house.past === null")
+    assert drawn("Ball_01_001") == pytest.approx([1.0, -1.0, 0.5])
+    house["late"].delete()
+
+
 def test_a_link_restores_the_view(page: Page, browser: Any) -> None:
     page.get_by_label("things", exact=True).uncheck()
     page.get_by_placeholder("Search").fill("sofa")

@@ -7,16 +7,17 @@ import { GLTFLoader } from "three/addons/loaders/GLTFLoader.js";
 const MARK = new THREE.Color("#d6336c");
 const NOWHERE = new THREE.Matrix4().makeScale(0, 0, 0);
 const DOOR_HEIGHT = 2; // metres, where the map has none
-const FAR_APART = 6; // metres between storeys at which all names of rooms are seen
 
 export class House {
   constructor(stage) {
     this.stage = stage;
     this.group = new THREE.Group();
     this.lines = new THREE.Group(); // routes
-    stage.scene.add(this.group, this.lines);
+    this.costs = new THREE.Group(); // planes on the floors
+    stage.scene.add(this.group, this.lines, this.costs);
     this.hidden = new Set(["ceilings"]); // names of storeys and kinds
     this.apart = 0;
+    this.past = null; // the poses of another time by name
     this.marked = new Map(); // how much of the colour of a mark each name has, from 0 to 1
     this.entities = new Map();
     this.labels = [];
@@ -30,7 +31,12 @@ export class House {
     made.scene.traverse((node) => node.geometry && shapes.set(Number(node.name), node));
     this.clear();
     this.scene = scene;
-    for (const place of scene.places) this.addPlace(place);
+    this.extents = new Map(scene.storeys.map((storey) => [storey, new THREE.Box2()]));
+    for (const place of scene.places) {
+      this.addPlace(place);
+      const corners = place.areas.flat(2).map(([x, y]) => new THREE.Vector2(x, y));
+      for (const corner of corners) this.extents.get(this.storeyOf(place, place.floor))?.expandByPoint(corner);
+    }
     for (const door of scene.doors) this.addDoor(door);
     const by = Map.groupBy(scene.things, (thing) => thing.mesh);
     for (const [mesh, things] of by) {
@@ -87,16 +93,25 @@ export class House {
     this.labels.push({ label, place, wide: size.x });
   }
 
-  // Show the names of rooms that are wide enough in the picture, and below no other storey.
+  // Show the names of rooms that are wide enough in the picture, and behind no other storey.
   label(camera, height) {
     const scale = height / (2 * Math.tan(((camera.fov / 2) * Math.PI) / 180));
     const at = new THREE.Vector3();
-    const highest = this.scene?.storeys.findLast((storey) => !this.hidden.has(storey.name));
+    const storeys = this.scene?.storeys.filter((storey) => !this.hidden.has(storey.name)) ?? [];
     for (const { label, place, wide } of this.labels) {
       const pixels = (wide * scale) / camera.position.distanceTo(label.getWorldPosition(at));
-      const free = this.apart >= FAR_APART || this.storeyOf(place, place.level) === highest;
-      label.visible = free && label.parent.visible && pixels > 6 * place.name.length;
+      const own = this.storeyOf(place, place.level);
+      const covered = storeys.some((storey) => storey !== own && this.isBetween(storey, camera.position, at));
+      label.visible = !covered && label.parent.visible && pixels > 6 * place.name.length;
     }
+  }
+
+  // Whether the floor of a storey is between two points.
+  isBetween(storey, a, b) {
+    const level = storey.elevation + this.lift(storey);
+    const share = (level - a.z) / (b.z - a.z);
+    const at = new THREE.Vector3().lerpVectors(a, b, share);
+    return share > 0 && share < 1 && this.extents.get(storey)?.containsPoint(new THREE.Vector2(at.x, at.y));
   }
 
   addDoor(door) {
@@ -167,17 +182,18 @@ export class House {
 
   // Put an entity where it is: on its storey, apart from the others, if it is shown.
   place(entity) {
-    const z = entity.pose ? entity.pose[2] : entity.level;
-    const storey = this.storeyOf(entity, z);
+    const pose = this.past && entity.level === undefined ? this.past[entity.name] : entity.pose;
+    const z = pose ? pose[2] : entity.level;
+    const storey = this.past && pose ? this.storeyAt(z) : this.storeyOf(entity, z);
     const lift = this.lift(storey);
-    const shown = this.isShown(entity, storey);
+    const shown = this.isShown(entity, storey) && (pose || entity.level !== undefined);
     if (!entity.object) return;
-    if (!entity.pose || entity.level !== undefined) {
+    if (entity.level !== undefined) {
       entity.object.visible = shown;
       entity.object.position.z = entity.level + lift;
       return;
     }
-    const [x, y, height, ...turn] = entity.pose;
+    const [x, y, height, ...turn] = pose ?? [0, 0, 0, 0, 0, 0, 1];
     const matrix = new THREE.Matrix4().compose(
       new THREE.Vector3(x, y, height + lift),
       new THREE.Quaternion(...turn),
@@ -195,6 +211,11 @@ export class House {
 
   arrange() {
     for (const entity of this.entities.values()) this.place(entity);
+    for (const plane of this.costs.children) {
+      const { storey, level } = plane.userData;
+      plane.position.z = level + 0.04 + this.lift(this.scene.storeys.find(({ name }) => name === storey) ?? this.storeyAt(level));
+      plane.visible = !this.hidden.has("costs") && !this.hidden.has(storey);
+    }
     for (const way of this.lines.children) way.position.z = this.lift(this.storeyAt(way.userData.level));
     this.stage.draw();
   }
@@ -252,6 +273,35 @@ export class House {
     return box.isEmpty() && !names ? new THREE.Box3().setFromObject(this.group) : box;
   }
 
+  // Show where things were; null: where they are.
+  goTo(past) {
+    this.past = past;
+    this.arrange();
+  }
+
+  // Lay pictures of costs on the floors of storeys.
+  async drawCosts(layers) {
+    const images = await Promise.all(layers.map(({ png }) => picture(png)));
+    for (const { geometry, material } of this.costs.children) {
+      material.map.dispose();
+      material.dispose();
+      geometry.dispose();
+    }
+    this.costs.clear();
+    layers.forEach(({ storey, level, low, high }, number) => {
+      const texture = new THREE.Texture(images[number]);
+      Object.assign(texture, { magFilter: THREE.NearestFilter, colorSpace: THREE.SRGBColorSpace, needsUpdate: true });
+      const plane = new THREE.Mesh(
+        new THREE.PlaneGeometry(high[0] - low[0], high[1] - low[1]),
+        new THREE.MeshBasicMaterial({ map: texture, transparent: true, depthWrite: false }),
+      );
+      plane.position.set((low[0] + high[0]) / 2, (low[1] + high[1]) / 2, level);
+      plane.userData = { storey, level };
+      this.costs.add(plane);
+    });
+    this.arrange();
+  }
+
   // Draw ways, a list of points (x, y, z) each; they are seen through walls.
   drawWays(ways) {
     this.lines.clear();
@@ -276,6 +326,11 @@ const DRAWN = new Set(["added", "moved", "changed", "reshaped", "removed"]);
 
 function segments(ring) {
   return ring.slice(1).flatMap((point, i) => [ring[i], point]);
+}
+
+function picture(base64) {
+  const bytes = Uint8Array.from(atob(base64), (letter) => letter.charCodeAt(0));
+  return createImageBitmap(new Blob([bytes], { type: "image/png" }), { imageOrientation: "flipY" });
 }
 
 function lifted([x, y, z]) {

@@ -16,9 +16,11 @@ const maps = new Maps(name, token);
 const canvas = document.getElementById("stage");
 const stage = new Stage(canvas, document.getElementById("labels"), document.getElementById("panel"));
 const house = new House(stage);
-const panel = new Panel({ select, route, where, query, hide, apart, change });
+const panel = new Panel({ select, route, where, query, costs, past, hide, apart, change });
 const hand = token ? new Hand(stage, house, tried) : null;
 let selected = null;
+let moments = [];
+let shownCosts = null; // the values with which costs were asked for
 
 async function read() {
   const [scene, meshes] = await Promise.all([
@@ -28,7 +30,7 @@ async function read() {
   await house.show(scene, meshes);
   house.mark(selected ? [selected] : []);
   hand?.hold(house.entities.get(selected));
-  panel.show(house, [...new Set(Object.values(LAYERS)), "ceilings"]);
+  panel.show(house, [...new Set(Object.values(LAYERS)), "ceilings", "costs"]);
   const shapeless = scene.things.filter((thing) => thing.mesh === null).length;
   const notes = [
     scene.places.length ? "" : "The map has no rooms: semmap rooms find finds them in its walls.",
@@ -42,6 +44,8 @@ async function start() {
   for (const each of (link.hidden ?? "ceilings").split(",").filter(Boolean)) house.hidden.add(each);
   house.apart = Number(link.apart) || 0;
   const scene = await read();
+  moments = await (await maps.get("moments")).json();
+  panel.moments(moments.length);
   const from = numbers(link.from, 3);
   const to = numbers(link.to, 3);
   if (from && to) {
@@ -55,9 +59,12 @@ async function start() {
 }
 
 let waiting = null;
+let staleCosts = null;
 
 function hear(event) {
   if (!house.hear(event)) waiting ??= setTimeout(reread, REREAD);
+  if (event.at > (moments.at(-1) ?? "")) panel.moments(moments.push(event.at));
+  if (shownCosts) staleCosts ??= setTimeout(costsAgain, 10 * REREAD);
   if (event.name !== selected) return;
   const renamed = event.values?.name;
   if (renamed) selected = renamed[1];
@@ -144,6 +151,36 @@ async function query({ text }) {
   const known = (answer.rows ?? []).flat().filter((value) => house.entities.has(value));
   house.mark(known);
   return answer.rows ? `${answer.rows.length} answers, ${new Set(known).size} entities` : JSON.stringify(answer);
+}
+
+// Lay the costs of a robot on the floors, and again after changes.
+async function costs(values) {
+  const layers = await (await maps.get(`costs?${new URLSearchParams(values)}`)).json();
+  await house.drawCosts(layers);
+  shownCosts = values;
+  return `${layers.map((layer) => layer.storey).join(", ")}, as of ${new Date().toLocaleTimeString()}`;
+}
+
+async function costsAgain() {
+  staleCosts = null;
+  try {
+    await costs(shownCosts);
+  } catch (error) {
+    panel.say(error.message);
+  }
+}
+
+let wanted = null;
+
+// Show where things were at the index-th moment; at the last one, where they are.
+async function past(index) {
+  wanted = index < moments.length - 1 ? moments[index] : null;
+  hand?.hold(wanted ? undefined : house.entities.get(selected));
+  panel.moment(wanted ? new Date(wanted).toLocaleString() : "now");
+  if (wanted === null) return house.goTo(null);
+  const asked = wanted;
+  const { poses } = await (await maps.get(`poses?at=${encodeURIComponent(asked)}`)).json();
+  if (asked === wanted) house.goTo(poses);
 }
 
 function hide(of, hidden) {

@@ -4,14 +4,14 @@ const MOST_FOUND = 50;
 const at = (id) => document.getElementById(id);
 
 export class Panel {
-  // `does` has what its controls call: select(name), route(values), where(values), query(values), hide(name, hidden), apart(metres).
+  // `does` has what its controls call: select(name), route(values), where(values), query(values), costs(values), past(index), hide(name, hidden), apart(metres).
   constructor(does) {
     this.does = does;
     at("search").addEventListener("input", () => this.search());
     at("search").addEventListener("keydown", (event) => {
       if (event.key === "Enter") at("found").querySelector("button")?.click();
     });
-    for (const id of ["route", "where", "query"]) {
+    for (const id of ["route", "where", "query", "costs"]) {
       at(id).addEventListener("submit", async (event) => {
         event.preventDefault();
         const form = event.target;
@@ -27,7 +27,21 @@ export class Panel {
         }
       });
     }
+    at("moment").addEventListener("input", (event) => does.past(Number(event.target.value)));
     at("apart").addEventListener("input", (event) => does.apart(Number(event.target.value)));
+  }
+
+  // So many moments can be gone back to; the last one is now.
+  moments(count) {
+    const slider = at("moment");
+    const now = slider.value === slider.max;
+    slider.max = count - 1;
+    if (now) slider.value = slider.max;
+    at("past").hidden = count < 2;
+  }
+
+  moment(text) {
+    at("said").value = text;
   }
 
   note(text) {

@@ -1,0 +1,91 @@
+"""What the viewer lays over its scene: costs of robots on the floors, and where things were."""
+
+from __future__ import annotations
+
+import base64
+from datetime import datetime
+from io import BytesIO
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image
+
+from semmap.api.map import Map
+from semmap.error import InvalidArgumentError
+
+Bytes = NDArray[np.uint8]
+
+OCCUPIED = (40, 48, 64, 200)
+"""RGBA."""
+
+MOST_MOMENTS = 1000
+"""Of the latest changes, those that a page can go back to."""
+
+
+def costs_of(map: Map, robot: str | None = None) -> list[dict[str, Any]]:
+    """The costs of a robot on each storey, in RViz's colours; without one, the occupied cells.
+
+    Each has its `storey`, the `level` of its floor, `low` and `high` corners (x, y), metres, and a
+    PNG in base64 whose first row is the highest y; what is free is transparent.
+    """
+    if robot is not None and "/" in robot:
+        raise InvalidArgumentError(f"robot is {robot}: give the name of one in the map")
+    if robot is None:
+        made: list[tuple[Any, Bytes]] = [(each, _occupied(each.cells)) for each in map.grids()]
+    else:
+        made = [(each, _coloured(each.master)) for each in map.costmaps(robot)]
+    return [
+        {
+            "storey": each.scene.storey,
+            "level": each.scene.elevation,
+            "low": list(each.grid.origin),
+            "high": [
+                start + count * each.grid.resolution
+                for start, count in zip(each.grid.origin, each.grid.shape[::-1], strict=True)
+            ],
+            "png": _png(pixels[::-1]),
+        }
+        for each, pixels in made
+    ]
+
+
+def moments_of(map: Map) -> list[str]:
+    """The times of the latest changes, the first one first."""
+    rows = map.execute(
+        "SELECT at FROM (SELECT DISTINCT at FROM change WHERE map_id = current_map() "
+        "ORDER BY at DESC LIMIT %s) c ORDER BY at",
+        MOST_MOMENTS,
+    )
+    return [str(at) for (at,) in rows]  # as events have it
+
+
+def poses_of(map: Map, at: str) -> dict[str, dict[str, list[float] | None]]:
+    """The pose of each object and agent at a time, in the map's frame; None where it was not."""
+    try:
+        moment = datetime.fromisoformat(at)
+    except ValueError as error:
+        raise InvalidArgumentError(f"at is {at!r}: give a time as 2026-01-31T12:00:00Z") from error
+    rows = map.execute(
+        "SELECT name, pose_at(id, %s) FROM entity "
+        "WHERE map_id = current_map() AND kind IN ('object', 'agent')",
+        moment.astimezone(),
+    )
+    return {"poses": dict(rows)}
+
+
+def _occupied(cells: NDArray[np.int8]) -> Bytes:
+    return np.where((cells == 100)[..., None], np.array(OCCUPIED, np.uint8), np.uint8(0))
+
+
+def _coloured(costs: Bytes) -> Bytes:
+    from semmap.draw.costmap import colours  # loads matplotlib
+
+    known = (costs > 0) & (costs < 255)
+    return np.dstack([colours(costs), np.where(known, 190, 0).astype(np.uint8)])
+
+
+def _png(pixels: Bytes) -> str:
+    file = BytesIO()
+    Image.fromarray(pixels, "RGBA").save(file, "PNG")
+    return base64.b64encode(file.getvalue()).decode()
