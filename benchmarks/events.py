@@ -1,16 +1,24 @@
-"""A move of one of 10,000 objects until Python, a client of HTTP and the viewer hear of it."""
+"""A move of one of 10,000 objects until clients (Python, HTTP, MCP, the viewer) hear of it."""
 
 from __future__ import annotations
 
 import json
+import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager, suppress
+from functools import partial
+from pathlib import Path
 from queue import SimpleQueue
 
 import httpx
 import numpy as np
+from anyio.from_thread import start_blocking_portal
+from mcp import StdioServerParameters
+from mcp.client import Client
+from mcp.client.stdio import stdio_client
+from mcp.shared.subscriptions import ResourceUpdated
 
 import semmap
 from benchmarks.inventory import building, stored
@@ -19,6 +27,8 @@ from tests.browser import SIZE, chromium, open_viewer
 from tests.served import served
 
 Follow = Callable[[semmap.Database, Callable[[str], None]], AbstractContextManager[None]]
+
+SEMMAP = Path(sys.executable).with_name("semmap")
 
 MOVES = 200
 OPENED = 5.0
@@ -37,6 +47,7 @@ def measured() -> list[Row]:
             return [
                 _row("a client in Python (Map.subscribe)", db, subscribed),
                 _row("a client of HTTP (server-sent events)", db, streamed),
+                _row("a client of MCP (a resource)", db, partial(listened, url)),
                 *_viewer_rows(db),
             ]
 
@@ -67,6 +78,31 @@ def streamed(db: semmap.Database, hear: Callable[[str], None]) -> Iterator[None]
         yield
 
 
+@contextmanager
+def listened(url: str, _: semmap.Database, hear: Callable[[str], None]) -> Iterator[None]:
+    """Call with the name of each entity whose resource a client in another process hears of."""
+    uris = {f"semmap://entities/{name}": name for name in {*map(_name, range(MOVES))}}
+    words = ["--db", url, "mcp", "--map", "building"]
+    ready = threading.Event()
+
+    async def follow() -> None:
+        server = StdioServerParameters(command=str(SEMMAP), args=words)
+        async with (
+            Client(stdio_client(server)) as client,
+            client.listen(resource_subscriptions=[*uris]) as heard,
+        ):
+            ready.set()
+            async for event in heard:
+                if isinstance(event, ResourceUpdated):
+                    hear(uris[event.uri])
+
+    with start_blocking_portal() as portal:
+        following = portal.start_task_soon(follow)
+        ready.wait()
+        yield
+        following.cancel()
+
+
 def _row(name: str, db: semmap.Database, by: Follow) -> Row:
     heard: SimpleQueue[str] = SimpleQueue()
     took = []
@@ -81,12 +117,16 @@ def _row(name: str, db: semmap.Database, by: Follow) -> Row:
 def _moves(db: semmap.Database) -> Iterator[tuple[str, float]]:
     """Move cups; yields the name of each, and when the call began."""
     for number in range(MOVES):
-        cup = db.map("building")[f"cup{number % 100}_3_{number % 9}"]
+        cup = db.map("building")[_name(number)]
         assert cup.pose is not None
         x, y, z = cup.pose[:3]
         began = time.time()
         cup.move_to(x + 0.01, y, z)
         yield cup.name, began
+
+
+def _name(number: int) -> str:
+    return f"cup{number % 100}_3_{number % 9}"
 
 
 def _told(name: str, took: list[float]) -> Row:

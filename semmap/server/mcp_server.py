@@ -31,6 +31,7 @@ from semmap.api.operations import TOOLS, Right
 from semmap.draw.picture import Picture
 from semmap.error import Error
 from semmap.server.calls import OperationCall, offered
+from semmap.server.mcp_resources import MapResources
 
 MOST_VALUES = 20
 """The most values of a list in an answer; the rest is counted."""
@@ -55,12 +56,14 @@ class ToolServer:
             rights = ("reader", "robot", "admin")
         self._calls = offered(TOOLS, rights)
         self._limiter = anyio.CapacityLimiter(1)
+        self.resources = MapResources(readable, self._limiter)
         self.server: Server[Any] = Server(
             "semmap",
             version=version("semmap"),
             instructions=f"{INSTRUCTIONS}\nThe map is {readable.name}.",
             on_list_tools=self._list,
             on_call_tool=self._call,
+            **self.resources.handlers,
         )
 
     async def _list(self, _: Any, __: PaginatedRequestParams | None) -> ListToolsResult:
@@ -90,7 +93,10 @@ async def serve_stdio(tools: ToolServer) -> None:
     """Answer on standard input and output until the client leaves."""
     async with stdio_server() as (incoming, outgoing):
         options = tools.server.create_initialization_options()
-        await tools.server.run(incoming, outgoing, options)
+        async with anyio.create_task_group() as tasks:
+            await tasks.start(tools.resources.tell)
+            await tools.server.run(incoming, outgoing, options)
+            tasks.cancel_scope.cancel()
 
 
 def shortened(value: Any) -> Any:

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import base64
 import inspect
+import json
 import sys
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Iterator
 from io import BytesIO
 from pathlib import Path
 from typing import Any
@@ -16,6 +17,7 @@ import shapely
 from mcp import StdioServerParameters
 from mcp.client import Client
 from mcp.client.stdio import stdio_client
+from mcp.shared.exceptions import MCPError
 from PIL import Image
 from sqlalchemy import Engine
 
@@ -27,14 +29,16 @@ SEMMAP = Path(sys.executable).with_name("semmap")
 CHANGING = {each.method for each in OPERATIONS if each.right in ("robot", "admin")}
 
 
-def dialogue(url: str, talk: Callable[[Client], Awaitable[None]], *options: str) -> None:
+def dialogue(
+    url: str, talk: Callable[[Client], Awaitable[None]], *options: str, **about: Any
+) -> None:
     """Let a client talk to `semmap mcp` on the house."""
     words = ["--db", url, "mcp", "--map", "house", *options]
 
     async def main() -> None:
         with anyio.fail_after(120):
             async with Client(
-                stdio_client(StdioServerParameters(command=str(SEMMAP), args=words))
+                stdio_client(StdioServerParameters(command=str(SEMMAP), args=words)), **about
             ) as client:
                 await talk(client)
 
@@ -122,6 +126,71 @@ def test_a_client_that_may_write_lets_a_robot_bring_it(url: str) -> None:
         assert ended["state"] == "done"
 
     dialogue(url, talk, "--write")
+
+
+CHANGES, CHAIR = "semmap://changes", "semmap://entities/stool%201"
+
+
+async def read(client: Client, uri: str) -> Any:
+    found = await client.read_resource(uri)
+    return json.loads(found.contents[0].text)  # type: ignore[union-attr]
+
+
+@pytest.fixture(scope="module")
+def db(url: str) -> Iterator[semmap.Database]:
+    """The database of the house, in which there is a stool."""
+    with semmap.connect(url) as db:
+        db.map("house").add_object("stool 1", type="chair", size=(0.3, 0.3, 0.4), pose=(0, -2, 0))
+        yield db
+
+
+def test_a_client_hears_of_changes_and_reads_what_changed(url: str, db: semmap.Database) -> None:
+    """By listening, as clients of 2026 do; each change is one that `Map.changes` has."""
+
+    async def talk(client: Client) -> None:
+        house = db.map("house")
+        with anyio.fail_after(60):
+            async with client.listen(resource_subscriptions=[CHANGES, CHAIR]) as heard:
+                house["stool 1"].move_to(1.0, -2.0, 0.0)
+                *_, last = (event for event in house.changes() if event.name == "stool 1")
+                told = set()
+                while told != {CHANGES, CHAIR}:
+                    told.add((await anext(heard)).uri)
+                while str(last.at) not in [e["at"] for e in await read(client, CHANGES)]:
+                    await anyio.sleep(0.05)
+        pose = (await read(client, CHAIR))["pose"]
+        assert pose[:3] == pytest.approx([1, -2, 0])
+        with pytest.raises(MCPError, match="no entity nobody"):
+            await client.read_resource("semmap://entities/nobody")
+        with pytest.raises(MCPError, match="no resource semmap://else"):
+            await client.read_resource("semmap://else")
+
+    dialogue(url, talk)
+
+
+@pytest.mark.filterwarnings("ignore::mcp.MCPDeprecationWarning")
+def test_a_client_of_2025_subscribes(url: str, db: semmap.Database) -> None:
+    heard: list[str] = []
+
+    async def hear(message: Any) -> None:
+        heard.append(getattr(getattr(message, "params", None), "uri", ""))
+
+    async def talk(client: Client) -> None:
+        await client.session.subscribe_resource(CHAIR)
+        stool = db.map("house")["stool 1"]
+        with anyio.fail_after(60):
+            while CHAIR not in heard:
+                stool.move_to(1.5, -2.0, 0.0)
+                await anyio.sleep(0.1)
+                stool.move_to(1.0, -2.0, 0.0)
+        await client.session.unsubscribe_resource(CHAIR)
+        await anyio.sleep(0.5)
+        count = len(heard)
+        stool.move_to(1.2, -2.0, 0.0)
+        await anyio.sleep(0.5)
+        assert len(heard) == count
+
+    dialogue(url, talk, message_handler=hear, mode="legacy")
 
 
 def test_the_arguments_of_tools_are_those_of_the_methods() -> None:
