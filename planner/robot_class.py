@@ -86,14 +86,15 @@ class Durations:
 OTHER_STATE = "if its joints can fold it, add the robot again with posture= (Database.add_robot)"
 
 _RADIUS = 0.3
+_TURNS = np.stack([f((np.arange(16) + 0.5) * math.pi / 8) for f in (np.cos, np.sin)], 1)
 
 BODY = Part(
     "body",
     ("body",),
     (0.0, 1.5),
-    _RADIUS * np.stack([f(np.arange(16) * math.pi / 8) for f in (np.cos, np.sin)], 1),
-    _RADIUS * math.cos(math.pi / 16),
+    (_RADIUS / math.cos(math.pi / 16) * _TURNS).round(9),
     _RADIUS,
+    _RADIUS / math.cos(math.pi / 16),
 )
 """The shape inside of places of a robot of which nothing is known: 0.6 m wide, 1.5 m high."""
 
@@ -218,7 +219,8 @@ class RobotClass:
         """Name, width and top of each part; a robot passes forwards, along its x axis."""
         return [(p.name, float(np.ptp(p.footprint[:, 1])), p.interval[1]) for p in self.parts]
 
-    def _misfit(self, connector: PlaceConnector) -> str | None:
+    def too_large_for(self, connector: PlaceConnector) -> str | None:
+        """Which part does not fit through the stated opening of a connector; None if all do."""
         for number, (name, width, top) in enumerate(self._sizes):
             hint = f"; {OTHER_STATE}" if number else ""  # the base, which is first, has one state
             if connector.width is not None and width > connector.width:
@@ -231,6 +233,11 @@ class RobotClass:
                     f"the {name} does not fit under {connector.name}: it reaches to "
                     f"{top:.2f} m, the opening to {connector.height:.2f} m{hint}"
                 )
+        return None
+
+    def _misfit(self, connector: PlaceConnector) -> str | None:
+        if (large := self.too_large_for(connector)) is not None:
+            return large
         limits = self.drive_limits
         if connector.step > limits.ground:
             return (

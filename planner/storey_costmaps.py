@@ -10,6 +10,7 @@ import math
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
+from itertools import product
 from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
@@ -23,10 +24,11 @@ from navgrid.grid import Grid, scene_grid
 from navgrid.headings import STEP, DriveSpace, drive, drive_space, drive_way
 from navgrid.inflation import INSCRIBED, LETHAL, UNKNOWN
 from navgrid.slabs import area_cells
-from navgrid.window import Window, grown
-from planner.base_pose import WALLS, RoomGround
+from navgrid.window import Window, grown, window_around
+from planner.base_pose import RoomGround
 from planner.graph_edges import StraightTravelCost, Travel
 from planner.robot_class import RobotClass
+from planner.straight_passage import free_offsets
 from planner.topology import OUTSIDE, PlaceConnector, PlaceRegion, Topology
 from semmap.geometry.overlay import common, united
 from semmap.geometry.pose import Pose
@@ -292,12 +294,16 @@ class StoreyCostmaps:
         costs, room, door = self.costs(place), self.room(place), self._doors(place).get(pose)
         if costs is None or room is None or door is None:
             return None
+        if (large := self.robot.too_large_for(door)) is not None:
+            return large
         joined = self._joined(door, pose)
         if joined is None:
             return None
         floor = self._standing_room(place, costs, room.grid)
         end = _nearest(floor & joined, room.grid, pose)
-        if end is not None and self._once(self._bends, door.name) is not None:
+        if end is not None and (
+            OUTSIDE in door.places or self._once(self._bends, door.name) is not None
+        ):
             return None
         costmap = self.costmap(self.storey_of(place))
         middle = door.leaf().interpolate(0.5, normalized=True)
@@ -338,8 +344,8 @@ class StoreyCostmaps:
         """Where the way through a door bends, as something stands in its opening.
 
         It leads from where the robot stands in the first place to where it does in the second, over
-        the cell of the opening that makes it shortest. It is straight where no cell is in the way,
-        or where only walls beside it are: the width of the door decides then.
+        the cell of the opening that makes it shortest, or straight over a gap that is too narrow
+        for cells. It is straight where nothing is in the way.
         """
         if connector.type not in ("door", "elevator_door") or OUTSIDE in connector.places:
             return []
@@ -352,25 +358,71 @@ class StoreyCostmaps:
         ]
         costmap = self.costmap(self.storey_of(connector.places[0]))
         straight = shapely.LineString([pose[:2] for pose in stands])
-        if _are_free(costmap, straight) or not _stands_near(costmap, straight):
+        aside = [stand[:2] for stand in stands] != [pose[:2] for pose in connector.poses]
+        if _are_free(costmap, straight) or (self._once(self._is_clear, name) and not aside):
             return []
-        leaf = connector.leaf()
-        steps = np.linspace(0.0, 1.0, 2 + math.ceil(leaf.length / self.resolution))
-        spots = [
-            Pose(x, y)
-            for x, y in shapely.get_coordinates(leaf.interpolate(steps, normalized=True)).tolist()
-            if _are_free(costmap, shapely.Point(x, y))
-        ]
-        spots.sort(key=lambda at: sum(math.dist(at[:2], pose[:2]) for pose in stands))
-        for spot in spots:
+        spots = [[at, at] for at in _across(costmap, connector) if _are_free(costmap, at)]
+        spots.sort(key=lambda at: sum(at[0].distance(shapely.Point(p[:2])) for p in stands))
+        lane: list[shapely.Point] | None = self._once(self._lane, name)
+        for ends in [*spots, *([] if lane is None else [lane])]:
             ways = [
-                self.path(place, pose, spot)
-                for place, pose in zip(connector.places, stands, strict=True)
+                self.path(place, pose, Pose(end.x, end.y))
+                for place, pose, end in zip(connector.places, stands, ends, strict=True)
             ]
             if ways[0] is not None and ways[1] is not None:
-                way = shapely.LineString(np.concatenate([ways[0], ways[1][::-1]]))
-                return [(x, y) for x, y in way.simplify(self.resolution / 2).coords[1:-1]]
+                one, two = (
+                    shapely.LineString(way).simplify(self.resolution / 2).coords[1:] for way in ways
+                )
+                return [*dict.fromkeys([*one, *two[::-1]])]
         return None
+
+    def _lane(self, name: str) -> list[shapely.Point] | None:
+        """The ends, on free cells of both places, of a straight way through an opening.
+
+        The shapes of what stands there leave it room, though cells may not; None without one.
+        """
+        door = self.topology.connectors[name]
+        costmap = self._costmap_of(door)
+        (a, b), middle = door.poses, door.way.interpolate(0.5, normalized=True)
+        x, y = (b.x - a.x) / door.metres, (b.y - a.y) / door.metres
+        for low, high in free_offsets(costmap, door):
+            for left in (min(max(low, 0.0), high), (low + high) / 2):
+                at = shapely.Point(middle.x - left * y, middle.y + left * x)
+                reaches = np.array([-1, 1]) * door.way.length / 2
+                ends = [
+                    self._first_free(place, at, shapely.Point(at.x + d * x, at.y + d * y))
+                    for place, d in zip(door.places, reaches.tolist(), strict=True)
+                ]
+                if ends[0] is not None and ends[1] is not None:
+                    return [ends[0], ends[1]]
+        return None
+
+    def _first_free(
+        self, place: str, start: shapely.Point, end: shapely.Point
+    ) -> shapely.Point | None:
+        """The first point from a start to an end in a free cell of a place; outside, the end."""
+        room, costs = (None, None) if place == OUTSIDE else (self.room(place), self.costs(place))
+        if room is None or costs is None:
+            return end
+        line = shapely.LineString([start, end])
+        steps = np.linspace(0.0, 1.0, 2 + math.ceil(2 * line.length / self.resolution))
+        points = line.interpolate(steps, normalized=True)
+        free = _values(costs, room.grid, shapely.get_coordinates(points)) < INSCRIBED
+        return points[int(np.argmax(free))] if free.any() else None
+
+    def _is_clear(self, name: str) -> bool:
+        """Whether the robot drives straight from one approach pose of a door to the other."""
+        door = self.topology.connectors[name]
+        if self.robot.too_large_for(door) is not None:
+            return False
+        for place, pose in zip(door.places, door.poses, strict=True):
+            point = shapely.Point(pose.x, pose.y)
+            if self._first_free(place, point, point) is None:
+                return False
+        return any(low <= 0 <= high for low, high in free_offsets(self._costmap_of(door), door))
+
+    def _costmap_of(self, door: PlaceConnector) -> Costmap:
+        return self.costmap(self.storey_of(next(p for p in door.places if p != OUTSIDE)))
 
     def _doors(self, place: str) -> dict[Pose, PlaceConnector]:
         """The doors of a place, by their approach pose in it."""
@@ -423,8 +475,7 @@ class StoreyCostmaps:
     def _joined(self, door: PlaceConnector, pose: Pose) -> NDArray[np.bool_] | None:
         """The cells of an approach pose's place from which a way leads through the opening.
 
-        None if only walls beside the way narrow it: the width of a door says whether a robot passes
-        between its posts, more exactly than cells.
+        None if nothing is in the way from one approach pose to the other.
         """
         sides: tuple[NDArray[np.bool_], ...] | None = self._once(self._sides, door.name)
         return None if sides is None else sides[door.poses.index(pose)]
@@ -433,21 +484,24 @@ class StoreyCostmaps:
         """The cells of both places that one gap of an opening joins, by side; see `_joined`.
 
         Of several gaps it is the one that lies nearest to both approach poses; none, where a thing
-        leaves a gap on either side, but not the same one.
+        leaves a gap on either side, but not the same one. A gap that is too narrow for cells is
+        where shapes leave room for a straight way.
         """
+        if self._once(self._is_clear, name):
+            return None
         door = self.topology.connectors[name]
-        costmap = self.costmap(self.storey_of(next(p for p in door.places if p != OUTSIDE)))
-        if not _stands_near(costmap, door.way):
-            return None
-        leaf = door.leaf()
-        steps = np.linspace(0.0, 1.0, 2 + math.ceil(leaf.length / self.resolution))
-        points = shapely.get_coordinates(leaf.interpolate(steps, normalized=True))
-        ends = zip(door.places, door.poses, strict=True)
+        points = shapely.get_coordinates(_across(self._costmap_of(door), door))
+        ends = [*zip(door.places, door.poses, strict=True)]
         first, second = (self._side(place, pose, points) for place, pose in ends)
-        gaps = {(a, b) for a, b in zip(first.gaps, second.gaps, strict=True) if a and b}
-        if not gaps and not _stands_in(costmap, door) and not _meets_a_wall(costmap, door.way):
-            return None
-        reached = [(a, b) for a, b in gaps if a in first.away and b in second.away]
+        if self.robot.too_large_for(door) is not None:
+            return np.zeros_like(first.parts, np.bool_), np.zeros_like(second.parts, np.bool_)
+        reached = _gaps(first, second)
+        if not reached and (lane := self._once(self._lane, name)) is not None:
+            first, second = (
+                self._side(place, pose, shapely.get_coordinates(at))
+                for (place, pose), at in zip(ends, lane, strict=True)
+            )
+            reached = _gaps(first, second)
         best = min(reached, key=lambda ab: first.away[ab[0]] + second.away[ab[1]], default=(-1, -1))
         return first.parts == best[0], second.parts == best[1]
 
@@ -458,9 +512,7 @@ class StoreyCostmaps:
         if room is None or costs is None:
             return DoorSide(np.zeros((0, 0), np.int32), [1] * len(points), {1: 0.0})
         parts = label(costs < INSCRIBED, np.ones((3, 3)))[0]
-        cells = np.floor((points - room.grid.origin) / self.resolution).astype(int)[:, ::-1]
-        inside = np.all((cells >= 0) & (cells < room.grid.shape), axis=1, keepdims=True)
-        gaps = np.where(inside[:, 0], parts[tuple(np.where(inside, cells, 0).T)], 0).tolist()
+        gaps = _values(parts, room.grid, points, 0).tolist()
         floor = self._standing_room(place, costs, room.grid)
         ends = {part: _nearest(floor & (parts == part), room.grid, pose) for part in {*gaps}}
         return DoorSide(parts, gaps, {k: end[1] for k, end in ends.items() if end is not None})
@@ -576,7 +628,12 @@ class StoreyCostmaps:
         for place, room in self._rooms_of(storey) if windows else ():
             if any(_overlap(room.window, grown(w, STEP, costmap.grid)) for w in windows):
                 self._spaces.pop(place, None)
-            if (differs[room.window] & room.cells).any():
+            # at doors, shapes decide, and not cells alone
+            doors = [d.way.buffer(SNAP).bounds for d in self._doors(place).values()]
+            at_doors = [w for each in doors if (w := window_around([each], costmap.grid))]
+            if (differs[room.window] & room.cells).any() or any(
+                _overlap(door, window) for door, window in product(at_doors, windows)
+            ):
                 found.add(place)
         return found
 
@@ -615,20 +672,30 @@ def _are_free(costmap: Costmap, line: shapely.Geometry) -> bool:
     points = shapely.get_coordinates(
         line.interpolate(steps, normalized=True) if line.length else line
     )
-    cells = np.floor((points - costmap.grid.origin) / costmap.grid.resolution).astype(int)[:, ::-1]
-    if not ((cells >= 0) & (cells < costmap.grid.shape)).all():
-        return False
-    return bool((costmap.master[tuple(cells.T)] < INSCRIBED).all())
+    return bool((_values(costmap.master, costmap.grid, points) < INSCRIBED).all())
 
 
-def _stands_in(costmap: Costmap, door: PlaceConnector) -> bool:
-    """Whether something other than walls keeps the robot from the middle of an opening."""
-    middle = door.leaf().interpolate(0.5, normalized=True)
-    try:
-        sources = costmap.explain(middle.x, middle.y)
-    except ValueError:  # outside of the grid
-        return False
-    return any(s.cost >= INSCRIBED and s.layer != WALLS for s in sources)
+def _values(
+    cells: NDArray[Any], grid: Grid, points: NDArray[np.float64], beyond: int = UNKNOWN
+) -> NDArray[Any]:
+    """The values of the cells in which points (N, 2) are; `beyond` outside of the grid."""
+    at = np.floor((points - grid.origin) / grid.resolution).astype(int)[:, ::-1]
+    inside = np.all((at >= 0) & (at < grid.shape), axis=1, keepdims=True)
+    return np.where(inside[:, 0], cells[tuple(np.where(inside, at, 0).T)], beyond)
+
+
+def _across(costmap: Costmap, door: PlaceConnector) -> NDArray[np.object_]:
+    """Points across an opening at which the robot is within its posts, whatever its heading."""
+    beside = max(part.inscribed_radius for part in costmap.parts)
+    leaf = door.leaf(-min(beside, door.leaf().length / 2 - 1e-3))
+    steps = np.linspace(0.0, 1.0, 2 + math.ceil(leaf.length / costmap.grid.resolution))
+    return np.asarray(leaf.interpolate(steps, normalized=True))
+
+
+def _gaps(first: DoorSide, second: DoorSide) -> list[tuple[int, int]]:
+    """The free parts of both sides of a door that meet, and are near to its approach poses."""
+    met = {*zip(first.gaps, second.gaps, strict=True)}
+    return [(a, b) for a, b in met if a and b and a in first.away and b in second.away]
 
 
 def _is_closed_leaf(entity: SceneEntity, openings: Sequence[shapely.Polygon]) -> bool:
@@ -637,36 +704,6 @@ def _is_closed_leaf(entity: SceneEntity, openings: Sequence[shapely.Polygon]) ->
         return False
     least = 0.9 * entity.footprint.area
     return any(common(entity.footprint, opening).area >= least for opening in openings)
-
-
-def _stands_near(costmap: Costmap, way: shapely.LineString) -> bool:
-    """Whether something is where parts of the robot come on a way; a wall, if it is surely met."""
-    reach = max(p.circumscribed_radius for p in costmap.parts) + costmap.grid.resolution
-    things = (cells for layer, cells in costmap.occupied.items() if layer != WALLS)
-    return _meets_a_wall(costmap, way) or any(_is_near(costmap, c, way, reach) for c in things)
-
-
-def _meets_a_wall(costmap: Costmap, way: shapely.LineString) -> bool:
-    """Whether a wall is so near to a straight way that the robot surely meets it."""
-    half = costmap.grid.resolution / math.sqrt(2)  # from the middle of a cell to its corners
-    parts = zip(costmap.parts, costmap.occupied.get(WALLS, ()), strict=False)
-    return any(_is_near(costmap, cells[None], way, p.inscribed_radius - half) for p, cells in parts)
-
-
-def _is_near(
-    costmap: Costmap, cells: NDArray[np.bool_], way: shapely.LineString, reach: float
-) -> bool:
-    """Whether the middle of a cell of (parts, rows, columns) is within so many metres of a way."""
-    x0, y0, x1, y1 = way.bounds
-    (c0, r0), (c1, r1) = (
-        np.floor((np.array(corner) - costmap.grid.origin) / costmap.grid.resolution).astype(int)
-        for corner in ((x0 - reach, y0 - reach), (x1 + reach, y1 + reach))
-    )
-    window = slice(max(0, r0), max(0, r1 + 1)), slice(max(0, c0), max(0, c1 + 1))
-    there = cells[:, *window].any(axis=0)
-    found = np.argwhere(there)[:, ::-1] + (window[1].start + 0.5, window[0].start + 0.5)
-    points = np.array(costmap.grid.origin) + found * costmap.grid.resolution
-    return bool((shapely.distance(shapely.points(points), way) <= reach).any())
 
 
 def _entities_at(costmap: Costmap, pose: Pose, cost: int) -> tuple[str, ...]:

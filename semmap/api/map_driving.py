@@ -273,8 +273,8 @@ class MapDriving(MapQuestions):
         start, goal : a room, an object, a region or an agent by its name; a point (x, y) or
             (x, y, z) in the map's frame, metres; for `goal` also a type or a label: the nearest
         robot : a stored class or a `planner.RobotClass`, with costmaps and travel times; by
-            default a robot 0.6 m wide and 1.5 m high inside of rooms, that passes all doors and
-            stairs
+            default a robot 0.6 m wide and 1.5 m high inside of rooms, that passes doors that it
+            fits through, and stairs
         avoid : names or types of places, doors and regions that it must not use
         at : the moment, for rules that have hours; by default now
         rules : a YAML file: the costs of places, doors and regions

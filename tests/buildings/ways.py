@@ -31,7 +31,7 @@ CELL = 0.05
 class Body:
     """What a robot is: radii within its base and around all of it, width, heights, and reach.
 
-    No door is too narrow or too low for one that is only `assumed`, and no stairs too steep.
+    No stairs are too steep for one that is only `assumed`; doors of buildings are wider.
     """
 
     inner: float

@@ -1,0 +1,164 @@
+"""What leaves an opening free decides exactly, wherever the cells of the grid fall."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import shapely
+
+from navgrid.terrain import DriveLimits
+from planner.robot_class import BODY, RobotClass
+from planner.storey_costmaps import StoreyCostmaps
+from planner.topology import Place, PlaceConnector, Topology
+from semmap.geometry.mesh import box_mesh
+from semmap.geometry.pose import Pose
+from semmap.query.storey_scene import FloorArea, SceneEntity, StoreyScene
+from semmap.robot import Part
+
+PERSON = RobotClass("person", (BODY,))
+CORNERS = np.array([[-0.3, -0.2], [0.25, -0.2], [0.25, 0.15], [-0.3, 0.15]])
+CARRIER = RobotClass(
+    "carrier",
+    (
+        Part("base", ("base",), (0.0, 0.4), CORNERS, 0.15, 0.4),
+        Part("tray", ("tray",), (0.6, 0.9), CORNERS * 1.5, 0.225, 0.6),
+    ),
+    DriveLimits(max_step=0.05),
+)
+LOW, HIGH = 0.0, 4.0  # of the rooms along their wall, which is from x = 4.0 to 4.2
+
+
+def solid(number, y0, y1, z0, z1, door, x0=0.0, x1=0.2, types=("wall", "building_element")):
+    """A box in the frame of a wall, as a map's entity."""
+    triangles = box_mesh((4 + x0, y0, z0), (4 + x1, y1, z1)).triangles
+    moved = door.apply(triangles.reshape(-1, 3)).reshape(-1, 3, 3)
+    return SceneEntity(number, f"solid{number}", "object", types, moved)
+
+
+def building(width, solids, frame, robot=PERSON, resolution=0.05, middle=2.0):
+    """Two rooms on both sides of a wall with a door in it, turned and moved by a frame."""
+
+    def outline(x0, y0, x1, y1):
+        corners = np.array([[x0, y0, 0], [x1, y0, 0], [x1, y1, 0], [x0, y1, 0]])
+        return shapely.Polygon(frame.apply(corners)[:, :2])
+
+    poses = (
+        frame @ Pose.planar(3.5, middle, 0.0),
+        frame @ Pose.planar(4.7, middle, math.pi),
+    )
+    door = PlaceConnector("door", ("one", "two"), poses, width=width, id=3)
+    half = width / 2
+    floors = (
+        FloorArea("one", outline(0, LOW, 4, HIGH), 0.0),
+        FloorArea("two", outline(4.2, LOW, 8.2, HIGH), 0.0),
+        FloorArea("door", outline(3.5, middle - half, 4.7, middle + half), 0.0),
+    )
+    walls = [
+        solid(20, LOW, middle - half, 0, 2.6, frame),
+        solid(21, middle + half, HIGH, 0, 2.6, frame),
+    ]
+    scene = StoreyScene("", 0.0, (*walls, *solids), floors, (-0.5, 3.0))
+    known = Topology.of([Place(n, id=i) for i, n in enumerate(("one", "two"))], [door])
+    return StoreyCostmaps(known, robot, lambda storey: scene, resolution)
+
+
+def passes(made):
+    door = made.topology.connectors["door"]
+    found = [made.obstruction(*end) is None for end in zip(door.places, door.poses, strict=True)]
+    assert found[0] == found[1]
+    return found[0]
+
+
+def widest(width, boxes, robot):
+    """How much wider than each part the widest gap is, that all get through on one line."""
+    centres = np.linspace(-width / 2, width / 2, 20001)
+    free = np.full(len(centres), np.inf)
+    for part in robot.parts:
+        right, left = part.footprint[:, 1].min(), part.footprint[:, 1].max()
+        free = np.minimum(free, np.minimum(centres + right + width / 2, width / 2 - centres - left))
+        for y0, y1, z0, z1 in boxes:
+            if z1 <= robot.drive_limits.max_step or z0 > part.interval[1] or z1 < part.interval[0]:
+                continue
+            free = np.minimum(free, np.maximum(y0 - centres - left, centres + right - y1))
+    return float(free.max())
+
+
+@pytest.mark.parametrize("robot", [PERSON, CARRIER], ids=["disc", "shape"])
+@pytest.mark.parametrize("seed", range(60))
+def test_a_gap_is_passed_where_the_robot_fits_and_nowhere_else(seed, robot):
+    draw = np.random.default_rng(seed)
+    x, y = draw.uniform(-0.1, 0.1, 2)
+    frame = Pose.planar(x, y, draw.choice([0, math.pi / 2, draw.uniform(-4, 4)]))
+    width, boxes = draw.uniform(0.55, 1.6), []
+    for _ in range(draw.integers(0, 3)):
+        y, half = draw.uniform(-width / 2, width / 2), draw.uniform(0.02, 0.3)
+        z0, high = draw.choice([0.0, 0.3, 0.45, 1.2, 1.6]), draw.choice([0.01, 0.1, 0.5, 2.0])
+        boxes.append((y - half, y + half, z0, z0 + high))
+    kinds = draw.choice(["wall", "box"], len(boxes))
+    solids = [
+        solid(30 + k, 2 + a, 2 + b, c, d, frame, types=(kind, "object"))
+        for k, ((a, b, c, d), kind) in enumerate(zip(boxes, kinds, strict=True))
+    ]
+    room = widest(width, boxes, robot)
+    if abs(room) < 1e-4:
+        pytest.skip("rounding decides")
+    made = building(width, solids, frame, robot)
+    if room < 0 and robot is CARRIER:  # cells may show a way at another heading
+        return
+    assert passes(made) == (room > 0), (room, boxes)
+    door = made.topology.connectors["door"]
+    if room < 0:
+        return
+    stands = [made.standing(*end)[:2] for end in zip(door.places, door.poses, strict=True)]
+    way = shapely.LineString([stands[0], *made.bends(door), stands[1]])
+    for there in solids if robot is PERSON else ():
+        z = there.triangles[:, :, 2]
+        if z.max() > robot.drive_limits.max_step and z.min() <= BODY.interval[1]:
+            ground = shapely.MultiPoint(there.triangles[:, :, :2].reshape(-1, 2)).convex_hull
+            assert way.distance(ground) > BODY.inscribed_radius - 0.03
+
+
+@pytest.mark.parametrize("offset", np.linspace(0, 0.05, 7))
+@pytest.mark.parametrize("gap", [0.5, 0.53, 0.57, 0.599, 0.6, 0.62, 0.66])
+@pytest.mark.parametrize("kind", ["wall", "box"])
+def test_the_offset_of_the_grid_changes_nothing(gap, offset, kind):
+    """A door of 0.9 m of which a post, or a wall on both of its sides, leaves a gap."""
+    frame = Pose(offset, offset / 3)
+    types = (kind, "object")
+    solids = [solid(30, 1.55, 2.45 - gap, 0, 2, frame, types=types)]
+    if kind == "wall":
+        rest = (0.9 - gap) / 2
+        solids = [
+            solid(30, 1.5, 1.55 + rest, 0, 2, frame, types=types),
+            solid(31, 2.45 - rest, 2.5, 0, 2, frame, types=types),
+        ]
+    assert passes(building(0.9, solids, frame)) == (gap >= 0.6)
+
+
+@pytest.mark.parametrize("resolution", [0.03, 0.05])
+@pytest.mark.parametrize("seed", range(20))
+def test_gaps_between_things_in_a_room_are_passed_with_an_error_of_three_cells(seed, resolution):
+    """Two blocks from wall to wall leave a gap: never one narrower than the body."""
+    draw = np.random.default_rng(seed)
+    gap = draw.choice([0.55, 0.595, 0.6 + 3 * resolution, 0.9])
+    y, frame = draw.uniform(1.2, 2.8), Pose(*draw.uniform(-0.1, 0.1, 2))
+    blocks = [
+        solid(30, -0.2, y - gap / 2, 0, 1, frame, -1.6, -1.1, ("box",)),
+        solid(31, y + gap / 2, 4.2, 0, 1, frame, -1.6, -1.1, ("box",)),
+    ]
+    made = building(0.9, blocks, frame, resolution=resolution)
+    ends = [frame @ Pose.planar(x, 2.0) for x in (1.0, 3.4)]
+    found = made.between("one", ends[:1], ends[1:]).seconds
+    assert np.isfinite(found).all() == (gap > 0.6)
+
+
+def test_a_moved_post_changes_the_places_of_its_door():
+    """By a centimetre, which no cell shows."""
+    frame = Pose()
+    post = solid(30, 1.5, 1.85, 0, 2, frame, types=("box",))
+    made = building(0.9, [post], frame)
+    assert passes(made)
+    nearer = solid(30, 1.5, 1.8501, 0, 2, frame, types=("box",))
+    assert made.update([30], [replace(nearer, name="post")]) == {"one", "two"}
+    assert not passes(made)
