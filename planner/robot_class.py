@@ -85,6 +85,9 @@ class Durations:
 
 OTHER_STATE = "if its joints can fold it, add the robot again with posture= (Database.add_robot)"
 
+SAME = 1e-6
+"""Metres by which a part may be larger than an opening: files round their numbers."""
+
 _RADIUS = 0.3
 _TURNS = np.stack([f((np.arange(16) + 0.5) * math.pi / 8) for f in (np.cos, np.sin)], 1)
 
@@ -223,12 +226,12 @@ class RobotClass:
         """Which part does not fit through the stated opening of a connector; None if all do."""
         for number, (name, width, top) in enumerate(self._sizes):
             hint = f"; {OTHER_STATE}" if number else ""  # the base, which is first, has one state
-            if connector.width is not None and width > connector.width:
+            if connector.width is not None and width > connector.width + SAME:
                 return (
                     f"the {name} does not fit through {connector.name}: it is {width:.2f} m "
                     f"wide, the opening {connector.width:.2f} m{hint}"
                 )
-            if connector.height is not None and top > connector.height:
+            if connector.height is not None and top > connector.height + SAME:
                 return (
                     f"the {name} does not fit under {connector.name}: it reaches to "
                     f"{top:.2f} m, the opening to {connector.height:.2f} m{hint}"

@@ -15,12 +15,10 @@ from numpy.typing import NDArray
 
 from navgrid.costmap import Costmap
 from navgrid.slabs import flat_triangles, mesh_of
+from planner.robot_class import SAME
 from planner.topology import PlaceConnector
 from semmap.geometry.pose import Pose
 from semmap.query.storey_scene import SceneEntity
-
-SAME = 1e-6
-"""Metres by which a robot may touch what is beside it: files round their numbers."""
 
 Floats = NDArray[np.float64]
 Interval = tuple[float, float]

@@ -9,7 +9,7 @@ import trimesh
 
 from semmap.geometry.pose import Pose
 from semmap.query.map_check.building import LINTEL, WALL
-from semmap.query.map_check.doorways import LINES, LOWEST, clear_height, closing, taken_lines
+from semmap.query.map_check.doorways import GROUND, PASSAGE, Opening
 
 
 def solid(draw: random.Random) -> tuple[shapely.Polygon, trimesh.Trimesh]:
@@ -31,35 +31,90 @@ def solid(draw: random.Random) -> tuple[shapely.Polygon, trimesh.Trimesh]:
     return ground, mesh
 
 
-@pytest.mark.parametrize("seed", range(60))
-def test_lines_are_those_that_shapely_finds(seed: int) -> None:
+def spans_of(ground: shapely.Geometry, width: float) -> shapely.Geometry:
+    """What Shapely says that a ground takes of an opening, as lines along y."""
+    strip = shapely.box(-WALL, -width / 2, WALL, width / 2)
+    parts = [p.bounds for p in shapely.get_parts(ground.intersection(strip)) if p.area > 0]
+    return shapely.union_all([shapely.LineString([(0, y0), (0, y1)]) for _, y0, _, y1 in parts])
+
+
+@pytest.mark.parametrize("seed", range(100))
+def test_what_is_taken_is_what_shapely_finds(seed: int) -> None:
     draw = random.Random(seed)
     ground, mesh = solid(draw)
     width = draw.uniform(0.5, 2)
     door = Pose.planar(draw.uniform(-9, 9), draw.uniform(-9, 9), draw.uniform(-4, 4), 3.0)
     low, high = mesh.bounds[:, 2]
     faces = door.apply(mesh.triangles.reshape(-1, 3)).reshape(-1, 3, 3)
-    found = taken_lines(door, width, faces)
-    across = (np.arange(round(width / LINES)) + 0.5) * LINES - width / 2
-    lines = shapely.linestrings([[(-WALL, y), (WALL, y)] for y in across])
-    reaches = high > LOWEST and low < LINTEL
-    near, surely = (
-        shapely.intersects(ground.buffer(margin), lines) & reaches for margin in (LINES, -LINES)
-    )
-    if min(high, LINTEL) - max(low, LOWEST) > 0.02:
-        assert (found >= surely).all()
-    assert (found <= near).all()
+    spans = Opening(door, width, {"it": faces}).taken("it")
+    found = shapely.union_all([shapely.LineString([(0, a), (0, b)]) for a, b in spans])
+    expected = shapely.LineString()
+    if high >= GROUND and low <= LINTEL:
+        expected = spans_of(ground, width)
+    assert found.difference(expected.buffer(1e-5)).length < 1e-4
+    assert expected.difference(found.buffer(1e-5)).length < 1e-4
 
 
-def test_what_is_left_is_wide_enough_or_not() -> None:
-    every = (np.arange(90) + 0.5) * LINES
-    for left, passes in ((0.65, True), (0.55, False), (0.0, False)):
-        assert closing(0.9, {"wall": every > left}) == ([] if passes else ["wall"])
-        half = {"low": every < (0.89 - left) / 2, "high": every > (0.9 + left) / 2}
-        assert bool(closing(0.9, half)) != passes
-    assert closing(0.5, {"frame": every[:50] > 0.42}) == []  # nearly all of it is left
-    assert closing(0.9, {"post": every < 0.05, "wall": every > 0.3}) == ["wall"]
-    assert closing(0.9, {}) == []
+@pytest.mark.parametrize("seed", range(20))
+def test_slanted_faces_take_what_their_sections_do(seed: int) -> None:
+    """Boxes turned in space, against the sections of trimesh at many heights."""
+    draw = np.random.default_rng(seed)
+    mesh = trimesh.creation.box(draw.uniform(0.1, 1, 3))
+    mesh.apply_transform(trimesh.transformations.random_rotation_matrix(draw.random(3)))
+    mesh.apply_translation([*draw.uniform(-0.4, 0.4, 2), draw.uniform(0, 1.6)])
+    spans = Opening(Pose(), 1.0, {"it": mesh.triangles}).taken("it")
+    strip = shapely.box(-WALL, -0.5, WALL, 0.5)
+    low, high = np.inf, -np.inf
+    for height in np.linspace(GROUND, LINTEL, 1500):
+        section = trimesh.intersections.mesh_plane(mesh, (0, 0, 1), (0, 0, height))
+        hull = shapely.MultiPoint(section[:, :, :2].reshape(-1, 2)).convex_hull
+        part = hull.intersection(strip)
+        if not part.is_empty:
+            low, high = min(low, part.bounds[1]), max(high, part.bounds[3])
+    assert len(spans) == (low < high)
+    for a, b in spans:
+        assert (a, b) == pytest.approx((low, high), abs=5e-3)
+        assert a <= low + 1e-5
+        assert b >= high - 1e-5
+
+
+def beam(y0: float, y1: float, z0: float, z1: float) -> np.ndarray:
+    at = trimesh.transformations.translation_matrix((0, (y0 + y1) / 2, (z0 + z1) / 2))
+    return np.asarray(trimesh.creation.box((0.1, y1 - y0, z1 - z0), transform=at).triangles)
+
+
+@pytest.mark.parametrize(
+    ("width", "solids", "says"),
+    [
+        (0.9, {"post": (0.15, 0.45, 0, 2)}, None),
+        (0.9, {"post": (0.149, 0.45, 0, 2)}, "narrower than 0.599 m"),
+        (0.9, {"post": (-0.1, 0.45, 0, 2)}, "narrower than 0.350 m"),
+        (0.9, {"wall": (-0.45, 0.45, 0, 2)}, "no robot passes"),
+        (0.9, {"sill": (-0.45, 0.45, 0, 0.02)}, None),
+        (0.9, {"sill": (-0.45, 0.45, 0, 0.022)}, "climbs 0.022 m"),
+        (0.9, {"sill": (-0.45, 0.45, -1, 0.1)}, "climbs 0.100 m"),
+        (0.9, {"lintel": (-0.45, 0.45, 1.5, 2)}, "lower than 1.50 m"),
+        (0.9, {"lintel": (-0.45, 0.45, 1.501, 2)}, None),
+        (0.9, {"lintel": (-0.45, 0.2, 1.2, 2)}, "lower than 1.20 m"),
+        (0.9, {"sill": (-0.45, 0.2, 0, 0.05), "post": (0.2, 0.45, 0, 2)}, "climbs 0.050 m"),
+        (0.9, {"sill": (-1, 1, 0, 0.05), "beam": (-1, 1, 1.2, 1.3)}, "no robot 0.6 m wide"),
+        (0.5, {"frame": (-0.25, -0.2, 0, 2)}, None),  # nearly all of it is left
+        (0.5, {"frame": (-0.25, -0.05, 0, 2)}, "narrower than 0.300 m"),
+    ],
+)
+def test_what_closes_an_opening_says_who_passes(
+    width: float, solids: dict[str, tuple[float, ...]], says: str | None
+) -> None:
+    door = Pose.planar(3, -2, 1.1, 0.5)
+    faces = {
+        name: door.apply(beam(*ends).reshape(-1, 3)).reshape(-1, 3, 3)
+        for name, ends in solids.items()
+    }
+    opening = Opening(door, width, faces)
+    shut = opening.closing([*solids])
+    assert bool(shut) == (says is not None)
+    if says is not None:
+        assert says in opening.passing([*solids])
 
 
 @pytest.mark.parametrize("seed", range(20))
@@ -69,15 +124,14 @@ def test_a_robot_may_be_as_high_as_the_lowest_beam(seed: int) -> None:
     door = Pose.planar(draw.uniform(-9, 9), draw.uniform(-9, 9), draw.uniform(-4, 4), 3.0)
     beams, lowest = [], {"left": 9.0, "right": 9.0}
     for half in draw.sample(["left", "right", "both"], draw.randint(1, 3)):
-        low = draw.uniform(0.2, 1.3)
-        wide, y = {"left": (0.6, -0.3), "right": (0.6, 0.3), "both": (1.4, 0.0)}[half]
-        at = trimesh.transformations.translation_matrix((0, y, low + 0.02))
-        beams.append(trimesh.creation.box((0.1, wide, 0.04), transform=at).triangles)
+        low = draw.uniform(0.25, 1.3)
+        y = {"left": (-0.6, 0.0), "right": (0.0, 0.6), "both": (-0.7, 0.7)}[half]
+        beams.append(beam(*y, low, low + 0.04))
         for side in lowest.keys() & {half} or lowest:
             lowest[side] = min(lowest[side], low)
     faces = door.apply(np.concatenate(beams).reshape(-1, 3)).reshape(-1, 3, 3)
-    taken = {"beams": taken_lines(door, 1.2, faces)}
-    assert bool(closing(1.2, taken)) == (max(lowest.values()) < LINTEL)
-    if closing(1.2, taken):
-        expected = max(lowest.values())
-        assert clear_height(door, 1.2, [faces]) == pytest.approx(expected, abs=0.011)
+    opening = Opening(door, 2 * PASSAGE, {"beams": faces})
+    expected = max(lowest.values())
+    assert bool(opening.closing(["beams"])) == (expected < LINTEL)
+    if expected < LINTEL:
+        assert f"lower than {expected:.2f} m" in opening.passing(["beams"])

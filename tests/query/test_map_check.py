@@ -106,7 +106,7 @@ def overlaps(here: semmap.Map, draw: random.Random) -> tuple[str, set[str]]:
     outline = here["r00"].footprint
     assert outline is not None
     low, _, _, top = outline.bounds
-    edge = draw.uniform(0.5, 0.9)
+    edge = draw.uniform(0.7, 0.9)
     corners = [
         (low - 3, top - edge),
         (low + 0.9, top - edge),
@@ -114,7 +114,7 @@ def overlaps(here: semmap.Map, draw: random.Random) -> tuple[str, set[str]]:
         (low - 3, top + 3),
     ]
     here.add_room("annex", corners, floor=0, ceiling=2.9)
-    here.add_door("da", "annex", "r00", ((low, top - 0.5), (low, top)))
+    here.add_door("da", "annex", "r00", ((low, top - 0.65), (low, top)))
     return "overlapping rooms", {"annex", "r00"}
 
 
@@ -591,10 +591,10 @@ def doorway(database: str) -> Iterator[semmap.Map]:
 @pytest.mark.parametrize(
     ("size", "low", "type_", "kind", "says"),
     [
-        ((0.2, 1.4, 1.2), 1.0, "wall", "blocked door", "no robot higher than 1.00 m passes"),
-        ((0.2, 1.4, 0.05), 0.62, "wall", "blocked door", "no robot higher than 0.62 m passes"),
-        ((0.2, 1.4, 2.4), 0.0, "wall", "blocked door", "and no robot passes"),
-        ((0.02, 1.4, 2.1), 0.0, "curtain", "thing in a doorway", "and no robot passes"),
+        ((0.2, 1.4, 1.2), 1.0, "wall", "blocked door", "only a robot lower than 1.00 m passes"),
+        ((0.2, 1.4, 0.05), 0.62, "wall", "blocked door", "only a robot lower than 0.62 m passes"),
+        ((0.2, 1.4, 2.4), 0.0, "wall", "blocked door", ": no robot passes"),
+        ((0.02, 1.4, 2.1), 0.0, "curtain", "thing in a doorway", ": no robot passes"),
         ((0.05, 0.95, 2.1), 0.0, None, "thing in a doorway", "give it the type door_leaf"),
         ((0.05, 0.95, 2.1), 0.0, "door_leaf", None, ""),
     ],

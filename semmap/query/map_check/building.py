@@ -188,7 +188,7 @@ class CheckedBuilding:
         corners = door.apply([[x, y, 0] for x in (-WALL, WALL) for y in (-half, half)])
         around = shapely.MultiPoint(corners[:, :2]).convex_hull
         found = (self.solids[n] for n in np.sort(self._solid_tree.query(around)))
-        return [e for e in found if e.low[2] < door.z + LINTEL and e.high[2] > door.z]
+        return [e for e in found if e.low[2] <= door.z + LINTEL + SAME_POINT and e.high[2] > door.z]
 
     def beneath(self, entity: CheckedEntity) -> list[CheckedEntity]:
         """Other solids over which an object is, wholly or in part; the highest first."""

@@ -21,12 +21,13 @@ from semmap.query.geometry_notes import listed
 from semmap.query.map_check.building import (
     CONTACT,
     FASTENED,
+    LINTEL,
     SAME_POINT,
     STEP,
     THICKEST,
     WALL,
 )
-from semmap.query.map_check.doorways import PASSAGE, clear_height, closing, taken_lines
+from semmap.query.map_check.doorways import NARROWEST, PASSAGE, SAME, Opening
 from semmap.query.map_check.fixes import Moves, Named, Trials
 from semmap.query.map_check.reader import CheckedEntity, once_a_pair, read_checked_entities
 from semmap.query.map_check.support import SupportedBuilding
@@ -43,9 +44,6 @@ CONTENT = 0.95
 
 SMALLER = 0.8
 """Of the larger box of two: the largest box of a content. What is larger stands in its place."""
-
-NARROWEST = 0.2
-"""Metres of the width of the narrowest robots."""
 
 AHEAD = 0.35
 """Metres before and behind a door that are in the rooms that it joins, behind walls."""
@@ -449,15 +447,13 @@ def _door_moves(
 
 def _blocked(building: SupportedBuilding, structure: bool) -> Found:
     """Doors in whose opening parts of the building stand, or else other things."""
-    for door, shut in _shut_doors(building):
+    for door, opening, shut in _shut_doors(building):
         if _is_fast(building, door, shut[0]) != structure:
             continue
         assert door.pose is not None
         names = tuple(sorted(e.name for e in shut))
         stand = "stands" if len(names) == 1 else "stand"
-        high = clear_height(door.pose, door.row["width"] or DOOR, [e.triangles for e in shut])
-        who = f"no robot higher than {high:.2f} m" if high else "no robot"
-        text = f"{listed(names)} {stand} in the opening of {door.name}, and {who} passes"
+        text = f"{listed(names)} {stand} in the opening of {door.name}: {opening.passing(shut)}"
         fix = "by hand: move it, if it is there"
         if structure:
             fix = "by hand: give the wall an opening there, or move or delete the door or the wall"
@@ -484,7 +480,7 @@ def _is_in_opening(door: CheckedEntity, entity: CheckedEntity) -> bool:
 @lru_cache(maxsize=1)  # for both rules of the same building
 def _shut_doors(
     building: SupportedBuilding,
-) -> list[tuple[CheckedEntity, list[CheckedEntity]]]:
+) -> list[tuple[CheckedEntity, Opening[CheckedEntity], list[CheckedEntity]]]:
     """The doors that are closed by parts of the building, or else by things with them."""
     off = {names[0] for names, *_ in _far_doors(building)}
     found = []
@@ -494,12 +490,28 @@ def _shut_doors(
         assert door.pose is not None
         width = door.row["width"] or DOOR
         solids = [e for e in building.at_opening(door.pose, width) if e.row["type"] != "door_leaf"]
-        taken = {e: taken_lines(door.pose, width, e.triangles) for e in solids}
+        opening = Opening(door.pose, width, {e: e.triangles for e in solids})
         fast = partial(_is_fast, building, door)
-        parts = closing(width, {e: v for e, v in taken.items() if fast(e)})
-        if shut := parts or sorted(closing(width, taken), key=fast):
-            found.append((door, shut))
+        parts = opening.closing(e for e in solids if fast(e))
+        if shut := parts or sorted(opening.closing(solids), key=fast):
+            found.append((door, opening, shut))
     return found
+
+
+def _narrow(building: SupportedBuilding) -> Found:
+    """Doors whose stated opening is narrower or lower than a robot of which nothing is known."""
+    for door in building.doors:
+        width, height = door.row["width"] or PASSAGE, door.row["clear_height"] or LINTEL
+        if door.row["form"] not in ("door", "elevator_door") or width < NARROWEST:
+            continue  # another rule says so
+        for size, least, how, who in (
+            (width, PASSAGE, "wide", "narrower"),
+            (height, LINTEL, "high", "lower"),
+        ):
+            if size < least - SAME:
+                passes = f"only a robot {who} than {size:.2f} m passes"
+                text = f"the door {door.name} is {size:.2f} m {how}: {passes}"
+                yield (door.name,), text, "by hand: state its clear opening, if it is larger"
 
 
 def _no_floor(building: SupportedBuilding) -> Found:
@@ -634,6 +646,8 @@ RULES: tuple[tuple[str, Severity, Callable[[SupportedBuilding], Found]], ...] = 
     ("things at one point", "error", _one_point),
     ("room off its storey", "error", _off_storey),
     ("no passage", "warning", _no_passage),
+    ("narrow door", "warning", _narrow),
+    ("thing in a doorway", "warning", partial(_blocked, structure=False)),
     ("overlapping rooms", "warning", partial(_room_pairs, same=False)),
     ("room without a door", "warning", _no_door),
     ("storey without a floor", "warning", _no_floor),
@@ -643,7 +657,6 @@ RULES: tuple[tuple[str, Severity, Callable[[SupportedBuilding], Found]], ...] = 
     ("sunk", "warning", _sunk),
     ("penetrating", "warning", _penetrating),
     ("place without geometry", "warning", _shapeless_places),
-    ("thing in a doorway", "note", partial(_blocked, structure=False)),
     ("outside of all rooms", "note", _outside),
     ("without geometry", "note", _shapeless),
 )
