@@ -653,3 +653,37 @@ def test_what_hangs_in_furniture_is_held(
     doorway.add_object("coat", size=(0.5, 0.6, 1.0), pose=(2, 2, 0.5))
     found = {f.entities for f in doorway.check() if f.kind == "floating"}
     assert found == ({("coat",)} if floats else set())
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_a_book_over_an_edge_is_on_the_table_or_named(doorway: semmap.Map, seed: int) -> None:
+    """By the millimetre: the middle of its mass decides, as for its holder."""
+    draw = random.Random(seed)
+    doorway.add_object("table", size=(1.0, 0.8, 0.7), pose=(2, 2, 0))
+    long, share = draw.uniform(0.1, 0.4), draw.choice([0.2, 0.45, 0.49, 0.51, 0.55, 0.9])
+    x = 2.5 - share * long + long / 2
+    doorway.add_object("book", size=(long, 0.15, 0.03), pose=(x, 2, 0.7))
+    named = [f for f in doorway.check() if "book" in f.entities]
+    assert (doorway["book"].holder is doorway["table"] or not named) == (share > 0.5)
+    assert [f.kind for f in named] == ([] if share > 0.5 else ["tipping"])
+
+
+@pytest.mark.parametrize("away", [0.0, 0.005, 0.02, 0.04])
+@pytest.mark.parametrize(
+    ("low", "floats"),
+    [(0.62, True), (0.61, True), (0.3, False), (0.9, False)],
+    ids=["on-no-board", "a-little-lower", "hung-below-it", "hung-above-it"],
+)
+def test_what_is_beside_the_board_that_it_should_stand_on_floats(
+    doorway: semmap.Map, away: float, low: float, floats: bool
+) -> None:
+    boards = [
+        box_mesh((0, 0, 0), (0.02, 0.4, 1.2)),
+        box_mesh((0.98, 0, 0), (1, 0.4, 1.2)),
+        box_mesh((0, 0, 0.6), (1, 0.4, 0.62)),
+        box_mesh((0, 0, 0), (1, 0.4, 0.02)),
+    ]
+    doorway.add_object("shelf", mesh=join(boards), pose=(2, 2, 0))
+    doorway.add_object("vase", size=(0.1, 0.1, 0.25), pose=(2 - away - 0.05, 2.2, low))
+    found = [f.kind for f in doorway.check() if "vase" in f.entities]
+    assert found == (["floating" if away else "tipping"] if floats else [])

@@ -13,7 +13,14 @@ from semmap.geometry.extent import extent
 from semmap.geometry.levels import APART, are_floors, standing_levels
 from semmap.geometry.levels import CONTACT as TOUCHED
 from semmap.geometry.overlay import common
-from semmap.query.map_check.building import CEILING, CONTACT, FASTENED, SLAB, CheckedBuilding
+from semmap.query.map_check.building import (
+    CEILING,
+    CONTACT,
+    FASTENED,
+    SAME_POINT,
+    SLAB,
+    CheckedBuilding,
+)
 from semmap.query.map_check.doorways import section
 from semmap.query.map_check.reader import CheckedEntity, once_a_pair
 
@@ -23,8 +30,11 @@ SAMPLES = 200
 ABOVE = ("ceiling", "roof")
 """Types of flat parts into which nothing sinks."""
 
-OVER = 0.01
+OVER = 0.001
 """Metres by which a middle may lie beyond what bears it: so exact are middles and poses."""
+
+LEDGE = 0.1
+"""Metres beside a thing within which a board at its lowest level is what it should stand on."""
 
 RAYS, SHUT = 16, 0.7
 """Level rays from the middle of an object, and the part of them that what it is in stops."""
@@ -100,12 +110,19 @@ class SupportedBuilding(CheckedBuilding):
         """Parts of the building and things that touch an object, or are around it, and can hold it.
 
         These are larger ones beside it, and what it hangs beneath or in: rails are not modelled.
+        What is as high as a board beside it hangs on nothing there: it should stand on it.
         """
         return [
             other
             for other in self.near(entity, FASTENED)
             if self._can_hold(other, entity)
-            and (_touch(entity, other) or (not self.is_part(other) and _encloses(other, entity)))
+            and (
+                (
+                    (self.is_part(other) or not _is_level_with(entity, other))
+                    and _touch(entity, other)
+                )
+                or (not self.is_part(other) and _encloses(other, entity))
+            )
         ]
 
     def _can_hold(self, other: CheckedEntity, entity: CheckedEntity) -> bool:
@@ -216,13 +233,19 @@ class SupportedBuilding(CheckedBuilding):
         if any(contact is None for contact in contacts):
             return None  # it is right above one of them
         base = shapely.GeometryCollection(contacts)
-        if not base.area:
+        if base.is_empty:
             return None
         away = float(base.convex_hull.distance(shapely.Point(_middle(entity.triangles)[:2])))
         names = {other.name for other in bearers}
         if away <= OVER or any(other.name not in names for other in self.beside(entity)):
             return None
         return away, bearers[0]
+
+
+def _is_level_with(entity: CheckedEntity, other: CheckedEntity) -> bool:
+    """Whether an object is beside a level face of another that is as high as its lowest level."""
+    faces = _level(other.faces_over(entity.low - LEDGE, entity.high + LEDGE), entity)
+    return bool((np.ptp(faces[:, :, 2], axis=1) <= SAME_POINT).any())
 
 
 def _encloses(around: CheckedEntity, entity: CheckedEntity) -> bool:
