@@ -19,7 +19,7 @@ import shapely
 import semmap
 from semmap.database import Cluster
 from tests.buildings.beliefs import judge_beliefs, undone
-from tests.buildings.building import Building, Item, room_of
+from tests.buildings.building import OUTSIDE, Building, Door, Item, room_of
 from tests.buildings.clouds import cloud_cells, write_scans
 from tests.buildings.faults import judge_faults
 from tests.buildings.missions import judge_missions
@@ -255,9 +255,39 @@ def _reached(building: Building, *, sure: bool) -> nx.DiGraph:
 
 
 def judge_check(building: Building, place: semmap.Map) -> tuple[int, list[str]]:
-    """`Map.check` finds neither errors nor warnings in a sound building."""
-    wrong = [str(found) for found in place.check() if found.severity != "note"]
+    """`Map.check` finds in a sound building the doors that the assumed body cannot pass, alone."""
+    found = [each for each in place.check() if each.severity != "note"]
+    shut = {("narrow door", d.name) for d in building.doors if _is_small(d)}
+    shut |= {("thing in a doorway", d.name) for d in building.doors if _is_shut(building, d)}
+    told = {(each.kind, each.entities[0]) for each in found}
+    wrong = [str(each) for each in found if (each.kind, each.entities[0]) not in shut]
+    wrong += [f"{name}: no {kind}" for kind, name in shut - told]
     return len(building.items), wrong
+
+
+def _is_small(door: Door) -> bool:
+    """Whether the opening of a door is narrower or lower than the assumed body."""
+    low = door.height is not None and door.height < BODY.top
+    return not door.climbs and (low or door.width < BODY.width)
+
+
+def _is_shut(building: Building, door: Door) -> bool:
+    """Whether things leave the assumed body no gap in the opening of a door."""
+    if door.climbs:
+        return False
+    line = shapely.LineString(door.ends)
+    strip = line.buffer(0.3, cap_style="flat")
+    inside = building.room(next(room for room in door.rooms if room != OUTSIDE))
+    free = line
+    for item in building.items:
+        low, high = item.low - inside.floor, item.high - inside.floor
+        if item.points is None and low <= BODY.top and high >= 0.021:
+            met = shapely.get_coordinates(item.ground.intersection(strip))
+            along = [line.project(shapely.Point(at)) for at in met]
+            if along and min(along) < max(along):
+                ends = line.interpolate([min(along), max(along)])
+                free = free.difference(shapely.LineString(ends).buffer(1e-4))
+    return max((part.length for part in shapely.get_parts(free)), default=0.0) < BODY.width
 
 
 LEAF = 0.05

@@ -31,7 +31,7 @@ CELL = 0.05
 class Body:
     """What a robot is: radii within its base and around all of it, width, heights, and reach.
 
-    No stairs are too steep for one that is only `assumed`; doors of buildings are wider.
+    No stairs are too steep for one that is only `assumed`, and no threshold is too high.
     """
 
     inner: float
@@ -56,13 +56,13 @@ def refusal(door: Door, side: int, body: Body | None) -> str | None:
         return "it leads the other way"
     if door.state == "locked" or door.permission:
         return "it is locked"
-    if body is None or body.assumed:
+    if body is None or (body.assumed and door.climbs):
         return None
     if door.climbs:
         return "it is too steep"
     if door.height is not None and door.height < body.top:
         return "it is too low"
-    if door.width < body.width or door.step > body.step:
+    if door.width < body.width or (door.step > body.step and not body.assumed):
         return "it is too narrow, or its step too high"
     return None
 
