@@ -76,5 +76,14 @@ class Plan:
         """Whether no plan is shorter, within a millisecond."""
         return self.seconds <= self.bound + 1e-3
 
+    @property
+    def proof(self) -> str:
+        """How near to the shortest plan this one surely is, in words."""
+        if self.optimal:
+            return "no plan is shorter"
+        if not self.bound > 0:
+            return "it is not known how much shorter a plan may be"
+        return f"at most {self.gap:.0%} longer than the lower bound of {self.bound:.1f} s"
+
     def __repr__(self) -> str:
         return f"<plan of {self.goal}: {len(self.actions)} actions, {self.seconds:.0f} s>"

@@ -40,8 +40,5 @@ def _show_plan(plan: Plan) -> None:
     if plan.actions:
         lines = [(str(n), str(a), f"{a.seconds:.1f}") for n, a in enumerate(plan.actions, 1)]
         print_folded(("", "action", "seconds"), lines, right=("", "seconds"))
-    proof = f"at most {plan.gap:.0%} longer than the lower bound of {plan.bound:.1f} s"
-    if plan.optimal:
-        proof = "no plan is shorter"
     took = f"{plan.seconds:.1f} s" if plan.actions else "nothing to do, the goal is reached"
-    print(f"{plan.goal}: {took} ({proof})")
+    print(f"{plan.goal}: {took} ({plan.proof})")

@@ -37,3 +37,9 @@ def test_reasons_and_actions_of_ones_own(plan, tmp_path):
     said = plan("wiped(desk2)", "--domain", TIDY, "--pddl", tmp_path)
     assert "wipe(desk2)" in said
     assert {p.name for p in tmp_path.iterdir()} == {"domain.pddl", "problem.pddl"}
+
+
+def test_a_plan_without_a_bound_says_so(plan):
+    said = plan("found(muffin1)", "--from", "lab1")
+    assert "(it is not known how much shorter a plan may be)" in said
+    assert "inf" not in said
