@@ -66,7 +66,8 @@ BEGIN ATOMIC
 -- Whether an entity of a kind may have a type: a query by type must not return entities of another kind. An
 -- object of a subtype of room would be returned as a room. The leaf of a door is an object.
 SELECT NOT EXISTS (SELECT FROM semmap.type_closure WHERE sub = of_type AND super <> of_kind
-                   AND super IN ('room', 'region', 'elevator', 'storey', 'agent'));
+                   AND super IN ('room', 'region', 'elevator', 'storey', 'agent', 'object', 'connector')
+                   AND NOT (of_kind IN ('object', 'connector') AND super IN ('object', 'connector')));
 END;
 
 CREATE TRIGGER type_added AFTER INSERT OR DELETE ON semantic_type

@@ -17,6 +17,10 @@ BEGIN
         RAISE EXCEPTION 'the T-Box has no type %', NEW.type
             USING ERRCODE = 'foreign_key_violation', HINT = semmap.type_hint(NEW.type);
     END IF;
+    IF NOT semmap.fits_kind(NEW.type, NEW.kind) THEN
+        RAISE EXCEPTION '% is of the kind %, and % is a type of another kind', NEW.name, NEW.kind, NEW.type
+            USING ERRCODE = 'check_violation', HINT = format('Give a type below %s, or make a new entity.', NEW.kind);
+    END IF;
     RETURN NEW;
 END $$;
 

@@ -237,7 +237,7 @@ DECLARE
     deriving boolean := coalesce(current_setting('semmap.deriving', true), '') = 'on';
 BEGIN
     SELECT array_agg(entity_id), array_agg(entity_id) FILTER (WHERE o.holder_id IS DISTINCT FROM n.holder_id),
-           array_agg(entity_id) FILTER (WHERE o.holder_id IS DISTINCT FROM n.holder_id
+           array_agg(entity_id) FILTER (WHERE (o.holder_id, o.confidence) IS DISTINCT FROM (n.holder_id, n.confidence)
                                           AND n.holder_id IS NOT NULL AND n.confidence IS NULL),
            jsonb_object_agg(entity_id, jsonb_build_array(o.holder_id, n.holder_id))
         INTO moved, rehung, stated, placed
@@ -293,7 +293,7 @@ END $$;
 
 CREATE FUNCTION follow_geometry(moved bigint[], stated bigint[], left_behind bigint[] DEFAULT '{}')
 RETURNS void LANGUAGE plpgsql SECURITY DEFINER SET search_path = semmap, public, pg_temp AS $$
--- After a move: refuses a stated holder that the pose contradicts, recognises what is a part of the building now, or is
+-- After a move: refuses a stated holder that the pose contradicts, or that is far smaller, recognises what is a part of the building now, or is
 -- none any more, and derives the other holders that the move changes. `left_behind` is what rooms were near before. Does
 -- nothing if the setting `semmap.deriving` is off: then derive_again does it at the end.
 DECLARE
@@ -312,6 +312,20 @@ BEGIN
         IF wrong IS NOT NULL THEN
             RAISE EXCEPTION '% is not in or on %: they are % m apart', wrong.name, wrong.holder, wrong.metres
                 USING ERRCODE = 'check_violation', HINT = 'Move it there, or give its pose together with its holder.';
+        END IF;
+        -- A tray fits on a mug, a table does not; a towel hangs from a hook.
+        SELECT e.name, h.name AS holder, round(ST_Area(w.footprint)::numeric, 3) AS large,
+               round(ST_Area(k.footprint)::numeric, 3) AS small INTO wrong
+            FROM unnest(stated) s (id) JOIN semmap.placement p ON p.entity_id = s.id
+            JOIN semmap.entity e ON e.id = s.id AND e.kind = 'object'
+            JOIN semmap.entity h ON h.id = p.holder_id AND h.kind = 'object'
+            JOIN semmap.world w ON w.entity_id = e.id JOIN semmap.world k ON k.entity_id = h.id
+            WHERE ST_Area(w.footprint) > 25 * greatest(ST_Area(k.footprint), 0.0001)
+              AND ST_ZMin(w.box) >= ST_ZMin(k.box) - 0.01 LIMIT 1;
+        IF wrong IS NOT NULL THEN
+            RAISE EXCEPTION '% is too large to be on or in %: it covers % m2, % only %', wrong.name, wrong.holder, wrong.large,
+                wrong.holder, wrong.small
+                USING ERRCODE = 'check_violation', HINT = 'Put it on something larger.';
         END IF;
     END IF;
     around := semmap.neighbours_of(moved) || coalesce(left_behind, '{}');
