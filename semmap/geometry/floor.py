@@ -14,10 +14,13 @@ from shapely import MultiPolygon, Polygon
 from semmap.geometry.mesh import Mesh
 from semmap.geometry.morphology import polygons, without_gaps
 from semmap.geometry.parts import closed_parts
-from semmap.geometry.walk import GAP, walked_faces
+from semmap.geometry.walk import EXACT, GAP, walked_faces
 
 THIN = 1e-3
 """Thickness of a sheet to either side, metres."""
+
+GRID = 1e-4
+"""Metres between the points of the grid of outlines; without one, GEOS unites not all of them."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,9 +132,10 @@ def walkable_floor(
 
     It is the faces of `room` within `max_slope` radians, of either orientation, that are connected,
     by steps of at most `max_step` metres, with a face at `height`; without a mesh, all of `ground`
-    at this height. `headroom` metres above it are free of the obstacles, each a mesh with `fill` as
-    in `shadow`. Parts below `min_area` square metres are left out. Raises ValueError: the headroom
-    is not above the step, or the step is negative.
+    at this height. Outlines are on a grid of 0.1 mm, on which GEOS unites all floors; steps may
+    be 1 mm higher. `headroom` metres above it are free of the obstacles, each a mesh with
+    `fill` as in `shadow`. Parts below `min_area` square metres are left out. Raises ValueError: the
+    headroom is not above the step, or the step is negative.
     """
     if not 0 <= max_step < headroom:
         raise ValueError(
@@ -146,20 +150,25 @@ def walkable_floor(
         sheets = [(others, False)]
     free = []
     for level in levels:
-        place = level.outline.intersection(ground)
+        place = _areas(shapely.intersection(level.outline, ground, grid_size=GRID))
         own = [(s, True) for number, s in enumerate(solids) if number not in level.tops_of]
         for mesh, fill in [*obstacles, *own, *sheets]:
             if not place.is_empty:
-                above = shadow(mesh, level.low + max_step, level.high + headroom, fill=fill)
-                place = place.difference(above)
+                above = shadow(mesh, level.low + max_step + EXACT, level.high + headroom, fill=fill)
+                place = _areas(shapely.difference(place, above, grid_size=GRID))
         free.append((place, level.low, level.high))
-    whole = shapely.union_all([place for place, _, _ in free])
+    whole = shapely.union_all([place for place, _, _ in free], grid_size=GRID)
     kept = [p for p in polygons(without_gaps(whole, GAP)) if p.area >= min_area]
     if not kept:
         return None
-    outline = shapely.union_all(kept)
+    outline = shapely.union_all(kept, grid_size=GRID)
     under = [(a, b) for place, a, b in free if place.intersects(outline)]
     return Floor(outline, min(a for a, _ in under), max(b for _, b in under))
+
+
+def _areas(shape: shapely.Geometry) -> MultiPolygon:
+    """Return the polygons of a shape, which a grid may give lines and points, too."""
+    return MultiPolygon(polygons(shape))
 
 
 @dataclass(frozen=True, eq=False)
@@ -190,7 +199,12 @@ def _levels(
     others = np.setdiff1d(np.flatnonzero(solid < 0), walked, assume_unique=True)
     return (
         [
-            _Level(shapely.union_all(shapes[k]), a, b, frozenset(solid[walked[k]].tolist()))
+            _Level(
+                shapely.union_all(shapes[k], grid_size=GRID),
+                a,
+                b,
+                frozenset(solid[walked[k]].tolist()),
+            )
             for (a, b), k in sorted(levels.items())
         ],
         [Mesh(room.vertices, room.faces[solid == n]) for n in range(solid.max(initial=-1) + 1)],

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -160,3 +161,45 @@ def test_walkable_is_where_no_box_is_above(things: list[tuple[float, ...]], seed
 def test_steps_and_headroom_that_cannot_be(headroom: float, max_step: float) -> None:
     with pytest.raises(ValueError, match="give 0 <= step"):
         walked(None, headroom=headroom, max_step=max_step)
+
+
+@pytest.mark.parametrize("seed", [874, *range(20)])
+def test_floors_of_tiles_that_nearly_meet_are_united(seed: int) -> None:
+    """Tiles and walls whose edges differ by rounding; without a grid, GEOS has no union of one."""
+    draw = np.random.default_rng(seed)
+    turn, count = draw.uniform(0, 6.3), draw.integers(2, 5)
+    around = np.array(
+        [[np.cos(turn), -np.sin(turn), 0], [np.sin(turn), np.cos(turn), 0], [0, 0, 1]]
+    )
+    error = 10.0 ** draw.uniform(-12, -6)
+    xs, ys = np.cumsum(draw.uniform(0.3, 2, count)), np.cumsum(draw.uniform(0.3, 2, count))
+
+    def near(low: tuple[float, ...], high: tuple[float, ...]) -> Mesh:
+        box = box_mesh(low, high)
+        return Mesh(box.vertices + draw.normal(0, error, box.vertices.shape), box.faces)
+
+    tiles = join(
+        [near((x0, y0, -0.1), (x1, y1, 0)) for x0, x1 in pairwise(xs) for y0, y1 in pairwise(ys)]
+    )
+    walls = [(xs[0], ys[k % count], xs[-1] - 0.1, ys[k % count] + 0.1) for k in range(3)]
+    solids = [near((x0, y0, 0), (x1, y1, 1)) for x0, y0, x1, y1 in walls]
+    whole = shapely.box(xs[0], ys[0], xs[-1], ys[-1])
+    found = walkable_floor(
+        shapely.affinity.rotate(whole, np.degrees(turn), origin=(0, 0)),
+        0.0,
+        Mesh(tiles.vertices @ around.T, tiles.faces),
+        [(Mesh(solid.vertices @ around.T, solid.faces), True) for solid in solids],
+        min_area=0.0,
+    )
+    free = whole.difference(shapely.union_all([shapely.box(*wall) for wall in walls]))
+    assert found is not None
+    assert found.outline.area == pytest.approx(free.area, abs=0.002 * free.length)
+
+
+@pytest.mark.parametrize(("rise", "free"), [(0.03, True), (0.0305, True), (0.032, False)])
+def test_a_step_may_be_a_millimetre_too_high(rise: float, free: bool) -> None:
+    """As files round their heights; the higher tile is no obstacle then."""
+    tiles = join([box_mesh((0, 0, -0.1), (2, 2, 0)), box_mesh((2, 0, -0.1), (4, 2, rise))])
+    found = walkable_floor(shapely.box(0, 0, 4, 2), 0.0, tiles, [])
+    assert found is not None
+    assert found.outline.area == pytest.approx(8.0 if free else 4.0, abs=0.05)
