@@ -75,10 +75,10 @@ BEGIN
     END LOOP;
 END $$;
 CREATE POLICY robot_adds ON entity FOR INSERT TO semmap_robot
-    WITH CHECK (kind IN ('object', 'region', 'agent') AND fits_kind(type, kind));
+    WITH CHECK (kind IN ('object', 'region', 'agent'));
 CREATE POLICY robot_describes ON entity FOR UPDATE TO semmap_robot
     USING (kind IN ('object', 'region', 'agent') AND NOT is_other_robot(id))
-    WITH CHECK (kind IN ('object', 'region', 'agent') AND fits_kind(type, kind));
+    WITH CHECK (kind IN ('object', 'region', 'agent'));
 CREATE POLICY robot_places ON placement FOR INSERT TO semmap_robot
     WITH CHECK ((SELECT kind FROM entity e WHERE e.id = entity_id) IN ('object', 'region', 'agent')
                 AND NOT is_other_robot(entity_id));

@@ -79,8 +79,6 @@ EXECUTED = (
     "INSERT INTO execution (behaviour, entity_id, seconds, succeeded) "
     "VALUES ('pass_door', {door}, 1, true)"
 )
-INTO_ROOM = "UPDATE entity SET type = 'kitchen' WHERE id = {mug}"
-SEE_ROOM = "INSERT INTO entity (map_id, kind, name, type) VALUES ({map}, 'object', 'x', 'kitchen')"
 NEW_CLASS = (
     "INSERT INTO robot_class (name, max_step, max_slope, speed, reach, heights, capacity, "
     "call_seconds, ride_seconds, ride_seconds_per_metre, open_seconds, unlock_seconds, "
@@ -196,8 +194,6 @@ RIGHTS = {
         BACKDATE_MOVE,
         BACKDATE_EXECUTION,
         EXECUTED,
-        INTO_ROOM,
-        SEE_ROOM,
         NEW_CLASS,
         DELETE_CLASS,
         SLOW_CLASS,
@@ -262,8 +258,6 @@ STATEMENTS = [
     BACKDATE_MOVE,
     BACKDATE_EXECUTION,
     EXECUTED,
-    INTO_ROOM,
-    SEE_ROOM,
     NEW_CLASS,
     DELETE_CLASS,
     SLOW_CLASS,
@@ -361,8 +355,6 @@ def others(session: Session, of: int, own: str, other: str) -> dict[str, int]:
         ids,
     )
     session.execute(text("SELECT claim(:gate, :other, 30)"), ids)
-    session.execute(text("INSERT INTO semantic_type (name) VALUES ('kitchen')"))
-    session.execute(text("INSERT INTO type_parent VALUES ('kitchen', 'room')"))
     session.execute(text(NEW_CLASS.format().replace("'own'", "'all'")))
     ids["spare"] = session.execute(
         text(MODEL.replace("'box', 'box'", "'spare', 'box'"))
