@@ -42,7 +42,8 @@ END $$;
 CREATE FUNCTION room_at(of_map integer, ground geometry, middle double precision, OUT room_id bigint, OUT share double precision)
 LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path = semmap, public, pg_temp SET plan_cache_mode = force_generic_plan AS $$
 -- The room of a place, and which part of the ground lies in it. Of the rooms between whose floor and ceiling the middle
--- of the height is: the one with most of the ground, if at least half of it lies in rooms; else the room nearest to the
+-- of the height is: the one with most of the ground, if at least half of it lies in rooms, of two one above the other the
+-- upper one, on whose floor what has no height stands; else the room nearest to the
 -- middle of the ground, if all of the ground is at its wall (15 cm), or the middle in an opening: half a metre from it
 -- and from another room on the opposite side. Null outside of rooms.
 DECLARE
@@ -54,14 +55,14 @@ DECLARE
     total double precision;
 BEGIN
     SELECT c.entity_id, c.share, sum(c.share) OVER () INTO room_id, share, total
-    FROM (SELECT o.entity_id, o.footprint, semmap.ground_share(ground, o.footprint) AS share
+    FROM (SELECT o.entity_id, o.footprint, o.pose[3] + r.floor AS floor, semmap.ground_share(ground, o.footprint) AS share
           FROM semmap.world o JOIN semmap.room r ON r.entity_id = o.entity_id
           WHERE o.map_id = of_map AND o.footprint && ground
             AND middle BETWEEN o.pose[3] + r.floor - contact - exact
                 AND coalesce(o.pose[3] + r.ceiling, semmap.ceiling_of(o.entity_id)) + contact + exact
           OFFSET 0) c  -- else the share is computed at each mention
     ORDER BY round(c.share::numeric, 6) DESC, round(ST_Distance(c.footprint, ST_Centroid(ground))::numeric, 6),
-             round(ST_Area(c.footprint)::numeric, 6), c.entity_id
+             middle < c.floor - exact, round(c.floor::numeric, 1) DESC, round(ST_Area(c.footprint)::numeric, 6), c.entity_id
     LIMIT 1;
     IF total >= 0.5 - exact THEN
         RETURN;
@@ -69,7 +70,7 @@ BEGIN
     room_id := NULL;
     centre := ST_Centroid(ground);
     WITH close AS (
-        SELECT o.entity_id, o.footprint, ST_Distance(o.footprint, centre) AS away, ST_ClosestPoint(o.footprint, centre) AS edge
+        SELECT o.entity_id, o.footprint, o.pose[3] + r.floor AS floor, ST_Distance(o.footprint, centre) AS away, ST_ClosestPoint(o.footprint, centre) AS edge
         FROM semmap.world o JOIN semmap.room r ON r.entity_id = o.entity_id
         WHERE o.map_id = of_map AND o.footprint && ST_Expand(centre, opening + exact)
           AND ST_DWithin(o.footprint, centre, opening + exact)
@@ -81,7 +82,7 @@ BEGIN
         SELECT FROM close f WHERE f.entity_id <> c.entity_id
           AND (ST_X(c.edge) - ST_X(centre)) * (ST_X(f.edge) - ST_X(centre))
             + (ST_Y(c.edge) - ST_Y(centre)) * (ST_Y(f.edge) - ST_Y(centre)) < -exact)
-    ORDER BY round(c.away::numeric, 6), c.entity_id LIMIT 1;
+    ORDER BY round(c.away::numeric, 6), middle < c.floor - exact, round(c.floor::numeric, 1) DESC, c.entity_id LIMIT 1;
 END $$;
 
 CREATE FUNCTION door_reach()
