@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -13,6 +13,7 @@ import matplotlib.patheffects as effects
 import numpy as np
 import shapely
 from matplotlib.axes import Axes
+from matplotlib.collections import LineCollection, PathCollection
 from matplotlib.colors import to_rgb, to_rgba
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
@@ -49,6 +50,8 @@ _SHADES = [("white", 0.0), ("#8a8f98", 0.22), (_WALL, 0.20), (_WALL, 0.80), (_WA
 _MARGIN = 0.55
 _COVERED = 0.1
 """The share of a name that others may cover; names of large rooms come first."""
+_DETAILED = 8.0
+"""Points a metre from which doors have leaves, poses and names."""
 _DOUBLE, _OPENING = 1.3, 2.4  # widths beyond which a door has two leaves, or none, metres
 
 _KITE = [[0.13, 0, 0], [-0.09, 0.085, 0], [-0.045, 0, 0], [-0.09, -0.085, 0]]
@@ -123,8 +126,10 @@ def floor_plan(
     axes.set_ylim(y0, y1)
     axes.set_aspect("equal")
 
-    for room in storey.rooms:
-        _fill(axes, room.outline, fc=room_colour(room.types, room.name), ec="none", zorder=1)
+    per_metre = 72 * sheet / (x1 - x0)  # points
+    floors = [_curves(room.outline) for room in storey.rooms]
+    colours = [room_colour(room.types, room.name) for room in storey.rooms]
+    axes.add_collection(PathCollection(floors, facecolors=colours, edgecolors="none", zorder=1))
     for region in storey.regions:
         _region(axes, region)
     for entity in objects:
@@ -132,9 +137,11 @@ def floor_plan(
     if storey.occupancy is not None:
         _walls(axes, storey.occupancy, [o.footprint for o in objects if o.footprint is not None])
     else:
-        for room in storey.rooms:
-            _fill(axes, room.outline, fc="none", ec=_WALL, lw=1.6, zorder=4)
-    for door in storey.doors:
+        style: Style = {"facecolors": "none", "edgecolors": _WALL, "linewidths": 1.6, "zorder": 4}
+        axes.add_collection(PathCollection(floors, **style))
+    if per_metre < _DETAILED:
+        _strokes(axes, storey.doors)
+    for door in storey.doors if per_metre >= _DETAILED else ():
         _door(axes, door)
     for line in storey.path:
         _path(axes, line)
@@ -146,7 +153,7 @@ def floor_plan(
     summary = figure.text(1 - 0.3 / width, level, _summary(storey), fontdict=style)
     free = summary.get_window_extent().x0 / figure.bbox.width - 0.2 / width
     draw_title(figure, title or storey.name, level, 15, left=0.6 / width, right=free)
-    _write(axes, storey, objects, 72 * sheet / (x1 - x0))
+    _write(axes, storey, objects, per_metre)
     _legend(figure, axes, storey, objects, foot / whole)
     return save_sheet(figure, path)
 
@@ -189,12 +196,16 @@ def _polygons(outline: Outline) -> list[shapely.Polygon]:
     return [p for p in getattr(outline, "geoms", [outline]) if not p.is_empty]
 
 
-def _fill(axes: Axes, outline: Outline, **style: Any) -> None:
+def _curves(outline: Outline) -> Curve:
     """A polygon with its holes."""
-    for polygon in _polygons(outline):
-        rings = [np.asarray(r.coords)[:, :2] for r in (polygon.exterior, *polygon.interiors)]
-        curve = Curve.make_compound_path(*(Curve(ring, closed=True) for ring in rings))
-        axes.add_patch(PathPatch(curve, **style))
+    rings = [r for p in _polygons(outline) for r in (p.exterior, *p.interiors)]
+    return Curve.make_compound_path(
+        *(Curve(np.asarray(ring.coords)[:, :2], closed=True) for ring in rings)
+    )
+
+
+def _fill(axes: Axes, outline: Outline, **style: Any) -> None:
+    axes.add_patch(PathPatch(_curves(outline), **style))
 
 
 def _walls(axes: Axes, grid: OccupancyView, outlines: list[Outline]) -> None:
@@ -261,6 +272,24 @@ def _object(axes: Axes, entity: ObjectView) -> None:
         fill, edge, above = to_rgba(colour, 0.85), (r, g, b, 0.95), 3.0
     style = ASSUMED if entity.assumed else {}
     _fill(axes, entity.footprint, **{"fc": fill, "ec": edge, "lw": 0.7, "zorder": above} | style)
+
+
+def _strokes(axes: Axes, doors: Sequence[DoorView]) -> None:
+    """Draw doors as their openings, where more would be a blot."""
+    ends = [_opening(door) for door in doors]
+    colours = [STATES.get(door.state, STATES["open"]) for door in doors]
+    axes.add_collection(LineCollection(ends, colors=colours, linewidths=1.6, zorder=5))
+
+
+def _opening(door: DoorView) -> NDArray[np.float64]:
+    """The ends (2, 2) of a door's opening, metres; of stairs, those of the way."""
+    a, b = (np.array([p.x, p.y]) for p in door.poses)
+    length = float(np.hypot(*(b - a)))
+    if length < 1e-6 or door.type in ("stairs", "ramp"):
+        return np.stack([a, b])
+    way = (b - a) / length
+    half = np.array([-way[1], way[0]]) * (door.width or 0.9) / 2
+    return np.stack([(a + b) / 2 - half, (a + b) / 2 + half])
 
 
 def _door(axes: Axes, door: DoorView) -> None:
@@ -381,6 +410,8 @@ def _write(axes: Axes, storey: StoreyView, objects: list[ObjectView], per_metre:
     crowd = math.sqrt(area / _PER_DOOR / max(1, len(middles)))
     size = {"fontsize": max(_LEAST_DOOR, _DOOR_NAME["fontsize"] * min(1.0, crowd))}
     for door, (x, y) in zip(storey.doors, middles, strict=True):
+        if per_metre < _DETAILED:
+            break
         colour = STATES.get(door.state, STATES["open"])
         box: Style = {"boxstyle": "round,pad=0.22,rounding_size=0.5", "fc": colour, "ec": "white"}
         plate: Style = {**_DOOR_NAME, **size, "bbox": box | {"lw": 0.5}}

@@ -1,3 +1,4 @@
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -7,7 +8,7 @@ from matplotlib.colors import to_rgb
 from PIL import Image
 
 from semmap.draw.floor_plan import floor_plan, middle_of_object
-from semmap.draw.palette import PATH, ROOMS
+from semmap.draw.palette import PATH, ROOMS, STATES
 from semmap.draw.view import DoorView, ObjectView, OccupancyView, RoomView, StoreyView
 from semmap.geometry.mesh import box_mesh
 from semmap.geometry.pose import Pose
@@ -125,3 +126,22 @@ def test_the_name_of_an_object_is_on_it_or_in_its_hole() -> None:
     assert middle_of_object(ring).distance(shapely.Point(1, 2)) < 1e-6
     both = shapely.union(angle, shapely.box(3.1, 0, 3.2, 0.1))
     assert angle.covers(middle_of_object(both))
+
+
+def test_a_small_scale_shows_doors_as_their_openings(tmp_path):
+    """Rooms of 4.8 m in 60 columns: each door of 1 m is a line of its length, and nothing else."""
+    rooms, doors = [], []
+    for i in range(60):
+        rooms.append(RoomView(f"r{i}", shapely.box(5 * i, 0, 5 * i + 4.8, 5), 0.0, 2.5))
+        poses = Pose.planar(5 * i + 4.4, 0.6, 0.0), Pose.planar(5 * i + 5.4, 0.6, math.pi)
+        doors.append(DoorView(f"d{i}", poses, 1.0, "door", "open"))
+    storey = StoreyView("long", rooms=rooms, doors=doors[:-1])
+    picture = pixels(floor_plan(storey, tmp_path / "long.png", width=13, dpi=400))
+    found = np.abs(picture - to_rgb(STATES["open"])).max(axis=-1) < 0.02
+    found[-int(0.95 * 400) :] = False  # the legend
+    per_metre = 400 * 12.1 / (300 - 0.2 + 1.1)
+    columns = np.flatnonzero(found.any(axis=0))
+    lines = np.split(columns, np.flatnonzero(np.diff(columns) > 1) + 1)
+    assert len(lines) == 59
+    heights = [np.ptp(np.flatnonzero(found[:, line[0]])) + 1 for line in lines]
+    assert heights == pytest.approx([per_metre] * 59, abs=2)
