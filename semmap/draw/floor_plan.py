@@ -397,8 +397,7 @@ def _write(axes: Axes, storey: StoreyView, objects: list[ObjectView], per_metre:
         kind = room.label or (room.types[0].replace("_", " ") if room.types else "")
         told = kind in ("", "room") or kind.lower() in room.name.lower()
         x, y = spots[0]
-        x0, y0, x1, y1 = room.outline.bounds
-        place: Style = {"within": (x1 - x0, y1 - y0), "most": _COVERED} | _ROOM_NAME
+        place: Style = {"inside": room.outline.bounds, "most": _COVERED} | _ROOM_NAME
         place["offsets"] = [((u - x) * per_metre, (v - y) * per_metre) for u, v in spots]
         both = None if told else labels.put(x, y, f"{room.name}\n{kind}", least=_TYPE, **place)
         if both is None:

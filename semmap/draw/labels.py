@@ -68,6 +68,7 @@ class Labels:
         most: float = 0.0,
         leader: dict[str, Any] | None = None,
         within: tuple[float, float] | None = None,
+        inside: Box | None = None,
         least: float = math.inf,
         **style: Any,
     ) -> Annotation | None:
@@ -75,15 +76,21 @@ class Labels:
 
         None where more than a share of it, `most`, overlaps there. `leader` is the style of a line
         from a moved text to its point; it has to fit `within` a (width, height), in data units, if
-        need be in letters of a smaller size, no smaller than `least` points.
+        need be in letters of a smaller size, no smaller than `least` points. What of it is beside a
+        box `inside` which it has to fit, (x0, y0, x1, y1) in data units, counts as overlapped.
         """
         style = {"ha": "center", "va": "center"} | style
         artist = self.axes.annotate(
             text, (x, y), xytext=(0, 0), textcoords="offset points", annotation_clip=False, **style
         )
         extent = self._extent(artist)
+        bounds: Box | None = None
+        if inside is not None:
+            within = inside[2] - inside[0], inside[3] - inside[1]
+            corners = self.axes.transData.transform(np.reshape(inside, (2, 2)))
+            bounds = tuple(corners.ravel().tolist())
         if within is not None and (ratio := self._ratio(extent, within)) < 1:
-            size = float(artist.get_fontsize()) * ratio
+            size = float(artist.get_fontsize()) * ratio * 0.96  # letters are of whole pixels
             if size < least:
                 artist.remove()
                 return None
@@ -93,6 +100,8 @@ class Labels:
         for place in offsets:
             at = _moved(extent, place, self._points)
             covered = self._share(self._covered, at, beyond=True)
+            if bounds is not None:
+                covered += _beside(at, bounds)
             worth = covered + 0.3 * self._share(self._shunned, at)
             if worth < cost:
                 best, offset, box, cost = covered, place, at, worth
@@ -147,6 +156,13 @@ class Labels:
         """How many times as large as the box what it has to fit in is."""
         (x0, y0), (x1, y1) = self.axes.transData.transform([(0, 0), within])
         return float(min(abs(x1 - x0) / (box[2] - box[0]), abs(y1 - y0) / (box[3] - box[1])))
+
+
+def _beside(box: Box, bounds: Box) -> float:
+    """The share of a box that is beside another one."""
+    wide = max(0.0, min(box[2], bounds[2]) - max(box[0], bounds[0]))
+    high = max(0.0, min(box[3], bounds[3]) - max(box[1], bounds[1]))
+    return 1 - wide * high / ((box[2] - box[0]) * (box[3] - box[1]))
 
 
 def _moved(box: Box, offset: Offset, scale: float) -> Box:
