@@ -1,17 +1,13 @@
 """The parameters and launch files, loaded by ROS 2 itself: rclpy, by its own wheels.
 
-The project does not need ROS: `SEMMAP_ROS_PYTHON` names a Python that has rclpy (the extra
-`test-ros`), by default this one.
+The project does not need ROS; `tests/ros_python.py` finds a Python that has rclpy.
 """
 
 from __future__ import annotations
 
 import json
-import os
 import shlex
 import subprocess
-import sys
-from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -26,19 +22,17 @@ from navgrid.grid import Grid
 from semmap.query.storey_scene import StoreyScene
 from tests.navgrid.scenes import BASE, region, room, square
 from tests.navgrid.scenes import part as part_of
+from tests.ros_python import ROS_PYTHON, WHY_NOT
 
 HERE = Path(__file__).parent
-PYTHON = os.environ.get("SEMMAP_ROS_PYTHON") or (sys.executable if find_spec("rclpy") else "")
 
-pytestmark = pytest.mark.skipif(
-    not PYTHON, reason="no rclpy: SEMMAP_ROS_PYTHON names a Python with semmap[test-ros]"
-)
+pytestmark = pytest.mark.skipif(not ROS_PYTHON, reason=WHY_NOT)
 
 
 def started(nodes: list[dict[str, Any]]) -> list[dict[str, Any]]:
     """The parameters that rclpy gives to nodes."""
     done = subprocess.run(
-        [PYTHON, str(HERE / "ros_node.py")],
+        [ROS_PYTHON, str(HERE / "ros_node.py")],
         input=json.dumps(nodes),
         capture_output=True,
         text=True,
