@@ -1,13 +1,9 @@
-# The generators of messages for Python, and the packages that are `needed`.
+# Included after project(): the wheels of PyPI name a folder of headers of the machine that built them.
 find_package(ament_cmake REQUIRED)
-find_package(rosidl_cmake REQUIRED)
-foreach(each generator_type_description generator_c typesupport_fastrtps_c typesupport_c generator_py)
-  find_package(rosidl_${each} REQUIRED)
-endforeach()
-foreach(each ${needed})
+find_package(rosidl_default_generators REQUIRED)
+foreach(each geometry_msgs service_msgs std_msgs)
   find_package(${each} REQUIRED)
 endforeach()
-# The wheels of PyPI name a folder of headers of the machine that built them.
 get_property(known DIRECTORY PROPERTY IMPORTED_TARGETS)
 foreach(each ${known})
   if(each MATCHES "__rosidl_generator_py$")

@@ -138,3 +138,10 @@ def url_of(map: semmap.Map) -> str:
     """The URL of a map's database."""
     assert map.database.address is not None
     return map.database.address
+
+
+def refused(diagnostics: dict[str, Any]) -> tuple[int, str]:
+    """How many messages were refused, and why the last ones were."""
+    (status,) = diagnostics["status"]
+    values = {each["key"]: each["value"] for each in status["values"]}
+    return int(values["refused"]), values["last refused"]

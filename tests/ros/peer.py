@@ -95,8 +95,9 @@ class Peer(Node):  # type: ignore[misc]
         """Publish a message when somebody listens."""
         if topic not in self.senders:
             self.senders[topic] = self.create_publisher(interface(kind), topic, 10)
-        while not self.senders[topic].get_subscription_count():
-            time.sleep(0.01)
+            while not self.senders[topic].get_subscription_count():
+                time.sleep(0.01)
+            time.sleep(0.3)  # the other side, which is not reliable, has yet to hear of this one
         self.senders[topic].publish(fill(interface(kind)(), values))
 
     def topics(self) -> dict[str, list[str]]:
@@ -116,10 +117,13 @@ def main() -> None:
     """Answer each line of standard input."""
     rclpy.init()
     peer = Peer()
-    threading.Thread(target=spin, args=(peer,), daemon=True).start()
+    thread = threading.Thread(target=spin, args=(peer,))
+    thread.start()
     for line in sys.stdin:
         operation, *arguments = json.loads(line)
         print(json.dumps(getattr(peer, operation)(*arguments)), flush=True)
+    rclpy.shutdown()
+    thread.join()
 
 
 if __name__ == "__main__":

@@ -14,7 +14,7 @@ from PIL import Image
 from scipy.spatial.transform import Rotation
 
 import semmap
-from tests.ros.conftest import Peer, RunNode, url_of
+from tests.ros.conftest import Peer, RunNode, refused, url_of
 
 GRID, MARKERS = "/semmap/ground_floor/grid", "/semmap/markers"
 GRIDS, MARKER_ARRAYS = "nav_msgs/msg/OccupancyGrid", "visualization_msgs/msg/MarkerArray"
@@ -160,12 +160,7 @@ def test_a_path_from_nowhere_is_empty_and_the_diagnostics_tell_why(peer: Peer) -
         ends = {"start": start, "goal": stamped(5.0, 1.0)}
         found = peer.call("/semmap/get_plan", "nav_msgs/srv/GetPlan", **ends)
         assert found["plan"]["poses"] == []
-        peer.take("/diagnostics", lambda array, said=said: said in refused(array))
-
-
-def refused(diagnostics: dict[str, Any]) -> str:
-    (status,) = diagnostics["status"]
-    return {each["key"]: each["value"] for each in status["values"]}["last refused"]
+        peer.take("/diagnostics", lambda array, said=said: said in refused(array)[1])
 
 
 @pytest.mark.usefixtures("node")

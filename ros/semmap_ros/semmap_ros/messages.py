@@ -17,20 +17,21 @@ from builtin_interfaces.msg import Time
 from geometry_msgs.msg import Point, Pose, PoseStamped, TransformStamped
 from nav_msgs.msg import OccupancyGrid, Path
 from numpy.typing import NDArray
+from sensor_msgs.msg import PointCloud2, PointField
 from std_msgs.msg import ColorRGBA, Header
 from visualization_msgs.msg import Marker, MarkerArray
 
-from navgrid.grid import ROOT_FRAME, Grid
+from navgrid.grid import Grid
 from semmap.geometry.pose import Pose as MapPose
 
 DOOR_WIDTH, TEXT_HEIGHT = 0.08, 0.3
 """Metres, of the line of a door and of a room's name."""
 
 
-def grid_message(grid: Grid, cells: NDArray[np.int8], frame: str, stamp: Time) -> OccupancyGrid:
+def grid_message(grid: Grid, cells: NDArray[np.int8], head: Header) -> OccupancyGrid:
     """Return cells (rows, columns), row 0 the lowest y, as an occupancy grid on the floor."""
-    found = OccupancyGrid(header=Header(frame_id=frame, stamp=stamp))
-    found.info.map_load_time = stamp
+    found = OccupancyGrid(header=head)
+    found.info.map_load_time = head.stamp
     found.info.resolution = grid.resolution
     found.info.height, found.info.width = grid.shape
     found.info.origin.position.x, found.info.origin.position.y = grid.origin
@@ -49,9 +50,8 @@ def same_grid(a: OccupancyGrid, b: OccupancyGrid) -> bool:
     )
 
 
-def path_message(points: Sequence[Sequence[float]], stamp: Time) -> Path:
+def path_message(points: Sequence[Sequence[float]], head: Header) -> Path:
     """Return points (x, y, z) as a path; each pose heads for the next one, the last as before."""
-    head = Header(frame_id=ROOT_FRAME, stamp=stamp)
     path, yaw = Path(header=head), 0.0
     for here, after in zip(points, [*points[1:], points[-1]] if points else [], strict=True):
         if here[:2] != after[:2]:
@@ -70,6 +70,23 @@ def pose_message(pose: Sequence[float]) -> Pose:
     return found
 
 
+def cloud_message(
+    points: NDArray[np.float64], values: NDArray[np.float32] | None, head: Header
+) -> PointCloud2:
+    """Return points (N, 3) as a cloud of x, y, z, and `intensity` where they have values (N,)."""
+    names = ["x", "y", "z", *(["intensity"] if values is not None else [])]
+    columns = points if values is None else np.column_stack([points, values])
+    found = PointCloud2(header=head, height=1, width=len(points), is_dense=True)
+    found.fields = [
+        PointField(name=name, offset=4 * place, datatype=PointField.FLOAT32, count=1)
+        for place, name in enumerate(names)
+    ]
+    found.point_step = 4 * len(names)
+    found.row_step = found.point_step * len(points)
+    found.data = array("B", np.ascontiguousarray(columns, "<f4").tobytes())
+    return found
+
+
 def transform_message(
     parent: str, child: str, pose: Sequence[float], stamp: Time
 ) -> TransformStamped:
@@ -82,7 +99,7 @@ def transform_message(
 
 
 def markers_message(
-    scene: Mapping[str, Any], boxes: Mapping[str, Sequence[float]], stamp: Time
+    scene: Mapping[str, Any], boxes: Mapping[str, Sequence[float]], head: Header
 ) -> MarkerArray:
     """Return rooms, doors and things in the viewer's colours; what was shown before goes.
 
@@ -91,7 +108,7 @@ def markers_message(
     scene : of `semmap.server.scene.scene_of`
     boxes : (x0, y0, z0, x1, y1, z1) of things by name, metres in their own frames
     """
-    found = [Marker(header=Header(frame_id=ROOT_FRAME, stamp=stamp), action=Marker.DELETEALL)]
+    found = [Marker(header=head, action=Marker.DELETEALL)]
     states = scene["states"]
     for place in scene["places"]:
         floor, colour = place["floor"], _colour(place["colour"])
@@ -101,9 +118,9 @@ def markers_message(
         middle = np.mean(place["areas"][0][0], axis=0)
         ns = f"{place['kind']}s"
         found += [
-            _marker(stamp, ns, Marker.TRIANGLE_LIST, colour, points=_points(corners, floor)),
+            _marker(head, ns, Marker.TRIANGLE_LIST, colour, points=_points(corners, floor)),
             _marker(
-                stamp,
+                head,
                 f"{ns}_names",
                 Marker.TEXT_VIEW_FACING,
                 _colour("#2b2f36"),
@@ -116,9 +133,9 @@ def markers_message(
         line = _points(door["line"], door["floor"])
         colour = _colour(states.get(door["state"], states["open"]))
         size = (DOOR_WIDTH, 0.0, 0.0)
-        found.append(_marker(stamp, "doors", Marker.LINE_STRIP, colour, points=line, size=size))
+        found.append(_marker(head, "doors", Marker.LINE_STRIP, colour, points=line, size=size))
     found += [
-        thing_marker(thing, boxes[thing["name"]], stamp)
+        thing_marker(thing, boxes[thing["name"]], head)
         for thing in scene["things"]
         if thing["pose"] is not None and thing["name"] in boxes
     ]
@@ -127,13 +144,13 @@ def markers_message(
     return MarkerArray(markers=found)
 
 
-def thing_marker(thing: Mapping[str, Any], box: Sequence[float], stamp: Time) -> Marker:
+def thing_marker(thing: Mapping[str, Any], box: Sequence[float], head: Header) -> Marker:
     """Return the box of a thing of the scene, at its pose; `text` has its name."""
     low, high = np.array(box[:3]), np.array(box[3:])
     pose = thing_pose(thing["pose"], (low + high) / 2)
     size = np.maximum(high - low, 1e-3)  # a flat thing is shown, too
     colour = _colour(thing["colour"])
-    return _marker(stamp, "things", Marker.CUBE, colour, pose=pose, size=size, text=thing["name"])
+    return _marker(head, "things", Marker.CUBE, colour, pose=pose, size=size, text=thing["name"])
 
 
 def thing_pose(pose: Sequence[float], middle: NDArray[np.float64]) -> Pose:
@@ -143,7 +160,7 @@ def thing_pose(pose: Sequence[float], middle: NDArray[np.float64]) -> Pose:
 
 
 def _marker(
-    stamp: Time,
+    head: Header,
     ns: str,
     kind: int,
     colour: ColorRGBA,
@@ -153,7 +170,6 @@ def _marker(
     size: Sequence[float] = (1.0, 1.0, 1.0),
     text: str = "",
 ) -> Marker:
-    head = Header(frame_id=ROOT_FRAME, stamp=stamp)
     found = Marker(header=head, ns=ns, type=kind, action=Marker.ADD, color=colour, text=text)
     found.pose = pose or pose_message([0, 0, 0, 0, 0, 0, 1])
     found.scale.x, found.scale.y, found.scale.z = map(float, size)

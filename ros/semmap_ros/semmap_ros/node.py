@@ -17,10 +17,11 @@ from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 from rclpy.executors import ExternalShutdownException
 from rclpy.lifecycle import LifecycleNode, TransitionCallbackReturn
-from sqlalchemy.exc import OperationalError
+from sqlalchemy.exc import DBAPIError
 
 import semmap
 from semmap.api.map_events import MapSubscription
+from semmap_ros.observations import MapObservations
 from semmap_ros.services import MapServices
 from semmap_ros.topics import MapTopics
 
@@ -31,12 +32,15 @@ PARAMETERS: dict[str, Any] = {
     "robot": "",
     "resolution": 0.05,
     "interval": [0.05, 1.8],
+    "fields": [""],
+    "pose_arrays": [""],
+    "oldest": 10.0,
     "period": 1.0,
     "autostart": True,
 }
 
-EXPECTED = (LookupError, ValueError, semmap.Error, psycopg.OperationalError, OperationalError)
-"""Errors of wrong parameters, and of a database or map that is away; others are defects."""
+EXPECTED = (semmap.Error, ValueError, psycopg.Error, DBAPIError)
+"""Errors of wrong arguments, and of a database or map that is away; others are defects."""
 
 SUCCESS, FAILURE = TransitionCallbackReturn.SUCCESS, TransitionCallbackReturn.FAILURE
 
@@ -60,6 +64,7 @@ class MapNode(LifecycleNode):  # type: ignore[misc]
         self._changed = self.create_guard_condition(self._follow)
         self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
         self._answers = MapServices(self)
+        self._taken = MapObservations(self)
         # Neither a jump of the clock nor a simulation that stands still delays this.
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(self.value("period"), self._look, clock=steady)
@@ -95,12 +100,16 @@ class MapNode(LifecycleNode):  # type: ignore[misc]
         if self.state == "inactive":
             self.trigger_activate()
 
-    def refuse(self, problem: str) -> None:
-        """Tell in the diagnostics what was asked or sent in vain."""
-        self.refused += 1
-        self.problems.append(problem)
-        self.get_logger().warning(problem)
-        self._tell()
+    def attempt(self, what: str, step: Callable[[], object]) -> str:
+        """Do what a message asks for; return why not, which the diagnostics tell, too."""
+        try:
+            step()
+        except EXPECTED as error:
+            self.refused += 1
+            self.problems.append(f"{what}: {error}")
+            self.get_logger().warning(self.problems[-1], throttle_duration_sec=5.0)
+            return str(error)
+        return ""
 
     # --- transitions
 
@@ -122,6 +131,7 @@ class MapNode(LifecycleNode):  # type: ignore[misc]
         """Close the map, and withdraw the last messages."""
         self._end()
         self.topics.withdraw()
+        self._answers.offer(set())
         return SUCCESS
 
     def on_shutdown(self, state: Any) -> TransitionCallbackReturn:
@@ -194,8 +204,7 @@ class MapNode(LifecycleNode):  # type: ignore[misc]
     def _check(self) -> None:
         if self._subscription is not None and self._subscription.error is not None:
             raise self._subscription.error
-        if not self.map.database.is_usable():
-            raise psycopg.OperationalError("the server has closed the connection")
+        self.map.execute("SELECT 1")  # fails where the server has ended the session
 
     def _guarded(self, step: Callable[[], object]) -> None:
         """Become inactive where a step fails; `_look` starts again."""

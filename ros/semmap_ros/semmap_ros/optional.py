@@ -6,17 +6,18 @@ from importlib import import_module
 from typing import Any
 
 
-def optional_message(name: str) -> Any:
-    """Return the class of a message such as ``tf2_msgs/TFMessage``; None without its package."""
-    package, own = name.split("/")
+def interface(name: str) -> Any:
+    """Return the class of a type such as ``tf2_msgs/msg/TFMessage``; None without its package."""
+    package, kind, own = name.split("/")
     try:
-        return getattr(import_module(f"{package}.msg"), own)
+        return getattr(import_module(f"{package}.{kind}"), own)
     except ModuleNotFoundError:
         return None
 
 
-TFMessage = optional_message("tf2_msgs/TFMessage")
-CostmapFilterInfo = optional_message("nav2_msgs/CostmapFilterInfo")
-Detection3DArray = optional_message("vision_msgs/Detection3DArray")
-LabelInfo = optional_message("vision_msgs/LabelInfo")
-VisionClass = optional_message("vision_msgs/VisionClass")
+TFMessage = interface("tf2_msgs/msg/TFMessage")
+CostmapFilterInfo = interface("nav2_msgs/msg/CostmapFilterInfo")
+Detection3DArray = interface("vision_msgs/msg/Detection3DArray")
+LabelInfo = interface("vision_msgs/msg/LabelInfo")
+VisionClass = interface("vision_msgs/msg/VisionClass")
+Call = interface("semmap_ros_interfaces/srv/Call")

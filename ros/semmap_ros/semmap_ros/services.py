@@ -1,20 +1,35 @@
-"""The services of the node: the grid of a storey, and a path between two poses."""
+"""The services of the node: the grid of a storey, a path, and the operations that read."""
 
 from __future__ import annotations
 
+import json
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from geometry_msgs.msg import PoseStamped
 from nav_msgs.srv import GetMap, GetPlan
+from std_msgs.msg import Header
 
+from navgrid.grid import ROOT_FRAME
+from semmap.api.operations import OPERATIONS, Right
+from semmap.error import UnknownNameError
+from semmap.server.calls import answered_at_once, offered
+from semmap.suggestions import suggestion
 from semmap_ros import messages
+from semmap_ros.optional import Call
 
 if TYPE_CHECKING:
     from semmap_ros.node import MapNode
 
-REFUSED = (LookupError, ValueError)
-"""What a map raises where it has no answer; the message says why."""
+
+READING: tuple[Right, ...] = ("reader",)
+
+CALLS = {
+    name: call
+    for name, call in offered(answered_at_once(OPERATIONS), READING).items()
+    if call.operation.result != "Picture"
+}
+"""The operations that only read and whose answers are JSON, by their names."""
 
 
 class MapServices:
@@ -24,6 +39,8 @@ class MapServices:
         self._node = node
         self._of_storeys: dict[str, Any] = {}
         node.create_service(GetPlan, "~/get_plan", self._get_plan)
+        if Call is not None:
+            node.create_service(Call, "~/call", self._call)
 
     def offer(self, storeys: set[str]) -> None:
         """Have a service ``get_map`` for each storey, given by its name in topics."""
@@ -35,22 +52,41 @@ class MapServices:
             )
 
     def _get_map(self, storey: str, _: GetMap.Request, answer: GetMap.Response) -> Any:
-        if self._node.is_active:
+        def fill() -> None:
             answer.map = self._node.topics.grids[f"~/{storey}/grid"]
+
+        self._node.attempt("get_map", fill)
         return answer
 
     def _get_plan(self, request: GetPlan.Request, answer: GetPlan.Response) -> Any:
-        node = self._node
-        try:
-            if not node.is_active:
-                raise ValueError(f"the node is {node.state}: activate it first")
-            start, goal = (self._point(each) for each in (request.start, request.goal))
-            ways = node.map.route(start, goal, robot=node.value("robot") or None).ways()
-        except REFUSED as error:
-            node.refuse(f"get_plan: {error}")
-            return answer
-        points = [point for way in ways for point in way["points"]]
-        answer.plan = messages.path_message(points, node.get_clock().now().to_msg())
+        def fill() -> None:
+            robot = self._node.value("robot") or None
+            start, goal = self._point(request.start), self._point(request.goal)
+            ways = self._node.map.route(start, goal, robot=robot).ways()
+            points = [point for way in ways for point in way["points"]]
+            stamp = self._node.get_clock().now().to_msg()
+            head = Header(frame_id=ROOT_FRAME, stamp=stamp)
+            answer.plan = messages.path_message(points, head)
+
+        self._node.attempt("get_plan", fill)
+        return answer
+
+    def _call(self, request: Any, answer: Any) -> Any:
+        def fill() -> None:
+            if request.operation not in CALLS:
+                near = suggestion(request.operation, CALLS, f"there are {', '.join(CALLS)}")
+                raise UnknownNameError(f"there is no operation {request.operation}{near}")
+            try:
+                values = json.loads(request.arguments or "{}")
+            except (ValueError, RecursionError) as error:
+                raise ValueError(f"the arguments are no JSON: {error}") from None
+            if not isinstance(values, dict):
+                raise ValueError("the arguments are no JSON object: give them by their names")
+            found = CALLS[request.operation](self._node.map, values)
+            answer.answer = json.dumps(found)
+            answer.done = True
+
+        answer.problem = self._node.attempt("call", fill)
         return answer
 
     def _point(self, pose: PoseStamped) -> tuple[float, float, float]:

@@ -1,34 +1,31 @@
-"""What the node publishes of a map: grids, costmaps, markers and frames, and when again."""
+"""What the node publishes of a map, and when again."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
 from geometry_msgs.msg import TransformStamped
 from nav_msgs.msg import OccupancyGrid
-from numpy.typing import NDArray
+from std_msgs.msg import Header
 
-from navgrid.grid import ROOT_FRAME, check_storey_names, frame_name
+from navgrid.grid import ROOT_FRAME, frame_name
 from navgrid.launch_files import ros_name
-from navgrid.nav2 import as_occupancy
+from navgrid.readers.fields import read_fields
+from semmap.error import UnknownNameError
 from semmap.geometry.pose import Pose
 from semmap.server.scene import scene_of
 from semmap_ros import messages
+from semmap_ros.grids import read_grids
 from semmap_ros.latched import LatchedTopics
-from semmap_ros.optional import TFMessage
+from semmap_ros.optional import CostmapFilterInfo, LabelInfo, TFMessage, VisionClass
 
 if TYPE_CHECKING:
     import semmap
-    from navgrid.costmap import Costmap
-    from navgrid.occupancy_grid import StoreyGrid
     from semmap_ros.node import MapNode
 
-Cells = NDArray[np.int8]
-
 NOT_SHOWN = {"belief", "statement", "inferred", "linked"}
-"""Events after which grids, markers and frames are the same."""
+"""Events after which all that is published is the same."""
 
 BOXES = (
     "SELECT e.name, ST_XMin(b), ST_YMin(b), ST_ZMin(b), ST_XMax(b), ST_YMax(b), ST_ZMax(b) "
@@ -44,7 +41,7 @@ class MapTopics:
 
     Attributes
     ----------
-    grids : the last grids and costmaps by their topics
+    grids : the last grids, costmaps and masks by their topics
     """
 
     def __init__(self, node: MapNode) -> None:
@@ -68,11 +65,19 @@ class MapTopics:
         return self._floors[frame]
 
     def publish(self, map: semmap.Map) -> None:
-        """Publish all."""
-        self._read_scene(map)
+        """Publish all, and end the topics of what is gone."""
+        self._latched.begin()
+        self._scene = scene_of(map)
+        self._boxes = {name: box for name, *box in map.execute(BOXES)}
+        self._things = {thing["name"]: thing for thing in self._scene["things"]}
         self._publish_grids(map)
         self._publish_scene()
-        self._latched.withdraw_others({*self.grids, "~/markers", "/tf_static"})
+        self._publish_fields(map)
+        if LabelInfo is not None:
+            names = enumerate(sorted(each["name"] for each in map.types()))
+            classes = [VisionClass(class_id=number, class_name=name) for number, name in names]
+            self._latched.publish("~/labels", LabelInfo(header=self._head(), class_map=classes))
+        self._latched.end_others()
 
     def follow(self, map: semmap.Map, events: Iterable[Any]) -> None:
         """Publish what events concern: first what is shown, since grids take longer."""
@@ -86,13 +91,9 @@ class MapTopics:
 
     def withdraw(self) -> None:
         """End all topics."""
-        self._latched.withdraw_others()
+        self._latched.begin()
+        self._latched.end_others()
         self.grids = {}
-
-    def _read_scene(self, map: semmap.Map) -> None:
-        self._scene = scene_of(map)
-        self._boxes = {name: box for name, *box in map.execute(BOXES)}
-        self._things = {thing["name"]: thing for thing in self._scene["things"]}
 
     def _move(self, map: semmap.Map, event: Any) -> bool:
         """Whether the scene is as the event left it, by the new pose of a thing."""
@@ -104,11 +105,12 @@ class MapTopics:
         return True
 
     def _publish_scene(self) -> None:
-        stamp = self._now()
-        shown = messages.markers_message(self._scene, self._boxes, stamp)
+        head = self._head()
+        shown = messages.markers_message(self._scene, self._boxes, head)
         self._latched.publish("~/markers", shown)
         if TFMessage is not None:
-            self._latched.publish("/tf_static", TFMessage(transforms=[*self._frames(stamp)]))
+            frames = [*self._frames(head.stamp)]
+            self._latched.publish("/tf_static", TFMessage(transforms=frames))
 
     def _frames(self, stamp: Any) -> Iterator[TransformStamped]:
         """The frames of storeys in that of the map, and of things in those of their storeys."""
@@ -126,33 +128,41 @@ class MapTopics:
 
     def _publish_grids(self, map: semmap.Map) -> None:
         """Publish the grids that differ from the last ones."""
-        found: dict[str, tuple[StoreyGrid | Costmap, Cells]] = {}
-        low, high = self._node.value("interval")
-        robot, options = self._node.value("robot"), {"resolution": self._node.value("resolution")}
-        for name in self._node.value("storeys"):
-            storey = name or None
-            for grid in map.grids(storey=storey, interval=(low, high), **options):
-                found[f"~/{ros_name(grid.scene.storey)}/grid"] = grid, grid.cells
-            for made in map.costmaps(robot, storey=storey, **options) if robot else ():
-                topic = f"~/{ros_name(made.scene.storey)}/costmap"
-                found[topic] = made, as_occupancy(made.master)
-                for part, costs in zip(made.parts, made.costs, strict=True):
-                    found[f"{topic}/{ros_name(part.name)}"] = made, as_occupancy(costs)
-        scenes = {made.scene.storey: made.scene for made, _ in found.values()}
-        check_storey_names(scenes)
-        if len({ros_name(name) for name in scenes}) < len(scenes):
-            raise ValueError(
-                f"storeys {', '.join(scenes)} have one name in ROS: rename one of them"
-            )
-        self._floors = {frame_name(name): scene.elevation for name, scene in scenes.items()}
-        for topic, (of, cells) in found.items():
-            frame = frame_name(of.scene.storey)
-            message = messages.grid_message(of.grid, cells, frame, self._now())
+        found, now = read_grids(self._node, map), {}
+        self._floors = {frame_name(of.scene.storey): of.scene.elevation for of in found.values()}
+        for topic, of in found.items():
+            head = self._head(frame_name(of.scene.storey))
+            made = messages.grid_message(of.grid, of.cells, head)
             last = self.grids.get(topic)
-            if last is None or not messages.same_grid(last, message):
-                self.grids[topic] = message
-                self._latched.publish(topic, message)
-        self.grids = {topic: self.grids[topic] for topic in found}
+            if last is not None and messages.same_grid(last, made):
+                now[topic] = last
+                self._latched.keep(topic)
+            else:
+                now[topic] = made
+                self._latched.publish(topic, made)
+            if of.mask is not None and CostmapFilterInfo is not None:
+                info = CostmapFilterInfo(
+                    header=head,
+                    type=of.mask.type,
+                    filter_mask_topic=self._node.resolve_topic_name(topic),
+                    base=0.0,
+                    multiplier=of.mask.multiplier,
+                )
+                self._latched.publish(topic.replace("_mask", "_filter_info"), info)
+        self.grids = now
 
-    def _now(self) -> Any:
-        return self._node.get_clock().now().to_msg()
+    def _publish_fields(self, map: semmap.Map) -> None:
+        names = [name for name in self._node.value("fields") if name]
+        if not names:
+            return
+        try:
+            with map.snapshot() as seen:
+                found = read_fields(seen, names)
+        except LookupError as error:
+            raise UnknownNameError(str(error)) from error
+        for name, field in found.items():
+            cloud = messages.cloud_message(field.voxels.centres, field.values, self._head())
+            self._latched.publish(f"~/fields/{ros_name(name)}", cloud)
+
+    def _head(self, frame: str = ROOT_FRAME) -> Header:
+        return Header(frame_id=frame, stamp=self._node.get_clock().now().to_msg())
