@@ -1,4 +1,4 @@
-"""Operations of the map that other nodes call: the answers are those of Python."""
+"""Operations that other nodes call, fields and labels: all is as in Python."""
 
 from __future__ import annotations
 
@@ -6,15 +6,19 @@ import json
 from collections.abc import Iterator
 from typing import Any
 
+import numpy as np
 import pytest
 
 import semmap
 from tests.ros.conftest import Peer, RunNode, url_of
 
+BALLS = "SELECT ?v WHERE { ?v :occupiedBy 'ball' } STORE :occupiedBy"
+
 
 @pytest.fixture(scope="module")
 def house(run_node: RunNode, small_house: semmap.Map) -> Iterator[semmap.Map]:
-    with run_node(url_of(small_house), "house"):
+    small_house.fields.query(BALLS, keep="balls")
+    with run_node(url_of(small_house), "house", fields=["balls"]):
         yield small_house
 
 
@@ -42,8 +46,8 @@ def test_operations_answer_as_their_methods_do(peer: Peer, house: semmap.Map) ->
     assert {row["place"]: row["probability"] for row in where["belief"]} == pytest.approx(
         dict(known), rel=1e-3
     )
-    plan = answer("plan", goal="at(kitchen)", start="bedroom")
-    assert plan["seconds"] == pytest.approx(house.plan("at(kitchen)", start="bedroom").seconds)
+    plan = answer("plan", goal="found(Ball_01_001)", start="bedroom")
+    assert plan["seconds"] == pytest.approx(house.plan("found(Ball_01_001)", start="bedroom").seconds, rel=1e-3)
 
 
 @pytest.mark.parametrize(
@@ -69,3 +73,27 @@ def test_what_is_refused_has_a_reason(
     assert not found["done"]
     assert found["answer"] == ""
     assert said in found["problem"]
+
+
+def test_a_stored_field_is_a_cloud_of_the_middles_of_its_voxels(
+    peer: Peer, house: semmap.Map
+) -> None:
+    peer.listen("/semmap/fields/balls", "sensor_msgs/msg/PointCloud2")
+    cloud = peer.take("/semmap/fields/balls")
+    assert cloud["header"]["frame_id"] == "map"
+    assert [(f["name"], f["offset"]) for f in cloud["fields"]][:3] == [("x", 0), ("y", 4), ("z", 8)]
+    table = np.frombuffer(bytes(cloud["data"]), "<f4").reshape(cloud["width"], -1)
+    assert cloud["point_step"] == 4 * table.shape[1]
+    known = house.fields.query("SELECT ?v WHERE { ?v :occupiedBy 'ball' }").rows
+    assert len(known) > 10
+    points = np.array([voxel for (voxel,) in known])
+    np.testing.assert_allclose(sorted(table[:, :3].tolist()), sorted(points.tolist()), atol=1e-5)
+
+
+@pytest.mark.usefixtures("house")
+def test_labels_are_all_types(peer: Peer, house: semmap.Map) -> None:
+    peer.listen("/semmap/labels", "vision_msgs/msg/LabelInfo")
+    classes = peer.take("/semmap/labels")["class_map"]
+    known = {name for (name,) in house.sql("SELECT name FROM semantic_type")}
+    assert {each["class_name"] for each in classes} == known
+    assert len({each["class_id"] for each in classes}) == len(classes) == len(known)

@@ -24,6 +24,9 @@ from visualization_msgs.msg import Marker, MarkerArray
 from navgrid.grid import Grid
 from semmap.geometry.pose import Pose as MapPose
 
+THINGS = "things"
+"""The namespace of their markers."""
+
 DOOR_WIDTH, TEXT_HEIGHT = 0.08, 0.3
 """Metres, of the line of a door and of a room's name."""
 
@@ -150,7 +153,7 @@ def thing_marker(thing: Mapping[str, Any], box: Sequence[float], head: Header) -
     pose = thing_pose(thing["pose"], (low + high) / 2)
     size = np.maximum(high - low, 1e-3)  # a flat thing is shown, too
     colour = _colour(thing["colour"])
-    return _marker(head, "things", Marker.CUBE, colour, pose=pose, size=size, text=thing["name"])
+    return _marker(head, THINGS, Marker.CUBE, colour, pose=pose, size=size, text=thing["name"])
 
 
 def thing_pose(pose: Sequence[float], middle: NDArray[np.float64]) -> Pose:

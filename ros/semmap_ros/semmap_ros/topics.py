@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 from geometry_msgs.msg import TransformStamped
 from nav_msgs.msg import OccupancyGrid
 from std_msgs.msg import Header
+from visualization_msgs.msg import MarkerArray
 
 from navgrid.grid import ROOT_FRAME, frame_name
 from navgrid.launch_files import ros_name
@@ -80,14 +81,19 @@ class MapTopics:
         self._latched.end_others()
 
     def follow(self, map: semmap.Map, events: Iterable[Any]) -> None:
-        """Publish what events concern: first what is shown, since grids take longer."""
+        """Publish what events concern: first the things that moved alone, which takes no time.
+
+        Late subscribers get the last message, which has to be of all things again.
+        """
         shown = [event for event in events if event.what not in NOT_SHOWN]
-        moved = [event for event in shown if self._move(map, event)]
-        if len(moved) < len(shown):
+        moved = {event.name for event in shown if self._move(map, event)}
+        if moved:
+            self._publish_things(moved)
+        if any(event.name not in moved for event in shown):
             self.publish(map)
         elif moved:
-            self._publish_scene()
             self._publish_grids(map)
+            self._publish_scene()
 
     def withdraw(self) -> None:
         """End all topics."""
@@ -107,16 +113,33 @@ class MapTopics:
     def _publish_scene(self) -> None:
         head = self._head()
         shown = messages.markers_message(self._scene, self._boxes, head)
+        self._marker_ids = {m.text: m.id for m in shown.markers if m.ns == messages.THINGS}
         self._latched.publish("~/markers", shown)
+        floors = [
+            messages.transform_message(ROOT_FRAME, frame, Pose(z=height), head.stamp)
+            for frame, height in self._floors.items()
+        ]
+        self._publish_frames([*floors, *self._frames(self._scene["things"], head.stamp)])
+
+    def _publish_things(self, names: Iterable[str]) -> None:
+        """Publish the markers and frames of some things."""
+        head, things = self._head(), [self._things[name] for name in names]
+        shown = MarkerArray()
+        for thing in things:
+            if thing["name"] in self._marker_ids:
+                marker = messages.thing_marker(thing, self._boxes[thing["name"]], head)
+                marker.id = self._marker_ids[thing["name"]]
+                shown.markers.append(marker)
+        self._latched.publish("~/markers", shown)
+        self._publish_frames([*self._frames(things, head.stamp)])
+
+    def _publish_frames(self, frames: list[TransformStamped]) -> None:
         if TFMessage is not None:
-            frames = [*self._frames(head.stamp)]
             self._latched.publish("/tf_static", TFMessage(transforms=frames))
 
-    def _frames(self, stamp: Any) -> Iterator[TransformStamped]:
-        """The frames of storeys in that of the map, and of things in those of their storeys."""
-        for frame, height in self._floors.items():
-            yield messages.transform_message(ROOT_FRAME, frame, Pose(z=height), stamp)
-        for thing in self._scene["things"]:
+    def _frames(self, things: Iterable[Any], stamp: Any) -> Iterator[TransformStamped]:
+        """The frames of things in those of their storeys."""
+        for thing in things:
             if thing["pose"] is None:
                 continue
             above = frame_name(thing["storey"]) if thing["storey"] else ROOT_FRAME
