@@ -87,7 +87,7 @@ class Peer:
         return found
 
 
-@pytest.fixture
+@pytest.fixture(scope="module")
 def peer(ros_python: str, ros_environment: dict[str, str]) -> Iterator[Peer]:
     """A process that subscribes, publishes and calls services."""
     with run([ros_python, str(Path(__file__).parent / "peer.py")], ros_environment) as process:

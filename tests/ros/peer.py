@@ -59,6 +59,7 @@ class Peer(Node):  # type: ignore[misc]
     def __init__(self) -> None:
         super().__init__("peer")
         self.queues: dict[str, SimpleQueue[Any]] = {}
+        self.listeners: dict[str, Any] = {}
         self.senders: dict[str, Any] = {}
 
     def listen(self, topic: str, kind: str, latched: bool) -> None:
@@ -70,7 +71,9 @@ class Peer(Node):  # type: ignore[misc]
         def keep(message: Any) -> None:
             queue.put((time.time(), message))
 
-        self.create_subscription(interface(kind), topic, keep, qos)
+        if topic in self.listeners:
+            self.destroy_subscription(self.listeners[topic])
+        self.listeners[topic] = self.create_subscription(interface(kind), topic, keep, qos)
 
     def take(self, topic: str, seconds: float) -> Any:
         """The next message with the time at which it came; None if none comes."""

@@ -99,9 +99,9 @@ def test_a_manager_leads_it_through_its_states(peer: Peer, run_node: RunNode, ur
     peer.listen(*DIAGNOSTICS, latched=False)
     with run_node(url, "flat", autostart=False):
         peer.take(DIAGNOSTICS[0], lambda array: state_of(array) == "unconfigured")
-        assert GRID not in peer("topics")
+        assert peer("count_publishers", GRID) == 0
         assert change(CONFIGURE)
-        assert GRID not in peer("topics")
+        assert peer("count_publishers", GRID) == 0
         assert change(ACTIVATE)
         peer.listen(GRID, GRIDS)
         before = peer.take(GRID)

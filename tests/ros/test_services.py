@@ -47,7 +47,9 @@ def test_operations_answer_as_their_methods_do(peer: Peer, house: semmap.Map) ->
         dict(known), rel=1e-3
     )
     plan = answer("plan", goal="found(Ball_01_001)", start="bedroom")
-    assert plan["seconds"] == pytest.approx(house.plan("found(Ball_01_001)", start="bedroom").seconds, rel=1e-3)
+    assert plan["seconds"] == pytest.approx(
+        house.plan("found(Ball_01_001)", start="bedroom").seconds, rel=1e-3
+    )
 
 
 @pytest.mark.parametrize(

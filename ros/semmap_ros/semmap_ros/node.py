@@ -21,7 +21,7 @@ from sqlalchemy.exc import DBAPIError
 
 import semmap
 from semmap.api.map_events import MapSubscription
-from semmap_ros.observations import MapObservations
+from semmap_ros.detections import MapDetections
 from semmap_ros.services import MapServices
 from semmap_ros.topics import MapTopics
 
@@ -64,7 +64,7 @@ class MapNode(LifecycleNode):  # type: ignore[misc]
         self._changed = self.create_guard_condition(self._follow)
         self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
         self._answers = MapServices(self)
-        self._taken = MapObservations(self)
+        self._taken = MapDetections(self)
         # Neither a jump of the clock nor a simulation that stands still delays this.
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(self.value("period"), self._look, clock=steady)

@@ -23,7 +23,7 @@ AHEAD = 0.1
 """Seconds that the clock of a sender may be ahead."""
 
 
-class MapObservations:
+class MapDetections:
     """Stores detections by `semmap.Map.observe_objects`, one view each message.
 
     It takes ``~/detections``, whose classes are types of the map, and a topic of poses for each
