@@ -13,7 +13,9 @@ from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 import semmap
 from tests.api.conftest import small_house
@@ -145,3 +147,45 @@ def refused(diagnostics: dict[str, Any]) -> tuple[int, str]:
     (status,) = diagnostics["status"]
     values = {each["key"]: each["value"] for each in status["values"]}
     return int(values["refused"]), values["last refused"]
+
+
+def in_map(frames: dict[str, Any], name: str) -> np.ndarray:
+    """The pose of a frame in ``map`` as a matrix, by the frames above it."""
+    found = np.eye(4)
+    while name != "map":
+        frame = frames[name]
+        shift, turn = frame["transform"]["translation"], frame["transform"]["rotation"]
+        found = matrix([*(shift[k] for k in "xyz"), *(turn[k] for k in "xyzw")]) @ found
+        name = frame["header"]["frame_id"]
+    return found
+
+
+def matrix(pose: Any) -> np.ndarray:
+    made = np.eye(4)
+    made[:3, :3], made[:3, 3] = Rotation.from_quat(pose[3:]).as_matrix(), pose[:3]
+    return made
+
+
+def header(frame: str = "map", ago: float = 0.0) -> dict[str, Any]:
+    at = time.time() - ago
+    stamp = {"sec": int(at), "nanosec": int(at % 1 * 1e9)} if ago < at else {}
+    return {"frame_id": frame, "stamp": stamp}
+
+
+def position(x: float, y: float, z: float) -> dict[str, Any]:
+    return {"position": {"x": float(x), "y": float(y), "z": float(z)}}
+
+
+def detection(kind: str, point: Any, side: float = 0.08, **more: Any) -> dict[str, Any]:
+    size = {"x": side, "y": side, "z": side}
+    sure = {"hypothesis": {"class_id": kind, "score": 0.9}}
+    other = {"hypothesis": {"class_id": "dragon", "score": 0.1}}
+    return {"results": [other, sure], "bbox": {"center": position(*point), "size": size}} | more
+
+
+def seen_by(house: semmap.Map, kind: str, seconds: float = 20) -> list[semmap.MapEntity]:
+    """The objects of a type when there is one."""
+    end = time.monotonic() + seconds
+    while not (found := house.find(kind)) and time.monotonic() < end:
+        time.sleep(0.05)
+    return found

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import math
-import time
 from collections.abc import Iterator
 from typing import Any
 
 import pytest
 
 import semmap
-from tests.ros.conftest import Peer, RunNode, refused, url_of
+from tests.ros.conftest import Peer, RunNode, detection, header, position, refused, seen_by, url_of
 
 TOPIC, DETECTIONS = "/semmap/detections", "vision_msgs/msg/Detection3DArray"
 BANANAS, POSES = "/tracker/bananas", "geometry_msgs/msg/PoseArray"
@@ -24,36 +23,11 @@ def house(run_node: RunNode, small_house: semmap.Map) -> Iterator[semmap.Map]:
         yield small_house
 
 
-def header(frame: str = "map", ago: float = 0.0) -> dict[str, Any]:
-    at = time.time() - ago
-    stamp = {"sec": int(at), "nanosec": int(at % 1 * 1e9)} if ago < at else {}
-    return {"frame_id": frame, "stamp": stamp}
-
-
-def position(x: float, y: float, z: float) -> dict[str, Any]:
-    return {"position": {"x": float(x), "y": float(y), "z": float(z)}}
-
-
-def detection(kind: str, point: Any, side: float = 0.08, **more: Any) -> dict[str, Any]:
-    size = {"x": side, "y": side, "z": side}
-    sure = {"hypothesis": {"class_id": kind, "score": 0.9}}
-    other = {"hypothesis": {"class_id": "dragon", "score": 0.1}}
-    return {"results": [other, sure], "bbox": {"center": position(*point), "size": size}} | more
-
-
 def on_table(house: semmap.Map, dx: float = 0.0) -> tuple[float, float, float]:
     """A point 4 cm above the table."""
     low, high = house[TABLE].mesh.bounds
     x, y = (low + high)[:2] / 2
     return x + dx, y, high[2] + 0.04
-
-
-def seen_by(house: semmap.Map, kind: str, seconds: float = 20) -> list[semmap.MapEntity]:
-    """The objects of a type when there is one."""
-    end = time.monotonic() + seconds
-    while not (found := house.find(kind)) and time.monotonic() < end:
-        time.sleep(0.05)
-    return found
 
 
 def test_a_detection_becomes_an_object_and_a_marker(peer: Peer, house: semmap.Map) -> None:

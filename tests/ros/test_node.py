@@ -14,7 +14,7 @@ from PIL import Image
 from scipy.spatial.transform import Rotation
 
 import semmap
-from tests.ros.conftest import Peer, RunNode, refused, url_of
+from tests.ros.conftest import Peer, RunNode, in_map, matrix, refused, url_of
 
 GRID, MARKERS = "/semmap/ground_floor/grid", "/semmap/markers"
 GRIDS, MARKER_ARRAYS = "nav_msgs/msg/OccupancyGrid", "visualization_msgs/msg/MarkerArray"
@@ -177,20 +177,3 @@ def test_the_frames_of_things_lead_to_their_poses_in_the_map(
     assert len(poses) > 80
     for name, pose in poses:
         np.testing.assert_allclose(in_map(found, f"house/{name}"), matrix(pose), atol=1e-9)
-
-
-def in_map(frames: dict[str, Any], name: str) -> np.ndarray:
-    """The pose of a frame in ``map`` as a matrix, by the frames above it."""
-    found = np.eye(4)
-    while name != "map":
-        frame = frames[name]
-        shift, turn = frame["transform"]["translation"], frame["transform"]["rotation"]
-        found = matrix([*(shift[k] for k in "xyz"), *(turn[k] for k in "xyzw")]) @ found
-        name = frame["header"]["frame_id"]
-    return found
-
-
-def matrix(pose: Any) -> np.ndarray:
-    made = np.eye(4)
-    made[:3, :3], made[:3, 3] = Rotation.from_quat(pose[3:]).as_matrix(), pose[:3]
-    return made

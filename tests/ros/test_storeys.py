@@ -15,7 +15,7 @@ from sqlalchemy import Engine
 
 import semmap
 from navgrid.launch_files import ros_name
-from tests.ros.conftest import Peer, RunNode, url_of
+from tests.ros.conftest import Peer, RunNode, detection, header, in_map, matrix, seen_by, url_of
 from tests.worlds.conftest import store_slim_robot
 
 GRIDS = "nav_msgs/msg/OccupancyGrid"
@@ -36,7 +36,7 @@ def building(run_node: RunNode, hotel: Engine) -> Iterator[semmap.Map]:
             zone = shapely.box(x - 1, y - 0.5, x + 1, y + 0.5)
             options = {"type": kind, "floor": storey.pose.z, "storey": storey.name}
             found.add_region(f"zone{number}", zone, **options).properties = rules
-        with run_node(url_of(found), "hotel", robot="slim", resolution=0.1):
+        with run_node(url_of(found), "hotel", robot="slim", resolution=0.1, oldest=60.0):
             yield found
 
 
@@ -116,3 +116,24 @@ def test_a_path_leads_over_storeys_in_the_frame_of_the_map(
     end = ends["goal"]["pose"]["position"]
     assert math.dist(points[-1][:2], (end["x"], end["y"])) < 0.2
     assert {round(z, 3) for _, _, z in points} == {round(s.pose.z, 3) for s in (low, high)}
+
+
+def test_a_detection_in_the_frame_of_a_storey_is_on_its_floor(
+    peer: Peer, building: semmap.Map
+) -> None:
+    *_, high = sorted(building.storeys, key=lambda storey: storey.pose.z)
+    x, y = largest_room(building, high).footprint.representative_point().coords[0]
+    head = header("map_" + high.name.replace("-", "_"))
+    message = {"header": head, "detections": [detection("apple", (x, y, 0.04))]}
+    peer("send", "/semmap/detections", "vision_msgs/msg/Detection3DArray", message)
+    (apple,) = seen_by(building, "apple")
+    assert apple.storey == high
+    assert apple.pose[:3] == pytest.approx((x, y, high.pose.z), abs=0.05)
+    name = f"hotel/{apple.name}"
+    peer.listen("/tf_static", "tf2_msgs/msg/TFMessage")
+    transforms = peer.take(
+        "/tf_static", lambda m: name in [f["child_frame_id"] for f in m["transforms"]]
+    )["transforms"]
+    frames = {each["child_frame_id"]: each for each in transforms}
+    assert frames[name]["header"]["frame_id"] == head["frame_id"]
+    np.testing.assert_allclose(in_map(frames, name), matrix(apple.pose), atol=1e-9)
