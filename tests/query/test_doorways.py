@@ -9,7 +9,7 @@ import trimesh
 
 from semmap.geometry.pose import Pose
 from semmap.query.map_check.building import LINTEL, WALL
-from semmap.query.map_check.doorways import GROUND, PASSAGE, Opening
+from semmap.query.map_check.doorways import GROUND, PASSAGE, DoorOpening
 
 
 def solid(draw: random.Random) -> tuple[shapely.Polygon, trimesh.Trimesh]:
@@ -46,7 +46,7 @@ def test_what_is_taken_is_what_shapely_finds(seed: int) -> None:
     door = Pose.planar(draw.uniform(-9, 9), draw.uniform(-9, 9), draw.uniform(-4, 4), 3.0)
     low, high = mesh.bounds[:, 2]
     faces = door.apply(mesh.triangles.reshape(-1, 3)).reshape(-1, 3, 3)
-    spans = Opening(door, width, {"it": faces}).taken("it")
+    spans = DoorOpening(door, width, {"it": faces}).taken("it")
     found = shapely.union_all([shapely.LineString([(0, a), (0, b)]) for a, b in spans])
     expected = shapely.LineString()
     if high >= GROUND and low <= LINTEL:
@@ -62,7 +62,7 @@ def test_slanted_faces_take_what_their_sections_do(seed: int) -> None:
     mesh = trimesh.creation.box(draw.uniform(0.1, 1, 3))
     mesh.apply_transform(trimesh.transformations.random_rotation_matrix(draw.random(3)))
     mesh.apply_translation([*draw.uniform(-0.4, 0.4, 2), draw.uniform(0, 1.6)])
-    spans = Opening(Pose(), 1.0, {"it": mesh.triangles}).taken("it")
+    spans = DoorOpening(Pose(), 1.0, {"it": mesh.triangles}).taken("it")
     strip = shapely.box(-WALL, -0.5, WALL, 0.5)
     low, high = np.inf, -np.inf
     for height in np.linspace(GROUND, LINTEL, 1500):
@@ -110,7 +110,7 @@ def test_what_closes_an_opening_says_who_passes(
         name: door.apply(beam(*ends).reshape(-1, 3)).reshape(-1, 3, 3)
         for name, ends in solids.items()
     }
-    opening = Opening(door, width, faces)
+    opening = DoorOpening(door, width, faces)
     shut = opening.closing([*solids])
     assert bool(shut) == (says is not None)
     if says is not None:
@@ -130,7 +130,7 @@ def test_a_robot_may_be_as_high_as_the_lowest_beam(seed: int) -> None:
         for side in lowest.keys() & {half} or lowest:
             lowest[side] = min(lowest[side], low)
     faces = door.apply(np.concatenate(beams).reshape(-1, 3)).reshape(-1, 3, 3)
-    opening = Opening(door, 2 * PASSAGE, {"beams": faces})
+    opening = DoorOpening(door, 2 * PASSAGE, {"beams": faces})
     expected = max(lowest.values())
     assert bool(opening.closing(["beams"])) == (expected < LINTEL)
     if expected < LINTEL:

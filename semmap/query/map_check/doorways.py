@@ -30,7 +30,7 @@ Intervals = list[tuple[float, float]]
 T = TypeVar("T", bound=Hashable)
 
 
-class Opening(Generic[T]):
+class DoorOpening(Generic[T]):
     """The opening of a door, `width` metres from post to post, and solids (F, 3, 3) at it.
 
     They count as far beside the door as walls around an opening may be thick. Heights are metres

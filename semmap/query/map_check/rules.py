@@ -27,7 +27,7 @@ from semmap.query.map_check.building import (
     THICKEST,
     WALL,
 )
-from semmap.query.map_check.doorways import NARROWEST, PASSAGE, SAME, Opening
+from semmap.query.map_check.doorways import NARROWEST, PASSAGE, SAME, DoorOpening
 from semmap.query.map_check.fixes import Moves, Named, Trials
 from semmap.query.map_check.reader import CheckedEntity, once_a_pair, read_checked_entities
 from semmap.query.map_check.support import SupportedBuilding
@@ -480,7 +480,7 @@ def _is_in_opening(door: CheckedEntity, entity: CheckedEntity) -> bool:
 @lru_cache(maxsize=1)  # for both rules of the same building
 def _shut_doors(
     building: SupportedBuilding,
-) -> list[tuple[CheckedEntity, Opening[CheckedEntity], list[CheckedEntity]]]:
+) -> list[tuple[CheckedEntity, DoorOpening[CheckedEntity], list[CheckedEntity]]]:
     """The doors that are closed by parts of the building, or else by things with them."""
     off = {names[0] for names, *_ in _far_doors(building)}
     found = []
@@ -490,7 +490,7 @@ def _shut_doors(
         assert door.pose is not None
         width = door.row["width"] or DOOR
         solids = [e for e in building.at_opening(door.pose, width) if e.row["type"] != "door_leaf"]
-        opening = Opening(door.pose, width, {e: e.triangles for e in solids})
+        opening = DoorOpening(door.pose, width, {e: e.triangles for e in solids})
         fast = partial(_is_fast, building, door)
         parts = opening.closing(e for e in solids if fast(e))
         if shut := parts or sorted(opening.closing(solids), key=fast):
