@@ -237,7 +237,7 @@ DECLARE
     deriving boolean := coalesce(current_setting('semmap.deriving', true), '') = 'on';
 BEGIN
     SELECT array_agg(entity_id), array_agg(entity_id) FILTER (WHERE o.holder_id IS DISTINCT FROM n.holder_id),
-           array_agg(entity_id) FILTER (WHERE (o.holder_id, o.confidence) IS DISTINCT FROM (n.holder_id, n.confidence)
+           array_agg(entity_id) FILTER (WHERE o.holder_id IS DISTINCT FROM n.holder_id
                                           AND n.holder_id IS NOT NULL AND n.confidence IS NULL),
            jsonb_object_agg(entity_id, jsonb_build_array(o.holder_id, n.holder_id))
         INTO moved, rehung, stated, placed
