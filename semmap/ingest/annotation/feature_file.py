@@ -19,7 +19,7 @@ import shapely
 from numpy.typing import NDArray
 
 from semmap.geometry.extent import extent
-from semmap.ingest.georeference import WGS84, frame_of, into_frame
+from semmap.ingest.georeference import WGS84, frame_of, into_frame, on_true_scale, scale_note
 from semmap.ingest.text_file import read_text
 from semmap.ingest.world import Refused, Skipped, WorldError
 from semmap.limits import EXTENT, NESTING, TEXT_BYTES, VERTICES
@@ -119,6 +119,7 @@ def into_metres(
             try:
                 if georeference is None and found.georeference is None:
                     found.georeference = frame_of(_together(points, crs), crs)
+                    found.notes += scale_note(points, crs)
                 frame = georeference or found.georeference
                 assert frame is not None
                 moved = into_frame(points, crs, frame)
@@ -307,7 +308,13 @@ def _read_georeference(given: object, out: FeatureFile) -> None:
         for key, value in given.items():
             if not isinstance(value, int | float) or not abs(value) <= EARTH:
                 raise Refused(f"{key} is {value!r}", "Give a number.")
-        out.georeference = dict(given)
+        try:
+            out.georeference = on_true_scale(given)
+        except (ValueError, RuntimeError) as error:  # beyond UTM; pyproj
+            raise Refused(f"is on no grid ({error})", "Give it on that of UTM.") from error
+        if out.georeference != given:
+            origin = np.array([[given["easting"], given["northing"]]])
+            out.notes += scale_note(origin, f"EPSG:{given['crs']}")
 
 
 def _read_geopackage(path: Path) -> FeatureFile:

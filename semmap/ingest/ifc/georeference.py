@@ -7,6 +7,9 @@ import re
 from collections.abc import Sequence
 from typing import Any
 
+import numpy as np
+
+from semmap.ingest.georeference import on_true_scale, scale_note
 from semmap.ingest.ifc.building import IfcBuilding
 
 
@@ -26,13 +29,19 @@ def georeference_of(building: IfcBuilding) -> dict[str, Any] | None:
             continue
         unit = 1.0 if conversion.TargetCRS.MapUnit else file.metres
         east, north = conversion.XAxisAbscissa, conversion.XAxisOrdinate
-        return {
+        stated = {
             "crs": int(code[1]),
             "easting": conversion.Eastings * unit,
             "northing": conversion.Northings * unit,
             "height": (conversion.OrthogonalHeight or 0.0) * unit,
             "rotation": math.atan2(north or 0.0, 1.0 if east is None else east),
         }
+        origin = np.array([[stated["easting"], stated["northing"]]])
+        try:
+            building.out.notes += scale_note(origin, f"EPSG:{stated['crs']}")
+            return on_true_scale(stated)
+        except (ValueError, RuntimeError) as error:  # beyond UTM; pyproj
+            building.out.notes.append(f"georeference left out: {error}")
     for site in file.of("IfcSite"):
         if site.RefLatitude and site.RefLongitude:
             north = _true_north(file.of("IfcGeometricRepresentationContext"))

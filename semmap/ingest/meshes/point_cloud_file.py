@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from semmap.geometry.mesh import Mesh
-from semmap.ingest.georeference import frame_of, into_frame
+from semmap.ingest.georeference import frame_of, into_frame, scale_note
 from semmap.ingest.world import Entry, Shape, World, WorldError
 from semmap.limits import EXTENT, MESH_BYTES, TRIANGLES
 
@@ -51,6 +51,8 @@ def read_point_cloud(
         raise WorldError(path, "points", "has none", "Give another file.")
     world = World(path.stem, path)
     if crs is not None and EXTENT.exceeded_by(float(np.abs(points[:, :2]).max())):
+        if georeference is None:
+            world.notes += scale_note(points[:, :2], crs)
         frame = georeference or frame_of(points[:, :2], crs)
         points[:, :2] = into_frame(points[:, :2], crs, frame)
         world.georeference = None if georeference else dict(frame)

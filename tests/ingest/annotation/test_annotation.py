@@ -5,6 +5,7 @@ import json
 import math
 import string
 from collections.abc import Callable
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +15,7 @@ import pytest
 import shapely
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from pyproj import Proj
+from pyproj import Geod, Proj, Transformer
 
 from semmap.geometry.pose import IDENTITY, Pose
 from semmap.ingest.annotation.annotation import read_annotation
@@ -864,6 +865,64 @@ def test_a_layer_of_a_projection_comes_in_with_its_crs(tmp_path: Path) -> None:
     world = read_annotation(path)
     assert world.georeference["crs"] == 25832
     assert outlines(world)["hall"].equals(shapely.box(0.5, 0, 8.5, 6))
+
+
+CORNERS = ((0, 0), (5, 0), (5, 4), (0, 4), (0, 0))
+"""Of a room, metres to the east and north of its first corner."""
+
+
+def surveyed(crs: str) -> shapely.Polygon:
+    """The room of these corners at 52 degrees north, by geodesics, in the coordinates of a CRS."""
+    earth, to_crs = Geod(ellps="WGS84"), Transformer.from_crs(4326, crs, always_xy=True)
+    places = []
+    for east, north in CORNERS:
+        middle = earth.fwd(8.0472, 52.2799, 90, east)[:2]
+        places.append(to_crs.transform(*earth.fwd(*middle, 0, north)[:2]))
+    return shapely.Polygon(places)
+
+
+@pytest.mark.parametrize("crs", ["EPSG:3857", "EPSG:3395", "EPSG:3034", "EPSG:6933"])
+@pytest.mark.parametrize("ending", [".geojson", ".gpkg"])
+def test_a_projection_that_stretches_lengths_is_brought_to_metres(
+    ending: str, crs: str, tmp_path: Path
+) -> None:
+    path = tmp_path / f"site{ending}"
+    drawn = np.array([shapely.to_wkb(surveyed(crs))], object)
+    pyogrio.raw.write(
+        path,
+        drawn,
+        [np.array(["hall"], object), np.array(["room"], object)],
+        ["name", "kind"],
+        layer="site",
+        geometry_type="Polygon",
+        crs=crs,
+        driver="GPKG" if ending == ".gpkg" else "GeoJSON",
+        layer_options={} if ending == ".gpkg" else {"RFC7946": "NO"},
+    )
+    world = read_annotation(path)
+    assert world.georeference["crs"] == 32632
+    room = outlines(world)["hall"]
+    lengths = [math.dist(a, b) for a, b in pairwise(shapely.get_coordinates(room))]
+    assert sorted(lengths) == pytest.approx([4, 4, 5, 5], rel=2e-3)
+    assert any("times those on the ground" in note for note in world.notes)
+
+
+def test_a_georeference_on_a_grid_that_stretches_lengths_is_one_of_utm(write: Write) -> None:
+    """The map's corner stays at its place, and its x axis points to the east."""
+    easting, northing = Transformer.from_crs(4326, 3857, always_xy=True).transform(8.0472, 52.2799)
+    said = {"crs": 3857, "easting": easting, "northing": northing, "height": 5.0, "rotation": 0.0}
+    world = read_annotation(write(room("hall", 0, 0, 5, 4), georeference=said))
+    frame = world.georeference
+    assert (frame["crs"], frame["height"]) == (32632, 5.0)
+    assert outlines(world)["hall"].equals(shapely.box(0, 0, 5, 4))
+    back = Transformer.from_crs(32632, 4326, always_xy=True)
+    turned = 1e3 * np.array([math.cos(frame["rotation"]), math.sin(frame["rotation"])])
+    ends = [(frame["easting"], frame["northing"])]
+    ends.append((ends[0][0] + turned[0], ends[0][1] + turned[1]))
+    (west, south), (east, north) = (back.transform(*end) for end in ends)
+    assert (west, south) == pytest.approx((8.0472, 52.2799), abs=1e-8)
+    azimuth, _, away = Geod(ellps="WGS84").inv(west, south, east, north)
+    assert (azimuth, away) == pytest.approx((90, 1e3), abs=0.5)
 
 
 def test_coordinates_that_are_on_no_grid_of_the_earth_are_refused(write: Write) -> None:
