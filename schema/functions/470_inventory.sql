@@ -167,7 +167,8 @@ SET plan_cache_mode = force_generic_plan SET enable_seqscan = off AS $$
 --    of its contents. For a model without known support surfaces: is_on.
 -- 2. in an object of less than 4 square metres that encloses it, is larger and does not begin above it: is_in.
 -- 3. in the room of its place: room_at.
--- 4. in the highest storey whose floor is at most half a metre above its bottom, else the lowest.
+-- 4. in the highest storey whose floor is at most half a metre above its bottom, else the lowest; of several at one height,
+--    as of two buildings, in one whose outline it meets, and stay in its own.
 -- Agents are in rooms and storeys alone, parts of the building in storeys. Null: none of them.
 -- A holder begins lower, or as low and is larger: derived holders are no cycle.
 -- Equal holders are told apart by their places, which an export and import keep, and not the last digits and numbers.
@@ -265,26 +266,28 @@ BEGIN
         SELECT l.id, r.room_id, r.share
         FROM loose l CROSS JOIN LATERAL (SELECT * FROM semmap.room_at(l.map_id, l.ground, l.middle) OFFSET 0) r (room_id, share)
         WHERE l.id NOT IN (SELECT id FROM amid) AND r.room_id IS NOT NULL
-    ), ranked (id, rank, owner, relation, confidence, map_id, low) AS (
+    ), ranked (id, rank, owner, relation, confidence, map_id, low, ground) AS (
         SELECT r.id, 1, r.owner, 'on', CASE WHEN r.share >= 0.95 AND r.gap <= contact / 3 THEN 1
                                             ELSE round((r.share * (1 - r.gap / (2 * contact)))::numeric, 3) END,
-               NULL::integer, NULL::double precision
+               NULL::integer, NULL::double precision, NULL::geometry
         FROM resting r
       UNION ALL
-        SELECT e.id, 2, e.owner, 'in', 1, NULL, NULL FROM enclosed e
+        SELECT e.id, 2, e.owner, 'in', 1, NULL, NULL, NULL FROM enclosed e
       UNION ALL
-        SELECT w.id, 3, w.owner, 'in', CASE WHEN w.share < 0.95 THEN round(w.share::numeric, 3) ELSE 1 END, NULL, NULL
+        SELECT w.id, 3, w.owner, 'in', CASE WHEN w.share < 0.95 THEN round(w.share::numeric, 3) ELSE 1 END, NULL, NULL, NULL
         FROM within w
       UNION ALL
-        SELECT i.id, 4, NULL, 'in', 1, i.map_id, i.low FROM item i
+        SELECT i.id, 4, NULL, 'in', 1, i.map_id, i.low, i.ground FROM item i
     ), first AS (
         SELECT DISTINCT ON (id) * FROM ranked ORDER BY id, rank
     )
     SELECT f.id, coalesce(f.owner, (
                -- storeys first, which are few: a plan that begins with world is quadratic
                SELECT s.entity_id FROM semmap.storey s CROSS JOIN LATERAL (
-                   SELECT w.pose FROM semmap.world w WHERE w.entity_id = s.entity_id AND w.map_id = f.map_id OFFSET 0) o
-               ORDER BY o.pose[3] > f.low + 0.5, abs(o.pose[3] - f.low - 0.5), s.entity_id LIMIT 1)),
+                   SELECT w.pose, w.footprint FROM semmap.world w WHERE w.entity_id = s.entity_id AND w.map_id = f.map_id OFFSET 0) o
+               ORDER BY o.pose[3] > f.low + 0.5, round(abs(o.pose[3] - f.low - 0.5)::numeric, 3),
+                        ST_Intersects(o.footprint, f.ground) IS NOT TRUE, s.entity_id IS DISTINCT FROM (
+                            SELECT p.holder_id FROM semmap.placement p WHERE p.entity_id = f.id), s.entity_id LIMIT 1)),
            f.relation, f.confidence::double precision
     FROM first f;
 END $$;

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+import yaml
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from sqlalchemy import Engine, text
@@ -314,3 +315,55 @@ def test_define_adds_the_types_of_drawn_features(database: str, tmp_path: Path) 
     assert "its type 'kitchn' is none that the map has" in said
     assert "kitchen" in said
     assert "left out: 1" not in semmap(database, "import", path, "--define").stdout
+
+
+def square_building(path: Path, west: float, storey: dict[str, Any]) -> Path:
+    """An Open-RMF building of one room of 10 x 10 m with two chairs, a place and a lane."""
+    corners = [(west, 0), (west + 10, 0), (west + 10, 10), (west, 10)]
+    places = [(west + 5, 7, 0, "hub"), (west + 2, 7, 0, "dock")]
+    level = {
+        "elevation": 0,
+        "vertices": [*([x, y, 0, ""] for x, y in corners), *map(list, places)],
+        "walls": [[a, (a + 1) % 4, {}] for a in range(4)],
+        "floors": [{"parameters": {}, "vertices": [0, 1, 2, 3]}],
+        "lanes": [[4, 5, {}]],
+        "models": [
+            {"model_name": "Chair", "name": f"chair{n}", "x": west + n, "y": 1} for n in (1, 2)
+        ],
+    }
+    building = {"name": path.stem, "coordinate_system": "cartesian_meters", "lifts": {}}
+    path.write_text(yaml.safe_dump(building | {"levels": {"L1": level | storey}}))
+    return path
+
+
+@pytest.mark.parametrize("storey", [{}, {"floors": []}, {"elevation": 1.5}])
+def test_two_buildings_of_equal_names_are_both_in_the_map(
+    engine: Engine, tmp_path: Path, storey: dict[str, Any]
+) -> None:
+    """Furniture without a shape and places, too, each where its own file has it."""
+    files = {
+        west: square_building(tmp_path / f"site{west}.building.yaml", west, storey if west else {})
+        for west in (0, 50)
+    }
+    summaries = [import_file(engine, path, map_name="both") for path in files.values()]
+    at = poses(engine, "both")
+    for name, x, y in (("chair1", 1, 1), ("chair2", 2, 1), ("hub", 5, 7), ("dock", 2, 7)):
+        for west, suffix in zip(files, ("", "_2"), strict=True):
+            expected = (west + x, y, storey.get("elevation", 0) if west else 0)
+            assert at[name + suffix][:3] == pytest.approx(expected)
+    note = "chair1: the map has one already; this one is chair1_2"
+    assert note in summaries[1].notes
+    assert summaries[0].added == summaries[1].added + ("floors" in storey)
+    held = holders(engine, "both")
+    theirs = "L1" if "floors" in storey else "L1_2"
+    assert (held["walls-L1"], held["walls-L1_2"]) == ("L1", theirs)
+    again = [import_file(engine, path, map_name="both") for path in files.values()]
+    assert [(s.added, s.changed, s.removed, s.holders) for s in again] == [(0, 0, 0, 0)] * 2
+    with engine.connect() as connection:
+        lanes = connection.execute(
+            text(
+                "SELECT a.name, b.name FROM link JOIN entity a ON a.id = from_id "
+                "JOIN entity b ON b.id = to_id JOIN map m ON m.id = a.map_id WHERE m.name = 'both'"
+            )
+        )
+        assert {(*lane,) for lane in lanes} == {("hub", "dock"), ("hub_2", "dock_2")}

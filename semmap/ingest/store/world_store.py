@@ -26,6 +26,9 @@ from semmap.ingest.world import (
     unique_name,
 )
 
+SAME_ELEVATION = 0.01
+"""Metres by which the elevations of a storey in two files may differ."""
+
 
 @dataclass
 class StoreSummary:
@@ -96,10 +99,23 @@ def store_world(
 
 
 def _known(cursor: psycopg.Cursor[Any], map_id: int) -> dict[str, Any]:
-    """The rows of the map's entities by name: id, kind, source and digest."""
+    """The rows of the map's entities by name: id, kind, source, digest and elevation."""
     rows: psycopg.Cursor[Any] = cursor.connection.cursor(row_factory=namedtuple_row)
-    rows.execute("SELECT name, id, kind, source, digest FROM entity WHERE map_id = %s", (map_id,))
+    rows.execute(
+        "SELECT name, id, kind, source, digest, elevation FROM entity "
+        "LEFT JOIN storey ON entity_id = id WHERE map_id = %s",
+        (map_id,),
+    )
     return {row.name: row for row in rows}
+
+
+def _is_same(entry: Entry, old: Any) -> bool:
+    """Return whether an entry is the entity of its name, and not another one."""
+    if entry.shapes or entry.kind != old.kind:
+        return False
+    if isinstance(entry.detail, StoreyDetail):
+        return bool(abs(entry.detail.elevation - old.elevation) < SAME_ELEVATION)
+    return entry.pose is None
 
 
 def _unique_names(
@@ -109,13 +125,17 @@ def _unique_names(
     source: str | None,
     stored: StoreSummary,
 ) -> list[Entry]:
-    """Return the entries under names that no other source has, unless they annotate its entity."""
+    """Return the entries under names that no other source has, unless they annotate its entity.
+
+    An entry without a place annotates the entity of its name; a storey without an outline is that
+    of its name at its elevation.
+    """
     others = {n: old for n, old in _known(cursor, map_id).items() if old.source != source}
     renamed: dict[str, str] = {}
     taken = {entry.name for entry in world.entries} | others.keys()
     for entry in world.entries:
         old = others.get(entry.name)
-        if old is None or (not entry.shapes and old.kind == entry.kind):
+        if old is None or _is_same(entry, old):
             continue
         name = renamed[entry.name] = unique_name(entry.name, taken)
         taken.add(name)
