@@ -112,7 +112,8 @@ def read_imdf(
             stated = each.get("properties")
             own: dict[str, Any] = stated if isinstance(stated, dict) else {}
             about = {"id": each.get("id"), "feature_type": each.get("feature_type")}
-            each["properties"] = {**own, "imdf": about}
+            named = {key: _text(own.get(key)) for key in ("name", "short_name")}
+            each["properties"] = {**own, **named, "imdf": about}
         found = read_collection(path, {"type": "FeatureCollection", "features": given})
         drawn.features += [replace(each, crs=WGS84) for each in found.features]
         drawn.skipped += found.skipped
@@ -130,7 +131,7 @@ def read_imdf(
     )
     world = draft_entries(DraftWorld(path, drawn, types))
     venue = next(iter(by_type.get("venue", ())), None)
-    world.name = (venue and _text(venue.properties.get("name"))) or world.name
+    world.name = (venue and venue.properties.get("name")) or world.name
     return world
 
 
@@ -175,15 +176,16 @@ def _features(by_type: Mapping[str, list[Feature]]) -> Iterator[Feature]:
         yield replace(level, properties=_free(level) | about)
     units = {str(a.properties.get("unit_id")): _id(a) for a in by_type.get("anchor", ())}
     occupants = {
-        str(each.properties.get("anchor_id")): _text(each.properties.get("name"))
+        str(each.properties.get("anchor_id")): each.properties.get("name")
         for each in by_type.get("occupant", ())
     }
     shared = _Shared(by_type, storeys)
+    levels = {_id(unit): _level(unit) for unit in by_type.get("unit", ())}
     for type_, kind in KINDS.items():
-        for each in by_type.get(type_, ()):
+        for each, level_id in _on_levels(by_type.get(type_, ()), levels):
             category = _category(each)
             keys: dict[str, Any] = {"kind": kind, "name": _name(each)}
-            keys["storey"] = storeys.get(_level(each))
+            keys["storey"] = storeys.get(level_id)
             if type_ == "unit" and category in NO_FLOOR:
                 continue
             if type_ == "unit" and category in SOLID:
@@ -208,6 +210,18 @@ def _features(by_type: Mapping[str, list[Feature]]) -> Iterator[Feature]:
             keys = {key: value for key, value in keys.items() if value is not None}
             yield replace(each, properties=_free(each) | keys)
     yield from shared.ways()
+
+
+def _on_levels(
+    features: Iterable[Feature], levels: Mapping[str, str]
+) -> Iterator[tuple[Feature, str]]:
+    """Yield features with their level; an amenity has none, but is in units, each on its level."""
+    for each in features:
+        given = each.properties.get("unit_ids")
+        units = given if isinstance(given, list) else ()
+        of_units = dict.fromkeys(levels[str(unit)] for unit in units if str(unit) in levels)
+        for level in [_level(each)] if "level_id" in each.properties else of_units or [""]:
+            yield each, level
 
 
 class _Shared:
@@ -313,7 +327,7 @@ def _free(feature: Feature) -> dict[str, Any]:
 
 def _name(feature: Feature) -> str | None:
     about = feature.properties
-    return _text(about.get("name")) or _text(about.get("short_name"))
+    return about.get("name") or about.get("short_name")
 
 
 def _text(labels: Any) -> str | None:

@@ -52,6 +52,11 @@ def imdf() -> dict[str, Any]:
         about = {"ordinal": number, "short_name": {"en": f"{number}F"}, "name": None}
         return feature(shape, about, id=f"level{number}", feature_type="level")
 
+    def amenity(id_: str, shape: Any, name: Any, *units: str) -> Any:
+        """In units, on the levels of these: OGC 20-094 gives an amenity no level_id."""
+        about = {"category": "atm", "name": name, "unit_ids": [*units], "address_id": None}
+        return feature(shape, about, id=id_, feature_type="amenity")
+
     named = {"name": {"en": "Museum", "de": "Haus"}}
     files: dict[str, list[Any]] = {
         "venue": [feature(UPPER, named, id="v", feature_type="venue")],
@@ -75,7 +80,10 @@ def imdf() -> dict[str, Any]:
             ),
         ],
         "fixture": [on(0, "fixture", "f", shapely.box(1, 1, 2, 2), category="desk", name=None)],
-        "amenity": [on(0, "amenity", "a", shapely.Point(6, 1), category="atm", name={"en": "ATM"})],
+        "amenity": [
+            amenity("a", shapely.Point(6, 1), {"en": "ATM"}, "u2"),
+            amenity("b", shapely.Point(6, 2), {"en": "Escape chute"}, "u2", "u3", "unknown"),
+        ],
         "anchor": [feature(shapely.Point(1, 1), {"unit_id": "u1"}, id="n", feature_type="anchor")],
         "occupant": [
             feature(
@@ -136,7 +144,8 @@ def test_imdf(write: Callable[..., Path], tmp_path: Path) -> None:
     assert doors == {"sliding_door": ("Lab 1", "corridor1"), "opening": ("corridor1", OUTSIDE)}
     (desk,) = (e for e in world.entries if e.type == "desk")
     assert np.ptp(desk.shapes[0].mesh.vertices[:, 2]) == pytest.approx(1.0)
-    assert entries["ATM"].kind == "region"
+    regions = {e.name: e.holder for e in world.entries if e.kind == "region"}
+    assert regions == {"ATM": "corridor1", "Escape chute": "corridor1", "Escape chute_2": "wc"}
     assert any("IMDF has no heights" in note for note in world.notes)
 
 
@@ -210,9 +219,12 @@ def test_damaged_archives_are_refused(tmp_path: Path, monkeypatch: pytest.Monkey
 def test_what_is_wrong_is_left_out_and_named(tmp_path: Path) -> None:
     """A unit far from the building, levels that are words, and a door without rooms."""
     files = imdf()
+    files["unit"]["features"][1]["properties"]["name"] = {"en": "Corridor"}
     files["unit"]["features"][1]["geometry"]["coordinates"] = [[[0, 0], [4e9, 0], [4e9, 3], [0, 0]]]
     world = read_world(write_zip(tmp_path / "far.zip", files))
     assert any("too large" in each.problem for each in world.skipped)
+    lost, *_ = world.skipped
+    assert lost.element == "features[1] (Corridor)"
     assert shapely.symmetric_difference(on_grid(world, "Lab 1"), LAB).area < 1e-5
     given = osm()
     given["features"][0]["properties"]["level"] = "ground"
