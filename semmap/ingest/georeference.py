@@ -126,9 +126,15 @@ def frame_of(points: NDArray[np.float64], crs: Any) -> dict[str, float]:
         longitude, latitude = _between(given, WGS84).transform(*np.median(points, axis=0))
         code = utm_crs(latitude, longitude)
     at = np.column_stack(_between(given, code).transform(*points.T))
-    near = (np.abs(at - np.median(at, axis=0)) <= EXTENT.value).all(axis=1)
-    easting, northing = np.floor(at[near].min(axis=0)).tolist()
+    easting, northing = lowest(at)
     return {"crs": code, "easting": easting, "northing": northing, "height": 0.0, "rotation": 0.0}
+
+
+def lowest(points: NDArray[np.float64]) -> tuple[float, float]:
+    """Return the lowest whole units of points (N, 2), without those that are far away."""
+    near = (np.abs(points - np.median(points, axis=0)) <= EXTENT.value).all(axis=1)
+    x, y = np.floor((points[near] if near.any() else points).min(axis=0)).tolist()
+    return x, y
 
 
 def on_true_scale(georeference: Mapping[str, float]) -> dict[str, float]:

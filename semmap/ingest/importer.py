@@ -111,7 +111,7 @@ def read_world(
             georeference=georeference,
         )
     elif ending in RMF:
-        world = read_rmf(path, geometry=geometry, model_path=model_path)
+        world = read_rmf(path, geometry=geometry, model_path=model_path, georeference=georeference)
     elif ending in FEATURES:
         if is_route_graph(path):
             world = read_route_graph(path)

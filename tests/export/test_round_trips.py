@@ -9,6 +9,7 @@ from typing import Any
 import pytest
 import shapely
 import trimesh
+import yaml
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
@@ -89,6 +90,34 @@ def test_plates_that_have_sunk_keep_their_holders(
     holders = {name: place[name].holder.name for name in "abcd"}  # type: ignore[union-attr]
     assert holders == {"a": "Tisch", "b": "a", "c": "Tisch", "d": "c"}
     assert differences(place, come_back(place, tmp_path / f"sunk{ending}")) == []
+
+
+@pytest.mark.parametrize("crs", ["EPSG:3414", "EPSG:3857"])
+def test_a_building_in_degrees_comes_back(db: semmap.Database, crs: str, tmp_path: Path) -> None:
+    """Open-RMF's, far from the origin of its grid: a room, a door, a place and a table."""
+    west, south, side = 103.8, 1.3, 0.0001
+    corners = [(0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0), (0.4, 0.0), (0.5, 0.0), (0.5, 0.5)]
+    names = ["", "", "", "", "", "", "hub"]
+    places = [(west + side * x, south + side * y) for x, y in corners]
+    level = {
+        "elevation": 0,
+        "vertices": [[*place, 0, name] for place, name in zip(places, names, strict=True)],
+        "walls": [[0, 4, {}], [5, 1, {}], [1, 2, {}], [2, 3, {}], [3, 0, {}]],
+        "doors": [[4, 5, {"name": [1, "front"], "type": [1, "hinged"]}]],
+        "floors": [{"parameters": {}, "vertices": [0, 1, 2, 3]}],
+        "models": [
+            {"model_name": "Table", "name": "t1", "x": west + side / 4, "y": south + side / 4}
+        ],
+    }
+    path = tmp_path / "camp.building.yaml"
+    building = {"name": "camp", "coordinate_system": "wgs84", "levels": {"L1": level}, "lifts": {}}
+    path.write_text(yaml.safe_dump(building | {"parameters": {"generate_crs": [1, crs]}}))
+    db.import_file(path, map="camp")
+    place = db.map("camp")
+    picture = Picture.of(place)
+    assert {"hub", "front", "t1", "walls-L1", "L1"} <= picture.entities.keys()
+    for ending in ENDINGS:
+        assert differences(picture, come_back(place, tmp_path / f"again{ending}")) == []
 
 
 def tower() -> str:

@@ -206,7 +206,7 @@ def drawn(write: Callable[[Path, Ring], None], crossed: str = "skipped") -> Form
 
 FORMATS = {
     "house.sdf": drawn(sdf),
-    "house.building.yaml": drawn(building, crossed="taken"),  # as the rooms that walls enclose
+    "house.building.yaml": Format(building, "taken"),  # as the rooms that walls enclose
     "house.geojson": drawn(features),
     "house.gpkg": drawn(geopackage),
     "osm.geojson": Format(osm, "skipped", None, "skipped"),  # degrees

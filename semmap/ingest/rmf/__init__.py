@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from semmap.ingest.rmf.building_file import read_building
@@ -14,9 +14,13 @@ from semmap.ingest.world import World
 
 
 def read_rmf(
-    path: Path | str, *, geometry: Role = "visual", model_path: Sequence[Path] = ()
+    path: Path | str,
+    *,
+    geometry: Role = "visual",
+    model_path: Sequence[Path] = (),
+    georeference: Mapping[str, float] | None = None,
 ) -> World:
-    """Return the world of an Open-RMF building, in ``reference_image`` or ``cartesian_meters``.
+    """Return the world of an Open-RMF building, in pixels, metres, or degrees (``wgs84``).
 
     The map's frame is the reference level's drawing in metres, y up; the frame of a storey is the
     same, raised to its elevation. Rooms are the faces that walls, doors and floor outlines
@@ -27,13 +31,14 @@ def read_rmf(
     ----------
     geometry : of these files
     model_path : folders of models, searched first (see `semmap.ingest.sdf.resources.Resources`)
+    georeference : of the map; a building in degrees comes into its frame, and sets it otherwise
 
     Raises
     ------
     WorldError
         The file cannot be trusted as a whole; nothing of it is used.
     """
-    world = BuildingWorld(read_building(Path(path)))
+    world = BuildingWorld(read_building(Path(path), georeference))
     shapes = ModelShapes(world.out, geometry, model_path)
     for plan in world.building.levels.values():
         StoreyEntries(world, plan, shapes).add_all()

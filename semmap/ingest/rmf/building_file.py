@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+import contextlib
+import math
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import yaml
+from numpy.typing import NDArray
 
-from semmap.ingest.georeference import WGS84, into_frame
+from semmap.ingest.georeference import WGS84, into_frame, lowest, on_true_scale, scale_note
 from semmap.ingest.text_file import read_text
 from semmap.ingest.world import Refused, Skipped, WorldError
 from semmap.yaml_file import FAST, check_structure
@@ -20,6 +23,9 @@ IS_IT_ONE = "Is it a building.yaml of the traffic editor?"
 
 LARGEST = 1e9
 """Pixels, metres or radians; also excludes NaN and infinity."""
+
+NEAR = 1000.0
+"""Metres from its stated origin within which a building in degrees keeps it."""
 
 COORDINATE_SYSTEMS = {"reference_image": -1.0, "cartesian_meters": 1.0, "wgs84": 1.0}
 """The factor by which y points up; in `wgs84` x and y are longitude and latitude, degrees."""
@@ -127,9 +133,12 @@ class Building:
     georeference: dict[str, float] | None = None
 
 
-def read_building(path: Path) -> Building:
-    """Read a file; a WorldError refuses one that is not a building, or is malformed."""
-    reader = _Reader(path)
+def read_building(path: Path, georeference: Mapping[str, float] | None = None) -> Building:
+    """Read a file, of degrees into the frame of a map with a georeference.
+
+    A WorldError refuses one that is not a building, or is malformed.
+    """
+    reader = _Reader(path, georeference)
     return reader.building(reader.load())
 
 
@@ -165,14 +174,28 @@ def _params(value: object) -> dict[str, Any]:
     return found
 
 
+def _drawn_places(levels: dict[str, Any]) -> NDArray[np.float64]:
+    """Return the longitudes and latitudes (N, 2) of all vertices that can be used."""
+    places: list[tuple[float, float]] = []
+    for level in levels.values():
+        vertices = level.get("vertices") if isinstance(level, dict) else None
+        for vertex in vertices if isinstance(vertices, list) else ():
+            with contextlib.suppress(Refused, TypeError, IndexError, KeyError):
+                places.append((_number(vertex[0], "x"), _number(vertex[1], "y")))
+    return np.array(places).reshape(-1, 2)
+
+
 class _Reader:
     """Makes a `Building` of a file; collects what is left out."""
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, georeference: Mapping[str, float] | None) -> None:
         self.path = path
+        self.given = georeference
         self.skipped: list[Skipped] = []
+        self.notes: list[str] = []
         self.flip = 1.0
         self.frame: dict[str, float] | None = None  # of degrees
+        self.turn = 0.0  # of the east of the stated grid in it
         self.vertices: list[Vertex | None] = []  # of the level that is read
 
     def fail(self, element: str, problem: str, fix: str) -> WorldError:
@@ -204,12 +227,12 @@ class _Reader:
             known = f"Save the building as one of {', '.join(COORDINATE_SYSTEMS)}."
             raise self.fail("coordinate_system", f"{system!r} is not read", known)
         self.flip = COORDINATE_SYSTEMS[system]
-        if system == "wgs84":
-            self.frame = self.grid_of_earth(data)
         levels = data.get("levels")
         if not isinstance(levels, dict) or not levels:
             problem = "is missing" if "levels" not in data else "holds no level"
             raise self.fail("levels", problem, IS_IT_ONE)
+        if system == "wgs84":
+            self.frame = self.frame_of_earth(data)
         plans = {_text(name): self.level(_text(name), level) for name, level in levels.items()}
         if "" in plans:
             raise self.fail("levels", "has a level without a name", "Name it.")
@@ -220,29 +243,63 @@ class _Reader:
         name = _text(data.get("building_name") or data.get("name") or "") or self.path.name
         lifts = self.lifts(data.get("lifts"), plans, reference)
         pixels = system == "reference_image"
-        made = Building(self.path, name, pixels, reference, plans, lifts, self.skipped)
-        made.georeference = self.frame
+        made = Building(self.path, name, pixels, reference, plans, lifts, self.skipped, self.notes)
+        made.georeference = None if self.given else self.frame
         return made
 
-    def grid_of_earth(self, data: dict[str, Any]) -> dict[str, float]:
-        """Return the georeference that the parameters of a building in degrees state."""
+    def frame_of_earth(self, data: dict[str, Any]) -> dict[str, float]:
+        """Return the georeference of a building in degrees, on the grid that it states.
+
+        It is that of the map, if it has one. Else its origin is the `suggested_offset` of the file,
+        if the building is near that, or its lowest whole metres. A grid that stretches lengths
+        there is replaced by UTM, with the x axis along the former.
+        """
         from pyproj import CRS
         from pyproj.exceptions import CRSError
 
+        offsets = [f"suggested_offset_{axis}" for axis in "xy"]
         try:
             given = _params(data.get("parameters"))
             code = re.fullmatch(r"EPSG:(\d{4,6})", str(given.get("generate_crs", "")))
             if code is None:
                 problem = f"generate_crs is {given.get('generate_crs')!r}"
                 raise Refused(problem, "Set it to the EPSG code of a grid, such as EPSG:32648.")
-            x, y = (_number(given.get(f"suggested_offset_{axis}", 0.0), axis) for axis in "xy")
+            x, y = (_number(given.get(offset, 0.0), offset) for offset in offsets)
             if not CRS.from_epsg(int(code[1])).is_projected:
                 raise Refused(f"generate_crs {code[0]} is no projection", "Set it to a grid.")
         except Refused as error:
             raise self.fail("parameters", error.problem, error.fix) from None
         except CRSError as error:
             raise self.fail("parameters", f"generate_crs: {error}", "Correct it.") from None
-        return {"crs": int(code[1]), "easting": x, "northing": y, "height": 0.0, "rotation": 0.0}
+        grid = {
+            "crs": int(code[1]),
+            "easting": 0.0,
+            "northing": 0.0,
+            "height": 0.0,
+            "rotation": 0.0,
+        }
+        drawn = into_frame(_drawn_places(data["levels"]), WGS84, grid)
+        drawn = drawn[np.isfinite(drawn).all(axis=1)]
+        if not len(drawn):
+            fix = "Give longitudes and latitudes on the grid of generate_crs."
+            raise self.fail("levels", f"has no vertex on {code[0]}", fix)
+        stated = set(offsets) <= given.keys()
+        if not (stated and np.hypot(*np.median(drawn, axis=0) - (x, y)) <= NEAR):
+            x, y = lowest(drawn)
+        try:
+            frame = self.given or on_true_scale(grid | {"easting": x, "northing": y})
+            self.notes += scale_note(drawn, code[0])
+        except (ValueError, RuntimeError) as error:  # beyond UTM; pyproj
+            raise self.fail(
+                "parameters", f"generate_crs {code[0]}: {error}", "Correct it."
+            ) from None
+        (ax, ay), (bx, by) = into_frame(np.array([(x, y), (x + 1, y)]), code[0], frame)
+        self.turn = math.atan2(by - ay, bx - ax)
+        self.notes.append(
+            "coordinates in degrees are brought into the map's frame, with its origin at "
+            f"{frame['easting']:.0f}, {frame['northing']:.0f} of EPSG:{frame['crs']}"
+        )
+        return dict(frame)
 
     def at(self, x: object, y: object) -> tuple[float, float]:
         """Return a position in the drawing's units, y up; of degrees, in metres."""
@@ -332,7 +389,7 @@ class _Reader:
             model,
             *self.at(data.get("x"), data.get("y")),
             _number(data.get("z", 0.0), "z"),
-            _number(data.get("yaw", 0.0), "yaw"),
+            _number(data.get("yaw", 0.0), "yaw") + self.turn,
             bool(data.get("static", True)),
             element,
         )
@@ -394,7 +451,7 @@ class _Reader:
         return Lift(
             name,
             *self.at(data.get("x"), data.get("y")),
-            _number(data.get("yaw", 0.0), "yaw"),
+            _number(data.get("yaw", 0.0), "yaw") + self.turn,
             width,
             depth,
             level,

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 import shapely
@@ -14,6 +15,7 @@ from semmap.geometry.morphology import polygons
 from semmap.geometry.outline import placed_outline
 from semmap.ingest.rmf.building_file import Edge, LevelPlan, Lift, LiftDoor
 from semmap.ingest.rmf.building_world import BuildingWorld
+from semmap.ingest.world import WorldError
 from semmap.limits import EXTENT
 
 DOOR_PROPERTIES = (
@@ -66,6 +68,10 @@ class StoreyDrawing:
         usable = [i for i, v in enumerate(self.plan.vertices) if v is not None]
         if not usable:
             return set()
+        refused = partial(WorldError, self._world.building.path, f"levels/{self.plan.name}")
+        fix = "Move it to the origin, or import it into a map of its own."
+        most = np.percentile(np.linalg.norm(self.points[usable], axis=1), 50, method="lower")
+        EXTENT.check(float(most), refused, fix, "lies off the map's origin by")
         middle = np.median(self.points[usable], axis=0)
         away = np.linalg.norm(self.points - middle, axis=1)
         far = {i for i in usable if not away[i] <= EXTENT.value}

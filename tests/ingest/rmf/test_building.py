@@ -9,7 +9,7 @@ import shapely
 import yaml
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from pyproj import Proj
+from pyproj import Geod, Proj
 from shapely import Point
 
 from semmap.geometry.pose import Pose
@@ -438,6 +438,80 @@ def test_degrees_become_metres_of_the_stated_grid(read):
     assert outline(world, "kitchen").hausdorff_distance(shapely.box(0, -6, 6, 0)) < 1e-3
     frame = {"crs": 3414, "easting": 28000, "northing": 38700, "height": 0, "rotation": 0}
     assert world.georeference == frame
+
+
+@pytest.mark.parametrize("offset", [None, (0, 0), (28000 - 5e4, 38700)])
+def test_the_origin_is_near_the_building(read, offset):
+    """Where the file states none near it: the lowest whole metres of its vertices."""
+    data = in_degrees()
+    for axis, number in zip("xy", offset or (0, 0), strict=True):
+        data["parameters"][f"suggested_offset_{axis}"] = [3, number]
+        if offset is None:
+            del data["parameters"][f"suggested_offset_{axis}"]
+    world = read(data)
+    origin = np.array([28000, 38694])  # 300 pixels of 0.02 m to the south
+    frame = world.georeference
+    assert (frame["crs"], frame["rotation"]) == (3414, 0)
+    assert (frame["easting"], frame["northing"]) == pytest.approx(origin, abs=1)
+    shift = origin - (frame["easting"], frame["northing"])
+    kitchen = shapely.transform(shapely.box(0, 0, 6, 6), lambda xy: xy + shift)
+    assert outline(world, "kitchen").hausdorff_distance(kitchen) < 1e-3
+
+
+def surveyed(crs):
+    """The building at 52 degrees north, by geodesics; a desk looks along the east of a grid."""
+    earth, data = Geod(ellps="WGS84"), building()
+    data["coordinate_system"] = "wgs84"
+    data["parameters"] = {"generate_crs": [1, crs]}
+    del data["levels"]["U"], data["lifts"]
+    for vertex in data["levels"]["G"]["vertices"]:
+        east = earth.fwd(8.0472, 52.2799, 90, vertex[0] * SCALE)[:2]
+        vertex[0], vertex[1] = earth.fwd(*east, 180, vertex[1] * SCALE)[:2]
+    desk = {"model_name": "Desk", "name": "desk9", "x": 8.04724, "y": 52.27987, "yaw": 0.0}
+    data["levels"]["G"]["models"] = [desk]
+    return data
+
+
+@pytest.mark.parametrize("crs", ["EPSG:3857", "EPSG:32632", "EPSG:2263", "EPSG:3034"])
+def test_a_grid_that_stretches_lengths_gives_metres(read, crs):
+    world = read(surveyed(crs))
+    assert world.georeference["crs"] == 32632
+    assert outline(world, "kitchen").area == pytest.approx(36, rel=2e-3)
+    stretched = [note for note in world.notes if "times those on the ground" in note]
+    assert len(stretched) == (crs != "EPSG:32632")
+
+
+@pytest.mark.parametrize("rotation", [0.0, 0.7])
+def test_degrees_come_into_the_frame_of_a_map(tmp_path, rotation):
+    """A desk that looks to true east, in a frame that pyproj places on another grid."""
+    path = tmp_path / "site.building.yaml"
+    path.write_text(yaml.safe_dump(surveyed("EPSG:3857")))
+    grid = Proj("EPSG:32632")
+    easting, northing = grid(8.047, 52.279)
+    frame = {"crs": 32632, "easting": easting, "northing": northing, "height": 0}
+    world = read_rmf(path, georeference=frame | {"rotation": rotation})
+    assert world.georeference is None
+    (desk,) = (e for e in world.entries if e.name == "desk9")
+    place = next(e for e in world.entries if e.name == desk.holder)
+    pose = (place.pose if place.kind == "room" else Pose()) @ desk.pose
+    turn = np.array([[np.cos(rotation), -np.sin(rotation)], [np.sin(rotation), np.cos(rotation)]])
+    back = turn @ (pose.x, pose.y) + (easting, northing)
+    assert back == pytest.approx(grid(8.04724, 52.27987), abs=1e-3)
+    ahead = turn @ (np.cos(pose.yaw), np.sin(pose.yaw))
+    start, end = (grid(*point, inverse=True) for point in (back, back + 100 * ahead))
+    azimuth, *_ = Geod(ellps="WGS84").inv(*start, *end)
+    assert azimuth == pytest.approx(90, abs=0.01)
+
+
+def test_metres_of_a_grid_of_the_earth_are_refused(read):
+    """Far from the origin, a map is of no use: an import of its export would refuse it."""
+    data = building()
+    data["coordinate_system"] = "cartesian_meters"
+    del data["levels"]["U"], data["lifts"]
+    for vertex in data["levels"]["G"]["vertices"]:
+        vertex[0] += 691600
+    with pytest.raises(WorldError, match=r"off the map's origin by 69.,.* Move it to the origin"):
+        read(data)
 
 
 @pytest.mark.parametrize("crs", [None, "EPSG:99999", "EPSG:abc", 7])
