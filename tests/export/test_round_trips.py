@@ -92,6 +92,29 @@ def test_plates_that_have_sunk_keep_their_holders(
     assert differences(place, come_back(place, tmp_path / f"sunk{ending}")) == []
 
 
+@pytest.mark.parametrize("ending", ENDINGS)
+def test_a_cellar_below_two_storeys_has_none(
+    db: semmap.Database, ending: str, tmp_path: Path
+) -> None:
+    """No storey holds its rooms, their door, and what is in them; nothing is lost or moved."""
+    place = db.create_map("deep")
+    for number, name in enumerate(("ground", "upper")):
+        place.add_storey(name, elevation=3.1 * number, height=2.8)
+        low = 3.1 * number
+        place.add_room(f"flat {name}", shapely.box(0, 0, 9, 6), floor=low, ceiling=low + 2.7)
+    for name, box in (("cellar", (0, 0, 4, 6)), ("boiler", (4.1, 0, 9, 6))):
+        place.add_room(name, shapely.box(*box), floor=-2.6, ceiling=-0.3)
+    place.add_door("hatch", "cellar", "boiler", ((4.05, 1), (4.05, 2)))
+    place.add_region("coal", shapely.box(5, 1, 6, 2), floor=-2.6, ceiling=-1.5)
+    place.add_object("tank", type="table", size=(1, 1, 1), pose=(7, 4, -2.6))
+    place.add_object("jar", type="mug", size=(0.1, 0.1, 0.1), on="tank")
+    assert place["cellar"].storey is place["jar"].storey is None
+    again = come_back(place, tmp_path / f"deep{ending}")
+    assert differences(place, again) == []
+    lost = {e.name for e in again if e.storey is None and e.kind != "storey"}
+    assert lost >= {"cellar", "boiler", "hatch", "tank", "jar"}
+
+
 @pytest.mark.parametrize("crs", ["EPSG:3414", "EPSG:3857"])
 def test_a_building_in_degrees_comes_back(db: semmap.Database, crs: str, tmp_path: Path) -> None:
     """Open-RMF's, far from the origin of its grid: a room, a door, a place and a table."""

@@ -209,11 +209,11 @@ def read_annotation(
     Coordinates are metres in the map's frame. Degrees, and coordinates of a projection of the
     earth, are brought into the frame of a map with a `georeference`; without one, they set it.
     Heights (`floor`, `ceiling`) are above the feature's
-    storey, or above the map's origin where the file has no storey. Properties that every feature
+    storey, or above the map's origin where it has none. Properties that every feature
     may have: `kind` (default: that of its layer, else that of its `type` in the T-Box), `name`,
-    `type` (``DiningTable``, ``dining table`` or ``dining_table``), `label`, `storey` (needed where
-    the file has several), `holder`, `heading` (radians, or `heading_deg`), `front`. Others become
-    free properties.
+    `type` (``DiningTable``, ``dining table`` or ``dining_table``), `label`, `storey` (where the
+    file has several, it or `floor` is needed), `holder`, `heading` (radians, or `heading_deg`),
+    `front`. Others become free properties.
 
     - room: polygon, `floor`, `ceiling`, `elevator` (the elevator whose cabin it is)
     - connector: the line of the opening, or a point with `width` and `heading`; `joins`
@@ -244,4 +244,8 @@ def draft_entries(draft_world: DraftWorld) -> World:
         for draft in draft_world.drafts_of(kind):
             draft_world.attempt(draft.feature, add, draft_world, draft)
     draft_world.out.notes += _overlaps(draft_world.rooms)
+    if draft_world.without_storey:
+        first, *more = draft_world.without_storey
+        who = f"{first} names" if not more else f"{first} and {len(more)} more name"
+        draft_world.out.notes.append(f"{who} no storey: floor is above the map's origin")
     return draft_world.out

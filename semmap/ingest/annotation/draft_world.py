@@ -93,6 +93,7 @@ class DraftWorld:
         self.poses: dict[str, Pose | None] = {}
         self.storeys: dict[str, StoreyDetail] = {}
         self.rooms: list[RoomArea] = []
+        self.without_storey: dict[str, None] = {}  # features whose floor is above the map's origin
         self._names = {OUTSIDE}
         self._given = {str(f.properties.get("name", "")).strip() for f in self.file.features}
         self.drafts: list[Draft] = []
@@ -182,16 +183,21 @@ class DraftWorld:
         return given
 
     def storey_of(self, feature: Feature) -> str | None:
-        """Return the storey that a feature names, else the only one, else None."""
+        """Return the storey that a feature names, else the only one, else None.
+
+        Where there are several, a feature that names none needs a floor above the map's origin.
+        """
         if self.is_left_out(text(feature, "storey")):
             problem = f"its storey {text(feature, 'storey')} is left out"
             raise Refused(problem, "Correct that feature.")
         given = self._named(feature, "storey")
         if given is None and len(self.storeys) == 1:
             return next(iter(self.storeys))
-        if given is None and self.storeys:
-            problem = f"it names no storey, and the file has {len(self.storeys)}"
-            raise Refused(problem, "Add the property storey.")
+        if given is None and self.storeys and feature.geometry is not None:
+            if number(feature, "floor") is None:
+                problem = f"it names no storey, and the file has {len(self.storeys)}"
+                raise Refused(problem, "Add the property storey, or floor above the map's origin.")
+            self.without_storey[feature.where] = None
         return given
 
     def elevation(self, storey: str | None) -> float:
