@@ -38,13 +38,14 @@ _BASE = (
 """The height above which the file has the heights of a feature of the view `v`."""
 
 _HOLDER = (
-    "(SELECT h.name FROM placement p JOIN entity h ON h.id = p.holder_id WHERE p.entity_id = v.fid "
+    "(SELECT {} FROM placement p JOIN entity h ON h.id = p.holder_id WHERE p.entity_id = v.fid "
     "AND (p.confidence IS NULL OR e.kind = 'agent') AND h.kind IN ({}))"
 )
 """The stated holder; a derived one is derived again, but not that of an agent."""
 
-_HELD_BY_PLACES = _HOLDER.format("'room', 'storey'")
-_HELD = _HOLDER.format("'room', 'storey', 'object'")
+_HELD_BY_PLACES = _HOLDER.format("h.name", "'room', 'storey'")
+_HELD = _HOLDER.format("h.name", "'room', 'storey', 'object'")
+_RELATION = _HOLDER.format("NULLIF(p.relation, 'in')", "'room', 'storey', 'object'")
 
 _VIEW = (
     "FROM {} v JOIN entity e ON e.id = v.fid LEFT JOIN world w ON w.entity_id = v.fid "
@@ -72,8 +73,8 @@ LAYERS = {
     f"{_HELD_BY_PLACES} AS holder, pose_yaw(w.pose) AS heading, v.low - base.z AS floor, "
     f"greatest(v.high, v.low + 1e-5) - base.z AS ceiling {_VIEW.format('gis_region')}",
     "objects": "SELECT v.fid, e.kind, v.name, v.type, v.label, v.storey, e.front, "
-    f"{_HELD} AS holder, pose_yaw(w.pose) AS heading, v.low - base.z AS floor, "
-    "CASE WHEN v.high - v.low > 1e-6 THEN v.high - v.low END AS height, "
+    f"{_HELD} AS holder, {_RELATION} AS relation, pose_yaw(w.pose) AS heading, "
+    "v.low - base.z AS floor, CASE WHEN v.high - v.low > 1e-6 THEN v.high - v.low END AS height, "
     f"base.z AS base {_VIEW.format('gis_object')}",
 }
 """The layers of a file, each with the statement of its columns."""

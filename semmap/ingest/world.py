@@ -116,6 +116,7 @@ class Entry:
 
     `pose` is relative to the entry named by `holder`, or to the map where it is None; import
     derives a finer holder (the room, the table) for objects whose `holder` is None or a storey.
+    `relation` is how a stated holder holds it.
     `type` is the T-Box name in lower snake case (``dining_table``), None where unknown.
     `front` is the heading of the entity's front in its own frame, radians from +x.
     """
@@ -130,6 +131,7 @@ class Entry:
     shapes: list[Shape] = field(default_factory=list)
     detail: PlaceDetail | StoreyDetail | ConnectorDetail | None = None
     front: float = 0.0
+    relation: Literal["in", "on"] = "in"
 
 
 @dataclass

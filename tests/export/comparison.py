@@ -18,7 +18,7 @@ LEAST_HEIGHT = 2e-5
 """Metres that a region has at least once it is drawn."""
 
 
-GAINED = ("type", "storey", "holder")
+GAINED = ("type", "storey", "holder", "relation")
 """What a file may add: the type of a door's form, the storey of a door's rooms, which holds it."""
 
 
@@ -54,6 +54,7 @@ def _known(one: semmap.MapEntity, front: float) -> Known:
         "storey": one.storey and one.storey.name,
         "room": one.room and one.room.name,
         "holder": one.holder and one.holder.name,
+        "relation": one.relation,
         "front": round(front, 9),
     }
     mesh = one.mesh if one.kind == "object" else None

@@ -19,6 +19,7 @@ from semmap.ingest.annotation.draft_world import Draft, DraftWorld, RoomArea
 from semmap.ingest.annotation.feature_file import Feature, read_features
 from semmap.ingest.annotation.feature_values import (
     area_of,
+    choice,
     drawn_as,
     flag_of,
     heading_of,
@@ -108,7 +109,9 @@ def _add_object(world: DraftWorld, draft: Draft) -> None:
             replace(own, outline=outline)
             for own, outline in zip(model.shapes, outlines, strict=False)
         ] or shapes
-    world.add(draft, pose, world.holder_of(feature) or storey, shapes=shapes)
+    relation = choice(feature, "relation", ("in", "on"), "in")
+    holder = world.holder_of(feature) or storey
+    world.add(draft, pose, holder, shapes=shapes, relation=relation)
 
 
 def _add_region(world: DraftWorld, draft: Draft) -> None:
@@ -224,7 +227,8 @@ def read_annotation(
     - region: polygon or point; `blocked`, `home`
     - storey: `elevation`, `height`; elevator; object (polygon with `height`, or point); agent.
       Both may have a `mesh`, a file beside this one, in its own frame, and a `pose` of this frame
-      (x, y, z, qx, qy, qz, qw) from the middle of what is drawn, at its floor, turned by `heading`
+      (x, y, z, qx, qy, qz, qw) from the middle of what is drawn, at its floor, turned by `heading`;
+      `relation`: whether it is ``in`` (the default) or ``on`` its `holder`
     - without a geometry: an entry with nothing but its semantics
 
     Raises

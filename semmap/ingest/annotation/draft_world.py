@@ -32,7 +32,7 @@ from semmap.suggestions import similar_names
 _COMMON = {"name", "kind", "type", "label", "storey", "holder", "heading", "heading_deg", "front"}
 _HEIGHTS = {"floor", "ceiling"}
 _OPENING = {"width", "height", "step"}
-_SHAPE = {"height", "pose", "mesh", "model_name"}
+_SHAPE = {"height", "pose", "mesh", "model_name", "relation"}
 _PASSAGE = {"joins", "state", "behaviour", "direction", "permissions"}
 USED_PROPERTIES: dict[Kind, set[str]] = {
     "storey": _COMMON | {"elevation", "height"},

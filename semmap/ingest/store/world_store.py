@@ -175,6 +175,8 @@ def _add_types(cursor: psycopg.Cursor[Any], entries: Iterable[Entry], stored: St
 def digest_of(entry: Entry) -> str:
     """Return a digest of all that an entry says, by which a second import finds what changed."""
     given = {k: v for k, v in vars(entry).items() if k not in ("shapes", "detail", "pose")}
+    if entry.relation == "in":  # digests of 0.1.0 have none
+        del given["relation"]
     given["pose"] = entry.pose._asdict() if entry.pose else None
     given["detail"] = asdict(entry.detail) if entry.detail else None
     if isinstance(entry.detail, ConnectorDetail):
@@ -331,7 +333,7 @@ def _place(
                 ids[e.name],
                 _id_of(ids, e.holder, e, world) if e.holder else None,
                 e.pose.row,
-                "on" if e.properties.get("relation") == "on" else "in",
+                e.relation,
             )
             for e in entries
             if e.pose is not None
