@@ -102,7 +102,7 @@ def ground_scale(points: NDArray[np.float64], crs: Any) -> float:
 
 
 def scale_note(points: NDArray[np.float64], crs: Any) -> list[str]:
-    """Return a note on a CRS whose units are no metres on the ground at points in it, else none."""
+    """Return a note on a CRS in which lengths at points (N, 2) are not those on the ground."""
     scale = ground_scale(points, crs)
     if not abs(scale - 1) > TRUE_SCALE:
         return []
