@@ -6,10 +6,10 @@ import io
 import os
 import re
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Hashable, Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 from xml.etree.ElementTree import ParseError
 
 import numpy as np
@@ -33,8 +33,12 @@ X_UP = np.array([[0.0, -1, 0], [0, 0, -1], [1, 0, 0]])
 
 
 class MeshPart(NamedTuple):
-    """A piece of a file with its names, those of its node first, in the file's frame, metres."""
+    """A piece of a file: its node, its names, those of the node first, and its surface, metres.
 
+    Pieces of one node, as of several materials, have the same `node`.
+    """
+
+    node: Hashable
     names: tuple[str, ...]
     mesh: Mesh
 
@@ -55,7 +59,7 @@ def read_mesh(
     metres per unit of formats without units. A MeshFileError says why there is no surface.
     """
     parts = mesh_parts(path, dae_up_axis)
-    meshes = [mesh for names, mesh in parts if len(mesh.faces) and part in (None, *names)]
+    meshes = [each.mesh for each in parts if len(each.mesh.faces) and part in (None, *each.names)]
     if not meshes:
         missing = "has no faces" if part is None else f"has no faces in a part named {part!r}"
         raise MeshFileError(missing, "Export it as a triangle mesh.")
@@ -173,14 +177,12 @@ def _read_dae(path: Path, up_axis: bool) -> list[MeshPart]:
         problem = f"{lost} of its geometries are unreadable ({reason})"
         raise MeshFileError(problem, "Export it again.")
     turn = {"Y_UP": Y_UP, "X_UP": X_UP}.get(up, np.eye(3)) if up_axis else np.eye(3)
-    names = _dae_node_names(document)
     parts, faces = [], 0
-    placed = document.scene.objects("geometry") if document.scene is not None else ()
-    for number, bound in enumerate(placed, 1):
+    roots = document.scene.nodes if document.scene is not None else ()
+    placed = _dae_geometries(roots, np.eye(4))
+    for number, (node, names, geometry, matrix) in enumerate(placed, 1):
         PARTS.check(number, MeshFileError, SIMPLER)
-        geometry, matrix = bound.original, np.asarray(bound.matrix, float)
-        nodes = sorted(names.get(geometry.id, ()))
-        named = tuple(n for n in (*nodes, geometry.name, geometry.id) if n)
+        named = tuple(n for n in (*names, geometry.name, geometry.id) if n)
         for primitive in geometry.primitives:
             if isinstance(primitive, collada.polylist.Polylist):
                 primitive = primitive.triangleset()
@@ -190,8 +192,32 @@ def _read_dae(path: Path, up_axis: bool) -> list[MeshPart]:
             faces += len(mesh.faces)
             TRIANGLES.check(faces, MeshFileError, SIMPLER)
             vertices = unit * mesh.vertices @ turn.T
-            parts.append(MeshPart(named, Mesh(vertices, mesh.faces)))
+            parts.append(MeshPart(node, named or (path.stem,), Mesh(vertices, mesh.faces)))
     return parts
+
+
+def _dae_geometries(
+    nodes: Iterable[Any],
+    matrix: NDArray[np.float64],
+    above: tuple[int, ...] = (),
+    names: tuple[str, ...] = (),
+) -> Iterator[tuple[tuple[int, ...], tuple[str, ...], Any, NDArray[np.float64]]]:
+    """Yield each placed geometry: its node, the node's name and id, itself, its (4, 4) transform.
+
+    A node is told by its place in the tree: one of the library can have several. A node without
+    name and id belongs to the one above it.
+    """
+    from collada import scene
+
+    for number, node in enumerate(nodes):
+        if isinstance(node, scene.GeometryNode):
+            yield above, names, node.geometry, matrix
+        elif isinstance(node, scene.Node):
+            named = node.node if isinstance(node, scene.NodeNode) else node
+            own = tuple(n for n in (named.name, named.id) if n)
+            here = (*above, number) if own or not names else above
+            placed = matrix @ np.asarray(node.matrix, float)
+            yield from _dae_geometries(node.children, placed, here, own or names)
 
 
 def _dae_asset(data: bytes) -> tuple[float, str]:
@@ -218,16 +244,6 @@ def _dae_asset(data: bytes) -> tuple[float, str]:
     return unit, up
 
 
-def _dae_node_names(document: object) -> dict[str, set[str]]:
-    """Return the names of the nodes that instance each geometry, by geometry id."""
-    names: dict[str, set[str]] = {}
-    for node in document.xmlnode.iter("{*}node"):  # type: ignore[attr-defined]
-        for instance in node.iterfind("{*}instance_geometry"):
-            known = names.setdefault(instance.get("url", "").lstrip("#"), set())
-            known.update(v for v in (node.get("name"), node.get("id")) if v)
-    return names
-
-
 def _read_any(path: Path, up_axis: bool) -> list[MeshPart]:
     """Read any other format through trimesh."""
     import trimesh
@@ -247,17 +263,18 @@ def _read_any(path: Path, up_axis: bool) -> list[MeshPart]:
             faces += len(geometry.faces)
             TRIANGLES.check(faces, MeshFileError, SIMPLER)
             mesh = _placed(geometry.vertices, geometry.faces, np.asarray(matrix, float))
-            # A mesh of several materials is a node for each, named after the one that they share.
+            # a mesh of several materials: trimesh makes a node for each, under that of the file
             above = scene.graph.transforms.parents.get(node)
-            shared = above is not None and str(node).startswith(str(above))
-            names = (str(above if shared else node), str(node), str(name))
-            parts.append(MeshPart(names, Mesh(unit * mesh.vertices @ turn.T, mesh.faces)))
+            shared = re.fullmatch(rf"{re.escape(str(above))}_[0-9a-f]{{6}}", str(node))
+            named = str(above if shared else node)
+            surface = Mesh(unit * mesh.vertices @ turn.T, mesh.faces)
+            parts.append(MeshPart(named, (named, str(node), str(name)), surface))
     return parts
 
 
 def _read_octomap(path: Path, _: bool) -> list[MeshPart]:
     check_size(path)
-    return [MeshPart((), read_octomap(path))]
+    return [MeshPart(path.stem, (path.stem,), read_octomap(path))]
 
 
 _READERS: dict[str, Callable[[Path, bool], list[MeshPart]]] = {

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Hashable
 from pathlib import Path
 
 import numpy as np
@@ -43,12 +44,12 @@ def read_mesh_scene(path: Path, *, scale: float = 1.0) -> World:
 
 
 def _nodes(path: Path, scale: float) -> list[SceneNode]:
-    by_node: dict[str, list[Mesh]] = {}
-    for names, mesh in mesh_parts(path):
+    by_node: dict[Hashable, tuple[str, list[Mesh]]] = {}
+    for node, names, mesh in mesh_parts(path):
         if len(mesh.faces):
-            name = names[0] if names else path.stem
-            by_node.setdefault(name, []).append(Mesh(scale * mesh.vertices, mesh.faces))
-    return [_node(name, meshes) for name, meshes in by_node.items()]
+            _, meshes = by_node.setdefault(node, (names[0], []))
+            meshes.append(Mesh(scale * mesh.vertices, mesh.faces))
+    return [_node(name, meshes) for name, meshes in by_node.values()]
 
 
 def _node(name: str, meshes: list[Mesh]) -> SceneNode:

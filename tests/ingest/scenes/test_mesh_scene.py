@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import base64
+import json
 from pathlib import Path
 
 import numpy as np
@@ -91,3 +93,89 @@ def test_furniture_of_several_nodes_is_one_object_unless_it_is_large(
     assert len(world.entries) == (len(BOXES) if as_scene else 1)
     assert len(read_world(scene, mesh_as="scene", scale=scale).entries) == len(BOXES)
     assert len(read_world(scene, mesh_as="object", scale=scale).entries) == 1
+
+
+CORNERS = ((0, 0, 0), (1, 0, 0), (0, 2, 0), (0, 0, 3))
+FACES = ((0, 2, 1), (0, 3, 2), (0, 1, 3), (1, 2, 3))
+
+
+def places(path: Path) -> list[tuple[str, str | None, float, int]]:
+    """Name, type, middle in x, and number of triangles of each object."""
+    found = []
+    for entry in read_mesh_scene(path).entries:
+        mesh = entry.shapes[0].mesh
+        assert mesh is not None
+        assert entry.pose is not None
+        found.append((entry.name, entry.type, entry.pose.x, len(mesh.faces)))
+    return found
+
+
+DAE = """<COLLADA xmlns="http://www.collada.org/2005/11/COLLADASchema" version="1.4.1">
+<asset><unit meter="0.5"/><up_axis>Z_UP</up_axis></asset>
+<library_geometries><geometry id="g" name="solid"><mesh>
+  <source id="p"><float_array id="a" count="12">0 0 0 1 0 0 0 2 0 0 0 3</float_array>
+    <technique_common><accessor source="#a" count="4" stride="3"><param name="X" type="float"/>
+      <param name="Y" type="float"/><param name="Z" type="float"/></accessor></technique_common>
+  </source><vertices id="v"><input semantic="POSITION" source="#p"/></vertices>
+  <triangles count="4"><input semantic="VERTEX" source="#v" offset="0"/>
+    <p>0 2 1 0 3 2 0 1 3 1 2 3</p></triangles></mesh></geometry></library_geometries>
+<library_nodes><node id="seat" name="Stool"><translate>1 0 0</translate>
+  <instance_geometry url="#g"/></node></library_nodes>
+<library_visual_scenes><visual_scene id="s">
+  <node id="z" name="Table"><instance_geometry url="#g"/>
+    <node><translate>2 0 0</translate><instance_geometry url="#g"/></node></node>
+  <node id="b" name="Chair"><translate>20 0 0</translate><instance_geometry url="#g"/>
+    <node id="c" name="Cup"><translate>10 0 0</translate><instance_geometry url="#g"/></node></node>
+  <node id="d" name="Chair"><scale>2 1 1</scale><translate>20 0 0</translate>
+    <instance_geometry url="#g"/></node>
+  <node id="first"><translate>50 0 0</translate><instance_node url="#seat"/></node>
+  <node id="second"><translate>60 0 0</translate><instance_node url="#seat"/></node>
+  <node><translate>70 0 0</translate><instance_geometry url="#g"/></node>
+  <node><translate>80 0 0</translate><instance_geometry url="#g"/></node>
+</visual_scene></library_visual_scenes><scene><instance_visual_scene url="#s"/></scene></COLLADA>"""
+
+
+def test_nodes_of_a_collada_file_that_share_a_geometry_are_objects_each(tmp_path: Path) -> None:
+    """Middles by hand: half of (translation, plus half a unit times the scale)."""
+    path = tmp_path / "flat.dae"
+    path.write_text(DAE)
+    assert places(path) == [
+        ("Table", "table", 0.75, 8),
+        ("Chair", "chair", 10.25, 4),
+        ("Cup", "cup", 15.25, 4),
+        ("Chair_2", "chair", 20.5, 4),
+        ("Stool", "stool", 25.75, 4),
+        ("Stool_2", "stool", 30.75, 4),
+        ("solid", None, 35.25, 4),
+        ("solid_2", None, 40.25, 4),
+    ]
+
+
+def test_primitives_of_a_gltf_node_are_one_object_but_not_its_children(tmp_path: Path) -> None:
+    corners = np.array(CORNERS, np.float32)
+    buffer = base64.b64encode(corners.tobytes() + np.array(FACES, np.uint16).tobytes()).decode()
+    primitive = {"attributes": {"POSITION": 0}, "indices": 1}
+    path = tmp_path / "flat.gltf"
+    document = {
+        "asset": {"version": "2.0"},
+        "buffers": [{"uri": f"data:;base64,{buffer}", "byteLength": 72}],
+        "bufferViews": [
+            {"buffer": 0, "byteLength": 48},
+            {"buffer": 0, "byteOffset": 48, "byteLength": 24},
+        ],
+        "accessors": [
+            {"bufferView": 0, "componentType": 5126, "count": 4, "type": "VEC3"},
+            {"bufferView": 1, "componentType": 5123, "count": 12, "type": "SCALAR"},
+        ],
+        "meshes": [{"primitives": [primitive]}, {"primitives": [primitive] * 2}],
+        "nodes": [
+            {"name": "Table", "children": [1, 2]},
+            {"name": "Table_lamp", "mesh": 0},
+            {"name": "Cup", "mesh": 1},
+            {"name": "world_map", "mesh": 0},
+        ],
+        "scenes": [{"nodes": [0, 3]}],
+    }
+    path.write_text(json.dumps(document))
+    found = {(name, faces) for name, _, _, faces in places(path)}
+    assert found == {("Table_lamp", 4), ("Cup", 8), ("world_map", 4)}
