@@ -20,6 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from semmap.geometry.mesh import Mesh, join
 from semmap.ingest.meshes.mesh_size import SIMPLER, MeshFileError, check_size
+from semmap.ingest.meshes.obj_file import read_obj
 from semmap.ingest.meshes.octomap_file import read_octomap
 from semmap.ingest.naming import give_type
 from semmap.ingest.world import Entry, PlaceDetail, Shape, World, WorldError
@@ -272,6 +273,11 @@ def _read_any(path: Path, up_axis: bool) -> list[MeshPart]:
     return parts
 
 
+def _read_obj(path: Path, _: bool) -> list[MeshPart]:
+    found = read_obj(path)
+    return [MeshPart(node, (*filter(None, names), path.stem), mesh) for node, names, mesh in found]
+
+
 def _read_octomap(path: Path, _: bool) -> list[MeshPart]:
     check_size(path)
     return [MeshPart(path.stem, (path.stem,), read_octomap(path))]
@@ -280,6 +286,7 @@ def _read_octomap(path: Path, _: bool) -> list[MeshPart]:
 _READERS: dict[str, Callable[[Path, bool], list[MeshPart]]] = {
     ".bt": _read_octomap,
     ".dae": _read_dae,
+    ".obj": _read_obj,
     ".ot": _read_octomap,
 }
 

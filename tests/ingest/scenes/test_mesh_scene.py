@@ -95,6 +95,17 @@ def test_furniture_of_several_nodes_is_one_object_unless_it_is_large(
     assert len(read_world(scene, mesh_as="object", scale=scale).entries) == 1
 
 
+def obj_text(objects: list[tuple[str, float]], before_faces: str = "") -> str:
+    """Tetrahedra with a corner at x, each below the statement with which it begins."""
+    text = ""
+    for number, (statement, x) in enumerate(objects):
+        corners = "".join(f"v {x + dx} {dy} {dz}\n" for dx, dy, dz in CORNERS)
+        first = 4 * number + 1
+        faces = "".join("f" + "".join(f" {first + k}" for k in face) + "\n" for face in FACES)
+        text += f"{statement}\n{corners}{before_faces}{faces}"
+    return text
+
+
 CORNERS = ((0, 0, 0), (1, 0, 0), (0, 2, 0), (0, 0, 3))
 FACES = ((0, 2, 1), (0, 3, 2), (0, 1, 3), (1, 2, 3))
 
@@ -108,6 +119,39 @@ def places(path: Path) -> list[tuple[str, str | None, float, int]]:
         assert entry.pose is not None
         found.append((entry.name, entry.type, entry.pose.x, len(mesh.faces)))
     return found
+
+
+@pytest.mark.parametrize("material", ["", "usemtl oak\n"])
+@pytest.mark.parametrize("keyword", ["o", "g", "  o ", "o\t"])
+def test_each_object_of_an_obj_file_is_one(keyword: str, material: str, tmp_path: Path) -> None:
+    path = tmp_path / "flat.obj"
+    names = [(f"{keyword} {name}", x) for name, x in [("Table", 0), ("Chair", 10), ("world", 20)]]
+    path.write_text("mtllib none.mtl\n" + obj_text(names, material))
+    assert places(path) == [
+        ("Table", "table", 0.5, 4),
+        ("Chair", "chair", 10.5, 4),
+        ("world", None, 20.5, 4),
+    ]
+
+
+def test_objects_of_an_obj_file_with_groups_materials_and_one_name(tmp_path: Path) -> None:
+    """Materials and groups divide no object; two objects of one name stay two."""
+    path = tmp_path / "flat.obj"
+    legs = "f 1 2 3\nusemtl steel\ng legs\nf 1 2 4\n"
+    path.write_text(obj_text([("o Chair", 0)], f"usemtl oak\n{legs}") + obj_text([("o Chair", 10)]))
+    assert [(name, x) for name, _, x, _ in places(path)] == [("Chair", 0.5), ("Chair_2", 0.5)]
+    path.write_text("v 0 0 0\nv 4 0 0\nv 0 4 0\ng a\nf 1 2 3\ng b\nf 1 2 3\ng a\nf 3 2 1\n")
+    assert [(name, faces) for name, _, _, faces in places(path)] == [("a", 2), ("b", 1)]
+
+
+def test_corners_counted_backwards_are_those_before_the_face(tmp_path: Path) -> None:
+    path = tmp_path / "flat.obj"
+    text = ""
+    for name, x in (("Bed", 0), ("Desk", 10)):
+        text += f"o {name}\nv {x} 0 0\nv {x + 2} 0 0\nv {x + 2} \\\n2 0\nv {x} 2 0\nvn 0 0 1\n"
+        text += "f -4//-1 -3//-1 -2//-1 -1//-1\n"
+    path.write_text(text)
+    assert places(path) == [("Bed", "bed", 1.0, 2), ("Desk", "desk", 11.0, 2)]
 
 
 DAE = """<COLLADA xmlns="http://www.collada.org/2005/11/COLLADASchema" version="1.4.1">
