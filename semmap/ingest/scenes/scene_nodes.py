@@ -23,19 +23,21 @@ from semmap.limits import EXTENT, TRIANGLES
 class SceneNode:
     """A node: its name, its pose, its surfaces, and the node above it.
 
-    Pose and surfaces are in the map's frame, metres, z up.
+    Pose and surfaces are in the map's frame, metres, z up. `lost`: it has surfaces in the file that
+    cannot be used, so that it is an object also without one.
     """
 
     name: str
     pose: Pose
     meshes: list[Mesh] = field(default_factory=list)
     above: SceneNode | None = None
+    lost: bool = False
 
 
 def scene_world(
     path: Path, nodes: Sequence[SceneNode], name: str = "", skipped: Sequence[Skipped] = ()
 ) -> World:
-    """Return the world of a scene: an object for each node with a surface.
+    """Return the world of a scene: an object for each node with a surface, or with a lost one.
 
     The nearest node above it that is an object, too, holds it. Types are guessed from the names.
     `skipped` is what was left out of the nodes.
@@ -50,14 +52,16 @@ def scene_world(
     taken: set[str] = set()
     faces = 0
     for node in nodes:
-        if not node.meshes:
+        if not (node.meshes or node.lost):
             continue
         faces += sum(len(mesh.faces) for mesh in node.meshes)
         TRIANGLES.check(faces, partial(WorldError, path, "scene"), SIMPLER)
         try:
             away = float(np.abs(node.pose.translation).max())
             EXTENT.check(away, MeshFileError, "Correct its unit or pose.", "stands at")
-            mesh = checked(tidy(join(node.meshes).moved(node.pose.inverse())))
+            mesh = None
+            if node.meshes:
+                mesh = checked(tidy(join(node.meshes).moved(node.pose.inverse())))
         except MeshFileError as error:
             world.skipped.append(Skipped(node.name, error.problem, error.fix))
             continue
@@ -65,7 +69,8 @@ def scene_world(
         while above is not None and above not in made:
             above = above.above
         entry = Entry(unique_name(node.name, taken), "object", pose=node.pose)
-        entry.shapes = [Shape("mesh", mesh, uri=f"{path.name}#{node.name}")]
+        if mesh is not None:
+            entry.shapes = [Shape("mesh", mesh, uri=f"{path.name}#{node.name}")]
         if above is not None:
             entry.holder, entry.pose = made[above].name, above.pose.inverse() @ node.pose
         give_type(entry, (node.name,))

@@ -36,7 +36,8 @@ def read_urdf_scene(
 
     The frame of the root link is that of the map. An object has the pose of its link; the nearest
     link above it that has geometry holds it. A link without geometry of the required kind has that
-    of the other. Meshes are searched as those of SDF (`semmap.ingest.sdf.resources.Resources`).
+    of the other; one whose geometry is missing has its pose alone. Meshes are searched as those of
+    SDF (`semmap.ingest.sdf.resources.Resources`).
 
     Raises
     ------
@@ -54,6 +55,7 @@ def read_urdf_scene(
         node = nodes[name] = SceneNode(name, pose, [], nodes.get(above))
         for role in (geometry, "collision" if geometry == "visual" else "visual"):
             for element in links[name].iterfind(role):
+                node.lost = True  # unless one of its surfaces is usable
                 with leaving_out(skipped):
                     node.meshes.append(_surface(element, geometries, path, f"link {name}: {role}"))
             if node.meshes:

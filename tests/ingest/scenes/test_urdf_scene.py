@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +11,7 @@ import yourdfpy
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+import semmap
 from semmap.ingest.importer import read_world
 from semmap.ingest.scenes.urdf_scene import read_urdf_scene
 from semmap.ingest.world import WorldError
@@ -93,6 +95,22 @@ def test_meshes_are_found_in_packages_of_ros(
     world = read_urdf_scene(path)
     assert world.skipped == []
     assert np.ptp(box(world, "mug")[:, 2]) == pytest.approx(3)
+
+
+def test_a_link_without_its_mesh_keeps_its_pose(tmp_path: Path, database: str) -> None:
+    lost = '<geometry><mesh filename="package://lost/door.dae"/></geometry>'
+    path = written(tmp_path, re.sub(r'<geometry><mesh filename="solid.*</geometry>', lost, KITCHEN))
+    world = read_urdf_scene(path)
+    door = entry(world, "cabinet_door")
+    assert (door.shapes, door.holder) == ([], "cabinet")
+    expected = oracle(path).get_transform("cabinet_door", "world")
+    np.testing.assert_allclose(pose(world, "cabinet_door").matrix, expected, atol=1e-9)
+    assert "link cabinet_door: visual" in {s.element for s in world.skipped}
+    with semmap.connect(database) as db:
+        summary = db.import_file(path, map="kitchen")
+        assert summary.no_geometry == ["cabinet_door"]
+        assert any("--model-path" in note for note in summary.notes)
+        assert db.map("kitchen")["cabinet_door"].holder == db.map("kitchen")["cabinet"]
 
 
 numbers = st.floats(-3, 3)
