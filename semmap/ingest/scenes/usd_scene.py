@@ -2,7 +2,7 @@
 
 A component (a prim of this kind) is one object with all that is below it. Elsewhere each prim with
 a surface is an object; a transform with nothing but one of these gives it name and pose, as Blender
-and other programs write it.
+and other programs write it, and so does one above a prim whose name says nothing.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from semmap.geometry.mesh import Mesh
 from semmap.ingest.meshes.mesh_file import Y_UP
+from semmap.ingest.naming import words
 from semmap.ingest.scenes.polygon_mesh import polygon_mesh
 from semmap.ingest.scenes.scene_nodes import SceneNode, rigid_pose, scene_world
 from semmap.ingest.scenes.solids import solid
@@ -33,6 +34,9 @@ AXES = {
     "Z": np.eye(3),
 }
 """Rotations of a solid along z to the axis that a prim states."""
+
+SILENT = frozenset({"geom", "geometry", "mesh", "shape", "visual"})
+"""Names of prims that say nothing of what they are."""
 
 HIDDEN = {"visual": ("guide", "proxy"), "collision": ("guide", "render")}
 """The purposes of prims that are not read."""
@@ -173,7 +177,7 @@ class _UsdScene:
     def _node(self, prim: Any, found: dict[Any, SceneNode]) -> SceneNode:
         path = prim.GetPath()
         if path not in found:
-            found[path] = SceneNode(prim.GetName(), rigid_pose(self._matrix(prim)))
+            found[path] = SceneNode(_name(prim), rigid_pose(self._matrix(prim)))
         return found[path]
 
     def _matrix(self, prim: Any) -> NDArray[np.float64]:
@@ -235,10 +239,37 @@ def _owner(prim: Any) -> Any:
             owner = parent
     if owner != prim:
         return owner
-    above = prim.GetParent()
-    alone = len(above.GetFilteredChildren(Usd.TraverseInstanceProxies())) == 1
-    is_root = above.IsPseudoRoot() or above == prim.GetStage().GetDefaultPrim()
-    return above if alone and not is_root and above.GetTypeName() == "Xform" else prim
+    if _is_frame(prim.GetParent()) and len(_children(prim.GetParent())) == 1:
+        owner = prim.GetParent()
+    while _says_nothing(owner) and _is_frame(owner.GetParent()):
+        if sum(map(_says_nothing, _children(owner.GetParent()))) > 1:
+            break
+        owner = owner.GetParent()
+    return owner
+
+
+def _name(prim: Any) -> str:
+    """Return the name of a prim, of one whose name says nothing that of the transform above it."""
+    while _says_nothing(prim) and _is_frame(prim.GetParent()):
+        prim = prim.GetParent()
+    return str(prim.GetName())
+
+
+def _says_nothing(prim: Any) -> bool:
+    found = words(prim.GetName())
+    return bool(found) and SILENT.issuperset(found)
+
+
+def _children(prim: Any) -> list[Any]:
+    from pxr import Usd
+
+    return list(prim.GetFilteredChildren(Usd.TraverseInstanceProxies()))
+
+
+def _is_frame(prim: Any) -> bool:
+    """Return whether a prim is a transform below the root of its stage."""
+    is_root = prim.IsPseudoRoot() or prim == prim.GetStage().GetDefaultPrim()
+    return not is_root and prim.GetTypeName() == "Xform"
 
 
 def _above(node: SceneNode) -> list[SceneNode]:

@@ -157,6 +157,33 @@ def test_a_mirrored_solid_faces_outwards(scale: tuple[int, ...], tmp_path: Path)
     assert volume == pytest.approx(8 * abs(np.prod(scale)))
 
 
+def test_a_prim_whose_name_says_nothing_has_the_name_above_it(tmp_path: Path) -> None:
+    stage = Usd.Stage.CreateNew(str(tmp_path / "a.usda"))
+    UsdGeom.SetStageMetersPerUnit(stage, 1)
+    UsdGeom.SetStageUpAxis(stage, "Z")
+    stage.SetDefaultPrim(xform(stage, "/World"))
+    cube(stage, "/World/mesh")  # the root of a stage is no object
+    xform(stage, "/World/Table_01", at=(5, 0, 0))
+    xform(stage, "/World/Table_01/geom", at=(0, 0, 1))
+    cube(stage, "/World/Table_01/geom/Mesh_001")
+    xform(stage, "/World/Table_01/Mug", at=(0, 0, 2))
+    cube(stage, "/World/Table_01/Mug/g", 0.1)
+    xform(stage, "/World/Walls", at=(0, 9, 0))
+    cube(stage, "/World/Walls/mesh_0")
+    cube(stage, "/World/Walls/mesh_1", 3)
+    stage.GetRootLayer().Save()
+    world = read_usd(tmp_path / "a.usda")
+    assert {(e.name, e.type, e.holder) for e in world.entries} == {
+        ("mesh", None, None),
+        ("Table_01", "table", None),
+        ("Mug", "mug", "Table_01"),
+        ("Walls", "wall", None),
+        ("Walls_2", "wall", None),
+    }
+    np.testing.assert_allclose(pose(world, "Table_01").translation, (5, 0, 0))
+    np.testing.assert_allclose(box(world, "Table_01"), [(4, -1, 0), (6, 1, 2)])
+
+
 def test_references_and_instances_are_followed(tmp_path: Path) -> None:
     chair = Usd.Stage.CreateNew(str(tmp_path / "chair.usda"))
     UsdGeom.SetStageMetersPerUnit(chair, 1.0)
