@@ -8,16 +8,19 @@ from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from functools import partial
+from itertools import product
 from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
 import psycopg
-import shapely
+from numpy.typing import NDArray
 from psycopg.types.json import Jsonb
 from sqlalchemy import Connection, Engine
 
 from semmap.database.maps import driver_of, see_map
+from semmap.geometry.extent import extent
+from semmap.geometry.pose import IDENTITY, Pose
 from semmap.ingest.annotation.annotation import read_annotation
 from semmap.ingest.ifc import read_ifc
 from semmap.ingest.imdf import is_imdf, read_imdf
@@ -61,6 +64,9 @@ KNOWN = (*SDF, *RMF, *IFC, *GML, *IMDF, *FEATURES, *MESHES, *READERS, *USD, *MJC
 
 LONG = 200.0
 """Metres from which an object or a room is noted: its file may be in another unit."""
+
+SMALL, TINY, WIDE = 0.5, 0.02, 2000.0
+"""Metres across below which a building and a single object, and above which a site is noted."""
 
 MeshAs = Literal["object", "room", "scene"]
 """What a mesh file is: one object, the shell of a room, or an object for each of its nodes."""
@@ -147,23 +153,51 @@ def read_world(
 
 
 def _note_unit(world: World, can_scale: bool) -> None:
-    """Note the longest object or room, where it is longer than those of buildings."""
+    """Note a world of a size that buildings do not have: its file may be in another unit."""
     things = [entry for entry in world.entries if entry.kind in ("object", "room")]
-    longest = {e.name: max(map(_length, e.shapes), default=0.0) for e in things}
+    longest = {e.name: max((_side(_corners(s)) for s in e.shapes), default=0.0) for e in things}
     name = max(longest, key=lambda each: longest[each], default="")
     if longest.get(name, 0.0) > LONG:
         fix = "import it with --scale 0.001" if can_scale else "divide its coordinates by 1000"
         note = f"{name} is {longest[name]:.0f} m long: if the file is in millimetres, {fix}"
         world.notes.append(note)
+        return
+    across = _across(world)
+    is_building = len(things) > 1 or any(entry.kind == "room" for entry in things)
+    if across > WIDE or 0 < across < (SMALL if is_building else TINY):
+        fix = "import it with --scale METRES_PER_UNIT" if can_scale else "scale its coordinates"
+        note = (
+            f"the whole file is {round(across, 4):g} m across: if its unit is not the metre, {fix}"
+        )
+        world.notes.append(note)
 
 
-def _length(shape: Shape) -> float:
-    """The longest side of the box around a shape, metres."""
+def _across(world: World) -> float:
+    """The longest side of the box around all objects and rooms, metres."""
+    poses: dict[str | None, Pose] = {None: IDENTITY}
+    corners = []
+    for entry in world.entries:
+        poses[entry.name] = poses.get(entry.holder, IDENTITY) @ (entry.pose or IDENTITY)
+        if entry.kind in ("object", "room"):
+            corners += [poses[entry.name].apply(_corners(shape)) for shape in entry.shapes]
+    return _side(np.concatenate(corners)) if corners else 0.0
+
+
+def _side(points: NDArray[np.float64]) -> float:
+    """The longest side of the box around points (n, 3), metres."""
+    return float(np.ptp(points, axis=0).max()) if len(points) else 0.0
+
+
+def _corners(shape: Shape) -> NDArray[np.float64]:
+    """The corners (8, 3) of the box around a shape, in the frame of its entry; else none."""
     if shape.mesh is not None and len(shape.mesh.vertices):
-        return float(np.ptp(shape.mesh.vertices, axis=0).max())
-    if shape.outline is None or shape.outline.is_empty:
-        return 0.0
-    return float(np.ptp(shapely.get_coordinates(shape.outline), axis=0).max())
+        low, high = extent(shape.mesh.vertices)
+    elif shape.outline is not None and not shape.outline.is_empty:
+        left, lower, right, upper = shape.outline.bounds
+        low, high = np.array([left, lower, 0.0]), np.array([right, upper, 0.0])
+    else:
+        return np.empty((0, 3))
+    return np.array([*product(*zip(low, high, strict=True))])
 
 
 def _check_content(path: Path, world: World) -> None:

@@ -11,7 +11,7 @@ import pytest
 import trimesh
 
 import semmap
-from semmap.ingest.importer import read_world
+from semmap.ingest.importer import MeshAs, read_world
 from semmap.ingest.scenes.mesh_scene import read_mesh_scene
 
 BOXES = {
@@ -223,3 +223,31 @@ def test_primitives_of_a_gltf_node_are_one_object_but_not_its_children(tmp_path:
     path.write_text(json.dumps(document))
     found = {(name, faces) for name, _, _, faces in places(path)}
     assert found == {("Table_lamp", 4), ("Cup", 8), ("world_map", 4)}
+
+
+@pytest.mark.parametrize(
+    ("scale", "mesh_as", "across"),
+    [
+        (0.001, "scene", "0.008 m"),  # the flat is 8 m long, by BOXES
+        (0.06, "scene", "0.48 m"),
+        (0.07, "scene", None),
+        (24.9, "scene", None),  # no wall is longer than 200 m, nor is the flat than 2 km
+        (0.001, "object", "0.008 m"),
+        (0.06, "object", None),  # a thing of this size is none the less one
+        (0.06, "room", "0.48 m"),
+    ],
+)
+def test_a_whole_scene_of_another_size_than_buildings_is_noted(
+    scene: Path, scale: float, mesh_as: MeshAs, across: str | None
+) -> None:
+    notes = [n for n in read_world(scene, mesh_as=mesh_as, scale=scale).notes if "across" in n]
+    assert [note.partition(" across")[0] for note in notes] == (
+        [] if across is None else [f"the whole file is {across}"]
+    )
+
+
+def test_a_site_of_more_than_two_kilometres_is_noted(tmp_path: Path) -> None:
+    path = tmp_path / "flat.obj"
+    for x, noted in ((1900, False), (2100, True)):
+        path.write_text(obj_text([("o Table", 0), ("o Chair", x)]))
+        assert (f"the whole file is {x + 1} m across" in str(read_world(path).notes)) == noted
