@@ -6,7 +6,7 @@ import math
 from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import count
+from itertools import count, takewhile
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
@@ -169,12 +169,14 @@ class FoundRooms:
 def find_rooms(
     scene: StoreyScene,
     shows: Mapping[str, Sequence[str]] = MappingProxyType({}),
+    supertypes: Mapping[str, Sequence[str]] = MappingProxyType({}),
     resolution: float = RESOLUTION,
 ) -> FoundRooms:
     """Divide the space between the walls of a storey into rooms, and find their doorways.
 
-    `shows`: by type of objects, the types of rooms in which they usually are. Furniture and the
-    leaves of doors divide nothing. Raises ValueError where no walls enclose a room.
+    `shows`: by type of objects, the types of rooms in which they usually are. `supertypes`: by
+    these, what subsumes them, themselves first. Furniture and the leaves of doors divide nothing.
+    Raises ValueError where no walls enclose a room.
     """
     walls = scene_walls(scene)
     turn, grid, cells, above = turned_cells(walls, scene.elevation, resolution)
@@ -204,7 +206,9 @@ def find_rooms(
         for each in segments.passages
     ]
     found = _new(scene, outlines, ways)
-    return replace(found, rooms=tuple(_typed(room, scene, shows) for room in found.rooms))
+    return replace(
+        found, rooms=tuple(_typed(room, scene, shows, supertypes) for room in found.rooms)
+    )
 
 
 def scene_walls(scene: StoreyScene) -> list[SceneEntity]:
@@ -393,8 +397,18 @@ def _nearest(rooms: Mapping[str, Any], at: shapely.Point) -> str | None:
     return min(rooms, key=lambda name: rooms[name].distance(at), default=None)
 
 
-def _typed(room: FoundRoom, scene: StoreyScene, shows: Mapping[str, Sequence[str]]) -> FoundRoom:
-    """Give a room the type for which most of its objects speak, each for those that it shows."""
+def _typed(
+    room: FoundRoom,
+    scene: StoreyScene,
+    shows: Mapping[str, Sequence[str]],
+    supertypes: Mapping[str, Sequence[str]],
+) -> FoundRoom:
+    """Give a room the type for which most of its objects speak, each for those that it shows.
+
+    What speaks for a type speaks for what subsumes it: a bathtub and a toilet, for a sanitary room.
+    It becomes a type of it for which half of these speak: a bathroom. Of several types for which as
+    many speak, it is what subsumes them.
+    """
     votes: defaultdict[str, float] = defaultdict(float)
     voters: defaultdict[str, list[str]] = defaultdict(list)
     for entity in scene.entities:
@@ -405,11 +419,25 @@ def _typed(room: FoundRoom, scene: StoreyScene, shows: Mapping[str, Sequence[str
             for each in told:
                 votes[each] += 1 / len(told)
                 voters[each].append(entity.name)
-    first, second = (*sorted(votes.values(), reverse=True), 0.0, 0.0)[:2]
-    if first == second:
+    if not votes:
         return room
-    best = max(votes, key=lambda each: votes[each])
-    return room._replace(type=best, shown_by=tuple(voters[best]))
+    uses = {
+        type_: list(takewhile("room".__ne__, supertypes.get(type_, (type_,)))) for type_ in votes
+    }
+    spoken = {type_: sum(votes[v] for v in votes if type_ in uses[v]) for type_ in votes}
+    most = [type_ for type_ in votes if math.isclose(spoken[type_], max(spoken.values()))]
+    best = next((use for use in uses[most[0]] if all(use in uses[t] for t in most)), None)
+    if best is None:
+        return room
+    narrower = [v for v in votes if best in uses[v] and 2 * spoken[v] >= spoken.get(best, math.inf)]
+    best = min(narrower, key=lambda type_: spoken[type_], default=best)
+    speakers = [
+        name
+        for type_ in votes
+        if best in uses[type_] or type_ in uses[best]
+        for name in voters[type_]
+    ]
+    return room._replace(type=best, shown_by=tuple(dict.fromkeys(speakers)))
 
 
 def _ceiling(scene: StoreyScene, outline: Polygon) -> float | None:

@@ -298,15 +298,18 @@ class Map(
             add_found_stairs,
         )
         from semmap.query.storey_reader import read_storeys
+        from semmap.query.supertypes import read_supertypes
 
         with self.snapshot() as seen:
             scenes = read_storeys(seen, storey)
             rows = seen.connection.exec_driver_sql(ROOMS_OF_TYPES)
             shows = {row.name: row.rooms for row in rows}
+            places = {room for rooms in shows.values() for room in rooms}
+            supertypes = read_supertypes(seen, places)
         found = []
         for scene in scenes:
             try:
-                found.append(find_rooms(scene, shows))
+                found.append(find_rooms(scene, shows, supertypes))
             except ValueError as error:
                 found.append(FoundRooms(scene.storey, scene.elevation, problem=str(error)))
         if all(each.problem for each in found):
