@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable
+import unicodedata
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cache
 from itertools import product
@@ -34,6 +35,7 @@ TYPE_WORDS: dict[str, str] = {
     "refrigerator": "freezer",
     "shelf": "shelves",
     "sink": "basin",
+    "stair_flight": "stairs, staircase, stair, stairway",
     "toilet": "wc",
     "trash_can": "trash, trashcan, garbage, garbage can, dustbin",
     "utensils": "utensil",
@@ -41,7 +43,7 @@ TYPE_WORDS: dict[str, str] = {
 }
 """Words in names of models for a type, beside its label and synonyms in the T-Box.
 
-The model of a door is an object, its leaf; the door that a robot passes is a connector."""
+The models of a door and of stairs are objects; those that a robot passes are connectors."""
 
 TRAILING = frozenset(
     word
@@ -78,9 +80,13 @@ A wrong guess of the former would take an obstacle off the costmap: a floor is f
 def words(name: str) -> list[str]:
     """Return the words of a name, in lower case, without numbers, ordinals and single letters.
 
-    >>> words("aws_robomaker_residential_KitchenTable_01")
-    ['aws', 'robomaker', 'residential', 'kitchen', 'table']
+    Letters are without their accents, as in many names of files.
+
+    >>> words("aws_robomaker_residential_KitchenTable_01"), words("Kühlschrank")
+    (['aws', 'robomaker', 'residential', 'kitchen', 'table'], ['kuhlschrank'])
     """
+    letters = unicodedata.normalize("NFKD", name.replace("ß", "ss"))
+    name = "".join(letter for letter in letters if not unicodedata.combining(letter))
     name = re.sub(r"\d(st|nd|rd|th)(?![a-z])", "", name)
     found = re.findall(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+", name)
     return [word.lower() for word in found if len(word) > 1]
@@ -103,14 +109,17 @@ def guess_type(name: str, kind: Kind = "object") -> TypeGuess | None:
 
     Known are the labels and synonyms of the T-Box's types of a kind and, of objects, `TYPE_WORDS`.
     English puts the head of a compound last: a `DeskPortrait` is a picture, and a `floor_2_pump` is
-    not a floor. Words that only describe (`TRAILING`) may follow.
+    not a floor. Words that only describe (`TRAILING`) may follow, and so may the room of an object.
 
     >>> guess_type("DeskPortraitA_01"), guess_type("floor_2_pump"), guess_type("chair_left").type
     (TypeGuess(type='picture', confidence=0.6), None, 'chair')
+    >>> guess_type("sofa_living_room").type
+    'sofa'
     """
     phrases = _phrases(kind)
     tokens = words(name)
-    for last in range(len(tokens), 0, -1):
+    last = len(tokens)
+    while last > 0:
         for start in range(last):
             phrase = tuple(tokens[start:last])
             if phrase in OTHERS:
@@ -118,9 +127,19 @@ def guess_type(name: str, kind: Kind = "object") -> TypeGuess | None:
             if phrase in phrases:
                 alone = start == 0 and last == len(tokens)
                 return TypeGuess(phrases[phrase], 0.9 if alone else 0.8 if len(phrase) > 1 else 0.6)
-        if tokens[last - 1] not in TRAILING:
-            return None
+        last -= _describing(tokens[:last], kind)
     return None
+
+
+def _describing(tokens: Sequence[str], kind: Kind) -> int:
+    """Return how many words at the end of a name only describe; all where the last is unknown."""
+    if tokens[-1] in TRAILING:
+        return 1
+    rooms = _phrases("room") if kind == "object" else {}
+    lengths = (
+        len(tokens) - start for start in range(len(tokens)) if tuple(tokens[start:]) in rooms
+    )
+    return next(lengths, len(tokens))
 
 
 def give_type(entry: Entry, names: Iterable[str]) -> None:

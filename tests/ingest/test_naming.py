@@ -42,6 +42,18 @@ OBJECTS = {r.name: r.label for r in read_tbox(ONTOLOGY) if r.kind == "object" !=
         ("OfficeChairGrey", "office_chair"),
         ("", None),
         ("Bedrock", None),
+        ("chair_kitchen_2", "chair"),
+        ("sofa left living-room", "sofa"),
+        ("kitchen", None),
+        ("pump_kitchen", None),
+        ("bed_room", None),
+        ("KUECHE", None),
+        ("Küchentisch_02", "kitchen_table"),
+        ("großer Kühlschrank", "refrigerator"),
+        ("mesa de comedor.001", "dining_table"),
+        ("Étagère_Sud", None),
+        ("chair_four", None),
+        ("main_stairway", "stair_flight"),
     ],
 )
 def test_guess(name: str, type_: str | None) -> None:
