@@ -84,7 +84,9 @@ CONFIG_BYTES = Limit(
     "config_bytes", 2**20, "bytes", "a file of parts, policy, rules, domain or map"
 )
 MESH_BYTES = Limit("mesh_bytes", 512 * 2**20, "bytes", "a mesh file, unpacked")
-ELEMENTS = Limit("elements", 2_000_000, "values", "a YAML file, aliases followed")
+ELEMENTS = Limit(
+    "elements", 2_000_000, "values", "a YAML file, aliases unfolded; building.yaml may have none"
+)
 TRIANGLES = Limit("triangles", 20_000_000, "triangles", "a mesh file or model with all it nests")
 PARTS = Limit("parts", 20_000, "parts", "meshes placed in a file or model, nested ones included")
 NESTING = Limit("nesting", 64, "levels", "elements, models, nodes or lists within each other")

@@ -162,13 +162,22 @@ def test_the_page_of_fields_says_which_source_takes_which_percept() -> None:
 
 
 def test_the_pages_of_import_and_export_have_each_ending_key_and_layer() -> None:
-    into, out = ((ROOT / "docs" / name).read_text() for name in ("ingest.md", "export.md"))
+    into, out = ((ROOT / "docs" / name).read_text() for name in ("import.md", "export.md"))
     places = (*PATH_VARIABLES, *FUEL_VARIABLES)
     words = {*KNOWN, *LAYERS, *KINDS, *GEOREFERENCE, *places, "--model-path", "--scale"}
     assert [word for word in sorted(words) if f"`{word}" not in into] == []
     keys = set().union(*USED_PROPERTIES.values())
     assert [key for key in sorted(keys) if f"`{key}`" not in into + out] == []
     assert [each for each in (*FORMATS, *EXPORTED) if f"`{each}`" not in out] == []
+
+
+def test_the_readme_names_the_formats_that_are_read() -> None:
+    rows = (ROOT / "docs" / "import.md").read_text().split("| format |")[1].split("\n\n")[0]
+    readme = (ROOT / "README.md").read_text()
+    words = "SDF RMF IFC IMDF IndoorGML OpenStreetMap GeoJSON GeoPackage USD MJCF URDF"
+    for word in words.split():
+        assert word in readme
+        assert word.lower() in rows.lower().replace("gpkg", "geopackage")
 
 
 def test_each_page_is_in_the_contents() -> None:
