@@ -247,7 +247,7 @@ class Database(DatabaseManipulation, DatabaseInterlinking):
         geometry : of SDF models
         mesh_as : a mesh file is one object, a room, or a scene of an object for each named node; by
             default a scene where it has several and is more than 4 m across, else an object
-        strict : take nothing if anything is left out
+        strict : take nothing if anything is left out or a door leads from no room to another
         source : the name under which a repeated import finds its entities; by default the file's
         model_path : folders of SDF models, also of Open-RMF buildings, searched first
         scale : metres per unit of a mesh file

@@ -272,10 +272,10 @@ def import_file(
 ) -> ImportSummary:
     """Import a world file in one transaction, into the map of a name, by default the file's own.
 
-    `strict` takes nothing if anything has to be left out; `define` adds the types of features that
-    the map does not have, which are left out otherwise. A repeated import finds its entities
-    again by `source`, by default the file's path. `world` is what a caller has read of the file.
-    After a WorldError, nothing is written.
+    `strict` takes nothing if anything has to be left out or a door leads from no room to another;
+    `define` adds the types of features that the map does not have, which are left out otherwise. A
+    repeated import finds its entities again by `source`, by default the file's path. `world` is
+    what a caller has read of the file. After a WorldError, nothing is written.
     """
     start = time.perf_counter()
     progress(f"reading {path.name}", 0, 0)
@@ -327,12 +327,17 @@ def import_file(
             summary.notes += [names_note(summary.no_geometry), WITHOUT_SHAPES]
         if stored.added or stored.changed:
             faults = session.execute(
-                "SELECT name || ' ' || fault FROM door_faults WHERE map_id = %s ORDER BY name",
+                "SELECT name, name || ' ' || fault FROM door_faults WHERE map_id = %s ORDER BY 1",
                 (map_id,),
             ).fetchall()
-            summary.notes += [fault for (fault,) in faults[:SHOWN]]
+            own = {entry.name for entry in world.entries}
+            if strict and (fault := next((f for name, f in faults if name in own), None)):
+                fix = "Or import without strict=True, which notes it."
+                raise WorldError(path, "doors", fault, fix)
+            summary.notes += [f"error: {fault}" for _, fault in faults[:SHOWN]]
             if len(faults) > SHOWN:
-                summary.notes.append(f"{len(faults) - SHOWN} more such doors: semmap check has all")
+                more = f"error: {len(faults) - SHOWN} more such doors: semmap check has all"
+                summary.notes.append(more)
         if stored.added or stored.changed or stored.removed:
             _log(connection, map_id, path, summary)
     if summary.added >= MANY:

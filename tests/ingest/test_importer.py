@@ -367,3 +367,29 @@ def test_two_buildings_of_equal_names_are_both_in_the_map(
             )
         )
         assert {(*lane,) for lane in lanes} == {("hub", "dock"), ("hub_2", "dock_2")}
+
+
+def test_a_door_far_from_its_rooms_is_an_error_and_strict_refuses_it(
+    engine: Engine, tmp_path: Path
+) -> None:
+    def feature(name: str, kind: str, geometry: dict[str, Any], **more: Any) -> dict[str, Any]:
+        properties = {"kind": kind, "name": name, **more}
+        return {"type": "Feature", "properties": properties, "geometry": geometry}
+
+    def room(name: str, x: float) -> dict[str, Any]:
+        ring = [[x, 0], [x + 4, 0], [x + 4, 3], [x, 3], [x, 0]]
+        return feature(name, "room", {"type": "Polygon", "coordinates": [ring]})
+
+    line = {"type": "LineString", "coordinates": [[130, 1], [130, 2]]}
+    door = feature("way", "connector", line, joins="west,east")
+    path = tmp_path / "flat.geojson"
+    features = [room("west", 0), room("east", 4), door]
+    path.write_text(json.dumps({"type": "FeatureCollection", "features": features}))
+    with pytest.raises(WorldError, match=r"way ends 126\.00 m beside west"):
+        import_file(engine, path, map_name="flat", strict=True)
+    assert counts(engine)[-1] == 0
+    notes = import_file(engine, path, map_name="flat").notes
+    assert [note.partition(" m beside")[0] for note in notes] == ["error: way ends 126.00"]
+    line["coordinates"] = [[4, 1], [4, 2]]
+    path.write_text(json.dumps({"type": "FeatureCollection", "features": features}))
+    assert import_file(engine, path, map_name="flat", strict=True).notes == []
