@@ -30,9 +30,9 @@ from planner.graph_edges import StraightTravelCost, Travel
 from planner.robot_class import RobotClass
 from planner.straight_passage import free_offsets
 from planner.topology import OUTSIDE, PlaceConnector, PlaceRegion, Topology
-from semmap.geometry.overlay import common, united
+from semmap.geometry.overlay import GRID, common
 from semmap.geometry.pose import Pose
-from semmap.query.storey_scene import SceneEntity, StoreyScene
+from semmap.query.storey_scene import FloorArea, SceneEntity, StoreyScene
 
 T = TypeVar("T")
 
@@ -183,7 +183,7 @@ class StoreyCostmaps:
             costmap = self.costmap(self.storey_of(place))
             wanted = {place} | {c.name for c, _ in self.topology.connectors_of(place)}
             outlines = {p.name: p.outline for p in costmap.scene.floors if p.name in wanted}
-            union = united(outlines.values())
+            union = shapely.union_all([*outlines.values()], grid_size=GRID)
             self._rooms[place] = RoomCostmap(union, costmap.grid) if place in outlines else None
         return self._rooms[place]
 
@@ -214,7 +214,7 @@ class StoreyCostmaps:
         if room is None or costs is None:
             return None
         costmap = self.costmap(self.storey_of(place))
-        own = united(p.outline for p in costmap.scene.floors if p.name == place)
+        own = _outline(costmap.scene.floors, place)
         costs[~area_cells(own, room.grid)] = UNKNOWN  # nothing is taken from a doorway
         return RoomGround(
             place,
@@ -469,7 +469,7 @@ class StoreyCostmaps:
         if self.topology.places[place].elevator is None:
             return passable
         floors = self.costmap(self.storey_of(place)).scene.floors
-        own = united(floor.outline for floor in floors if floor.name == place)
+        own = _outline(floors, place)
         return passable & area_cells(own, grid)
 
     def _joined(self, door: PlaceConnector, pose: Pose) -> NDArray[np.bool_] | None:
@@ -696,6 +696,11 @@ def _gaps(first: DoorSide, second: DoorSide) -> list[tuple[int, int]]:
     """The free parts of both sides of a door that meet, and are near to its approach poses."""
     met = {*zip(first.gaps, second.gaps, strict=True)}
     return [(a, b) for a, b in met if a and b and a in first.away and b in second.away]
+
+
+def _outline(floors: Iterable[FloorArea], place: str) -> shapely.Geometry:
+    """The outline of a place."""
+    return shapely.union_all([f.outline for f in floors if f.name == place], grid_size=GRID)
 
 
 def _is_closed_leaf(entity: SceneEntity, openings: Sequence[shapely.Polygon]) -> bool:
