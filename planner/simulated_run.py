@@ -151,7 +151,7 @@ class SimulatedRun:
             tasks = TaskPlanner(live, self.domain, self.gripper)
             assert goal is not None
             with live.snapshot() as seen:
-                names = objects_to_find(seen, parse_goal(goal, relations))
+                names, _ = objects_to_find(seen, parse_goal(goal, relations))
                 for name in names:
                     read_believed_object(seen, name)  # refuses a name that is unknown
             spots = find_spots(store, live, self.put)

@@ -70,14 +70,19 @@ def read_entity_shapes(seen: Snapshot) -> dict[str, SceneEntity]:
     return {e.name: e for e in entities if e.kind != "connector" or e.state != "open"}
 
 
-def is_doubtful(seen: Snapshot, name: str) -> bool:
-    """Whether an object has no place, or looks have shown that it may be at another one."""
-    if read_holder(seen, name) is None:
-        return True
-    if not _scalar(seen, _OBSERVED, name=name):
-        return False
-    best = where(seen, name)[0]
-    return best["probability"] < SURE or not _scalar(seen, _IS_AT, name=name, place=best["place"])
+def read_doubtful(seen: Snapshot, names: Sequence[str]) -> dict[str, float]:
+    """The objects without a place, or of which looks have shown that they may be at another one.
+
+    With the probability of the likeliest place of each.
+    """
+    rows = seen.connection.execute(text(_UNSURE), {"names": [*names]}).all()
+    doubtful = {}
+    for name, placed in rows:
+        best = where(seen, name)[0]
+        sure = placed and best["probability"] >= SURE
+        if not sure or not _scalar(seen, _IS_AT, name=name, place=best["place"]):
+            doubtful[name] = float(best["probability"])
+    return doubtful
 
 
 def read_looks(seen: Snapshot, name: str, robot: str, after: int) -> tuple[Sequence[Any], int]:
@@ -136,9 +141,12 @@ SELECT name FROM entity
 WHERE map_id = current_map() AND kind = 'object' AND properties->'shut' = 'true'
 """
 
-_OBSERVED = """
-SELECT EXISTS (SELECT FROM observation o JOIN entity e ON e.id = o.entity_id
-               WHERE e.map_id = current_map() AND e.name = :name)
+_UNSURE = """
+SELECT e.name, p.holder_id IS NOT NULL AS placed
+FROM entity e LEFT JOIN placement p ON p.entity_id = e.id
+WHERE e.map_id = current_map() AND e.name = ANY (:names)
+  AND (p.holder_id IS NULL OR EXISTS (SELECT FROM observation o WHERE o.entity_id = e.id))
+ORDER BY e.name
 """
 
 _IS_AT = """

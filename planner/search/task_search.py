@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import replace
 
 from planner.plan import Action, Plan
+from planner.readers.entity_lookup import find_entities
 from planner.search.problem_builder import ELSEWHERE
-from planner.search.reader import DOUBTED, is_doubtful, read_holder, read_kind, read_seen_by
+from planner.search.reader import DOUBTED, read_doubtful, read_holder, read_kind, read_seen_by
 from planner.search.receding_horizon import decide, tour_seconds
 from planner.search.search_mission import MOST_NAMES, SearchPlanner, explain
 from planner.task_planner import TaskPlanner
@@ -16,6 +17,7 @@ from planner.tasks.problem import NoPlanError
 from planner.tasks.reader import read_state
 from semmap.belief.store.beliefs import read_belief
 from semmap.geometry.pose import Pose
+from semmap.query.geometry_notes import listed
 from semmap.query.snapshot import Snapshot
 
 FOUND = "found"  # the relation of a goal that is reached when the robot knows where an object is
@@ -49,7 +51,8 @@ class SearchingPlanner:
         self._search.live.catch_up()
         parsed = parse_goal(goal, ((FOUND, 1), *self._relations))
         wanted = {w.text for atom in parsed.atoms if atom.relation == FOUND for w in atom.words}
-        for name in objects_to_find(seen, parsed):
+        names, doubted = objects_to_find(seen, parsed, self._search.answers)
+        for name in names:
             if name in self._search.answers:
                 continue
             if read_kind(seen, name) is None:
@@ -67,27 +70,37 @@ class SearchingPlanner:
         if not rest:
             return Plan(goal, (), 0.0, 0.0)
         text = goal if len(rest) == len(parsed.atoms) else " and ".join(map(_text, rest))
-        plan = self._tasks(seen, robot, text, without=without, tried=tried)
+        plan = self._tasks(seen, robot, text, without=without | doubted, tried=tried)
         return replace(plan, goal=goal)
 
 
-def objects_to_find(seen: Snapshot, goal: Goal) -> list[str]:
-    """The names in a goal whose place is only believed, in order.
+def objects_to_find(
+    seen: Snapshot, goal: Goal, given_up: Collection[str] = ()
+) -> tuple[list[str], frozenset[str]]:
+    """The objects of a goal whose place is only believed, in order, and those to leave out.
 
     They are those in ``found(...)``, those that looks have made doubtful, and those that nothing
-    holds. What else the map has is where the map has it.
+    holds. Of a type or label, those are left out where others are known; else the one that most
+    probably is somewhere is to be found, of those that are not `given_up`. What else the map has
+    is where the map has it.
     """
     found: list[str] = []
+    doubted: set[str] = set()
     for atom in goal.atoms:
-        for word in atom.words:
-            name = word.text
-            if name in found:
-                continue
-            if atom.relation == FOUND or (
-                read_kind(seen, name) == "object" and is_doubtful(seen, name)
-            ):
+        for name in dict.fromkeys(word.text for word in atom.words):
+            if atom.relation == FOUND:
                 found.append(name)
-    return found
+                continue
+            names = [e.name for e in find_entities(seen, name) if e.kind == "object"]
+            doubtful = read_doubtful(seen, names)
+            if names == [name] or not doubtful:
+                found += doubtful
+                continue
+            doubted |= doubtful.keys()
+            if len(doubtful) == len(names):
+                likely = [each for each in doubtful if each not in given_up] or [*doubtful]
+                found.append(max(likely, key=lambda each: doubtful[each]))
+    return [*dict.fromkeys(found)], frozenset(doubted.difference(found))
 
 
 def plan_with_search(
@@ -108,8 +121,8 @@ def plan_with_search(
     plans again after each look.
     """
     parsed = parse_goal(goal, ((FOUND, 1), *relations))
-    names = objects_to_find(seen, parsed)
-    if not names:
+    names, doubted = objects_to_find(seen, parsed)
+    if not names and not doubted:
         return None
     graph = search.live.graph
     actions: list[Action] = []
@@ -129,10 +142,12 @@ def plan_with_search(
     bound = 0.0
     if rest:
         text = " and ".join(map(_text, rest))
-        plan, believed = _plan_rest(seen, tasks, text, start, agent, names, patience)
+        plan, believed = _plan_rest(seen, tasks, text, start, agent, names, doubted, patience)
         reasons += [f"What follows is for {name} at {at}" for name, at in believed.items()]
         actions += plan.actions
         bound = plan.bound
+    if doubted:
+        reasons.append(f"Left out, as their places are in doubt: {listed(sorted(doubted))}")
     return Plan(goal, tuple(actions), sum(a.seconds for a in actions), bound), reasons
 
 
@@ -143,6 +158,7 @@ def _plan_rest(
     start: str | None,
     agent: str | None,
     names: Sequence[str],
+    doubted: frozenset[str],
     patience: float,
 ) -> tuple[Plan, dict[str, str]]:
     """The plan of a goal once some objects are found, and the places for which it is.
@@ -155,7 +171,7 @@ def _plan_rest(
         believed = {name: of[number] for name, of in places.items() if number < len(of)}
         if number > 0 and not believed:
             break
-        task = tasks.task(seen, goal, start, agent=agent, believed=believed)
+        task = tasks.task(seen, goal, start, agent=agent, without=doubted, believed=believed)
         try:
             plan = task.plan(patience)
         except NoPlanError as error:

@@ -12,7 +12,7 @@ from scipy.ndimage import distance_transform_edt
 from sqlalchemy import Engine
 
 import semmap
-from planner.search.reader import is_doubtful
+from planner.search.reader import read_doubtful
 from semmap import Map
 from semmap.belief.identify import Detection
 
@@ -67,15 +67,15 @@ def test_a_doubtful_sighting_moves_nothing(here: Map) -> None:
 def test_a_plan_looks_first_where_belief_and_map_disagree(here: Map) -> None:
     """A place without a point says nothing of the pose; one that agrees leaves no doubt."""
     with here.snapshot() as seen:
-        assert not is_doubtful(seen, "plate")
+        assert not read_doubtful(seen, ["plate"])
     here.observe("plate", KITCHEN)
     with here.snapshot() as seen:
-        assert not is_doubtful(seen, "plate")
+        assert not read_doubtful(seen, ["plate"])
     here.observe("plate", COFFEE)
     assert here.where("plate").best == COFFEE
     assert here["plate"].holder.name == KITCHEN
     with here.snapshot() as seen:
-        assert is_doubtful(seen, "plate")
+        assert read_doubtful(seen, ["plate"])
 
 
 def test_what_is_looked_for_in_vain_has_no_place_in_the_end(here: Map) -> None:
