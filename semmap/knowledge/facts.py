@@ -19,6 +19,7 @@ from semmap.knowledge.mapping import INFERRED_GRAPH, is_mapped
 from semmap.knowledge.reasoning.runs import refresh
 from semmap.knowledge.shacl import check_binding
 from semmap.knowledge.sparql.constants import Constants, tag_and_text
+from semmap.knowledge.unknown_names import unknown_names
 from semmap.knowledge.vocabulary import (
     PROPERTY,
     RDF,
@@ -126,6 +127,9 @@ class FactWriter:
             if iri == f"{RDF}type" and self._type(fact) is not None:
                 self._refuse_end(fact)
                 return self._set_type(fact)
+            if iri == f"{RDF}type":
+                for sentence in unknown_names(self._view, self._constants, [fact.object]):
+                    raise RefusedError(sentence, fact)
             table = self._table(fact, iri)
             if table is not None:
                 self._refuse_end(fact)

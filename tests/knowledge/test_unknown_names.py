@@ -7,8 +7,10 @@ import pytest
 import rdflib
 
 from semmap.knowledge.queries import query
+from semmap.knowledge.updates import update
 from semmap.knowledge.vocabulary import SEMMAP, TYPE, map_namespace
 from semmap.knowledge.whole_graph import dump
+from semmap.language.error import QueryError
 
 UNKNOWN = (
     ("SELECT * { ?x semmap:heldby ?y }", "semmap:heldby is neither a class nor a property; "),
@@ -51,3 +53,12 @@ def test_a_type_has_its_own_name_beside_that_of_its_ontology(loft: psycopg.Conne
     assert query(loft, by_value).rows == declared
     kept = query(loft, "SELECT ?t { :table a ?t FILTER(?t IN (type:table)) }").rows
     assert kept == ((rdflib.URIRef(f"{SEMMAP}Table"),),)
+
+
+@pytest.mark.parametrize("type_", ["type:tabel", "semmap:Tabel"])
+def test_an_unknown_type_is_not_stated(loft: psycopg.Connection, type_: str) -> None:
+    before = query(loft, "SELECT ?x ?t { ?x a ?t } ORDER BY ?x ?t").rows
+    for name in (":new", ":table"):
+        with pytest.raises(QueryError, match=r"(?i)did you mean (semmap:)?table"):
+            update(loft, f"INSERT DATA {{ {name} a {type_} }}")
+    assert query(loft, "SELECT ?x ?t { ?x a ?t } ORDER BY ?x ?t").rows == before
