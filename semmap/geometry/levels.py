@@ -9,6 +9,7 @@ import shapely
 from numpy.typing import NDArray
 
 from semmap.arrays import Floats
+from semmap.geometry.overlay import common
 
 APART = 2.0
 """Least height from a floor to the next, metres."""
@@ -24,6 +25,9 @@ WALKED, WIDE = 12.0, 2.4
 
 FURNITURE, TALL = 0.3, 0.6
 """Least height of furniture, and of what is seldom a lamp or a device under the ceiling, metres."""
+
+SHARED = 0.5
+"""Square metres that rooms one above the other share at least: more than the sides of walls."""
 
 MANY, FEW = 3, 2
 """So many pieces of furniture at one height may stand on a floor; so many, if they are tall."""
@@ -80,6 +84,21 @@ def separate(heights: Sequence[float] | Floats) -> list[float]:
         elif not kept or height - kept[-1] >= APART:
             kept.append(float(height))
     return kept
+
+
+def stacked(outlines: Sequence[shapely.Geometry], floors: Sequence[float]) -> list[int]:
+    """Return the numbers of rooms above or below another of them, by `APART` or more, in order."""
+    tree, heights = shapely.STRtree(outlines), np.asarray(floors, float)
+    one, two = tree.query(np.asarray(outlines, object), predicate="intersects")
+    apart = np.abs(heights[one] - heights[two]) >= APART
+    return sorted(
+        {
+            int(n)
+            for a, b in zip(one[apart], two[apart], strict=True)
+            for n in (a, b)
+            if common(outlines[a], outlines[b]).area >= SHARED
+        }
+    )
 
 
 def in_metres(levels: Sequence[float]) -> str:

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 
-from semmap.geometry.levels import APART, are_floors, in_metres, standing_levels
+from semmap.geometry.levels import APART, are_floors, in_metres, stacked, standing_levels
 from semmap.query.snapshot import Snapshot
 from semmap.query.storey_scene import SceneEntity, StoreyScene
 
@@ -39,7 +39,27 @@ def geometry_notes(entities: Iterable[SceneEntity]) -> list[str]:
 
 
 def level_notes(scene: StoreyScene) -> list[str]:
-    """Return a sentence if things stand so far above the floors of a storey as on other storeys."""
+    """Return a sentence if things, or rooms above others, are as far above a floor as a storey."""
+    return [*_stacked_rooms(scene), *_high_things(scene)]
+
+
+def _stacked_rooms(scene: StoreyScene) -> list[str]:
+    rooms = [
+        (e.footprint, e.floor)
+        for e in scene.inventory
+        if e.kind == "room" and e.footprint is not None and e.floor is not None
+    ]
+    found = stacked([outline for outline, _ in rooms], [floor for _, floor in rooms])
+    if not found:
+        return []
+    levels = sorted({round(rooms[n][1], 2) for n in found})
+    return [
+        f"rooms lie one above the other at {in_metres(levels)} on storey {scene.storey}, in one "
+        "grid: add their storeys (map.add_storey, or kind storey in a GeoJSON file)"
+    ]
+
+
+def _high_things(scene: StoreyScene) -> list[str]:
     things = [
         (e.bounds, e.heights)
         for e in scene.inventory

@@ -484,6 +484,26 @@ def test_what_hangs_within_a_solid_is_reported_once(db: semmap.Database) -> None
     assert seen(here) == {("penetrating", frozenset({"core", "block"}))}
 
 
+@pytest.mark.parametrize("storeys", [[], [0.0]])
+def test_rooms_above_rooms_are_to_be_on_storeys(db: semmap.Database, storeys: list[float]) -> None:
+    """Grids say so, too; side by side, as on a split level, they may be."""
+    here = db.create_map(f"tower{len(storeys)}")
+    for z in storeys:
+        here.add_storey("only", elevation=z)
+    for number, (x, z) in enumerate([(0, 0.0), (0, 3.0), (6, 3.0)]):
+        outline = [(x, 0), (x + 5, 0), (x + 5, 4), (x, 4)]
+        here.add_room(f"r{number}", outline, floor=z, ceiling=z + 2.5)
+    here.add_object("crate", size=(0.5, 0.5, 0.5), pose=(2, 2, 3.0))
+    found = [each for each in here.check() if each.kind == "rooms without storeys"]
+    assert [(each.severity, each.entities) for each in found] == [("warning", ("r0", "r1"))]
+    assert "0, 3 m" in found[0].text
+    said = "rooms lie one above the other at 0, 3 m"
+    (made,) = here.grids()
+    assert any(note.startswith(said) for note in made.notes)
+    here["r1"].delete()
+    assert not any(each.kind == "rooms without storeys" for each in here.check())
+
+
 def test_rooms_that_share_a_turned_edge_do_not_overlap(db: semmap.Database) -> None:
     here = db.create_map("beside")
     here.add_storey("s", elevation=0, height=3)

@@ -15,6 +15,7 @@ import shapely.ops
 from numpy.typing import NDArray
 
 from semmap.geometry.contact import overlap
+from semmap.geometry.levels import in_metres, stacked
 from semmap.geometry.overlay import common, united, without
 from semmap.geometry.pose import Pose
 from semmap.query.geometry_notes import listed
@@ -260,6 +261,24 @@ def _room_pairs(building: SupportedBuilding, same: bool) -> Found:
             text = f"the rooms {room.name} and {other.name} {what}"
             fix = "by hand: delete one of them, or draw it again in gis_room"
             yield (room.name, other.name), text, fix
+
+
+def _stacked(building: SupportedBuilding) -> Found:
+    """Rooms one above the other with no storey between them."""
+    heights = sorted((float(e.pose.z), e.name) for e in building.storeys if e.pose is not None)
+    levels: dict[str | None, list[CheckedEntity]] = {}
+    for room in building.rooms:
+        below = [name for z, name in heights if z <= building.floor(room) + STEP]
+        levels.setdefault(below[-1] if below else None, []).append(room)
+    for storey, rooms in levels.items():
+        floors = [building.floor(room) for room in rooms]
+        found = stacked([room.outline for room in rooms], floors)
+        if found:
+            names = tuple(rooms[n].name for n in found)
+            at = in_metres(sorted({round(floors[n], 2) for n in found}))
+            held = "no storey" if storey is None else f"one storey, {storey}"
+            text = f"the rooms {listed(names)} lie one above the other at {at}, on {held}"
+            yield names, text, f"by hand: add a storey at each of {at}"
 
 
 def _off_storey(building: SupportedBuilding) -> Found:
@@ -652,6 +671,7 @@ RULES: tuple[tuple[str, Severity, Callable[[SupportedBuilding], Found]], ...] = 
     ("room without a door", "warning", _no_door),
     ("storey without a floor", "warning", _no_floor),
     ("things without a storey", "warning", _no_storey),
+    ("rooms without storeys", "warning", _stacked),
     ("floating", "warning", _floating),
     ("tipping", "warning", _tipping),
     ("sunk", "warning", _sunk),
