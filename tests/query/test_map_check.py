@@ -484,6 +484,22 @@ def test_what_hangs_within_a_solid_is_reported_once(db: semmap.Database) -> None
     assert seen(here) == {("penetrating", frozenset({"core", "block"}))}
 
 
+@pytest.mark.parametrize("names", [("aa", "zz"), ("zz", "aa")])
+def test_what_passes_a_door_is_said_of_all_that_is_in_it(
+    db: semmap.Database, names: tuple[str, str]
+) -> None:
+    """A board at 0.7 m, and a box from the floor up to it: alone, either lets robots pass."""
+    here = db.create_map("".join(names))
+    for name, x in (("west", 0.0), ("east", 5.2)):
+        here.add_room(name, [(x, 0), (x + 4.8, 0), (x + 4.8, 4), (x, 4)], floor=0, ceiling=2.7)
+    here.add_door("gap", "west", "east", ((5.0, 1), (5.0, 2)))
+    board, crate = names
+    here.add_object(board, size=(0.1, 1.0, 0.9), pose=(5.0, 1.5, 0.7))
+    here.add_object(crate, size=(0.1, 1.0, 0.7), pose=(5.0, 1.5, 0.0))
+    (found,) = (each for each in here.check() if "gap" in each.entities)
+    assert "no robot passes" in found.text
+
+
 @pytest.mark.parametrize("storeys", [[], [0.0]])
 def test_rooms_above_rooms_are_to_be_on_storeys(db: semmap.Database, storeys: list[float]) -> None:
     """Grids say so, too; side by side, as on a split level, they may be."""

@@ -472,7 +472,8 @@ def _blocked(building: SupportedBuilding, structure: bool) -> Found:
         assert door.pose is not None
         names = tuple(sorted(e.name for e in shut))
         stand = "stands" if len(names) == 1 else "stand"
-        text = f"{listed(names)} {stand} in the opening of {door.name}: {opening.passing(shut)}"
+        passes = opening.passing([*opening.solids])  # also by what else is there
+        text = f"{listed(names)} {stand} in the opening of {door.name}: {passes}"
         fix = "by hand: move it, if it is there"
         if structure:
             fix = "by hand: give the wall an opening there, or move or delete the door or the wall"
