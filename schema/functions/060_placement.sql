@@ -231,6 +231,7 @@ DECLARE
     moved bigint[];
     rehung bigint[];
     stated bigint[];
+    restated bigint[];
     rooms bigint[];
     left_behind bigint[];
     placed jsonb;
@@ -239,8 +240,10 @@ BEGIN
     SELECT array_agg(entity_id), array_agg(entity_id) FILTER (WHERE o.holder_id IS DISTINCT FROM n.holder_id),
            array_agg(entity_id) FILTER (WHERE o.holder_id IS DISTINCT FROM n.holder_id
                                           AND n.holder_id IS NOT NULL AND n.confidence IS NULL),
+           array_agg(entity_id) FILTER (WHERE (o.holder_id, o.confidence) IS DISTINCT FROM (n.holder_id, n.confidence)
+                                          AND n.holder_id IS NOT NULL AND n.confidence IS NULL),
            jsonb_object_agg(entity_id, jsonb_build_array(o.holder_id, n.holder_id))
-        INTO moved, rehung, stated, placed
+        INTO moved, rehung, stated, restated, placed
         FROM former o FULL JOIN fresh n USING (entity_id)  -- full: a cached nested loop would be quadratic
         WHERE coalesce(o.entity_id = n.entity_id, false)
           AND (o.holder_id, o.pose, o.relation, o.confidence) IS DISTINCT FROM (n.holder_id, n.pose, n.relation, n.confidence);
@@ -286,16 +289,17 @@ BEGIN
                                             ELSE 'the geometry showed another holder' END END
         FROM version FULL JOIN (SELECT entity_id AS id FROM prolonged) p ON p.id = version.entity_id WHERE p.id IS NULL;
     IF NOT deriving THEN
-        PERFORM semmap.follow_geometry(moved || rooms, stated, left_behind);
+        PERFORM semmap.follow_geometry(moved || rooms, stated, left_behind, restated);
     END IF;
     RETURN NULL;
 END $$;
 
-CREATE FUNCTION follow_geometry(moved bigint[], stated bigint[], left_behind bigint[] DEFAULT '{}')
+CREATE FUNCTION follow_geometry(moved bigint[], stated bigint[], left_behind bigint[] DEFAULT '{}', restated bigint[] DEFAULT NULL)
 RETURNS void LANGUAGE plpgsql SECURITY DEFINER SET search_path = semmap, public, pg_temp AS $$
--- After a move: refuses a stated holder that the pose contradicts, or that is far smaller, recognises what is a part of the building now, or is
--- none any more, and derives the other holders that the move changes. `left_behind` is what rooms were near before. Does
--- nothing if the setting `semmap.deriving` is off: then derive_again does it at the end.
+-- After a move: refuses a stated holder that the pose contradicts, or that is far smaller, recognises what is a part of
+-- the building now, or is none any more, and derives the other holders that the move changes. `left_behind` is what rooms
+-- were near before; `restated` also has those whose derived holder is stated now. Does nothing if the setting
+-- `semmap.deriving` is off: then derive_again does it at the end.
 DECLARE
     around bigint[];
     wrong record;
@@ -313,10 +317,13 @@ BEGIN
             RAISE EXCEPTION '% is not in or on %: they are % m apart', wrong.name, wrong.holder, wrong.metres
                 USING ERRCODE = 'check_violation', HINT = 'Move it there, or give its pose together with its holder.';
         END IF;
+    END IF;
+    restated := coalesce(restated, stated);
+    IF restated <> '{}' THEN
         -- A tray fits on a mug, a table does not; a towel hangs from a hook.
         SELECT e.name, h.name AS holder, round(ST_Area(w.footprint)::numeric, 3) AS large,
                round(ST_Area(k.footprint)::numeric, 3) AS small INTO wrong
-            FROM unnest(stated) s (id) JOIN semmap.placement p ON p.entity_id = s.id
+            FROM unnest(restated) s (id) JOIN semmap.placement p ON p.entity_id = s.id
             JOIN semmap.entity e ON e.id = s.id AND e.kind = 'object'
             JOIN semmap.entity h ON h.id = p.holder_id AND h.kind = 'object'
             JOIN semmap.world w ON w.entity_id = e.id JOIN semmap.world k ON k.entity_id = h.id
