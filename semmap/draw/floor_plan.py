@@ -408,9 +408,8 @@ def _write(axes: Axes, storey: StoreyView, objects: list[ObjectView], per_metre:
     area = axes.get_window_extent().width * axes.get_window_extent().height / labels.dpi**2
     crowd = math.sqrt(area / _PER_DOOR / max(1, len(middles)))
     size = {"fontsize": max(_LEAST_DOOR, _DOOR_NAME["fontsize"] * min(1.0, crowd))}
-    for door, (x, y) in zip(storey.doors, middles, strict=True):
-        if per_metre < _DETAILED:
-            break
+    named = zip(storey.doors, middles, strict=True) if per_metre >= _DETAILED else ()
+    for door, (x, y) in named:
         colour = STATES.get(door.state, STATES["open"])
         box: Style = {"boxstyle": "round,pad=0.22,rounding_size=0.5", "fc": colour, "ec": "white"}
         plate: Style = {**_DOOR_NAME, **size, "bbox": box | {"lw": 0.5}}

@@ -75,9 +75,10 @@ class Labels:
         """Write a text at the offset (right, up; points) where it overlaps least; return it.
 
         None where more than a share of it, `most`, overlaps there. `leader` is the style of a line
-        from a moved text to its point; it has to fit `within` a (width, height), in data units, if
-        need be in letters of a smaller size, no smaller than `least` points. What of it is beside a
-        box `inside` which it has to fit, (x0, y0, x1, y1) in data units, counts as overlapped.
+        from a moved text to its point. The text has to fit `within` a (width, height), or the size
+        of a box `inside` which it should lie, (x0, y0, x1, y1), in data units. Where it does not,
+        its letters become smaller, down to `least` points. A part beside the box counts as
+        overlapped.
         """
         style = {"ha": "center", "va": "center"} | style
         artist = self.axes.annotate(

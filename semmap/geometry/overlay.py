@@ -26,5 +26,5 @@ def united(shapes: Iterable[BaseGeometry]) -> BaseGeometry:
 
 
 def without(a: BaseGeometry, b: BaseGeometry) -> BaseGeometry:
-    """Return what of the first shape is outside of the second one."""
+    """Return the first shape without the second one."""
     return shapely.difference(a, b, grid_size=GRID)

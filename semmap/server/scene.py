@@ -70,6 +70,18 @@ def meshes_of(map: Map) -> bytes:
     return bytes(scene.export(file_type="glb"))
 
 
+def boxes_of(map: Map) -> dict[str, list[float]]:
+    """The boxes of entities in their own frames: low x, y, z, then high ones, metres."""
+    return {name: box for name, *box in map.execute(_BOXES)}
+
+
+_BOXES = (
+    "SELECT e.name, ST_XMin(b), ST_YMin(b), ST_ZMin(b), ST_XMax(b), ST_YMax(b), ST_ZMax(b) "
+    "FROM (SELECT em.entity_id, ST_3DExtent(m.hull) AS b FROM entity_model em "
+    "JOIN model m ON m.id = em.model_id GROUP BY 1) t JOIN entity e ON e.id = t.entity_id "
+    "WHERE e.map_id = current_map() AND b IS NOT NULL"
+)
+
 _FOLDER = "meshes"
 _COVERS = {"ceiling", "roof"}
 

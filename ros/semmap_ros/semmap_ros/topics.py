@@ -15,7 +15,7 @@ from navgrid.launch_files import ros_name
 from navgrid.readers.fields import read_fields
 from semmap.error import UnknownNameError
 from semmap.geometry.pose import Pose
-from semmap.server.scene import scene_of
+from semmap.server.scene import boxes_of, scene_of
 from semmap_ros import messages
 from semmap_ros.grids import read_grids
 from semmap_ros.latched import LatchedTopics
@@ -27,14 +27,6 @@ if TYPE_CHECKING:
 
 NOT_SHOWN = {"belief", "statement", "inferred", "linked"}
 """Events after which all that is published is the same."""
-
-BOXES = (
-    "SELECT e.name, ST_XMin(b), ST_YMin(b), ST_ZMin(b), ST_XMax(b), ST_YMax(b), ST_ZMax(b) "
-    "FROM (SELECT em.entity_id, ST_3DExtent(m.hull) AS b FROM entity_model em "
-    "JOIN model m ON m.id = em.model_id GROUP BY 1) t JOIN entity e ON e.id = t.entity_id "
-    "WHERE e.map_id = current_map() AND b IS NOT NULL"
-)
-"""The boxes of entities in their own frames, metres."""
 
 
 class MapTopics:
@@ -69,7 +61,7 @@ class MapTopics:
         """Publish all, and end the topics of what is gone."""
         self._latched.begin()
         self._scene = scene_of(map)
-        self._boxes = {name: box for name, *box in map.execute(BOXES)}
+        self._boxes = boxes_of(map)
         self._things = {thing["name"]: thing for thing in self._scene["things"]}
         self._publish_grids(map)
         self._publish_scene()

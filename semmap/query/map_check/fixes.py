@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -31,6 +31,10 @@ class Moves:
     entity: CheckedEntity
     by: Sequence[Offset]
     else_: str  # what a person does where none of them passes
+
+
+Found = Iterator[tuple[tuple[str, ...], str, str | Moves]]
+"""The entities, the sentence and the fix of each finding of a rule; moves are tried first."""
 
 
 class Trials:

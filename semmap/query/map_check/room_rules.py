@@ -1,0 +1,166 @@
+"""Rules on rooms and storeys: drawn twice, one above the other, without a floor or a door."""
+
+from __future__ import annotations
+
+import itertools
+from collections import Counter
+
+import numpy as np
+import shapely
+import shapely.ops
+
+from semmap.geometry.levels import in_metres, stacked
+from semmap.geometry.overlay import common, united, without
+from semmap.query.geometry_notes import listed
+from semmap.query.map_check.building import (
+    CONTACT,
+    SAME_POINT,
+    STEP,
+    WALL,
+)
+from semmap.query.map_check.fixes import Found
+from semmap.query.map_check.reader import CheckedEntity
+from semmap.query.map_check.support import SupportedBuilding
+
+FLOOR_AREA = 1.0
+"""Square metres of the least floor of a storey."""
+
+DOOR = 0.9
+"""Metres of the width of a proposed door."""
+
+
+def room_pairs(building: SupportedBuilding, same: bool) -> Found:
+    """Rooms that overlap, or that are the same place."""
+    for number, room in enumerate(building.rooms):
+        for n in np.sort(building.room_tree.query(room.ground)):
+            other = building.rooms[n]
+            low = max(building.floor(room), building.floor(other))
+            high = min(building.ceiling(room), building.ceiling(other))
+            if n <= number or high - low <= STEP:
+                continue
+            shared = common(room.ground, other.ground)
+            is_same = shared.area >= 0.95 * united([room.ground, other.ground]).area
+            if is_same != same or shared.buffer(-WALL / 2).is_empty:
+                continue
+            what = "are the same place" if same else f"overlap in {shared.area:.2f} m2"
+            text = f"the rooms {room.name} and {other.name} {what}"
+            fix = "by hand: delete one of them, or draw it again in gis_room"
+            yield (room.name, other.name), text, fix
+
+
+def rooms_above_rooms(building: SupportedBuilding) -> Found:
+    """Rooms one above the other with no storey between them."""
+    heights = sorted((float(e.pose.z), e.name) for e in building.storeys if e.pose is not None)
+    levels: dict[str | None, list[CheckedEntity]] = {}
+    for room in building.rooms:
+        below = [name for z, name in heights if z <= building.floor(room) + STEP]
+        levels.setdefault(below[-1] if below else None, []).append(room)
+    for storey, rooms in levels.items():
+        floors = [building.floor(room) for room in rooms]
+        found = stacked([room.outline for room in rooms], floors)
+        if found:
+            names = tuple(rooms[n].name for n in found)
+            at = in_metres(sorted({round(floors[n], 2) for n in found}))
+            held = "no storey" if storey is None else f"one storey, {storey}"
+            text = f"the rooms {listed(names)} lie one above the other at {at}, on {held}"
+            yield names, text, f"by hand: add a storey at each of {at}"
+
+
+def rooms_off_storey(building: SupportedBuilding) -> Found:
+    """Rooms whose floors are not on the storeys that hold them."""
+    heights = {e.name: float(e.pose.z) for e in building.storeys if e.pose is not None}
+    for room in building.rooms:
+        held = next((e.name for e in room.chain if e.name in heights), None)
+        if held is None:
+            continue
+        floor = building.floor(room)
+        above = min((z for z in heights.values() if z > heights[held] + STEP), default=np.inf)
+        if heights[held] - STEP <= floor < above:
+            continue
+        text = (
+            f"the floor of {room.name} is at {floor:.2f} m, but it belongs to the storey {held}, "
+            f"which is at {heights[held]:.2f} m"
+        )
+        lower = [name for name, z in heights.items() if z <= floor + STEP]
+        right = max(lower, key=lambda name: heights[name], default=None)
+        fix = f"by hand: add a storey at {floor:g} m, and put {room.name} on it"
+        if right is not None:
+            number = next(e.row["id"] for e in building.storeys if e.name == right)
+            fix = f"map.execute('SELECT put({room.row['id']}, {number})')  # on {right}"
+        yield (room.name, held), text, fix
+
+
+def rooms_without_door(building: SupportedBuilding) -> Found:
+    """Rooms into which no door leads."""
+    joined = {p for d in building.doors for p in (d.row["place_a"], d.row["place_b"])}
+    for room in building.rooms if len(building.rooms) > 1 else ():
+        if room.row["id"] not in joined:
+            yield (room.name,), f"no door leads to the room {room.name}", _door(building, room)
+
+
+def _door(building: SupportedBuilding, room: CheckedEntity) -> str:
+    """A door to the nearest room beside a room, in the middle of their longest common wall."""
+    floor = building.floor(room)
+    level = [r for r in building.rooms if r is not room and abs(building.floor(r) - floor) <= STEP]
+    for other in sorted(level, key=lambda r: (r.ground.distance(room.ground), r.name)):
+        edges = without(room.ground.boundary, other.ground)
+        beside = edges.intersection(other.ground.buffer(WALL - SAME_POINT, cap_style="flat"))
+        points = shapely.get_coordinates(room.ground)
+        walls = [
+            part
+            for pair in itertools.pairwise(points)
+            for part in shapely.get_parts(shapely.LineString(pair).intersection(beside))
+            if part.length >= DOOR
+        ]
+        if walls:
+            wall = max(walls, key=lambda part: float(part.length))
+            ends = [
+                tuple(float(v) for v in wall.interpolate(wall.length / 2 + d).coords[0])
+                for d in (-DOOR / 2, DOOR / 2)
+            ]
+            line = ", ".join(f"({x:.3f}, {y:.3f})" for x, y in ends)
+            name, taken = f"door of {room.name}", {e.name for e in building.entities}
+            while name in taken:
+                name += "_"
+            return (
+                f"map.add_door({name!r}, {room.name!r}, {other.name!r}, ({line}), "
+                f"height={floor:.3f})"
+            )
+    return "by hand: draw its door in gis_connector; no room is beside it on its floor"
+
+
+def storeys_without_floor(building: SupportedBuilding) -> Found:
+    """Storeys without a room or a floor."""
+    for storey in building.storeys:
+        assert storey.pose is not None
+        z = storey.pose.z
+        if any(abs(building.floor(r) - z) <= STEP or storey in r.chain for r in building.rooms):
+            continue
+        if any(_is_level(e, z) for e in building.solids):
+            continue
+        fix = "by hand: add a room on it, or delete it"
+        yield (storey.name,), f"the storey {storey.name} at {z:.2f} m has no room and no floor", fix
+
+
+def _is_level(entity: CheckedEntity, z: float) -> bool:
+    faces = entity.triangles
+    flat = (np.abs(faces[:, :, 2] - z) <= STEP).all(axis=1) & (
+        np.ptp(faces[:, :, 2], axis=1) <= CONTACT
+    )
+    return float(shapely.area(shapely.polygons(faces[flat][:, :, :2])).sum()) >= FLOOR_AREA
+
+
+def shapeless_places(building: SupportedBuilding) -> Found:
+    """Rooms and holders without geometry."""
+    bearing = Counter(
+        e.holder.name
+        for e in building.objects
+        if e.holder is not None and e.holder.kind == "object" and e.holder.outline is None
+    )
+    for name, count in sorted(bearing.items()):
+        text = f"{name} holds {count} object{'s' * (count > 1)}, but has no geometry to reach"
+        yield (name,), text, "by hand: add its mesh or size"
+    for entity in building.entities:
+        if entity.kind == "room" and entity.outline is None:
+            fix = "by hand: delete it, and add it with an outline"
+            yield (entity.name,), f"the room {entity.name} has no outline, so no grid", fix
