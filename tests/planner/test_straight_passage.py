@@ -36,7 +36,7 @@ def solid(number, y0, y1, z0, z1, door, x0=0.0, x1=0.2, types=("wall", "building
     return SceneEntity(number, f"solid{number}", "object", types, moved)
 
 
-def building(width, solids, frame, robot=PERSON, resolution=0.05, middle=2.0):
+def building(width, solids, frame, robot=PERSON, resolution=0.05, middle=2.0, walled=True):
     """Two rooms on both sides of a wall with a door in it, turned and moved by a frame."""
 
     def outline(x0, y0, x1, y1):
@@ -58,6 +58,7 @@ def building(width, solids, frame, robot=PERSON, resolution=0.05, middle=2.0):
         solid(20, LOW, middle - half, 0, 2.6, frame),
         solid(21, middle + half, HIGH, 0, 2.6, frame),
     ]
+    walls = walls if walled else []
     scene = StoreyScene("", 0.0, (*walls, *solids), floors, (-0.5, 3.0))
     known = Topology.of([Place(n, id=i) for i, n in enumerate(("one", "two"))], [door])
     return StoreyCostmaps(known, robot, lambda storey: scene, resolution)
@@ -82,6 +83,13 @@ def widest(width, boxes, robot):
                 continue
             free = np.minimum(free, np.maximum(y0 - centres - left, centres + right - y1))
     return float(free.max())
+
+
+@pytest.mark.parametrize(("end", "free"), [(2.2, False), (1.85, True)])
+def test_walls_without_a_shape_are_beside_an_opening(end, free):
+    """A box leaves 0.3 or 0.65 m of an opening of one metre; there is no way past its other end."""
+    box = solid(30, 1.5, end, 0.0, 2.0, Pose())
+    assert passes(building(1.0, [box], Pose(), walled=False)) is free
 
 
 @pytest.mark.parametrize("robot", [PERSON, CARRIER], ids=["disc", "shape"])
