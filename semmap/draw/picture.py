@@ -14,7 +14,7 @@ DRAWN = (".svg", ".pdf")
 
 @dataclass(frozen=True)
 class Picture:
-    """A PNG, and what draws it into a file: without that, it is of pixels alone."""
+    """A PNG, and the function that draws it into another file; pixels only without it."""
 
     png: bytes = field(repr=False)
     draw: Callable[[Path], object] | None = field(default=None, repr=False, compare=False)

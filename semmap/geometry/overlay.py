@@ -1,4 +1,4 @@
-"""What areas have in common, together and apart, on a grid of a micrometre.
+"""Intersection, union and difference of areas on a grid of a micrometre.
 
 Without a grid, GEOS (seen in 3.11 and 3.14) takes two rooms for the same that share an edge whose
 corners differ in their last digits: their intersection is one of them, and so is their union.

@@ -1,4 +1,4 @@
-"""What the viewer lays over its scene: costs of robots on the floors, and where things were."""
+"""Layers of the viewer: the costs of robots on the floors, and past poses."""
 
 from __future__ import annotations
 

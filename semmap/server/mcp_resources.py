@@ -1,4 +1,4 @@
-"""What a client of the Model Context Protocol reads and hears of a map: changes, and entities.
+"""Resources of the Model Context Protocol: the changes of a map, and its entities.
 
 Clients of 2026 listen, those of 2025 subscribe; both then read again what has changed.
 """
@@ -40,7 +40,7 @@ from semmap.query.map_events import MapEvent
 
 CHANGES, ENTITY = "semmap://changes", "semmap://entities/"
 MOST_CHANGES, MOST_WAITING = 20, 10_000
-"""That are read, and that wait to be told."""
+"""Changes in one answer, and changes that wait to be sent."""
 
 Context = ServerRequestContext[Any]
 
@@ -62,20 +62,20 @@ class MapResources:
             "on_subscriptions_listen": ListenHandler(self._bus),
         }
 
-    async def tell(self, *, task_status: TaskStatus[None] = anyio.TASK_STATUS_IGNORED) -> None:
-        """Tell clients of the changes of the map, until it is cancelled."""
+    async def notify(self, *, task_status: TaskStatus[None] = anyio.TASK_STATUS_IGNORED) -> None:
+        """Notify clients of changes of the map, until it is cancelled."""
         waiting: asyncio.Queue[MapEvent] = asyncio.Queue(MOST_WAITING)
         hear = partial(asyncio.get_running_loop().call_soon_threadsafe, partial(_put, waiting))
         subscription = await anyio.to_thread.run_sync(self._map.subscribe, hear)
         task_status.started()
         try:
             while True:
-                await self._told(await waiting.get())
+                await self._notify(await waiting.get())
         finally:
             with anyio.CancelScope(shield=True):
                 await anyio.to_thread.run_sync(subscription.stop)
 
-    async def _told(self, event: MapEvent) -> None:
+    async def _notify(self, event: MapEvent) -> None:
         self._changes.append(plain(event))
         uris = {CHANGES, *([ENTITY + quote(event.name, safe="")] if event.name else [])}
         for uri in uris:
@@ -130,6 +130,6 @@ _JSON = "application/json"
 
 
 def _put(waiting: asyncio.Queue[MapEvent], event: MapEvent) -> None:
-    if waiting.full():  # a client that does not read; it is told of the newest
+    if waiting.full():  # a client that does not read gets the newest
         waiting.get_nowait()
     waiting.put_nowait(event)

@@ -94,7 +94,7 @@ async def serve_stdio(tools: ToolServer) -> None:
     async with stdio_server() as (incoming, outgoing):
         options = tools.server.create_initialization_options()
         async with anyio.create_task_group() as tasks:
-            await tasks.start(tools.resources.tell)
+            await tasks.start(tools.resources.notify)
             await tools.server.run(incoming, outgoing, options)
             tasks.cancel_scope.cancel()
 

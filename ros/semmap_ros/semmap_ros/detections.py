@@ -1,4 +1,4 @@
-"""Detections that the node takes: what is wrong with one is refused, and nothing is stored."""
+"""Detections that the node takes; it refuses a message with a fault, and stores nothing of it."""
 
 from __future__ import annotations
 

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 
 class StoreyTopic(NamedTuple):
-    """What a topic of a storey has: cells (rows, columns); of a mask, how it is read."""
+    """The cells (rows, columns) of a storey's topic, and how a mask is read."""
 
     scene: StoreyScene
     grid: Grid

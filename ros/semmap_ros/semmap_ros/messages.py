@@ -1,4 +1,4 @@
-"""Messages of ROS 2 for what a map answers: grids, paths, markers and frames.
+"""ROS 2 messages from a map's answers: grids, paths, markers and frames.
 
 Coordinates are metres in the frame ``map``; grids are in the frame of their storey, which lies at
 its floor (`navgrid.grid.frame_name`).
@@ -104,7 +104,7 @@ def transform_message(
 def markers_message(
     scene: Mapping[str, Any], boxes: Mapping[str, Sequence[float]], head: Header
 ) -> MarkerArray:
-    """Return rooms, doors and things in the viewer's colours; what was shown before goes.
+    """Return markers of rooms, doors and objects in the viewer's colours, for all earlier ones.
 
     Parameters
     ----------

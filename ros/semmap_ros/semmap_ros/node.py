@@ -54,7 +54,7 @@ class MapNode(LifecycleNode):  # type: ignore[misc]
             self.declare_parameter(name, value)
         self.topics = MapTopics(self)
         self.problems: deque[str] = deque(maxlen=5)
-        """What was refused of late, the newest last."""
+        """The last refusals, the newest last."""
         self.refused = 0
         self._map: semmap.Map | None = None
         self._subscription: MapSubscription | None = None
@@ -101,7 +101,7 @@ class MapNode(LifecycleNode):  # type: ignore[misc]
             self.trigger_activate()
 
     def attempt(self, what: str, step: Callable[[], object]) -> str:
-        """Do what a message asks for; return why not, which the diagnostics tell, too."""
+        """Carry out a message's request; return the error, which diagnostics report, or ""."""
         try:
             step()
         except EXPECTED as error:

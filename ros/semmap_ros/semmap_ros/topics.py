@@ -1,4 +1,4 @@
-"""What the node publishes of a map, and when again."""
+"""The topics of a map, and the changes after which each is published again."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ class MapTopics:
         return self._floors[frame]
 
     def publish(self, map: semmap.Map) -> None:
-        """Publish all, and end the topics of what is gone."""
+        """Publish all topics, and end those of removed storeys and fields."""
         self._latched.begin()
         self._scene = scene_of(map)
         self._boxes = boxes_of(map)
@@ -73,7 +73,7 @@ class MapTopics:
         self._latched.end_others()
 
     def follow(self, map: semmap.Map, events: Iterable[Any]) -> None:
-        """Publish what events concern: first the things that moved alone, which takes no time.
+        """Publish the parts that events concern: first only the objects that moved, which is quick.
 
         Late subscribers get the last message, which has to be of all things again.
         """

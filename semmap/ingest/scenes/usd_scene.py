@@ -36,7 +36,7 @@ AXES = {
 """Rotations of a solid along z to the axis that a prim states."""
 
 SILENT = frozenset({"geom", "geometry", "mesh", "shape", "visual"})
-"""Names of prims that say nothing of what they are."""
+"""Names of prims that do not describe the object."""
 
 HIDDEN = {"visual": ("guide", "proxy"), "collision": ("guide", "render")}
 """The purposes of prims that are not read."""

@@ -1,4 +1,4 @@
-"""Rules on doors: where they are, and which robot passes what is in them."""
+"""Rules on doors: their place in walls, and the robots that pass them."""
 
 from __future__ import annotations
 

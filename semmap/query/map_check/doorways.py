@@ -1,4 +1,4 @@
-"""What solids leave free of the opening of a door, and which robot that lets through."""
+"""The free part of a door's opening between solids, and the robots that pass it."""
 
 from __future__ import annotations
 

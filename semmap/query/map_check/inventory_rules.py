@@ -1,4 +1,4 @@
-"""Rules on what the map has derived: world poses, rooms and holders."""
+"""Rules on derived data: world poses, rooms and holders."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def stale_poses(building: SupportedBuilding) -> Found:
 
 
 def wrong_rooms(building: SupportedBuilding) -> Found:
-    """Things that the inventory has in another room than that of their place."""
+    """Objects whose room in the inventory is not that of their place."""
     for entity in [*building.objects, *building.agents]:
         if building.is_part(entity) or (entity.outline is None and entity.low is entity.high):
             continue
@@ -64,7 +64,7 @@ def wrong_rooms(building: SupportedBuilding) -> Found:
 
 
 def wrong_holders(building: SupportedBuilding) -> Found:
-    """Things that are apart from the objects that they are said to be on or in."""
+    """Objects that are apart from their holders."""
     for entity in building.solids:
         holder = entity.holder
         if holder is None or holder.kind != "object" or not len(holder.triangles):

@@ -69,7 +69,7 @@ class CheckedEntity:
 
     @cached_property
     def compared(self) -> WeakKeyDictionary[CheckedEntity, dict[str, Any]]:
-        """What `once_a_pair` found of it and others."""
+        """Results of `once_a_pair` for it and other entities."""
         return WeakKeyDictionary()
 
     @cached_property

@@ -1,4 +1,4 @@
-"""Rules on things: what floats, tips, sinks, or shares its space or its place with another."""
+"""Rules on objects: floating, tipping, sunk, penetrating, at one point, outside of rooms."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ LOST = 1000.0
 
 
 def high_things(building: SupportedBuilding) -> Found:
-    """Things that stand far above all floors, as on a storey that the map has not."""
+    """Objects far above all floors, as on a storey that is missing in the map."""
     for z, group in building.levels.items():
         names = tuple(e.name for e in group)
         stand = "stands" if len(names) == 1 else "stand"
@@ -45,7 +45,7 @@ def high_things(building: SupportedBuilding) -> Found:
 
 
 def floating(building: SupportedBuilding) -> Found:
-    """Things that nothing bears or holds."""
+    """Objects that float: no floor, wall or object bears or holds them."""
     grouped = {e.name for group in building.levels.values() for e in group}
     for entity in building.floating:
         if entity.name in grouped or any(
@@ -64,7 +64,7 @@ def floating(building: SupportedBuilding) -> Found:
 
 
 def tipping(building: SupportedBuilding) -> Found:
-    """Things whose middle is beside what bears them."""
+    """Objects that tip: their middle is beside the surface that bears them."""
     for entity in building.solids:
         found = None if entity.row["fixture"] else building.overhang(entity)
         if found is not None:
@@ -78,7 +78,7 @@ def tipping(building: SupportedBuilding) -> Found:
 
 
 def sunk(building: SupportedBuilding) -> Found:
-    """Things that have sunk into a floor."""
+    """Objects that have sunk into a floor."""
     for entity in building.solids:
         if entity.name in building.sunk:
             place, depth = building.sunk[entity.name]
@@ -89,7 +89,7 @@ def sunk(building: SupportedBuilding) -> Found:
 
 
 def penetrating(building: SupportedBuilding) -> Found:
-    """Pairs of things that share a space."""
+    """Pairs of objects that penetrate each other."""
     done = set()
     for entity in building.solids:
         for other in building.near(entity, 0.0):
@@ -148,7 +148,7 @@ def _belongs(building: SupportedBuilding, one: CheckedEntity, two: CheckedEntity
 
 
 def things_at_one_point(building: SupportedBuilding) -> Found:
-    """Things of one size at one place."""
+    """Objects of one size at one place."""
     for group in building.one_point:
         names = tuple(e.name for e in group)
         x, y, z = group[0].stand
@@ -163,7 +163,7 @@ def things_at_one_point(building: SupportedBuilding) -> Found:
 
 
 def outside(building: SupportedBuilding) -> Found:
-    """Things that are in no room, in the building or beside it."""
+    """Objects outside of all rooms, in the building or beside it."""
     outdoors = []
     for entity in [*building.objects, *building.agents] if building.rooms else ():
         if building.is_part(entity) or building.distance_to_rooms(entity) <= WALL:

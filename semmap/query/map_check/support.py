@@ -34,7 +34,7 @@ OVER = 0.001
 """Metres by which a middle may lie beyond what bears it: so exact are middles and poses."""
 
 LEDGE = 0.1
-"""Metres beside a thing within which a board at its lowest level is what it should stand on."""
+"""Metres beside an object within which a board at its lowest level should bear it."""
 
 RAYS, SHUT = 16, 0.7
 """Level rays from the middle of an object, and the part of them that what it is in stops."""
@@ -302,7 +302,7 @@ def _touch(one: CheckedEntity, two: CheckedEntity) -> bool:
 
 @once_a_pair
 def _contact(entity: CheckedEntity, bearer: CheckedEntity) -> shapely.Geometry | None:
-    """Where an object rests on what bears it; None if its middle is right above that."""
+    """The area where an object rests on a bearer; None if its middle is above the bearer."""
     faces = _level(bearer.faces_over(entity.low, entity.high), entity)
     if np.isfinite(heights_at(_middle(entity.triangles)[None], faces)).any():
         return None
