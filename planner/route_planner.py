@@ -165,7 +165,7 @@ class RoutePlanner:
         drawn edges inside of a place.
         """
         with self._restricted(avoid, at):
-            ends = self._endpoints(start), self._endpoints(goal)
+            ends = self._endpoints(start), self._endpoints(goal, beside=True)
             return find_drawn_route(drawn, self.graph, *ends)
 
     def approach(self, entity: str | LocatedEntity, most: int = 12) -> list[Pose]:
@@ -222,20 +222,23 @@ class RoutePlanner:
         if len({e.place for e in starts}) > 1:
             names = ", ".join(sorted({e.place for e in starts}))
             raise ValueError(f"{start} may be {names}; name one of them")
-        goals = self._endpoints(goal)
+        goals = self._endpoints(goal, beside=True)
         seconds = seconds_between(self.graph, starts, goals)
         i, j = np.unravel_index(int(np.argmin(seconds)), seconds.shape)
         if not np.isfinite(seconds[i, j]):
             raise NoRouteError(infeasibility(self.graph, starts[0], goals[0]))
         return starts[int(i)], goals[int(j)]
 
-    def _endpoints(self, given: LocationLike) -> list[Endpoint]:
-        """The endpoints at all locations that are meant and where the robot can stand."""
+    def _endpoints(self, given: LocationLike, *, beside: bool = False) -> list[Endpoint]:
+        """The endpoints at all locations that are meant and where the robot can stand.
+
+        A route starts where an agent is, and ends `beside` it.
+        """
         endpoints: list[Endpoint] = []
         errors: list[NoRouteError] = []
         for location in self._locations().find(given):
             try:
-                poses = self._poses(location)
+                poses = self._poses(location, beside)
             except NoRouteError as error:
                 errors.append(error)
                 continue
@@ -247,12 +250,12 @@ class RoutePlanner:
             raise errors[0]
         return endpoints
 
-    def _poses(self, location: Location) -> Sequence[Pose | None]:
+    def _poses(self, location: Location, beside: bool) -> Sequence[Pose | None]:
         """The poses at which a route to a location may end; None: anywhere in the place."""
         place, pose, entity = location.place, location.pose, location.entity
         costmaps = self.costmaps
         self.graph.topology.place(place)
-        if entity is None or entity.kind == "agent":
+        if entity is None or (entity.kind == "agent" and not beside):
             if pose is not None and costmaps is not None:
                 self._refuse_blocked(place, pose, measured=entity is not None)
             return [None if costmaps is None and entity is not None else pose]

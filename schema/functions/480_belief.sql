@@ -479,7 +479,7 @@ BEGIN
                 coalesce(NEW.hit, model.there), coalesce(NEW.false_alarm, model.elsewhere)
             USING ERRCODE = 'check_violation', HINT = 'Exchange them, or state both: hit is P(seen | there).';
     ELSIF away > 0.5 THEN
-        RAISE EXCEPTION '% at %: its position is % m outside of %', thing.name, place.name, round(away::numeric, 2), place.name
+        RAISE EXCEPTION '% at %: its position is % m outside of %', thing.name, place.name, round(away::numeric, 2)::double precision, place.name
             USING ERRCODE = 'check_violation', HINT = 'Positions are x, y, z in the frame of the place, in metres.';
     END IF;
     RETURN NEW;
@@ -538,7 +538,8 @@ END $$;
 CREATE FUNCTION seen_pose(thing bigint, place bigint, spot double precision[])
 RETURNS double precision[] LANGUAGE sql STABLE SET search_path = semmap, public, pg_temp AS $$
 -- The pose in the map's frame of an entity whose middle was seen at a position in the frame of a place: turned as it
--- was, with its foot on the surface below, or on the floor; in a container, where it was seen. Null in the air.
+-- was, with its foot on the surface below, or on the floor; in a container, where it was seen. Null in the air. The
+-- middle of an agent of unknown height is up to 1.8 m above the floor.
 SELECT ARRAY[seen.at[1] - own.x, seen.at[2] - own.y,
              CASE WHEN e.kind <> 'room' THEN coalesce(k.pose[3] + board.height - own.foot, seen.at[3] - own.middle)
                   ELSE coalesce(k.pose[3] + r.floor - own.foot, seen.at[3] - own.middle) END] || own.turn
@@ -556,15 +557,16 @@ FROM semmap.world k JOIN semmap.entity e ON e.id = k.entity_id LEFT JOIN semmap.
               ORDER BY b.rank LIMIT 1) own (x, y, foot, middle, height, turn)
      LEFT JOIN LATERAL (SELECT max(s.height) AS height FROM semmap.entity_model m JOIN semmap.support_surface s ON s.model_id = m.model_id
                         WHERE m.entity_id = place AND seen.at[3] - k.pose[3] - s.height BETWEEN -0.05 AND greatest(0.5, own.height / 2)) board ON true
+     LEFT JOIN LATERAL (SELECT 1.8 FROM semmap.entity a WHERE a.id = thing AND a.kind = 'agent' AND own.height = 0) t (tall) ON true
 WHERE k.entity_id = place
-  AND CASE WHEN e.kind = 'room' THEN coalesce(seen.at[3] - k.pose[3] - r.floor <= greatest(0.5, own.height), true)
+  AND CASE WHEN e.kind = 'room' THEN coalesce(seen.at[3] - k.pose[3] - r.floor <= greatest(0.5, own.height, t.tall), true)
            ELSE board.height IS NOT NULL OR seen.at[3] <= ST_ZMax(k.box) + 0.05 END
 $$;
 
 CREATE FUNCTION follow_sighting(thing bigint)
 RETURNS void LANGUAGE plpgsql SECURITY DEFINER SET search_path = semmap, public, pg_temp AS $$
--- Lets the map follow what is sure. An object is moved to where it was seen last, if that is newer than its placement and
--- nearly all belief is there; it has no place any more, if it was looked for in vain until nearly none is where it is.
+-- Lets the map follow what is sure. An object or agent is moved to where it was seen last, if that is newer than its
+-- placement and nearly all belief is there; it has no place any more, if it was looked for in vain until nearly none is where it is.
 DECLARE
     sure CONSTANT double precision := 0.9;
     gone CONSTANT double precision := 0.01;
@@ -576,9 +578,7 @@ DECLARE
     former double precision[] := (SELECT w.pose FROM semmap.world w WHERE w.entity_id = thing);
     stay record;
 BEGIN
-    IF (SELECT e.kind FROM semmap.entity e WHERE e.id = thing) <> 'object' THEN
-        RETURN;
-    ELSIF believed >= sure AND (placed.entity_id IS NULL OR seen.at > placed.since) THEN
+    IF believed >= sure AND (placed.entity_id IS NULL OR seen.at > placed.since) THEN
         there := semmap.seen_pose(thing, seen.place_id, seen.position);
         IF there IS NULL THEN
             RETURN;

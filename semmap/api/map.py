@@ -21,6 +21,7 @@ from semmap.api.map_observations import MapObservations
 from semmap.api.map_questions import aware
 from semmap.api.map_regions import MapRegions
 from semmap.api.spatial_fields import SpatialFields
+from semmap.snake_case import snake_case
 
 if TYPE_CHECKING:
     import shapely
@@ -174,7 +175,7 @@ class Map(
         false_alarm: float = 0.001,
         new: float = 0.05,
     ) -> list[dict[str, Any]]:
-        """Store the detections of one view: sightings of known objects, or new objects.
+        """Store the detections of one view: sightings of known objects or agents, or new ones.
 
         Each is associated by its type, size, place, position there and time; no two with the same
         object. One that is surely a known object is seen, and moves there; one that is surely new
@@ -202,10 +203,15 @@ class Map(
         from semmap.belief.identify import observe_detections
 
         for seen in detections:
-            kinds = ("room", "storey", "elevator", "connector", "agent")
+            kinds = ("room", "storey", "elevator", "connector")
             check_object_type(self, "what was detected", seen.type, kinds)
 
+        agents = {row[0] for row in self.execute("SELECT unnest(subtypes('agent'))")}
+
         def add(name: str, detected: Detection, point: tuple[float, float, float]) -> None:
+            if snake_case(detected.type) in agents:  # the sighting places it on the floor
+                self.add_agent(name, type=detected.type, size=detected.sides)
+                return
             x, y, z = point
             low = z - (detected.sides[2] / 2 if detected.sides else 0.0)
             self.add_object(name, type=detected.type, size=detected.sides, pose=(x, y, low, 0.0))

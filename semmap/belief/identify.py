@@ -52,6 +52,9 @@ of a map: the expected number of objects of a type at a place that it lacks."""
 AGAIN = 10.0
 """Seconds within which views of one observer are not independent, as in the thesis's sightings."""
 
+WALKS = 10.0
+"""Seconds after which an agent has probably left its spot in a room."""
+
 NEW, FALSE_ALARM = "(new)", "(false alarm)"
 NONE_KNOWN = {NEW, FALSE_ALARM}
 """What a detection may be beside a known object."""
@@ -108,7 +111,11 @@ def identify(
         raise BeliefError(f"new is {new}: give an expected number above 0")
     lacking = hit * new / (hit * new + false_alarm)  # P(new | no known one)
     candidates = [
-        [row["name"] for row in find(seen, type=detection.type) if row["kind"] == "object"]
+        [
+            row["name"]
+            for row in find(seen, type=detection.type)
+            if row["kind"] in ("object", "agent") and row["name"] != frame
+        ]
         for detection in detections
     ]
     names = sorted({name for of_type in candidates for name in of_type})
@@ -153,7 +160,8 @@ def identify(
         for j, (place, _) in zip(rows, located, strict=True)
     ]
     with np.errstate(over="ignore", divide="ignore", invalid="ignore"):
-        unmoved = np.exp(-columns.mobility * age / motion.seconds)
+        stay = np.where(_are_agents(seen, names), WALKS, motion.seconds / columns.mobility)
+        unmoved = np.exp(-age / stay)
         stayed = np.minimum(unmoved / belief[:, at_place].T, 1.0)
     areas = [place.area for place, _ in located]
     within = position_likelihood([point for _, point in located], known, areas, stayed)
@@ -164,6 +172,14 @@ def identify(
         none = float(share[-1])
         found[j] = Identity(place.name, likeliest, none * lacking, none * (1 - lacking))
     return found
+
+
+def _are_agents(seen: Snapshot, names: Sequence[str]) -> NDArray[np.bool_]:
+    """Which entities (n,) are agents, not objects."""
+    rows = seen.session.execute(
+        "SELECT name FROM entity WHERE map_id = current_map() AND kind = 'agent'"
+    ).fetchall()
+    return np.isin(names, [name for (name,) in rows])
 
 
 def _at(

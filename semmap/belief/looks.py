@@ -17,8 +17,9 @@ from semmap.belief.reader import (
     read_occluders,
     read_places,
     read_positions,
+    read_room_at,
 )
-from semmap.belief.store.beliefs import Row, add_observations
+from semmap.belief.store.beliefs import Row, add_observations, refuse_far
 from semmap.belief.views import camera_at, visible_shares
 from semmap.draw.depth_camera import DepthCamera
 from semmap.finite_number import finite_numbers
@@ -45,7 +46,8 @@ def locate(
 ) -> tuple[BeliefPlace, list[float]]:
     """Return the place of a detection among those given, and its point in the map's frame.
 
-    The point is in metres in the `frame` of an agent at a moment; None: in that of the map.
+    The point is in metres in the `frame` of an agent at a moment; None: in that of the map. In an
+    opening it belongs to the nearer room.
     `height` is of the object. In the air are only objects that the map has there, such as lamps:
     `known` has where, as `read_positions` says. `BeliefError` if it is at no place: its message
     says `what` was detected.
@@ -54,12 +56,15 @@ def locate(
     if numbers is None:
         raise BeliefError(f"{what} was detected at {tuple(point)}: give x, y, z in metres")
     there = list(numbers)
+    refuse_far(there, what)
     if frame is not None:
         there = [float(v) for v in read_agent_pose(seen, frame, at).apply([there])[0]]
     places = list(places)
     place = place_at(places, there, height)
     if place is None and known is not None and _is_near(known, there):
         place = place_around(places, there)
+    if place is None and place_around(places, there) is None:
+        place = _beside(places, read_room_at(seen, there), there, height)
     if place is None:
         x, y, z = there
         lost = f"{what} was detected at ({x:.2f}, {y:.2f}, {z:.2f}) in the map, "
@@ -197,6 +202,16 @@ def agent_view(
         yaw += pose.yaw
         there = {n: [float(v) for v in pose.apply([p])[0]] for n, p in detected.items()}
     return camera_at((x, y, z), yaw, pitch, field_of_view=opening), there
+
+
+def _beside(
+    places: Iterable[BeliefPlace], room: str | None, point: Sequence[float], height: float
+) -> BeliefPlace | None:
+    """The room of a point in an opening, if it has room for the object and its floor carries it."""
+    for place in places:
+        if place.name == room and place.low is not None:
+            return place if point[2] - place.low[2] <= max(ABOVE, height) else None
+    return None
 
 
 def _is_near(boxes: NDArray[np.float64], point: Sequence[float]) -> bool:

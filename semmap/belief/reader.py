@@ -108,11 +108,34 @@ def read_agent_pose(seen: Snapshot, name: str, at: datetime | None = None) -> Po
     return Pose(*pose)
 
 
+def read_room_at(seen: Snapshot, point: Sequence[float]) -> str | None:
+    """Return the room of a point (3,) of the map, as the inventory has it, or None.
+
+    In an opening or within a wall, it is the nearer room.
+    """
+    x, y, z = point
+    name = seen.connection.execute(
+        text(
+            "SELECT e.name FROM room_at(current_map(), ST_Expand(ST_MakePoint(:x, :y), 0.001), "
+            ":z) r JOIN entity e ON e.id = r.room_id"
+        ),
+        {"x": x, "y": y, "z": z},
+    ).scalar()
+    return None if name is None else str(name)
+
+
 def read_height(seen: Snapshot, name: str) -> float | None:
-    """Return the height of an object, metres; None where it is unknown."""
+    """Return the height of an object, metres; None where it is unknown.
+
+    An agent of unknown size is as high as a person, 1.8 m.
+    """
     number = entity_id(seen.session, name)
     height = seen.connection.execute(
-        text("SELECT height FROM size_of(:id)"), {"id": number}
+        text(
+            "SELECT coalesce(s.height, CASE WHEN e.kind = 'agent' THEN 1.8 END) "
+            "FROM entity e, LATERAL size_of(e.id) s WHERE e.id = :id"
+        ),
+        {"id": number},
     ).scalar()
     return None if height is None else float(height)
 

@@ -204,7 +204,22 @@ def _checked(row: Mapping[str, Any], number: int) -> Row:
         isinstance(spot, list | tuple) and len(spot) == 3 and all(map(is_finite_number, spot))
     ):
         raise BeliefError(f"{where}: position is {spot!r}: give x, y, z in metres")
+    if spot is not None:
+        refuse_far(spot, where)
     return found
+
+
+FARTHEST = 1e7
+"""Metres from its frame's origin at which nothing of a map is, as the table placement has it."""
+
+
+def refuse_far(point: Sequence[float], what: str) -> None:
+    """Raise `BeliefError` for a point that is too far away for a map."""
+    far = max(point, key=abs)
+    if abs(far) > FARTHEST:
+        raise BeliefError(
+            f"{what}: the coordinate {far:.6g} is out of range: give metres of at most {FARTHEST:g}"
+        )
 
 
 def _moment(given: Any, where: str) -> datetime | None:

@@ -162,7 +162,7 @@ def test_the_past_is_believed_as_it_was_known(flat: Map) -> None:
         ({"seen": 1}, "seen is 1: give true or false"),
         ({"place": "coke"}, "not its own place"),
         ({"position": [0, math.inf, 0]}, "position is"),
-        ({"position": [5000, 0, 0.8]}, "coke at table: its position is 4999.20 m outside of table"),
+        ({"position": [5000, 0, 0.8]}, "coke at table: its position is 4999.2 m outside of table"),
         ({"position": [0, 0, 9]}, r"its position is 7\.25 m outside of table"),
         ({"hit": 0.1, "false_alarm": 0.2}, "coke at table: hit, 0.1, is below false_alarm, 0.2"),
         ({"false_alarm": 0.95}, "is below false_alarm, 0.95"),
