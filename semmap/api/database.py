@@ -14,7 +14,7 @@ from semmap.api.checked import Positive, checked, checked_class
 from semmap.api.database_interlinking import DatabaseInterlinking
 from semmap.api.database_manipulation import DatabaseManipulation
 from semmap.api.map import Map
-from semmap.api.map_questions import sql_rows
+from semmap.api.map_questions import MapQuestions, sql_rows
 from semmap.database.configuration import READER
 from semmap.database.maps import pick_map
 from semmap.database.session import is_idle, open_session
@@ -30,6 +30,10 @@ if TYPE_CHECKING:
     from semmap.ingest.importer import ImportSummary
     from semmap.ingest.store.model_store import Progress
     from semmap.query.sql_statement import SqlRows
+
+
+CONNECTED = 10
+"""Maps of a database that keep their connections at a time; PostgreSQL has 100 by default."""
 
 
 @checked
@@ -111,9 +115,19 @@ class Database(DatabaseManipulation, DatabaseInterlinking):
 
     def is_usable(self) -> bool:
         """Whether its sessions are between transactions, and the server has not left them."""
-        parts = (vars(owner) for owner in (self, *self._maps.values()))
-        opened = (part.get(name) for part in parts for name in ("session", "_reader", "connection"))
-        return all(is_idle(session) for session in opened if session is not None)
+        own = (self.session, vars(self).get("_reader", self.session))
+        of_maps = (session for each in self._maps.values() for session in each.sessions)
+        return all(map(is_idle, (*own, *of_maps)))
+
+    def release_idle(self, but: MapQuestions) -> None:
+        """Close idle connections of maps `but` of one, as far as more than `CONNECTED` have some.
+
+        Those of the maps asked for first are closed. A map connects again when it is used.
+        """
+        others = [each for each in self._maps.values() if each is not but and each.sessions]
+        for each in others[: max(len(others) - CONNECTED + 1, 0)]:
+            if all(map(is_idle, each.sessions)):
+                each.close()
 
     @cached_property
     def engine(self) -> Engine:
@@ -157,8 +171,8 @@ class Database(DatabaseManipulation, DatabaseInterlinking):
         return self._map(pick_map(self.session, name))
 
     def _map(self, name: str) -> Map:
-        if name not in self._maps:
-            self._maps[name] = Map(self, name)
+        known = self._maps.pop(name, None)
+        self._maps[name] = Map(self, name) if known is None else known  # the latest is the last
         return self._maps[name]
 
     def create_map(self, name: str) -> Map:
