@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import socket
 from collections.abc import Callable, Sequence
@@ -29,7 +30,9 @@ from planner.search.task_search import FOUND, SearchingPlanner, objects_to_find
 from planner.search.viewpoints import Sight
 from planner.task_planner import TaskPlanner
 from planner.tasks.domain_file import Domain
-from planner.tasks.goal import parse_goal
+from planner.tasks.goal import ROBOT, Goal, parse_goal
+from planner.tasks.reader import read_world
+from planner.topology import Topology
 from semmap.database.maps import see_map
 from semmap.query.geometry_notes import names_note
 from semmap.query.map_handle import MapHandle, MapSource
@@ -154,6 +157,8 @@ class SimulatedRun:
                 names, _ = objects_to_find(seen, parse_goal(goal, relations))
                 for name in names:
                     read_believed_object(seen, name)  # refuses a name that is unknown
+                if number is None:
+                    _refuse_unknown(seen, live.topology, parse_goal(goal, relations), names)
             spots = find_spots(store, live, self.put)
             self._place_robot(store, live, robot, new=number is None)
             stem = file_name(original)
@@ -249,6 +254,16 @@ class SimulatedRun:
             self.say(f"motions of arms are not planned: {error}")
             seconds = None
         return GraspMemory(self.gripper, simulated=True, trial=trial, motion_seconds=seconds)
+
+
+def _refuse_unknown(
+    seen: Snapshot, topology: Topology, goal: Goal, searched: Sequence[str]
+) -> None:
+    """Raise `UnknownObjectError` for a word of a goal that stands for nothing in the map."""
+    world = read_world(seen, goal, topology, (-math.inf, math.inf))
+    for word in goal.words():
+        if word.text not in (ROBOT, *searched):
+            world.find(word, topology)
 
 
 def _resumed(missions: MissionList, mission: int | None) -> int:

@@ -32,7 +32,8 @@ def simulation_map(engine: Engine, map_name: str, world: Path | None = None) -> 
 
     Without a world file, the copy of an earlier run that has ended is replaced, so that one remains
     to look at. With one, runs that share the file share the copy; a copy from before the file was
-    made is replaced. Raises MissionError for a login without the role `semmap_admin`.
+    made is replaced. A run that is refused before it has a mission leaves the earlier copy as it
+    was. Raises MissionError for a login without the role `semmap_admin`.
     """
     with engine.connect().execution_options(isolation_level="AUTOCOMMIT") as connection:
         _check_rights(connection, map_name)
@@ -45,6 +46,11 @@ def simulation_map(engine: Engine, map_name: str, world: Path | None = None) -> 
             _share(connection, map_name, name, world)
         try:
             yield name
+        except BaseException:
+            _restore(connection, name)
+            raise
+        else:
+            _drop(connection, _former(name))
         finally:
             connection.execute(text("SELECT pg_advisory_unlock_all()"))
 
@@ -80,9 +86,30 @@ def _check_rights(connection: Connection, map_name: str) -> None:
 
 
 def _copy(connection: Connection, map_name: str, name: str) -> None:
+    """Copy a map, and set an earlier copy of this name aside until the run has a mission."""
+    if _exists(connection, name):
+        _drop(connection, _former(name))
+        connection.execute(text(_RENAME), {"name": name, "new": _former(name)})
+    connection.execute(text("SELECT copy_map(:map, :name)"), {"map": map_name, "name": name})
+
+
+def _restore(connection: Connection, name: str) -> None:
+    """Put the earlier copy in the place of one in which no mission has begun."""
+    if _exists(connection, _former(name)):
+        begun = connection.execute(text(_HAS_MISSIONS), {"name": name}).scalar()
+        _drop(connection, _former(name) if begun else name)
+        if not begun:
+            connection.execute(text(_RENAME), {"name": _former(name), "new": name})
+
+
+def _former(name: str) -> str:
+    """The name under which the earlier copy is set aside."""
+    return f"{name}, former"
+
+
+def _drop(connection: Connection, name: str) -> None:
     if _exists(connection, name):
         connection.execute(text("SELECT drop_map(:name)"), {"name": name})
-    connection.execute(text("SELECT copy_map(:map, :name)"), {"map": map_name, "name": name})
 
 
 def _exists(connection: Connection, name: str) -> bool:
@@ -101,6 +128,12 @@ _TRY_LOCK = f"SELECT pg_try_advisory_lock({_ID})"
 _SHARED_LOCK = f"SELECT pg_advisory_lock_shared({_ID})"
 
 _UNLOCK = f"SELECT pg_advisory_unlock({_ID})"
+
+_RENAME = "UPDATE map SET name = :new WHERE name = :name"
+
+_HAS_MISSIONS = """
+SELECT EXISTS (SELECT FROM mission s JOIN map m ON m.id = s.map_id WHERE m.name = :name)
+"""
 
 _UNFINISHED = """
 SELECT EXISTS (SELECT FROM mission s JOIN map m ON m.id = s.map_id
