@@ -116,17 +116,17 @@ class Database(DatabaseManipulation, DatabaseInterlinking):
     def is_usable(self) -> bool:
         """Whether its sessions are between transactions, and the server has not left them."""
         own = (self.session, vars(self).get("_reader", self.session))
-        of_maps = (session for each in self._maps.values() for session in each.sessions)
+        of_maps = (session for each in self._maps.values() for session in each._sessions)
         return all(map(is_idle, (*own, *of_maps)))
 
-    def release_idle(self, but: MapQuestions) -> None:
+    def _release_idle(self, but: MapQuestions) -> None:
         """Close idle connections of maps `but` of one, as far as more than `CONNECTED` have some.
 
         Those of the maps asked for first are closed. A map connects again when it is used.
         """
-        others = [each for each in self._maps.values() if each is not but and each.sessions]
+        others = [each for each in self._maps.values() if each is not but and each._sessions]
         for each in others[: max(len(others) - CONNECTED + 1, 0)]:
-            if all(map(is_idle, each.sessions)):
+            if all(map(is_idle, each._sessions)):
                 each.close()
 
     @cached_property

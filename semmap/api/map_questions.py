@@ -255,7 +255,7 @@ class MapQuestions:
     def _reader(self) -> psycopg.Connection[Any]:
         from semmap.database.reading_login import reading_session
 
-        self.database.release_idle(self)
+        self.database._release_idle(self)
         session = reading_session(self.database.session)
         if session is None:
             return self.connection
@@ -289,7 +289,7 @@ class MapQuestions:
     @cached_property
     def connection(self) -> psycopg.Connection[Any]:
         """The psycopg connection of this map, with autocommit; tables have all maps."""
-        self.database.release_idle(self)
+        self.database._release_idle(self)
         session = twin_session(self.database.session)
         see_map(session, self.name, lasting=True)
         return session
@@ -315,7 +315,7 @@ class MapQuestions:
         return self.database.engine
 
     @property
-    def sessions(self) -> list[psycopg.Connection[Any]]:
+    def _sessions(self) -> list[psycopg.Connection[Any]]:
         """The connections of this map that are open now."""
         return [vars(self)[name] for name in ("_reader", "connection") if name in vars(self)]
 
