@@ -352,6 +352,11 @@ class NamedRegionMap:
         return WithRole(self.roles)
 
     @property
+    def rooms(self) -> WithRole:
+        """The entities that are rooms."""
+        return WithRole(self.roles, ("room",))
+
+    @property
     def parts(self) -> WithRole:
         """The entities that are parts of the building."""
         return WithRole(self.roles, ("building part",))

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 import threading
 from collections import defaultdict
-from collections.abc import Container, Hashable, Iterable, Mapping
+from collections.abc import Container, Hashable, Iterable, Iterator, Mapping
 from datetime import UTC, datetime
 from typing import Any
 
@@ -31,6 +31,8 @@ class RelationTracker:
     views : the agent of each entity that is a field of view; no agent sees itself
     spaces : the entities that are parts of space: rooms, zones, personal spaces
     parts : the entities that are parts of the building
+    rooms : the spaces that are rooms: a body that is in several rooms in part, and in them for at
+        least half, as in an opening, is in the one with most of it
     names : of entities in facts; the entity itself where it has none. A name is read when a fact
         begins, since a removed entity may have lost its name when the fact ends
     rules : at most one rule for each name and pair of kinds
@@ -53,13 +55,14 @@ class RelationTracker:
         views: Mapping[Any, Hashable] | None = None,
         spaces: Container[Any] = (),
         parts: Container[Any] = (),
+        rooms: Container[Any] = (),
         names: Mapping[Any, Hashable] | None = None,
         rules: Iterable[RelationRule] = RULES,
     ) -> None:
         self.regions = regions
         self.rules = tuple(rules)
         self._views: Mapping[Any, Hashable] = {} if views is None else views
-        self._spaces, self._parts = spaces, parts
+        self._spaces, self._parts, self._rooms = spaces, parts, rooms
         self._names: Mapping[Any, Hashable] = {} if names is None else names
         self._rank = {rule.name: i for i, rule in enumerate(self.rules)}
         self._between: dict[tuple[Kind, Kind], list[RelationRule]] = defaultdict(list)
@@ -84,7 +87,12 @@ class RelationTracker:
         """Return the tracker of a region map, of names and roles as these change."""
         names: Mapping[Any, Any] = named.names
         return cls(
-            named.regions, names=names, views=named.views, spaces=named.spaces, parts=named.parts
+            named.regions,
+            names=names,
+            views=named.views,
+            spaces=named.spaces,
+            parts=named.parts,
+            rooms=named.rooms,
         )
 
     def update(
@@ -107,7 +115,7 @@ class RelationTracker:
             self._last = now
             former: dict[RelationFact, bool] = {}
             done: set[Hashable] = set()
-            for entity in dict.fromkeys(changed):
+            for entity in dict.fromkeys(self._with_bodies(changed)):
                 reach = None if entity in self._views else self._reach
                 around = self.regions.neighbours(entity, reach)
                 done.add(entity)
@@ -146,7 +154,9 @@ class RelationTracker:
         if agent not in (b, self._names.get(b, b)):
             pair = PairGeometry(self.regions, a, b, neighbour)
             for rule in self._between.get((self._kind(a), self._kind(b)), ()):
-                if rule.is_true(pair, rule.name in before):
+                if rule.is_true(pair, rule.name in before) or (
+                    rule.name == "in" and self._has_most(a, b, neighbour)
+                ):
                     subject, object = (self._names.get(each, each) for each in (agent, b))
                     after[rule.name] = RelationFact(rule.name, subject, object)
         if before == after:
@@ -161,6 +171,26 @@ class RelationTracker:
             if self._count.get(fact) == 0:
                 del self._count[fact]
         self._set_active(a, b, after)
+
+    def _with_bodies(self, changed: Iterable[Hashable]) -> Iterator[Hashable]:
+        """The changed entities, and what is partly in changed rooms: it may be in another one."""
+        for entity in changed:
+            yield entity
+            if entity in self._rooms:
+                yield from self.regions.neighbours(entity)
+                yield from self._partners.get(entity, ())
+
+    def _has_most(self, body: Hashable, room: Hashable, neighbour: Neighbour) -> bool:
+        """Whether a body is in rooms for at least half, and in none more than in this one."""
+        if not neighbour.shared or room not in self._rooms or self._kind(body) != "body":
+            return False
+        shared = {
+            other: each.shared
+            for other, each in self.regions.neighbours(body).items()
+            if other in self._rooms
+        }
+        most = min(shared, key=lambda other: (-shared[other], str(other).zfill(20)))
+        return most == room and 2 * sum(shared.values()) >= self.regions.size(body)
 
     def _set_active(self, a: Hashable, b: Hashable, facts: dict[str, RelationFact]) -> None:
         if facts:

@@ -454,3 +454,39 @@ def test_queries_read_relations() -> None:
         found = catalogue.relation(vocabulary[name]).statements(Demand([subject]))
         assert object in found.object.names  # type: ignore[union-attr]
         assert set(found.subject.names) == {subject}  # type: ignore[union-attr]
+
+
+def test_a_body_in_an_opening_is_in_the_room_with_most_of_it() -> None:
+    """Rooms with a wall of 40 cm between them, as one of them moves, and as the body does."""
+    here = RegionMap(0.1)
+    rooms = {"west": (-5.0, 0.0), "east": (0.4, 5.0)}
+    for name, (low, high) in rooms.items():
+        here.insert(name, Box(((low + high) / 2, 0, 1.25), (high - low, 4, 2.5)))
+    tracker = RelationTracker(here, spaces=rooms, rooms=rooms)
+    tracker.update(rooms)
+    moves = [(round(-1 + 0.1 * step, 1), "table") for step in range(26)]
+    for low, _ in moves:
+        here.move("table", Box((low + 0.6, 0, 0.35), (1.2, 0.8, 0.7)))
+        tracker.update(["table"])
+        share = {
+            name: max(min(low + 1.2, end) - max(low, begin), 0) / 1.2
+            for name, (begin, end) in rooms.items()
+        }
+        found = {fact.object for fact in tracker.holding("in") if fact.subject == "table"}
+        most = max(share.values())
+        assert found <= {n for n in rooms if share[n] >= min(0.4, most) - 1e-6}
+        if abs(share["west"] - share["east"]) > 1e-6:
+            assert max(share, key=lambda name: share[name]) in found
+        assert most < 0.5 - 1e-6 or found
+
+    here.move("table", Box((0.3, 0, 0.35), (1.2, 0.8, 0.7)))  # 0.3 m in the west, 0.5 m in the east
+    tracker.update(["table"])
+    facts = [fact.object for fact in tracker.holding("in") if fact.subject == "table"]
+    assert facts == ["east"]
+    here.move("east", Box((2.9, 0, 1.25), (4.4, 4, 2.5)))  # the east begins at 0.7 m
+    tracker.update(["east"])
+    assert not [fact for fact in tracker.holding("in") if fact.subject == "table"]
+    here.move("west", Box((-2.3, 0, 1.25), (5.4, 4, 2.5)))  # the west ends at 0.4 m
+    tracker.update(["west"])
+    facts = [fact.object for fact in tracker.holding("in") if fact.subject == "table"]
+    assert facts == ["west"]
