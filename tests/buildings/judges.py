@@ -8,6 +8,7 @@ from __future__ import annotations
 import itertools
 import math
 import random
+from collections import defaultdict
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -56,6 +57,31 @@ def judge_rooms(building: Building, place: semmap.Map) -> tuple[int, list[str]]:
         if found != said[item.name]["inventory"] or len(found) != 1 or not found <= accepted:
             wrong.append(f"{item.name} is in one of {accepted}, not {found}")
     return 7 * len(said), wrong
+
+
+IN_FIELDS = "PREFIX : <urn:semmap:ontology#> SELECT ?what ?room { ?what :in ?room . ?room a :Room }"
+
+
+def judge_rooms_of_fields(building: Building, place: semmap.Map) -> tuple[int, list[str]]:
+    """Fields say the room in which Shapely has clearly most of the ground of a thing."""
+    said = defaultdict(set)
+    for name, room in place.fields.query(IN_FIELDS).rows:
+        said[name].add(room)
+    wrong, asked = [], 0
+    for item in things(building):
+        shares = sorted(
+            (room.outline.intersection(item.ground).area / item.ground.area, room.name)
+            for room in building.rooms
+            if room.floor <= item.low + 0.01 and item.high <= room.ceiling
+        )
+        if sum(share for share, _ in shares) < 0.55 or (
+            len(shares) > 1 and shares[-1][0] - shares[-2][0] < 0.05
+        ):
+            continue
+        asked += 1
+        if said[item.name] != {shares[-1][1]}:
+            wrong.append(f"{item.name} is in {said[item.name]} of fields, not {shares[-1]}")
+    return asked, wrong
 
 
 def judge_holders(building: Building, place: semmap.Map) -> tuple[int, list[str]]:
@@ -295,6 +321,7 @@ LEAF = 0.05
 
 JUDGES: tuple[Judge, ...] = (
     judge_rooms,
+    judge_rooms_of_fields,
     judge_holders,
     judge_grounds,
     judge_parts,
