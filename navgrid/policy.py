@@ -45,7 +45,8 @@ class PolicyRule:
     """The conditions under which an entity goes on a layer, `NONE` or `FLOOR`; all have to hold.
 
     One of `types` is the entity's type or a supertype of it; it has all the `properties`, (name,
-    value). The state, "open", "closed" or "locked", is that of a connector. Empty or None: any.
+    value). The state, "open", "closed" or "locked", is that of a connector, or of the
+    door of a leaf. Empty or None: any.
     """
 
     layer: str

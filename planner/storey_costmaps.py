@@ -30,14 +30,11 @@ from planner.graph_edges import StraightTravelCost, Travel
 from planner.robot_class import RobotClass
 from planner.straight_passage import free_offsets
 from planner.topology import OUTSIDE, PlaceConnector, PlaceRegion, Topology
-from semmap.geometry.overlay import GRID, common
+from semmap.geometry.overlay import GRID
 from semmap.geometry.pose import Pose
 from semmap.query.storey_scene import FloorArea, SceneEntity, StoreyScene
 
 T = TypeVar("T")
-
-LEAVES, FRAME = frozenset({"door", "door_leaf"}), 0.2
-"""Types of the leaves of doors; metres beside a line across an opening where closed ones are."""
 
 SNAP = 0.5
 """Metres within which a pose that is too close to an obstacle counts as the nearest free cell."""
@@ -125,14 +122,13 @@ class StoreyCostmaps:
         self._progress = progress
 
     def costmap(self, storey: str) -> Costmap:
-        """The costmap of a storey, without its doors, their closed leaves, and agents."""
+        """The costmap of a storey, without its doors, the leaves across them, and agents."""
         if storey not in self._costmaps:
             scene = self._read_scene(storey)
-            openings = self._openings(storey)
             fixed = tuple(
                 e
                 for e in scene.entities
-                if e.kind not in ("connector", "agent") and not _is_closed_leaf(e, openings)
+                if e.kind not in ("connector", "agent") and not _is_leaf(e)
             )
             self._costmaps[storey] = Costmap(
                 replace(scene, entities=fixed),
@@ -142,19 +138,6 @@ class StoreyCostmaps:
                 fields=self._fields,
             )
         return self._costmaps[storey]
-
-    def _openings(self, storey: str) -> list[shapely.Polygon]:
-        """The ground of the doors of a storey, as thick as leaves and their frames."""
-        doors = (
-            c
-            for c in self.topology.connectors.values()
-            if c.type in ("door", "elevator_door") and c.metres > 0
-        )
-        return [
-            door.leaf(FRAME).buffer(FRAME, cap_style="flat")
-            for door in doors
-            if storey in (self.storey_of(place) for place in door.places if place != OUTSIDE)
-        ]
 
     def storeys(self) -> list[str]:
         """The storeys whose costmaps are made by now."""
@@ -568,7 +551,7 @@ class StoreyCostmaps:
         `ids` are those of all entities that changed; what is neither in `objects` nor, by storey,
         in `regions` was removed.
         """
-        objects, regions = [*objects], regions or {}
+        objects, regions = [e for e in objects if not _is_leaf(e)], regions or {}
         changed: set[str] = set()
         for storey, costmap in self._costmaps.items():
             here = [t for t in objects if costmap.scene.reaches(t)]
@@ -703,12 +686,9 @@ def _outline(floors: Iterable[FloorArea], place: str) -> shapely.Geometry:
     return shapely.union_all([f.outline for f in floors if f.name == place], grid_size=GRID)
 
 
-def _is_closed_leaf(entity: SceneEntity, openings: Sequence[shapely.Polygon]) -> bool:
-    """Whether it is a leaf in the opening of its door, whose state says whether it is shut."""
-    if LEAVES.isdisjoint(entity.types) or entity.footprint is None or entity.footprint.is_empty:
-        return False
-    least = 0.9 * entity.footprint.area
-    return any(common(entity.footprint, opening).area >= least for opening in openings)
+def _is_leaf(entity: SceneEntity) -> bool:
+    """Whether it is a leaf across the opening of a door, whose state says whether it is shut."""
+    return entity.kind == "object" and entity.state is not None
 
 
 def _entities_at(costmap: Costmap, pose: Pose, cost: int) -> tuple[str, ...]:

@@ -67,7 +67,7 @@ def read_believed_object(seen: Snapshot, name: str) -> BelievedObject:
 def read_entity_shapes(seen: Snapshot) -> dict[str, SceneEntity]:
     """The rooms, objects and shut doors of the current map with their triangles, by name."""
     entities = read_entities(seen, kinds=("room", "object", "connector"))
-    return {e.name: e for e in entities if e.kind != "connector" or e.state != "open"}
+    return {e.name: e for e in entities if e.state != "open"}
 
 
 def read_doubtful(seen: Snapshot, names: Sequence[str]) -> dict[str, float]:

@@ -83,12 +83,14 @@ def _place(row: Any) -> BeliefPlace:
 def read_occluders(seen: Snapshot, without: Collection[str]) -> NDArray[np.float64]:
     """Return the triangles (F, 3, 3) of rooms, objects and shut doors, which hide what is behind.
 
+    The leaves of open doors hide nothing.
+
     Without the objects that are looked for: the map may have them where they are not.
     """
     parts = [
         entity.triangles
         for entity in read_entities(seen, kinds=("room", "object", "connector"))
-        if entity.name not in without and (entity.kind != "connector" or entity.state != "open")
+        if entity.name not in without and entity.state != "open"
     ]
     return np.concatenate([NO_TRIANGLES, *parts])
 

@@ -44,6 +44,10 @@ LEAF = (0.05, 2.1)
 ROOM_HEIGHT, DOOR_WIDTH = 2.5, 0.9
 """Metres, where the map knows none."""
 
+FRAME, IN_OPENING = 0.2, 0.9
+"""Metres around the line from post to post where a leaf across an opening is, and the part of its
+ground that is there."""
+
 FLAT = 0.1
 """Metres; what is lower has no height of its own."""
 
@@ -73,8 +77,8 @@ _ENTITIES = f"""
 SELECT e.id, e.name, e.kind, coalesce(e.type, e.kind) AS type, e.label, e.properties, e.front,
        w.pose, w.storey_id, h.name AS storey, ST_ZMin(w.box) AS low, ST_ZMax(w.box) AS high,
        ST_AsBinary(w.footprint) AS footprint, e.id IN (SELECT id FROM carried) AS carried,
-       r.floor, r.ceiling, c.form, c.state, c.width, c.pose_a, c.pose_b,
-       lower(g.valid) AS since, upper(g.valid) AS until,
+       r.floor, r.ceiling, c.form, coalesce(c.state, leaf.state) AS state, c.width,
+       c.pose_a, c.pose_b, lower(g.valid) AS since, upper(g.valid) AS until,
        CASE WHEN e.kind = ANY(:meshed) THEN
        (SELECT array_agg(em.model_id ORDER BY em.model_id) FROM entity_model em
         JOIN model m ON m.id = em.model_id
@@ -90,6 +94,15 @@ FROM world w JOIN entity e ON e.id = w.entity_id
      LEFT JOIN entity h ON h.id = w.storey_id
      LEFT JOIN connector c ON c.entity_id = e.id LEFT JOIN room r ON r.entity_id = e.id
      LEFT JOIN region g ON g.entity_id = e.id
+     LEFT JOIN LATERAL (
+         SELECT d.state FROM connector d JOIN world o ON o.entity_id = d.entity_id
+         CROSS JOIN ST_Buffer(opening_of(o.pose, coalesce(d.width, :door) + 2 * :frame), :frame,
+                              'endcap=flat') AS across
+         WHERE e.kind = 'object' AND d.form IN ('door', 'elevator_door') AND o.map_id = w.map_id
+           AND e.type IN (SELECT sub FROM type_closure WHERE super IN ('door', 'door_leaf'))
+           AND across && w.footprint AND ground_share(w.footprint, across) >= :in_opening
+           AND ST_ZMin(w.box) <= o.pose[3] + :frame AND ST_ZMax(w.box) > o.pose[3] + :frame
+         ORDER BY ground_share(w.footprint, across) DESC, d.entity_id LIMIT 1) leaf ON true
 WHERE e.map_id = current_map() AND e.kind = ANY(:kinds)
 """
 
@@ -387,6 +400,7 @@ class _Reading:
         rows = self.seen.connection.execute(
             text(_ENTITIES + where + "ORDER BY e.id"),
             {"kinds": [*(kinds or _KINDS)], "meshed": self._meshed, "clouded": self._clouded}
+            | {"door": DOOR_WIDTH, "frame": FRAME, "in_opening": IN_OPENING}
             | (values or {}),
         ).all()
         session = self.seen.session

@@ -35,7 +35,8 @@ class SceneEntity:
     in the map's frame; of a shut door without a mesh they are the box of its opening, of an entity
     `assumed` a typical box for its type; empty where the map has no mesh, as for a room that is
     drawn as an outline. `floor` and `ceiling` are the z of a room's floor and ceiling, or of a
-    region's lower and upper end; `sides` the poses before and behind a connector, facing it.
+    region's lower and upper end; `sides` the poses before and behind a connector, facing it. A leaf
+    across the opening of a door has the door's `state`.
     """
 
     id: int
@@ -45,7 +46,7 @@ class SceneEntity:
     triangles: NDArray[np.float64] = field(default_factory=lambda: NO_TRIANGLES)
     footprint: Polygon | MultiPolygon | None = None
     properties: dict[str, Any] = field(default_factory=dict)
-    state: str | None = None  # open, closed or locked, of a connector
+    state: str | None = None  # open, closed or locked, of a connector, or of the door of a leaf
     valid: tuple[datetime | None, datetime | None] = (None, None)
     pose: Pose = IDENTITY
     label: str | None = None  # of a room, its function, such as kitchen

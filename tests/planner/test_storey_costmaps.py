@@ -396,16 +396,16 @@ def test_a_robot_without_a_shape_has_no_ground():
 
 
 def test_a_closed_leaf_is_the_door_and_a_wall_in_its_place_is_none() -> None:
-    """A leaf in its opening is passed, for the door is opened; one that stands out is not."""
+    """A leaf in its opening is passed, for the door is opened; a wall there is not."""
     panel = box(30, 3.05, 1.5, 0.5)
     flat = panel.triangles.copy()
     flat[:, :, 0] = 3.05 + (flat[:, :, 0] - 3.05) * 0.05
     ground = shapely.box(3.025, 1.0, 3.075, 2.0)
-    for types, passes in (
-        (("door_leaf", "building_element"), True),
-        (("wall", "building_element"), False),
+    for types, state, passes in (
+        (("door_leaf", "building_element"), "closed", True),
+        (("wall", "building_element"), None, False),
     ):
-        leaf = replace(panel, triangles=flat, footprint=ground, types=types)
+        leaf = replace(panel, triangles=flat, footprint=ground, types=types, state=state)
         made = StoreyCostmaps(
             rooms(),
             ROBOT,

@@ -8,6 +8,7 @@ import numpy as np
 import shapely
 import shapely.ops
 
+from semmap.geometry.overlay import common
 from semmap.geometry.pose import Pose
 from semmap.query.geometry_notes import listed
 from semmap.query.map_check.building import (
@@ -29,6 +30,9 @@ AHEAD = 0.35
 
 LEAF = 0.1
 """Metres of the thickest leaf of a door with its handles, and by which it covers its frame."""
+
+FRAME, ACROSS = 0.2, 0.9
+"""Metres around an opening where its shut leaf is, and the part of the ground that is there."""
 
 
 def _wall_at(building: SupportedBuilding, door: CheckedEntity) -> float:
@@ -179,6 +183,35 @@ def _is_fast(building: SupportedBuilding, door: CheckedEntity, entity: CheckedEn
     return building.is_part(entity) and not loose
 
 
+def shut_leaves(building: SupportedBuilding) -> Found:
+    """Doors that are open by their state, with a leaf across the opening."""
+    for door in building.doors:
+        if door.row["state"] != "open" or door.row["form"] != "door":
+            continue  # the door of an elevator opens by itself
+        assert door.pose is not None
+        width = door.row["width"] or DOOR
+        at = building.at_opening(door.pose, width)
+        leaves = {e: e.triangles for e in at if _is_leaf_of(door, e)}
+        shut = DoorOpening(door.pose, width, leaves).closing(leaves)
+        if shut:
+            names = tuple(sorted(e.name for e in shut))
+            close = "closes" if len(names) == 1 else "close"
+            text = f"{listed(names)} {close} {door.name}, whose state is open: it counts as open"
+            fix = f"map[{door.name!r}].state = 'closed'  # or turn the leaf, if it is open"
+            yield (door.name, *names), text, fix
+
+
+def _is_leaf_of(door: CheckedEntity, entity: CheckedEntity) -> bool:
+    """Whether a solid is a leaf by its type, and stands across the opening of a door."""
+    assert door.pose is not None
+    half = (door.row["width"] or DOOR) / 2 + FRAME
+    corners = door.pose.apply([[x, y, 0] for x in (-FRAME, FRAME) for y in (-half, half)])
+    across = shapely.MultiPoint(corners[:, :2]).convex_hull
+    share = common(entity.ground, across).area / max(entity.ground.area, SAME)
+    low, high = entity.low[2] - door.pose.z, entity.high[2] - door.pose.z
+    return bool(entity.row["leaf"] and share >= ACROSS and low <= FRAME < high)
+
+
 def _is_in_opening(door: CheckedEntity, entity: CheckedEntity) -> bool:
     """Whether a solid is as thin as leaves and within the opening of a door, as leaves are."""
     assert door.pose is not None
@@ -199,7 +232,7 @@ def _shut_doors(
             continue  # another rule says so
         assert door.pose is not None
         width = door.row["width"] or DOOR
-        solids = [e for e in building.at_opening(door.pose, width) if e.row["type"] != "door_leaf"]
+        solids = [e for e in building.at_opening(door.pose, width) if not _is_leaf_of(door, e)]
         opening = DoorOpening(door.pose, width, {e: e.triangles for e in solids})
         fast = partial(_is_fast, building, door)
         parts = opening.closing(e for e in solids if fast(e))

@@ -114,9 +114,10 @@ _ENTITIES = """
 SELECT e.id, e.name, e.kind, e.type, p.holder_id, p.relation, p.confidence, p.pose,
        w.pose AS world, w.map_id AS world_map,
        r.floor, r.ceiling, r.elevator_id, s.elevation, s.height,
-       c.place_a, c.place_b, c.form, c.width, c.height AS clear_height, c.pose_a, c.pose_b,
+       c.place_a, c.place_b, c.form, c.state, c.width, c.height AS clear_height, c.pose_a, c.pose_b,
        e.type IN (SELECT sub FROM type_closure WHERE super = 'building_element') AS structure,
        e.type IN (SELECT sub FROM type_closure WHERE super = 'fixture') AS fixture,
+       e.type IN (SELECT sub FROM type_closure WHERE super IN ('door', 'door_leaf')) AS leaf,
        e.type IN (SELECT sub FROM type_closure
                   WHERE super IN ('container', 'storage_furniture')) AS storage,
        (SELECT array_agg(em.model_id ORDER BY em.model_id) FROM entity_model em

@@ -7,7 +7,13 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Literal
 
-from semmap.query.map_check.door_rules import blocked_doors, far_doors, narrow_doors, no_passage
+from semmap.query.map_check.door_rules import (
+    blocked_doors,
+    far_doors,
+    narrow_doors,
+    no_passage,
+    shut_leaves,
+)
 from semmap.query.map_check.fixes import Found, Moves, Named, Trials
 from semmap.query.map_check.inventory_rules import (
     shapeless_objects,
@@ -84,6 +90,7 @@ RULES: tuple[tuple[str, Severity, Callable[[SupportedBuilding], Found]], ...] = 
     ("room off its storey", "error", rooms_off_storey),
     ("no passage", "warning", no_passage),
     ("narrow door", "warning", narrow_doors),
+    ("shut leaf of an open door", "warning", shut_leaves),
     ("thing in a doorway", "warning", partial(blocked_doors, structure=False)),
     ("overlapping rooms", "warning", partial(room_pairs, same=False)),
     ("room without a door", "warning", rooms_without_door),
@@ -105,6 +112,7 @@ MOVED = {
     "door away from its room",
     "blocked door",
     "no passage",
+    "shut leaf of an open door",
     "thing in a doorway",
     "things at one point",
     "things without a storey",
