@@ -89,7 +89,7 @@ def _is_shaft(room: FoundRoom, storey: FoundRooms, floor: NDArray[np.object_]) -
 
 def _share(outline: Polygon, floor: NDArray[np.object_]) -> float:
     near = floor[shapely.intersects(floor, outline)]
-    return float(shapely.union_all(shapely.intersection(near, outline)).area / outline.area)
+    return float(united(common(each, outline) for each in near).area / outline.area)
 
 
 def _floor(scenes: Sequence[StoreyScene], z: float) -> NDArray[np.object_]:

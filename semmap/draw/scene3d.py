@@ -23,6 +23,7 @@ from semmap.draw.sheet import draw_title, rendered_sheet, save_sheet
 from semmap.draw.view import ObjectView, Outline, RegionView, RoomView, StoreyView
 from semmap.geometry.mesh import Mesh, prism_mesh
 from semmap.geometry.morphology import polygons
+from semmap.geometry.overlay import united, without
 from semmap.geometry.parts import closed_parts
 
 HIDDEN = {"ceiling", "roof", "ceiling_lamp", "beam", "ground"}
@@ -190,7 +191,7 @@ def _floor(room: RoomView, regions: Sequence[RegionView]) -> Outline:
         for region in regions
         if region.blocked and region.low is not None and region.low < room.low - _SLAB
     ]
-    left = room.outline.difference(shapely.union_all(openings)) if openings else room.outline
+    left = without(room.outline, united(openings)) if openings else room.outline
     return shapely.MultiPolygon(polygons(left))
 
 

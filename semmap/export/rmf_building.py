@@ -141,7 +141,7 @@ def _add_rooms(level: _Level, rooms: list[MapFeature], doors: list[MapFeature]) 
                 room = _beside(part, door, outlines)
                 if room is not None:
                     grown = part.buffer(10 * GRID, join_style="mitre")  # into the room, to be sure
-                    parts[room] += polygons(grown.difference(beyond))
+                    parts[room] += polygons(without(grown, beyond))
     gaps = shapely.union_all([line.buffer(10 * GRID, cap_style="flat") for line in lines.values()])
     for name, outline in outlines.items():
         area = shapely.union_all([outline, *parts[name]], grid_size=GRID)

@@ -14,6 +14,7 @@ from shapely import LineString, MultiPolygon, Point, Polygon, STRtree
 from shapely.ops import substring
 
 from semmap.geometry.morphology import polygons
+from semmap.geometry.overlay import common, united, without
 
 GRID = 1e-4
 """Lines are noded on a grid of 0.1 mm, so that a line which ends on another really meets it."""
@@ -148,7 +149,7 @@ def rooms_beside(rooms: Sequence[Polygon], line: LineString, reach: float = 0.3)
             middle.buffer(sign * CLEARANCE, single_sided=True),
         )
         near = [int(i) for i in tree.query(strip, predicate="intersects")]
-        filled = {i: rooms[i].intersection(strip).area for i in near}
+        filled = {i: common(rooms[i], strip).area for i in near}
         best = max(filled, key=lambda i: (filled[i], -i), default=None)
         return best if best is not None and filled[best] > 0.1 * strip.area else None
 
@@ -217,9 +218,9 @@ def _without_cabins(
     """Cut the cabins out of the faces; returns all that is left, and the parts that were cut."""
     if not cabins:
         return faces, []
-    taken = shapely.union_all(cabins)
+    taken = united(cabins)
     rest = [face for face in faces if not face.intersects(taken)]
-    met = [face.difference(taken) for face in faces if face.intersects(taken)]
+    met = [without(face, taken) for face in faces if face.intersects(taken)]
     cut = [part for face in met for part in polygons(face) if _is_roomy(part)]
     return rest + cut, cut
 
@@ -228,7 +229,7 @@ def _on_floors(faces: list[Polygon], floors: Sequence[Polygon], plan: FloorPlan)
     """The faces of which more than half lies on a floor; all, where no floor is drawn."""
     if not floors:
         return faces
-    ground = shapely.union_all(floors)
+    ground = united(floors)
     covered = (
         shapely.area(shapely.intersection(faces, ground, grid_size=GRID)) > shapely.area(faces) / 2
     )
@@ -237,8 +238,8 @@ def _on_floors(faces: list[Polygon], floors: Sequence[Polygon], plan: FloorPlan)
 
 
 def _common_border(a: Polygon, b: Polygon) -> list[LineString]:
-    common = shapely.get_parts(a.boundary.intersection(b.boundary))
-    return [part for part in common if isinstance(part, LineString)]
+    shared = shapely.get_parts(a.boundary.intersection(b.boundary))
+    return [part for part in shared if isinstance(part, LineString)]
 
 
 def open_borders(rooms: Sequence[Polygon], barriers: Sequence[LineString]) -> list[Opening]:

@@ -24,6 +24,7 @@ from shapely import LineString, Point
 
 from semmap.geometry.levels import separate
 from semmap.geometry.morphology import polygons
+from semmap.geometry.overlay import united
 from semmap.ingest.annotation.annotation import draft_entries
 from semmap.ingest.annotation.draft_world import DraftWorld
 from semmap.ingest.annotation.feature_file import (
@@ -284,7 +285,7 @@ def _extent(element: Element) -> tuple[Any, float | None, float | None]:
     ]
     if len(drawn) == 1:
         return drawn[0], low, high if high > low + LEVEL else None
-    whole = shapely.union_all([shapely.make_valid(each) for each in drawn])
+    whole = united(shapely.make_valid(each) for each in drawn)
     parts = polygons(whole)
     area = parts[0] if len(parts) == 1 else shapely.MultiPolygon(parts)
     return area, low, high if high > low + LEVEL else None

@@ -9,7 +9,6 @@ from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
-import shapely
 from matplotlib.axes import Axes
 from matplotlib.patches import Wedge
 from numpy.typing import NDArray
@@ -28,6 +27,7 @@ from semmap.draw.robot import footprints_picture, parts_picture, robot_views
 from semmap.draw.scene3d import scene3d
 from semmap.draw.view import ObjectView, RoomView, StoreyView
 from semmap.geometry.mesh import Mesh
+from semmap.geometry.overlay import united
 from semmap.geometry.pose import Pose
 from semmap.robot.parts import Part
 
@@ -87,7 +87,7 @@ def _region_picture(view: StoreyView, folder: Path) -> Path | None:
     rooms = [m for m in view.rooms if any(m.outline.intersects(b.outline) for b in boxes)]
     if not rooms:
         return None
-    inside = shapely.union_all([m.outline for m in rooms]).buffer(0.2)  # no walls
+    inside = united(m.outline for m in rooms).buffer(0.2)  # no walls
     near = [o for o in view.objects if o.footprint and inside.contains(o.footprint)]
     shown = replace(view, rooms=rooms, objects=near, doors=[], path=[])
     return scene3d([shown], folder / "figure5_region.png", marked=boxes, boxes=False, width=1100)

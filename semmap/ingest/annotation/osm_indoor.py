@@ -19,6 +19,7 @@ import shapely
 from shapely import LineString, MultiPolygon, Point, Polygon
 
 from semmap.geometry.morphology import polygons
+from semmap.geometry.overlay import common, united, without
 from semmap.ingest.annotation.feature_file import Feature, FeatureFile
 from semmap.ingest.annotation.level_ways import leads_into, way_along, way_feature
 from semmap.ingest.floor_plan import open_borders, straight_parts
@@ -151,7 +152,7 @@ def _with_cabins(
             found.append((replace(each, geometry=cabin), levels))
             for level, door in zip(levels, doors, strict=True):
                 found.append((Feature(each.where, None, door, {"door": "yes"}), [level]))
-                shafts[level] = shafts[level] | cabin
+                shafts[level] = united([shafts[level], cabin])
             file.notes.append(f"{each.where} is a node: its cabin is assumed {CABIN:g} m wide")
     return found, shafts
 
@@ -168,7 +169,7 @@ def _cabin_door(cabin: Polygon, rooms: list[Any]) -> Point:
     if room.area < LARGER * cabin.area:
         raise Refused("is a lift in a room of its size", "Give this room highway=elevator instead.")
     sides = [side.interpolate(0.5, normalized=True) for side in straight_parts(cabin.exterior)]
-    return max(sides, key=lambda side: side.buffer(NEAR).intersection(room - cabin).area)
+    return max(sides, key=lambda side: common(side.buffer(NEAR), without(room, cabin)).area)
 
 
 def _is_room(feature: Feature) -> bool:
@@ -208,7 +209,7 @@ def _rooms(
         taken.add(name)
         area: Any = feature.geometry
         if not elevator and area.is_valid and area.intersects(shafts[level]):
-            area -= shafts[level]
+            area = without(area, shafts[level])
         rooms[level].append(_Room(name, area, is_open, elevator))
         about: dict[str, Any] = {"kind": "room", "name": name, "storey": names[level]}
         about |= {"type": type_} if type_ else {}

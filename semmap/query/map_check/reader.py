@@ -15,6 +15,7 @@ from psycopg.rows import dict_row
 
 from semmap.geometry.ground_outline import leaning_outline
 from semmap.geometry.outline import placed_outline
+from semmap.geometry.overlay import united
 from semmap.geometry.pose import Pose
 from semmap.query.meshes import models_triangles
 from semmap.query.snapshot import Snapshot
@@ -190,6 +191,6 @@ def _place(
             flat = shapely.MultiPoint(hull[:, :2]).convex_hull
             flats.append(flat if flat.area else flat.buffer(0.001))
     entity.hull = np.concatenate(hulls)
-    entity.outline = flats[0] if len(flats) == 1 else shapely.union_all(flats)
+    entity.outline = flats[0] if len(flats) == 1 else united(flats)
     if parts:
         entity.triangles = parts[0] if len(parts) == 1 else np.concatenate(parts)
