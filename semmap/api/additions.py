@@ -15,7 +15,7 @@ from semmap.finite_number import finite_numbers
 from semmap.geometry.mesh import Mesh, box_mesh, prism_mesh
 from semmap.geometry.overlay import united
 from semmap.geometry.pose import Pose
-from semmap.ingest.openings import WIDER
+from semmap.ingest.openings import BEHAVIOURS, WIDER
 from semmap.ingest.stairs import way_entry
 from semmap.ingest.store.holder_store import find_surfaces
 from semmap.ingest.store.world_store import store_world
@@ -143,7 +143,7 @@ def door(
     name: str,
     places: tuple[str, str | None],
     line: Sequence[Sequence[float]],
-    height: float,
+    height: float | None,
     clearance: float,
     **detail: Any,
 ) -> Entry:
@@ -152,8 +152,20 @@ def door(
     ends = np.asarray(line, dtype=float)
     if ends.shape != (2, 2) or not np.isfinite(ends).all() or np.allclose(ends[0], ends[1]):
         raise ValueError(f"the line of {name} is two points (x, y), not {line}")
-    if detail["type"] not in ("stairs", "ramp"):
+    climbs = detail["type"] in ("stairs", "ramp")
+    if not climbs:
         _check_across(name, rooms, ends)
+    floors = [_floor(map, room) for room in rooms]
+    if height is None:
+        height = min(floors)
+    for room, floor in zip(rooms, floors, strict=True):
+        if not climbs and abs(floor - height) > STEP:
+            raise ValueError(
+                f"{name} is at {height:g} m, but the floor of {room.name} is at {floor:g} m: give "
+                "its height, or join rooms of one storey; stairs and ramps join others "
+                '(form="stairs")'
+            )
+    rises = [floor - height if climbs else 0.0 for floor in (*floors, height)][:2]
     along = ends[1] - ends[0]
     length = float(np.hypot(*along))
     normal = np.array([along[1], -along[0]]) / length
@@ -167,6 +179,7 @@ def door(
         away = room.footprint.distance(shapely.Point(middle)) if room.footprint else 0.0
         reaches[number] += max(0.0, away - WALL)
     place_a, place_b = places
+    detail.setdefault("behaviour", BEHAVIOURS[detail["type"]])
     if detail["width"] is None:
         detail["width"] = length
     if detail["width"] > length + WIDER:
@@ -186,10 +199,19 @@ def door(
         pose=Pose.planar(float(middle[0]), float(middle[1]), yaw, height),
         detail=ConnectorDetail(
             (place_a, OUTSIDE if place_b is None else place_b),
-            (Pose(-reaches[0]), Pose.planar(reaches[1], 0, math.pi)),
+            (Pose(-reaches[0], z=rises[0]), Pose.planar(reaches[1], 0, math.pi, rises[1])),
             **detail,
         ),
     )
+
+
+def _floor(map: Map, room: MapEntity) -> float:
+    """The z of a room's floor in the map's frame."""
+    statement = (
+        "SELECT w.pose[3] + r.floor FROM world w JOIN room r USING (entity_id) WHERE entity_id = %s"
+    )
+    found = map.execute(statement, room.id)
+    return float(found[0][0]) if found else 0.0
 
 
 def _check_across(name: str, rooms: Sequence[MapEntity], ends: Any) -> None:

@@ -248,7 +248,7 @@ class Map(
         state: Literal["open", "closed", "locked"] = "open",
         form: Literal["door", "elevator_door", "stairs", "ramp"] = "door",
         direction: Literal["both", "forward", "backward"] = "both",
-        height: Finite = 0.0,
+        height: Finite | None = None,
         clearance: Finite = 0.6,
     ) -> Door:
         """Add a connector of two places.
@@ -258,15 +258,16 @@ class Map(
         place_a, place_b : names of rooms; `place_b` None: it leads outside
         line : ((x, y), (x, y)): the opening from post to post, metres in the map's frame
         width : of the clear opening; by default the line's length
-        height : of the floor in the map's frame, metres
-        clearance : how far from the line a robot stands before and behind it, metres
+        height : of the floor in the map's frame, metres; by default that of the lower room
+        clearance : how far from the line a robot stands before and behind it, metres; of stairs
+            and ramps about half of their length: it stands on the floors of the two rooms
 
         Raises
         ------
         LookupError, ValueError
             There is no such room; the name is taken; the line is not at a wall of the rooms from
             post to post, narrower than 0.2 m, or shorter than the width; a room is on both
-            sides of a way outside.
+            sides of a way outside; the floor of a room is over half a metre above or below.
         """
         from semmap.api.additions import add_entry, door
 

@@ -319,3 +319,36 @@ def test_a_way_out_drawn_into_a_room_is_refused(place: semmap.Map) -> None:
                 "VALUES ('doors', 'd', 0.8, ST_GeomFromText(%s))",
                 f"LINESTRING({line})",
             )
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_door_is_on_the_floor_of_its_rooms_and_stairs_on_both(database: str, seed: int) -> None:
+    draw = random.Random(seed)
+    z, rise, lower = draw.uniform(-200, 200), draw.uniform(2, 5), draw.uniform(0, 0.4)
+    with semmap.connect(database) as db:
+        place = db.create_map("tower")
+        for name, floor in (("s0", z), ("s1", z + rise)):
+            place.add_storey(name, elevation=floor)
+        for name, box, floor in (
+            ("cella", (0, 0, 4, 4), z),
+            ("aula", (4.2, 0, 9, 4), z - lower),
+            ("loft", (0, 0, 9, 4), z + rise),
+        ):
+            place.add_room(name, shapely.box(*box), floor=floor, ceiling=floor + 2)
+        door = place.add_door("d", "cella", "aula", ((4.1, 2.5), (4.1, 3.5)))
+        assert door.pose is not None
+        assert door.pose.z == pytest.approx(z - lower)
+        for options in ({"height": z + 0.6}, {"height": z - lower - 0.6}):
+            with pytest.raises(ValueError, match=r"^e is at .* but the floor of"):
+                place.add_door("e", "cella", "aula", ((4.1, 1), (4.1, 2)), **options)
+        with pytest.raises(ValueError, match=r"^e is at .*the floor of loft.*stairs"):
+            place.add_door("e", "cella", "loft", ((4.1, 1), (4.1, 2)))
+        long = draw.uniform(1.2, 1.8)
+        place.add_door("up", "aula", "loft", ((6.5, 1), (6.5, 2)), form="stairs", clearance=long)
+        steps = place.route("cella", "loft").steps
+        way = next(step for step in steps if step.connector and step.connector.name == "up")
+        assert way.behaviour == "climb_stairs"
+        low, high = way.connector.poses  # type: ignore[union-attr]
+        assert (low.z, high.z) == pytest.approx((z - lower, z + rise))
+        assert abs(high.x - low.x) == pytest.approx(2 * (long + 0.05))
+        assert place.check() == []
