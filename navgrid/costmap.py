@@ -32,7 +32,7 @@ from navgrid.terrain import DriveLimits
 from navgrid.window import Window, grown, whole, window_around
 from semmap.draw.picture import Picture
 from semmap.error import InvalidArgumentError
-from semmap.query.geometry_notes import geometry_notes
+from semmap.query.geometry_notes import geometry_notes, level_notes
 from semmap.query.storey_scene import SceneEntity, StoreyScene
 from semmap.robot import Part
 
@@ -367,10 +367,10 @@ class Costmap:
 
     @property
     def notes(self) -> list[str]:
-        """Sentences about the posture, objects without geometry and fields, for a person."""
+        """Sentences about the posture, missing geometry and storeys, and fields, for a person."""
         fields = field_notes(self.field_layers, self.fields_without_rule)
         said = [self.posture] if self.posture else []
-        return [*said, *geometry_notes(self.scene.entities), *fields]
+        return [*said, *geometry_notes(self.scene.entities), *level_notes(self.scene), *fields]
 
     def write(
         self,

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from datetime import datetime
 from pathlib import Path
+from typing import Any
 
 from navgrid.costmap import Costmap, Inflation
 from navgrid.field_layer import FieldVoxels
@@ -14,8 +15,8 @@ from navgrid.policy import Policy
 from navgrid.terrain import DriveLimits
 from semmap.geometry.voxels import Voxels
 from semmap.query.snapshot import Snapshot
-from semmap.query.storey_reader import read_scene, read_storey_names
-from semmap.query.storey_scene import Bounds
+from semmap.query.storey_reader import read_scene, read_storey_names, read_storeys
+from semmap.query.storey_scene import Bounds, StoreyScene
 from semmap.robot import Part
 
 
@@ -51,24 +52,17 @@ def read_costmaps(
         + max(layer.padding for layer in policy.layers)
     )
     is_part = rooms is not None or bounds is not None
-    names = read_storey_names(seen)
     costmaps = []
-    for name in names if storey is None else [storey]:
-        try:
-            scene = read_scene(
-                seen,
-                name,
-                bounds=bounds,
-                rooms=rooms,
-                margin=reach,
-                moment=moment,
-                voxels=voxels,
-                assume_sizes=assume_sizes,
-            )
-        except LookupError:
-            if rooms is None or storey is not None or len(names) == 1:
-                raise
-            continue  # these rooms are on another storey
+    for scene in _read_scenes(
+        seen,
+        storey,
+        rooms,
+        bounds,
+        reach,
+        moment=moment,
+        voxels=voxels,
+        assume_sizes=assume_sizes,
+    ):
         if not scene.entities and not scene.floors:
             continue
         grid = scene_grid(scene, resolution, bounds, reach if is_part else MARGIN)
@@ -90,3 +84,27 @@ def read_costmaps(
             "there is nothing to make a costmap of; name a storey, rooms or a box of the map"
         )
     return costmaps
+
+
+def _read_scenes(
+    seen: Snapshot,
+    storey: str | None,
+    rooms: Sequence[str] | None,
+    bounds: Bounds | None,
+    margin: float,
+    **options: Any,
+) -> list[StoreyScene]:
+    """The scenes of the storeys, or of the parts of them that are asked for."""
+    if rooms is None and bounds is None:
+        return read_storeys(seen, storey, **options)
+    names = read_storey_names(seen) if storey is None else [storey]
+    found = []
+    for name in names:
+        try:
+            scene = read_scene(seen, name, bounds=bounds, rooms=rooms, margin=margin, **options)
+        except LookupError:
+            if rooms is None or len(names) == 1:
+                raise
+            continue  # these rooms are on another storey
+        found.append(scene)
+    return found
