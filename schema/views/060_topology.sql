@@ -14,7 +14,8 @@ CREATE FUNCTION is_at_its_rooms(c connector, at_pose double precision[])
 RETURNS boolean LANGUAGE sql STABLE SET search_path = semmap, public, pg_temp
 BEGIN ATOMIC
 -- Whether a connector with this world pose is at the rooms that it joins: its opening in their wall, or the ends of
--- stairs and ramps, door_reach() beside them and half a metre above or below their floors at most. No route leads through others.
+-- stairs and ramps, door_reach() beside them and half a metre above or below their floors at most. In a thick wall, who
+-- faces it stands in the room (5 cm). No route leads through others.
 SELECT NOT EXISTS (
     SELECT FROM (VALUES (c.place_a, pose_compose(at_pose, c.pose_a)), (c.place_b, pose_compose(at_pose, c.pose_b))) s (place, stand)
     JOIN world w ON w.entity_id = s.place JOIN room r ON r.entity_id = s.place
@@ -24,7 +25,8 @@ SELECT NOT EXISTS (
     WHERE w.footprint IS NOT NULL
       AND (abs(o.z - w.pose[3] - r.floor) > 0.5 + 1e-6
            OR ST_Distance(w.footprint, o.at) > door_reach() + 1e-6
-          AND (climbs OR ST_Distance(w.footprint, o.at) > door_reach(o.at, ARRAY[c.place_a, c.place_b]) + 1e-6)));
+          AND (climbs OR ST_Distance(w.footprint, ST_MakePoint(stand[1], stand[2])) > 0.05 + 1e-6
+               OR ST_Distance(w.footprint, o.at) > door_reach(o.at, ARRAY[c.place_a, c.place_b]) + 1e-6)));
 END;
 
 CREATE VIEW gis_approach_pose AS

@@ -20,6 +20,7 @@ from semmap.robot import Part
 from tests.conftest import Import, MakeDatabase
 from tests.forged import forge
 from tests.geometry.test_overlay import BESIDE
+from tests.navgrid.scenes import BASE
 
 NAMES = ("slab", "Wand", "estantería", "x17", "concrete_base", "Möbel", "cosa")
 """Names and types say nothing to the check: they are drawn at random."""
@@ -504,7 +505,7 @@ def test_what_passes_a_door_is_said_of_all_that_is_in_it(
 
 @pytest.mark.parametrize("storeys", [[], [0.0]])
 def test_rooms_above_rooms_are_to_be_on_storeys(db: semmap.Database, storeys: list[float]) -> None:
-    """Grids say so, too; side by side, as on a split level, they may be."""
+    """Grids and costmaps say so, too; side by side, as on a split level, they may be."""
     here = db.create_map(f"tower{len(storeys)}")
     for z in storeys:
         here.add_storey("only", elevation=z)
@@ -516,8 +517,8 @@ def test_rooms_above_rooms_are_to_be_on_storeys(db: semmap.Database, storeys: li
     assert [(each.severity, each.entities) for each in found] == [("warning", ("r0", "r1"))]
     assert "0, 3 m" in found[0].text
     said = "rooms lie one above the other at 0, 3 m"
-    (made,) = here.grids()
-    assert any(note.startswith(said) for note in made.notes)
+    for (made,) in (here.grids(), here.costmaps([BASE], resolution=0.2)):
+        assert any(note.startswith(said) for note in made.notes)
     here["r1"].delete()
     assert not any(each.kind == "rooms without storeys" for each in here.check())
 
@@ -726,3 +727,101 @@ def test_what_is_beside_the_board_that_it_should_stand_on_floats(
     doorway.add_object("vase", size=(0.1, 0.1, 0.25), pose=(2 - away - 0.05, 2.2, low))
     found = [f.kind for f in doorway.check() if "vase" in f.entities]
     assert found == (["floating" if away else "tipping"] if floats else [])
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_what_hangs_at_a_ceiling_touches_it(doorway: semmap.Map, seed: int) -> None:
+    """By arithmetic: a ceiling with a shape is touched; of one that is a number a hook is away."""
+    draw = random.Random(seed)
+    has_shape = seed % 2 == 0
+    slab, high = draw.uniform(2.2, 2.5), draw.uniform(0.1, 0.3)
+    if has_shape:
+        mesh = box_mesh((-0.1, -0.1, slab), (8.3, 4.1, slab + 0.05))
+        doorway.add_object(
+            draw.choice(NAMES), type=draw.choice(["ceiling", None]), mesh=mesh, pose=(0, 0, 0)
+        )
+    bottom = slab if has_shape else 2.6
+    expected = set()
+    spans = [(0.0, 0.04), (0.06, 0.1), (0.11, 0.5), (0.5, 0.9)]
+    for number, (least, most) in enumerate(spans):
+        air = draw.uniform(least, most)
+        doorway.add_object(
+            f"lamp{number}", size=(0.2, 0.2, high), pose=(1, 0.5 + number, bottom - air - high)
+        )
+        if air > (0.05 if has_shape else 0.1):
+            expected.add(f"lamp{number}")
+    if has_shape:  # above the slab and in the room's height
+        doorway.add_object(
+            "pipe", size=(0.2, 0.2, 0.05), pose=(3, 2, slab + 0.05 + draw.uniform(0.06, 0.09))
+        )
+        expected.add("pipe")
+    else:
+        doorway.add_object(
+            "pipe", size=(0.2, 0.2, 0.05), pose=(3, 2, 2.6 + draw.uniform(0.06, 0.3))
+        )
+        expected.add("pipe")
+    assert {f.entities[0] for f in doorway.check() if f.kind == "floating"} == expected
+
+
+@pytest.mark.parametrize("edge", [4.3, 4.36, 4.45, 4.6, 4.9, 5.2])
+def test_a_room_that_is_drawn_away_from_its_door_is_named_and_no_route_leads_there(
+    doorway: semmap.Map, edge: float
+) -> None:
+    doorway.execute(
+        "UPDATE gis_room SET geom = ST_Multi(ST_MakeEnvelope(%s, 0, 8.2, 4)) "
+        "WHERE name = 'lobby' AND map = 'lodge'",
+        edge,
+    )
+    gap = edge - 4.1
+    away = gap > 0.3 and edge > 4.1 + 0.65 + 0.05  # who faces the door stands 0.65 m behind it
+    said = [f.entities for f in doorway.check() if f.kind == "door away from its room"]
+    assert said == ([("gate", "lobby")] if away else [])
+    if away:
+        with pytest.raises(ValueError, match="gate would join them"):
+            doorway.route("porch", "lobby")
+    else:
+        assert doorway.route("porch", "lobby").steps
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_a_column_through_storeys_has_not_sunk(database: str, seed: int) -> None:
+    draw = random.Random(seed)
+    rise, count = draw.uniform(2.6, 4), draw.randint(2, 4)
+    low = draw.choice([0.0, -0.3, 0.02])
+    with semmap.connect(database) as db:
+        here = db.create_map("tower")
+        for level in range(count):
+            z = level * rise
+            here.add_storey(f"s{level}", elevation=z)
+            here.add_room(f"r{level}", shapely.box(0, 0, 6, 6), floor=z, ceiling=z + rise - 0.2)
+        top = draw.randint(1, count) * rise - draw.choice([0.2, 0.0])
+        side = draw.uniform(0.2, 0.6)
+        here.add_object("post", size=(side, side, top - low), pose=(3, 3, low))
+        here.add_object("cask", size=(0.5, 0.5, 0.8), pose=(1, 1, rise - 0.4))
+        found = {f.entities for f in here.check() if f.kind == "sunk"}
+    assert found == {("cask", "r1")}
+
+
+def test_what_is_over_a_table_without_a_shape_is_not_judged(doorway: semmap.Map) -> None:
+    doorway.add_object("table", type="table", pose=(2, 2, 0))
+    doorway.add_object("cup", size=(0.1, 0.1, 0.1), pose=(2.4, 2, 0.75))
+    doorway.add_object("far", size=(0.1, 0.1, 0.1), pose=(3.4, 2, 0.75))
+    doorway.add_object("low", size=(0.1, 0.1, 0.1), pose=(7, 2, 0.75))
+    doorway.add_object("lid", type="table", pose=(7, 2, 1.5))
+    floats = {f.entities for f in doorway.check() if f.kind == "floating"}
+    assert floats == {("far",), ("low",)}
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_what_is_before_a_wall_is_not_in_the_opening_beside_it(
+    doorway: semmap.Map, seed: int
+) -> None:
+    """By arithmetic: the box reaches into the wall, or is before it; it leaves so much free."""
+    draw = random.Random(seed)
+    away, free = draw.choice([-0.05, 0.05, 0.15]), draw.choice([0.3, 0.5, 0.7, 1.0, 1.2])
+    x, y = draw.choice([4.0 - away - 0.2, 4.2 + away + 0.2]), 1.5 + free + 0.4
+    doorway.add_object("box", size=(0.4, 0.8, 0.6), pose=(x, y, 0))
+    found = [f for f in doorway.check() if f.entities == ("gate", "box")]
+    where = "in" if away < 0 else "before"
+    said = [f"box stands {where} the opening of gate: "] if free < 0.6 else []
+    assert [f.text[: len(t)] for f, t in zip(found, said, strict=True)] == said

@@ -46,6 +46,12 @@ THICKEST = 1.2
 CEILING = 0.5
 """Metres beneath a ceiling that is only a number: slabs and suspended ceilings lie between."""
 
+HUNG = 0.1
+"""Metres of air between such a ceiling and what hangs at it: hooks and cables."""
+
+UNSHAPED = 1.0
+"""Metres beside the place of an object without geometry that it may cover."""
+
 SLAB, TALL = 0.5, 1.8
 """Metres: parts of a building are flatter or taller than that, and span rooms."""
 

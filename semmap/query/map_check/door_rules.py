@@ -70,14 +70,16 @@ def far_doors(building: SupportedBuilding) -> Found:
         stairs = door.row["form"] in ("stairs", "ramp")
         half = (door.row["width"] or 0.0) / 2
         opening = shapely.LineString(door.pose.apply([[0, -half, 0], [0, half, 0]])[:, :2])
-        reach = WALL if stairs else _wall_at(building, door)
         for end in "ab":
+            reach = WALL if stairs else _wall_at(building, door)
             room = building.by_id.get(door.row[f"place_{end}"])
             if room is None or room.outline is None or room.kind != "room":
                 continue
             stand = door.pose @ Pose(*door.row[f"pose_{end}"])
             here = shapely.Point(stand.x, stand.y) if stairs else opening
             gap = float(here.distance(room.outline))
+            if gap > WALL and room.outline.distance(shapely.Point(stand.x, stand.y)) > FASTENED:
+                reach = WALL  # nobody who faces it stands in the room: it is in no thick wall
             rise = abs((stand.z if stairs else door.pose.z) - building.floor(room))
             if gap <= reach and rise <= STEP:
                 continue
@@ -167,13 +169,22 @@ def blocked_doors(building: SupportedBuilding, structure: bool) -> Found:
         names = tuple(sorted(e.name for e in shut))
         stand = "stands" if len(names) == 1 else "stand"
         passes = opening.passing([*opening.solids])  # also by what else is there
-        text = f"{listed(names)} {stand} in the opening of {door.name}: {passes}"
+        where = "before" if all(_is_in_a_room(building, door, e) for e in shut) else "in"
+        text = f"{listed(names)} {stand} {where} the opening of {door.name}: {passes}"
         fix = "by hand: move it, if it is there"
         if structure:
             fix = "by hand: give the wall an opening there, or move or delete the door or the wall"
         elif _is_in_opening(door, shut[0]):
             fix = "by hand: if it is the leaf of the door, give it the type door_leaf; else move it"
         yield (door.name, *names), text, fix
+
+
+def _is_in_a_room(building: SupportedBuilding, door: CheckedEntity, entity: CheckedEntity) -> bool:
+    """Whether a solid is in a room of a door, and not in the wall between them."""
+    rooms = [building.by_id.get(door.row[f"place_{end}"]) for end in "ab"]
+    return any(
+        room is not None and room.ground.buffer(SAME_POINT).covers(entity.ground) for room in rooms
+    )
 
 
 def _is_fast(building: SupportedBuilding, door: CheckedEntity, entity: CheckedEntity) -> bool:

@@ -17,8 +17,11 @@ from semmap.query.map_check.building import (
     CEILING,
     CONTACT,
     FASTENED,
+    HUNG,
+    LINTEL,
     SAME_POINT,
     SLAB,
+    UNSHAPED,
     CheckedBuilding,
 )
 from semmap.query.map_check.doorways import section
@@ -100,11 +103,27 @@ class SupportedBuilding(CheckedBuilding):
                 continue  # of another storey
             if room.outline is None or room.outline.distance(entity.ground) > FASTENED:
                 continue
-            if abs(self.ceiling(room) - float(entity.high[2])) <= CEILING:
+            if self._is_at_ceiling(room, entity):
                 return True
             if room.outline.boundary.distance(entity.ground) <= FASTENED:
                 return True
         return False
+
+    def _is_at_ceiling(self, room: CheckedEntity, entity: CheckedEntity) -> bool:
+        """Whether an object is at a ceiling that is only a number; it must touch one with a shape.
+
+        A ceiling with a shape is a part of the building above or beneath it, in the room's height.
+        """
+        least, top = self.floor(room) + LINTEL, self.ceiling(room)
+        if not (entity.low[2] <= top + FASTENED and entity.high[2] >= top - HUNG):
+            return False
+        middle = (entity.low + entity.high)[None] / 2
+        return not any(
+            ((z >= least) & (z <= top + FASTENED)).any()
+            for part in self.near(entity, CEILING)
+            if self.is_part(part)
+            for z in heights_at(middle, part.faces_over(entity.low, entity.high))
+        )
 
     def _touching(self, entity: CheckedEntity) -> list[CheckedEntity]:
         """Parts of the building and things that touch an object, or are around it, and can hold it.
@@ -176,15 +195,20 @@ class SupportedBuilding(CheckedBuilding):
     def _sunk_in_room(self, entity: CheckedEntity) -> tuple[CheckedEntity, float] | None:
         middle = float(entity.low[2] + entity.high[2]) / 2
         found: tuple[CheckedEntity, float] | None = None
+        above = False
         for number in self.room_tree.query(entity.ground, predicate="intersects"):
             room = self.rooms[number]
             if common(entity.ground, room.outline).area < entity.ground.area / 2:
                 continue
-            depth = self.floor(room) - float(entity.low[2])
-            if depth <= FASTENED and middle <= self.ceiling(room) + CEILING:
-                return None  # it is in this room, and above its floor
-            if depth > FASTENED and entity.high[2] >= self.floor(room) - CONTACT:
+            depth, top = self.floor(room) - float(entity.low[2]), self.ceiling(room)
+            if depth >= -FASTENED and (depth <= FASTENED or entity.high[2] >= top - FASTENED):
+                return None  # it stands in this room, or leads through it, as columns do
+            if depth <= FASTENED:
+                above |= middle <= top + CEILING
+            elif entity.high[2] >= self.floor(room) - CONTACT:
                 found = room, depth
+        if found is not None and above and middle < self.floor(found[0]):
+            return None  # it is in the room beneath
         return found
 
     def _sunk_in_slab(self, entity: CheckedEntity) -> tuple[CheckedEntity, float] | None:
@@ -212,7 +236,21 @@ class SupportedBuilding(CheckedBuilding):
             or self.above_floor(entity) <= FASTENED
             or entity.name in self.sunk
             or self.hangs_in_room(entity)
+            or self._is_over_shapeless(entity)
         )
+
+    def _is_over_shapeless(self, entity: CheckedEntity) -> bool:
+        """Whether an object may stand on one without a shape, which cannot be judged."""
+        return any(
+            other.low[2] <= entity.low[2] + CONTACT
+            and entity.ground.distance(other.ground) <= UNSHAPED
+            for other in self.shapeless
+        )
+
+    @cached_property
+    def shapeless(self) -> list[CheckedEntity]:
+        """The objects without geometry."""
+        return [e for e in self.objects if e.outline is None]
 
     def _pile(self, lowest: CheckedEntity, loose: list[CheckedEntity]) -> set[str]:
         """The names of what would be held if one of the loose objects were."""
