@@ -750,16 +750,13 @@ def test_what_hangs_at_a_ceiling_touches_it(doorway: semmap.Map, seed: int) -> N
         )
         if air > (0.05 if has_shape else 0.1):
             expected.add(f"lamp{number}")
-    if has_shape:  # above the slab and in the room's height
-        doorway.add_object(
-            "pipe", size=(0.2, 0.2, 0.05), pose=(3, 2, slab + 0.05 + draw.uniform(0.06, 0.09))
-        )
-        expected.add("pipe")
-    else:
-        doorway.add_object(
-            "pipe", size=(0.2, 0.2, 0.05), pose=(3, 2, 2.6 + draw.uniform(0.06, 0.3))
-        )
-        expected.add("pipe")
+    above = slab + 0.05 if has_shape else 2.6  # in the room's height, or just above it
+    pipe = (3, 2, above + draw.uniform(0.06, 0.09))
+    doorway.add_object("pipe", size=(0.2, 0.2, 0.05), pose=pipe)
+    expected.add("pipe")
+    cable = draw.uniform(0.0, 0.45)
+    chandelier = (5, 2, 2.6 - cable - 0.4)
+    doorway.add_object("light", type="ceiling_lamp", size=(0.6, 0.6, 0.4), pose=chandelier)
     assert {f.entities[0] for f in doorway.check() if f.kind == "floating"} == expected
 
 

@@ -188,6 +188,11 @@ class CheckedBuilding:
             and other.high[2] >= entity.low[2] - distance
         ]
 
+    def drawn_rooms(self, door: CheckedEntity) -> dict[str, CheckedEntity]:
+        """The rooms with an outline that a door joins, by its ends a and b."""
+        rooms = {end: self.by_id.get(door.row[f"place_{end}"]) for end in "ab"}
+        return {end: r for end, r in rooms.items() if r and r.kind == "room" and r.outline}
+
     def at_opening(self, door: Pose, width: float) -> list[CheckedEntity]:
         """The solids at an opening, as thick as walls may be."""
         half = width / 2

@@ -41,8 +41,7 @@ def _wall_at(building: SupportedBuilding, door: CheckedEntity) -> float:
     Measured across the opening, a tenth of its width within its posts; no third room is in it.
     """
     assert door.pose is not None
-    ends = [building.by_id.get(door.row[f"place_{end}"]) for end in "ab"]
-    rooms = [room for room in ends if room is not None and room.kind == "room" and room.outline]
+    rooms = [*building.drawn_rooms(door).values()]
     inner = 0.4 * (door.row["width"] or 0.0)
     if len(rooms) < 2 or rooms[0] is rooms[1] or not inner:
         return WALL
@@ -70,16 +69,13 @@ def far_doors(building: SupportedBuilding) -> Found:
         stairs = door.row["form"] in ("stairs", "ramp")
         half = (door.row["width"] or 0.0) / 2
         opening = shapely.LineString(door.pose.apply([[0, -half, 0], [0, half, 0]])[:, :2])
-        for end in "ab":
-            reach = WALL if stairs else _wall_at(building, door)
-            room = building.by_id.get(door.row[f"place_{end}"])
-            if room is None or room.outline is None or room.kind != "room":
-                continue
+        wall = WALL if stairs else _wall_at(building, door)
+        for end, room in building.drawn_rooms(door).items():
             stand = door.pose @ Pose(*door.row[f"pose_{end}"])
             here = shapely.Point(stand.x, stand.y) if stairs else opening
-            gap = float(here.distance(room.outline))
-            if gap > WALL and room.outline.distance(shapely.Point(stand.x, stand.y)) > FASTENED:
-                reach = WALL  # nobody who faces it stands in the room: it is in no thick wall
+            gap = float(here.distance(room.ground))
+            faces_it = room.ground.distance(shapely.Point(stand.x, stand.y)) <= FASTENED
+            reach = wall if faces_it else WALL  # in a thick wall, who faces it is in the room
             rise = abs((stand.z if stairs else door.pose.z) - building.floor(room))
             if gap <= reach and rise <= STEP:
                 continue
@@ -146,9 +142,8 @@ def _door_moves(
     x, y, z = door.pose.translation
     edge = shapely.ops.nearest_points(room.outline, here.centroid)[0]
     spots = [(edge.x, edge.y)]
-    for end in "ab":
-        other = building.by_id.get(door.row[f"place_{end}"])
-        if other is not None and other is not room and other.outline is not None:
+    for other in building.drawn_rooms(door).values():
+        if other is not room:
             one, two = shapely.ops.nearest_points(room.outline, other.outline)
             beside = shapely.ops.nearest_points(other.outline, edge)[0]
             spots += [((edge.x + beside.x) / 2, (edge.y + beside.y) / 2)]
@@ -181,10 +176,8 @@ def blocked_doors(building: SupportedBuilding, structure: bool) -> Found:
 
 def _is_in_a_room(building: SupportedBuilding, door: CheckedEntity, entity: CheckedEntity) -> bool:
     """Whether a solid is in a room of a door, and not in the wall between them."""
-    rooms = [building.by_id.get(door.row[f"place_{end}"]) for end in "ab"]
-    return any(
-        room is not None and room.ground.buffer(SAME_POINT).covers(entity.ground) for room in rooms
-    )
+    rooms = building.drawn_rooms(door).values()
+    return any(room.ground.buffer(SAME_POINT).covers(entity.ground) for room in rooms)
 
 
 def _is_fast(building: SupportedBuilding, door: CheckedEntity, entity: CheckedEntity) -> bool:

@@ -113,8 +113,11 @@ class SupportedBuilding(CheckedBuilding):
         """Whether an object is at a ceiling that is only a number; it must touch one with a shape.
 
         A ceiling with a shape is a part of the building above or beneath it, in the room's height.
+        Cables of lamps are not modelled.
         """
         least, top = self.floor(room) + LINTEL, self.ceiling(room)
+        if entity.row["hanging"]:
+            return bool(abs(top - entity.high[2]) <= CEILING)
         if not (entity.low[2] <= top + FASTENED and entity.high[2] >= top - HUNG):
             return False
         middle = (entity.low + entity.high)[None] / 2
