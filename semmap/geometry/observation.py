@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from shapely import MultiPolygon, Polygon
 
-from semmap.geometry.overlay import common
-
 _SEGMENTS = 16
 
 
@@ -24,7 +22,7 @@ def observation_area(
     around = footprint.buffer(far, quad_segs=_SEGMENTS)
     ring: Polygon | MultiPolygon = around.difference(footprint.buffer(near, quad_segs=_SEGMENTS))
     if room is not None:
-        ring = common(ring, room)
+        ring = ring.intersection(room)
         if ring.area < 1e-4:
             raise ValueError(
                 f"no part of the room is {near} to {far} m away from it: give smaller distances"

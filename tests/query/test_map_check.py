@@ -730,8 +730,8 @@ def test_what_is_beside_the_board_that_it_should_stand_on_floats(
 
 
 @pytest.mark.parametrize("seed", range(8))
-def test_what_hangs_at_a_ceiling_touches_it(doorway: semmap.Map, seed: int) -> None:
-    """By arithmetic: a ceiling with a shape is touched; of one that is a number a hook is away."""
+def test_what_hangs_at_a_ceiling_is_near_to_it(doorway: semmap.Map, seed: int) -> None:
+    """By arithmetic: at a ceiling with a shape, or at one that is a number, and not above it."""
     draw = random.Random(seed)
     has_shape = seed % 2 == 0
     slab, high = draw.uniform(2.2, 2.5), draw.uniform(0.1, 0.3)
@@ -742,13 +742,13 @@ def test_what_hangs_at_a_ceiling_touches_it(doorway: semmap.Map, seed: int) -> N
         )
     bottom = slab if has_shape else 2.6
     expected = set()
-    spans = [(0.0, 0.04), (0.06, 0.1), (0.11, 0.5), (0.5, 0.9)]
+    spans = [(0.0, 0.04), (0.06, 0.14), (0.16, 0.5), (0.5, 0.9)]
     for number, (least, most) in enumerate(spans):
         air = draw.uniform(least, most)
         doorway.add_object(
             f"lamp{number}", size=(0.2, 0.2, high), pose=(1, 0.5 + number, bottom - air - high)
         )
-        if air > (0.05 if has_shape else 0.1):
+        if air > 0.15:
             expected.add(f"lamp{number}")
     above = slab + 0.05 if has_shape else 2.6  # in the room's height, or just above it
     pipe = (3, 2, above + draw.uniform(0.06, 0.09))

@@ -46,8 +46,8 @@ THICKEST = 1.2
 CEILING = 0.5
 """Metres beneath a ceiling that is only a number: slabs and suspended ceilings lie between."""
 
-HUNG = 0.1
-"""Metres of air between such a ceiling and what hangs at it: hooks and cables."""
+HUNG = 0.15
+"""Metres of air between a ceiling and what hangs at it: hooks and short cables."""
 
 UNSHAPED = 1.0
 """Metres beside the place of an object without geometry that it may cover."""

@@ -110,7 +110,7 @@ class SupportedBuilding(CheckedBuilding):
         return False
 
     def _is_at_ceiling(self, room: CheckedEntity, entity: CheckedEntity) -> bool:
-        """Whether an object is at a ceiling that is only a number; it must touch one with a shape.
+        """Whether an object is at a ceiling: at one with a shape, else at that which a number says.
 
         A ceiling with a shape is a part of the building above or beneath it, in the room's height.
         Cables of lamps are not modelled.
@@ -118,15 +118,18 @@ class SupportedBuilding(CheckedBuilding):
         least, top = self.floor(room) + LINTEL, self.ceiling(room)
         if entity.row["hanging"]:
             return bool(abs(top - entity.high[2]) <= CEILING)
-        if not (entity.low[2] <= top + FASTENED and entity.high[2] >= top - HUNG):
-            return False
         middle = (entity.low + entity.high)[None] / 2
-        return not any(
-            ((z >= least) & (z <= top + FASTENED)).any()
+        faces = [
+            heights_at(middle, part.faces_over(entity.low, entity.high)).ravel()
             for part in self.near(entity, CEILING)
             if self.is_part(part)
-            for z in heights_at(middle, part.faces_over(entity.low, entity.high))
-        )
+        ]
+        z = np.concatenate([*faces, np.empty(0)])
+        z = z[(z >= least) & (z <= top + FASTENED)]  # NaN: beside
+        away = z - entity.high[2]
+        if len(z):
+            return bool(((away >= -CONTACT) & (away <= HUNG)).any())
+        return bool(entity.low[2] <= top + FASTENED and entity.high[2] >= top - HUNG)
 
     def _touching(self, entity: CheckedEntity) -> list[CheckedEntity]:
         """Parts of the building and things that touch an object, or are around it, and can hold it.
