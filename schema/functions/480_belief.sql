@@ -567,6 +567,7 @@ CREATE FUNCTION follow_sighting(thing bigint)
 RETURNS void LANGUAGE plpgsql SECURITY DEFINER SET search_path = semmap, public, pg_temp AS $$
 -- Lets the map follow what is sure. An object or agent is moved to where it was seen last, if that is newer than its
 -- placement and nearly all belief is there; it has no place any more, if it was looked for in vain until nearly none is where it is.
+-- A robot that logs in by a role of its own knows best where it is: sightings of it by others do not move it.
 DECLARE
     sure CONSTANT double precision := 0.9;
     gone CONSTANT double precision := 0.01;
@@ -578,7 +579,9 @@ DECLARE
     former double precision[] := (SELECT w.pose FROM semmap.world w WHERE w.entity_id = thing);
     stay record;
 BEGIN
-    IF believed >= sure AND (placed.entity_id IS NULL OR seen.at > placed.since) THEN
+    IF EXISTS (SELECT FROM semmap.entity e JOIN pg_catalog.pg_roles r ON r.rolname = e.name WHERE e.id = thing AND e.kind = 'agent') THEN
+        RETURN;
+    ELSIF believed >= sure AND (placed.entity_id IS NULL OR seen.at > placed.since) THEN
         there := semmap.seen_pose(thing, seen.place_id, seen.position);
         IF there IS NULL THEN
             RETURN;

@@ -105,6 +105,15 @@ def test_a_robot_does_not_detect_itself(ship: Map) -> None:
     assert row["object"] != "rob"
 
 
+def test_a_robot_with_a_role_is_moved_by_itself_alone(ship: Map) -> None:
+    """Sightings by others neither move it nor take its place from it."""
+    ship.execute("CREATE ROLE rob")
+    ship.observe_point("rob", (8, 2, 0.2))
+    for place in ROOMS:
+        ship.observe("rob", place, seen=False, hit=0.999)
+    assert foot(ship, "rob") == (0.5, 2.5, 0)
+
+
 def test_a_route_to_a_person_ends_beside(ship_map: Map) -> None:
     ship = make_ship(ship_map.database, "boat")  # routes see what is committed
     ship.observe_point("ola", (8, 2, 0.9))
