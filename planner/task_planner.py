@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from itertools import islice
 from types import MappingProxyType
@@ -31,7 +31,7 @@ from planner.tasks.goal import Goal, parse_goal
 from planner.tasks.problem import NoPlanError, Problem
 from planner.tasks.problem_builder import build_problem
 from planner.tasks.reader import read_state, read_world
-from planner.tasks.sites import ApproachPoseOf, Target, stand
+from planner.tasks.sites import ApproachPosesOf, Target, stand
 from planner.tasks.solver import PATIENCE, find_plan
 from planner.tasks.world import TaskObject, TaskState, TaskWorld
 from planner.topology import Place, PlaceRegion
@@ -91,7 +91,7 @@ class Task:
     state: TaskState  # where the robot is, and what it carries
     goal: Goal
     domain: Domain | None = None
-    approach_pose: ApproachPoseOf | None = None  # None: before objects, in the middle of regions
+    approach_poses: ApproachPosesOf | None = None  # None: before objects, in the middle of regions
 
     def plan(self, patience: float = PATIENCE) -> Plan:
         """The plan that takes the least time, or the best one found within `patience` seconds.
@@ -169,8 +169,8 @@ class TaskPlanner:
             return check.misfit(item, moved=elsewhere or bool(world.above.get(item)))
 
         world = TaskWorld(usable, world.known, misfit)
-        approach_pose = _approach_poses(seen, self._live, world, check, tried, believed)
-        return Task(graph, world, state, parsed, domain, approach_pose)
+        approach_poses = _approach_poses(seen, self._live, world, check, tried, believed)
+        return Task(graph, world, state, parsed, domain, approach_poses)
 
     @staticmethod
     def _refuse_needed(
@@ -204,7 +204,7 @@ def _approach_poses(
     check: GraspCheck,
     tried: frozenset[tuple[str, Pose]],
     believed: Mapping[str, str],
-) -> ApproachPoseOf | None:
+) -> ApproachPosesOf | None:
     """Finds base poses on the costmaps that were not tried, and from which the robot's arm acts.
 
     None for a robot that is a point. A robot without shape crosses places without an outline
@@ -215,7 +215,6 @@ def _approach_poses(
     if costmaps is None:
         return None
     robot = live.graph.robot
-    found: dict[tuple[str, tuple[str, ...]], Pose] = {}
 
     def poses(of: Target) -> list[Pose]:
         if isinstance(of, PlaceRegion):
@@ -249,34 +248,36 @@ def _approach_poses(
                 f"{robot.name} has no other base pose for {name}: from {seen_before} it was tried"
             )
 
-    def within_reach(item: TaskObject) -> Pose | None:
-        """The first base pose from which the arm acts on an object; None where it is not known."""
+    def within_reach(item: TaskObject) -> Iterator[Pose] | None:
+        """The base poses from which the arm acts on an object; None where that is not known."""
         if item.name in believed or check.arm is None:
             return None
         carried = item.obstacle(robot.heights) is None
         acts = check.reach(item.name, carried=carried, beneath=bool(world.above.get(item.name)))
-        if acts is None:
-            return None
-        number = 0
+        return None if acts is None else acting(item, carried, acts)
+
+    def acting(item: TaskObject, carried: bool, acts: Callable[[Pose], bool]) -> Iterator[Pose]:
+        number, found = 0, False
         for pose in islice(untried(item.name, facing_poses(*located(item), BAND)), ASKED):
             if acts(pose):
-                return pose
+                found = True
+                yield pose
             number += 1
+        if found:
+            return
+        assert check.arm is not None
         what = f"takes {item.name} by no grasp" if carried else f"gets over no part of {item.name}"
         raise NoBasePoseError(
             f"{item.name} is out of reach: the arm of {check.arm[0]} {what} from the {number} base "
             "poses around it that are free"
         )
 
-    def approach_pose(of: Target) -> Pose | None:
+    def approach_poses(of: Target) -> Iterable[Pose]:
         place = of.place if isinstance(of, TaskObject) else of.name
         place = of.places[0] if isinstance(of, PlaceRegion) else place
         if costmaps.straight and place is not None and costmaps.ground(place) is None:
             return stand(of)
-        key = (of.name, of.places if isinstance(of, PlaceRegion) else ())
-        if key not in found:
-            reached = within_reach(of) if isinstance(of, TaskObject) else None
-            found[key] = reached or next(untried(of.name, poses(of)))
-        return found[key]
+        reached = within_reach(of) if isinstance(of, TaskObject) else None
+        return untried(of.name, poses(of)) if reached is None else reached
 
-    return approach_pose
+    return approach_poses

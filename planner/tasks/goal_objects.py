@@ -87,7 +87,7 @@ def find_wanted(draft: ProblemDraft) -> None:
     """
     problem, sites, world = draft.problem, draft.sites, draft.world
     named = dict.fromkeys(n for names in problem.candidates.values() for n in names)
-    sites.survey(sites.of_object(world.objects[n]) for n in named)
+    sites.survey(world.objects[n] for n in named)
     wanted = dict.fromkeys(
         atom.words[1] if atom.relation == "carries" else atom.words[0]
         for atom in problem.goal.atoms

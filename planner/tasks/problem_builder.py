@@ -19,7 +19,7 @@ from planner.tasks.goal import Goal
 from planner.tasks.goal_objects import find_surfaces, find_wanted, resolve_words
 from planner.tasks.problem import NoPlanError, Problem
 from planner.tasks.problem_draft import ProblemDraft
-from planner.tasks.sites import ApproachPoseOf, Sites
+from planner.tasks.sites import ApproachPosesOf, Sites
 from planner.tasks.world import TaskState, TaskWorld
 
 
@@ -30,14 +30,14 @@ def build_problem(
     goal: Goal,
     *,
     domain: Domain | None = None,
-    approach_pose: ApproachPoseOf | None = None,
+    approach_poses: ApproachPosesOf | None = None,
 ) -> Problem:
     """The problem of a goal.
 
     Raises UnknownObjectError: a word of the goal stands for nothing; GoalError: the goal
     contradicts itself or the world; NoPlanError: the goal cannot be reached.
     """
-    sites = Sites(graph, world, state.place, state.pose, approach_pose)
+    sites = Sites(graph, world, state.place, state.pose, approach_poses)
     times = graph.durations
     problem = Problem(goal, state, graph.robot.capacity, times.pickup, times.place)
     draft = ProblemDraft(graph, world, sites, problem)

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import suppress
 from dataclasses import replace
 from typing import TypeAlias
 
@@ -18,8 +19,8 @@ from semmap.geometry.pose import Pose
 Target: TypeAlias = TaskObject | PlaceRegion | Place
 """An object, a region, or the floor of a place."""
 
-ApproachPoseOf = Callable[[Target], Pose | None]
-"""Returns the base pose for a target; a NoRouteError says why there is none."""
+ApproachPosesOf = Callable[[Target], Iterable[Pose]]
+"""Returns the base poses for a target, the best first; a NoRouteError says why there is none."""
 
 
 class Sites:
@@ -35,14 +36,15 @@ class Sites:
         world: TaskWorld,
         place: str,
         pose: Pose | None,
-        approach_pose: ApproachPoseOf | None,
+        approach_poses: ApproachPosesOf | None,
     ) -> None:
         self.graph, self.world = graph, world
-        self.approach_pose = approach_pose or stand
+        self.approach_poses = approach_poses or stand
         self.all: list[Endpoint] = []
         self._numbers: dict[tuple[str, Pose | None], int] = {}
         self._away: dict[int, float] = {}  # seconds from the robot, where queried
-        self._without_pose: dict[tuple[str, str], int] = {}  # sites of targets and places
+        self._first: dict[tuple[str, str], tuple[int, Iterator[Pose]]] = {}  # and other poses
+        self._found: dict[tuple[str, str], int] = {}  # sites of targets and places
         self._reasons: dict[int, str] = {}  # why they have no base pose
         self.at(place, pose)
 
@@ -75,22 +77,46 @@ class Sites:
         return [n for n in numbers if n not in self._reasons][:1] or numbers[:1]
 
     def _site(self, target: Target, place: str, otherwise: Pose | None) -> int:
-        """The number of the site of a target in a place."""
-        if (target.name, place) in self._without_pose:
-            return self._without_pose[target.name, place]
-        try:
-            pose = self.approach_pose(target) or otherwise
-        except NoRouteError as error:
-            number = self._without_pose[target.name, place] = len(self.all)
-            self.all.append(self.graph.endpoint(place, otherwise))
-            self._away[number], self._reasons[number] = math.inf, str(error)
-            return number
-        if isinstance(target, PlaceRegion) and pose is not None:
-            pose = pose._replace(z=self.graph.topology.places[place].floor)
-        return self.at(place, pose)
+        """The number of a target's best site in a place: the first one that routes lead to."""
+        key = (target.name, place)
+        if key not in self._found:
+            self._found[key], others = self._begin(target, place, otherwise)
+            if not self.is_reachable(self._found[key]):
+                found = (self.at(place, self._on_floor(target, pose)) for pose in others)
+                with suppress(NoRouteError):
+                    self._found[key] = next(filter(self.is_reachable, found), self._found[key])
+        return self._found[key]
 
-    def survey(self, numbers: Iterable[int]) -> None:
-        """Compute the travel times from the robot to many sites at once."""
+    def _begin(
+        self, target: Target, place: str, otherwise: Pose | None
+    ) -> tuple[int, Iterator[Pose]]:
+        """The number of the first site of a target in a place, and the poses of others."""
+        key = (target.name, place)
+        if key not in self._first:
+            poses: Iterator[Pose] = iter(())
+            try:
+                poses = iter(self.approach_poses(target))
+                pose = next(poses, otherwise)
+                number = self.at(place, self._on_floor(target, pose))
+            except NoRouteError as error:
+                number = len(self.all)
+                self.all.append(self.graph.endpoint(place, otherwise))
+                self._away[number], self._reasons[number] = math.inf, str(error)
+            self._first[key] = number, poses
+        return self._first[key]
+
+    def _on_floor(self, target: Target, pose: Pose | None) -> Pose | None:
+        if isinstance(target, PlaceRegion) and pose is not None:
+            return pose._replace(z=self.graph.topology.places[target.places[0]].floor)
+        return pose
+
+    def survey(self, items: Iterable[TaskObject]) -> None:
+        """Compute the travel times from the robot to many objects at once."""
+        self._measure(
+            self._begin(item, item.place, item.pose)[0] for item in items if item.place is not None
+        )
+
+    def _measure(self, numbers: Iterable[int]) -> None:
         new = [n for n in dict.fromkeys(numbers) if n not in self._away]
         if new:
             took = seconds_between(self.graph, self.all[:1], [self.all[n] for n in new])[0]
@@ -99,7 +125,7 @@ class Sites:
     def is_reachable(self, number: int) -> bool:
         """Whether a route leads from the robot to a site."""
         if number not in self._away:
-            self.survey([number])
+            self._measure([number])
         return math.isfinite(self._away[number])
 
     def unreachable_reason(self, number: int, name: str) -> str:
@@ -110,13 +136,13 @@ class Sites:
         return f"{name} cannot be reached: {reason}"
 
 
-def stand(item: Target) -> Pose | None:
-    """The base pose for a target among no obstacles; None anywhere in its place."""
+def stand(item: Target) -> list[Pose]:
+    """The base pose for a target among no obstacles; none anywhere in its place."""
     if isinstance(item, Place):
-        return None
+        return []
     if isinstance(item, PlaceRegion):
         middle = item.outline.representative_point()
-        return Pose.planar(middle.x, middle.y)
-    if item.approach_pose is not None or item.pose is None:
-        return item.approach_pose
-    return item.pose._replace(z=item.pose.z - item.height)
+        return [Pose.planar(middle.x, middle.y)]
+    if item.approach_pose is not None:
+        return [item.approach_pose]
+    return [] if item.pose is None else [item.pose._replace(z=item.pose.z - item.height)]

@@ -28,7 +28,7 @@ from planner.tasks.lower_bound import lower_bound
 from planner.tasks.plan_expansion import TaskEvent, expand_plan
 from planner.tasks.problem import NoPlanError, Problem, milliseconds
 from planner.tasks.problem_builder import build_problem
-from planner.tasks.sites import ApproachPoseOf
+from planner.tasks.sites import ApproachPosesOf
 from planner.tasks.world import TaskState, TaskWorld
 
 if TYPE_CHECKING:
@@ -44,7 +44,7 @@ def find_plan(
     goal: Goal | str,
     *,
     domain: Domain | None = None,
-    approach_pose: ApproachPoseOf | None = None,
+    approach_poses: ApproachPosesOf | None = None,
     patience: float = PATIENCE,
 ) -> Plan:
     """The plan that reaches a goal in the least time.
@@ -56,8 +56,9 @@ def find_plan(
     ----------
     domain
         Additional actions.
-    approach_pose
-        Returns the base pose for an object; by default its `approach_pose`, or else its own pose.
+    approach_poses
+        Returns the base poses for an object, the best first; by default its `approach_pose`, or
+        else its own pose.
     patience
         Seconds after which the best plan found so far is returned; see its `bound`.
 
@@ -68,7 +69,7 @@ def find_plan(
     """
     if isinstance(goal, str):
         goal = parse_goal(goal, domain.relations if domain else ())
-    problem = build_problem(graph, world, state, goal, domain=domain, approach_pose=approach_pose)
+    problem = build_problem(graph, world, state, goal, domain=domain, approach_poses=approach_poses)
     events, meant, proven = solve(problem, patience, graph)
     plan = expand_plan(graph, problem, events, meant)
     bound = plan.seconds if proven else min(lower_bound(problem), plan.seconds)

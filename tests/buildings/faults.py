@@ -221,7 +221,7 @@ def _free(building: Building, place: semmap.Map) -> Iterator[Spot]:
             and item.low < room.ceiling
             and item.high > room.floor - 0.1
         ]
-        taken += [] if annex is None else [annex]
+        taken += [] if annex is None else [annex.buffer(0.3)]
         taken += [  # before a door they would be in its way
             shapely.LineString(door.ends).buffer(0.3)
             for door in building.doors

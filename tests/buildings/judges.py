@@ -308,11 +308,11 @@ def _is_shut(building: Building, door: Door) -> bool:
     for item in building.items:
         low, high = item.low - inside.floor, item.high - inside.floor
         if item.points is None and low <= BODY.top and high >= 0.021:
-            met = shapely.get_coordinates(item.ground.intersection(strip))
-            along = [line.project(shapely.Point(at)) for at in met]
-            if along and min(along) < max(along):
-                ends = line.interpolate([min(along), max(along)])
-                free = free.difference(shapely.LineString(ends).buffer(1e-4))
+            for part in shapely.get_parts(item.ground.intersection(strip)):
+                along = [line.project(shapely.Point(at)) for at in shapely.get_coordinates(part)]
+                if along and min(along) < max(along):
+                    ends = line.interpolate([min(along), max(along)])
+                    free = free.difference(shapely.LineString(ends).buffer(1e-4))
     return max((part.length for part in shapely.get_parts(free)), default=0.0) < BODY.width
 
 
