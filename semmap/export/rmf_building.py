@@ -36,6 +36,9 @@ SHORTEST = 2e-3
 REACH = 0.35
 """Metres from the line of a door within which the room that it leads to begins."""
 
+STANDS = 0.5
+"""Metres below a level at which what has no storey is still on it."""
+
 TYPES = {bool: 4, int: 2, float: 3, str: 1}
 """The numbers of the types of parameters."""
 
@@ -88,14 +91,18 @@ def _params(given: Mapping[str, Any]) -> dict[str, list[Any]]:
 
 
 def write_rmf(found: MapFeatures, path: Path) -> None:
-    """Write a map as a building of Open-RMF."""
+    """Write a map as a building of Open-RMF; what has no storey is on the level below it."""
     storeys = [(s.name, float(s.keys.get("elevation", 0.0))) for s in found.all("storeys")]
     storeys = sorted(storeys, key=lambda each: each[1]) or [(found.name, 0.0)]
     levels = {name: _Level(elevation) for name, elevation in storeys}
-    alone = storeys[0][0] if len(storeys) == 1 else None
+
+    def level_of(each: MapFeature) -> str:
+        z = each.keys.get("floor", 0.0 if each.pose is None else each.pose.z) + STANDS
+        below = [name for name, elevation in storeys if elevation <= z]
+        return str(each.keys.get("storey", (below or [storeys[0][0]])[-1]))
 
     def on(name: str, *layers: str) -> list[MapFeature]:
-        return [each for each in found.all(*layers) if each.keys.get("storey", alone) == name]
+        return [each for each in found.all(*layers) if level_of(each) == name]
 
     at: dict[str, tuple[str, int]] = {}
     for name, level in levels.items():

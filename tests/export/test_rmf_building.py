@@ -133,3 +133,20 @@ def test_an_object_without_a_type_comes_back_without_one(database: str, tmp_path
         after.import_file(before.export(tmp_path / "plan.building.yaml"))
         types = {o.name: o.type for o in after.objects}
         assert (types["gizmo one"], types["gizmo two"]) == (None, "table")
+
+
+def test_what_has_no_storey_is_on_the_level_below_it(database: str, tmp_path: Path) -> None:
+    with semmap.connect(database) as db:
+        tower = db.create_map("tower")
+        tower.add_storey("low", elevation=0)
+        tower.add_storey("high", elevation=3)
+        square = shapely.box(0, 0, 4, 4)
+        tower.add_room("hall", square, floor=0, ceiling=2.7, storey="low")
+        tower.add_room("attic", square, floor=3, ceiling=5.7)
+        tower.add_room("annex", shapely.box(5, 0, 9, 4), floor=0, ceiling=2.7)
+        tower.add_object("bed", type="bed", size=(2, 1, 0.5), pose=(2, 2, 3))
+        drawn = yaml.safe_load(tower.export(tmp_path / "tower.building.yaml").read_text())
+    named = {n: {v[3] for v in level["vertices"]} for n, level in drawn["levels"].items()}
+    assert named["low"] >= {"hall", "annex"}
+    assert named["high"] >= {"attic"}
+    assert [model["name"] for model in drawn["levels"]["high"]["models"]] == ["bed"]
