@@ -136,17 +136,27 @@ def test_an_object_without_a_type_comes_back_without_one(database: str, tmp_path
 
 
 def test_what_has_no_storey_is_on_the_level_below_it(database: str, tmp_path: Path) -> None:
+    square = shapely.box(0, 0, 4, 4)
+    features = [
+        ({"kind": "storey", "name": "low", "elevation": 0}, None),
+        ({"kind": "storey", "name": "high", "elevation": 3}, None),
+        ({"kind": "room", "name": "hall", "storey": "low", "ceiling": 2.7}, square),
+        ({"kind": "room", "name": "attic", "floor": 4.2, "ceiling": 6.7}, square),
+        ({"kind": "room", "name": "annex", "floor": 1, "ceiling": 2.7}, shapely.box(5, 0, 9, 4)),
+    ]
+    drawn = [
+        {"type": "Feature", "properties": p, "geometry": g and shapely.geometry.mapping(g)}
+        for p, g in features
+    ]
+    file = tmp_path / "tower.geojson"
+    file.write_text(json.dumps({"type": "FeatureCollection", "features": drawn}))
     with semmap.connect(database) as db:
         tower = db.create_map("tower")
-        tower.add_storey("low", elevation=0)
-        tower.add_storey("high", elevation=3)
-        square = shapely.box(0, 0, 4, 4)
-        tower.add_room("hall", square, floor=0, ceiling=2.7, storey="low")
-        tower.add_room("attic", square, floor=3, ceiling=5.7)
-        tower.add_room("annex", shapely.box(5, 0, 9, 4), floor=0, ceiling=2.7)
-        tower.add_object("bed", type="bed", size=(2, 1, 0.5), pose=(2, 2, 3))
-        drawn = yaml.safe_load(tower.export(tmp_path / "tower.building.yaml").read_text())
-    named = {n: {v[3] for v in level["vertices"]} for n, level in drawn["levels"].items()}
+        tower.import_file(file)
+        tower.add_object("bed", type="bed", size=(2, 1, 0.5), pose=(2, 2, 4.2))
+        assert tower["attic"].storey is tower["annex"].storey is None
+        written = yaml.safe_load(tower.export(tmp_path / "tower.building.yaml").read_text())
+    named = {n: {v[3] for v in level["vertices"]} for n, level in written["levels"].items()}
     assert named["low"] >= {"hall", "annex"}
     assert named["high"] >= {"attic"}
-    assert [model["name"] for model in drawn["levels"]["high"]["models"]] == ["bed"]
+    assert [model["name"] for model in written["levels"]["high"]["models"]] == ["bed"]
