@@ -1,9 +1,10 @@
-"""A move of one of 10,000 objects until clients (Python, HTTP, MCP, the viewer) hear of it."""
+"""A move of one of 10,000 objects until clients (Python, HTTP, MCP, ROS 2, the viewer) hear it."""
 
 from __future__ import annotations
 
 import json
 import sys
+import tempfile
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -24,6 +25,8 @@ import semmap
 from benchmarks.inventory import building, stored
 from benchmarks.timing import Row, print_rows
 from tests.browser import SIZE, chromium, open_viewer
+from tests.ros.conftest import new_environment, run
+from tests.ros_python import ROS_PYTHON
 from tests.served import served
 
 Follow = Callable[[semmap.Database, Callable[[str], None]], AbstractContextManager[None]]
@@ -44,12 +47,14 @@ def measured() -> list[Row]:
         info = session.info
         url = f"postgresql:///{info.dbname}?host={info.host}&port={info.port}&user={info.user}"
         with semmap.connect(url) as db:
-            return [
-                _row("a client in Python (Map.subscribe)", db, subscribed),
-                _row("a client of HTTP (server-sent events)", db, streamed),
-                _row("a client of MCP (a resource)", db, partial(listened, url)),
-                *_viewer_rows(db),
-            ]
+            faces: dict[str, Follow] = {
+                "a client in Python (Map.subscribe)": subscribed,
+                "a client of HTTP (server-sent events)": streamed,
+                "a client of MCP (a resource)": partial(listened, url),
+            }
+            if ROS_PYTHON:
+                faces["a node of ROS 2 (markers)"] = partial(marked, url)
+            return [*(_row(name, db, by) for name, by in faces.items()), *_viewer_rows(db)]
 
 
 @contextmanager
@@ -101,6 +106,52 @@ def listened(url: str, _: semmap.Database, hear: Callable[[str], None]) -> Itera
         ready.wait()
         yield
         following.cancel()
+
+
+@contextmanager
+def marked(url: str, _: semmap.Database, hear: Callable[[str], None]) -> Iterator[None]:
+    """Call with the name of each object whose marker comes to a node in another process."""
+    values = {"url": url, "map": "building"}
+    ready, environment = threading.Event(), new_environment()
+    with tempfile.NamedTemporaryFile("w", suffix=".yaml") as file:  # JSON is YAML
+        file.write(json.dumps({"/semmap": {"ros__parameters": values}}))
+        file.flush()
+        words = [ROS_PYTHON, "-m", "semmap_ros", "--ros-args", "--params-file", file.name]
+        with run([ROS_PYTHON, "-c", MARKED], environment) as peer, run(words, environment):
+
+            def follow() -> None:
+                assert peer.stdout is not None
+                for line in peer.stdout:
+                    ready.set()
+                    hear(line.strip())
+
+            thread = threading.Thread(target=follow, daemon=True)
+            thread.start()
+            ready.wait()
+            yield
+        thread.join()
+
+
+MARKED = """
+import rclpy
+from rclpy.executors import ExternalShutdownException
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from visualization_msgs.msg import MarkerArray
+
+def hear(message):
+    for name in [m.text for m in message.markers] if len(message.markers) < 100 else [""]:
+        print(name, flush=True)
+
+rclpy.init()
+node = rclpy.create_node("peer")
+latched = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+node.create_subscription(MarkerArray, "/semmap/markers", hear, latched)
+try:
+    rclpy.spin(node)
+except (KeyboardInterrupt, ExternalShutdownException):
+    pass
+"""
+"""Prints the names in each message, and an empty line for one that has all objects."""
 
 
 def _row(name: str, db: semmap.Database, by: Follow) -> Row:

@@ -40,6 +40,11 @@ def ros_python() -> str:
 @pytest.fixture(scope="session")
 def ros_environment() -> dict[str, str]:
     """A domain of this test process, on this machine alone; without the settings of a user."""
+    return new_environment()
+
+
+def new_environment() -> dict[str, str]:
+    """The environment of a new domain of ROS 2, on this machine alone."""
     own = {k: v for k, v in os.environ.items() if not k.startswith(("ROS_", "RMW_", "FASTDDS_"))}
     return own | {
         "ROS_DOMAIN_ID": str(random.SystemRandom().randrange(1, 100)),

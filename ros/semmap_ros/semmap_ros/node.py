@@ -1,7 +1,7 @@
 """The node: a life cycle around a map that is open, its topics and its services.
 
-All that touches the map runs in the thread of the executor; the thread of the subscription only
-notes what changed, and wakes that one.
+What touches the map runs in the thread of the executor. The thread of the subscription only notes
+what changed, and that of the topics only reads large states: both wake that one.
 """
 
 from __future__ import annotations
@@ -62,6 +62,8 @@ class MapNode(LifecycleNode):  # type: ignore[misc]
         self._wanted = False  # whether it becomes active again when it can
         self._error = ""
         self._changed = self.create_guard_condition(self._follow)
+        self.was_read = self.create_guard_condition(self._show)
+        """Wakes the executor when the topics have read a state of the map."""
         self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
         self._answers = MapServices(self)
         self._taken = MapDetections(self)
@@ -148,9 +150,13 @@ class MapNode(LifecycleNode):  # type: ignore[misc]
         self._say("")
         return SUCCESS
 
+    def connect(self) -> semmap.Database:
+        """Open the database of the parameter ``url``."""
+        return semmap.connect(self.value("url") or None)
+
     def _open(self) -> semmap.Map:
         if self._map is None:
-            database = semmap.connect(self.value("url") or None)
+            database = self.connect()
             try:
                 self._map = database.map(self.value("map") or None)
             except BaseException:
@@ -174,6 +180,7 @@ class MapNode(LifecycleNode):  # type: ignore[misc]
         found, self._map = self._map, None
         if subscription is not None and subscription.running:
             subscription.stop()
+        self.topics.stop()
         if found is not None:
             found.database.close()
         self._events.clear()
@@ -187,11 +194,12 @@ class MapNode(LifecycleNode):  # type: ignore[misc]
     def _follow(self) -> None:
         events = [self._events.popleft() for _ in range(len(self._events))]
         if self.is_active and events:
-            self._guarded(lambda: self._publish(events))
+            self._guarded(lambda: self.topics.follow(self.map, events))
 
-    def _publish(self, events: list[Any]) -> None:
-        self.topics.follow(self.map, events)
-        self._answers.offer(self.topics.storeys)
+    def _show(self) -> None:
+        if self.is_active:
+            self._guarded(self.topics.show_read)
+            self._answers.offer(self.topics.storeys)
 
     def _look(self) -> None:
         """Look whether the map can be read, or try again to reach it; tell the state."""

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from typing import TYPE_CHECKING, Any
+from concurrent.futures import Future, ThreadPoolExecutor, wait
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from geometry_msgs.msg import TransformStamped
 from nav_msgs.msg import OccupancyGrid
@@ -17,7 +18,7 @@ from semmap.error import UnknownNameError
 from semmap.geometry.pose import Pose
 from semmap.server.scene import boxes_of, scene_of
 from semmap_ros import messages
-from semmap_ros.grids import read_grids
+from semmap_ros.grids import StoreyTopic, read_grids
 from semmap_ros.latched import LatchedTopics
 from semmap_ros.optional import CostmapFilterInfo, LabelInfo, TFMessage, VisionClass
 
@@ -25,12 +26,27 @@ if TYPE_CHECKING:
     import semmap
     from semmap_ros.node import MapNode
 
+FEW = 500
+"""Objects of which all markers and frames are published in some tens of milliseconds."""
+
 NOT_SHOWN = {"belief", "statement", "inferred", "linked"}
 """Events after which all that is published is the same."""
 
 
+class Reading(NamedTuple):
+    """A state of the map: its grids by their topics; the others if all topics are published."""
+
+    grids: dict[str, StoreyTopic]
+    scene: dict[str, Any] | None = None
+    boxes: Any = None
+    fields: Any = None
+    types: Any = None
+
+
 class MapTopics:
     """The topics of a map, below the name of the node; use it in one thread.
+
+    Grids take seconds in large buildings: a thread of its own reads them, on its own connections.
 
     Attributes
     ----------
@@ -41,6 +57,12 @@ class MapTopics:
         self._node = node
         self._latched = LatchedTopics(node)
         self._floors: dict[str, float] = {}  # by the frames of storeys
+        self._reader = ThreadPoolExecutor(1, thread_name_prefix="grids")
+        self._database: semmap.Database | None = None  # of that thread
+        self._job: Future[Reading] | None = None
+        self._stale = self._incomplete = False  # the grids alone, and all topics
+        self._moved: dict[str, dict[str, Any]] = {}  # while it reads
+        self._partial = False  # whether the last markers are of some objects
         self.grids: dict[str, OccupancyGrid] = {}
 
     @property
@@ -59,33 +81,84 @@ class MapTopics:
 
     def publish(self, map: semmap.Map) -> None:
         """Publish all topics, and end those of removed storeys and fields."""
-        self._latched.begin()
-        self._scene = scene_of(map)
-        self._boxes = boxes_of(map)
-        self._things = {thing["name"]: thing for thing in self._scene["things"]}
-        self._publish_grids(map)
-        self._publish_scene()
-        self._publish_fields(map)
-        if LabelInfo is not None:
-            names = enumerate(sorted(each["name"] for each in map.types()))
-            classes = [VisionClass(class_id=number, class_name=name) for number, name in names]
-            self._latched.publish("~/labels", LabelInfo(header=self._head(), class_map=classes))
-        self._latched.end_others()
+        self._moved = {}
+        self._show(self._read(map, whole=True))
 
     def follow(self, map: semmap.Map, events: Iterable[Any]) -> None:
-        """Publish the parts that events concern: first only the objects that moved, which is quick.
+        """Publish the objects that moved, and let the rest be read; `show_read` publishes that.
 
-        Late subscribers get the last message, which has to be of all things again.
+        Of `FEW` objects all are published, as late subscribers get the last message alone; of more,
+        those that moved go first, and all follow with the grids.
         """
         shown = [event for event in events if event.what not in NOT_SHOWN]
         moved = {event.name for event in shown if self._move(map, event)}
-        if moved:
-            self._publish_things(moved)
-        if any(event.name not in moved for event in shown):
-            self.publish(map)
-        elif moved:
-            self._publish_grids(map)
+        if moved and len(self._things) <= FEW:
             self._publish_scene()
+        elif moved:
+            self._publish_things(moved)
+        self._stale |= bool(moved)
+        self._incomplete |= any(event.name not in moved for event in shown)
+        self._begin_to_read()
+
+    def show_read(self) -> None:
+        """Publish what was read; raises the errors of the map. Does nothing before that is done."""
+        if self._job is not None and self._job.done():
+            job, self._job = self._job, None
+            self._show(job.result())
+            self._begin_to_read()
+
+    def stop(self) -> None:
+        """Wait until nothing is read any more, and close the connections for it."""
+        job, self._job = self._job, None
+        if job is not None:
+            wait([job])
+        database, self._database = self._database, None
+        if database is not None:
+            database.close()
+        self._stale = self._incomplete = False
+
+    def _begin_to_read(self) -> None:
+        """Read what is out of date, unless something is read: then `show_read` begins again."""
+        if self._job is None and (self._stale or self._incomplete):
+            whole, self._moved = self._incomplete, {}
+            self._stale = self._incomplete = False
+            self._job = self._reader.submit(self._read_apart, whole)
+            self._job.add_done_callback(lambda _: self._node.was_read.trigger())
+
+    def _read_apart(self, whole: bool) -> Reading:
+        if self._database is None:
+            self._database = self._node.connect()
+        return self._read(self._database.map(self._scene["map"]), whole)
+
+    def _read(self, map: semmap.Map, whole: bool) -> Reading:
+        if not whole:
+            return Reading(read_grids(self._node, map))
+        scene, boxes = scene_of(map), boxes_of(map)
+        types = None if LabelInfo is None else sorted(each["name"] for each in map.types())
+        return Reading(read_grids(self._node, map), scene, boxes, self._read_fields(map), types)
+
+    def _show(self, read: Reading) -> None:
+        """Publish a state of the map."""
+        if read.scene is None:
+            self._publish_grids(read.grids)
+            if self._partial and not self._stale:
+                self._publish_scene()
+            return
+        self._latched.begin()
+        self._scene, self._boxes = read.scene, read.boxes
+        self._things = {thing["name"]: thing for thing in self._scene["things"]}
+        for name in self._moved.keys() & self._things.keys():
+            self._things[name].update(self._moved[name])
+        self._publish_grids(read.grids)
+        self._publish_scene()
+        for name, field in read.fields.items():
+            cloud = messages.cloud_message(field.voxels.centres, field.values, self._head())
+            self._latched.publish(f"~/fields/{ros_name(name)}", cloud)
+        if read.types is not None:
+            names = enumerate(read.types)
+            classes = [VisionClass(class_id=number, class_name=name) for number, name in names]
+            self._latched.publish("~/labels", LabelInfo(header=self._head(), class_map=classes))
+        self._latched.end_others()
 
     def withdraw(self) -> None:
         """End all topics."""
@@ -100,10 +173,11 @@ class MapTopics:
         storey = map.entity(event.id, event.kind, event.name).storey
         changed = {"pose": [*event.to_pose], "storey": storey and storey.name}
         self._things[event.name].update(changed)
+        self._moved[event.name] = changed
         return True
 
     def _publish_scene(self) -> None:
-        head = self._head()
+        head, self._partial = self._head(), False
         shown = messages.markers_message(self._scene, self._boxes, head)
         self._marker_ids = {m.text: m.id for m in shown.markers if m.ns == messages.THINGS}
         self._latched.publish("~/markers", shown)
@@ -115,6 +189,7 @@ class MapTopics:
 
     def _publish_things(self, names: Iterable[str]) -> None:
         """Publish the markers and frames of some things."""
+        self._partial = True
         head, things = self._head(), [self._things[name] for name in names]
         shown = MarkerArray()
         for thing in things:
@@ -141,9 +216,9 @@ class MapTopics:
             name = f"{self._scene['map']}/{thing['name']}"
             yield messages.transform_message(above, name, pose, stamp)
 
-    def _publish_grids(self, map: semmap.Map) -> None:
+    def _publish_grids(self, found: dict[str, StoreyTopic]) -> None:
         """Publish the grids that differ from the last ones."""
-        found, now = read_grids(self._node, map), {}
+        now = {}
         self._floors = {frame_name(of.scene.storey): of.scene.elevation for of in found.values()}
         for topic, of in found.items():
             head = self._head(frame_name(of.scene.storey))
@@ -166,18 +241,15 @@ class MapTopics:
                 self._latched.publish(topic.replace("_mask", "_filter_info"), info)
         self.grids = now
 
-    def _publish_fields(self, map: semmap.Map) -> None:
+    def _read_fields(self, map: semmap.Map) -> Any:
         names = [name for name in self._node.value("fields") if name]
         if not names:
-            return
+            return {}
         try:
             with map.snapshot() as seen:
-                found = read_fields(seen, names)
+                return read_fields(seen, names)
         except LookupError as error:
             raise UnknownNameError(str(error)) from error
-        for name, field in found.items():
-            cloud = messages.cloud_message(field.voxels.centres, field.values, self._head())
-            self._latched.publish(f"~/fields/{ros_name(name)}", cloud)
 
     def _head(self, frame: str = ROOT_FRAME) -> Header:
         return Header(frame_id=frame, stamp=self._node.get_clock().now().to_msg())
