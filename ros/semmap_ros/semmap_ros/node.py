@@ -6,6 +6,7 @@ what changed, and that of the topics only reads large states: both wake that one
 
 from __future__ import annotations
 
+import sys
 from collections import deque
 from collections.abc import Callable
 from typing import Any
@@ -255,6 +256,7 @@ class MapNode(LifecycleNode):  # type: ignore[misc]
 
 def main(arguments: list[str] | None = None) -> None:
     """Run the node until it is interrupted."""
+    sys.setswitchinterval(1e-3)  # seconds: moves do not wait for the thread that reads grids
     rclpy.init(args=arguments)
     node = MapNode()
     try:
