@@ -36,7 +36,11 @@ def building(run_node: RunNode, hotel: Engine) -> Iterator[semmap.Map]:
             zone = shapely.box(x - 1, y - 0.5, x + 1, y + 0.5)
             options = {"type": kind, "floor": storey.pose.z, "storey": storey.name}
             found.add_region(f"zone{number}", zone, **options).properties = rules
-        with run_node(url_of(found), "hotel", robot="slim", resolution=0.1, oldest=60.0):
+        low_room = largest_room(found, low)
+        x, y = low_room.footprint.representative_point().coords[0]
+        found.add_agent("porter", type="robot", pose=(x, y, low.pose.z))
+        given = {"robot": "slim", "agent": "porter", "resolution": 0.1, "oldest": 60.0}
+        with run_node(url_of(found), "hotel", **given):
             yield found
 
 
@@ -61,6 +65,19 @@ def test_each_storey_has_its_grid_and_the_costmaps_of_the_robot(
             cells = np.array(peer.take(f"{topic_of(storey)}/{topic}")["data"])
             pixels = np.asarray(Image.open(folder / f"{file}.pgm"))[::-1].astype(int).ravel()
             np.testing.assert_array_equal(cells, np.where(pixels > 100, -1, pixels))
+
+
+def test_the_map_is_that_of_the_storey_of_the_robot(peer: Peer, building: semmap.Map) -> None:
+    low, *_, high = sorted(building.storeys, key=lambda storey: storey.pose.z)
+    peer.listen("/semmap/map", GRIDS)
+    for storey in (low, high, low):
+        x, y = largest_room(building, storey).footprint.representative_point().coords[0]
+        building["porter"].move_to(x, y, storey.pose.z)
+        frame = "map_" + storey.name.replace("-", "_")
+        shown = peer.take("/semmap/map", lambda m, frame=frame: m["header"]["frame_id"] == frame)
+        peer.listen(f"{topic_of(storey)}/grid", GRIDS)
+        assert peer.take(f"{topic_of(storey)}/grid")["data"] == shown["data"]
+        assert peer("take", "/semmap/map", 0.5) is None  # a move on a storey changes no map
 
 
 def test_zones_are_masks_with_their_filters(peer: Peer, building: semmap.Map) -> None:

@@ -31,6 +31,7 @@ PARAMETERS: dict[str, Any] = {
     "url": "",
     "storeys": [""],
     "robot": "",
+    "agent": "",
     "resolution": 0.05,
     "interval": [0.05, 1.8],
     "fields": [""],

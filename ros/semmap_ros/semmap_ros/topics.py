@@ -63,6 +63,7 @@ class MapTopics:
         self._stale = self._incomplete = False  # the grids alone, and all topics
         self._moved: dict[str, dict[str, Any]] = {}  # while it reads
         self._partial = False  # whether the last markers are of some objects
+        self._floor_plan: OccupancyGrid | None = None  # the last one of `~/map`
         self.grids: dict[str, OccupancyGrid] = {}
 
     @property
@@ -96,6 +97,8 @@ class MapTopics:
             self._publish_scene()
         elif moved:
             self._publish_things(moved)
+        if self._node.value("agent") in moved:
+            self._publish_map()
         self._stale |= bool(moved)
         self._incomplete |= any(event.name not in moved for event in shown)
         self._begin_to_read()
@@ -164,7 +167,7 @@ class MapTopics:
         """End all topics."""
         self._latched.begin()
         self._latched.end_others()
-        self.grids = {}
+        self.grids, self._floor_plan = {}, None
 
     def _move(self, map: semmap.Map, event: Any) -> bool:
         """Whether the scene is as the event left it, by the new pose of a thing."""
@@ -240,6 +243,18 @@ class MapTopics:
                 )
                 self._latched.publish(topic.replace("_mask", "_filter_info"), info)
         self.grids = now
+        self._publish_map()
+
+    def _publish_map(self) -> None:
+        """Publish the grid of the storey on which the agent is, if it is another one."""
+        agent = self._things.get(self._node.value("agent"), {})
+        topic = f"~/{ros_name(agent['storey'])}/grid" if agent.get("storey") else ""
+        grid = self.grids.get(topic, self._floor_plan)
+        if grid is not None and grid is not self._floor_plan:
+            self._floor_plan = grid
+            self._latched.publish("~/map", grid)
+        elif grid is not None:
+            self._latched.keep("~/map")
 
     def _read_fields(self, map: semmap.Map) -> Any:
         names = [name for name in self._node.value("fields") if name]
