@@ -6,6 +6,7 @@ what changed, and that of the topics only reads large states: both wake that one
 
 from __future__ import annotations
 
+import gc
 import sys
 from collections import deque
 from collections.abc import Callable
@@ -172,6 +173,7 @@ class MapNode(LifecycleNode):  # type: ignore[misc]
         try:
             self.topics.publish(found)
             self._answers.offer(self.topics.storeys)
+            gc.freeze()  # a full collection of these objects would delay moves for 0.2 s
         except BaseException:
             subscription.stop()
             raise
