@@ -695,6 +695,24 @@ def test_what_hangs_in_furniture_is_held(
     assert found == ({("coat",)} if floats else set())
 
 
+@pytest.mark.parametrize("seed", range(8))
+def test_what_floats_beside_a_turned_cupboard_is_named(doorway: semmap.Map, seed: int) -> None:
+    """By Shapely: within its bounds in the map's frame, but not within its ground."""
+    draw = random.Random(seed)
+    yaw = draw.uniform(0.4, 1.2)
+    doorway.add_object("chest", type="cupboard", size=(1.6, 0.3, 1.8), pose=(2, 2, 0, yaw))
+    ground = doorway["chest"].footprint
+    x0, y0, x1, y1 = ground.bounds
+    while True:
+        x, y = draw.uniform(x0 + 0.1, x1 - 0.1), draw.uniform(y0 + 0.1, y1 - 0.1)
+        away = ground.distance(shapely.Point(x, y))
+        if away == 0 or away > 0.15:
+            break
+    doorway.add_object("kite", size=(0.1, 0.1, 0.1), pose=(x, y, 1))
+    found = {f.entities for f in doorway.check() if f.kind == "floating"}
+    assert found == ({("kite",)} if away else set())
+
+
 @pytest.mark.parametrize("seed", range(12))
 def test_a_book_over_an_edge_is_on_the_table_or_named(doorway: semmap.Map, seed: int) -> None:
     """By the millimetre: the middle of its mass decides, as for its holder."""

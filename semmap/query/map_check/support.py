@@ -296,8 +296,8 @@ def _encloses(around: CheckedEntity, entity: CheckedEntity) -> bool:
     """Whether a solid has an object within: it is storage, or has walls on three of its sides."""
     if (entity.low < around.low - CONTACT).any() or (entity.high > around.high + CONTACT).any():
         return False
-    if around.row["storage"]:
-        return True
+    if around.row["storage"]:  # bounds of turned ones have more than they enclose
+        return bool(around.ground.buffer(CONTACT).covers(entity.ground))
     x, y, z = (entity.low + entity.high) / 2
     walls = shapely.linestrings(np.stack(section(around.triangles, z), axis=1))
     far = float(np.linalg.norm(around.high - around.low))
