@@ -110,14 +110,16 @@ def identify(
     if not (math.isfinite(new) and new > 0):
         raise BeliefError(f"new is {new}: give an expected number above 0")
     lacking = hit * new / (hit * new + false_alarm)  # P(new | no known one)
-    candidates = [
+    of_types = [
         [
-            row["name"]
+            row
             for row in find(seen, type=detection.type)
             if row["kind"] in ("object", "agent") and row["name"] != frame
         ]
         for detection in detections
     ]
+    candidates = [[row["name"] for row in of_type] for of_type in of_types]
+    agents = {row["name"] for of_type in of_types for row in of_type if row["kind"] == "agent"}
     names = sorted({name for of_type in candidates for name in of_type})
     rows = [j for j, of_type in enumerate(candidates) if of_type]
     found = [Identity(None, {}, lacking, 1 - lacking) for _ in detections]
@@ -160,7 +162,9 @@ def identify(
         for j, (place, _) in zip(rows, located, strict=True)
     ]
     with np.errstate(over="ignore", divide="ignore", invalid="ignore"):
-        stay = np.where(_are_agents(seen, names), WALKS, motion.seconds / columns.mobility)
+        stay = np.where(
+            [name in agents for name in names], WALKS, motion.seconds / columns.mobility
+        )
         unmoved = np.exp(-age / stay)
         stayed = np.minimum(unmoved / belief[:, at_place].T, 1.0)
     areas = [place.area for place, _ in located]
@@ -172,14 +176,6 @@ def identify(
         none = float(share[-1])
         found[j] = Identity(place.name, likeliest, none * lacking, none * (1 - lacking))
     return found
-
-
-def _are_agents(seen: Snapshot, names: Sequence[str]) -> NDArray[np.bool_]:
-    """Which entities (n,) are agents, not objects."""
-    rows = seen.session.execute(
-        "SELECT name FROM entity WHERE map_id = current_map() AND kind = 'agent'"
-    ).fetchall()
-    return np.isin(names, [name for (name,) in rows])
 
 
 def _at(

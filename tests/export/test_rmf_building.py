@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections import Counter
 from pathlib import Path
+from typing import Any
 
 import pytest
 import shapely
@@ -113,6 +114,16 @@ def test_the_hotel(imported: Import, worlds: Path, tmp_path: Path) -> None:
         assert types[0] == types[1]
 
 
+def drawn(features: list[tuple[dict[str, Any], Any]], file: Path) -> Path:
+    """A GeoJSON file of properties and geometries."""
+    found = [
+        {"type": "Feature", "properties": p, "geometry": g and shapely.geometry.mapping(g)}
+        for p, g in features
+    ]
+    file.write_text(json.dumps({"type": "FeatureCollection", "features": found}))
+    return file
+
+
 def test_an_object_without_a_type_comes_back_without_one(database: str, tmp_path: Path) -> None:
     about = {"kind": "object", "storey": "F1"}
     features = [
@@ -121,12 +132,7 @@ def test_an_object_without_a_type_comes_back_without_one(database: str, tmp_path
         ({**about, "name": "gizmo one", "height": 1.0}, shapely.box(1, 1, 2, 2)),
         ({**about, "name": "gizmo two", "type": "table", "height": 1.0}, shapely.box(3, 1, 4, 2)),
     ]
-    drawn = [
-        {"type": "Feature", "properties": p, "geometry": g and shapely.geometry.mapping(g)}
-        for p, g in features
-    ]
-    file = tmp_path / "plan.geojson"
-    file.write_text(json.dumps({"type": "FeatureCollection", "features": drawn}))
+    file = drawn(features, tmp_path / "plan.geojson")
     with semmap.connect(database) as db:
         before, after = db.create_map("plan"), db.create_map("again")
         before.import_file(file)
@@ -144,12 +150,7 @@ def test_what_has_no_storey_is_on_the_level_below_it(database: str, tmp_path: Pa
         ({"kind": "room", "name": "attic", "floor": 4.2, "ceiling": 6.7}, square),
         ({"kind": "room", "name": "annex", "floor": 1, "ceiling": 2.7}, shapely.box(5, 0, 9, 4)),
     ]
-    drawn = [
-        {"type": "Feature", "properties": p, "geometry": g and shapely.geometry.mapping(g)}
-        for p, g in features
-    ]
-    file = tmp_path / "tower.geojson"
-    file.write_text(json.dumps({"type": "FeatureCollection", "features": drawn}))
+    file = drawn(features, tmp_path / "tower.geojson")
     with semmap.connect(database) as db:
         tower = db.create_map("tower")
         tower.import_file(file)

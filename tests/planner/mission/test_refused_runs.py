@@ -24,7 +24,7 @@ def test_a_refused_run_changes_nothing(make_database: MakeDatabase, tmp_path, wo
         assert cellar.run("in(robot, east)", **known).done
         before = [list(db.session.execute(sql)) for sql in (MISSIONS, MAPS)]
         assert len(before[0]) == 1
-        if world is not None:  # the next run begins anew
+        if world is not None:  # the next run begins with a new world
             (tmp_path / world).unlink()
         for goal, wrong in (
             ("on(nothing, nowhere)", {}),
