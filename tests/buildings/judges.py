@@ -63,25 +63,16 @@ IN_FIELDS = "PREFIX : <urn:semmap:ontology#> SELECT ?what ?room { ?what :in ?roo
 
 
 def judge_rooms_of_fields(building: Building, place: semmap.Map) -> tuple[int, list[str]]:
-    """Fields say the room in which Shapely has clearly most of the ground of a thing."""
+    """Fields say the room of each thing as the inventory does, and as Shapely."""
     said = defaultdict(set)
     for name, room in place.fields.query(IN_FIELDS).rows:
         said[name].add(room)
-    wrong, asked = [], 0
+    wrong = []
     for item in things(building):
-        shares = sorted(
-            (room.outline.intersection(item.ground).area / item.ground.area, room.name)
-            for room in building.rooms
-            if room.floor <= item.low + 0.01 and item.high <= room.ceiling
-        )
-        if sum(share for share, _ in shares) < 0.55 or (
-            len(shares) > 1 and shares[-1][0] - shares[-2][0] < 0.05
-        ):
-            continue
-        asked += 1
-        if said[item.name] != {shares[-1][1]}:
-            wrong.append(f"{item.name} is in {said[item.name]} of fields, not {shares[-1]}")
-    return asked, wrong
+        accepted, inventory = room_of(building, item), place[item.name].room
+        if said[item.name] != {inventory and inventory.name} or not said[item.name] <= accepted:
+            wrong.append(f"{item.name} is in {said[item.name]} of fields, not {inventory}")
+    return len(things(building)), wrong
 
 
 def judge_holders(building: Building, place: semmap.Map) -> tuple[int, list[str]]:

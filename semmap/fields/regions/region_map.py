@@ -337,6 +337,8 @@ class NamedRegionMap:
     names: dict[Any, str] = field(default_factory=dict)
     roles: dict[Any, Role] = field(default_factory=dict)
     views: dict[Any, str] = field(default_factory=dict)  # the agent of each field of view
+    # the room of each entity in the map's inventory, None for no room; others have no entry
+    homes: dict[Any, Any] = field(default_factory=dict)
     # the agents of the map that have the voxels that sources see, and their own voxels
     seen: set[int] = field(init=False, default_factory=set)
     own: RegionMap = field(init=False)
@@ -360,6 +362,13 @@ class NamedRegionMap:
     def parts(self) -> WithRole:
         """The entities that are parts of the building."""
         return WithRole(self.roles, ("building part",))
+
+    def stated_rooms(self, entity: Any) -> tuple[Any, ...] | None:
+        """Return the room in which the map states an entity to be, if any; None: voxels decide."""
+        if entity in self.seen or entity not in self.homes or entity not in self.regions:
+            return None
+        home = self.homes[entity]
+        return (home,) if home in self.rooms else ()
 
     def entities(self, *roles: Role) -> dict[str, list[Any]]:
         """Return the entities that have voxels, by name; only those with one of `roles` if given.

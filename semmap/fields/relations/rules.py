@@ -113,10 +113,8 @@ RULES = (
 )
 """The rules of all relations.
 
-A body is in a room from half of its voxels on, and in the one with most of them if it is in several
-rooms for half of it (`RelationTracker`). It is in two rooms that have half of its voxels each: so
-exact is a field at the border of rooms that are less than a voxel apart. A part of the building is
-in none, as in the SQL function `is_in`.
+A body is in one room, see `RelationTracker`. A part of the building is in none, as in the SQL
+function `is_in`.
 `on` continues where an entity is shifted up or down by a voxel: see `Support.loose`. `sees` uses
 the field of view alone; occlusion is not computed.
 """

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 import threading
 from collections import defaultdict
-from collections.abc import Container, Hashable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Container, Hashable, Iterable, Iterator, Mapping, Sequence
 from datetime import UTC, datetime
 from typing import Any
 
@@ -31,8 +31,10 @@ class RelationTracker:
     views : the agent of each entity that is a field of view; no agent sees itself
     spaces : the entities that are parts of space: rooms, zones, personal spaces
     parts : the entities that are parts of the building
-    rooms : the spaces that are rooms: a body that is in several rooms in part, and in them for at
-        least half, as in an opening, is in the one with most of it
+    rooms : the spaces that are rooms: a body is in one of them, the one with most of it, if at
+        least half of it is in rooms
+    stated_rooms : the rooms in which something else states a body to be, such as the inventory of
+        the map; None where voxels decide. Rooms that share a voxel are not told apart by voxels
     names : of entities in facts; the entity itself where it has none. A name is read when a fact
         begins, since a removed entity may have lost its name when the fact ends
     rules : at most one rule for each name and pair of kinds
@@ -56,6 +58,7 @@ class RelationTracker:
         spaces: Container[Any] = (),
         parts: Container[Any] = (),
         rooms: Container[Any] = (),
+        stated_rooms: Callable[[Any], Sequence[Hashable] | None] = lambda body: None,
         names: Mapping[Any, Hashable] | None = None,
         rules: Iterable[RelationRule] = RULES,
     ) -> None:
@@ -63,6 +66,7 @@ class RelationTracker:
         self.rules = tuple(rules)
         self._views: Mapping[Any, Hashable] = {} if views is None else views
         self._spaces, self._parts, self._rooms = spaces, parts, rooms
+        self._stated_rooms = stated_rooms
         self._names: Mapping[Any, Hashable] = {} if names is None else names
         self._rank = {rule.name: i for i, rule in enumerate(self.rules)}
         self._between: dict[tuple[Kind, Kind], list[RelationRule]] = defaultdict(list)
@@ -93,6 +97,7 @@ class RelationTracker:
             spaces=named.spaces,
             parts=named.parts,
             rooms=named.rooms,
+            stated_rooms=named.stated_rooms,
         )
 
     def update(
@@ -119,7 +124,8 @@ class RelationTracker:
                 reach = None if entity in self._views else self._reach
                 around = self.regions.neighbours(entity, reach)
                 done.add(entity)
-                for other in (around.keys() | self._partners.get(entity, set())) - done:
+                others = around.keys() | self._partners.get(entity, set())
+                for other in others.union(self._stated_rooms(entity) or ()) - done:
                     neighbour = around.get(other, _APART)
                     self._compare(entity, other, neighbour, former)
                     self._compare(other, entity, neighbour, former)
@@ -154,9 +160,11 @@ class RelationTracker:
         if agent not in (b, self._names.get(b, b)):
             pair = PairGeometry(self.regions, a, b, neighbour)
             for rule in self._between.get((self._kind(a), self._kind(b)), ()):
-                if rule.is_true(pair, rule.name in before) or (
-                    rule.name == "in" and self._has_most(a, b, neighbour)
-                ):
+                if rule.name == "in" and b in self._rooms and self._kind(a) == "body":
+                    true = b == self._room_of(a)
+                else:
+                    true = rule.is_true(pair, rule.name in before)
+                if true:
                     subject, object = (self._names.get(each, each) for each in (agent, b))
                     after[rule.name] = RelationFact(rule.name, subject, object)
         if before == after:
@@ -180,17 +188,24 @@ class RelationTracker:
                 yield from self.regions.neighbours(entity)
                 yield from self._partners.get(entity, ())
 
-    def _has_most(self, body: Hashable, room: Hashable, neighbour: Neighbour) -> bool:
-        """Whether a body is in rooms for at least half, and in none more than in this one."""
-        if not neighbour.shared or room not in self._rooms or self._kind(body) != "body":
-            return False
+    def _room_of(self, body: Hashable) -> Hashable | None:
+        """The room of a body, as stated; else the one with most of it, if half of it is in rooms.
+
+        It leaves this room with 40 %; of rooms with as many of its voxels, it stays in its own.
+        """
+        stated = self._stated_rooms(body)
+        if stated is not None:
+            return next(iter(stated), None)
         shared = {
-            other: each.shared
+            (each.shared, "in" in self._active.get((body, other), {}), str(other).zfill(20)): other
             for other, each in self.regions.neighbours(body).items()
-            if other in self._rooms
+            if other in self._rooms and each.shared
         }
-        most = min(shared, key=lambda other: (-shared[other], str(other).zfill(20)))
-        return most == room and 2 * sum(shared.values()) >= self.regions.size(body)
+        if not shared:
+            return None
+        most = max(shared)
+        within = sum(voxels for voxels, *_ in shared) / self.regions.size(body)
+        return shared[most] if within >= (0.4 if most[1] else 0.5) - 1e-9 else None
 
     def _set_active(self, a: Hashable, b: Hashable, facts: dict[str, RelationFact]) -> None:
         if facts:

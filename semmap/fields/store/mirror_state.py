@@ -17,7 +17,7 @@ from semmap.fields.store.run_statement import Connection, run
 from semmap.query.snapshot import Snapshot
 from semmap_vdb import Int32Grid
 
-FORMAT = "4"
+FORMAT = "5"
 """Of the state in the database."""
 
 Reasons = dict[int, tuple[str, str]]
@@ -81,6 +81,7 @@ def load_state(seen: Snapshot, voxel_size: float) -> MirrorState | None:
         regions,
         {int(number): name for number, name in kept["names"].items()},
         {int(number): role for number, role in kept["roles"].items()},
+        homes={int(number): room for number, room in kept["homes"].items()},
         reasons=_reasons(kept),
         zones={int(number): zone for number, zone in kept["zones"].items()},
         stated=set(kept["stated"]),

@@ -126,6 +126,19 @@ def read_zones(seen: Snapshot) -> dict[int, Zone]:
     }
 
 
+def read_homes(seen: Snapshot, ids: Iterable[int] | None = None) -> dict[int, int | None]:
+    """Return the room of each object and agent of the current map; only of `ids` if given."""
+    rows = seen.connection.execute(
+        text(
+            "SELECT id, room_of(id) AS room FROM entity "
+            "WHERE map_id = current_map() AND kind IN ('object', 'agent') "
+            "AND (CAST(:ids AS bigint[]) IS NULL OR id = ANY(:ids))"
+        ),
+        {"ids": None if ids is None else [*ids]},
+    )
+    return {row.id: row.room for row in rows}
+
+
 @dataclass(frozen=True, eq=False)
 class StandingAgent:
     """An agent with a body."""

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Set
 from contextlib import suppress
 from typing import Any
 
@@ -28,7 +28,14 @@ from semmap.fields.store.mirror_state import (
     origin,
     walls_name,
 )
-from semmap.fields.store.reader import Occupant, read_agents, read_occupants, read_walls, read_zones
+from semmap.fields.store.reader import (
+    Occupant,
+    read_agents,
+    read_homes,
+    read_occupants,
+    read_walls,
+    read_zones,
+)
 from semmap.fields.store.stated_voxels import read_stated
 from semmap.query.change_feed import ChangeFeed
 
@@ -99,6 +106,7 @@ class VoxelMirror(MirrorState):
                 "cursor": self._feed.cursor,
                 "names": names,
                 "roles": {each: self.roles[each] for each in names},
+                "homes": dict(self.homes),
                 "zones": dict(self.zones),
                 "stated": sorted(self.stated),
                 "left_out": dict(self.reasons),
@@ -141,6 +149,7 @@ class VoxelMirror(MirrorState):
                     walls = read_walls(look.seen, changed)
                     agents = read_agents(look.seen, changed)
                     zones = read_zones(look.seen)
+                    homes = read_homes(look.seen, self._to_house(changed, zones.keys()))
                     stated = read_stated(look.seen, changed, self.regions.voxel_size)
             if changed is not None and not changed:
                 self._feed.take_in(look)
@@ -158,10 +167,16 @@ class VoxelMirror(MirrorState):
             with self.changing:
                 self._replace(stale | set(found), found)
             self.zones = kept_zones
+            housed = {n for n, home in homes.items() if self.homes.get(n) != home}
+            self.homes = {n: self.homes[n] for n in self.homes.keys() - stale} | homes
             self._rebuild(changed, walls)
             self._feed.take_in(look)
             self._unsaved = True
-            return stale | set(found)
+            return stale | set(found) | housed
+
+    def _to_house(self, changed: set[int] | None, zones: Set[int]) -> set[int] | None:
+        """Return the entities whose room may have changed; None for all, as where rooms changed."""
+        return None if changed is None or changed & (self.zones.keys() | zones) else changed
 
     def _replace(self, changed: set[int], found: dict[int, tuple[str, Role, list[Region]]]) -> None:
         """Replace entities by those that were found; what sources see of agents stays."""
