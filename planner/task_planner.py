@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from itertools import islice
 from types import MappingProxyType
@@ -25,6 +26,7 @@ from planner.plan import Plan
 from planner.readers.entity_lookup import find_entities
 from planner.readers.grasp_check import GraspCheck
 from planner.robot_class import RobotClass
+from planner.route_search import seconds_between
 from planner.routing_graph import RoutingGraph
 from planner.tasks.domain_file import Domain
 from planner.tasks.goal import Goal, parse_goal
@@ -96,9 +98,28 @@ class Task:
     def plan(self, patience: float = PATIENCE) -> Plan:
         """The plan that takes the least time, or the best one found within `patience` seconds.
 
+        A robot somewhere in a room that furniture divides is in a part from which there is a plan.
         Raises `planner.tasks.NoPlanError`.
         """
-        return find_plan(**vars(self), patience=patience)
+        try:
+            return find_plan(**vars(self), patience=patience)
+        except NoPlanError:
+            for pose in self._parts_of_start():
+                with suppress(NoPlanError):
+                    state = replace(self.state, pose=pose)
+                    return find_plan(**vars(replace(self, state=state)), patience=patience)
+            raise
+
+    def _parts_of_start(self) -> Iterator[Pose]:
+        """A pose in each part of the place where the robot is, if no way joins the parts."""
+        doors = [self.graph.poses[n] for n in self.graph.nodes.get(self.state.place, ())]
+        if self.state.pose is not None or len(doors) < 2:
+            return
+        ends = [self.graph.endpoint(self.state.place, pose) for pose in doors]
+        joined = np.isfinite(seconds_between(self.graph, ends, ends))
+        firsts = (joined & joined.T).argmax(axis=1)
+        if firsts.any():
+            yield from (doors[n] for n in np.unique(firsts))
 
     def problem(self) -> Problem:
         """The facts that the solver is given; raises `planner.tasks.NoPlanError`."""
