@@ -86,5 +86,7 @@ def shapeless_objects(building: SupportedBuilding) -> Found:
     if names:
         count = f"{len(names)} object{'s have' if len(names) > 1 else ' has'}"
         text = f"{count} no geometry, so grids take them as free: {listed(names)}"
+        if near := [e.name for e in building.not_judged]:
+            text += f"; it is not known whether these stand on them or float: {listed(near)}"
         fix = "by hand: import again with the model_path of their models, or assume_sizes=True"
         yield names, text, fix

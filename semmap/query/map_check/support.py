@@ -242,10 +242,20 @@ class SupportedBuilding(CheckedBuilding):
             or self.above_floor(entity) <= FASTENED
             or entity.name in self.sunk
             or self.hangs_in_room(entity)
-            or self._is_over_shapeless(entity)
+            or self.is_over_shapeless(entity)
         )
 
-    def _is_over_shapeless(self, entity: CheckedEntity) -> bool:
+    @cached_property
+    def not_judged(self) -> list[CheckedEntity]:
+        """The objects that may float, or stand on ones without a shape."""
+        return [
+            e
+            for e in self.solids
+            if self.is_over_shapeless(e) and not self.is_part(e)
+            if self.above_floor(e) > FASTENED and not self.hangs_in_room(e)
+        ]
+
+    def is_over_shapeless(self, entity: CheckedEntity) -> bool:
         """Whether an object may stand on one without a shape, which cannot be judged."""
         return any(
             other.low[2] <= entity.low[2] + CONTACT
