@@ -36,7 +36,7 @@ from semmap.query.map_events import MapEvent
 from semmap.server import ogc_features as ogc
 from semmap.server.calls import MOST, OperationCall, answered_at_once, offered
 from semmap.server.handles import SECONDS, BusyError, Handles
-from semmap.server.layers import costs_of, moments_of, poses_of
+from semmap.server.layers import costs_of, grasps_of, moments_of, poses_of, voxels_of
 from semmap.server.requests import body_of, role_of
 from semmap.server.scene import meshes_of, scene_of
 from semmap.server.sparql_endpoint import SparqlEndpoint
@@ -119,6 +119,8 @@ class HttpApi:
             "/ways": self._ways,
             "/costs": lambda map, _, r: costs_of(map, r.query_params.get("robot") or None),
             "/moments": lambda map, _, __: moments_of(map),
+            "/voxels": lambda map, _, r: voxels_of(map, r.query_params.get("text", "")),
+            "/grasps": lambda map, _, r: grasps_of(map, r.query_params.get("name", "")),
             "/poses": lambda map, _, r: poses_of(map, r.query_params.get("at", "")),
         }
         self.app = Starlette(

@@ -1,8 +1,9 @@
-"""Layers of the viewer: the costs of robots on the floors, and past poses."""
+"""Layers of the viewer: costs of robots on the floors, past poses, voxels of fields, and grasps."""
 
 from __future__ import annotations
 
 import base64
+import builtins
 from datetime import datetime
 from io import BytesIO
 from typing import Any
@@ -18,6 +19,11 @@ Bytes = NDArray[np.uint8]
 
 OCCUPIED = (40, 48, 64, 200)
 """RGBA."""
+
+MOST_VOXELS = 50_000
+"""The most rows of fields that a page draws."""
+
+MOST_GRASPS = 20
 
 MOST_MOMENTS = 1000
 """Of the latest changes, those that a page can go back to."""
@@ -72,6 +78,38 @@ def poses_of(map: Map, at: str) -> dict[str, dict[str, list[float] | None]]:
         moment.astimezone(),
     )
     return {"poses": dict(rows)}
+
+
+def voxels_of(map: Map, text: str) -> dict[str, Any]:
+    """The voxels that answer a query of docs/fields_language.md, and the names in the answer.
+
+    `size` is the edge of a voxel, `sets` has the other values of its row and `centres` (N, 3) for
+    each of them, metres; `total` counts all rows, of which the first `MOST_VOXELS` are there.
+    """
+    answer = map.fields.query(text, limit=MOST_VOXELS)
+    sets: dict[str, list[list[float]]] = {}
+    names: set[str] = set()
+    for row in answer.rows:
+        others = [value for value in row if not isinstance(value, tuple)]
+        names.update(value for value in others if isinstance(value, str))
+        centres = [[round(x, 4) for x in value] for value in row if isinstance(value, tuple)]
+        if centres:
+            sets.setdefault(" ".join([*builtins.map(str, others)]), []).extend(centres)
+    return {
+        "size": map.fields.voxel_size,
+        "sets": [{"of": of, "centres": centres} for of, centres in sets.items()],
+        "names": sorted(names),
+        "total": answer.total,
+        "truth": answer.truth,
+        "left_out": list(answer.left_out),
+    }
+
+
+def grasps_of(map: Map, name: str) -> list[dict[str, Any]]:
+    """The stored grasps of an object, the best first: poses in the map's frame, and how wide."""
+    keys = ("entity", "pose", "pre_pose", "width", "expected", "gripper")
+    found = map.grasps(name, stored=True, check=False, limit=MOST_GRASPS)
+    return [{key: row.get(key) for key in keys} for row in found]
 
 
 def _occupied(cells: NDArray[np.int8]) -> Bytes:

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import math
 import shutil
 from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
 import pytest
+import trimesh
 from playwright.sync_api import Page
+from scipy.spatial import cKDTree
 from sqlalchemy import Engine
 
 import semmap
@@ -149,7 +152,7 @@ def test_routes_and_answers_are_marked(page: Page, db: semmap.Database) -> None:
     route.get_by_placeholder("from").fill("bedroom")
     route.get_by_placeholder("to", exact=True).fill("kitchen")
     route.get_by_role("button").click()
-    until(page, "semmap.house.lines.children.length")
+    until(page, "semmap.house.overlays.lines.children.length")
     metres = house.route("bedroom", "kitchen").metres
     assert route.locator("output").inner_text().startswith(f"{metres:.1f} m")
     route.get_by_placeholder("to", exact=True).fill("nowhere")
@@ -177,13 +180,13 @@ def test_costs_lie_on_the_floor_and_follow_changes(page: Page, db: semmap.Databa
     house = db.map("house")
     costs = page.locator("#costs")
     costs.get_by_role("button").click()
-    until(page, "semmap.house.costs.children.length === 1")
+    until(page, "semmap.house.overlays.costs.children.length === 1")
     assert costs.locator("output").inner_text().startswith(house.grid().scene.storey)
     same_cells(page, house)
     chair = house.find("chair")[0]
     chair.move_to(0, -1, 0.0)
-    before = page.evaluate("semmap.house.costs.children[0].uuid")
-    until(page, "(uuid) => semmap.house.costs.children[0].uuid !== uuid", before)
+    before = page.evaluate("semmap.house.overlays.costs.children[0].uuid")
+    until(page, "(uuid) => semmap.house.overlays.costs.children[0].uuid !== uuid", before)
     same_cells(page, house)
     costs.get_by_role("textbox").fill("nobody")
     costs.get_by_role("button").click()
@@ -193,7 +196,7 @@ def test_costs_lie_on_the_floor_and_follow_changes(page: Page, db: semmap.Databa
 def same_cells(page: Page, house: semmap.Map) -> None:
     made = house.grid()
     there = page.evaluate(
-        "(() => { const plane = semmap.house.costs.children[0];"
+        "(() => { const plane = semmap.house.overlays.costs.children[0];"
         "const { image } = plane.material.map; const { width, height } = image;"
         "const paper = new OffscreenCanvas(width, height).getContext('2d');"
         "paper.drawImage(image, 0, 0);"
@@ -208,6 +211,46 @@ def same_cells(page: Page, house: semmap.Map) -> None:
     wide = np.array([columns, rows]) * made.grid.resolution
     assert there["size"] == pytest.approx(wide)
     assert there["middle"][:2] == pytest.approx(np.array(made.grid.origin) + wide / 2)
+
+
+def test_voxels_of_fields_are_drawn(page: Page, db: semmap.Database) -> None:
+    """A cube is drawn at each point of the chairs' surfaces, to a voxel, and none beside them."""
+    house = db.map("house")
+    query = page.locator("#query")
+    query.get_by_label("Language").select_option("fields")
+    query.get_by_role("textbox").fill(
+        "PREFIX : <urn:semmap:ontology#> SELECT ?v ?e { ?v :occupiedBy ?e . ?e a :Chair }"
+    )
+    query.get_by_role("button").click()
+    until(page, "semmap.house.overlays.voxels.children.length > 0", seconds=60)
+    drawn = page.evaluate(
+        "semmap.house.overlays.voxels.children.map((mesh) => [mesh.name, [...Array(mesh.count)]"
+        ".map((_, i) => [...mesh.instanceMatrix.array.slice(16 * i + 12, 16 * i + 15)])])"
+    )
+    chairs = {e.name: e.mesh for e in house.find("chair")}
+    assert {name for name, _ in drawn} == chairs.keys()
+    assert {*page.evaluate("[...semmap.house.marked.keys()]")} == chairs.keys()
+    size = house.fields.voxel_size
+    for name, centres in drawn:
+        mesh = chairs[name]
+        points = trimesh.sample.sample_surface(mesh, 5000, seed=3)[0]
+        away = cKDTree(centres).query(points)[0]
+        assert (away <= size * math.sqrt(3)).all()  # the diagonal of a voxel
+        low, high = mesh.bounds
+        assert (np.array(centres) > low - size).all()
+        assert (np.array(centres) < high + size).all()
+
+
+def test_missions_are_listed_with_their_steps(page: Page, db: semmap.Database) -> None:
+    db.map("house").run("in(robot, kitchen)", start="bedroom", simulate=True, speed=1000)
+    until(page, "document.querySelector('#missions li') !== null", seconds=30)
+    item = page.locator("#missions li").first
+    assert "in(robot, kitchen) (simulated)" in item.inner_text()
+    assert "done, " in item.inner_text()
+    item.get_by_role("button").click()
+    until(page, "document.querySelectorAll('#missions ol li').length > 0")
+    assert page.locator("#missions ol li").last.get_attribute("class") == "done"
+    assert "kitchen" in page.evaluate("[...semmap.house.marked.keys()]")
 
 
 def test_the_past_shows_where_things_were(page: Page, db: semmap.Database) -> None:
@@ -345,3 +388,20 @@ def test_a_name_and_a_state_are_changed_in_the_card(writer: Page, db: semmap.Dat
     until(writer, "document.getElementById('status').value === 'set state: done'")
     assert door.state == "locked"
     door.state = former
+
+
+def test_grasps_of_what_is_selected_are_drawn(writer: Page, db: semmap.Database) -> None:
+    """Each fork is at a distance from the can at which its fingers reach around it."""
+    house = db.map("house")
+    table = house.find("table")[0]
+    can = house.add_object("tin77", type="can", size=(0.05, 0.05, 0.12), on=table.name)
+    until(writer, "semmap.house.entities.has('tin77')")
+    choose(writer, "tin77")
+    writer.get_by_role("button", name="Show grasps").click()
+    until(writer, "semmap.house.overlays.grasps.children.length > 0", seconds=60)
+    places = writer.evaluate(
+        "semmap.house.overlays.grasps.children.map((fork) => fork.position.toArray())"
+    )
+    away = trimesh.proximity.ProximityQuery(can.mesh).on_surface(places)[1]
+    assert (away < 0.08).all()
+    can.delete()

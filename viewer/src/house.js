@@ -3,8 +3,9 @@
 import * as THREE from "three";
 import { CSS2DObject } from "three/addons/renderers/CSS2DRenderer.js";
 import { GLTFLoader } from "three/addons/loaders/GLTFLoader.js";
+import { Overlays } from "./overlays.js";
 
-const MARK = new THREE.Color("#d6336c");
+export const MARK = new THREE.Color("#d6336c");
 const NOWHERE = new THREE.Matrix4().makeScale(0, 0, 0);
 const DOOR_HEIGHT = 2; // metres, where the map has none
 
@@ -12,9 +13,8 @@ export class House {
   constructor(stage) {
     this.stage = stage;
     this.group = new THREE.Group();
-    this.lines = new THREE.Group(); // routes
-    this.costs = new THREE.Group(); // planes on the floors
-    stage.scene.add(this.group, this.lines, this.costs);
+    this.overlays = new Overlays(this);
+    stage.scene.add(this.group, ...this.overlays.groups);
     this.hidden = new Set(["ceilings"]); // names of storeys and kinds
     this.apart = 0;
     this.past = null; // the poses of another time by name
@@ -154,7 +154,8 @@ export class House {
   colour(entity) {
     const state = this.scene.states[entity.state];
     const colour = new THREE.Color(state ?? entity.colour ?? "#8f8a82");
-    colour.lerp(MARK, this.marked.get(entity.name) ?? 0);
+    const share = this.marked.get(entity.name) ?? 0;
+    colour.lerp(MARK, entity.kind === "room" ? share / 2 : share); // floors are large
     if (entity.object?.isInstancedMesh) {
       entity.object.setColorAt(entity.number, colour);
       entity.object.instanceColor.needsUpdate = true;
@@ -211,12 +212,7 @@ export class House {
 
   arrange() {
     for (const entity of this.entities.values()) this.place(entity);
-    for (const plane of this.costs.children) {
-      const { storey, level } = plane.userData;
-      plane.position.z = level + 0.04 + this.lift(this.scene.storeys.find(({ name }) => name === storey) ?? this.storeyAt(level));
-      plane.visible = !this.hidden.has("costs") && !this.hidden.has(storey);
-    }
-    for (const way of this.lines.children) way.position.z = this.lift(this.storeyAt(way.userData.level));
+    this.overlays.arrange();
     this.stage.draw();
   }
 
@@ -278,47 +274,6 @@ export class House {
     this.past = past;
     this.arrange();
   }
-
-  // Lay pictures of costs on the floors of storeys.
-  async drawCosts(layers) {
-    const images = await Promise.all(layers.map(({ png }) => picture(png)));
-    for (const { geometry, material } of this.costs.children) {
-      material.map.dispose();
-      material.dispose();
-      geometry.dispose();
-    }
-    this.costs.clear();
-    layers.forEach(({ storey, level, low, high }, number) => {
-      const texture = new THREE.Texture(images[number]);
-      Object.assign(texture, { magFilter: THREE.NearestFilter, colorSpace: THREE.SRGBColorSpace, needsUpdate: true });
-      const plane = new THREE.Mesh(
-        new THREE.PlaneGeometry(high[0] - low[0], high[1] - low[1]),
-        new THREE.MeshBasicMaterial({ map: texture, transparent: true, depthWrite: false }),
-      );
-      plane.position.set((low[0] + high[0]) / 2, (low[1] + high[1]) / 2, level);
-      plane.userData = { storey, level };
-      this.costs.add(plane);
-    });
-    this.arrange();
-  }
-
-  // Draw ways, a list of points (x, y, z) each; they are seen through walls.
-  drawWays(ways) {
-    this.lines.clear();
-    for (const points of ways) {
-      const curve = new THREE.CurvePath();
-      for (let i = 1; i < points.length; i++) {
-        curve.add(new THREE.LineCurve3(lifted(points[i - 1]), lifted(points[i])));
-      }
-      if (!curve.curves.length) continue;
-      const tube = new THREE.TubeGeometry(curve, 8 * points.length, 0.06, 6);
-      const way = new THREE.Mesh(tube, new THREE.MeshBasicMaterial({ color: MARK, depthTest: false }));
-      way.renderOrder = 1;
-      way.userData.level = points[0][2];
-      this.lines.add(way);
-    }
-    this.arrange();
-  }
 }
 
 export const LAYERS = { room: "rooms", region: "regions", connector: "doors", object: "things", agent: "agents" };
@@ -326,13 +281,4 @@ const DRAWN = new Set(["added", "moved", "changed", "reshaped", "removed"]);
 
 function segments(ring) {
   return ring.slice(1).flatMap((point, i) => [ring[i], point]);
-}
-
-function picture(base64) {
-  const bytes = Uint8Array.from(atob(base64), (letter) => letter.charCodeAt(0));
-  return createImageBitmap(new Blob([bytes], { type: "image/png" }), { imageOrientation: "flipY" });
-}
-
-function lifted([x, y, z]) {
-  return new THREE.Vector3(x, y, z + 0.1);
 }

@@ -4,6 +4,7 @@ import { House, LAYERS } from "./house.js";
 import { Hand } from "./hand.js";
 import { numbers, readLink, takeToken, writeLink } from "./link.js";
 import { Maps } from "./maps.js";
+import { Missions } from "./missions.js";
 import { Panel } from "./panel.js";
 import { Stage } from "./stage.js";
 
@@ -16,7 +17,7 @@ const maps = new Maps(name, token);
 const canvas = document.getElementById("stage");
 const stage = new Stage(canvas, document.getElementById("labels"), document.getElementById("panel"));
 const house = new House(stage);
-const panel = new Panel({ select, route, where, query, costs, past, hide, apart, change });
+const panel = new Panel({ select, route, where, query, costs, grasps, past, hide, apart, change });
 const hand = token ? new Hand(stage, house, tried) : null;
 let selected = null;
 let moments = [];
@@ -30,7 +31,7 @@ async function read() {
   await house.show(scene, meshes);
   house.mark(selected ? [selected] : []);
   hand?.hold(house.entities.get(selected));
-  panel.show(house, [...new Set(Object.values(LAYERS)), "ceilings", "costs"]);
+  panel.show(house, [...new Set(Object.values(LAYERS)), "ceilings", ...house.overlays.groups.map(({ name }) => name)]);
   const shapeless = scene.things.filter((thing) => thing.mesh === null).length;
   const notes = [
     scene.places.length ? "" : "The map has no rooms: semmap rooms find finds them in its walls.",
@@ -55,6 +56,7 @@ async function start() {
   } else whole();
   stage.controls.addEventListener("end", remember);
   if (link.selected) await select(link.selected);
+  new Missions(maps, document.getElementById("missions"), markKnown).follow();
   maps.follow(scene.cursor, hear, (text) => panel.say(text)).catch((error) => panel.say(error.message));
 }
 
@@ -129,10 +131,10 @@ async function card() {
 }
 
 async function route(values) {
-  house.drawWays([]);
+  house.overlays.drawWays([]);
   const found = await maps.ask("route", values);
   const ways = await (await maps.get(`ways?${new URLSearchParams(values)}`)).json();
-  house.drawWays(ways.map((way) => way.points));
+  house.overlays.drawWays(ways.map((way) => way.points));
   const doors = found.doors.map((door) => door.name).join(", ");
   const told = `${found.metres.toFixed(1)} m, ${found.seconds.toFixed(0)} s${doors ? ` through ${doors}` : ""}`;
   return found.assumed_body ? `${told}; ${found.assumed_body}` : told;
@@ -146,17 +148,43 @@ async function where(values) {
   return likely.map((each) => `${each.place} ${Math.round(100 * each.probability)} %`).join(", ");
 }
 
-async function query({ text }) {
-  const answer = await maps.ask("sparql", { text });
-  const known = (answer.rows ?? []).flat().filter((value) => house.entities.has(value));
+function markKnown(names) {
+  const known = names.filter((name) => house.entities.has(name));
   house.mark(known);
+  return known;
+}
+
+// Mark the entities of an answer, and draw its voxels.
+async function query({ text, language }) {
+  house.overlays.drawVoxels([], 0);
+  if (language === "fields") return fields(text);
+  const answer = await maps.ask("sparql", { text });
+  const known = markKnown((answer.rows ?? []).flat());
   return answer.rows ? `${answer.rows.length} answers, ${new Set(known).size} entities` : JSON.stringify(answer);
+}
+
+async function fields(text) {
+  const { size, sets, names, total, truth, left_out } = await (await maps.get(`voxels?${new URLSearchParams({ text })}`)).json();
+  if (truth !== null) return truth ? "yes" : "no";
+  house.overlays.drawVoxels(sets, size);
+  markKnown(names);
+  const drawn = sets.reduce((sum, { centres }) => sum + centres.length, 0);
+  const unknown = left_out.length ? `; ${left_out.length} entities have no voxels` : "";
+  return `${total} answers, ${drawn} voxels drawn${unknown}`;
+}
+
+// Draw the stored grasps of what is selected; who may write lets the server look for some first.
+async function grasps(name) {
+  if (token) await maps.ask("grasps", { name });
+  const found = await (await maps.get(`grasps?${new URLSearchParams({ name })}`)).json();
+  house.overlays.drawGrasps(found);
+  return found.length ? `${found.length} grasps` : "no grasp is stored";
 }
 
 // Lay the costs of a robot on the floors, and again after changes.
 async function costs(values) {
   const layers = await (await maps.get(`costs?${new URLSearchParams(values)}`)).json();
-  await house.drawCosts(layers);
+  await house.overlays.drawCosts(layers);
   shownCosts = values;
   return `${layers.map((layer) => layer.storey).join(", ")}, as of ${new Date().toLocaleTimeString()}`;
 }

@@ -4,7 +4,7 @@ const MOST_FOUND = 50;
 const at = (id) => document.getElementById(id);
 
 export class Panel {
-  // `does` has what its controls call: select(name), route(values), where(values), query(values), costs(values), past(index), hide(name, hidden), apart(metres).
+  // `does` has what its controls call: select(name), route(values), where(values), query(values), costs(values), grasps(name), past(index), hide(name, hidden), apart(metres).
   constructor(does) {
     this.does = does;
     at("search").addEventListener("input", () => this.search());
@@ -12,19 +12,10 @@ export class Panel {
       if (event.key === "Enter") at("found").querySelector("button")?.click();
     });
     for (const id of ["route", "where", "query", "costs"]) {
-      at(id).addEventListener("submit", async (event) => {
+      at(id).addEventListener("submit", (event) => {
         event.preventDefault();
-        const form = event.target;
-        const output = form.querySelector("output");
-        const values = Object.fromEntries([...new FormData(form)].filter(([, value]) => value.trim()));
-        output.className = "";
-        output.value = "asking";
-        try {
-          output.value = await does[id](values);
-        } catch (error) {
-          output.className = "wrong";
-          output.value = error.message;
-        }
+        const values = Object.fromEntries([...new FormData(event.target)].filter(([, value]) => value.trim()));
+        answer(event.target.querySelector("output"), () => does[id](values));
       });
     }
     at("moment").addEventListener("input", (event) => does.past(Number(event.target.value)));
@@ -96,8 +87,16 @@ export class Panel {
     at("card").replaceChildren(
       element("h2", {}, told.name),
       element("dl", {}, ...rows.flatMap(([key, value]) => [element("dt", {}, key), element("dd", {}, text(value))])),
+      ...(told.kind === "object" ? [this.grasps(told.name)] : []),
       ...(writes ? CHANGED.filter((key) => key in told && told[key] !== null).map((key) => this.field(key, told[key])) : []),
     );
+  }
+
+  grasps(name) {
+    const button = element("button", { type: "button" }, "Show grasps");
+    const output = element("output");
+    button.addEventListener("click", () => answer(output, () => this.does.grasps(name)));
+    return element("p", {}, button, output);
   }
 
   field(key, value) {
@@ -110,6 +109,18 @@ export class Panel {
 const CHANGED = ["name", "type", "state"];
 const OMITTED = new Set(["name", "footprint", "box", "front", "models", "properties"]);
 
+// Show in an output what is answered, or why not.
+async function answer(output, ask) {
+  output.className = "";
+  output.value = "asking";
+  try {
+    output.value = await ask();
+  } catch (error) {
+    output.className = "wrong";
+    output.value = error.message;
+  }
+}
+
 function text(value) {
   if (Array.isArray(value)) return value.map(text).join(", ");
   if (typeof value === "number") return String(Math.round(value * 1000) / 1000);
@@ -119,7 +130,7 @@ function text(value) {
   return String(value);
 }
 
-function element(tag, values, ...children) {
+export function element(tag, values, ...children) {
   const made = Object.assign(document.createElement(tag), values);
   made.append(...children);
   return made;
