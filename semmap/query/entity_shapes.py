@@ -26,6 +26,19 @@ OPENING = (
 """The ends of a connector: of its opening, from post to post; of stairs and ramps, of the way."""
 
 
+SHAPE = (
+    "CASE WHEN c.entity_id IS NOT NULL THEN ST_MakeLine("
+    "ST_MakePoint(first[1], first[2]), ST_MakePoint(second[1], second[2])) "
+    "ELSE coalesce(w.footprint, ST_MakePoint(w.pose[1], w.pose[2])) END"
+)
+"""What a GIS shows of an entity, see `read_shapes`; of the rows of `SHAPED`."""
+
+SHAPED = (
+    f"{PLACED} LEFT JOIN connector c ON c.entity_id = e.id "
+    f"LEFT JOIN LATERAL ({OPENING}) l (first, second) ON c.entity_id IS NOT NULL"
+)
+
+
 def read_shapes(seen: Snapshot, ids: Sequence[int] | None = None) -> list[dict[str, Any]]:
     """What a GIS shows of entities, of all in the map where `ids` is None, by kind and name.
 
@@ -38,12 +51,7 @@ def read_shapes(seen: Snapshot, ids: Sequence[int] | None = None) -> list[dict[s
         rows = cursor.execute(
             "SELECT e.id, e.name, e.kind, e.type, e.label, h.name AS holder, s.name AS storey, "
             "ST_ZMin(w.box) AS low, ST_ZMax(w.box) AS high, c.state, e.properties, "
-            "ST_AsBinary(CASE "
-            "WHEN c.entity_id IS NOT NULL THEN ST_MakeLine("
-            "ST_MakePoint(first[1], first[2]), ST_MakePoint(second[1], second[2])) "
-            "ELSE coalesce(w.footprint, ST_MakePoint(w.pose[1], w.pose[2])) END) AS geometry "
-            f"FROM {PLACED} LEFT JOIN connector c ON c.entity_id = e.id "
-            f"LEFT JOIN LATERAL ({OPENING}) l (first, second) ON c.entity_id IS NOT NULL "
+            f"ST_AsBinary({SHAPE}) AS geometry FROM {SHAPED} "
             "WHERE e.map_id = current_map() AND (%(ids)s::bigint[] IS NULL OR e.id = ANY (%(ids)s))"
             " ORDER BY e.kind, e.name",
             {"ids": None if ids is None else [*ids]},

@@ -40,6 +40,7 @@ from semmap.server.layers import costs_of, grasps_of, moments_of, poses_of, voxe
 from semmap.server.requests import body_of, role_of
 from semmap.server.scene import meshes_of, scene_of
 from semmap.server.sparql_endpoint import SparqlEndpoint
+from semmap.server.vector_tiles import MEDIA_TYPE, tile_of
 from semmap.server.viewer_files import Viewer
 
 MOST_LISTENERS = 32
@@ -113,6 +114,9 @@ class HttpApi:
             ),
             "/collections/{name}/items/{id}": lambda map, base, request: ogc.item(
                 map, request.path_params["name"], base, request.path_params["id"]
+            ),
+            "/collections/{name}/tiles/WebMercatorQuad/{z}/{y}/{x}": lambda map, _, r: tile_of(
+                map, *(r.path_params[key] for key in ("name", "z", "y", "x"))
             ),
             "/scene": lambda map, _, __: scene_of(map),
             "/meshes.glb": lambda map, _, __: meshes_of(map),
@@ -241,7 +245,8 @@ class HttpApi:
                 self._with, role, lambda db: of(db.map(name), base, request)
             )
             if isinstance(found, bytes):
-                return Response(found, media_type="model/gltf-binary")
+                binary = MEDIA_TYPE if "/tiles/" in request.url.path else "model/gltf-binary"
+                return Response(found, media_type=binary)
             kind = "application/geo+json" if "features" in found or "geometry" in found else None
             return JSONResponse(found, media_type=kind)
 

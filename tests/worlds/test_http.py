@@ -11,10 +11,11 @@ from pathlib import Path
 from typing import Any
 
 import httpx
+import numpy as np
 import pyogrio
 import pytest
 import shapely
-from pyproj import Geod
+from pyproj import Geod, Transformer
 from sqlalchemy import Engine
 from starlette.testclient import TestClient
 
@@ -282,3 +283,59 @@ def test_pages_and_boxes_of_features(web: httpx.Client, db: semmap.Database) -> 
     assert far["features"] == []
     assert web.get("/maps/house/collections/objects/items?bbox=1,2").status_code == 400
     assert web.get("/maps/house/collections/ghosts/items").status_code == 404
+
+
+@pytest.mark.parametrize("frame", [None, (32632, 690_000.0, 5_335_000.0, 0.4)])
+def test_gdal_reads_vector_tiles_where_proj_says(
+    web: httpx.Client,
+    db: semmap.Database,
+    tmp_path: Path,
+    frame: tuple[int, float, float, float] | None,
+) -> None:
+    """The footprints of the tiles that a map covers, together, as drawn on Web Mercator."""
+    house = db.map("house")
+    change = (
+        "UPDATE map SET (crs, easting, northing, rotation, height) = (%s, %s, %s, %s, %s) "
+        "WHERE id = current_map() RETURNING 1"
+    )
+    if frame is not None:
+        house.execute(change, *frame, 0)
+
+    def mercator(points: np.ndarray) -> np.ndarray:
+        if frame is None:
+            return points
+        crs, east, north, turn = frame
+        turned = points @ [[np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]]
+        to = Transformer.from_crs(crs, 3857, always_xy=True)
+        return np.column_stack(to.transform(*np.add(turned, (east, north)).T))
+
+    zoom, wide = 19, 40_075_016.68557849 / 2**19
+    for layer in ("rooms", "objects"):
+        there = {e.name: e.footprint for e in getattr(house, layer) if e.footprint is not None}
+        there = {name: shapely.transform(shape, mercator) for name, shape in there.items()}
+        bounds = shapely.union_all([*there.values()]).bounds
+        low, high = (np.floor(np.array(p) / wide).astype(int) for p in (bounds[:2], bounds[2:]))
+        found: dict[str, list[shapely.Geometry]] = {}
+        for column in range(low[0], high[0] + 1):
+            for upwards in range(low[1], high[1] + 1):
+                x, y = column + 2 ** (zoom - 1), 2 ** (zoom - 1) - 1 - upwards
+                path = f"/maps/house/collections/{layer}/tiles/WebMercatorQuad/{zoom}/{y}/{x}"
+                file = tmp_path / "tile.mvt"
+                file.write_bytes(web.get(path).raise_for_status().content)
+                if not file.stat().st_size:
+                    continue
+                rows = pyogrio.read_dataframe(f"MVT:{file}", X=str(x), Y=str(y), Z=str(zoom))
+                square = shapely.box(*(np.array([column, upwards, column + 1, upwards + 1]) * wide))
+                for name, shape in zip(rows["name"], rows.geometry, strict=True):
+                    found.setdefault(name, []).append(shape.buffer(0).intersection(square))
+        small = {name for name, shape in there.items() if shape.area < 0.01}
+        assert there.keys() - small <= found.keys() <= there.keys()
+        for name, shape in there.items():
+            drawn = shapely.union_all(found.get(name, []))
+            # corners are rounded to 2 cm
+            assert drawn.symmetric_difference(shape).area < 0.02 * shape.length + 0.01, name
+    wrong = web.get("/maps/house/collections/rooms/tiles/WebMercatorQuad/3/9/0")
+    assert wrong.status_code == 400
+    assert "zoom" in wrong.json()["error"]
+    if frame is not None:
+        house.execute(change, *[None] * 5)
