@@ -277,9 +277,22 @@ def judge_check(building: Building, place: semmap.Map) -> tuple[int, list[str]]:
     shut = {("narrow door", d.name) for d in building.doors if _is_small(d)}
     shut |= {("thing in a doorway", d.name) for d in building.doors if _is_shut(building, d)}
     told = {(each.kind, each.entities[0]) for each in found}
-    wrong = [str(each) for each in found if (each.kind, each.entities[0]) not in shut]
+    wrong = [
+        str(each)
+        for each in found
+        if (each.kind, each.entities[0]) not in shut
+        if not (each.kind == "penetrating" and _overlap(building, *each.entities))
+    ]
     wrong += [f"{name}: no {kind}" for kind, name in shut - told]
     return len(building.items), wrong
+
+
+def _overlap(building: Building, *names: str) -> bool:
+    """Whether two things were placed at one place: they share more than a centimetre."""
+    one, two = (item for item in building.items if item.name in names)
+    shared = one.ground.intersection(two.ground)
+    high = min(one.high, two.high) - max(one.low, two.low)
+    return bool(high > 0.01 and not shared.buffer(-0.005).is_empty)
 
 
 def _is_small(door: Door) -> bool:
