@@ -37,7 +37,7 @@ from semmap.server import ogc_features as ogc
 from semmap.server.calls import MOST, OperationCall, answered_at_once, offered
 from semmap.server.handles import SECONDS, BusyError, Handles
 from semmap.server.layers import costs_of, grasps_of, moments_of, poses_of, voxels_of
-from semmap.server.requests import body_of, role_of
+from semmap.server.requests import EncodedSlashes, body_of, map_of, role_of
 from semmap.server.scene import meshes_of, scene_of
 from semmap.server.sparql_endpoint import SparqlEndpoint
 from semmap.server.vector_tiles import MEDIA_TYPE, tile_of
@@ -105,7 +105,7 @@ class HttpApi:
         most = MOST | {"seconds": seconds, "rows": rows}
         self._calls = {rights: offered(calls, rights, most) for rights in {*RIGHTS.values(), _ALL}}
         features: dict[str, Callable[[Map, str, Request], Any]] = {
-            "": lambda _, base, request: ogc.landing(base, request.path_params["map"]),
+            "": lambda _, base, request: ogc.landing(base, map_of(request)),
             "/conformance": lambda _, __, ___: {"conformsTo": ogc.CLASSES},
             "/collections": lambda _, base, __: ogc.collections(base),
             "/collections/{name}": lambda _, base, r: ogc.collection(base, r.path_params["name"]),
@@ -139,7 +139,10 @@ class HttpApi:
                 Mount("/view", Viewer()),
                 Route("/maps/{map}/{operation}", self._operation, methods=["GET", "POST"]),
             ],
-            middleware=[Middleware(TrustedHostMiddleware, allowed_hosts=THIS_MACHINE)] * local,
+            middleware=[
+                Middleware(EncodedSlashes),
+                *[Middleware(TrustedHostMiddleware, allowed_hosts=THIS_MACHINE)] * local,
+            ],
             exception_handlers=dict.fromkeys(STATUS, _failure),
         )
 
@@ -167,14 +170,14 @@ class HttpApi:
         if request.method == "GET" and call.operation.right != "reader":
             raise InvalidArgumentError(f"{name} changes the map: send it by POST")
         values = await _values(request, call)
-        map_name = request.path_params["map"]
+        map_name = map_of(request)
         found = await run_in_threadpool(self._with, role, lambda db: call(db.map(map_name), values))
         if isinstance(found, Picture):
             return Response(found.png, media_type="image/png")
         return JSONResponse(found)
 
     async def _events(self, request: Request) -> Response:
-        role, map_name = self._role(request), request.path_params["map"]
+        role, map_name = self._role(request), map_of(request)
         since = request.headers.get("last-event-id") or request.query_params.get("since")
         if len(self._listeners) >= MOST_LISTENERS:
             raise BusyError(f"{MOST_LISTENERS} clients follow the changes: try again")
@@ -239,7 +242,7 @@ class HttpApi:
 
     def _ogc(self, of: Callable[[Map, str, Request], Any]) -> Callable[..., Any]:
         async def page(request: Request) -> Response:
-            role, name = self._role(request), request.path_params["map"]
+            role, name = self._role(request), map_of(request)
             base = str(request.base_url.replace(path=f"/maps/{quote(name, safe='')}"))
             found = await run_in_threadpool(
                 self._with, role, lambda db: of(db.map(name), base, request)

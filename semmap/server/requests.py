@@ -1,13 +1,38 @@
-"""What requests say: the role of their token, and a body that is not too large."""
+"""What requests say: their map, the role of their token, and a body that is not too large."""
 
 from __future__ import annotations
 
 import hmac
+import re
 from collections.abc import Mapping
 from pathlib import Path
+from urllib.parse import unquote
 
 from starlette.exceptions import HTTPException
 from starlette.requests import Request
+from starlette.types import ASGIApp, Receive, Scope, Send
+
+_SLASH = "\x1f"
+
+
+class EncodedSlashes:
+    """Keeps the slashes in names (``%2F``) apart from those between them; `map_of` has them."""
+
+    def __init__(self, app: ASGIApp) -> None:
+        self._app = app
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Answer a request, as ASGI has it."""
+        raw = scope.get("raw_path") or b""
+        if b"%2F" in raw.upper():
+            path = re.sub("%2F", _SLASH, raw.decode("latin-1"), flags=re.IGNORECASE)
+            scope = dict(scope, path=unquote(path))
+        await self._app(scope, receive, send)
+
+
+def map_of(request: Request) -> str:
+    """The name of the map in the path of a request."""
+    return str(request.path_params["map"]).replace(_SLASH, "/")
 
 
 async def body_of(request: Request, most_bytes: int) -> bytes:

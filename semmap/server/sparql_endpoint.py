@@ -31,7 +31,7 @@ from semmap.knowledge.sparql.scope import Chosen
 from semmap.knowledge.updates import update
 from semmap.knowledge.whole_graph import facts, serialized, with_prefixes
 from semmap.server.handles import Handles
-from semmap.server.requests import body_of
+from semmap.server.requests import body_of, map_of
 
 GRAPH_FORMATS = {
     "text/turtle": "turtle",
@@ -147,7 +147,7 @@ class SparqlEndpoint:
     @contextmanager
     def _session(self, request: Request) -> Iterator[Session]:
         with self._handles.lend(self._role(request)) as database:
-            yield database.map(request.path_params["map"]).connection
+            yield database.map(map_of(request)).connection
 
 
 async def _read(request: Request) -> tuple[str, str, Chosen | None]:

@@ -9,6 +9,7 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
+from urllib.parse import quote
 
 import httpx
 import numpy as np
@@ -339,3 +340,20 @@ def test_gdal_reads_vector_tiles_where_proj_says(
     assert "zoom" in wrong.json()["error"]
     if frame is not None:
         house.execute(change, *[None] * 5)
+
+
+def test_a_map_has_any_name(web: httpx.Client, db: semmap.Database) -> None:
+    name = "Haus 3/2 %2F ü?#"
+    db.create_map(name).add_room("Küche", shapely.box(0, 0, 3, 3), floor=0, ceiling=2.5)
+    at = f"/maps/{quote(name, safe='')}"
+    found = web.get(f"{at}/describe", params={"name": "Küche"}).raise_for_status().json()
+    assert found["name"] == "Küche"
+    landing = web.get(at).raise_for_status().json()
+    assert landing["title"] == name
+    (rooms,) = (link["href"] for link in landing["links"] if link["rel"] == "data")
+    assert len(web.get(f"{rooms}/rooms/items").raise_for_status().json()["features"]) == 1
+    asked = {"query": "SELECT ?x { ?x a <urn:semmap:ontology#Room> }"}
+    rows = web.get(f"{at}/rdf/sparql", params=asked).raise_for_status().json()
+    assert len(rows["results"]["bindings"]) == 1
+    db.drop_map(name)
+    assert web.get(f"{at}/find").status_code == 404
