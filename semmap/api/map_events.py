@@ -23,7 +23,7 @@ class MapSubscription:
     """A thread that calls a function with each change of a map; stop it, or use it in ``with``.
 
     `cursor` is after the last event that the function has taken; `error` is what ended it: raised
-    by the function, or since changes after the cursor are not kept.
+    by the function, or since the map was dropped or changes after the cursor are not kept.
     """
 
     def __init__(

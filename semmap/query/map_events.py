@@ -9,6 +9,7 @@ from datetime import datetime
 from itertools import chain, groupby
 from typing import Any
 
+from semmap.error import UnknownNameError
 from semmap.geometry.pose import Pose
 from semmap.query.entity_query import SETTLE, check_cursor
 from semmap.query.snapshot import Snapshot
@@ -96,21 +97,24 @@ def events_since(seen: Snapshot, since: str | None) -> tuple[str, list[MapEvent]
     """The events of a map after a cursor (all that are kept where None), and the next cursor.
 
     The events of a transaction follow each other; transactions that change the same entity are in
-    the order of their commits. A ValueError refuses what is not a cursor.
+    the order of their commits. Raises ValueError: this is not a cursor; UnknownNameError: the map
+    was dropped or renamed.
     """
     check_cursor(since)
     with seen.session.transaction():
         # One statement, so that cursor and rows are of one snapshot.
         rows = seen.session.execute(
-            "SELECT change_cursor(), r.* FROM (SELECT) once LEFT JOIN ("
-            "SELECT c.id, x.xid, c.at, c.what, c.entities, c.facts FROM changes_since(%s) c "
-            "JOIN change x ON x.id = c.id JOIN map m ON m.id = c.map_id WHERE m.name = %s"
-            ") r ON true ORDER BY max(r.id) OVER (PARTITION BY r.xid), r.id",
-            (since, seen.name),
+            "SELECT change_cursor(), m.id, c.id, x.xid, c.at, c.what, c.entities, c.facts "
+            "FROM (SELECT max(id) AS id FROM map WHERE name = %s) m "
+            "LEFT JOIN (changes_since(%s) c JOIN change x ON x.id = c.id) ON c.map_id = m.id "
+            "ORDER BY max(c.id) OVER (PARTITION BY x.xid), c.id",
+            (seen.name, since),
         ).fetchall()
         seen.session.execute(SETTLE)
         cursor = str(rows[0][0])
-        written = [row[1:] for row in rows if row[1] is not None]
+        if rows[0][1] is None:
+            raise UnknownNameError(f"the map {seen.name} was dropped or renamed")
+        written = [row[2:] for row in rows if row[2] is not None]
         by_transaction = {
             xid: _drafted(of_one) for xid, of_one in groupby(written, key=lambda row: row[1])
         }

@@ -8,7 +8,7 @@ from __future__ import annotations
 import asyncio
 import json
 from collections.abc import AsyncIterator, Callable, Mapping
-from contextlib import asynccontextmanager
+from contextlib import asynccontextmanager, suppress
 from functools import partial
 from importlib.metadata import version
 from typing import Any
@@ -203,7 +203,8 @@ class HttpApi:
 
         def end() -> None:
             try:
-                subscription.stop()
+                with suppress(Error):  # the client has its events, and asks again
+                    subscription.stop()
             finally:
                 handle.close()
 
@@ -216,8 +217,10 @@ class HttpApi:
                 yield ": the changes of the map, one event each\n\n"
                 while True:
                     try:
-                        event = await asyncio.wait_for(waiting.get(), 15)
+                        event = await asyncio.wait_for(waiting.get(), 5)
                     except TimeoutError:
+                        if not subscription.running:  # the map was dropped
+                            return
                         yield ": still here\n\n"
                         continue
                     if event is None:

@@ -314,6 +314,7 @@ def test_a_restart_of_the_server_neither_skips_nor_repeats(
                     again.map("flat")["robot"].label = f"after{number}"
                 wait_until(lambda: len(seen) >= 6)
                 time.sleep(0.3)
+                subscription.stop()
                 again.drop_map("flat")
         finally:
             subscription.stop()

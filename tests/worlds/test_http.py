@@ -357,3 +357,17 @@ def test_a_map_has_any_name(web: httpx.Client, db: semmap.Database) -> None:
     assert len(rows["results"]["bindings"]) == 1
     db.drop_map(name)
     assert web.get(f"{at}/find").status_code == 404
+
+
+def test_the_events_of_a_dropped_map_end(url: str, db: semmap.Database) -> None:
+    heard = db.create_map("shed").subscribe(lambda event: None)
+    with httpx.stream("GET", f"{url}/maps/shed/events", timeout=30) as events:
+        lines = events.iter_lines()
+        next(lines)
+        db.drop_map("shed")
+        assert not [line for line in lines if line.startswith("data")]
+    end = time.monotonic() + 10
+    while heard.running and time.monotonic() < end:
+        time.sleep(0.05)
+    with pytest.raises(LookupError, match="shed was dropped"):
+        heard.stop()
