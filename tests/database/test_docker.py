@@ -22,9 +22,11 @@ def test_the_image_meets_the_requirements_of_the_schema(docker_server: URL) -> N
     assert revisions.installed_on(engine) == revisions.newest()
     with engine.connect() as connection:
         assert connection.exec_driver_sql("SELECT count(*) FROM entity").scalar() == 0
-        asked = {"server_encoding": "UTF8", "lc_collate": "C.UTF-8", "TimeZone": "UTC"}
+        asked = {"server_encoding": "UTF8", "TimeZone": "UTC"}
         for setting, value in asked.items():
             assert connection.exec_driver_sql(f"SHOW {setting}").scalar() == value
+        collation = "SELECT datcollate FROM pg_database WHERE datname = current_database()"
+        assert connection.exec_driver_sql(collation).scalar() == "C.UTF-8"
         extensions = "SELECT extname FROM pg_extension WHERE extname IN ('postgis', 'pgrouting')"
         assert len(connection.exec_driver_sql(extensions).all()) == 2
         assert connection.exec_driver_sql("SELECT current_user").scalar() == "admin"

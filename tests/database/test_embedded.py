@@ -81,12 +81,13 @@ def test_settings_of_a_cluster_as_made(own: Cluster) -> None:
         "full_page_writes": "on",
         "data_checksums": "on",
         "server_encoding": "UTF8",
-        "lc_collate": "C.UTF-8",
         "TimeZone": "UTC",
         "jit": "off",
         "max_wal_size": "4GB",
     }.items():
         assert query(own, f"SHOW {setting}") == value, setting
+    collation = "SELECT datcollate FROM pg_database WHERE datname = current_database()"
+    assert query(own, collation) == "C.UTF-8"
     assert query(own, "SELECT count(*) FROM pg_file_settings WHERE error IS NOT NULL") == 0
     assert query(own, "SELECT inet_server_addr()") is None
 

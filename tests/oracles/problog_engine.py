@@ -8,7 +8,8 @@ import warnings
 
 _LIMIT = sys.getrecursionlimit()
 with warnings.catch_warnings():
-    warnings.simplefilter("ignore", DeprecationWarning)  # its copy of pyparsing
+    for old in (DeprecationWarning, SyntaxWarning):  # its copy of pyparsing, its docstrings
+        warnings.simplefilter("ignore", old)
     from problog import get_evaluatable
     from problog.program import PrologString
 sys.setrecursionlimit(_LIMIT)  # ProbLog raises it for the whole process
