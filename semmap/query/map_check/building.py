@@ -135,7 +135,7 @@ class CheckedBuilding:
         height = (entity.high - entity.low)[2]
         if SLAB < height < TALL:
             return False
-        around = shapely.box(*entity.low[:2], *entity.high[:2])
+        around = entity.outline.minimum_rotated_rectangle
         if around.area >= 1:
             for number in self.room_tree.query(around, predicate="intersects"):
                 ground = self.rooms[number].ground
@@ -143,7 +143,7 @@ class CheckedBuilding:
                     return True
         if height < TALL or not self.rooms:
             return False
-        sides = shapely.get_coordinates(entity.outline.minimum_rotated_rectangle)
+        sides = shapely.get_coordinates(around)
         thin = min(np.linalg.norm(np.diff(sides[:3], axis=0), axis=1), default=0) <= WALL
         return bool(thin) and sum(self.shares(entity).values()) < 0.5
 
