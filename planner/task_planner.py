@@ -130,7 +130,7 @@ class TaskPlanner:
     """Plans tasks for a class of robots on a map that changes, with the actions of a domain file.
 
     `gripper` names a stored one; by default that of the robot or of the URDF of its class, else the
-    preferred or only one, else an assumed one.
+    preferred one or the only one of no robot, else an assumed one.
     """
 
     def __init__(

@@ -69,7 +69,7 @@ WITH_SESSION = {
     },
     "semmap/manipulation/retrieval.py": {
         *("gripper_name", "gripper_or_urdf", "is_default", "register_gripper"),
-        *("stored_for_shape", "stored_gripper", "usual_gripper"),
+        *("stored_for_shape", "stored_gripper", "stored_usual", "usual_gripper", "usual_name"),
     },
     "semmap/query/entity_query.py": {"changes_since", "entity_id", "list_maps"},
     "semmap/query/meshes.py": {

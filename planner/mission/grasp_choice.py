@@ -22,7 +22,7 @@ from semmap.manipulation.error import ManipulationError
 from semmap.manipulation.places import find_places, place_of
 from semmap.manipulation.practice import NOT_HELD, practise, try_place
 from semmap.manipulation.reader import actions_on
-from semmap.manipulation.retrieval import find_grasps, gripper_name, is_default
+from semmap.manipulation.retrieval import find_grasps, gripper_name, is_default, stored_usual
 from semmap.manipulation.store.model_shapes import shape_of
 from semmap.manipulation.store.tasks import record_task
 from semmap.query.snapshot import Snapshot
@@ -66,8 +66,8 @@ def hand_of(session: Any, name: str, robot_class: str | None, gripper: str | Non
 
     The robot or its class may have the name of a stored automaton; else that of the URDF of the
     class is stored. `gripper` names one, without an arm; by default it is that of the automaton,
-    else the preferred one, else the only one. Raises LookupError: there is no such gripper, or
-    there are several and none is preferred.
+    else that of `usual_name`. Raises LookupError: there is no such gripper, or several are of no
+    robot and none is preferred.
     """
     names = [each for each in (name, robot_class) if each is not None]
     found = automaton_of(session, *names)
@@ -75,7 +75,7 @@ def hand_of(session: Any, name: str, robot_class: str | None, gripper: str | Non
         found = next(filter(None, (class_automaton(session, each) for each in names)), None)
     if gripper is None and found is not None:
         return Hand(found[1], found[0])
-    chosen = gripper_name(session, gripper)
+    chosen = stored_usual(session) if gripper is None else gripper_name(session, gripper)
     return Hand(chosen, assumed=gripper is None and is_default(session, chosen))
 
 

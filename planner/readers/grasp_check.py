@@ -39,9 +39,10 @@ class GraspCheck:
     """The gripper of a mission: the one that is named, else that of the first robot that has one.
 
     `robots` are names of stored robots or of classes, whose URDFs count. Other robots have the
-    preferred gripper, else the only one, else the default one (`hand_of`). With `assume_sizes`,
-    objects without geometry have the boxes that simulated missions give them. URDFs are read when
-    something is picked up. Nothing is stored. A LookupError refuses a `gripper` that is not there.
+    preferred gripper, else the only one of no robot, else the default one (`hand_of`). With
+    `assume_sizes`, objects without geometry have the boxes that simulated missions give them. URDFs
+    are read when something is picked up. Nothing is stored. A LookupError refuses a `gripper` that
+    is not there.
     """
 
     def __init__(

@@ -61,7 +61,7 @@ def register_robot(
         posture = carrying_posture(arm)
     chosen = name or found.robot.name
     with session.transaction():
-        hand = register_gripper(session, urdf, f"{chosen}_gripper", palm=palm)
+        hand = register_gripper(session, urdf, f"{chosen}_gripper", palm=palm, preferred=False)
         add_device(
             session,
             chosen,

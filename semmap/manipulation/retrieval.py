@@ -290,13 +290,28 @@ ANY_GRIPPER = "SELECT 1 FROM gripper LIMIT 1"
 def usual_gripper(session: Session) -> tuple[str, Gripper, bool]:
     """The gripper of robots that state none, its name, and whether nothing states it.
 
-    The preferred stored one, else the only one, else the default one. Nothing is stored. Raises
-    LookupError where there are several and none is preferred, ManipulationError without its URDF.
+    As `usual_name`; nothing is stored. Raises ManipulationError without its URDF.
     """
-    if not session.execute(ANY_GRIPPER).fetchone():
+    name = usual_name(session)
+    if name is None:
         return DEFAULT_GRIPPER.stem, read_gripper(DEFAULT_GRIPPER), True
-    name = gripper_name(session, None)
     return name, stored_gripper(session, name), is_default(session, name)
+
+
+def usual_name(session: Session) -> str | None:
+    """The gripper of robots that state none: the preferred one, else the only one of no robot.
+
+    None for the default one, where it is not stored. Raises LookupError: several are of no robot,
+    and none is preferred.
+    """
+    rows = session.execute(
+        "SELECT d.name, g.preferred FROM gripper g JOIN device d ON d.id = g.device_id "
+        "WHERE g.preferred OR NOT EXISTS (SELECT FROM automaton a WHERE a.gripper_id = d.id) "
+        "ORDER BY g.preferred DESC"
+    ).fetchall()
+    if len(rows) > 1 and not rows[0][1]:
+        return gripper_name(session, None)  # raises
+    return str(rows[0][0]) if rows else None
 
 
 def is_default(session: Session, name: str) -> bool:
@@ -309,13 +324,17 @@ def is_default(session: Session, name: str) -> bool:
     ).fetchone() == (False,)
 
 
+def stored_usual(session: Any) -> str:
+    """As `usual_name`; the default gripper is stored first."""
+    with session.transaction():  # another robot may store it at the same time
+        session.execute("SELECT pg_advisory_xact_lock(hashtext('semmap default gripper'))")
+        return usual_name(session) or register_gripper(session, DEFAULT_GRIPPER, preferred=False)
+
+
 def gripper_name(session: Any, name: str | None) -> str:
     """The name of the gripper meant; where there is none at all, the default is stored."""
     if name is None and not session.execute(ANY_GRIPPER).fetchone():
-        with session.transaction():  # another robot may store it at the same time
-            session.execute("SELECT pg_advisory_xact_lock(hashtext('semmap default gripper'))")
-            if not session.execute(ANY_GRIPPER).fetchone():
-                return register_gripper(session, DEFAULT_GRIPPER, preferred=False)
+        return stored_usual(session)
     ((found,),) = session.execute(
         "SELECT name FROM device WHERE id = %s", (gripper_id(session, name),)
     )

@@ -14,6 +14,7 @@ from planner.tasks import NoPlanError
 from planner.tasks.world import UnknownObjectError
 from semmap import Map
 from semmap.manipulation.retrieval import DEFAULT_GRIPPER
+from tests.robot.robots import real_robot
 
 
 @pytest.fixture
@@ -99,3 +100,16 @@ def test_what_is_left_out_is_not_said_to_be_unknown(room: Map) -> None:
         assert both == "the goal needs crate1 and crate2, and there is no other crate"
         assert problem("on(crat, table)", "crate1").startswith("there is no crat: no object")
         assert "crate2: no grasp fits" in problem("on(crate, table)", "crate1")
+
+
+def test_the_gripper_of_another_robot_is_not_used(room: Map, tmp_path: Path) -> None:
+    """A TIAGo opens 7 cm; what it stored of its gripper changes no plan of the other robot."""
+    room.add_object("cube", type="cube", size=(0.08,) * 3, pose=(5, 4, 0), define=True)
+    room.database.add_robot("tiago", real_robot("tiago"))
+    ran = room.run("carries(robot, dice)", start="hall", robot="tiago", speed=500.0)
+    assert [g["name"] for g in room.database.list_grippers()] == ["tiago_gripper"], ran
+    with pytest.raises(NoPlanError, match=r"tiago_gripper opens 0\.07"):
+        room.plan("on(cube, table)", start="hall", robot="tiago")
+    assert room.plan("on(cube, table)", start="hall").reasons == ()
+    ended = room.run("on(cube, table)", start="hall", speed=200.0, world=tmp_path / "w.sqlite")
+    assert ended.state == "done"
