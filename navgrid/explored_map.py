@@ -15,6 +15,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from shapely import MultiPolygon
 
+from navgrid.door_leaves import door_leaves
 from navgrid.grid import FREE, OCCUPIED, UNKNOWN, Grid
 from navgrid.map_file import MapFileError, read_map
 from navgrid.room_segments import wall_gaps, wall_heading
@@ -36,6 +37,13 @@ what stands alone and is no longer, but for a wall between two doorways."""
 
 POCKET = 2.0
 """Square metres of the inside of furniture, at most, where a scanner sees its outline."""
+
+LARGEST = 5.0
+"""Square metres of the largest furniture, of which a scanner sees the sides."""
+
+BORDER = 0.15
+"""Metres of unknown cells beside free ones that are as solid as walls: their insides, seen from
+both sides."""
 
 LENGTH = 0.5
 """Metres of a wall, at least, that goes on behind furniture."""
@@ -71,12 +79,17 @@ def read_explored_map(path: Path) -> World:
     occupied = cells >= (OCCUPIED + FREE) // 2
     if not occupied.any():
         raise WorldError(path, "image", "has no occupied cell", "Give the map of a building.")
-    walls = _walls(occupied, grid)
+    unknown = cells == UNKNOWN
+    near = unknown & ndimage.binary_dilation(
+        cells == FREE, _EIGHT, iterations=max(1, round(BORDER / grid.resolution))
+    )
+    leaves = door_leaves(occupied | near, grid.resolution)
+    walls = _walls(occupied & ~leaves, grid)
     y, x = np.nonzero(occupied)
     at = (np.stack([x, y]) + 0.5) * grid.resolution + np.array(grid.origin)[:, None]
     obstacles = occupied.copy()
     obstacles[occupied] = ~shapely.contains_xy(walls.buffer(grid.resolution / 2), *at)
-    border = (cells == UNKNOWN) & ndimage.binary_dilation(cells == FREE, _EIGHT)
+    border = near & ~leaves & ~_pockets(unknown, occupied, obstacles, grid.resolution)
     name = path.stem if path.stem != "map" else path.resolve().parent.name
     world = World(name, path)
     world.entries.append(Entry("ground", "storey", "storey", detail=StoreyDetail(0.0, WALL_HEIGHT)))
@@ -111,6 +124,19 @@ def _walls(occupied: Cells, grid: Grid) -> MultiPolygon:
     outline = shapely.transform(cell_outline(walls), lambda xy: xy * size - middle[0])
     outline = shapely.affinity.rotate(outline, turn, origin=(0, 0), use_radians=True)
     return shapely.transform(outline, lambda xy: xy + middle[1] + grid.origin)
+
+
+def _pockets(unknown: Cells, occupied: Cells, obstacles: Cells, resolution: float) -> Cells:
+    """The unknown cells within furniture: small parts, beside more obstacles than walls."""
+    parts, count = ndimage.label(unknown)
+    small = np.bincount(parts.ravel(), minlength=count + 1) * resolution**2 < LARGEST
+    small[0] = False
+    grown = ndimage.grey_dilation(np.where(small[parts], parts, 0), size=(3, 3))
+    beside, things = (
+        np.bincount(grown[mask], minlength=count + 1) for mask in (occupied, obstacles)
+    )
+    found: Cells = (small & (things > beside / 2))[parts]
+    return found
 
 
 def _straightened(cells: Cells, resolution: float) -> Cells:
