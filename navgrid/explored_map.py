@@ -84,7 +84,7 @@ def read_explored_map(path: Path) -> World:
         cells == FREE, _EIGHT, iterations=max(1, round(BORDER / grid.resolution))
     )
     leaves = door_leaves(occupied | near, grid.resolution)
-    walls = _walls(occupied & ~leaves, grid)
+    walls = _walls((occupied | near) & ~leaves, unknown, grid)
     y, x = np.nonzero(occupied)
     at = (np.stack([x, y]) + 0.5) * grid.resolution + np.array(grid.origin)[:, None]
     obstacles = occupied.copy()
@@ -111,14 +111,17 @@ def read_explored_map(path: Path) -> World:
     return world
 
 
-def _walls(occupied: Cells, grid: Grid) -> MultiPolygon:
+def _walls(occupied: Cells, unknown: Cells, grid: Grid) -> MultiPolygon:
     """The outline of walls: neither alone nor thick, or in line with a wall beside them."""
     turn = wall_heading(occupied)
-    turned = occupied
+    turned, hidden = occupied, unknown
     if abs(turn) * max(occupied.shape) > 1:
-        cells = ndimage.rotate(occupied.astype(np.uint8), math.degrees(turn), order=0) > 0
+        cells, hidden = (
+            ndimage.rotate(each.astype(np.uint8), math.degrees(turn), order=0) > 0
+            for each in (occupied, unknown)
+        )
         turned = _straightened(cells, grid.resolution)
-    walls = _fixed(_thin(turned, grid.resolution), grid.resolution)
+    walls = _fixed(_thin(turned, hidden, grid.resolution), grid.resolution)
     size = grid.resolution
     middle = [np.array(cells.shape[::-1]) * size / 2 for cells in (turned, occupied)]
     outline = shapely.transform(cell_outline(walls), lambda xy: xy * size - middle[0])
@@ -149,10 +152,12 @@ def _straightened(cells: Cells, resolution: float) -> Cells:
     return straight | apart
 
 
-def _thin(occupied: Cells, resolution: float) -> Cells:
+def _thin(occupied: Cells, unknown: Cells, resolution: float) -> Cells:
     """The occupied cells without furniture that is as thick as no wall."""
     free, count = ndimage.label(~occupied)
-    within = np.bincount(free.ravel(), minlength=count + 1) * resolution**2 < POCKET
+    areas = np.bincount(free.ravel(), minlength=count + 1) * resolution**2
+    hidden = ndimage.mean(unknown, free, np.arange(count + 1)) > 0.95
+    within = areas < np.where(hidden, LARGEST, POCKET)
     within[0] = False
     filled = occupied | within[free]
     reach = round(THICK / 2 / resolution)
