@@ -10,7 +10,6 @@ from collections.abc import Iterator
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import ndimage
 
 SHORTEST, LONGEST = 0.5, 1.3
 """Metres of a leaf."""
@@ -81,8 +80,9 @@ def _around(lines: Cells) -> tuple[list[Cells], NDArray[np.int64], NDArray[np.in
 
 def _loose_ends(lines: Cells, resolution: float) -> Iterator[tuple[Floats, Floats]]:
     """Yield the end of each line that ends, and of its straight part the other end."""
-    _, number, turns = (np.asarray(each)[..., 1:-1, 1:-1] for each in _around(np.pad(lines, 1)))
-    for end in np.argwhere(lines & (turns == 1) & (number <= 2)):
+    edged = np.pad(lines, 1)
+    _, number, turns = _around(edged)
+    for end in np.argwhere((edged & (turns == 1) & (number <= 2))[1:-1, 1:-1]):
         path = [end]
         seen = {tuple(end.tolist())}
         while len(path) * resolution < LONGEST + HINGE:
@@ -114,9 +114,7 @@ def _straight_part(points: Floats, slack: float) -> int:
     return len(points) - 1
 
 
-def _doorway_at(
-    solid: Cells, tip: Floats, foot: Floats, length: float, resolution: float
-) -> bool:
+def _doorway_at(solid: Cells, tip: Floats, foot: Floats, length: float, resolution: float) -> bool:
     """Whether a doorway as wide as a leaf is long begins at its foot."""
     way = (foot - tip) / np.hypot(*(foot - tip))
     angles = _ANGLES[:, None]
@@ -127,19 +125,19 @@ def _doorway_at(
         ],
         axis=1,
     )
-    steps = np.arange(0.0, (length + ALIKE + HINGE) / resolution, 0.5)
-    on = _at(solid, foot + steps[:, None, None] * rays)
-    post = np.arange(0.0, POST / resolution + 0.5, 0.5)
-    behind = _at(solid, foot - post[:, None, None] * rays).all(axis=0)
-    for ray in np.flatnonzero(behind):
-        free = np.flatnonzero(~on[:, ray])
-        if not len(free) or free[0] / 2 * resolution > HINGE:
+    steps = np.arange(0.0, (length + ALIKE + HINGE + WALL) / resolution, 0.5)
+    ahead = _at(solid, foot + steps[:, None, None] * rays).T
+    back = _at(solid, foot - steps[:, None, None] * rays).T
+    metres = resolution / 2
+    for on, behind in zip(ahead, back, strict=True):
+        post = int(np.argmin(behind)) * metres
+        first = int(np.argmin(on))
+        wall = first + int(np.argmax(on[first:]))
+        if post < POST or first * metres > HINGE or not on[wall]:
             continue
-        wall = np.flatnonzero(on[free[0] :, ray])
-        if not len(wall):
-            continue
-        width = wall[0] / 2 * resolution
-        if abs(width - length) <= ALIKE:
+        if abs((wall - first) * metres - length) <= ALIKE and (
+            post >= WALL or on[wall:][: int(WALL / metres)].all()
+        ):
             return True
     return False
 
@@ -191,6 +189,7 @@ def _strip(solid: Cells, tip: Floats, foot: Floats, resolution: float) -> Cells:
 def _at(cells: Cells, points: Floats) -> Cells:
     """The values of cells at points (..., 2); False where the grid has none."""
     at = np.rint(points).astype(np.int64)
-    inside = ((at >= 0) & (at < cells.shape)).all(axis=-1)
+    inside = np.asarray(((at >= 0) & (at < cells.shape)).all(axis=-1))
     at = np.where(inside[..., None], at, 0)
-    return np.asarray(cells[at[..., 0], at[..., 1]] & inside)
+    found: Cells = cells[at[..., 0], at[..., 1]] & inside
+    return found

@@ -28,15 +28,25 @@ WIDEST = 3.7
 """Metres: a wider passage is no doorway."""
 
 DOORWAYS = {
-    (True, 2): (1.0, 4.2),
-    (True, 1): (0.5, 2.75),
-    (False, 2): (0.9, 2.0),
+    (True, 2, 2): (1.0, 4.2),
+    (True, 2, 1): (0.5, 2.75),
+    (True, 1, 2): (0.9, 2.75),
+    (True, 1, 1): (0.5, 2.75),
+    (False, 2, 2): (0.9, 2.0),
+    (False, 1, 2): (0.7, 1.6),
 }
-"""The confidence of a doorway, and the metres of width at which it is 0: by whether it is along
-most walls, and at how many of its ends a wall ends, instead of passing by."""
+"""The confidence of a doorway, and the metres of width at which it is 0.
 
-LEVEL = 0.08
-"""Radians between a passage and the direction of walls along which it is."""
+By whether it is along most walls, at how many of its ends a wall ends, instead of passing by, and
+behind how many a wall goes on in line with it: furniture and leaves of doors do not.
+"""
+
+IN_LINE = 0.9
+"""The part of `ALONG` metres on which a wall goes on that is in line with a doorway."""
+
+LEVEL, STEPS = 0.08, 2
+"""Radians between a passage and the direction of walls along which it is; or cells, as turned walls
+are rough."""
 
 DEEPEST, SHALLOWEST, STEP = 2.2, 0.2, 0.05
 """Metres from the walls at which floods begin, from the deepest to the shallowest in steps."""
@@ -317,12 +327,12 @@ def _gaps_in_rows(walls: Cells, full: Cells, resolution: float) -> Iterator[Gap]
         ):
             row, width = (top + bottom) / 2, (right - left + 1) * resolution
             ends = np.array([[row, left - 1], [row, right + 1]])
-            yield Gap(cells, ends, _confidence(True, 2, width))
+            yield Gap(cells, ends, _confidence(True, 2, 2, width))
 
 
-def _confidence(level: bool, stubs: int, width: float) -> float:
-    """The confidence of a passage: whether it is along most walls, and how many walls end there."""
-    sure, most = DOORWAYS.get((level, stubs), (0.0, 1.0))
+def _confidence(level: bool, stubs: int, lined: int, width: float) -> float:
+    """The confidence of a passage, by the keys of `DOORWAYS`."""
+    sure, most = DOORWAYS.get((level, stubs, lined), (0.0, 1.0))
     return sure * float(np.clip((most - width) / 0.6, 0, 1)) if width <= WIDEST else 0.0
 
 
@@ -454,11 +464,18 @@ def _passage(
     line = ends[1] - ends[0]
     middles = (_wall_end(full, ends[i], way, resolution) for i, way in enumerate((-line, line)))
     stubs = [middle for middle in middles if middle is not None]
-    level = math.atan2(*sorted(np.abs(line))) <= LEVEL
+    off, along = sorted(np.abs(line))
+    level = bool(off <= max(LEVEL * along, STEPS))
     if len(stubs) == 2 and not level:
         ends = _at_walls(walls, np.stack(stubs))
+    way = line / np.hypot(*line)
+    lined = sum(
+        _wall_along(walls, end, out, resolution) >= IN_LINE
+        for end, out in zip(ends, (-way, way), strict=True)
+    )
     width = (float(np.hypot(*(ends[1] - ends[0]))) - 1) * resolution
-    return Passage(pair, ends, width, _confidence(level, len(stubs), width))
+    sure = _confidence(level, len(stubs), lined, width)
+    return Passage(pair, ends, width, sure)
 
 
 def _wall_end(walls: Cells, end: Floats, way: Floats, resolution: float) -> Floats | None:

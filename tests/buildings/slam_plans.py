@@ -15,6 +15,7 @@ doorways with about this confidence, the part that is right.
 from __future__ import annotations
 
 import argparse
+import itertools
 import math
 import random
 import tempfile
@@ -36,8 +37,14 @@ from shapely import LineString, Polygon, affinity
 from navgrid.explored_map import read_explored_map
 from navgrid.found_rooms import FoundRooms, find_rooms
 from semmap.query.storey_scene import SceneEntity, StoreyScene
-from tests.buildings.found_rooms import Score, areas, right_doors, right_rooms, score_doors
-from tests.buildings.found_rooms import score_rooms
+from tests.buildings.found_rooms import (
+    Score,
+    areas,
+    right_doors,
+    right_rooms,
+    score_doors,
+    score_rooms,
+)
 
 SIDE = 0.05
 """Metres of a cell."""
@@ -47,6 +54,8 @@ RANGE, RAYS, NOISE = 10.0, 1440, 0.012
 
 LEVELS = (0.0, 0.4, 0.6, 0.7, 0.8, 0.9, 0.95, 1.01)
 """The confidences between which the last table counts."""
+
+NONE = Score()
 
 Cells = NDArray[np.bool_]
 
@@ -105,7 +114,6 @@ def random_plan(seed: int, furnished: bool = True) -> Plan:
 
 def _cut(chance: random.Random, cell: Polygon, slanted: float) -> list[Polygon]:
     """Cut a convex cell into rooms by lines across its longer side, of which some are slanted."""
-    x0, y0, x1, y1 = cell.minimum_rotated_rectangle.bounds
     corners = shapely.get_coordinates(cell.minimum_rotated_rectangle)[:3]
     sides = np.diff(corners, axis=0)
     lengths = np.hypot(*sides.T)
@@ -123,7 +131,7 @@ def _cut(chance: random.Random, cell: Polygon, slanted: float) -> list[Polygon]:
     across = affinity.rotate(
         LineString([middle - 99 * way, middle + 99 * way]), 90 + angle, origin=tuple(middle)
     )
-    parts = [part for part in shapely.ops.split(cell, across).geoms]
+    parts = list(shapely.ops.split(cell, across).geoms)
     if len(parts) != 2 or any(_narrow(part) for part in parts):
         return [cell]
     return [room for part in parts for room in _cut(chance, part, slanted)]
@@ -199,9 +207,8 @@ def _furniture(
             continue
         if not room.buffer(0.02).contains(outline) or outline.intersects(ways):
             continue
-        if any(outline.distance(other) < 0.45 for other in placed if outline.disjoint(other)):
-            if not at_wall:
-                continue
+        if not at_wall and any(outline.distance(other) < 0.45 for other in placed):
+            continue
         if any(outline.buffer(-0.01).intersects(other) for other in placed):
             continue
         left = room.difference(shapely.union_all([*placed, outline]).buffer(0.25))
@@ -216,7 +223,18 @@ def _furniture(
 def _piece(chance: random.Random) -> tuple[shapely.Geometry, tuple[float, float], bool]:
     """A piece of furniture with a corner at the origin, the sides of its box, if at a wall."""
     kind = chance.choice(
-        ["wardrobe", "bed", "counter", "sofa", "shelf", "desk", "table", "chairs", "island", "plant"]
+        [
+            "wardrobe",
+            "bed",
+            "counter",
+            "sofa",
+            "shelf",
+            "desk",
+            "table",
+            "chairs",
+            "island",
+            "plant",
+        ]
     )
     wide, deep = {
         "wardrobe": (chance.uniform(0.8, 2.4), chance.uniform(0.45, 0.65)),
@@ -306,7 +324,7 @@ def seen(plan: Plan, seed: int) -> tuple[NDArray[np.uint8], tuple[float, float]]
 def _cells(plan: Plan) -> tuple[Cells, Cells, tuple[float, float]]:
     """The cells of the inside, and of walls and furniture, and the origin."""
     whole = shapely.union_all([*plan.rooms, plan.walls])
-    low, high = np.array(whole.bounds).reshape(2, 2) + [[-0.5], [0.5]]
+    low, high = np.array(whole.bounds).reshape(2, 2) + np.array([[-0.5], [0.5]])
     columns, rows = np.ceil((high - low) / SIDE).astype(int)
     y, x = (np.mgrid[:rows, :columns] + 0.5) * SIDE
     x, y = x + low[0], y + low[1]
@@ -350,9 +368,7 @@ def found_in(path: Path) -> FoundRooms:
         for shape in entry.shapes:
             vertices, faces = shape.mesh.vertices, shape.mesh.faces
             types = () if entry.type is None else (entry.type,)
-            entities.append(
-                SceneEntity(number, entry.name, "object", types, vertices[faces])
-            )
+            entities.append(SceneEntity(number, entry.name, "object", types, vertices[faces]))
     try:
         return find_rooms(StoreyScene("ground", 0.0, tuple(entities)))
     except ValueError as error:
@@ -363,8 +379,8 @@ def found_in(path: Path) -> FoundRooms:
 class Sums:
     """The sums of all plans that were judged in one way."""
 
-    rooms: Score = Score()
-    doors: Score = Score()
+    rooms: Score = NONE
+    doors: Score = NONE
     areas: tuple[list[float], ...] = ()
     right_rooms: tuple[tuple[bool, float], ...] = ()
     right_doors: tuple[tuple[bool, float], ...] = ()
@@ -387,7 +403,7 @@ class Sums:
 def calibration(right: Sequence[tuple[bool, float]]) -> str:
     """Return per level of confidence how many there are, and the part that is right."""
     row = ""
-    for low, high in zip(LEVELS, LEVELS[1:], strict=False):
+    for low, high in itertools.pairwise(LEVELS):
         these = [each for each, confidence in right if low <= confidence < high]
         row += f"{len(these):6} {np.mean(these) if these else math.nan:5.2f}"
     return row
@@ -399,9 +415,7 @@ def main() -> None:
     parser.add_argument("--count", type=int, default=40, help="how many plans")
     parser.add_argument("--first", type=int, default=0, help="the seed of the first")
     given = parser.parse_args()
-    ways = {
-        (kind, state): Sums() for kind in ("drawn", "seen") for state in ("empty", "furnished")
-    }
+    ways = {(kind, state): Sums() for kind in ("drawn", "seen") for state in ("empty", "furnished")}
     with tempfile.TemporaryDirectory() as folder:
         for seed in range(given.first, given.first + given.count):
             for (kind, state), sums in ways.items():

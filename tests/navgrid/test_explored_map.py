@@ -117,27 +117,28 @@ def test_rooms_and_doors_of_a_scan_are_found_and_driven(database, tmp_path, seed
         assert "found 3 rooms, 3 doorways" in " ".join(summary.notes)
 
 
-def test_walls_are_the_occupied_cells_and_the_border_is_not_free(tmp_path):
+def test_occupied_cells_are_walls_or_obstacles_and_the_border_is_not_free(tmp_path):
     shades = scan(7)
     world = read_explored_map(write(tmp_path, shades))
     assert world.name == tmp_path.name
     of = {entry.name: entry.shapes[0].outline for entry in world.entries if entry.kind == "object"}
     assert set(of) == {"walls", "obstacles", "unexplored"}
-    assert sum(of[n].area for n in ("walls", "obstacles")) == pytest.approx(
-        (shades == 0).sum() * SIDE**2
-    )
     cells = shades[::-1]
     free = cells == 254
-    touched = np.zeros_like(free)  # unknown cells with a free neighbour, by shifts alone
-    padded = np.pad(free, 1)
-    for down in (0, 1, 2):
-        for right in (0, 1, 2):
-            touched |= padded[down : down + free.shape[0], right : right + free.shape[1]]
-    rim = touched & (cells == 205)
-    assert of["unexplored"].area == pytest.approx(rim.sum() * SIDE**2)
-    rows, columns = np.nonzero(rim)
+    near = free
+    for _ in range(3):  # 0.15 m of what is unknown is as solid as walls, by shifts alone
+        padded = np.pad(near, 1)
+        near = np.zeros_like(free)
+        for down in (0, 1, 2):
+            for right in (0, 1, 2):
+                near |= padded[down : down + free.shape[0], right : right + free.shape[1]]
+    solid = (shades[::-1] == 0) | (near & (cells == 205))
+    covered = shapely.union_all(list(of.values()))
+    assert covered.area == pytest.approx(solid.sum() * SIDE**2)
+    rows, columns = np.nonzero(solid)
     x, y = ORIGIN[0] + (columns + 0.5) * SIDE, ORIGIN[1] + (rows + 0.5) * SIDE
-    assert shapely.contains_xy(of["unexplored"], x, y).all()
+    assert shapely.contains_xy(covered, x, y).all()
+    assert not shapely.contains_xy(of["obstacles"], x, y)[shades[::-1][rows, columns] != 0].any()
 
 
 def test_files_that_are_no_map_of_a_building_are_refused(tmp_path):
