@@ -30,7 +30,7 @@ WIDEST = 3.7
 DOORWAYS = {
     (True, 2, 2): (1.0, 4.2),
     (True, 2, 1): (0.5, 2.75),
-    (True, 1, 2): (0.9, 2.75),
+    (True, 1, 2): (0.5, 2.75),  # below `SURE`: it is not closed before the second flood
     (True, 1, 1): (0.5, 2.75),
     (False, 2, 2): (0.9, 2.0),
     (False, 1, 2): (0.7, 1.6),
@@ -106,21 +106,24 @@ class RoomSegments:
     passages: tuple[Passage, ...]
 
 
-def room_segments(walls: Cells, resolution: float, above: Cells | None = None) -> RoomSegments:
+def room_segments(
+    walls: Cells, resolution: float, above: Cells | None = None, scanned: bool = False
+) -> RoomSegments:
     """Divide the cells without walls into rooms; cells have sides of `resolution` metres.
 
-    `above` (rows, columns): the cells of walls above persons and doors.
+    `above` (rows, columns): the cells of walls above persons and doors. In what was `scanned`,
+    furniture is among the walls: a doorway is in line with walls behind it.
     """
     pillars, full, gaps = _pillars(walls, above, resolution)
     walls = walls & ~pillars
-    _, passages = _flooded_passages(_closed(walls, gaps), full, resolution)
+    _, passages = _flooded_passages(_closed(walls, gaps), full, resolution, scanned)
     gaps += [
         Gap(_doorway(each, walls, resolution), each.ends, each.confidence)
         for each in passages
         if each.confidence >= SURE
     ]
     closed = _closed(walls, gaps)
-    labels, passages = _flooded_passages(closed, full, resolution)
+    labels, passages = _flooded_passages(closed, full, resolution, scanned)
     number, passages = _merged(_once(passages, resolution), int(labels.max(initial=0)) + 1)
     labels = number[labels]
     passages += _in_gaps(gaps, labels, resolution)
@@ -139,7 +142,7 @@ def _closed(walls: Cells, gaps: Sequence[Gap]) -> Cells:
 
 
 def _flooded_passages(
-    closed: Cells, full: Cells, resolution: float
+    closed: Cells, full: Cells, resolution: float, scanned: bool
 ) -> tuple[Labels, list[Passage]]:
     """The segments of the cells that are not closed, and the passages where they meet."""
     clearance, nearest = ndimage.distance_transform_edt(
@@ -147,7 +150,7 @@ def _flooded_passages(
     )
     labels = _flooded(clearance)
     passages = [
-        _passage(pair, cell, closed, nearest, full, resolution)
+        _passage(pair, cell, closed, nearest, full, resolution, scanned)
         for pair, cells in _borders(labels).items()
         for cell in _widest(cells, clearance)
     ]
@@ -442,6 +445,7 @@ def _passage(
     nearest: NDArray[np.int32],
     full: Cells,
     resolution: float,
+    scanned: bool,
 ) -> Passage:
     """Return the passage through the cell of a border that is farthest from walls."""
     middle = np.array(cell, np.float64)
@@ -465,7 +469,7 @@ def _passage(
     middles = (_wall_end(full, ends[i], way, resolution) for i, way in enumerate((-line, line)))
     stubs = [middle for middle in middles if middle is not None]
     off, along = sorted(np.abs(line))
-    level = bool(off <= max(LEVEL * along, STEPS))
+    level = bool(off <= max(LEVEL * along, STEPS if scanned else 0))
     if len(stubs) == 2 and not level:
         ends = _at_walls(walls, np.stack(stubs))
     way = line / np.hypot(*line)
@@ -474,6 +478,8 @@ def _passage(
         for end, out in zip(ends, (-way, way), strict=True)
     )
     width = (float(np.hypot(*(ends[1] - ends[0]))) - 1) * resolution
+    if not scanned:
+        lined = 2 if level or len(stubs) == 2 else 0
     sure = _confidence(level, len(stubs), lined, width)
     return Passage(pair, ends, width, sure)
 
