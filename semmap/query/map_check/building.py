@@ -58,6 +58,9 @@ SLAB, TALL = 0.5, 1.8
 STEP = 0.5
 """Metres of height by which a floor may differ from its storey, its doors from it: a few steps."""
 
+RAISED = 0.2
+"""Metres: what stands on a floor is a raised floor up to this height."""
+
 LINTEL = 1.5
 """Metres above a floor from which nothing is in the way of a robot of which nothing is known."""
 
@@ -126,7 +129,8 @@ class CheckedBuilding:
     def _is_part(self, entity: CheckedEntity) -> bool:
         """Whether an object is a part of the building: by its type, else by shape and place.
 
-        It is flat or tall and over half of a room; or tall, thin and between rooms.
+        It is flat or tall and over half of a room, tall ones with what they are around; or tall,
+        thin and between rooms.
         """
         if entity.row["structure"]:
             return True
@@ -136,10 +140,16 @@ class CheckedBuilding:
         if SLAB < height < TALL:
             return False
         around = entity.outline.minimum_rotated_rectangle
-        if around.area >= 1:
-            for number in self.room_tree.query(around, predicate="intersects"):
-                ground = self.rooms[number].ground
-                if common(around, ground).area >= ground.area / 2:
+        over = around if height > SLAB else entity.outline
+        if over.area >= 1:
+            for number in self.room_tree.query(over, predicate="intersects"):
+                room = self.rooms[number]
+                above = entity.low[2] - self.floor(room)
+                if abs(above) <= CONTACT and RAISED < height <= SLAB:
+                    continue  # furniture in a small room
+                if above < -height - SLAB or entity.low[2] > self.ceiling(room) + SLAB:
+                    continue  # it is on another storey
+                if common(over, room.ground).area >= room.ground.area / 2:
                     return True
         if height < TALL or not self.rooms:
             return False
