@@ -1,7 +1,7 @@
 # Included after project(): the wheels of PyPI name a folder of headers of the machine that built them.
 find_package(ament_cmake REQUIRED)
 find_package(rosidl_default_generators REQUIRED)
-foreach(each geometry_msgs service_msgs std_msgs)
+foreach(each action_msgs geometry_msgs service_msgs std_msgs unique_identifier_msgs)
   find_package(${each} REQUIRED)
 endforeach()
 get_property(known DIRECTORY PROPERTY IMPORTED_TARGETS)

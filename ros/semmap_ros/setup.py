@@ -14,5 +14,10 @@ setup(
         (f"share/{NAME}/config", ["config/params.yaml"]),
         (f"share/{NAME}/launch", ["launch/semmap.launch.xml"]),
     ],
-    entry_points={"console_scripts": ["semmap_node = semmap_ros.node:main"]},
+    entry_points={
+        "console_scripts": [
+            "semmap_node = semmap_ros.node:main",
+            "semmap_mission = semmap_ros.mission:main",
+        ]
+    },
 )

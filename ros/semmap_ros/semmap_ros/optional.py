@@ -17,6 +17,7 @@ def interface(name: str) -> Any:
 
 TFMessage = interface("tf2_msgs/msg/TFMessage")
 CostmapFilterInfo = interface("nav2_msgs/msg/CostmapFilterInfo")
+NavigateToPose = interface("nav2_msgs/action/NavigateToPose")
 Detection3DArray = interface("vision_msgs/msg/Detection3DArray")
 LabelInfo = interface("vision_msgs/msg/LabelInfo")
 VisionClass = interface("vision_msgs/msg/VisionClass")

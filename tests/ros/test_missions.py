@@ -1,0 +1,188 @@
+"""Missions of a robot that Nav2 drives: its answers, and processes that are killed."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import time
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager
+from pathlib import Path
+from typing import Any
+
+import psycopg
+import pytest
+
+import semmap
+from tests.ros.conftest import run, url_of
+
+HERE = Path(__file__).parent
+START = (1.5, 0.5, 0.0)
+
+RUNNERS = """SELECT pg_terminate_backend(pid) FROM pg_locks
+WHERE locktype = 'advisory' AND pid <> pg_backend_pid()"""
+
+RunMission = Callable[..., AbstractContextManager[subprocess.Popen[str]]]
+
+
+@pytest.fixture(scope="module")
+def living(small_house: semmap.Map) -> semmap.Map:
+    """The small house with a robot that gets between its chairs, and a mug to carry."""
+    small_house.add_agent("porter", type="robot", pose=START)
+    small_house.add_object("mug", type="mug", size=(0.08, 0.08, 0.1), on="CoffeeTable_01_001")
+    return small_house
+
+
+@pytest.fixture
+def nav2(ros_python: str, ros_environment: dict[str, str], tmp_path: Path) -> Iterator[Path]:
+    """The file that says how the simulator serves."""
+    file = tmp_path / "mode"
+    file.write_text("drive")
+    words = [ros_python, str(HERE / "nav2.py"), *map(str, START), str(file)]
+    with run(words, ros_environment) as process:
+        yield file
+        assert process.stdin is not None
+        process.stdin.close()
+        process.wait(20)
+
+
+@pytest.fixture
+def run_mission(
+    ros_python: str, ros_environment: dict[str, str], living: semmap.Map, tmp_path: Path
+) -> RunMission:
+    """Run the command: its words, and further parameters."""
+    environment = ros_environment | {"PORTER": str(tmp_path / "gripper.json")}
+    environment["PYTHONPATH"] += f":{HERE}"
+
+    @contextmanager
+    def mission(*words: str, **parameters: Any) -> Iterator[subprocess.Popen[str]]:
+        file = tmp_path / "params.yaml"
+        values = {"url": url_of(living), "map": "house", "agent": "porter", "patience": 2.0}
+        values["behaviours"] = "porter.Porter"
+        file.write_text(json.dumps({"/semmap_mission": {"ros__parameters": values | parameters}}))
+        ros = ["--ros-args", "--params-file", str(file)]
+        with run([ros_python, "-m", "semmap_ros.mission", *words, *ros], environment) as process:
+            yield process
+
+    return mission
+
+
+def end_of(process: subprocess.Popen[str]) -> tuple[int, str]:
+    """The status of a mission's process, and its last line."""
+    said, _ = process.communicate(timeout=60)
+    return process.returncode, said.strip()
+
+
+def test_a_delivery_ends_done(run_mission: RunMission, nav2: Path, living: semmap.Map) -> None:
+    with run_mission("on(mug, KitchenTable_01_001)") as process:
+        status, said = end_of(process)
+    assert (status, said.split()[-1]) == (0, "done"), said
+    assert living["mug"].holder == living["KitchenTable_01_001"]
+    assert living["porter"].room == living["kitchen"]
+
+
+@pytest.mark.parametrize(
+    ("mode", "why"),
+    [
+        ("abort", "Nav2 gave up: a cat is in the way"),
+        ("refuse", "Nav2 refused the goal"),
+        ("freeze", "Nav2 sent nothing for 2 s"),
+    ],
+)
+def test_a_mission_fails_with_the_reason_of_nav2(
+    run_mission: RunMission, nav2: Path, living: semmap.Map, mode: str, why: str
+) -> None:
+    home(living)
+    nav2.write_text(mode)
+    with run_mission("in(robot, kitchen)") as process:
+        status, said = end_of(process)
+    assert status == 1
+    assert "failed" in said
+    assert why in said
+    assert living["porter"].room == living["living-room"]
+
+
+def test_a_mission_goes_on_where_nav2_gave_up_once(
+    run_mission: RunMission, nav2: Path, living: semmap.Map
+) -> None:
+    home(living)
+    nav2.write_text("abort")
+    with run_mission("in(robot, kitchen)") as process:
+        wait_for(lambda: has_step(living, "failed"))
+        nav2.write_text("drive")
+        assert end_of(process)[0] == 0
+    assert "failed" in states(living)
+    assert living["porter"].room == living["kitchen"]
+
+
+def test_without_nav2_a_mission_says_so(run_mission: RunMission, living: semmap.Map) -> None:
+    with run_mission("in(robot, balcony)") as process:
+        status, _ = end_of(process)
+    assert status == 1
+    assert living.missions()[0]["state"] == "cancelled"  # else later ones wait for it
+
+
+def test_a_cancelled_mission_stops_the_drive(
+    run_mission: RunMission, nav2: Path, living: semmap.Map
+) -> None:
+    home(living)
+    nav2.write_text("freeze")
+    with run_mission("in(robot, kitchen)", patience=30.0) as process:
+        wait_for(lambda: has_step(living, "started"))
+        living.cancel_mission(living.missions()[0]["id"])
+        assert end_of(process)[1].split()[-1] == "cancelled"
+
+
+def test_a_killed_mission_is_resumed(
+    run_mission: RunMission, nav2: Path, living: semmap.Map
+) -> None:
+    home(living)
+    nav2.write_text("freeze")
+    with run_mission("in(robot, kitchen)", patience=30.0) as process:
+        wait_for(lambda: has_step(living, "started"))
+        process.kill()
+    nav2.write_text("drive")
+    number = living.missions()[0]["id"]
+    with run_mission("--resume", str(number)) as process:
+        status, said = end_of(process)
+    assert (status, said) == (0, f"mission {number}: done")
+    assert living["porter"].room == living["kitchen"]
+
+
+def test_a_mission_outlives_killed_sessions_of_its_database(
+    run_mission: RunMission, nav2: Path, living: semmap.Map
+) -> None:
+    home(living)
+    nav2.write_text("freeze")
+    with run_mission("in(robot, kitchen)", patience=30.0) as process:
+        wait_for(lambda: has_step(living, "started"))
+        with psycopg.connect(url_of(living), autocommit=True) as session:
+            ended = session.execute(RUNNERS).fetchall()
+        assert ended
+        nav2.write_text("drive")
+        status, said = end_of(process)
+    assert (status, said.split()[-1]) == (0, "done"), said
+    assert living["porter"].room == living["kitchen"]
+
+
+def home(map: semmap.Map) -> None:
+    """Put the robot where the simulator begins."""
+    map["porter"].move_to(*START)
+
+
+def states(map: semmap.Map) -> list[str]:
+    """The states of the steps of the newest mission."""
+    return [step["state"] for step in map.mission_steps(map.missions()[0]["id"])]
+
+
+def has_step(map: semmap.Map, state: str) -> bool:
+    """Whether the newest mission runs, and a step of it is in a state."""
+    newest = map.missions()[:1]
+    return bool(newest) and newest[0]["state"] == "running" and state in states(map)
+
+
+def wait_for(holds: Callable[[], bool], seconds: float = 30) -> None:
+    end = time.monotonic() + seconds
+    while not holds():
+        assert time.monotonic() < end, "it did not happen"
+        time.sleep(0.05)
