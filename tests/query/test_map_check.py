@@ -829,6 +829,23 @@ def test_what_is_over_a_table_without_a_shape_is_not_judged(doorway: semmap.Map)
     assert note.endswith("; it is not known whether these stand on them or float: cup")
 
 
+@pytest.mark.parametrize("low", [3.0, 3.3])
+def test_what_hangs_in_a_hall_at_the_height_of_a_gallery_floats(database: str, low: float) -> None:
+    """The hall is two storeys high; on the gallery beside it, a box stands on a floor."""
+    with semmap.connect(database) as db:
+        here = db.create_map("court")
+        for name, z in (("low", 0), ("high", 3)):
+            here.add_storey(name, elevation=z, height=3)
+        here.add_room("hall", shapely.box(0, 0, 6, 5), floor=0, ceiling=5.8)
+        here.add_room("below", shapely.box(6, 0, 10, 5), floor=0, ceiling=2.9)
+        here.add_room("gallery", shapely.box(6, 0, 10, 5), floor=3, ceiling=5.8)
+        here.add_object("stands", size=(0.5, 0.5, 0.5), pose=(8, 2, 3))
+        here.add_object("hangs", size=(0.5, 0.5, 0.5), pose=(3, 2, low))
+        found = {f.entities: f.text for f in here.check() if f.kind == "floating"}
+    assert found.keys() == {("hangs",)}
+    assert f"{low:.2f} m above" in found["hangs",]
+
+
 @pytest.mark.parametrize("seed", range(6))
 def test_what_is_before_a_wall_is_not_in_the_opening_beside_it(
     doorway: semmap.Map, seed: int

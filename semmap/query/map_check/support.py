@@ -61,13 +61,17 @@ class SupportedBuilding(CheckedBuilding):
         return found or [(None, min((float(e.low[2]) for e in self.solids), default=0.0))]
 
     def above_floor(self, entity: CheckedEntity) -> float:
-        """Metres of air down to the next floor that is a number; inf over none."""
+        """Metres of air down to the next floor that is a number; inf over none.
+
+        In a room, such as one of two storeys' height, that of a storey is none.
+        """
+        outside = sum(self.shares(entity).values()) < 0.5
         return min(
             (
                 max(float(entity.low[2]) - z, 0.0)
                 for outline, z in self.grounds
                 if float(entity.high[2]) >= z - CONTACT
-                and (outline is None or outline.intersects(entity.ground))
+                and (outside if outline is None else outline.intersects(entity.ground))
             ),
             default=np.inf,
         )
