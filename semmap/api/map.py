@@ -21,6 +21,7 @@ from semmap.api.map_observations import MapObservations
 from semmap.api.map_questions import aware
 from semmap.api.map_regions import MapRegions
 from semmap.api.spatial_fields import SpatialFields
+from semmap.error import InvalidArgumentError
 from semmap.snake_case import snake_case
 
 if TYPE_CHECKING:
@@ -200,9 +201,13 @@ class Map(
             As `identify`; nothing is stored.
         """
         from semmap.api.additions import check_object_type
-        from semmap.belief.identify import observe_detections
+        from semmap.belief.identify import Detection, observe_detections
 
         for seen in detections:
+            if not isinstance(seen, Detection):
+                raise InvalidArgumentError(
+                    f"{seen!r} is no detection: give semmap.belief.identify.Detection(type, point)"
+                )
             kinds = ("room", "storey", "elevator", "connector")
             check_object_type(self, "what was detected", seen.type, kinds)
 

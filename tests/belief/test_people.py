@@ -161,3 +161,10 @@ def test_a_far_point_is_refused_in_a_short_sentence(ship: Map) -> None:
                 see()
             assert len(str(refused.value)) < 120
     assert foot(ship, "ola") == (1, 1, 0)
+
+
+def test_what_is_no_detection_is_refused(database: str) -> None:
+    with semmap.connect(database) as db:
+        here = db.create_map("hut")
+        with pytest.raises(ValueError, match="is no detection: give"):
+            here.observe_objects([{"type": "mug", "point": (0, 0, 0)}])  # type: ignore[list-item]
