@@ -115,11 +115,14 @@ def test_a_mission_goes_on_where_nav2_gave_up_once(
     assert living["porter"].room == living["kitchen"]
 
 
-def test_without_nav2_a_mission_says_so(run_mission: RunMission, living: semmap.Map) -> None:
+def test_without_nav2_it_ends_and_leaves_no_mission(
+    run_mission: RunMission, living: semmap.Map
+) -> None:
+    before = len(living.missions())
     with run_mission("in(robot, balcony)") as process:
         status, _ = end_of(process)
     assert status == 1
-    assert living.missions()[0]["state"] == "cancelled"  # else later ones wait for it
+    assert len(living.missions()) == before
 
 
 def test_a_cancelled_mission_stops_the_drive(
@@ -147,6 +150,20 @@ def test_a_killed_mission_is_resumed(
         status, said = end_of(process)
     assert (status, said) == (0, f"mission {number}: done")
     assert living["porter"].room == living["kitchen"]
+
+
+def test_a_mission_that_runs_is_not_resumed(
+    run_mission: RunMission, nav2: Path, living: semmap.Map
+) -> None:
+    home(living)
+    nav2.write_text("freeze")
+    with run_mission("in(robot, kitchen)", patience=30.0) as process:
+        wait_for(lambda: has_step(living, "started"))
+        with run_mission("--resume", str(living.missions()[0]["id"])) as other:
+            assert end_of(other)[0] == 1
+        nav2.write_text("drive")
+        status, said = end_of(process)
+    assert (status, said.split()[-1]) == (0, "done"), said
 
 
 def test_a_mission_outlives_killed_sessions_of_its_database(

@@ -92,16 +92,13 @@ class MissionRun:
             if known is None:
                 raise MissionError(f"there is no agent {agent} in a room of the map: add_agent")
             body = self._body(map, live, known[0])
+            body.observe()  # what is refused leaves no mission behind
             if self.mission is None:
                 assert self._goal is not None
-                parse_goal(self._goal)  # what cannot be read leaves no mission behind
+                parse_goal(self._goal)
                 self.mission = store.add(agent, self._goal)
             runner = Runner(store, body, TaskPlanner(live), on_event=self._tell)
-            try:
-                return runner.run(self.mission)
-            except MissionError:  # such as a robot that does not say where it is
-                map.cancel_mission(self.mission)  # else later missions wait for it
-                raise
+            return runner.run(self.mission)
 
     def _class_of(self, map: semmap.Map, agent: str) -> str | None:
         with map.snapshot() as seen:
