@@ -99,7 +99,7 @@ def read_explored_map(path: Path) -> World:
         ("unexplored", "wall", grid.area(border), WALL_HEIGHT),
     ):
         if not outline.is_empty:
-            entry = Entry(what, "object", type_, holder="ground")
+            entry = Entry(what, "object", type_, holder="ground", properties={"scanned": True})
             entry.shapes = [Shape("mesh", prism_mesh(outline, 0.0, height), outline)]
             world.entries.append(entry)
     world.notes.append(f"walls are {WALL_HEIGHT} m high, obstacles {OBSTACLE_HEIGHT} m: assumed")

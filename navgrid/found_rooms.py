@@ -181,7 +181,7 @@ def find_rooms(
     walls = scene_walls(scene)
     turn, grid, cells, above = turned_cells(walls, scene.elevation, resolution)
     segments = room_segments(
-        cells, resolution, above, any(wall.name == "unexplored" for wall in walls)
+        cells, resolution, above, any(wall.properties.get("scanned") for wall in walls)
     )
     outside = set(_border(segments.labels).tolist())
     entered = {segment for passage in segments.passages for segment in passage.segments}

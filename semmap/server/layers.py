@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import base64
-import builtins
 from datetime import datetime
 from io import BytesIO
 from typing import Any
@@ -94,7 +93,7 @@ def voxels_of(map: Map, text: str) -> dict[str, Any]:
         names.update(value for value in others if isinstance(value, str))
         centres = [[round(x, 4) for x in value] for value in row if isinstance(value, tuple)]
         if centres:
-            sets.setdefault(" ".join([*builtins.map(str, others)]), []).extend(centres)
+            sets.setdefault(" ".join(str(each) for each in others), []).extend(centres)
     return {
         "size": map.fields.voxel_size,
         "sets": [{"of": of, "centres": centres} for of, centres in sets.items()],
@@ -106,10 +105,9 @@ def voxels_of(map: Map, text: str) -> dict[str, Any]:
 
 
 def grasps_of(map: Map, name: str) -> list[dict[str, Any]]:
-    """The stored grasps of an object, the best first: poses in the map's frame, and how wide."""
-    keys = ("entity", "pose", "pre_pose", "width", "expected", "gripper")
+    """The best stored grasps of an object: `pose` (map's frame), `width` (metres), `expected`."""
     found = map.grasps(name, stored=True, check=False, limit=MOST_GRASPS)
-    return [{key: row.get(key) for key in keys} for row in found]
+    return [{key: row[key] for key in ("pose", "width", "expected")} for row in found]
 
 
 def _occupied(cells: NDArray[np.int8]) -> Bytes:

@@ -20,7 +20,7 @@ import math
 import random
 import tempfile
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import NamedTuple
 
@@ -368,7 +368,8 @@ def found_in(path: Path) -> FoundRooms:
         for shape in entry.shapes:
             vertices, faces = shape.mesh.vertices, shape.mesh.faces
             types = () if entry.type is None else (entry.type,)
-            entities.append(SceneEntity(number, entry.name, "object", types, vertices[faces]))
+            entity = SceneEntity(number, entry.name, "object", types, vertices[faces])
+            entities.append(replace(entity, properties=entry.properties))
     try:
         return find_rooms(StoreyScene("ground", 0.0, tuple(entities)))
     except ValueError as error:

@@ -13,8 +13,8 @@ export class Overlays {
     this.lines = new THREE.Group(); // routes
     this.voxels = new THREE.Group(); // a mesh for each set
     this.grasps = new THREE.Group();
-    this.groups = [this.costs, this.lines, this.voxels, this.grasps];
-    for (const [name, group] of Object.entries(NAMED(this))) group.name = name;
+    const named = { costs: this.costs, routes: this.lines, fields: this.voxels, grasps: this.grasps };
+    this.groups = Object.entries(named).map(([name, group]) => Object.assign(group, { name }));
   }
 
   // Put all where their storeys are, if they are shown; `userData` has storey or level of each.
@@ -114,8 +114,6 @@ export class Overlays {
     this.fill(this.grasps, forks);
   }
 }
-
-const NAMED = ({ costs, lines, voxels, grasps }) => ({ costs, routes: lines, fields: voxels, grasps });
 
 function picture(base64) {
   const bytes = Uint8Array.from(atob(base64), (letter) => letter.charCodeAt(0));

@@ -161,7 +161,7 @@ class RelationTracker:
             pair = PairGeometry(self.regions, a, b, neighbour)
             for rule in self._between.get((self._kind(a), self._kind(b)), ()):
                 if rule.name == "in" and b in self._rooms and self._kind(a) == "body":
-                    true = b == self._room_of(a)
+                    true = b == self._room_of(a, rule)
                 else:
                     true = rule.is_true(pair, rule.name in before)
                 if true:
@@ -188,10 +188,10 @@ class RelationTracker:
                 yield from self.regions.neighbours(entity)
                 yield from self._partners.get(entity, ())
 
-    def _room_of(self, body: Hashable) -> Hashable | None:
-        """The room of a body, as stated; else the one with most of it, if half of it is in rooms.
+    def _room_of(self, body: Hashable, rule: RelationRule) -> Hashable | None:
+        """The room of a body, as stated; else the one with most of it, if enough is in rooms.
 
-        It leaves this room with 40 %; of rooms with as many of its voxels, it stays in its own.
+        Of rooms with as many of its voxels, it stays in its own.
         """
         stated = self._stated_rooms(body)
         if stated is not None:
@@ -205,7 +205,7 @@ class RelationTracker:
             return None
         most = max(shared)
         within = sum(voxels for voxels, *_ in shared) / self.regions.size(body)
-        return shared[most] if within >= (0.4 if most[1] else 0.5) - 1e-9 else None
+        return shared[most] if within >= (rule.end if most[1] else rule.begin) - 1e-9 else None
 
     def _set_active(self, a: Hashable, b: Hashable, facts: dict[str, RelationFact]) -> None:
         if facts:
