@@ -46,6 +46,10 @@ THICKEST = 1.2
 CEILING = 0.5
 """Metres beneath a ceiling that is only a number: slabs and suspended ceilings lie between."""
 
+TOUCHING, THIN = 0.02, 0.5
+"""Metres from a wall to what hangs on it, if it is thicker than this part of its width: wall
+cupboards touch, and brackets are seldom behind anything but screens, pictures and hoods."""
+
 HUNG = 0.15
 """Metres of air between a ceiling and what hangs at it: hooks and short cables."""
 

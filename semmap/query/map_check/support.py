@@ -12,7 +12,7 @@ from semmap.geometry.contact import heights_at, touches
 from semmap.geometry.extent import extent
 from semmap.geometry.levels import APART, are_floors, standing_levels
 from semmap.geometry.levels import CONTACT as TOUCHED
-from semmap.geometry.overlay import common
+from semmap.geometry.overlay import common, united
 from semmap.query.map_check.building import (
     CEILING,
     CONTACT,
@@ -21,6 +21,8 @@ from semmap.query.map_check.building import (
     LINTEL,
     SAME_POINT,
     SLAB,
+    THIN,
+    TOUCHING,
     UNSHAPED,
     CheckedBuilding,
 )
@@ -29,6 +31,9 @@ from semmap.query.map_check.reader import CheckedEntity, once_a_pair
 
 SAMPLES = 200
 """Points of an underside, and corners of a support, along which gaps are measured."""
+
+UNKNOWN = (None, "object")
+"""Types of things of which nothing is known."""
 
 ABOVE = ("ceiling", "roof")
 """Types of flat parts into which nothing sinks."""
@@ -63,18 +68,26 @@ class SupportedBuilding(CheckedBuilding):
     def above_floor(self, entity: CheckedEntity) -> float:
         """Metres of air down to the next floor that is a number; inf over none.
 
-        In a room, such as one of two storeys' height, that of a storey is none.
+        Over a room, such as one of two storeys' height, that of a storey is none.
         """
-        outside = sum(self.shares(entity).values()) < 0.5
+        lowest = self._lowest_room(entity)
         return min(
             (
                 max(float(entity.low[2]) - z, 0.0)
                 for outline, z in self.grounds
                 if float(entity.high[2]) >= z - CONTACT
-                and (outside if outline is None else outline.intersects(entity.ground))
+                and (z <= lowest if outline is None else outline.intersects(entity.ground))
             ),
             default=np.inf,
         )
+
+    def _lowest_room(self, entity: CheckedEntity) -> float:
+        """The z of the lowest floor of the rooms over which an object is; inf if over none."""
+        near = [self.rooms[n] for n in self.room_tree.query(entity.ground, predicate="intersects")]
+        over = common(entity.ground, united(room.outline for room in near)).area
+        if over < entity.ground.area / 2:
+            return float(np.inf)
+        return min((self.floor(room) for room in near), default=np.inf)
 
     def gap_beneath(self, entity: CheckedEntity) -> tuple[float, str | None]:
         """Metres of air under an object, inf over nothing, and what is beneath: None is a floor."""
@@ -109,7 +122,9 @@ class SupportedBuilding(CheckedBuilding):
                 continue
             if self._is_at_ceiling(room, entity):
                 return True
-            if room.outline.boundary.distance(entity.ground) <= FASTENED:
+            if entity.row["stands"]:
+                continue
+            if room.outline.boundary.distance(entity.ground) <= _reach(entity):
                 return True
         return False
 
@@ -139,6 +154,7 @@ class SupportedBuilding(CheckedBuilding):
         """Parts of the building and things that touch an object, or are around it, and can hold it.
 
         These are larger ones beside it, and what it hangs beneath or in: rails are not modelled.
+        Seats, tables, beds and cups hang on nothing beside them.
         What is as high as a board beside it hangs on nothing there: it should stand on it.
         """
         return [
@@ -148,6 +164,7 @@ class SupportedBuilding(CheckedBuilding):
             and (
                 (
                     (self.is_part(other) or not _is_level_with(entity, other))
+                    and (_is_above(other, entity) or not entity.row["stands"])
                     and _touch(entity, other)
                 )
                 or (not self.is_part(other) and _encloses(other, entity))
@@ -159,8 +176,7 @@ class SupportedBuilding(CheckedBuilding):
             other.high[2] >= entity.high[2] - FASTENED
         )
         larger = np.prod(other.high - other.low) >= np.prod(entity.high - entity.low)
-        above = other.high[2] > entity.high[2] and other.low[2] >= entity.low[2]
-        return bool((beside and larger) or above or self.is_part(other))
+        return bool((beside and larger) or _is_above(other, entity) or self.is_part(other))
 
     @cached_property
     def floating(self) -> list[CheckedEntity]:
@@ -300,6 +316,18 @@ class SupportedBuilding(CheckedBuilding):
         return away, bearers[0]
 
 
+def _reach(entity: CheckedEntity) -> float:
+    """Metres from what an object hangs on: short, if it is of a known type and not flat."""
+    sides = shapely.get_coordinates(entity.ground.minimum_rotated_rectangle)[:3]
+    lengths = np.linalg.norm(np.diff(sides, axis=0), axis=1)
+    flat = min(lengths, default=0) <= THIN * max(lengths, default=0)
+    return FASTENED if flat or entity.row["type"] in UNKNOWN else TOUCHING
+
+
+def _is_above(other: CheckedEntity, entity: CheckedEntity) -> bool:
+    return bool(other.high[2] > entity.high[2] and other.low[2] >= entity.low[2])
+
+
 def _is_level_with(entity: CheckedEntity, other: CheckedEntity) -> bool:
     """Whether an object is beside a level face of another that is as high as its lowest level."""
     faces = _level(other.faces_over(entity.low - LEDGE, entity.high + LEDGE), entity)
@@ -355,7 +383,7 @@ def _flat(faces: Floats) -> NDArray[np.object_]:
 
 @once_a_pair
 def _touch(one: CheckedEntity, two: CheckedEntity) -> bool:
-    return touches(one.triangles, two.triangles, FASTENED)
+    return touches(one.triangles, two.triangles, _reach(one))
 
 
 @once_a_pair
