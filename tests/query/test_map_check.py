@@ -14,7 +14,7 @@ from sqlalchemy import URL
 
 import semmap
 from planner.robot_class import RobotClass
-from semmap.geometry.mesh import box_mesh, join
+from semmap.geometry.mesh import Mesh, box_mesh, join
 from semmap.query.map_check.rules import Finding
 from semmap.robot import Part
 from tests.conftest import Import, MakeDatabase
@@ -859,3 +859,134 @@ def test_what_is_before_a_wall_is_not_in_the_opening_beside_it(
     where = "in" if away < 0 else "before"
     said = [f"box stands {where} the opening of gate: "] if free < 0.6 else []
     assert [f.text[: len(t)] for f, t in zip(found, said, strict=True)] == said
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_a_storey_is_a_floor_where_no_room_is_beneath(database: str, seed: int) -> None:
+    """By Shapely: a box in the air floats if most of it is over a room, and over no room above."""
+    draw = random.Random(seed)
+    rise, wide = draw.uniform(2.8, 4), draw.uniform(3, 6)
+    lower, upper = shapely.box(0, 0, wide, 5), shapely.box(wide - 1.5, 0, wide + 6, 5)
+    with semmap.connect(database) as db:
+        here = db.create_map("mezzanine")
+        for level in (0, 1):
+            here.add_storey(f"s{level}", elevation=level * rise, height=rise)
+        here.add_room("hall", lower, floor=0, ceiling=draw.choice([2.5, 2 * rise - 0.2]))
+        here.add_room("gallery", upper, floor=rise, ceiling=2 * rise - 0.2)
+        expected = set()
+        for number in range(5):
+            x, y = draw.uniform(-1, wide - 0.5), number + 0.5
+            away = draw.choice([0, 0.2, 0.4])
+            spot = (x, y, rise + away)
+            here.add_object(f"b{number}", type="mug", size=(0.4, 0.4, 0.4), pose=spot)
+            ground = shapely.box(x - 0.2, y - 0.2, x + 0.2, y + 0.2)
+            over = ground.intersection(lower).area > ground.area / 2
+            if away or (over and not ground.intersects(upper)):
+                expected.add((f"b{number}",))
+        found = {f.entities: f.text for f in here.check() if f.kind == "floating"}
+    assert found.keys() == expected
+
+
+def test_furniture_on_a_storey_without_a_floor_is_named_with_it(doorway: semmap.Map) -> None:
+    doorway.add_storey("loft", elevation=3)
+    for number in range(3):
+        doorway.add_object(f"t{number}", size=(1, 0.6, 0.7), pose=(2, 0.6 + number, 3))
+    found = {f.kind: f for f in doorway.check()}
+    assert found["storey without a floor"].entities == ("loft",)
+    assert found["things without a storey"].entities == ("t0", "t1", "t2")
+    assert found["things without a storey"].fix == "by hand: add rooms or a floor to loft"
+    assert "floating" not in found
+
+
+@pytest.mark.parametrize("side", ["wall", "outline", "table"])
+@pytest.mark.parametrize(
+    ("type_", "size", "reach"),
+    [
+        ("chair", (0.4, 0.4, 0.9), -1),
+        ("sofa", (0.4, 1.2, 0.6), -1),
+        ("mug", (0.08, 0.08, 0.1), -1),
+        ("box", (0.2, 0.2, 0.2), 0.02),
+        ("lamp", (0.1, 0.1, 0.2), 0.02),
+        ("picture", (0.03, 0.5, 0.3), 0.05),
+        ("range_hood", (0.3, 0.8, 0.5), 0.05),
+        (None, (0.2, 0.2, 0.2), 0.05),
+    ],
+)
+def test_what_hangs_beside_a_wall_or_table_is_near_to_it(
+    doorway: semmap.Map, side: str, type_: str | None, size: tuple[float, ...], reach: float
+) -> None:
+    """By the millimetre; seats and cups stand, and nothing beside them bears them."""
+    if side == "wall":  # 0.1 m before the outline
+        doorway.add_object("wall", type="wall", size=(0.2, 4, 2.6), pose=(0, 2, 0))
+    if side == "table":
+        doorway.add_object("table", type="table", size=(1, 2, 1.9), pose=(2, 2, 0))
+    edge = {"wall": 0.1, "outline": 0.0, "table": 2.5}[side]
+    doorway.add_object("it", type=type_, size=size, pose=(1, 1, 0))
+    for away in (0.002, 0.015, 0.03, 0.045, 0.07):
+        doorway["it"].move_to(edge + away + size[0] / 2, 2, 0.8)
+        found = {f.entities for f in doorway.check() if f.kind == "floating"}
+        assert found == ({("it",)} if away > reach else set()), away
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_a_fix_puts_nothing_into_the_air(doorway: semmap.Map, seed: int) -> None:
+    """A thing deep in a block goes onto the block, or onto the floor."""
+    draw = random.Random(seed)
+    high = draw.choice([0.4, 0.75, draw.uniform(0.8, 1.5)])
+    doorway.add_object("block", size=(draw.uniform(0.4, 1), 0.7, high), pose=(2, 2, 0))
+    side = draw.uniform(0.1, 0.3)
+    spot = (2 + draw.uniform(-0.2, 0.2), 2 + draw.uniform(-0.35, 0.35), draw.uniform(0.08, 0.3))
+    type_ = draw.choice([None, "box", "mug"])
+    doorway.add_object("it", type=type_, size=(side, side, 0.9 * high), pose=spot)
+    (found,) = (f for f in doorway.check() if f.kind == "penetrating")
+    assert done(doorway, found)
+    pose = doorway["it"].pose
+    assert pose is not None
+    assert min(abs(pose.z), abs(pose.z - high)) < 1e-3
+
+
+Boxes = list[tuple[tuple[float, float, float], tuple[float, float, float]]]
+
+FLOORS: dict[str, tuple[str | None, Boxes, bool]] = {
+    "nothing": (None, [], False),
+    "slab": (None, [((0, 0, -0.2), (4, 4, 0))], True),
+    "a-step-lower": ("floor", [((0, 0, -0.7), (4, 4, -0.3))], True),
+    "small": ("floor", [((0, 0, -0.2), (1.9, 1.9, 0))], False),
+    "tiles": (
+        "floor",
+        [((x, y, -0.2), (x + 1, y + 1, 0)) for x in (0, 1) for y in (0, 1, 2)],
+        True,
+    ),
+    "walls": (
+        "wall",
+        [((0, 0, -2.5), (8, 0.5, -0.2)), ((0, 0, -2.5), (0.5, 4, -0.2))],
+        False,
+    ),
+    "table": ("table", [((0, 0, -0.05), (3, 2, 0))], False),
+    "rug": ("carpet", [((0, 0, -0.01), (1.9, 3, 0))], False),
+    "underside": ("wall", [((0, 0, 0), (4, 4, 2))], False),
+}
+"""The boxes of an object by the height of a storey, and whether they are its floor."""
+
+
+@pytest.mark.parametrize("name", FLOORS)
+def test_a_floor_of_a_storey_is_wide_and_level(doorway: semmap.Map, name: str) -> None:
+    type_, boxes, is_floor = FLOORS[name]
+    doorway.add_storey("loft", elevation=3)
+    if boxes:
+        mesh = join([box_mesh(*ends) for ends in boxes])
+        doorway.add_object("it", type=type_, mesh=mesh, pose=(0, 0, 3))
+    found = [f.entities for f in doorway.check() if f.kind == "storey without a floor"]
+    assert found == ([] if is_floor else [("loft",)])
+
+
+@pytest.mark.parametrize("side", [5.0, 3.0])
+def test_without_rooms_a_flat_solid_or_a_sheet_is_a_floor(db: semmap.Database, side: float) -> None:
+    here = db.create_map("no rooms")
+    for name, z in (("low", 0), ("middle", 4), ("high", 8)):
+        here.add_storey(name, elevation=z)
+    sheet = Mesh(np.array([[0, 0, 0], [9, 0, 0], [9, 5, 0.0]]), np.array([[0, 2, 1]]))
+    here.add_object("x17", type="floor", mesh=sheet, pose=(0, 0, 0))  # it faces down
+    here.add_object("slab", size=(side, side, 0.2), pose=(2, 2, 3.8))
+    missing = {("high",)} if side > 4 else {("middle",), ("high",)}
+    assert {f.entities for f in here.check() if f.kind == "storey without a floor"} == missing

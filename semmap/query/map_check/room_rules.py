@@ -7,9 +7,9 @@ from collections import Counter
 
 import numpy as np
 import shapely
-import shapely.ops
+from numpy.typing import NDArray
 
-from semmap.geometry.levels import in_metres, stacked
+from semmap.geometry.levels import are_floors, in_metres, stacked
 from semmap.geometry.overlay import common, united, without
 from semmap.query.geometry_notes import listed
 from semmap.query.map_check.building import (
@@ -22,8 +22,8 @@ from semmap.query.map_check.fixes import Found
 from semmap.query.map_check.reader import CheckedEntity
 from semmap.query.map_check.support import SupportedBuilding
 
-FLOOR_AREA = 1.0
-"""Square metres of the least floor of a storey."""
+FLOOR_AREA, THICK = 4.0, 0.6
+"""Square metres of the least floor of a storey; metres of the thickest top of a wall, no floor."""
 
 DOOR = 0.9
 """Metres of the width of a proposed door."""
@@ -136,18 +136,35 @@ def storeys_without_floor(building: SupportedBuilding) -> Found:
         z = storey.pose.z
         if any(abs(building.floor(r) - z) <= STEP or storey in r.chain for r in building.rooms):
             continue
-        if any(_is_level(e, z) for e in building.solids):
+        if _has_floor(building, z):
             continue
         fix = "by hand: add a room on it, or delete it"
         yield (storey.name,), f"the storey {storey.name} at {z:.2f} m has no room and no floor", fix
 
 
-def _is_level(entity: CheckedEntity, z: float) -> bool:
-    faces = entity.triangles
-    flat = (np.abs(faces[:, :, 2] - z) <= STEP).all(axis=1) & (
-        np.ptp(faces[:, :, 2], axis=1) <= CONTACT
-    )
-    return float(shapely.area(shapely.polygons(faces[flat][:, :, :2])).sum()) >= FLOOR_AREA
+def _has_floor(building: SupportedBuilding, z: float) -> bool:
+    """Whether parts of the building have a wide level top there; without rooms, flat solids."""
+    boxes = np.array([(e.low, e.high) for e in building.solids]).reshape(-1, 2, 3)
+    flat = are_floors(boxes) if not building.rooms else np.zeros(len(boxes), np.bool_)
+    tops = [
+        shapely.polygons(_level_tops(entity, z)[:, :, :2])
+        for entity, is_flat in zip(building.solids, flat, strict=True)
+        if entity.low[2] <= z + STEP and entity.high[2] >= z - STEP
+        if is_flat or building.is_part(entity)
+    ]
+    whole = united(np.concatenate([*tops, np.empty(0, object)]))
+    wide = whole.buffer(-THICK / 2, join_style="mitre").buffer(THICK / 2, join_style="mitre")
+    return bool(max(shapely.area(shapely.get_parts(wide)), default=0) >= FLOOR_AREA)
+
+
+def _level_tops(entity: CheckedEntity, z: float) -> NDArray[np.float64]:
+    """The level faces near a height that face up; all, of a sheet that faces down."""
+    faces = entity.triangles[np.ptp(entity.triangles[:, :, 2], axis=1) <= CONTACT]
+    a, b, c = (faces[:, k, :2] for k in range(3))
+    (x, y), (u, v) = (b - a).T, (c - a).T
+    up = x * v - y * u > 0
+    near = (np.abs(faces[:, :, 2] - z) <= STEP).all(axis=1)
+    return np.asarray(faces[near & (up | ~up.any())])
 
 
 def shapeless_places(building: SupportedBuilding) -> Found:

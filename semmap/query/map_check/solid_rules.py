@@ -13,6 +13,7 @@ from semmap.query.map_check.building import (
     CONTACT,
     FASTENED,
     SAME_POINT,
+    STEP,
     WALL,
 )
 from semmap.query.map_check.fixes import Found, Moves
@@ -38,7 +39,11 @@ def high_things(building: SupportedBuilding) -> Found:
         stand = "stands" if len(names) == 1 else "stand"
         text = f"{listed(names)} {stand} at {z:.2f} m, far above all floors: on no storey"
         fix = f"by hand: add a storey at {z:g} m"
-        if not building.storeys:
+        storey = next((s for s in building.storeys if abs(s.low[2] - z) <= STEP), None)
+        if storey is not None:
+            text += f" with a floor there, though {storey.name} is at this height"
+            fix = f"by hand: add rooms or a floor to {storey.name}"
+        elif not building.storeys:
             lowest = min(float(e.low[2]) for e in building.solids)
             fix += f", and one for the lowest floor, at about {lowest:.2f} m"
         yield names, text, fix
@@ -113,7 +118,11 @@ def penetrating(building: SupportedBuilding) -> Found:
                 continue  # so is the slab of the floor
             size = " x ".join(f"{v:.2f}" for v in shared)
             text = f"{small.name} and {large.name} share a space of {size} m"
-            fix = Moves(small, _apart(small, large, shared), "move one of them away")
+            by = [*_apart(small, large, shared)]
+            drop = building.above_floor(small)
+            if FASTENED < drop < np.inf:
+                by += [d - np.array([0, 0, drop]) for d in by if not d[2]]
+            fix = Moves(small, by, "move one of them away")
             yield (small.name, large.name), text, fix
 
 
@@ -196,5 +205,5 @@ def _beside(small: CheckedEntity, large: CheckedEntity) -> list[Floats]:
     by = [np.array([0, 0, large.high[2] - small.low[2]])]
     for axis in (0, 1):
         for to in (large.high[axis] - small.low[axis], large.low[axis] - small.high[axis]):
-            by.append((to + np.sign(to) * 0.04) * np.eye(3)[axis])
+            by.append((to + np.sign(to) * (FASTENED + 0.01)) * np.eye(3)[axis])
     return sorted(by, key=lambda d: float(np.linalg.norm(d)))
