@@ -50,6 +50,9 @@ TOUCHING, THIN = 0.02, 0.5
 """Metres from a wall to what hangs on it, if it is thicker than this part of its width: wall
 cupboards touch, and brackets are seldom behind anything but screens, pictures and hoods."""
 
+PICTURE = 0.1
+"""Part of its width as thick as which a picture is at most: names are no proof of a cup."""
+
 HUNG = 0.15
 """Metres of air between a ceiling and what hangs at it: hooks and short cables."""
 

@@ -14,11 +14,12 @@ from semmap.query.map_check.building import (
     FASTENED,
     SAME_POINT,
     STEP,
+    THIN,
     WALL,
 )
 from semmap.query.map_check.fixes import Found, Moves
 from semmap.query.map_check.reader import CheckedEntity, once_a_pair
-from semmap.query.map_check.support import SupportedBuilding
+from semmap.query.map_check.support import SupportedBuilding, thickness
 
 Floats = NDArray[np.float64]
 
@@ -118,10 +119,10 @@ def penetrating(building: SupportedBuilding) -> Found:
                 continue  # so is the slab of the floor
             size = " x ".join(f"{v:.2f}" for v in shared)
             text = f"{small.name} and {large.name} share a space of {size} m"
-            by = [*_apart(small, large, shared)]
+            by = _apart(small, large, shared)
             drop = building.above_floor(small)
-            if FASTENED < drop < np.inf:
-                by += [d - np.array([0, 0, drop]) for d in by if not d[2]]
+            if building.gap_beneath(small)[0] > FASTENED and thickness(small) > THIN:
+                by = [d if d[2] else d - [0, 0, drop] for d in by if d[2] or np.isfinite(drop)]
             fix = Moves(small, by, "move one of them away")
             yield (small.name, large.name), text, fix
 

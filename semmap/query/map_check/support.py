@@ -19,6 +19,7 @@ from semmap.query.map_check.building import (
     FASTENED,
     HUNG,
     LINTEL,
+    PICTURE,
     SAME_POINT,
     SLAB,
     THIN,
@@ -122,7 +123,7 @@ class SupportedBuilding(CheckedBuilding):
                 continue
             if self._is_at_ceiling(room, entity):
                 return True
-            if entity.row["stands"]:
+            if _stands(entity):
                 continue
             if room.outline.boundary.distance(entity.ground) <= _reach(entity):
                 return True
@@ -164,7 +165,7 @@ class SupportedBuilding(CheckedBuilding):
             and (
                 (
                     (self.is_part(other) or not _is_level_with(entity, other))
-                    and (_is_above(other, entity) or not entity.row["stands"])
+                    and (_is_above(other, entity) or not _stands(entity))
                     and _touch(entity, other)
                 )
                 or (not self.is_part(other) and _encloses(other, entity))
@@ -318,10 +319,20 @@ class SupportedBuilding(CheckedBuilding):
 
 def _reach(entity: CheckedEntity) -> float:
     """Metres from what an object hangs on: short, if it is of a known type and not flat."""
+    short = entity.row["type"] not in UNKNOWN and thickness(entity) > THIN
+    return TOUCHING if short else FASTENED
+
+
+def _stands(entity: CheckedEntity) -> bool:
+    """Whether an object hangs on no wall: by its type, if it is thicker than a picture."""
+    return bool(entity.row["stands"]) and thickness(entity) > PICTURE
+
+
+def thickness(entity: CheckedEntity) -> float:
+    """Of an object in part of its width, both as seen from above."""
     sides = shapely.get_coordinates(entity.ground.minimum_rotated_rectangle)[:3]
     lengths = np.linalg.norm(np.diff(sides, axis=0), axis=1)
-    flat = min(lengths, default=0) <= THIN * max(lengths, default=0)
-    return FASTENED if flat or entity.row["type"] in UNKNOWN else TOUCHING
+    return float(lengths.min() / lengths.max()) if len(lengths) == 2 else 1.0
 
 
 def _is_above(other: CheckedEntity, entity: CheckedEntity) -> bool:
