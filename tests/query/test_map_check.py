@@ -989,3 +989,11 @@ def test_without_rooms_a_flat_solid_or_a_sheet_is_a_floor(db: semmap.Database, s
     here.add_object("slab", size=(side, side, 0.2), pose=(2, 2, 3.8))
     missing = {("high",)} if side > 4 else {("middle",), ("high",)}
     assert {f.entities for f in here.check() if f.kind == "storey without a floor"} == missing
+
+
+def test_a_picture_without_thickness_hangs_before_a_wall(doorway: semmap.Map) -> None:
+    corners = np.array([[0, -0.3, 0], [0, 0.3, 0], [0, 0.3, 0.4], [0, -0.3, 0.4]])
+    sheet = Mesh(corners, np.array([[0, 1, 2], [0, 2, 3]]))
+    doorway.add_object("sheet", type="picture", mesh=sheet, pose=(0.04, 2, 1.2))
+    doorway.add_object("away", type="picture", mesh=sheet, pose=(0.2, 1, 1.2))
+    assert {f.entities for f in doorway.check() if f.kind == "floating"} == {("away",)}

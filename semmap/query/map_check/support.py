@@ -332,7 +332,9 @@ def thickness(entity: CheckedEntity) -> float:
     """Of an object in part of its width, both as seen from above."""
     sides = shapely.get_coordinates(entity.ground.minimum_rotated_rectangle)[:3]
     lengths = np.linalg.norm(np.diff(sides, axis=0), axis=1)
-    return float(lengths.min() / lengths.max()) if len(lengths) == 2 else 1.0
+    if len(lengths) < 2:
+        return 0.0  # an upright sheet
+    return float(lengths.min() / lengths.max())
 
 
 def _is_above(other: CheckedEntity, entity: CheckedEntity) -> bool:
