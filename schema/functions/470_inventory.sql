@@ -30,6 +30,20 @@ BEGIN ATOMIC
 SELECT of_kind = 'agent' OR of_kind = 'object' AND NOT semmap.is_building_part(of_type);
 END;
 
+CREATE FUNCTION is_flush(thing bigint)
+RETURNS boolean LANGUAGE plpgsql STABLE SET search_path = semmap, public, pg_temp AS $$
+-- Whether an object lies in the floor of a room or of the opening beside it, as tiles and planks do: its top is at the
+-- floor, and its middle 5 mm below it.
+DECLARE
+    beside CONSTANT double precision := 0.3;
+BEGIN
+    RETURN EXISTS (
+        SELECT FROM semmap.world w JOIN semmap.world o ON o.map_id = w.map_id AND o.footprint && ST_Expand(w.footprint, beside)
+        JOIN semmap.room r ON r.entity_id = o.entity_id
+        WHERE w.entity_id = thing AND abs(o.pose[3] + r.floor - ST_ZMax(w.box)) <= 0.01
+          AND (ST_ZMin(w.box) + ST_ZMax(w.box)) / 2 <= o.pose[3] + r.floor - 0.005 AND ST_DWithin(o.footprint, w.footprint, beside));
+END $$;
+
 CREATE FUNCTION part_by_shape(thing bigint, named boolean)
 RETURNS text LANGUAGE plpgsql STABLE SET search_path = semmap, public, pg_temp AS $$
 -- The part of the building that an object is by its shape and place, whatever its name; null if it is none.
@@ -40,9 +54,11 @@ RETURNS text LANGUAGE plpgsql STABLE SET search_path = semmap, public, pg_temp A
 -- edge of rooms and inside of none is a wall, if it is long or reaches up to the ceiling. So is what reaches up to it and
 -- divides: the borders of rooms on both of its sides run within it, or along it, or it leads from a border into the room;
 -- the latter two if it is at most 20 cm thick: a shelf is thicker, and stands along the border of one room. A piece that
--- reaches up to the ceiling and is wholly outside of the outlines of rooms is a wall under any name.
+-- reaches up to the ceiling and is wholly outside of the outlines of rooms is a wall under any name. Small ones that are
+-- flush with the floor, beside others like them, are its tiles or planks.
 DECLARE
     flat CONSTANT double precision := 0.5;
+    tile CONSTANT double precision := 0.1;
     exact CONSTANT double precision := 1e-6;
     headroom CONSTANT double precision := 1.8;
     partition CONSTANT double precision := 0.2;
@@ -102,6 +118,12 @@ BEGIN
                 sum(along) >= 1.5 * CASE WHEN long < 1.5 * thick THEN thick ELSE long END  -- a wall may be thicker than it is long
                 OR thick <= partition + exact AND long >= 0.5 - exact AND bool_or(to_ceiling AND into_room AND share > 0.5));
     END IF;
+    IF part IS NULL AND NOT named AND high - low <= tile AND semmap.is_flush(thing) AND EXISTS (
+        SELECT FROM semmap.world o JOIN semmap.entity e ON e.id = o.entity_id AND e.kind = 'object'
+        WHERE o.map_id = w.map_id AND o.entity_id <> thing AND o.box && semmap.grown(w.box, 0.05)
+          AND abs(ST_ZMax(o.box) - high) <= 0.005 AND abs(ST_ZMin(o.box) - low) <= 0.005) THEN
+        part := 'floor';
+    END IF;
     RETURN part;
 END $$;
 
@@ -121,7 +143,7 @@ WITH judged AS (
     WHERE o.id = ANY (ids) AND o.kind = 'object' AND (coalesce(o.type, 'object') = 'object' OR o.type = guess ->> 'type')
       -- none is smaller, see part_by_shape
       AND (least(ST_XMax(w.box) - ST_XMin(w.box), ST_YMax(w.box) - ST_YMin(w.box)) >= 1
-           OR ST_ZMax(w.box) - ST_ZMin(w.box) >= 1.5 OR guess ->> 'from' = 'shape')
+           OR ST_ZMax(w.box) - ST_ZMin(w.box) NOT BETWEEN 0.1 AND 1.5 OR guess ->> 'from' = 'shape')
 ), found AS (
     SELECT j.id, j.named, s.part
     FROM judged j CROSS JOIN LATERAL (
@@ -163,8 +185,8 @@ SET plan_cache_mode = force_generic_plan SET enable_seqscan = off AS $$
 -- The holder that the geometry gives to each of the given objects and agents, with a confidence (0 to 1):
 -- 1. on an object: a support surface within 3 cm of its bottom bears at least half of its footprint, the highest one;
 --    else objects whose tops it touches, around its middle: a tray on a mug, a board on two trestles. What is flatter
---    than 3 cm and larger than half a square metre, such as a carpet, is not a holder. The holder's bottom is below that
---    of its contents. For a model without known support surfaces: is_on.
+--    than 3 cm and larger than half a square metre, such as a carpet, is not a holder, nor what is flush with the floor.
+--    The holder's bottom is below that of its contents. For a model without known support surfaces: is_on.
 -- 2. in an object of less than 4 square metres that encloses it, is larger and does not begin above it: is_in.
 -- 3. in the room of its place: room_at.
 -- 4. in the highest storey whose floor is at most half a metre above its bottom, else the lowest; of several at one height,
@@ -176,6 +198,7 @@ SET plan_cache_mode = force_generic_plan SET enable_seqscan = off AS $$
 -- would be nested loops, which are quadratic when a file is imported.
 DECLARE
     contact CONSTANT double precision := 0.03;
+    tile CONSTANT double precision := 0.1;
     parts CONSTANT text[] := semmap.building_parts();
 BEGIN
     RETURN QUERY
@@ -199,6 +222,7 @@ BEGIN
         SELECT n.id, n.low, n.ground, n.owner, n.pose, n.footprint, n.owner_high, abs(n.pose[4]) < 1e-3 AND abs(n.pose[5]) < 1e-3 AS upright
         FROM near n
         WHERE n.owner_low < n.low - 1e-6 AND (n.owner_high - n.owner_low > contact OR ST_Area(n.footprint) < 0.5)
+          AND NOT (n.owner_high - n.owner_low <= tile AND semmap.is_flush(n.owner))
     ), laid AS MATERIALIZED (
         SELECT b.id, b.owner, b.ground, b.pose[3] + s.height - b.low AS rise,
                ST_Rotate(s.outline, semmap.pose_yaw(b.pose), 0, 0) AS outline, b.pose[1] AS x, b.pose[2] AS y

@@ -21,6 +21,19 @@ SELECT CASE WHEN jsonb_typeof(e.properties -> key) = 'number' THEN (e.properties
 FROM semmap.entity e WHERE e.id = thing;
 END;
 
+CREATE FUNCTION require_mobile(thing semmap.entity)
+RETURNS void LANGUAGE plpgsql STABLE SET search_path = semmap, public, pg_temp AS $$
+-- Refuses what has no belief, as it is where the map has it: what is no object or agent, and parts of the building.
+BEGIN
+    IF thing.kind NOT IN ('object', 'agent') THEN
+        RAISE EXCEPTION '% is a %: it does not move', thing.name, thing.kind
+            USING ERRCODE = 'check_violation', HINT = 'Ask for an object or an agent.';
+    ELSIF EXISTS (SELECT FROM semmap.type_closure c WHERE c.sub = thing.type AND c.super = 'building_element') THEN
+        RAISE EXCEPTION '% is a part of the building, of the type %: it does not move', thing.name, thing.type
+            USING ERRCODE = 'check_violation', HINT = 'Its pose says where it is. Is the type wrong? Then change it.';
+    END IF;
+END $$;
+
 CREATE FUNCTION sides_of(area geometry)
 RETURNS double precision[] LANGUAGE sql IMMUTABLE PARALLEL SAFE
 BEGIN ATOMIC
@@ -63,7 +76,7 @@ END;
 CREATE FUNCTION places_for(things bigint[])
 RETURNS TABLE (entity_id bigint, place_id bigint, weight double precision) LANGUAGE plpgsql STABLE ROWS 1000 COST 10000
 SET search_path = semmap, public, pg_temp SET plan_cache_mode = force_generic_plan SET enable_seqscan = off AS $$
--- The places of the map at which each of the given objects or agents has room: furniture, fixtures, appliances and
+-- The places of the map at which each of the given objects or agents is or has room: furniture, fixtures, appliances and
 -- untyped objects with a support surface; containers and storage furniture; rooms. Furniture, fixtures and agents
 -- are in rooms only. A place weighs as much as the area that it offers, in square metres, times how readily a place
 -- of its type and height keeps things.
@@ -77,7 +90,8 @@ BEGIN
     RETURN QUERY
     WITH thing AS MATERIALIZED (
         SELECT e.id, e.map_id, e.kind = 'agent' OR coalesce(e.type = ANY (standing), false) AS stands, s.sides, s.height, s.base,
-               EXISTS (SELECT FROM semmap.placement p WHERE p.holder_id = e.id) AS holds
+               EXISTS (SELECT FROM semmap.placement p WHERE p.holder_id = e.id) AS holds,
+               (SELECT p.holder_id FROM semmap.placement p WHERE p.entity_id = e.id) AS holder_id
         FROM unnest(things) given (id) JOIN semmap.entity e ON e.id = given.id AND e.kind IN ('object', 'agent'),
              LATERAL semmap.size_of(e.id) s
     ), candidate AS MATERIALIZED (
@@ -114,7 +128,7 @@ BEGIN
                            * CASE WHEN s.z < 0.15 THEN 0.2 WHEN s.z < 1.7 THEN 1 WHEN s.z < 2.1 THEN 0.3 ELSE 0.02 END)
     FROM thing t JOIN space s ON s.map_id = t.map_id AND s.id <> t.id
      AND (s.kind = 'room' OR NOT t.stands)
-     AND semmap.fits(t.sides, t.height, t.base, s.sides, s.height, s.area)
+     AND (s.id = t.holder_id OR semmap.fits(t.sides, t.height, t.base, s.sides, s.height, s.area))
      AND NOT (t.holds AND semmap.is_held_by(s.id, t.id))
     JOIN keeping k ON k.type = coalesce(s.type, s.kind)
     GROUP BY t.id, s.id;
@@ -368,12 +382,8 @@ LANGUAGE plpgsql STABLE SET search_path = semmap, public, pg_temp AS $$
 -- no place of the map. With what holds the place, and when the thing was last seen there, or looked for and not seen.
 DECLARE
     of_thing bigint := semmap.entity_id(thing);
-    kind_of_thing text := (SELECT e.kind FROM semmap.entity e WHERE e.id = of_thing);
 BEGIN
-    IF kind_of_thing NOT IN ('object', 'agent') THEN
-        RAISE EXCEPTION '% is a %: it does not move', thing, kind_of_thing
-            USING ERRCODE = 'check_violation', HINT = 'Ask for an object or an agent.';
-    END IF;
+    PERFORM semmap.require_mobile(e) FROM semmap.entity e WHERE e.id = of_thing;
     RETURN QUERY
         SELECT coalesce(e.name, 'elsewhere'), b.probability, b.prior, h.name,
                (SELECT max(o.at) FROM semmap.observation o WHERE o.entity_id = of_thing AND o.place_id = b.place_id AND o.seen AND o.at <= moment),
@@ -458,26 +468,24 @@ END;
 CREATE FUNCTION observation_stamp()
 RETURNS trigger LANGUAGE plpgsql SECURITY DEFINER SET search_path = semmap, public, pg_temp AS $$
 -- What is observed is an object or agent, at another entity of its map and within it, not in the future, and by a
--- detector that reports what is there at least as often as what is not.
+-- detector that reports what is there more often than what is not.
 DECLARE
     thing semmap.entity := (SELECT e FROM semmap.entity e WHERE e.id = NEW.entity_id);
     place semmap.entity := (SELECT e FROM semmap.entity e WHERE e.id = NEW.place_id);
     model semmap.belief_model := semmap.belief_model_of(thing.map_id);
     away double precision := semmap.distance_outside(NEW.place_id, NEW.position);
 BEGIN
-    IF thing.kind NOT IN ('object', 'agent') THEN
-        RAISE EXCEPTION '% is a %: it is not searched for', thing.name, thing.kind
-            USING ERRCODE = 'check_violation', HINT = 'Observe objects and agents.';
-    ELSIF thing.map_id <> place.map_id THEN
+    PERFORM semmap.require_mobile(thing);
+    IF thing.map_id <> place.map_id THEN
         RAISE EXCEPTION '% and % are in different maps', thing.name, place.name
             USING ERRCODE = 'check_violation', HINT = 'Observe an object at a place of its own map.';
     ELSIF NEW.at > clock_timestamp() THEN
         RAISE EXCEPTION '% at %: the time of the observation, %, is in the future', thing.name, place.name, NEW.at
             USING ERRCODE = 'check_violation', HINT = 'Give the time in UTC, or with its time zone; compare the clocks.';
-    ELSIF coalesce(NEW.hit, model.there) < coalesce(NEW.false_alarm, model.elsewhere) THEN
-        RAISE EXCEPTION '% at %: hit, %, is below false_alarm, %', thing.name, place.name,
-                coalesce(NEW.hit, model.there), coalesce(NEW.false_alarm, model.elsewhere)
-            USING ERRCODE = 'check_violation', HINT = 'Exchange them, or state both: hit is P(seen | there).';
+    ELSIF coalesce(NEW.hit, model.there + model.change) <= coalesce(NEW.false_alarm, model.elsewhere - model.change) THEN
+        RAISE EXCEPTION '% at %: hit, %, is not above false_alarm, %', thing.name, place.name,
+                coalesce(NEW.hit, model.there + model.change), coalesce(NEW.false_alarm, model.elsewhere - model.change)
+            USING ERRCODE = 'check_violation', HINT = 'Exchange them, or state both: hit is P(seen | there). Equal rates say nothing.';
     ELSIF away > 0.5 THEN
         RAISE EXCEPTION '% at %: its position is % m outside of %', thing.name, place.name, round(away::numeric, 2)::double precision, place.name
             USING ERRCODE = 'check_violation', HINT = 'Positions are x, y, z in the frame of the place, in metres.';

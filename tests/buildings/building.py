@@ -33,6 +33,7 @@ FLOORS = [
     "carrelage",
     "qxv",
 ]
+TILES = ["flagstone", "Fliese", "Diele", "carreau", "lame", "qqw"]
 WALLS = [
     "partition",
     "brickwork",
@@ -328,8 +329,13 @@ def _add_storey(
     inset, shift = thick / 2, 0.0
     if drawn.random() < 0.4 and not plain:
         inset, shift = 0.0, thick * drawn.uniform(-0.45, 0.45)
+    laid = random.Random(f"tiles of {building.seed} {number}")
+    tiled = laid.choice(covers) if len(covers) > 1 and laid.random() < 0.4 and not plain else None
     for cover in covers:
-        building.add(name, "floor", cover, floor - slab, floor)
+        if cover is tiled:
+            _add_tiles(building, laid, cover, floor)
+        else:
+            building.add(name, "floor", cover, floor - slab, floor)
     if chance.random() < 0.5:
         building.add(chance.choice(CEILINGS), "ceiling", box, floor + height, floor + height + 0.02)
     for k, cell in enumerate(cells):
@@ -374,6 +380,21 @@ def _shared(a: Box, b: Box) -> tuple[bool, float, float, float] | None:
                 if high - low > 1.3:
                     return upright, near[j], low, high
     return None
+
+
+def _add_tiles(building: Building, chance: random.Random, cover: Box, floor: float) -> None:
+    """A floor of tiles or planks with joints of up to 3 mm, none as wide as a slab."""
+    x0, y0, x1, y1 = cover
+    name, joint = chance.choice(TILES), chance.uniform(0.0, 0.003)
+    thick, size = chance.uniform(0.012, 0.04), chance.uniform(0.4, 0.9)
+    long = size * chance.choice([1, 1, 4])
+    along, across = max(1, round((x1 - x0) / long)), math.ceil((y1 - y0) / size)
+    dx, dy = (x1 - x0) / along, (y1 - y0) / across
+    for i in range(along):
+        for k in range(across):
+            x, y = x0 + i * dx, y0 + k * dy
+            tile = (x, y, x + dx - joint, y + dy - joint)
+            building.add(name, "floor", tile, floor - thick, floor)
 
 
 def _add_doors(

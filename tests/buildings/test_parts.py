@@ -5,6 +5,7 @@ from __future__ import annotations
 import random
 from pathlib import Path
 
+import numpy as np
 import shapely
 from sqlalchemy import Engine, text
 
@@ -164,3 +165,28 @@ def test_inner_walls_are_walls_where_outlines_meet_in_them_or_they_end_in_a_room
         assert "wall" not in {types[other.name] for other in others}
         assert {e.name for e in place.find(in_="left")} == {other.name for other in others}
         assert place.find(in_="right") == []
+
+
+def test_small_tiles_and_planks_are_the_floor_and_bear_nothing(
+    make_database: MakeDatabase, tmp_path: Path
+) -> None:
+    building = two_rooms(0.2)
+    tiles = [
+        building.add("qqw", "floor", (x, y, x + 0.498, y + 0.498), -0.02, 0.0)
+        for x in np.arange(0, 3.9, 0.5)
+        for y in np.arange(0, 9, 0.5)
+    ]
+    tiles += [
+        building.add("Diele", "floor", (4.1, y, 8.0, y + 0.197), -0.03, 0.0)
+        for y in np.arange(0, 9, 0.2)
+    ]
+    things = [
+        building.add("zzp", "thing", (1.05, 1.05, 1.4, 1.4), 0.0, 0.7),
+        building.add("mug", "thing", (5.02, 5.02, 5.1, 5.1), 0.0, 0.1),
+        building.add("book", "thing", (6.0, 6.0, 6.2, 6.3), 0.0, 0.03),
+        building.add("zzp", "thing", (2.0, 2.0, 2.4, 2.6), 0.0, 0.02),  # a mat on the tiles
+    ]
+    with stored(building, make_database().render_as_string(hide_password=False), tmp_path) as place:
+        assert {place[tile.name].type for tile in tiles} == {"floor"}
+        holders = [place[thing.name].holder for thing in things]
+        assert [holder and holder.name for holder in holders] == ["left", "right", "right", "left"]

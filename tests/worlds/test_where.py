@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 
 import psycopg
@@ -35,7 +36,8 @@ def here(world_map: Map) -> Iterator[Map]:
     [
         (KITCHEN, {"position": (5000.0, 0.0, 0.8)}, "499[0-9].* m outside of KitchenTable"),
         ("kitchen", {"position": (5000.0, 0.0, 0.8)}, "m outside of kitchen"),
-        (KITCHEN, {"hit": 0.1, "false_alarm": 0.2}, "hit, 0.1, is below false_alarm, 0.2"),
+        (KITCHEN, {"hit": 0.1, "false_alarm": 0.2}, "hit, 0.1, is not above false_alarm"),
+        (KITCHEN, {"hit": 0.2, "false_alarm": 0.2}, "hit, 0.2, is not above false_alarm, 0.2"),
     ],
 )
 def test_impossible_sightings_are_refused(
@@ -61,6 +63,26 @@ def test_what_was_just_put_on_a_table_is_there(here: Map) -> None:
     assert here.where("mug2")[NIGHT] > 0.95
     ball = here["Ball_01_001"]
     assert here.where(ball.name)[str(ball.room.name)] > 0.95
+
+
+def test_each_object_is_where_the_map_has_it_and_parts_of_the_building_have_no_belief(
+    here: Map,
+) -> None:
+    """Also what is larger than its room is thought to have space for, such as a carpet."""
+    parts = []
+    for thing in here.objects:
+        chain = [thing.holder, thing.room]
+        places = {str(place.name) for place in chain if place is not None}
+        if re.match("Floor|.*Door_|.*Wall|RoomWindow", thing.name):
+            parts.append(thing.name)
+            with pytest.raises(ValueError, match=f"{thing.name} is a part of the building"):
+                here.where(thing.name)
+            with pytest.raises(ValueError, match="does not move"), here.transaction():
+                here.observe(thing.name, KITCHEN)
+        elif places:
+            assert here.where(thing.name).best in places, thing.name
+            assert here.where(thing.name)[here.where(thing.name).best] > 0.8, thing.name
+    assert len(parts) > 10
 
 
 def test_one_sighting_outweighs_all_other_places(here: Map) -> None:
