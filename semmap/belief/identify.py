@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from datetime import datetime
+from itertools import combinations
 from typing import Any
 
 import numpy as np
@@ -55,6 +56,9 @@ AGAIN = 10.0
 WALKS = 10.0
 """Seconds after which an agent has probably left its spot in a room."""
 
+ONE_POINT = 0.01
+"""Metres within which no two objects of a type are, nor within half of their least side."""
+
 NEW, FALSE_ALARM = "(new)", "(false alarm)"
 NONE_KNOWN = {NEW, FALSE_ALARM}
 """What a detection may be beside a known object."""
@@ -101,7 +105,7 @@ def identify(
     finds what is there with probability `hit`; it finds `false_alarm` objects of a type at a place
     that are not there, and the map lacks `new` that are, both as expected numbers. Points are in
     the `frame` of an agent; None: of the map. `BeliefError` if a point or size is not finite, or at
-    no place, or the detector rather finds what is not there.
+    no place, the detector rather finds what is not there, or two of one type are at one point.
     """
     if not 0 < false_alarm < hit < 1:
         raise BeliefError(
@@ -109,6 +113,7 @@ def identify(
         )
     if not (math.isfinite(new) and new > 0):
         raise BeliefError(f"new is {new}: give an expected number above 0")
+    _refuse_doubles(detections)
     lacking = hit * new / (hit * new + false_alarm)  # P(new | no known one)
     of_types = [
         [
@@ -188,6 +193,20 @@ def _at(
     ]
     here = np.array([foot is not None and foot.name == place.name for foot in feet])
     return np.where(here[:, None], boxes, np.nan)
+
+
+def _refuse_doubles(detections: Sequence[Detection]) -> None:
+    given = [(seen.type, finite_numbers(seen.point, 3), seen.sides) for seen in detections]
+    for (i, (type_, one, sides)), (j, (other, two, others)) in combinations(enumerate(given), 2):
+        if type_ != other or one is None or two is None:
+            continue
+        known = [numbers for each in (sides, others) if (numbers := finite_numbers(each or (), 3))]
+        apart = max([ONE_POINT, *(min(numbers) / 2 for numbers in known)])
+        if math.dist(one, two) < apart:
+            raise BeliefError(
+                f"the detections {i} and {j} of one view are both of a {type_} at {tuple(one)}: "
+                "send each object once"
+            )
 
 
 def _size(seen: Detection) -> float:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from contextlib import nullcontext
 from datetime import UTC, datetime
 
 import pytest
@@ -57,6 +58,27 @@ def test_two_mugs_are_two(connection: Connection) -> None:
     assert on_bench.known["mug"] > 0.95
     assert on_table.new > 0.95
     assert on_table.known.get("mug", 0) + on_bench.known["mug"] <= 1
+
+
+@pytest.mark.parametrize(
+    ("away", "sides", "message"),
+    [
+        (0.0, None, "detections 0 and 1 of one view are both of a mug at"),
+        (0.03, (0.08, 0.08, 0.1), "send each object once"),
+        (0.03, None, None),
+        (0.09, (0.08, 0.08, 0.1), None),
+    ],
+)
+def test_two_of_a_type_at_one_point_are_refused(
+    connection: Connection,
+    away: float,
+    sides: tuple[float, float, float] | None,
+    message: str | None,
+) -> None:
+    x, y, z = ON_TABLE
+    two = [Detection("mug", ON_TABLE, sides), Detection("mug", (x + away, y, z), sides)]
+    with nullcontext() if message is None else pytest.raises(BeliefError, match=message):
+        assert len(identify(seen_by(connection), two)) == 2
 
 
 def test_a_mug_of_another_size_is_new(connection: Connection) -> None:
