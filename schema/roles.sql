@@ -154,7 +154,7 @@ BEGIN
             ('prune_history', ARRAY['semmap_admin']), ('prune_changes', ARRAY['semmap_admin']),
             ('prune_observations', ARRAY['semmap_admin']),
             ('derive_again', ARRAY['semmap_admin']), ('follow_change', ARRAY['semmap_admin']), ('recognise_parts', ARRAY['semmap_admin']),
-            ('put_door', ARRAY['semmap_admin']), ('turn_to', ARRAY['semmap_admin']),
+            ('put_door', ARRAY['semmap_admin']), ('turn_to', ARRAY['semmap_admin']), ('fit_shape', ARRAY['semmap_admin']),
             ('settle', ARRAY['semmap_reader', 'semmap_robot', 'semmap_admin']),
             ('refresh_belief', ARRAY['semmap_robot', 'semmap_admin']), ('refresh_beliefs', ARRAY['semmap_robot', 'semmap_admin']),
             ('hold_still', ARRAY['semmap_robot', 'semmap_admin']), ('queue_writer', ARRAY['semmap_robot', 'semmap_admin']),

@@ -223,6 +223,26 @@ BEGIN
     END IF;
 END $$;
 
+CREATE FUNCTION fit_shape(thing bigint, there double precision[], top double precision, rise double precision)
+RETURNS void LANGUAGE plpgsql SET search_path = semmap, public, pg_temp AS $$
+-- Before an entity gets another shape: its pose is where the shape is now. Its contents stay, and those on its top rise
+-- or sink with that.
+DECLARE
+    contact CONSTANT double precision := 0.03;
+    deriving text := coalesce(current_setting('semmap.deriving', true), '');
+BEGIN
+    PERFORM semmap.hold_still(thing, NULL);
+    PERFORM set_config('semmap.deriving', 'off', true);  -- the shape comes next, and then the holders
+    UPDATE semmap.placement p
+        SET pose = CASE WHEN p.entity_id <> thing THEN semmap.pose_compose(semmap.pose_inverse(there), semmap.pose_compose(ARRAY[
+                             0, 0, CASE WHEN p.relation = 'on' AND abs(ST_ZMin(w.box) - top) <= contact THEN coalesce(rise, 0) ELSE 0 END, 0, 0, 0, 1], w.pose))
+                        WHEN h.pose IS NULL THEN there
+                        ELSE semmap.pose_compose(semmap.pose_inverse(h.pose), there) END
+        FROM semmap.world w LEFT JOIN semmap.placement q ON q.entity_id = w.entity_id LEFT JOIN semmap.world h ON h.entity_id = q.holder_id
+        WHERE w.entity_id = p.entity_id AND (p.entity_id = thing OR p.holder_id = thing);
+    PERFORM set_config('semmap.deriving', deriving, true);
+END $$;
+
 CREATE FUNCTION gis_changed()
 RETURNS trigger LANGUAGE plpgsql SET search_path = semmap, public, pg_temp AS $$
 -- Writes the edits of a GIS client to the map. Derived attributes (map, storey, holder, low and high of a mesh) are taken
@@ -425,9 +445,11 @@ BEGIN
         IF pose IS NULL THEN
             pose := semmap.planar_pose(ST_X(ST_PointOnSurface(outline)), ST_Y(ST_PointOnSurface(outline)));
             INSERT INTO semmap.placement (entity_id, pose) VALUES (thing, pose);
-        ELSIF layer <> 'room' AND NOT ST_Intersects(outline, ST_MakePoint(pose[1], pose[2])) THEN
-            pose := semmap.planar_pose(ST_X(ST_PointOnSurface(outline)), ST_Y(ST_PointOnSurface(outline)), semmap.pose_yaw(pose), pose[3]);
-            PERFORM semmap.move_to(thing, pose[1], pose[2], pose[3]);
+        ELSIF layer <> 'room' THEN
+            IF ST_AsBinary(NEW.geom) IS DISTINCT FROM ST_AsBinary(OLD.geom) THEN
+                pose := semmap.planar_pose(ST_X(ST_PointOnSurface(outline)), ST_Y(ST_PointOnSurface(outline)), semmap.pose_yaw(pose), pose[3]);
+            END IF;
+            PERFORM semmap.fit_shape(thing, pose, OLD.high, NEW.high - OLD.high);
         END IF;
         shape := semmap.drawn_model(ST_Force2D(semmap.pose_apply(ST_Force3D(outline), semmap.pose_inverse(ARRAY[pose[1], pose[2], 0] || pose[4:7]))), low, high);
         DELETE FROM semmap.entity_model WHERE entity_id = thing AND model_id <> shape;

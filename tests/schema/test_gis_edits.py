@@ -248,6 +248,41 @@ def test_the_height_of_a_drawn_object_is_edited_and_its_heading_is_that_given(
     assert outline(office, "crate").symmetric_difference(shapely.box(30, 0, 32, 1)).area < 1e-9
 
 
+def test_things_on_a_drawn_table_follow_its_top_and_stay_where_it_is_reshaped(
+    office: Engine,
+) -> None:
+    for name, low, high, sides in (
+        ("table", 0, 0.75, "30, 0, 31, 1"),
+        ("cup", 0.75, 0.85, "30.1, 0.1, 30.2, 0.2"),
+        ("bin", 0, 0.3, "30.4, 0.4, 30.6, 0.6"),  # under it
+    ):
+        edit(
+            office,
+            "INSERT INTO gis_object (map, name, low, high, geom) VALUES ('office', :name, :low, "
+            f":high, ST_Multi(ST_MakeEnvelope({sides})))",
+            name=name,
+            low=low,
+            high=high,
+        )
+    assert shown(office, "cup").holder == "table"
+    for height in (0.9, 0.6):
+        edit(office, "UPDATE gis_object SET high = :high WHERE name = 'table'", high=height)
+        cup = shown(office, "cup")
+        assert (cup.holder, cup.low, cup.high) == ("table", pytest.approx(height), height + 0.1)
+        assert shown(office, "bin").low == 0
+    cup = outline(office, "cup")
+    edit(
+        office,
+        "UPDATE gis_object SET geom = ST_Multi(ST_MakeEnvelope(30, 0, 34, 3)) WHERE name = 'table'",
+    )
+    assert outline(office, "cup").symmetric_difference(cup).area < 1e-9
+    assert shown(office, "cup").holder == "table"
+    edit(office, "SELECT move_to(entity_id('table'), 40, 5, 0)")
+    table = outline(office, "table")
+    assert table.symmetric_difference(shapely.box(38, 3.5, 42, 6.5)).area < 1e-9
+    assert shown(office, "cup").holder == "table"
+
+
 def test_a_storey_is_renamed_and_raised_with_all_that_is_on_it(office: Engine) -> None:
     before = shown(office, "desk4")
     edit(
