@@ -46,7 +46,9 @@ def judge_faults(building: Building, place: semmap.Map) -> tuple[int, list[str]]
         if off != {name for (name,) in shut}:
             poor.append(f"routes refuse {shut}, not {off}")
     wrong = [f"not found: {kind} {sorted(names)}" for kind, names in planted - after]
-    wrong += [f"invented: {kind} {sorted(names)}" for kind, names in after - before - planted]
+    grown = {(kind, who) for kind, who in after for k, names in before if k == kind and who > names}
+    new = after - before - planted - grown  # rooms that are cut off, and one more with them
+    wrong += [f"invented: {kind} {sorted(names)}" for kind, names in new]
     return len(planted), wrong + poor
 
 

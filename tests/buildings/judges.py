@@ -277,14 +277,27 @@ def judge_check(building: Building, place: semmap.Map) -> tuple[int, list[str]]:
     shut = {("narrow door", d.name) for d in building.doors if _is_small(d)}
     shut |= {("thing in a doorway", d.name) for d in building.doors if _is_shut(building, d)}
     told = {(each.kind, each.entities[0]) for each in found}
+    apart = {frozenset(e.entities) for e in found if e.kind == "room without a door"}
     wrong = [
         str(each)
         for each in found
         if (each.kind, each.entities[0]) not in shut
+        if each.kind != "room without a door"
         if not (each.kind == "penetrating" and _overlap(building, *each.entities))
     ]
     wrong += [f"{name}: no {kind}" for kind, name in shut - told]
+    wrong += [f"cut off: {sorted(rooms)}" for rooms in apart ^ {*_cut_off(building)}]
     return len(building.items), wrong
+
+
+def _cut_off(building: Building) -> list[frozenset[str]]:
+    """The rooms that doors, stairs and lifts do not join with most rooms or the outside."""
+    graph = nx.Graph([door.rooms for door in building.doors])
+    graph.add_nodes_from(room.name for room in building.rooms)
+    lifts = [room.name for room in building.rooms if room.elevator is not None]
+    nx.add_path(graph, lifts)
+    apart = sorted(nx.connected_components(graph), key=len)
+    return [frozenset(rooms) for rooms in apart[:-1] if OUTSIDE not in rooms]
 
 
 def _overlap(building: Building, *names: str) -> bool:

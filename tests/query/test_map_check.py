@@ -53,6 +53,8 @@ def building(db: semmap.Database, seed: int) -> semmap.Map:
                 here.add_door(f"d{level}{number}", f"r{level}{number - 1}", name, line, height=z)
             _furnish(here, draw, name, x, z, wide, depth)
             x += wide + 0.2
+        if level:
+            here.add_door("up", "r00", "r10", ((0.5, 0.5), (2.0, 0.5)), form="stairs", height=0)
     return here
 
 
@@ -551,6 +553,36 @@ def test_proposed_doors_are_on_one_floor_and_in_a_common_wall(db: semmap.Databas
     assert {names for names, f in fixes.items() if f.fix.startswith("by hand")} == {("c",), ("d",)}
     assert done(here, fixes["a",])
     assert seen(here) == {("room without a door", frozenset(n)) for n in "cd"}
+
+
+def test_rooms_that_doors_join_with_each_other_alone(db: semmap.Database) -> None:
+    here = db.create_map("apart")
+    for k, name in enumerate("abcdef"):
+        here.add_room(name, [(4 * k, 0), (4 * k + 3.8, 0), (4 * k + 3.8, 4), (4 * k, 4)], ceiling=3)
+    for one, two in ("ab", "bc", "de"):
+        x = 4 * "abcdef".index(two) - 0.1
+        here.add_door(one + two, one, two, ((x, 1), (x, 2)))
+    found = {f.entities: f for f in here.check() if f.kind == "room without a door"}
+    assert set(found) == {("d", "e"), ("f",)}
+    assert "doors join the rooms d, e with each other alone" in str(found["d", "e"])
+    assert done(here, found["d", "e"])
+    assert seen(here) == {("room without a door", frozenset("f"))}
+    here["door of d"].delete()
+    here.add_door("out", "e", None, ((17, 0), (18, 0)))
+    assert ("room without a door", frozenset("de")) not in seen(here)
+
+
+def test_rooms_of_one_outline_are_the_same_where_most_of_their_heights_is(
+    db: semmap.Database,
+) -> None:
+    here = db.create_map("heights")
+    outline = [(0, 0), (4, 0), (4, 4), (0, 4)]
+    here.add_room("low", outline, floor=0, ceiling=2.9)
+    here.add_room("high", outline, floor=1.9, ceiling=5)
+    (found,) = (f for f in here.check() if "low" in f.entities and "overlap" in f.kind)
+    assert "overlap in 16.00 m2, from 1.90 to 2.90 m" in str(found)
+    here.add_room("again", outline, floor=0, ceiling=2.4)
+    assert ("identical rooms", frozenset({"low", "again"})) in seen(here)
 
 
 def test_copies_are_found_up_to_a_contact_apart_and_overlap_from_there_on(

@@ -8,6 +8,8 @@ from collections import Counter
 import numpy as np
 import shapely
 from numpy.typing import NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 
 from semmap.geometry.levels import are_floors, in_metres, stacked
 from semmap.geometry.overlay import common, united, without
@@ -39,10 +41,13 @@ def room_pairs(building: SupportedBuilding, same: bool) -> Found:
             if n <= number or high - low <= STEP:
                 continue
             shared = common(room.ground, other.ground)
+            lower = min(building.ceiling(r) - building.floor(r) for r in (room, other))
             is_same = shared.area >= 0.95 * united([room.ground, other.ground]).area
+            is_same &= high - low >= lower / 2
             if is_same != same or shared.buffer(-WALL / 2).is_empty:
                 continue
-            what = "are the same place" if same else f"overlap in {shared.area:.2f} m2"
+            what = f"overlap in {shared.area:.2f} m2, from {low:.2f} to {high:.2f} m"
+            what = "are the same place" if same else what
             text = f"the rooms {room.name} and {other.name} {what}"
             fix = "by hand: delete one of them, or draw it again in gis_room"
             yield (room.name, other.name), text, fix
@@ -91,42 +96,76 @@ def rooms_off_storey(building: SupportedBuilding) -> Found:
 
 
 def rooms_without_door(building: SupportedBuilding) -> Found:
-    """Rooms into which no door leads."""
-    joined = {p for d in building.doors for p in (d.row["place_a"], d.row["place_b"])}
-    for room in building.rooms if len(building.rooms) > 1 else ():
-        if room.row["id"] not in joined:
-            yield (room.name,), f"no door leads to the room {room.name}", _door(building, room)
+    """Rooms into which no door leads, and rooms that doors join with each other alone."""
+    shafts: dict[int, int] = {}  # the first cabin of each elevator: all of them are one
+    rooms = {
+        room.row["id"]: shafts.setdefault(room.row["elevator_id"] or -room.row["id"], n)
+        for n, room in enumerate(building.rooms)
+    }
+    ends = [(d.row["place_a"], d.row["place_b"]) for d in building.doors]
+    links = [(rooms[a], rooms[b]) for a, b in ends if a in rooms and b in rooms]
+    outward = {a if a in rooms else b for a, b in ends if (a in rooms) != (b in rooms)}
+    graph = coo_array((np.ones(len(links)), np.reshape(links, (-1, 2)).T), (len(rooms),) * 2)
+    of_group = connected_components(graph, directed=False)[1] if rooms else np.empty(0, int)
+    members: dict[int, list[CheckedEntity]] = {}
+    for room in building.rooms:
+        members.setdefault(of_group[rooms[room.row["id"]]], []).append(room)
+    groups = list(members.values())
+    largest = max(groups, key=len, default=[])
+    for group in groups if len(groups) > 1 else ():
+        if any(room.row["id"] in outward for room in group):
+            continue
+        names = tuple(room.name for room in group)
+        if len(group) == 1:
+            yield names, f"no door leads to the room {names[0]}", _door(building, group)
+        elif group is not largest:
+            text = f"doors join the rooms {listed(names)} with each other alone"
+            yield names, text, _door(building, group)
 
 
-def _door(building: SupportedBuilding, room: CheckedEntity) -> str:
-    """A door to the nearest room beside a room, in the middle of their longest common wall."""
+def _door(building: SupportedBuilding, group: list[CheckedEntity]) -> str:
+    """A door from rooms to the nearest other one, in the middle of their longest common wall."""
+    fixes = (_door_to(building, room, other) for room, other in _level_pairs(building, group))
+    by_hand = "by hand: draw a door in gis_connector, or add stairs: no other room is beside it"
+    return next((fix for fix in fixes if fix is not None), by_hand)
+
+
+def _level_pairs(
+    building: SupportedBuilding, group: list[CheckedEntity]
+) -> list[tuple[CheckedEntity, CheckedEntity]]:
+    """Rooms of a group and others on their floor, the nearest first."""
+    pairs = [
+        (room, other)
+        for room in group
+        for other in building.rooms
+        if other not in group and abs(building.floor(other) - building.floor(room)) <= STEP
+    ]
+    return sorted(pairs, key=lambda two: (two[0].ground.distance(two[1].ground), two[1].name))
+
+
+def _door_to(building: SupportedBuilding, room: CheckedEntity, other: CheckedEntity) -> str | None:
+    """The call that adds a door, in the middle of the longest common wall of two rooms."""
+    edges = without(room.ground.boundary, other.ground)
+    beside = edges.intersection(other.ground.buffer(WALL - SAME_POINT, cap_style="flat"))
+    walls = [
+        part
+        for pair in itertools.pairwise(shapely.get_coordinates(room.ground))
+        for part in shapely.get_parts(shapely.LineString(pair).intersection(beside))
+        if part.length >= DOOR
+    ]
+    if not walls:
+        return None
+    wall = max(walls, key=lambda part: float(part.length))
+    ends = [
+        tuple(float(v) for v in wall.interpolate(wall.length / 2 + d).coords[0])
+        for d in (-DOOR / 2, DOOR / 2)
+    ]
+    line = ", ".join(f"({x:.3f}, {y:.3f})" for x, y in ends)
+    name, taken = f"door of {room.name}", {e.name for e in building.entities}
+    while name in taken:
+        name += "_"
     floor = building.floor(room)
-    level = [r for r in building.rooms if r is not room and abs(building.floor(r) - floor) <= STEP]
-    for other in sorted(level, key=lambda r: (r.ground.distance(room.ground), r.name)):
-        edges = without(room.ground.boundary, other.ground)
-        beside = edges.intersection(other.ground.buffer(WALL - SAME_POINT, cap_style="flat"))
-        points = shapely.get_coordinates(room.ground)
-        walls = [
-            part
-            for pair in itertools.pairwise(points)
-            for part in shapely.get_parts(shapely.LineString(pair).intersection(beside))
-            if part.length >= DOOR
-        ]
-        if walls:
-            wall = max(walls, key=lambda part: float(part.length))
-            ends = [
-                tuple(float(v) for v in wall.interpolate(wall.length / 2 + d).coords[0])
-                for d in (-DOOR / 2, DOOR / 2)
-            ]
-            line = ", ".join(f"({x:.3f}, {y:.3f})" for x, y in ends)
-            name, taken = f"door of {room.name}", {e.name for e in building.entities}
-            while name in taken:
-                name += "_"
-            return (
-                f"map.add_door({name!r}, {room.name!r}, {other.name!r}, ({line}), "
-                f"height={floor:.3f})"
-            )
-    return "by hand: draw its door in gis_connector; no room is beside it on its floor"
+    return f"map.add_door({name!r}, {room.name!r}, {other.name!r}, ({line}), height={floor:.3f})"
 
 
 def storeys_without_floor(building: SupportedBuilding) -> Found:
