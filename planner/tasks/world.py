@@ -26,6 +26,9 @@ _FIXED_TYPES = frozenset(
 _HUNG_TYPES = frozenset({"board", "ceiling_lamp", "clock", "mirror", "picture"})
 """Types of objects that are fixed to a wall or ceiling, unless they stand or lie somewhere."""
 
+ASSUME = "give it one, or let sizes be assumed (assume_sizes=True, --assume-sizes)"
+"""Where a shape is missing."""
+
 HUNG = 0.25
 """Height of its underside from which on such an object, with nothing below it, hangs, metres."""
 
@@ -35,6 +38,8 @@ class UnknownObjectError(Error, LookupError):
 
     def __init__(self, word: str, known: Iterable[str], *, what: str = "object or place") -> None:
         hint = suggestion(word, known, "semmap ls lists the objects")
+        if word == "home":
+            hint = ": draw a region, map.add_region('home', outline, type='home_region')"
         super().__init__(f"there is no {word}: no {what} has this name, type or label{hint}")
 
 
@@ -136,7 +141,7 @@ class TaskObject:
     def unsuitable(self, item: TaskObject, heights: tuple[float, float]) -> str | None:
         """Why such a robot cannot put an object on it; else None."""
         if self.surface <= 0.0:
-            why = "" if any(self.size) else ": the map has no shape of it"
+            why = "" if any(self.size) else f": the map has no shape of it; {ASSUME}"
             return f"{self.name} has no level surface to put {item.name} on{why}"
         if item.ground > self.surface:
             return (

@@ -121,6 +121,15 @@ def overlaps(here: semmap.Map, draw: random.Random) -> tuple[str, set[str]]:
     return "overlapping rooms", {"annex", "r00"}
 
 
+def is_too_high(here: semmap.Map, draw: random.Random) -> tuple[str, set[str]]:
+    for slab in [e for e in here.objects if e.name.endswith(" f1")]:
+        slab.delete()  # else it penetrates that, too
+    low, _, _, top = here["r01"].footprint.bounds  # type: ignore[union-attr]
+    height = draw.uniform(3.5, 5)
+    here.add_object("locker", size=(0.5, 0.4, height), pose=(low + 0.4, top - 0.3, 0))
+    return "through a ceiling", {"locker", "r01"}
+
+
 def has_no_door(here: semmap.Map, draw: random.Random) -> tuple[str, set[str]]:
     here.add_room("vault", [(0, -4), (3, -4), (3, -1), (0, -1)], floor=0, ceiling=2.9)
     return "room without a door", {"vault"}
@@ -274,6 +283,7 @@ FAULTS: list[Fault] = [
     coincides,
     is_drawn_twice,
     overlaps,
+    is_too_high,
     has_no_door,
     leads_past,
     has_no_floor,

@@ -37,6 +37,7 @@ from semmap.query.map_check.solid_rules import (
     penetrating,
     sunk,
     things_at_one_point,
+    through_ceilings,
     tipping,
 )
 from semmap.query.map_check.support import SupportedBuilding
@@ -100,6 +101,7 @@ RULES: tuple[tuple[str, Severity, Callable[[SupportedBuilding], Found]], ...] = 
     ("floating", "warning", floating),
     ("tipping", "warning", tipping),
     ("sunk", "warning", sunk),
+    ("through a ceiling", "warning", through_ceilings),
     ("penetrating", "warning", penetrating),
     ("place without geometry", "warning", shapeless_places),
     ("outside of all rooms", "note", outside),

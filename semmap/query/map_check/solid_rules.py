@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from semmap.geometry.contact import overlap
 from semmap.query.geometry_notes import listed
 from semmap.query.map_check.building import (
+    CEILING,
     CONTACT,
     FASTENED,
     SAME_POINT,
@@ -92,6 +93,18 @@ def sunk(building: SupportedBuilding) -> Found:
             text = f"{entity.name} has sunk {depth:.2f} m into {floor}"
             fix = Moves(entity, [(0, 0, depth)], "lift it onto the floor")
             yield (entity.name, place.name), text, fix
+
+
+def through_ceilings(building: SupportedBuilding) -> Found:
+    """Objects in a room that reach through its stated ceiling."""
+    stated = {room.name: room for room in building.rooms if room.row["ceiling"] is not None}
+    for entity in building.solids:
+        for name, share in building.shares(entity).items():
+            over = float(entity.high[2]) - building.ceiling(stated[name]) if name in stated else 0.0
+            if over > CEILING and share > 0.5 and not building.is_part(entity):
+                text = f"{entity.name} reaches {over:.2f} m through the ceiling of {name}"
+                fix = "by hand: correct its shape or pose, or the ceiling of the room"
+                yield (entity.name, name), text, fix
 
 
 def penetrating(building: SupportedBuilding) -> Found:
