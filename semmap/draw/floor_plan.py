@@ -32,6 +32,8 @@ Point = NDArray[np.float64]
 FLAT = {"carpet"}
 OVERHEAD, GROUND = 1.9, 0.3
 """Metres above and below the floor beyond which things are not on a plan."""
+CUT = 1.2
+"""Metres above the floor from which things are outlines alone, as in plans of architects."""
 
 REGIONS: tuple[tuple[str, str, str], ...] = (  # type, colour, hatch
     ("blocked_region", "#c0392b", "////"),
@@ -43,6 +45,8 @@ REGIONS: tuple[tuple[str, str, str], ...] = (  # type, colour, hatch
 )
 ASSUMED: Style = {"ls": (0, (2.5, 1.5)), "hatch": "....."}
 """How a plan shows objects with the typical box of their type."""
+HANGING: Style = {"fc": "none", "ls": (0, (3, 2)), "lw": 0.9}
+"""How it shows lamps, hoods and boards above that."""
 
 _WALL = "#343a46"
 _SHADES = [("white", 0.0), ("#8a8f98", 0.22), (_WALL, 0.20), (_WALL, 0.80), (_WALL, 0.96)]
@@ -133,7 +137,7 @@ def floor_plan(
     for region in storey.regions:
         _region(axes, region)
     for entity in objects:
-        _object(axes, entity)
+        _object(axes, entity, storey.elevation)
     if storey.occupancy is not None:
         _walls(axes, storey.occupancy, [o.footprint for o in objects if o.footprint is not None])
     else:
@@ -262,15 +266,16 @@ def _region_style(region: RegionView) -> tuple[str, str, str]:
     return next((r for r in REGIONS if r[0] in region.types), REGIONS[-1])
 
 
-def _object(axes: Axes, entity: ObjectView) -> None:
+def _object(axes: Axes, entity: ObjectView, floor: float) -> None:
     assert entity.footprint is not None
+    hangs = entity.mesh is not None and entity.mesh.vertices[:, 2].min() >= floor + CUT
     colour = object_colour(entity.types)
     r, g, b = (0.62 * c for c in to_rgb(colour))
     if FLAT & set(entity.types):
         fill, edge, above = to_rgba(colour, 0.45), (r, g, b, 0.5), 2.5
     else:
         fill, edge, above = to_rgba(colour, 0.85), (r, g, b, 0.95), 3.0
-    style = ASSUMED if entity.assumed else {}
+    style = HANGING if hangs else ASSUMED if entity.assumed else {}
     _fill(axes, entity.footprint, **{"fc": fill, "ec": edge, "lw": 0.7, "zorder": above} | style)
 
 
