@@ -688,6 +688,8 @@ def _add_against_walls(
             dy, bottom, top = chance.uniform(0.02, 0.08), floor + 0.8, floor + 2.0
         x = chance.uniform(x0 + 0.6, x1 - 0.6 - dx)
         name = chance.choice(WALLS if kind == "partition" else FURNITURE)
+        if bottom > floor and name in ("desk", "Tisch"):  # a table hangs on no wall
+            name = "board"
         around = building.outline(shapely.box(x, y, x + dx, y + dy).buffer(0.05))
         ways = [building.outline(_before(gap)) for gap in gaps]
         if kind == "none" or any(around.intersects(way) for way in ways):

@@ -291,13 +291,14 @@ def judge_check(building: Building, place: semmap.Map) -> tuple[int, list[str]]:
 
 
 def _cut_off(building: Building) -> list[frozenset[str]]:
-    """The rooms that doors, stairs and lifts do not join with most rooms or the outside."""
+    """The rooms that doors, stairs and lifts do not join with the outside, else with most rooms."""
     graph = nx.Graph([door.rooms for door in building.doors])
     graph.add_nodes_from(room.name for room in building.rooms)
-    lifts = [room.name for room in building.rooms if room.elevator is not None]
-    nx.add_path(graph, lifts)
+    nx.add_path(graph, [room.name for room in building.rooms if room.elevator is not None])
     apart = sorted(nx.connected_components(graph), key=len)
-    return [frozenset(rooms) for rooms in apart[:-1] if OUTSIDE not in rooms]
+    if OUTSIDE in graph:
+        apart.sort(key=lambda rooms: OUTSIDE in rooms)
+    return [frozenset(rooms) for rooms in apart[:-1]]
 
 
 def _overlap(building: Building, *names: str) -> bool:

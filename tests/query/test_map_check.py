@@ -150,6 +150,7 @@ def has_no_floor(here: semmap.Map, draw: random.Random) -> tuple[str, set[str]]:
 def is_between_walls(here: semmap.Map, draw: random.Random) -> tuple[str, set[str]]:
     here.add_room("far", [(0, -6), (9, -6), (9, -2), (0, -2)], floor=0, ceiling=2.9)
     here.add_door("df", "far", None, ((3, -6), (4, -6)))
+    here.add_door("gate", "r00", None, ((1, 0), (2, 0)))
     here.add_object("lost", size=(0.2, 0.2, 0.2), pose=(1, -1, 0))
     return "outside of all rooms", {"lost"}
 
@@ -159,6 +160,7 @@ def belongs_to_a_storey_below(here: semmap.Map, draw: random.Random) -> tuple[st
     z = top.pose.z  # type: ignore[union-attr]
     here.add_room("attic", [(0, 0), (3, 0), (3, 3), (0, 3)], floor=z, ceiling=z + 2)
     here.add_door("da", "attic", None, ((1, 0), (2, 0)), height=z)
+    here.add_door("gate", "r00", None, ((1, 0), (2, 0)))
     here.execute("SELECT put(%s, %s)", here["attic"].id, here["s0"].id)
     return "room off its storey", {"attic", "s0"}
 

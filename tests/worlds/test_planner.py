@@ -443,7 +443,8 @@ def test_tiago_carries_a_mug_through_the_storeys_of_the_hotel(
         assert passage.distance(shapely.Point(spot.x, spot.y)) > 0.6, connector.name
         assert connector.places[side] == "shop"
     assert hotel.reach("on(mug1, CoffeeTable_3)").reason == (
-        "CoffeeTable_3 has no level surface to put mug1 on: the map has no shape of it"
+        "CoffeeTable_3 has no level surface to put mug1 on: the map has no shape of it; "
+        "give it one, or let sizes be assumed (assume_sizes=True, --assume-sizes)"
     )
     waypoint = next(r for r in hotel.live.topology.regions if r.name == "L1-waypoint100")
     assert hotel.reach("in(robot, L1-waypoint100)").state == "done"

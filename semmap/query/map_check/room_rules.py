@@ -111,14 +111,12 @@ def rooms_without_door(building: SupportedBuilding) -> Found:
     for room in building.rooms:
         members.setdefault(of_group[rooms[room.row["id"]]], []).append(room)
     groups = list(members.values())
-    largest = max(groups, key=len, default=[])
+    entered = [group for group in groups if any(room.row["id"] in outward for room in group)]
     for group in groups if len(groups) > 1 else ():
-        if any(room.row["id"] in outward for room in group):
-            continue
         names = tuple(room.name for room in group)
-        if len(group) == 1:
+        if len(group) == 1 and group not in entered:
             yield names, f"no door leads to the room {names[0]}", _door(building, group)
-        elif group is not largest:
+        elif group not in (entered or [max(groups, key=len)]):
             text = f"doors join the rooms {listed(names)} with each other alone"
             yield names, text, _door(building, group)
 

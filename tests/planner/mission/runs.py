@@ -6,6 +6,7 @@ import os
 import random
 import signal
 from collections.abc import Callable
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
@@ -95,8 +96,8 @@ def _child(
             die()
 
     engine = create_engine(url, connect_args={"options": "-c search_path=semmap,public"})
-    with MissionStore(MapHandle(engine, "office"), f"{os.getpid()}") as store:
-        world = SimWorld(file)
+    opened = MissionStore(MapHandle(engine, "office"), f"{os.getpid()}")
+    with opened as store, closing(SimWorld(file)) as world:
         body = Mortal(SimulatedRobot(robot, world, store.topology(), speed=speed), look)
         Runner(
             store, body, simple_planner, speed=speed, tick=0.0005, expiry=expiry, on_event=on_event

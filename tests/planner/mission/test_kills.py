@@ -85,6 +85,7 @@ def test_killed_once_at_every_moment(world: World) -> None:
 def test_failures_and_kills_by_chance(world: World, first: int) -> None:
     for seed in range(first, min(first + 6, ROUNDS)):
         draw = random.Random(seed)
+        world.world.close()
         world.begin_anew()
         if seed % 2:  # a shorter way
             world.add_robot("robot", "corridor3", Pose.planar(8.0, 5.2, 0.0, 7.0))
