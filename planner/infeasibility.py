@@ -13,6 +13,9 @@ from planner.topology import OUTSIDE
 
 _BLOCKED = 1e9  # seconds that a blocked passage costs here
 
+ADD_ONE = "; add the connector that is missing"
+"""The advice where nothing joins two places."""
+
 
 def infeasibility(graph: RoutingGraph, start: Endpoint, goal: Endpoint) -> str:
     """Why no route leads from one endpoint to the other, in words, with the graph's penalties.
@@ -75,7 +78,7 @@ def _reason(graph: RoutingGraph, start: Endpoint, goal: Endpoint) -> str:
     path = relaxed.shortest(*graph.path_ends(_relaxed(start), _relaxed(goal)))
     if path is None:
         ride = "" if robot.rides_elevators else " without an elevator (behaviour use_elevator)"
-        return f"{message}: nothing joins them{ride}; add the connector that is missing"
+        return f"{message}: nothing joins them{ride}{ADD_ONE}"
     edges = [int(e) for e in path[1]]
     reasons = dict.fromkeys(blocked[e][0] for e in edges if e in blocked)
     if edges:

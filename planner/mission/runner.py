@@ -14,6 +14,7 @@ from dataclasses import KW_ONLY, dataclass, field, replace
 from functools import partial
 from typing import Protocol, TypeVar
 
+from planner.infeasibility import ADD_ONE
 from planner.mission.behaviours import Behaviours, Outcome, RobotObservation, RunningBehaviour
 from planner.mission.claims import claims_of
 from planner.mission.command import Command, commands_of
@@ -137,7 +138,10 @@ class Runner:
                     tried = self.retry_policy.tried(failures)
                     plan = self._plan(taken.robot, taken.goal, frozenset(avoided), busy, tried)
                 except (ValueError, LookupError) as error:
-                    left = f"without {', '.join(avoided)}: {error}" if avoided else str(error)
+                    left = str(error)
+                    if avoided:
+                        left = left.replace(ADD_ONE, "; run again once one of them works")
+                        left = f"without {', '.join(avoided)}: {left}"
                     last = [f.message for f in failures[-1:] if f.is_of_base and not avoided]
                     why = "; ".join([*avoided.values(), *last, left])
                     return self._finish(mission, "failed", why)
