@@ -209,7 +209,9 @@ class MapQuestions:
             except psycopg.ProgrammingError as error:
                 raise InvalidArgumentError(refusal_text(error)) from error
 
-    def sql(self, statement: str, *values: Any, write: bool = False) -> SqlRows:
+    def sql(
+        self, statement: str, *values: Any, write: bool = False, rows: int | None = None
+    ) -> SqlRows:
         """Run a SQL statement that reads, unless `write` is True; tables have all maps.
 
         The views ``entry`` (a row for each entity), ``object`` (one for each of its types, with
@@ -228,6 +230,7 @@ class MapQuestions:
         statement : a statement of PostgreSQL, with psycopg's ``%s`` for each of `values`; where
             there are no values, it is run as it stands
         write : let the statement change the map; all of it or nothing
+        rows : refuse an answer of more rows, of a statement that reads
 
         Raises
         ------
@@ -238,7 +241,7 @@ class MapQuestions:
         if write:
             return sql_rows(self.connection, statement, values, write=True)
         with self.reading() as session:
-            return sql_rows(session, statement, values, write=False)
+            return sql_rows(session, statement, values, write=False, most=rows)
 
     @contextmanager
     def reading(self) -> Iterator[psycopg.Connection[Any]]:
@@ -333,13 +336,18 @@ class MapQuestions:
 
 
 def sql_rows(
-    session: psycopg.Connection[Any], statement: str, values: tuple[Any, ...], *, write: bool
+    session: psycopg.Connection[Any],
+    statement: str,
+    values: tuple[Any, ...],
+    *,
+    write: bool,
+    most: int | None = None,
 ) -> SqlRows:
     """Run a statement on a session as `MapSql.sql` does."""
     from semmap.query.sql_statement import SUPERUSER_NOTE, SqlRows, is_superuser, run_sql
 
     notes = (SUPERUSER_NOTE,) if not write and is_superuser(session) else ()
-    columns, rows = run_sql(session, statement, values, write=write)
+    columns, rows = run_sql(session, statement, values, write=write, most=most)
     return SqlRows(tuple(columns), tuple(rows), notes)
 
 

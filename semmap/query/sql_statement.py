@@ -62,8 +62,11 @@ def run_sql(
     values: Sequence[Any] = (),
     *,
     write: bool,
+    most: int | None = None,
 ) -> tuple[list[str], list[tuple[Any, ...]]]:
     """Run one statement in a transaction, or in that of the connection; return columns and rows.
+
+    More than `most` rows of one that reads are an error; the server sends no more than these.
 
     Without `write`, it is one statement that reads: the transaction is read-only and undone, and a
     superuser has the role ``semmap_reader`` in it. That role is left by a function such as
@@ -76,16 +79,19 @@ def run_sql(
     try:
         if not write:
             _check_that_it_reads(session, statement)
-        with session.transaction(force_rollback=not write), session.cursor() as cursor:
+        limited = most is not None and not write and kind(statement) in READING[:4]
+        opened = session.cursor("answer") if limited else session.cursor()
+        with session.transaction(force_rollback=not write), opened as cursor:
             if not write:
                 session.execute("SET TRANSACTION READ ONLY")
                 if is_superuser(session):
                     session.execute("SET LOCAL ROLE semmap_reader")
             for name, loader in _LENIENT.items():
                 cursor.adapters.register_loader(name, loader)
-            # Prepared, so that it is one statement: no COMMIT in it ends the read-only transaction.
+            # Prepared, or of a cursor, it is one statement: no COMMIT ends what only reads.
+            only = {} if write or limited else {"prepare": True}
             try:
-                cursor.execute(statement.encode(), values or None, prepare=None if write else True)
+                cursor.execute(statement.encode(), values or None, **only)
             except psycopg.ProgrammingError as error:
                 if "COPY" not in str(error) or error.sqlstate is not None:
                     raise
@@ -95,7 +101,13 @@ def run_sql(
                 ) from None
             if cursor.description is None:
                 return ["rows"], [(cursor.rowcount,)]
-            return [column[0] for column in cursor.description], cursor.fetchall()
+            columns = [column[0] for column in cursor.description]
+            if not limited or most is None:
+                return columns, cursor.fetchall()
+            rows = cursor.fetchmany(most + 1)
+            if len(rows) > most:
+                raise ValueError(f"more than {most} rows: add a LIMIT or a condition")
+            return columns, rows
     except psycopg.OperationalError:
         raise
     except psycopg.Error as error:

@@ -202,7 +202,6 @@ def answered_at_once(map_operations: Iterable[Operation]) -> list[str]:
             and each.command is not None
             and not _LASTING.intersection(argument.name for argument in each.arguments)
             and (each.method in _ROWS or {*re.findall(r"[A-Za-z]\w*", each.result)} <= {*PLAIN})
-            and each.method != "Map.sql"  # a statement could leave the role of a reader
         )
     ]
 

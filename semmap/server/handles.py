@@ -35,6 +35,11 @@ class Handles:
         self._lock = threading.Lock()
         self._turns = threading.BoundedSemaphore(MOST_HANDLES)
 
+    @property
+    def reads_apart(self) -> bool:
+        """Whether readers have a login of their own, whose rights no statement can leave."""
+        return self._reading != self._own
+
     @contextmanager
     def lend(self, role: str | None) -> Iterator[Database]:
         """Lend a handle with the rights of a database role; None: those of a reader.
@@ -55,7 +60,7 @@ class Handles:
 
     def open(self, role: str | None) -> Database:
         """Open a handle that its caller closes."""
-        reads = role is None and self._reading != self._own
+        reads = role is None and self.reads_apart
         url = self._reading if reads else self._own
         settings = f"-c statement_timeout={1e3 * self._seconds:.0f}"
         if not reads:

@@ -80,7 +80,17 @@ def test_operations_answer_as_the_methods_do(web: httpx.Client, db: semmap.Datab
         ("/maps/house/describe", {"name": "Bal_01_001"}, 404, "Ball_01_001"),
         ("/maps/house/observe", {"name": "a", "place": "b"}, 404, "needs a token"),
         ("/maps/house/import_file", {"path": "/etc/passwd"}, 404, "no operation"),
-        ("/maps/house/sql", {"statement": "SELECT 1"}, 404, "no operation"),
+        ("/maps/house/sql", {"statement": "SELECT 1; SELECT 2"}, 400, "multiple commands"),
+        (
+            "/maps/house/sql",
+            {"statement": "UPDATE entity SET name = 'a'"},
+            400,
+            "permission denied",
+        ),
+        ("/maps/house/sql", {"statement": "SELECT 1", "write": True}, 400, "no argument write"),
+        ("/maps/house/sql", {"statement": "SELECT generate_series(1, 99999)"}, 400, "than 50000"),
+        ("/maps/house/sql", {"statement": "SELECT pg_read_file('/etc/passwd')"}, 400, "denied"),
+        ("/maps/house/sql", {"statement": "COPY entity TO STDOUT"}, 400, "permission denied"),
         ("/maps/house/route", [], 400, "no JSON object"),
         ("/maps/house/sparql", {"text": "ASK {}", "seconds": 1e5}, 400, "seconds is 100000.0"),
         ("/maps/house/sparql", {"text": "ASK {}", "rows": 10**9}, 400, "at most 50000"),
@@ -149,6 +159,29 @@ def test_a_request_bounds_what_it_costs(web: httpx.Client) -> None:
     for path, asked in (("sparql", {"text": wide}), ("rdf/sparql", {"query": wide})):
         told = web.get(f"/maps/house/{path}", params=asked)
         assert told.status_code in (400, 503), told.text[:200]
+
+
+def test_statements_read_with_the_login_of_a_reader(web: httpx.Client, db: semmap.Database) -> None:
+    def sql(statement: str, token: str | None = None) -> list[list[Any]]:
+        headers = with_token(token) if token else {}
+        told = web.post("/maps/house/sql", json={"statement": statement}, headers=headers)
+        assert told.status_code == 200, told.text
+        return [*told.json()["rows"]]
+
+    balls = "SELECT name FROM entity WHERE type = 'ball' AND map_id = current_map() ORDER BY 1"
+    assert sql(balls) == [list(row) for row in db.map("house").sql(balls)]
+    for token in (None, ROBOT, ADMIN):
+        assert sql("SELECT session_user, current_user", token) == [["semmap_read"] * 2]
+        sql("SELECT set_config('statement_timeout', '0', false)", token)
+        assert sql("SHOW statement_timeout", token) == [["1min"]]
+        for leaving in (
+            "set_config('role', 'semmap_admin', false)",
+            "set_config('session_authorization', 'postgres', false)",
+            "set_config('transaction_read_only', 'off', true)",
+            "pg_advisory_lock(7)",
+        ):
+            told = web.post("/maps/house/sql", json={"statement": f"SELECT {leaving}"})
+            assert told.status_code == 400, told.text
 
 
 def test_files_of_the_server_are_not_read(web: httpx.Client, tmp_path: Path) -> None:

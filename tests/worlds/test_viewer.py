@@ -166,6 +166,12 @@ def test_routes_and_answers_are_marked(page: Page, db: semmap.Database) -> None:
     assert {*page.evaluate("[...semmap.house.marked.keys()]")} == {
         e.name for e in house.find("chair")
     }
+    query.get_by_label("Language").select_option("sql")
+    query.get_by_role("textbox").fill("SELECT name FROM entry WHERE type = 'ball'")
+    query.get_by_role("button").click()
+    balls = {e.name for e in house.find("ball")}
+    until(page, f"semmap.house.marked.size === {len(balls)}")
+    assert {*page.evaluate("[...semmap.house.marked.keys()]")} == balls
     where = page.locator("#where")
     where.get_by_placeholder("a name").fill("Ball_01_001")
     where.get_by_role("button").click()

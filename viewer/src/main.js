@@ -158,7 +158,7 @@ function markKnown(names) {
 async function query({ text, language }) {
   house.overlays.drawVoxels([], 0);
   if (language === "fields") return fields(text);
-  const answer = await maps.ask("sparql", { text });
+  const answer = await maps.ask(language, language === "sql" ? { statement: text } : { text });
   const known = markKnown((answer.rows ?? []).flat());
   return answer.rows ? `${answer.rows.length} answers, ${new Set(known).size} entities` : JSON.stringify(answer);
 }
