@@ -17,9 +17,10 @@ from scipy import ndimage
 from shapely import LineString, Polygon
 
 from navgrid.grid import Grid, grid_around
-from navgrid.room_segments import Passage, room_segments, wall_heading
-from navgrid.slabs import mesh_of, occupancy
+from navgrid.room_segments import Gap, Passage, room_segments, wall_heading
+from navgrid.slabs import area_cells, mesh_of, occupancy
 from semmap.geometry.extent import extent
+from semmap.geometry.mesh import prism_mesh
 from semmap.geometry.morphology import polygons
 from semmap.geometry.overlay import common, united
 from semmap.ingest.floor_plan import reading_order
@@ -43,6 +44,9 @@ SMALLEST, SMALLEST_CLOSED = 0.5, 2.0
 
 WALLS = frozenset({"wall", "window", "building_shell"})
 """Types of the parts of a building between which rooms are."""
+
+GATE, BESIDE_GATE, SURE_GATE = 3.0, 0.4, 0.9
+"""Metres of the least width of a gate, and from its leaf to the walls; its confidence."""
 
 CLOSED = 0.5
 """The confidence of a room without a doorway."""
@@ -178,10 +182,14 @@ def find_rooms(
     these, what subsumes them, themselves first. Furniture and the leaves of doors divide nothing.
     Raises ValueError where no walls enclose a room.
     """
-    walls = scene_walls(scene)
+    walls = [_filled(wall) for wall in scene_walls(scene)]
     turn, grid, cells, above = turned_cells(walls, scene.elevation, resolution)
     segments = room_segments(
-        cells, resolution, above, any(wall.properties.get("scanned") for wall in walls)
+        cells,
+        resolution,
+        above,
+        any(wall.properties.get("scanned") for wall in walls),
+        list(_gates(scene, cells, grid, turn)),
     )
     outside = set(_border(segments.labels).tolist())
     entered = {segment for passage in segments.passages for segment in passage.segments}
@@ -213,6 +221,27 @@ def find_rooms(
     )
 
 
+def _gates(scene: StoreyScene, walls: NDArray[np.bool_], grid: Grid, turn: float) -> Iterator[Gap]:
+    """Leaves across openings that are too wide for a doorway, such as those of a shop."""
+    reach = ndimage.binary_dilation(walls, iterations=math.ceil(BESIDE_GATE / grid.resolution))
+    for entity in scene.entities:
+        if "door_leaf" not in entity.types or entity.footprint is None:
+            continue
+        points = turned_points(shapely.get_coordinates(entity.footprint), -turn)
+        around = shapely.MultiPoint(points).minimum_rotated_rectangle
+        corners = shapely.get_coordinates(around)[:4]
+        if len(corners) < 4 or around.length / 2 < GATE:
+            continue
+        if math.dist(*corners[:2]) > math.dist(*corners[1:3]):
+            corners = np.roll(corners, 1, axis=0)  # the short sides are the first and the third
+        posts = np.array([corners[:2].mean(axis=0), corners[2:].mean(axis=0)])
+        ends = ((posts - grid.origin) / grid.resolution - 0.5)[:, ::-1]
+        rows, columns = np.round(ends).astype(int).clip(0, np.array(grid.shape) - 1).T
+        if reach[rows, columns].all():
+            leaf = around.buffer(2 * grid.resolution, join_style="mitre")
+            yield Gap(np.argwhere(area_cells(leaf, grid) & ~walls), ends, SURE_GATE)
+
+
 def scene_walls(scene: StoreyScene) -> list[SceneEntity]:
     """Return the walls, by type, or by shape where an object has none; ValueError without any."""
     walls = [
@@ -228,6 +257,14 @@ def scene_walls(scene: StoreyScene) -> list[SceneEntity]:
             f"one without a type {TALL:g} m high and {THIN:g} m thin"
         )
     return walls
+
+
+def _filled(entity: SceneEntity) -> SceneEntity:
+    """A window with its panes, which may be no shapes, between its frame; others as they are."""
+    if "window" not in entity.types or entity.footprint is None or entity.heights is None:
+        return entity
+    panes = prism_mesh(entity.footprint, *entity.heights)
+    return replace(entity, triangles=np.asarray(panes.vertices[panes.faces], np.float64))
 
 
 def _is_upright(entity: SceneEntity, floor: float) -> bool:

@@ -107,15 +107,20 @@ class RoomSegments:
 
 
 def room_segments(
-    walls: Cells, resolution: float, above: Cells | None = None, scanned: bool = False
+    walls: Cells,
+    resolution: float,
+    above: Cells | None = None,
+    scanned: bool = False,
+    gates: Sequence[Gap] = (),
 ) -> RoomSegments:
     """Divide the cells without walls into rooms; cells have sides of `resolution` metres.
 
     `above` (rows, columns): the cells of walls above persons and doors. In what was `scanned`,
-    furniture is among the walls: a doorway is in line with walls behind it.
+    furniture is among the walls: a doorway is in line with walls behind it. `gates` are known ones,
+    such as those wider than any doorway.
     """
     pillars, full, gaps = _pillars(walls, above, resolution)
-    walls = walls & ~pillars
+    walls, gaps = walls & ~pillars, [*gaps, *gates]
     _, passages = _flooded_passages(_closed(walls, gaps), full, resolution, scanned)
     gaps += [
         Gap(_doorway(each, walls, resolution), each.ends, each.confidence)
