@@ -278,8 +278,10 @@ def observe_detections(
             likely = {name for name, share in who.known.items() if share >= least} - sighted
             here = {each for each in likely if _likeliest(whole[each]) == place}
             for each in sorted(name for name in here if (name, place) not in doubted):
-                odds = _rates(seen, each, str(place), whole[each][str(place)])
-                observe_point(seen, each, detection.point, frame=frame, at=at, surely=False, **odds)
+                odds = _rates(seen, each, str(place), whole[each][str(place)], at)
+                if odds["false_alarm"] < odds["hit"]:  # else it says nothing new
+                    odds |= {"frame": frame, "at": at, "surely": False}
+                    observe_point(seen, each, detection.point, **odds)
             sighted |= here
         row: Row = {"type": detection.type, "object": None if name in NONE_KNOWN else name}
         row |= {"probability": probability, "new": is_new, "place": place, "may_be": may_be}
@@ -349,9 +351,11 @@ def _in_map(
     return float(x), float(y), float(z)
 
 
-def _rates(seen: Snapshot, name: str, place: str, there: float) -> dict[str, Any]:
+def _rates(
+    seen: Snapshot, name: str, place: str, there: float, at: datetime | None
+) -> dict[str, Any]:
     """The rates with which a doubtful detection makes the belief that an object is at a place."""
-    row = next((row for row in where(seen, name) if row["place"] == place), None)
+    row = next((row for row in where(seen, name, at) if row["place"] == place), None)
     before = 0.0 if row is None else UNMOVED * row["probability"] + (1 - UNMOVED) * row["prior"]
     odds = there / max(1 - there, 1e-9) * (1 - before) / max(before, 1e-9)
     return {"hit": HIT, "false_alarm": min(HIT / max(odds, 1.0), HIT)}
