@@ -18,6 +18,7 @@ import semmap
 from semmap.database import Cluster
 from tests.database.conftest import made, own
 from tests.database.test_crash import kill_server
+from tests.waiting import wait_until
 
 __all__ = ["made", "own"]
 
@@ -255,13 +256,6 @@ def write(database: str, seed: int, moved: Counter[str], lock: threading.Lock) -
                 with map.transaction():
                     map["mug7"].move_to(1, 1, 0)
                     raise Rollback
-
-
-def wait_until(holds: Callable[[], bool], seconds: float = 30) -> None:
-    end = time.monotonic() + seconds
-    while not holds():
-        assert time.monotonic() < end
-        time.sleep(0.02)
 
 
 @pytest.mark.parametrize("seed", [1, 2])

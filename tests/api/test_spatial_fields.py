@@ -5,8 +5,7 @@ from __future__ import annotations
 import json
 import queue
 import threading
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +15,7 @@ import trimesh
 
 import semmap
 from semmap.api.spatial_fields import SpatialFields
+from tests.waiting import wait_until
 
 LOOK = {"poses": {"human1": {"from": [6.5, -1.0, 1.6], "to": [7.153, 0.983, 0.85]}}}
 FRIDGE = "Refrigerator_01_001"
@@ -137,15 +137,6 @@ def test_an_update_makes_a_region(small_house: semmap.Map) -> None:
     small_house[name].delete()
 
 
-def eventually(ask: Callable[[], Any]) -> Any:
-    """What is asked, as soon as it is true."""
-    end = time.monotonic() + 30
-    while not (found := ask()):
-        assert time.monotonic() < end
-        time.sleep(0.05)
-    return found
-
-
 def lifted(small_house: semmap.Map, events: Iterator[dict[str, Any]]) -> set[tuple[str, str]]:
     """Lift the tableware from its table; the relations of it that begin and end."""
     mug = small_house["Tableware_01_001"]
@@ -201,7 +192,7 @@ def test_the_service_answers(served: semmap.Map) -> None:
         for event in events:
             if (*(event[k] for k in ("subject", "relation", "object", "event")),) == seen:
                 break
-        eventually(lambda: heard.get(timeout=20)["relation"] == "sees")
+        wait_until(lambda: heard.get(timeout=20)["relation"] == "sees")
     answer = fields.query("ASK { :human1 :sees :Tableware_01_001 }")
     assert answer
     assert answer.notes[0] == "answered by the service of house"
@@ -242,7 +233,7 @@ def test_relations_are_pushed_into_the_map(served: semmap.Map) -> None:
         pusher.start()
         assert pushed.get(timeout=20) == ["sees"]
         looks = "ASK { :human1 oro:looksAt :Tableware_01_001 }"
-        eventually(lambda: served.sparql(looks))
+        wait_until(lambda: served.sparql(looks))
         pusher.join(30)
         assert not pusher.is_alive()
     assert not served.sparql(looks)

@@ -186,11 +186,3 @@ def detection(kind: str, point: Any, side: float = 0.08, **more: Any) -> dict[st
     sure = {"hypothesis": {"class_id": kind, "score": 0.9}}
     other = {"hypothesis": {"class_id": "dragon", "score": 0.1}}
     return {"results": [other, sure], "bbox": {"center": position(*point), "size": size}} | more
-
-
-def seen_by(house: semmap.Map, kind: str, seconds: float = 20) -> list[semmap.MapEntity]:
-    """The objects of a type when there is one."""
-    end = time.monotonic() + seconds
-    while not (found := house.find(kind)) and time.monotonic() < end:
-        time.sleep(0.05)
-    return found

@@ -9,7 +9,8 @@ from typing import Any
 import pytest
 
 import semmap
-from tests.ros.conftest import Peer, RunNode, detection, header, position, refused, seen_by, url_of
+from tests.ros.conftest import Peer, RunNode, detection, header, position, refused, url_of
+from tests.waiting import wait_until
 
 TOPIC, DETECTIONS = "/semmap/detections", "vision_msgs/msg/Detection3DArray"
 BANANAS, POSES = "/tracker/bananas", "geometry_msgs/msg/PoseArray"
@@ -35,7 +36,7 @@ def test_a_detection_becomes_an_object_and_a_marker(peer: Peer, house: semmap.Ma
     point = on_table(house)
     found = [detection("apple", point)]
     peer("send", TOPIC, DETECTIONS, {"header": header(ago=1.0), "detections": found})
-    (apple,) = seen_by(house, "apple")
+    (apple,) = wait_until(lambda: house.find("apple"))
     assert apple.mesh.bounds.mean(axis=0) == pytest.approx(point, abs=0.02)
     assert apple.holder.name == TABLE
     shown = peer.take("/semmap/markers", lambda a: apple.name in [m["text"] for m in a["markers"]])
@@ -47,7 +48,7 @@ def test_poses_are_of_the_type_of_their_topic(peer: Peer, house: semmap.Map) -> 
     house["rover"].move_to(*on_table(house, 0.2)[:2], 0.0, math.pi / 2)
     x, y, z = on_table(house, 0.2)
     peer("send", BANANAS, POSES, {"header": header("house/rover"), "poses": [position(0.1, 0, z)]})
-    (banana,) = seen_by(house, "banana")
+    (banana,) = wait_until(lambda: house.find("banana"))
     assert banana.pose[:2] == pytest.approx((x, y + 0.1), abs=0.02)
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import subprocess
-import time
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
@@ -15,6 +14,7 @@ import pytest
 
 import semmap
 from tests.ros.conftest import run, url_of
+from tests.waiting import wait_until
 
 HERE = Path(__file__).parent
 START = (1.5, 0.5, 0.0)
@@ -67,6 +67,21 @@ def run_mission(
     return mission
 
 
+@pytest.fixture
+def halted(run_mission: RunMission, nav2: Path, living: semmap.Map) -> RunMission:
+    """Run a mission from home to the kitchen, and go on when a step is as Nav2 lets it be."""
+
+    @contextmanager
+    def mission(mode: str = "freeze", state: str = "started") -> Iterator[subprocess.Popen[str]]:
+        living["porter"].move_to(*START)
+        nav2.write_text(mode)
+        with run_mission("in(robot, kitchen)") as process:
+            wait_until(lambda: has_step(living, state))
+            yield process
+
+    return mission
+
+
 def end_of(process: subprocess.Popen[str]) -> tuple[int, str]:
     """The status of a mission's process, and its last line."""
     said, _ = process.communicate(timeout=120)
@@ -92,7 +107,7 @@ def test_a_delivery_ends_done(run_mission: RunMission, nav2: Path, living: semma
 def test_a_mission_fails_with_the_reason_of_nav2(
     run_mission: RunMission, nav2: Path, living: semmap.Map, mode: str, why: str
 ) -> None:
-    home(living)
+    living["porter"].move_to(*START)
     nav2.write_text(mode)
     with run_mission("in(robot, kitchen)", patience=2.0 if mode == "freeze" else 30.0) as process:
         status, said = end_of(process)
@@ -103,12 +118,9 @@ def test_a_mission_fails_with_the_reason_of_nav2(
 
 
 def test_a_mission_goes_on_where_nav2_gave_up_once(
-    run_mission: RunMission, nav2: Path, living: semmap.Map
+    halted: RunMission, nav2: Path, living: semmap.Map
 ) -> None:
-    home(living)
-    nav2.write_text("abort")
-    with run_mission("in(robot, kitchen)") as process:
-        wait_for(lambda: has_step(living, "failed"))
+    with halted("abort", "failed") as process:
         nav2.write_text("drive")
         assert end_of(process)[0] == 0
     assert "failed" in states(living)
@@ -125,24 +137,16 @@ def test_without_nav2_it_ends_and_leaves_no_mission(
     assert len(living.missions()) == before
 
 
-def test_a_cancelled_mission_stops_the_drive(
-    run_mission: RunMission, nav2: Path, living: semmap.Map
-) -> None:
-    home(living)
-    nav2.write_text("freeze")
-    with run_mission("in(robot, kitchen)") as process:
-        wait_for(lambda: has_step(living, "started"))
+def test_a_cancelled_mission_stops_the_drive(halted: RunMission, living: semmap.Map) -> None:
+    with halted() as process:
         living.cancel_mission(living.missions()[0]["id"])
         assert end_of(process)[1].split()[-1] == "cancelled"
 
 
 def test_a_killed_mission_is_resumed(
-    run_mission: RunMission, nav2: Path, living: semmap.Map
+    halted: RunMission, run_mission: RunMission, nav2: Path, living: semmap.Map
 ) -> None:
-    home(living)
-    nav2.write_text("freeze")
-    with run_mission("in(robot, kitchen)") as process:
-        wait_for(lambda: has_step(living, "started"))
+    with halted() as process:
         process.kill()
     nav2.write_text("drive")
     number = living.missions()[0]["id"]
@@ -153,12 +157,9 @@ def test_a_killed_mission_is_resumed(
 
 
 def test_a_mission_that_runs_is_not_resumed(
-    run_mission: RunMission, nav2: Path, living: semmap.Map
+    halted: RunMission, run_mission: RunMission, nav2: Path, living: semmap.Map
 ) -> None:
-    home(living)
-    nav2.write_text("freeze")
-    with run_mission("in(robot, kitchen)") as process:
-        wait_for(lambda: has_step(living, "started"))
+    with halted() as process:
         with run_mission("--resume", str(living.missions()[0]["id"])) as other:
             assert end_of(other)[0] == 1
         nav2.write_text("drive")
@@ -167,12 +168,9 @@ def test_a_mission_that_runs_is_not_resumed(
 
 
 def test_a_mission_outlives_killed_sessions_of_its_database(
-    run_mission: RunMission, nav2: Path, living: semmap.Map
+    halted: RunMission, nav2: Path, living: semmap.Map
 ) -> None:
-    home(living)
-    nav2.write_text("freeze")
-    with run_mission("in(robot, kitchen)") as process:
-        wait_for(lambda: has_step(living, "started"))
+    with halted() as process:
         with psycopg.connect(url_of(living), autocommit=True) as session:
             ended = session.execute(RUNNERS).fetchall()
         assert ended
@@ -180,11 +178,6 @@ def test_a_mission_outlives_killed_sessions_of_its_database(
         status, said = end_of(process)
     assert (status, said.split()[-1]) == (0, "done"), said
     assert living["porter"].room == living["kitchen"]
-
-
-def home(map: semmap.Map) -> None:
-    """Put the robot where the simulator begins."""
-    map["porter"].move_to(*START)
 
 
 def states(map: semmap.Map) -> list[str]:
@@ -196,10 +189,3 @@ def has_step(map: semmap.Map, state: str) -> bool:
     """Whether the newest mission runs, and a step of it is in a state."""
     newest = map.missions()[:1]
     return bool(newest) and newest[0]["state"] == "running" and state in states(map)
-
-
-def wait_for(holds: Callable[[], bool], seconds: float = 30) -> None:
-    end = time.monotonic() + seconds
-    while not holds():
-        assert time.monotonic() < end, "it did not happen"
-        time.sleep(0.05)

@@ -15,7 +15,8 @@ from sqlalchemy import Engine
 
 import semmap
 from navgrid.launch_files import ros_name
-from tests.ros.conftest import Peer, RunNode, detection, header, in_map, matrix, seen_by, url_of
+from tests.ros.conftest import Peer, RunNode, detection, header, in_map, matrix, url_of
+from tests.waiting import wait_until
 from tests.worlds.conftest import store_slim_robot
 
 GRIDS = "nav_msgs/msg/OccupancyGrid"
@@ -143,7 +144,7 @@ def test_a_detection_in_the_frame_of_a_storey_is_on_its_floor(
     head = header("map_" + high.name.replace("-", "_"))
     message = {"header": head, "detections": [detection("apple", (x, y, 0.04))]}
     peer("send", "/semmap/detections", "vision_msgs/msg/Detection3DArray", message)
-    (apple,) = seen_by(building, "apple")
+    (apple,) = wait_until(lambda: building.find("apple"))
     assert apple.storey == high
     assert apple.pose[:3] == pytest.approx((x, y, high.pose.z), abs=0.05)
     name = f"hotel/{apple.name}"

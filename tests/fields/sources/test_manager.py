@@ -18,6 +18,7 @@ from semmap.fields.regions.shaped_region import Box, Sphere
 from semmap.fields.sources import SourceManager
 from semmap.fields.sources.manager import EndOfPercepts
 from semmap.language.schema import Property
+from tests.waiting import wait_until
 
 SEES = Property("urn:t#sees", "sees", "Region", "Agent", "voxel", "entity", measure="attention")
 COUNT = Property("urn:t#count", "count", "Region", None, "voxel", "number")
@@ -54,24 +55,17 @@ def at(maps: MapBuffer, moment: datetime) -> tuple[RepresentationMap, ...]:
     return during(maps, moment, moment)
 
 
-def wait_for(holds: Callable[[], bool]) -> None:
-    end = time.monotonic() + 10
-    while not holds():
-        assert time.monotonic() < end
-        time.sleep(0.005)
-
-
 def test_sources_start_and_stop_at_run_time() -> None:
     with SourceManager(MapBuffer()) as manager:
         manager.activate("gaze", spheres, counter(), rate=100)
         manager.activate("more", spheres, counter(), rate=1)
         with pytest.raises(ValueError, match="is running"):
             manager.activate("gaze", spheres, counter())
-        wait_for(lambda: manager.status()["gaze"].updates > 5)
+        wait_until(lambda: manager.status()["gaze"].updates > 5)
         assert with_maps(manager.maps) == ["gaze", "more"]
         # Another number of maps each time.
         seen = set()
-        wait_for(lambda: seen.add(len(manager.maps.now())) or len(seen) > 2)
+        wait_until(lambda: seen.add(len(manager.maps.now())) or len(seen) > 2)
         assert manager.status()["more"].updates <= 2
         manager.deactivate("gaze")
         assert with_maps(manager.maps) == ["more"]
@@ -90,8 +84,8 @@ def test_a_source_continues_after_an_error(caplog: pytest.LogCaptureFixture) -> 
 
     with SourceManager(MapBuffer()) as manager:
         manager.activate("gaze", source, counter(), rate=200)
-        wait_for(lambda: manager.status()["gaze"].updates > 3)
-        wait_for(lambda: manager.status()["gaze"].error == "RuntimeError: no light")
+        wait_until(lambda: manager.status()["gaze"].updates > 3)
+        wait_until(lambda: manager.status()["gaze"].error == "RuntimeError: no light")
         assert with_maps(manager.maps) == ["gaze"]
     assert "source gaze failed" in caplog.text
 
@@ -101,7 +95,7 @@ def test_the_same_percept_makes_no_new_maps() -> None:
     with SourceManager(MapBuffer()) as manager:
         manager.activate("gaze", spheres, lambda: one, rate=500)
         manager.activate("none", spheres, lambda: None, rate=500)
-        wait_for(lambda: manager.status()["gaze"].updates == 1)
+        wait_until(lambda: manager.status()["gaze"].updates == 1)
         time.sleep(0.05)
         assert manager.status()["gaze"].updates == 1
         assert with_maps(manager.maps) == ["gaze"]
@@ -181,7 +175,7 @@ def test_readers_never_see_half_of_an_update() -> None:
     with SourceManager(MapBuffer(timedelta(seconds=1))) as manager:
         for k in range(4):
             manager.activate(f"source{k}", source, counter(), rate=30)
-        wait_for(lambda: len(manager.maps.now()) == 8)
+        wait_until(lambda: len(manager.maps.now()) == 8)
         readers = [threading.Thread(target=read, args=(k, manager.maps)) for k in range(4)]
         for reader in readers:
             reader.start()
@@ -206,11 +200,11 @@ def test_an_unknown_follows_when_percepts_stop() -> None:
     maps, percepts = MapBuffer(), [Percept(0)]
     with SourceManager(maps) as manager:
         manager.activate("spheres", spheres, lambda: percepts[-1], rate=100, timeout=0.2)
-        wait_for(lambda: provided() == {"sees"})
-        wait_for(lambda: provided() == frozenset())
+        wait_until(lambda: provided() == {"sees"})
+        wait_until(lambda: provided() == frozenset())
         assert "no percept for 0.2 s" in str(manager.status()["spheres"].error)
         percepts.append(Percept(1))
-        wait_for(lambda: provided() == {"sees"})
+        wait_until(lambda: provided() == {"sees"})
 
         def ending() -> Percept:
             if manager.status()["ending"].updates:
@@ -218,7 +212,7 @@ def test_an_unknown_follows_when_percepts_stop() -> None:
             return percepts[0]
 
         manager.activate("ending", lambda _: [], ending, rate=100)
-        wait_for(lambda: manager.status()["ending"].error == "the percepts ended")
+        wait_until(lambda: manager.status()["ending"].error == "the percepts ended")
 
 
 def test_a_percept_that_arrives_wakes_its_source() -> None:

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import threading
-import time
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +16,7 @@ from semmap.fields.store.voxel_mirror import VoxelMirror
 from semmap.ingest.importer import import_file
 from tests.oracles.region_map import check_region_map
 from tests.seen import seen_by
+from tests.waiting import wait_until
 
 SIZE = 0.1
 
@@ -62,13 +61,6 @@ def same(mirror: VoxelMirror, engine: Engine) -> bool:
         for one, other in [(mirror.regions, fresh.regions), (mirror.walls, fresh.walls)]
         for n in other.entities()
     )
-
-
-def until(condition: Callable[[], bool], seconds: float = 10) -> None:
-    end = time.monotonic() + seconds
-    while not condition():
-        assert time.monotonic() < end, "it took too long"
-        time.sleep(0.02)
 
 
 def test_entities_at_points(scene: Engine) -> None:
@@ -145,10 +137,10 @@ def test_the_mirror_survives_broken_connections(scene: Engine) -> None:
     thread = threading.Thread(target=mirror.follow, args=(stop, heard.append), daemon=True)
     thread.start()
     try:
-        until(lambda: len(heard) == 1)
+        wait_until(lambda: len(heard) == 1)
         a = number(scene, "a")
         change(scene, "SELECT move_to(entity_id('a'), 1.5, 1.0, 0.2, 0.0)")
-        until(lambda: heard[-1] == {a})
+        wait_until(lambda: heard[-1] == {a})
         for turn in range(3):
             change(
                 scene,
@@ -157,8 +149,8 @@ def test_the_mirror_survives_broken_connections(scene: Engine) -> None:
             )
             change(scene, f"SELECT move_to(entity_id('a'), {turn}, 2.0, 0.2, 0.1)")
             before = len(heard)
-            until(lambda before=before: len(heard) > before or same(mirror, scene))  # type: ignore[misc]
-        until(lambda: same(mirror, scene))
+            wait_until(lambda before=before: len(heard) > before or same(mirror, scene))  # type: ignore[misc]
+        wait_until(lambda: same(mirror, scene))
     finally:
         stop.set()
         thread.join(10)

@@ -20,8 +20,9 @@ from semmap.fields.store.voxel_mirror import VoxelMirror
 from semmap.ingest.importer import import_file
 from tests.database.conftest import python
 from tests.database.test_crash import kill_server
-from tests.fields.store.test_voxel_mirror import SIZE, boxes, change, number, same, scene, until
+from tests.fields.store.test_voxel_mirror import SIZE, boxes, change, number, same, scene
 from tests.seen import seen_by
+from tests.waiting import wait_until
 
 __all__ = ["scene"]
 
@@ -213,7 +214,7 @@ def test_crashes_at_random_moments(own: Cluster, tmp_path: Path) -> None:
             else:
                 with contextlib.suppress(DBAPIError):
                     change(engine, TERMINATE)
-        until(lambda: state_saved(engine), 60)
+        wait_until(lambda: state_saved(engine), 60)
     finally:
         for event, thread in ((writer.stop, writer), (stop, follower)):
             event.set()

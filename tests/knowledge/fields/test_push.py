@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import threading
-import time
 from collections.abc import Iterator
 from queue import SimpleQueue
 from typing import Any
@@ -17,6 +16,7 @@ from semmap.knowledge import KnowledgeClient
 from semmap.knowledge.fields.push import FieldPush, read_pushed
 from semmap.knowledge.queries import query
 from semmap.query.map_handle import MapHandle
+from tests.waiting import wait_until
 
 PUSHED = read_pushed(["sees=looksAt"], "house")
 SALLY_SEES_CUP = ("sees", "sally", "cup")
@@ -89,18 +89,11 @@ def test_messages_of_the_service_are_followed_until_it_ends(house: Map) -> None:
         ):
             if message:
                 messages.put(message)
-            wait_for(lambda truth=truth: kb.has("anne looksAt table") is truth)
+            wait_until(lambda truth=truth: kb.has("anne looksAt table") is truth)
         messages.put({"over": True})
         thread.join(10)
         assert not kb.has("anne looksAt table"), "what was pushed ends with the program"
         assert not kb.has("table * *", model="anne"), "perspectives were not switched on"
-
-
-def wait_for(condition: Any) -> None:
-    end = time.monotonic() + 10
-    while not condition():
-        assert time.monotonic() < end
-        time.sleep(0.02)
 
 
 def test_a_pushed_fact_ends_where_its_program_is_killed(house: Map) -> None:
