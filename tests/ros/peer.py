@@ -103,6 +103,16 @@ class Peer(Node):  # type: ignore[misc]
             time.sleep(0.3)  # the other side, which is not reliable, has yet to hear of this one
         self.senders[topic].publish(fill(interface(kind)(), values))
 
+    def serve(self, service: str, kind: str, values: dict[str, Any]) -> None:
+        """Give the same answer to all requests, and keep them as messages of a topic."""
+        queue = self.queues[service] = SimpleQueue()
+
+        def answer(request: Any, made: Any) -> Any:
+            queue.put((time.time(), request))
+            return fill(made, values)
+
+        self.create_service(interface(kind), service, answer)
+
     def topics(self) -> dict[str, list[str]]:
         """The types of all topics."""
         return dict(self.get_topic_names_and_types())

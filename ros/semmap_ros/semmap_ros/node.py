@@ -36,6 +36,7 @@ PARAMETERS: dict[str, Any] = {
     "resolution": 0.05,
     "interval": [0.05, 1.8],
     "fields": [""],
+    "route_graph": "",
     "pose_arrays": [""],
     "oldest": 10.0,
     "period": 1.0,

@@ -14,6 +14,7 @@ from visualization_msgs.msg import MarkerArray
 from navgrid.grid import ROOT_FRAME, frame_name
 from navgrid.launch_files import ros_name
 from navgrid.readers.fields import read_fields
+from planner.exchange.route_graph import ExchangeError
 from semmap.error import UnknownNameError
 from semmap.geometry.pose import Pose
 from semmap.server.scene import boxes_of, scene_of
@@ -21,6 +22,7 @@ from semmap_ros import messages
 from semmap_ros.grids import StoreyTopic, read_grids
 from semmap_ros.latched import LatchedTopics
 from semmap_ros.optional import CostmapFilterInfo, LabelInfo, TFMessage, VisionClass
+from semmap_ros.route_graph import RouteGraphFile, read_route_graph
 
 if TYPE_CHECKING:
     import semmap
@@ -34,9 +36,10 @@ NOT_SHOWN = {"belief", "statement", "inferred", "linked"}
 
 
 class Reading(NamedTuple):
-    """A state of the map: its grids by their topics; the others if all topics are published."""
+    """A state of the map: grids by their topics, route graph; the others for all topics."""
 
     grids: dict[str, StoreyTopic]
+    route_graph: str | ExchangeError
     scene: dict[str, Any] | None = None
     boxes: Any = None
     fields: Any = None
@@ -56,6 +59,7 @@ class MapTopics:
     def __init__(self, node: MapNode) -> None:
         self._node = node
         self._latched = LatchedTopics(node)
+        self._route_graph = RouteGraphFile(node)
         self._floors: dict[str, float] = {}  # by the frames of storeys
         self._reader = ThreadPoolExecutor(1, thread_name_prefix="grids")
         self._database: semmap.Database | None = None  # of that thread
@@ -134,14 +138,16 @@ class MapTopics:
         return self._read(self._database.map(self._scene["map"]), whole)
 
     def _read(self, map: semmap.Map, whole: bool) -> Reading:
+        grids, graph = read_grids(self._node, map), read_route_graph(self._node, map)
         if not whole:
-            return Reading(read_grids(self._node, map))
+            return Reading(grids, graph)
         scene, boxes = scene_of(map), boxes_of(map)
         types = None if LabelInfo is None else sorted(each["name"] for each in map.types())
-        return Reading(read_grids(self._node, map), scene, boxes, self._read_fields(map), types)
+        return Reading(grids, graph, scene, boxes, self._read_fields(map), types)
 
     def _show(self, read: Reading) -> None:
         """Publish a state of the map."""
+        self._route_graph.write(read.route_graph)
         if read.scene is None:
             self._publish_grids(read.grids)
             if self._partial and not self._stale:
