@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import subprocess
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager
@@ -13,7 +14,7 @@ import psycopg
 import pytest
 
 import semmap
-from tests.ros.conftest import run, url_of
+from tests.ros.conftest import ROOT, run, url_of
 from tests.waiting import wait_until
 
 HERE = Path(__file__).parent
@@ -52,7 +53,7 @@ def run_mission(
 ) -> RunMission:
     """Run the command: its words, and further parameters."""
     environment = ros_environment | {"PORTER": str(tmp_path / "gripper.json")}
-    environment["PYTHONPATH"] += f":{HERE}"
+    environment["PYTHONPATH"] += f":{HERE}:{tmp_path}"
 
     @contextmanager
     def mission(*words: str, **parameters: Any) -> Iterator[subprocess.Popen[str]]:
@@ -178,6 +179,21 @@ def test_a_mission_outlives_killed_sessions_of_its_database(
         status, said = end_of(process)
     assert (status, said.split()[-1]) == (0, "done"), said
     assert living["porter"].room == living["kitchen"]
+
+
+def test_the_robot_of_the_page_picks_up_what_its_command_names(
+    run_mission: RunMission, nav2: Path, living: semmap.Map, tmp_path: Path
+) -> None:
+    page = (ROOT / "docs/ros.md").read_text()
+    (example,) = re.findall(r"```py\n(.*?)```", page, re.DOTALL)
+    (goal, behaviours) = re.findall(r"mission '(.*)' .* behaviours:=(\S+)", page)[0]
+    module, _, name = behaviours.partition(".")
+    (tmp_path / f"page_{module}.py").write_text(example)
+    living["porter"].move_to(*START)
+    with run_mission(goal, behaviours=f"page_{module}.{name}") as process:
+        status, said = end_of(process)
+    assert (status, said.split()[-1]) == (0, "done"), said
+    assert living["mug"].holder == living["porter"]
 
 
 def states(map: semmap.Map) -> list[str]:
