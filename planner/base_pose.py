@@ -33,6 +33,7 @@ if TYPE_CHECKING:
 WALLS = "room_geometry"  # the costmap layer that has the walls
 SECTORS = 24  # sides of an object from which it may be reached
 HEADINGS = 16  # headings that are tried in a region
+TESTED = 400  # bases of an arm whose footprints are tested
 TRIES = 200  # points of a region that are tried with each heading
 
 
@@ -140,24 +141,16 @@ def facing_poses(
 
     On each side there is one in each `band`, metres, of distances to the object.
     """
-    if target.place is None:
-        raise NoBasePoseError(f"no room holds {target.name}: it cannot be reached")
-    if ground is None or target.pose is None:
-        raise NoBasePoseError(f"the map does not say where in {target.place} {target.name} is")
-    robot, shape = ground.robot, target.footprint
-    if shape is None or shape.is_empty:
-        shape = shapely.Point(target.pose.x, target.pose.y)
-    _refuse_height(ground, target)
+    shape = _shape_near(ground, target)
+    assert ground is not None
+    robot = ground.robot
     free, points, away = ground.near(shape, robot.reach)
     if not len(free):
         raise NoBasePoseError(
             f"{robot.name} finds no free place within {robot.reach[1]:.2f} m of {target.name} in "
             f"{target.place}{robot.folding_hint}"
         )
-    middle = shape.centroid
-    towards = np.array([middle.x, middle.y]) - points
-    turn = np.arctan2(-towards[:, 1], -towards[:, 0]) / (2 * math.pi) + 1
-    sides = np.column_stack([np.floor(turn * SECTORS) % SECTORS, np.floor(away / band)])
+    sides = _sides(points, away, shape, band)
     price = ground.costs[free[:, 0], free[:, 1]].astype(np.int64)
     taken: set[tuple[float, ...]] = set()
     walls = ground.walls()
@@ -166,17 +159,86 @@ def facing_poses(
         if side in taken:
             continue
         heading = _heading_to(points[i], shape, robot.reach[1])
-        if ground.touches(points[i], heading):
-            continue
-        if _is_behind_wall(walls, ground, points[i], shape):
-            continue
-        taken.add(side)
-        yield Pose.planar(float(points[i, 0]), float(points[i, 1]), heading, ground.floor)
+        if pose := _free_pose(ground, walls, points[i], heading, shape):
+            taken.add(side)
+            yield pose
     if not taken:
         raise NoBasePoseError(
             f"{robot.name} cannot face {target.name} anywhere within reach: its footprint would "
             f"touch an obstacle, or a wall is between{robot.folding_hint}"
         )
+
+
+def _shape_near(ground: RoomGround | None, target: LocatedEntity) -> shapely.Geometry:
+    """The outline of an object; NoBasePoseError where it is not known, or too high or low."""
+    if target.place is None:
+        raise NoBasePoseError(f"no room holds {target.name}: it cannot be reached")
+    if ground is None or target.pose is None:
+        raise NoBasePoseError(f"the map does not say where in {target.place} {target.name} is")
+    _refuse_height(ground, target)
+    if target.footprint is None or target.footprint.is_empty:
+        return shapely.Point(target.pose.x, target.pose.y)
+    return target.footprint
+
+
+def _sides(
+    points: NDArray[np.float64], away: NDArray[np.float64], shape: shapely.Geometry, band: float
+) -> NDArray[np.float64]:
+    """(N, 2) on which side of a shape points are, and in which band of distances."""
+    middle = shape.centroid
+    x, y = (points - (middle.x, middle.y)).T
+    turn = np.arctan2(y, x) / (2 * math.pi) + 1
+    return np.column_stack([np.floor(turn * SECTORS) % SECTORS, np.floor(away / band)])
+
+
+def _free_pose(
+    ground: RoomGround,
+    walls: NDArray[np.bool_],
+    point: NDArray[np.float64],
+    heading: float,
+    shape: shapely.Geometry,
+) -> Pose | None:
+    """The pose at a point, unless it touches something there, or a wall hides the shape."""
+    if ground.touches(point, heading) or _is_behind_wall(walls, ground, point, shape):
+        return None
+    return Pose.planar(float(point[0]), float(point[1]), heading, ground.floor)
+
+
+def free_stances(
+    ground: RoomGround | None, target: LocatedEntity, bases: NDArray[np.float64], band: float
+) -> Iterator[tuple[int, Pose]]:
+    """Which of some bases (N, 3), x, y and yaw, are free near an object; clear ones first.
+
+    On each side of the object there is one in each `band`, metres, until others were tried.
+    """
+    shape = _shape_near(ground, target)
+    assert ground is not None
+    cells = np.floor((bases[:, :2] - ground.grid.origin) / ground.grid.resolution).astype(np.int64)
+    rows, columns = cells[:, 1], cells[:, 0]
+    inside = (cells >= 0).all(axis=1) & (rows < ground.grid.shape[0])
+    chosen = np.flatnonzero(inside & (columns < ground.grid.shape[1]))
+    chosen = chosen[ground.costs[rows[chosen], columns[chosen]] < INSCRIBED]
+    points = bases[chosen, :2]
+    away = shapely.distance(shapely.points(points), shape)
+    price = ground.costs[rows[chosen], columns[chosen]].astype(np.int64)
+    order = np.lexsort((np.round(away, 3), price))
+    sides = _sides(points, away, shape, band)
+    walls = ground.walls()
+    later: list[np.intp] = []
+    taken: set[tuple[float, ...]] = set()
+    tested = 0
+    for first, some in ((True, order), (False, later)):
+        for i in some:
+            side = tuple(sides[i].tolist())
+            if first and side in taken:
+                later.append(i)
+                continue
+            if tested == TESTED:
+                return
+            tested += 1
+            if pose := _free_pose(ground, walls, points[i], float(bases[chosen[i], 2]), shape):
+                taken.add(side)
+                yield int(chosen[i]), pose
 
 
 def poses_in(

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from itertools import islice
 from types import MappingProxyType
+from typing import TYPE_CHECKING
 
 import numpy as np
 import shapely
@@ -16,6 +17,7 @@ from planner.base_pose import (
     RoomGround,
     facing_poses,
     floor_spot,
+    free_stances,
     poses_in,
     poses_to_reach,
 )
@@ -40,6 +42,9 @@ from planner.topology import Place, PlaceRegion
 from semmap.geometry.pose import Pose
 from semmap.query.map_handle import MapSource
 from semmap.query.snapshot import Snapshot
+
+if TYPE_CHECKING:
+    from semmap.manipulation.arm_reach import ArmReach
 
 BAND = 0.2  # metres of distance to an object in which the arm is asked about one pose a side
 ASKED = 24  # the most base poses about which the arm is asked
@@ -274,24 +279,53 @@ def _approach_poses(
         if item.name in believed or check.arm is None:
             return None
         carried = item.obstacle(robot.heights) is None
-        acts = check.reach(item.name, carried=carried, beneath=bool(world.above.get(item.name)))
-        return None if acts is None else acting(item, carried, acts)
+        reach = check.reach(item.name, carried=carried, beneath=bool(world.above.get(item.name)))
+        return None if reach is None else acting(item, carried, reach)
 
-    def acting(item: TaskObject, carried: bool, acts: Callable[[Pose], bool]) -> Iterator[Pose]:
+    def acting(item: TaskObject, carried: bool, reach: ArmReach) -> Iterator[Pose]:
+        """First poses that face the object, unless the arm needs its base to get to a grasp."""
         number, found = 0, False
-        for pose in islice(untried(item.name, facing_poses(*located(item), BAND)), ASKED):
-            if acts(pose):
-                found = True
-                yield pose
-            number += 1
-        if found:
-            return
+        why: NoBasePoseError | None = None
+        for poses in (facing(item, reach), placed_by_arm(item, reach)):
+            try:
+                for acts, pose in poses:
+                    number += 1
+                    if acts:
+                        found = True
+                        yield pose
+            except NoBasePoseError as error:
+                why = why or error
+            if found:
+                return
+        if not number and why is not None:
+            raise why
         assert check.arm is not None
-        what = f"takes {item.name} by no grasp" if carried else f"gets over no part of {item.name}"
+        name = item.name
+        what = f"takes {name} by no grasp" if carried else f"gets over no part of {name}"
+        tried = f"was tried from {number} free base poses" if number else "no base is free for that"
         raise NoBasePoseError(
-            f"{item.name} is out of reach: the arm of {check.arm[0]} {what} from the {number} base "
-            "poses around it that are free"
+            f"{name} is out of reach: the arm of {check.arm[0]} {what}; it reaches {reach.side}, "
+            f"and {tried}"
         )
+
+    def facing(item: TaskObject, reach: ArmReach) -> Iterator[tuple[bool, Pose]]:
+        if reach.arm.needs_base:
+            return
+        around = untried(item.name, facing_poses(*located(item), BAND))
+        yield from ((reach.acts(pose), pose) for pose in islice(around, ASKED))
+
+    def placed_by_arm(item: TaskObject, reach: ArmReach) -> Iterator[tuple[bool, Pose]]:
+        ground, entity = located(item)
+        bases, which = reach.stances(0.0 if ground is None else ground.floor)
+        numbers: dict[Pose, int] = {}
+
+        def stances() -> Iterator[Pose]:
+            for number, pose in free_stances(ground, entity, bases, BAND):
+                numbers[pose] = int(which[number])
+                yield pose
+
+        around = untried(item.name, stances())
+        yield from ((reach.does(numbers[pose], pose), pose) for pose in islice(around, ASKED))
 
     def approach_poses(of: Target) -> Iterable[Pose]:
         place = of.place if isinstance(of, TaskObject) else of.name

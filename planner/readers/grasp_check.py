@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import cache, cached_property
@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from semmap.geometry.pose import Pose
 from semmap.query.snapshot import Snapshot
 from semmap.query.storey_reader import read_entities
 
@@ -18,6 +17,7 @@ if TYPE_CHECKING:
     from trimesh import Trimesh
 
     from semmap.manipulation.arm import Arm
+    from semmap.manipulation.arm_reach import ArmReach
     from semmap.manipulation.gripper import Gripper
     from semmap.perception.primitives import Primitive
 
@@ -150,17 +150,20 @@ class GraspCheck:
         One takes it that the gripper reaches without touching what is around. Of an object that is
         `moved`, or freed of what is on it before, only the shape counts.
         """
-        from semmap.manipulation.retrieval import misfit, touching
+        from semmap.manipulation.retrieval import misfit, slanting, touching
 
         hand, grasps = self.hand, self._grasps(item)
         if hand is None or isinstance(grasps, str):
             return None
+        level = [row for row in grasps if hand.gripper.can_tilt_to(row["pose"].matrix)]
         if not grasps:
             why = misfit(item, self._shape(item), hand.name, hand.gripper.opening)
-        elif moved or self._is_free(grasps):
+        elif not level and not moved:
+            why = slanting(item, len(grasps), hand.name)
+        elif moved or self._is_free(level):
             return None
         else:
-            why = touching(item, len(grasps))
+            why = touching(item, len(level))
         return f"{why}; {assumption(hand.name)}" if hand.assumed else why
 
     def _is_free(self, grasps: list[dict[str, Any]]) -> bool:
@@ -183,22 +186,22 @@ class GraspCheck:
             if isinstance(why, str)
         ]
 
-    def reach(self, name: str, *, carried: bool, beneath: bool) -> Callable[[Pose], bool] | None:
-        """Whether the arm acts on an object from a base pose; None where nothing is known.
+    def reach(self, name: str, *, carried: bool, beneath: bool) -> ArmReach | None:
+        """From where the arm acts on an object; None where nothing is known.
 
         It grasps an object that is carried, which may be `beneath` others; it puts something on any
         other one.
         """
-        from semmap.manipulation.arm_reach import grasp_reach, surface_reach
+        from semmap.manipulation.arm_reach import GraspReach, SurfaceReach
 
         if self.arm is None:
             return None
         if not carried:
-            return surface_reach(self._seen, name, self.arm[1])
+            return SurfaceReach.on(self._seen, name, self.arm[1])
         rows = self._grasps(name)
         if isinstance(rows, str) or not rows:
             return None
-        return grasp_reach(self._seen, rows, self.arm[1], beneath=beneath)
+        return GraspReach(self._seen, rows, self.arm[1], beneath=beneath)
 
 
 def assumption(gripper: str) -> str:

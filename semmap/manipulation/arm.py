@@ -26,6 +26,10 @@ STARTS = 16
 """Iterations of one attempt of inverse kinematics, and attempts from different positions."""
 
 
+FREEDOMS = 6
+"""Directions in which a body moves and turns."""
+
+
 class Arm:
     """The joints from a robot's base to a gripper; all others are as `state` says, else at rest.
 
@@ -56,7 +60,7 @@ class Arm:
         limits = np.array([j.limits for j in self.joints])
         self.low = np.where(np.isfinite(limits[:, 0]), limits[:, 0], -np.pi)
         self.high = np.where(np.isfinite(limits[:, 1]), limits[:, 1], np.pi)
-        self._root = robot.link_poses({}, [robot.links[0]])[robot.links[0]]
+        self.root = robot.link_poses({}, [robot.links[0]])[robot.links[0]]
         # Constant transforms: to each joint from the one before, and to the tool from the last.
         before, fixed = [], np.eye(4)
         for joint in reversed(chain):
@@ -112,7 +116,7 @@ class Arm:
     def _frames(self, position: Floats) -> Floats:
         """(D + 1, 4, 4): the frames of the fixed links and behind each joint, robot's frame."""
         frames = np.empty((len(self.joints) + 1, 4, 4))
-        frames[0] = self._root
+        frames[0] = self.root
         for i, moved in enumerate(self._before @ self._moves(np.asarray(position))):
             frames[i + 1] = frames[i] @ moved
         return frames
@@ -160,7 +164,7 @@ class Arm:
         state = {**self.state, **fingers}
         rest = self.rest()
         state.update(zip((j.name for j in self.joints), rest.tolist(), strict=True))
-        found = {self.robot.links[0]: self._root}
+        found = {self.robot.links[0]: self.root}
         for joint in self.robot.joints:
             found[joint.child] = found[joint.parent] @ self.robot.transform(joint, state)
         frames = self._frames(rest)
@@ -178,7 +182,29 @@ class Arm:
         length += sum(float(np.linalg.norm(before[:3, 3])) for before in self._before[1:])
         slides = self._axes[0]
         length += float(np.maximum(np.abs(self.low), np.abs(self.high))[slides].sum())
-        return (self._root @ self._before[0])[:3, 3], length
+        return (self.root @ self._before[0])[:3, 3], length
+
+    @cached_property
+    def reaches_towards(self) -> tuple[float, float]:
+        """The direction (x, y), robot's frame, in which the grasp frame mostly is."""
+        random = np.random.default_rng(0)
+        drawn = random.uniform(self.low, self.high, (200, len(self.low)))
+        x, y = np.median([self.grasp_pose(position)[:2, 3] for position in drawn], axis=0)
+        return float(x), float(y)
+
+    @cached_property
+    def needs_base(self) -> bool:
+        """Whether it lacks joints to bring the gripper to any pose near another one.
+
+        From a base that is given, it then gets to a grasp by chance alone.
+        """
+        random, step, ranks = np.random.default_rng(0), 1e-5, []
+        for position in random.uniform(self.low, self.high, (5, len(self.low))):
+            here = self.grasp_pose(position)
+            moved = [self.grasp_pose(position + row) for row in step * np.eye(len(position))]
+            columns = [((pose - here)[:3] / step).ravel() for pose in moved]
+            ranks.append(np.linalg.matrix_rank(np.array(columns), tol=1e-3))
+        return int(max(ranks)) < FREEDOMS
 
     def is_far(self, points: Floats) -> NDArray[np.bool_]:
         """Whether points (..., 3) in the robot's frame are beyond the stretched arm."""
@@ -208,7 +234,7 @@ class Arm:
         gets to the point of the pose.
         """
         mink = library("mink")
-        goal = np.linalg.inv(self._root) @ pose
+        goal = np.linalg.inv(self.root) @ pose
         random = np.random.default_rng(seed)
         target = mink.SE3.from_matrix(goal)
         cost, axes = (0.5, 6) if turned else (0.0, 3)
@@ -318,17 +344,22 @@ class Arm:
         mujoco = library("mujoco")
         spec = mujoco.MjSpec()
         spec.compiler.degree = False
-        body = spec.worldbody
+        self.add_to(spec.worldbody)
+        return spec.compile()
+
+    def add_to(self, body: Any, number: int = 0) -> None:
+        """Add a copy of the arm to a body of a model of MuJoCo, in the frame of its root."""
+        mujoco = library("mujoco")
         slide, hinge = mujoco.mjtJoint.mjJNT_SLIDE, mujoco.mjtJoint.mjJNT_HINGE
+        copy = f" {number}" if number else ""
         for i, joint in enumerate(self.joints):
-            body = body.add_body(name=joint.child, **mujoco_pose(self._before[i]))
+            body = body.add_body(name=joint.child + copy, **mujoco_pose(self._before[i]))
             body.explicitinertial, body.mass, body.inertia = True, 1.0, [0.01] * 3
             body.add_joint(
-                name=joint.name,
+                name=joint.name + copy,
                 type=slide if joint.type == "prismatic" else hinge,
                 axis=joint.axis,
                 limited=True,
                 range=[self.low[i], self.high[i]],
             )
-        body.add_site(name="grasp", **mujoco_pose(self._tool))
-        return spec.compile()
+        body.add_site(name="grasp" + copy, **mujoco_pose(self._tool))

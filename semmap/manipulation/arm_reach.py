@@ -7,14 +7,16 @@ the way is left to the mission.
 from __future__ import annotations
 
 import math
+from abc import ABC, abstractmethod
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
-from functools import cache
-from itertools import islice
+from collections.abc import Iterator, Sequence
+from functools import cached_property
+from itertools import islice, product
 from typing import Any
 
 import numpy as np
 import shapely
+from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from semmap.arrays import Floats
@@ -22,8 +24,9 @@ from semmap.geometry.mesh import Mesh
 from semmap.geometry.pose import Pose
 from semmap.geometry.surfaces import LevelPatch, support_surfaces
 from semmap.manipulation.arm import Arm
-from semmap.manipulation.automata import STARTS, Reach, facing_first
+from semmap.manipulation.automata import STARTS, Reach, facing_first, way_of
 from semmap.manipulation.placing import spots_on
+from semmap.manipulation.stances import Stances
 from semmap.manipulation.surroundings import Surroundings, entity_triangles
 from semmap.query.snapshot import Snapshot
 
@@ -44,32 +47,93 @@ DOWN, TURN = (180.0, 135.0, 90.0), (0.0, 90.0)
 """Degrees of the ways in which the gripper puts something down: it points down, slanting or ahead,
 and is turned about its own axis."""
 
+WAYS, FEW_WAYS = 96, 24
+"""Grasps along which bases are sought: of an arm with few joints, ways at many grasps are alike."""
 
-def grasp_reach(
-    seen: Snapshot, rows: Sequence[dict[str, Any]], arm: Arm, *, beneath: bool = False
-) -> Callable[[Pose], bool]:
-    """Whether the arm takes an object from a base pose by one of its grasps (`known_grasps`).
+TURNS = 16
+"""Headings of the gripper over each spot."""
+
+PUTS = 800
+"""Ways down onto a surface along which bases are sought."""
+
+INSIDE = 0.1
+"""Metres from the edge of a surface at which they are, if there are any."""
+
+LIFT = 0.1
+"""Metres of the way down, and of the way back."""
+
+
+class ArmReach(ABC):
+    """From which bases an arm acts on an object; poses are in the map's frame."""
+
+    def __init__(self, arm: Arm) -> None:
+        self.arm, self._reach, self._stances = arm, Reach(arm), Stances(arm)
+
+    @abstractmethod
+    def acts(self, base: Pose) -> bool:
+        """Whether the arm acts on the object from a base."""
+
+    @abstractmethod
+    def actions(self) -> Sequence[dict[str, Any]]:
+        """Actions on the object, with poses as those of `actions_on`."""
+
+    def stances(self, floor: float) -> tuple[Floats, NDArray[np.intp]]:
+        """(N, 3) x, y and yaw of bases from which some actions are done, and (N,) which ones.
+
+        Whether the arm gets there from exactly there is left to `does`.
+        """
+        return self._stances.bases([way_of(row) for row in self.actions()], floor)
+
+    def does(self, number: int, base: Pose) -> bool:
+        """Whether the arm gets along one of `actions`."""
+        return self._reach.along(self.actions()[number], base) is not None
+
+    @property
+    def side(self) -> str:
+        """To which side of the robot the arm reaches."""
+        x, y = self.arm.reaches_towards
+        sides = {"ahead": x, "behind": -x, "to its left": y, "to its right": -y}
+        return max(sides, key=lambda side: sides[side])
+
+
+class GraspReach(ArmReach):
+    """From which bases an arm takes an object by one of its grasps (`known_grasps`).
 
     Only those count at which the gripper is free of what is around, unless all touch something, or
     the object is `beneath` others, which are taken off before.
     """
-    around, reach = Surroundings(seen, arm.gripper), Reach(arm)
 
-    @cache
-    def free() -> list[dict[str, Any]]:
-        return list(rows) if beneath else around.free_rows(rows) or list(rows)
+    def __init__(
+        self, seen: Snapshot, rows: Sequence[dict[str, Any]], arm: Arm, *, beneath: bool = False
+    ) -> None:
+        super().__init__(arm)
+        self._rows = [row for row in rows if arm.gripper.can_tilt_to(row["pose"].matrix)]
+        self._around, self._beneath = Surroundings(seen, arm.gripper), beneath
 
-    def reached(some: Sequence[dict[str, Any]], base: Pose) -> Iterator[dict[str, Any]]:
-        turns = _by_turns(facing_first(some, base))
-        return (row for row in turns if reach.along(row, base) is not None)
+    @cached_property
+    def _free(self) -> list[dict[str, Any]]:
+        return self._rows if self._beneath else self._around.free_rows(self._rows) or self._rows
 
-    def takes(base: Pose) -> bool:
-        first = list(islice(reached(rows, base), FEW))
+    @cached_property
+    def _some(self) -> list[dict[str, Any]]:
+        return _by_turns(self._free)[: WAYS if self.arm.needs_base else FEW_WAYS]
+
+    def actions(self) -> Sequence[dict[str, Any]]:
+        """The free grasps, some of each family."""
+        return self._some
+
+    def acts(self, base: Pose) -> bool:
+        """Whether the arm takes the object from a base."""
+        first = list(islice(self._reached(self._rows, base), FEW))
         if not first:
             return False
-        return bool(around.free(first).any()) or any(True for _ in reached(free(), base))
+        return bool(self._around.free(first).any()) or any(
+            True for _ in self._reached(self._free, base)
+        )
 
-    return takes
+    def _reached(self, some: Sequence[dict[str, Any]], base: Pose) -> Iterator[dict[str, Any]]:
+        turns = _by_turns(facing_first(some, base))
+        return (row for row in turns if self._reach.along(row, base) is not None)
 
 
 def _by_turns(rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
@@ -82,28 +146,72 @@ def _by_turns(rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
     return [rows[i] for i in np.argsort(turns, kind="stable")]
 
 
-def surface_reach(seen: Snapshot, on: str, arm: Arm) -> Callable[[Pose], bool] | None:
-    """Whether the arm brings its gripper over an object's surfaces from a base pose.
+class SurfaceReach(ArmReach):
+    """From which bases an arm brings its gripper over the surfaces `levels` of an object."""
 
-    None without a surface.
-    """
-    surfaces = support_surfaces(Mesh.of_triangles(entity_triangles(seen, on)))
-    levels = [_spots(surface) for surface in surfaces]
+    def __init__(self, levels: Sequence[LevelPatch], arm: Arm) -> None:
+        super().__init__(arm)
+        self._surfaces = levels
+        self._levels = [_spots(level) for level in levels]
 
-    def puts(base: Pose) -> bool:
-        for level in levels:
+    @classmethod
+    def on(cls, seen: Snapshot, entity: str, arm: Arm) -> SurfaceReach | None:
+        """Of an object of the map; None without a surface."""
+        levels = support_surfaces(Mesh.of_triangles(entity_triangles(seen, entity)))
+        return cls(levels, arm) if levels else None
+
+    def actions(self) -> Sequence[dict[str, Any]]:
+        """Ways down onto the surfaces, and back."""
+        return self._ways
+
+    @cached_property
+    def _ways(self) -> list[dict[str, Any]]:
+        inner = [_spots(level, inside=INSIDE) for level in self._surfaces]
+        return [row for spots in inner for row in _put_downs(spots, self.arm)]
+
+    def acts(self, base: Pose) -> bool:
+        """Whether the arm gets over one of the spots that are nearest to a base."""
+        for level in self._levels:
             spots = base.inverse().apply(level)
             nearest = np.argsort(np.linalg.norm(spots[:, :2], axis=1), kind="stable")[:SPOTS]
-            if any(_reaches_over(arm, spot) for spot in spots[nearest]):
+            if any(_reaches_over(self.arm, spot) for spot in spots[nearest]):
                 return True
         return False
 
-    return puts if levels else None
+
+def _put_downs(spots: Floats, arm: Arm) -> list[dict[str, Any]]:
+    """Ways of the gripper to spots (N, 3), from above and then back along its approach."""
+    ways = list(product(spots, 2 * np.pi / TURNS * np.arange(TURNS), _tilts(arm)))
+    if len(ways) > PUTS:
+        chosen = np.random.default_rng(0).choice(len(ways), PUTS, replace=False)
+        ways = [ways[i] for i in chosen]
+    found = []
+    for spot, heading, tilt in ways:
+        pose, up, back = Pose.planar(spot[0], spot[1], heading).matrix @ tilt, np.eye(4), np.eye(4)
+        pose[2, 3] = spot[2] + ABOVE[-1]
+        up[2, 3], back[2, 3] = LIFT, -LIFT
+        there = {"pre_pose": up @ pose, "pose": pose, "post_pose": pose @ back}
+        found.append({key: Pose.from_matrix(each) for key, each in there.items()})
+    return found
 
 
-def _spots(surface: LevelPatch) -> Floats:
-    """(N, 3) points of a surface."""
+def _tilts(arm: Arm) -> list[Floats]:
+    """Poses (4, 4) of the gripper that differ by more than a turn about the vertical."""
+    tilts = np.tile(np.eye(4), (len(DOWN) * len(TURN), 1, 1))
+    if arm.gripper.up is not None:
+        tilts = tilts[:1]
+        tilts[0, :3, :3] = Rotation.align_vectors([[0, 0, 1]], [arm.gripper.up])[0].as_matrix()
+        return [tilts[0]]
+    angles = list(product(DOWN, TURN))
+    tilts[:, :3, :3] = Rotation.from_euler("YZ", angles, degrees=True).as_matrix()
+    return [*tilts]
+
+
+def _spots(surface: LevelPatch, inside: float = 0.0) -> Floats:
+    """(N, 3) points of a surface, if possible some way inside of it."""
     spots = spots_on(surface.outline, SPACING)
+    edges = shapely.distance(surface.outline.boundary, shapely.points(spots))
+    spots = spots[edges >= inside] if (edges >= inside).any() else spots
     if not len(spots):
         spots = shapely.get_coordinates(surface.outline.representative_point())
     return np.column_stack([spots, np.full(len(spots), surface.height)])

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from semmap.arrays import Floats
 from semmap.belief.store.beliefs import Session
 from semmap.geometry.pose import Pose
 from semmap.manipulation.arm import Arm
@@ -208,13 +209,19 @@ def reachable_rows(
     """The actions that an arm at a base reaches, with `position` of its joints; `facing_first`."""
     names = [joint.name for joint in arm.joints]
     reach, found = Reach(arm), []
-    for row in facing_first(rows, base)[:TRIED]:
+    fit = [row for row in rows if arm.gripper.can_tilt_to(row["pose"].matrix)]
+    for row in facing_first(fit, base)[:TRIED]:
         position = reach.along(row, base)
         if position is not None:
             found.append(row | {"position": dict(zip(names, position.tolist(), strict=True))})
         if len(found) == limit:
             break
     return found
+
+
+def way_of(row: dict[str, Any]) -> list[Floats]:
+    """The poses (4, 4) of the gripper in an action, map's frame."""
+    return [row[key].matrix for key in WAY if row.get(key) is not None]
 
 
 class Reach:
@@ -227,7 +234,9 @@ class Reach:
     def along(self, row: dict[str, Any], base: Pose) -> NDArray[np.float64] | None:
         """The position (D,) of the joints where an action begins; None if it is out of reach."""
         inverse = np.linalg.inv(base.matrix)
-        poses = [inverse @ row[key].matrix for key in WAY if row.get(key) is not None]
+        poses = [inverse @ pose for pose in way_of(row)]
+        if not self.arm.gripper.can_tilt_to(poses[0]):
+            return None
         points = np.array([pose[:3, 3] for pose in poses])
         cubes = [tuple(cube) for cube in np.floor(points / CUBE)]
         away = np.linalg.norm(points - self.arm.span[0], axis=1).tolist()

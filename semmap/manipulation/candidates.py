@@ -2,7 +2,8 @@
 
 The fingers close along an axis of the shape, through its centre of mass or beside it, and the
 gripper comes from all angles around that axis, 17 in each half turn. For each angle there are two
-approaches: along the gripper's own axis, and straight along the nearest axis of the shape.
+approaches: along the gripper's own axis, and straight along the nearest axis of the shape. A
+gripper that its arm cannot tilt keeps its slant, and is also lowered from above.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ from scipy.spatial import cKDTree
 
 from semmap.arrays import Floats
 from semmap.manipulation.error import ManipulationError
-from semmap.manipulation.gripper import PAD, Gripper
+from semmap.manipulation.gripper import PAD, TILT, Gripper
 from semmap.manipulation.solids import ConvexSolid, PrimitiveShape, solid_of
 
 ANGLES = 17
@@ -181,20 +182,25 @@ def grasp_candidates(
     axis = np.argmax(np.abs(approach).round(9), axis=1)
     rows = np.arange(len(axis))
     straight[rows, axis] = np.sign(approach[rows, axis])
-    both = np.concatenate([approach, straight])
-    poses = np.tile(poses, (2, 1, 1))
+    ways = {"own": approach, "straight": straight}
+    if gripper.up is not None:
+        ways["lowered"] = -rotations @ gripper.up
+    times = len(ways)
+    poses = np.tile(poses, (times, 1, 1))
     before = poses.copy()
-    before[:, :3, 3] -= distance * both
-    kinds = np.repeat(["own", "straight"], len(width))
+    before[:, :3, 3] -= distance * np.concatenate([*ways.values()])
+    kinds = np.repeat([*ways], len(width))
     letters = "xyz" if solid.kind == "cuboid" else "rrz"  # round: across is across
-    names, families = _names(np.tile(rotations, (2, 1, 1)), np.tile(offsets, 2), kinds, letters)
-    order = np.argsort(-np.tile(quality, 2), kind="stable")
+    names, families = _names(
+        np.tile(rotations, (times, 1, 1)), np.tile(offsets, times), kinds, letters
+    )
+    order = np.argsort(-np.tile(quality, times), kind="stable")
     found = Grasps(
         gripper,
         shape.pose @ poses[order],
         shape.pose @ before[order],
-        np.tile(width, 2)[order],
-        np.tile(quality, 2)[order],
+        np.tile(width, times)[order],
+        np.tile(quality, times)[order],
         names[order],
         families[order],
     )
@@ -223,11 +229,16 @@ def _without_duplicates(grasps: Grasps) -> Grasps:
 def _frames(solid: ConvexSolid, gripper: Gripper) -> tuple[Floats, Floats, NDArray[np.intp]]:
     """Rotations (N, 3, 3), targets (N, 3) of the pads, and offsets (N,) along y: -1, 0 or 1."""
     closing, approach = [], []
-    angle = np.pi / (ANGLES - 1) * np.arange(2 * (ANGLES - 1))
+    every: Floats = np.linspace(0, 2 * np.pi, 2 * (ANGLES - 1), endpoint=False)
+    slants = _slants(gripper)
+    slanted = every
+    if slants:
+        slanted = np.add.outer(np.array(slants), np.pi / 2 * np.arange(4)).ravel()
     for one in PASSES[solid.kind]:
-        turned = np.outer(np.cos(angle), one.first) + np.outer(
-            np.sin(angle), np.cross(one.about, one.first)
-        )
+        if one.twist and slants and min(abs(np.sin(2 * np.array(slants)))) > TILT:
+            continue
+        angle = every if one.twist else slanted
+        turned = _turned(one, angle)
         if one.twist:
             side = np.cross(one.first, X if abs(one.first[0]) < 0.9 else Y)
             other = np.cross(one.first, side)
@@ -236,6 +247,10 @@ def _frames(solid: ConvexSolid, gripper: Gripper) -> tuple[Floats, Floats, NDArr
         elif one.closing is None:
             closing.append(np.cross(one.about, turned))
             approach.append(turned)
+            turned = _turned(one, every[::2])
+            for slant in slants:  # it stands
+                closing.append(np.cross(one.about, turned))
+                approach.append(np.cos(slant) * turned + np.sin(slant) * one.about)
         else:
             closing.append(np.tile(one.closing, (len(angle), 1)))
             approach.append(turned)
@@ -256,6 +271,25 @@ def _frames(solid: ConvexSolid, gripper: Gripper) -> tuple[Floats, Floats, NDArr
     near = solid.exits(targets, -rotations[:, :, 2])[0]
     excess = np.maximum(near - max(gripper.depth - 0.005, PAD / 2), 0)
     return rotations, targets - excess[:, None] * rotations[:, :, 2], column - 1
+
+
+def _slants(gripper: Gripper) -> list[float]:
+    """The slants, radians, of a gripper that its arm cannot tilt, for each end of a shape above.
+
+    Of an object that stands or lies on an axis of its shape, it gets to no other.
+    """
+    if gripper.up is None:
+        return []
+    slant = float(np.arcsin(np.clip(gripper.up[2], -1, 1)))
+    return [slant, -slant]
+
+
+def _turned(one: Pass, angle: Floats) -> Floats:
+    """(N, 3) the first approach of a pass, turned about its axis."""
+    turned: Floats = np.outer(np.cos(angle), one.first) + np.outer(
+        np.sin(angle), np.cross(one.about, one.first)
+    )
+    return turned
 
 
 class _Contacts(NamedTuple):

@@ -33,6 +33,10 @@ SAMPLES = 1500
 """Points on the surface of a link from which the width between fingers is measured."""
 
 
+TILT = 5e-3
+"""The largest difference from the tilt of a gripper that its arm cannot tilt, radians."""
+
+
 @dataclass(frozen=True, eq=False)
 class Gripper:
     """A gripper with its postures from open to closed.
@@ -44,7 +48,8 @@ class Gripper:
     Objects thicker than `depth`, metres from palm to pads, touch the palm. `spread` (P,) are
     offsets along y of the fingers on the side of +x, a single 0 where two oppose each other. A
     symmetric one may turn by half about the approach. `poses` (S, L, 4, 4) are those of all
-    `links`, the rigid ones first, in the grasp frame.
+    `links`, the rigid ones first, in the grasp frame. `up` (3,) is the vertical in the grasp frame
+    where no joint of the arm tilts the gripper, else None.
     """
 
     name: str
@@ -61,6 +66,11 @@ class Gripper:
     links: tuple[str, ...]
     poses: Floats = field(repr=False)
     robot: Robot = field(repr=False)
+    up: Floats | None = None
+
+    def can_tilt_to(self, pose: Floats) -> bool:
+        """Whether the arm may tilt the gripper as in a pose (4, 4), of a robot on level ground."""
+        return self.up is None or bool(np.abs(pose[2, :3] - self.up).max() < TILT)
 
     @property
     def opening(self) -> float:
@@ -262,7 +272,22 @@ def _gripper(robot: Robot, tree: _Tree, palm: str) -> Gripper | None:
         links,
         poses_all,
         robot,
+        _up(robot, palm, frame),
     )
+
+
+def _up(robot: Robot, palm: str, frame: Floats) -> Floats | None:
+    """The vertical in the grasp frame, if joints move the palm and none of them tilts it."""
+    above = {joint.child: joint for joint in robot.joints}
+    link, moving = palm, []
+    while link in above:
+        moving += [above[link]] if above[link].moves else []
+        link = above[link].parent
+    turning = [joint for joint in moving if joint.type != "prismatic"]
+    if not moving or any(abs(robot.axis(joint)[2]) < 1 - 1e-6 for joint in turning):
+        return None
+    up: Floats = (robot.link_poses({}, [palm])[palm] @ frame)[2, :3]
+    return up
 
 
 def _closing(widths: Sequence[float]) -> tuple[int, int]:

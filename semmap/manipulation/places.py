@@ -7,6 +7,7 @@ The spot on the support is found each time, since it depends on the objects ther
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import Any
 
@@ -20,16 +21,17 @@ from semmap.geometry.pose import Pose
 from semmap.geometry.surfaces import support_surfaces
 from semmap.manipulation.action_record import ActionRecord
 from semmap.manipulation.arm import Arm
-from semmap.manipulation.automata import facing_first, reachable_rows
+from semmap.manipulation.automata import WAY, facing_first, reachable_rows
 from semmap.manipulation.candidates import Grasps
 from semmap.manipulation.collision import Obstacles, free_places, free_way
 from semmap.manipulation.error import ManipulationError
 from semmap.manipulation.found_actions import FoundActions
 from semmap.manipulation.gripper import Gripper
-from semmap.manipulation.placing import PlacePose, covered, place_candidates, stability
+from semmap.manipulation.placing import ABOVE, PlacePose, covered, place_candidates, stability
 from semmap.manipulation.ranking import ranked
 from semmap.manipulation.reader import STORED, actions_on, in_model
 from semmap.manipulation.retrieval import find_grasps, gripper_name, stored_gripper
+from semmap.manipulation.stances import Stances, ground_of
 from semmap.manipulation.store.actions import add_actions
 from semmap.manipulation.store.model_shapes import model_mesh, shape_of
 from semmap.manipulation.surroundings import entity_triangles, obstacles_around
@@ -104,7 +106,13 @@ def find_places(
     if not places:
         return FoundActions([], problems or [f"{entity}: gripper {chosen} has no grasp of it"])
     obstacles = obstacles_around(seen, on, without=entity)
-    spots = place_candidates(vertices, upright, surfaces, obstacles.triangles)
+    at, here = None, base or Pose()
+    if arm is not None and base is not None and arm.needs_base:
+        at = _spots_of_arm(places, vertices, upright, [s.height for s in surfaces], arm, base)
+    spots = place_candidates(vertices, upright, surfaces, obstacles.triangles, at=at)
+    if not spots and at is not None:
+        problem = f"{on}: the arm at ({here.x:g}, {here.y:g}) puts {entity} on no free part of it"
+        return FoundActions([], [problem], generated)
     if not spots:
         problem = f"{on}: none of its surfaces has room for {entity}"
         return FoundActions([], [problem], generated)
@@ -123,6 +131,34 @@ def find_places(
     if towards is None:
         rows = sorted(rows, key=_doubt)
     return FoundActions([row | {"on": on} for row in rows], problems, generated)
+
+
+def _spots_of_arm(
+    places: Sequence[dict[str, Any]],
+    vertices: Floats,
+    upright: Floats,
+    heights: Sequence[float],
+    arm: Arm,
+    base: Pose,
+) -> list[Floats]:
+    """For each height, (M, 3) x, y and turn of an object as some arm puts it down from a base.
+
+    Such an arm has too few joints to get to a spot that is given.
+    """
+    stances, found = Stances(arm), []
+    lowest = float((vertices @ upright[:3, :3].T)[:, 2].min())
+    for height in heights:
+        stands = upright.copy()
+        stands[:3, 3] = 0.0, 0.0, height + ABOVE - lowest
+        spots = []
+        for row in places:
+            way = [stands @ in_model(row, key) for key in WAY if row.get(key) is not None]
+            back = np.linalg.inv(ground_of(way[0], base.z))
+            for ground in stances.grounds(way, base.z):
+                pose = base.matrix @ ground @ back
+                spots.append((*pose[:2, 3], math.atan2(pose[1, 0], pose[0, 0])))
+        found.append(np.array(spots).reshape(-1, 3))
+    return found
 
 
 def place_of(seen: Snapshot, entity: str, grasp: int, gripper: str | None = None) -> int | None:

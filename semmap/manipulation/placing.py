@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from shapely import Geometry, Polygon
 
 from semmap.arrays import Floats
-from semmap.geometry.pose import Pose
 from semmap.geometry.surfaces import LevelPatch
 from semmap.manipulation.error import ManipulationError
 from semmap.manipulation.solids import solid_hull
@@ -58,12 +57,13 @@ def place_candidates(
     obstacles: Floats,
     *,
     spacing: float = 0.04,
+    at: Sequence[Floats] | None = None,
 ) -> list[PlacePose]:
     """Poses at which an object stands free on a surface, the ones with most room first.
 
     The object is (N, 3) vertices in its model's frame, which stands in the pose `upright` (4, 4);
-    its place and heading are chosen here. It stays `MARGIN` from edges and `obstacles`, triangles
-    (F, 3, 3) of all else.
+    its place and heading are chosen here, or among `at`, (M, 3) x, y of the model's frame and turn
+    for each surface. It stays `MARGIN` from edges and `obstacles`, triangles (F, 3, 3) of all else.
     """
     standing = vertices @ upright[:3, :3].T
     low, high = standing.min(axis=0), standing.max(axis=0)
@@ -73,11 +73,6 @@ def place_candidates(
     middle = np.array(hull.centroid.coords[0])
     corners = shapely.get_coordinates(hull.exterior) - middle
     radius = float(np.linalg.norm(corners, axis=1).max())
-    angles = 2 * np.pi / TURNS * np.arange(TURNS)
-    turns = np.array([[[np.cos(a), np.sin(a)], [-np.sin(a), np.cos(a)]] for a in angles])
-    turned = corners @ turns  # (TURNS, K, 2)
-    poses = np.stack([Pose.planar(0, 0, angle).matrix @ upright for angle in angles])
-    poses[:, :2, 3] = -middle @ turns
     lowest, highest = obstacles[..., 2].min(axis=1), obstacles[..., 2].max(axis=1)
     found = []
     for number, surface in enumerate(surfaces):
@@ -91,22 +86,42 @@ def place_candidates(
         near &= np.all(flat.min(axis=1) < (x1, y1), axis=1)
         edge, blocked = surface.outline, shapely.union_all(_outlines(flat[near]))
         shapely.prepare([edge, blocked])
-        spots = spots_on(edge, spacing)
-        which, turn = np.indices((len(spots), TURNS)).reshape(2, -1)
-        areas = shapely.polygons(turned[turn] + spots[which, None])
+        if at is None:
+            spots, angles = _grid(edge, spacing)
+        else:
+            angles = at[number][:, 2]
+            spots = at[number][:, :2] + middle @ _turns(angles)
+        turns = _turns(angles)
+        areas = shapely.polygons(corners @ turns + spots[:, None])
         inside = np.flatnonzero(shapely.contains(edge, areas))
         gaps = _room(areas[inside], edge, blocked)
         free, gaps = inside[gaps >= MARGIN], gaps[gaps >= MARGIN]
-        standing_there = poses[turn[free]]
-        standing_there[:, :2, 3] += spots[which[free]]
+        standing_there = np.tile(np.eye(4), (len(free), 1, 1))
+        standing_there[:, :2, :2] = turns[free].transpose(0, 2, 1)
+        standing_there = standing_there @ upright
+        standing_there[:, :2, 3] = spots[free] - middle @ turns[free]
         standing_there[:, 2, 3] = bottom - low[2]
         found += [
             PlacePose(pose, (x, y), number, gap, min(1.0, gap / radius))
             for pose, (x, y), gap in zip(
-                standing_there, spots[which[free]].tolist(), gaps.tolist(), strict=True
+                standing_there, spots[free].tolist(), gaps.tolist(), strict=True
             )
         ]
     return sorted(found, key=lambda place: -place.clearance)
+
+
+def _turns(angles: Floats) -> Floats:
+    """(N, 2, 2) matrices that turn the rows on their left by angles."""
+    cos, sin = np.cos(angles), np.sin(angles)
+    turns: Floats = np.array([[cos, sin], [-sin, cos]]).transpose(2, 0, 1)
+    return turns
+
+
+def _grid(outline: Polygon, spacing: float) -> tuple[Floats, Floats]:
+    """(N, 2) points in an outline, each with some headings, (N,)."""
+    spots = spots_on(outline, spacing)
+    which, turn = np.indices((len(spots), TURNS)).reshape(2, -1)
+    return spots[which], np.asarray(2 * np.pi / TURNS * turn, np.float64)
 
 
 def spots_on(outline: Polygon, spacing: float) -> Floats:

@@ -83,14 +83,17 @@ def find_grasps(
     elif rows:
         every = rows
         try:
-            around = Surroundings(seen, stored_gripper(seen.session, chosen))
-            rows = around.free_rows(every, limit)
+            hand = stored_gripper(seen.session, chosen)
+            level = [row for row in every if hand.can_tilt_to(row["pose"].matrix)]
+            rows = Surroundings(seen, hand).free_rows(level, limit)
         except ManipulationError as error:
+            level = every
             rows = every[:limit]
             problems.append(f"not checked for collisions: {error}")
         if not rows:
             names = ", ".join(dict.fromkeys(row["entity"] for row in every))
-            problems.append(touching(names, len(every)))
+            why = touching(names, len(level)) if level else slanting(names, len(every), chosen)
+            problems.append(why)
     return FoundActions(rows, problems, generated)
 
 
@@ -199,6 +202,14 @@ def touching(entity: str, grasps: int) -> str:
     return (
         f"{entity}: at all {grasps} grasps, the gripper touches what is around, "
         "or the object before it closes"
+    )
+
+
+def slanting(entity: str, grasps: int, gripper: str) -> str:
+    """Why none of an entity's grasps is taken by a gripper that its arm cannot tilt."""
+    return (
+        f"{entity}: its {grasps} grasps need gripper {gripper} at another slant than that at which "
+        "its arm keeps it"
     )
 
 
