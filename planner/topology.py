@@ -93,7 +93,7 @@ class PlaceConnector:
     width, height
         Size of the clear opening, metres; None if unknown.
     step
-        Height of the threshold, metres.
+        Height of the threshold, or between the floors of the two rooms, metres.
     permissions
         A robot needs one of these to pass. If empty, every robot may pass.
     id

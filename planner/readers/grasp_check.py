@@ -106,6 +106,14 @@ class GraspCheck:
             return robot, gripper_arm(self.hand.gripper)
         return None
 
+    @property
+    def _body(self) -> str | None:
+        """The first class of robots that has a URDF."""
+        from semmap.manipulation.automata import class_urdf
+
+        session = self._seen.session
+        return next((name for name in self._robots if class_urdf(session, name)), None)
+
     def _known(self, item: str) -> list[dict[str, Any]] | str:
         """The grasps of an object; why they are not known."""
         from semmap.manipulation.error import ManipulationError
@@ -178,13 +186,21 @@ class GraspCheck:
             return True
 
     def unjudged(self, items: Iterable[str]) -> list[str]:
-        """A sentence for each object whose grasps are not known, and why."""
+        """A sentence for each object whose grasps are not known, and for an arm that is not."""
         known = [(item, self._grasps(item)) for item in items]
-        return [
+        found = [
             f"the grasps of {item} are not judged: {why}"
             for item, why in known
             if isinstance(why, str)
         ]
+        body = self._body if known and self.arm is None else None
+        if body is not None:
+            hand = f"{assumption(self.hand.name)}; " if self.hand and self.hand.assumed else ""
+            found.append(
+                f"{hand}whether an arm of {body} reaches there is not judged: its URDF shows no "
+                "arm with a gripper"
+            )
+        return found
 
     def reach(self, name: str, *, carried: bool, beneath: bool) -> ArmReach | None:
         """From where the arm acts on an object; None where nothing is known.

@@ -123,6 +123,7 @@ def read_connectors(
         return []
     names: dict[int | None, str] = {p.id: p.name for p in places if p.id is not None}
     names[None] = OUTSIDE
+    floors = {p.id: p.floor for p in places}
     wanted = None if ids is None else [*ids]
     rows = fetch_rows(seen, _CONNECTORS, (wanted, wanted))
     rows = [row for row in rows if row[1] in names and row[2] in names]
@@ -135,7 +136,10 @@ def read_connectors(
     for poses, row in zip(zip(a, b, strict=True), rows, strict=True):
         _, place_a, place_b, name, *details, permissions, properties, number = row
         fields: list[Any] = [name, (names[place_a], names[place_b]), poses]
-        fields += details  # from form to step, as PlaceConnector has them
+        *details, step = details  # from form to step, as PlaceConnector has them
+        if details[0] not in ("stairs", "ramp") and place_a in floors and place_b in floors:
+            step = max(step, abs(floors[place_a] - floors[place_b]))
+        fields += [*details, step]
         fields += [frozenset(permissions or ()), properties or _NO_PROPERTIES, number]
         found.append(PlaceConnector(*fields))
     return found

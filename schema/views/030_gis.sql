@@ -428,6 +428,7 @@ BEGIN
         SELECT coalesce(min(ST_ZMin(m.hull)), 0), max(ST_ZMax(m.hull)) INTO low, high
             FROM semmap.entity_model em JOIN semmap.model m ON m.id = em.model_id WHERE em.entity_id = thing;
         IF (NEW.low, NEW.high) IS DISTINCT FROM (OLD.low, OLD.high) THEN
+            pose[3] := pose[3] + coalesce(NEW.low - OLD.low, 0);  -- the pose rises with the bottom
             low := NEW.low - coalesce(pose[3], 0);
             high := NEW.high - coalesce(pose[3], 0);
             reshaped := true;

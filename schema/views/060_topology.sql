@@ -42,8 +42,16 @@ CREATE VIEW mean_duration AS
     FROM execution x JOIN robot_class r ON r.id = x.robot_class_id
     WHERE x.succeeded GROUP BY x.robot_class_id, x.behaviour, x.entity_id;
 
+CREATE FUNCTION step_of(c connector)
+RETURNS double precision LANGUAGE sql STABLE
+BEGIN ATOMIC
+-- The step in a connector: its threshold, or that between the floors of its rooms where it does not climb.
+SELECT greatest(c.step, CASE WHEN c.form NOT IN ('stairs', 'ramp') THEN max(o.pose[3] + r.floor) - min(o.pose[3] + r.floor) END)
+FROM semmap.room r JOIN semmap.world o ON o.entity_id = r.entity_id WHERE r.entity_id IN (c.place_a, c.place_b);
+END;
+
 CREATE FUNCTION is_blocked_for(r robot_class, c connector, there integer)
-RETURNS boolean LANGUAGE sql IMMUTABLE
+RETURNS boolean LANGUAGE sql STABLE
 BEGIN ATOMIC
 -- Whether a class of robots cannot pass a connector towards place_b (there is 1) or place_a (0).
 SELECT c.state = 'locked' AND NOT r.unlocks
@@ -52,7 +60,7 @@ SELECT c.state = 'locked' AND NOT r.unlocks
     OR r.behaviours IS NOT NULL AND c.behaviour <> ALL (r.behaviours)
     OR c.permissions <> '{}' AND NOT c.permissions && r.permissions
     OR r.width IS NOT NULL AND (coalesce(r.width > c.width, false) OR coalesce(r.height > c.height, false)
-       OR c.step > r.max_step + 0.001 OR c.form = 'stairs'
+       OR semmap.step_of(c) > r.max_step + 0.001 OR c.form = 'stairs'
        OR c.form = 'ramp' AND atan2(abs(c.pose_a[3] - c.pose_b[3]),
                                     sqrt((c.pose_a[1] - c.pose_b[1]) ^ 2 + (c.pose_a[2] - c.pose_b[2]) ^ 2)) > r.max_slope);
 END;

@@ -111,13 +111,13 @@ def automaton_of(session: Session, *names: str | None) -> tuple[str, str] | None
 
 def class_gripper(session: Session, robot_class: str) -> Gripper | None:
     """The gripper in the URDF of a class of robots; None without a URDF or fingers."""
-    path = _class_urdf(session, robot_class)
+    path = class_urdf(session, robot_class)
     return None if path is None else _gripper_of(path, path.stat().st_mtime_ns)
 
 
 def class_automaton(session: Session, robot_class: str) -> tuple[str, str] | None:
     """The automaton and gripper of a class's URDF, stored first; None where it cannot be."""
-    path = _class_urdf(session, robot_class)
+    path = class_urdf(session, robot_class)
     if path is None or class_gripper(session, robot_class) is None:
         return None
     if session.execute(MAY_STORE).fetchone() != (True,):
@@ -128,7 +128,8 @@ def class_automaton(session: Session, robot_class: str) -> tuple[str, str] | Non
         return None
 
 
-def _class_urdf(session: Session, robot_class: str) -> Path | None:
+def class_urdf(session: Session, robot_class: str) -> Path | None:
+    """The URDF of a class of robots, where it is there."""
     found = session.execute("SELECT urdf FROM robot_class WHERE name = %s", (robot_class,))
     row = found.fetchone()
     path = None if row is None or row[0] is None else Path(row[0])

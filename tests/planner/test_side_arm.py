@@ -27,7 +27,7 @@ from semmap.manipulation.gripper import read_gripper
 from semmap.manipulation.stances import Stances
 from tests.command_line import semmap as command
 from tests.manipulation.grippers import Shape
-from tests.robot.robots import installed_file
+from tests.robot.robots import installed_file, real_robot
 
 STRETCH = "RE2V0/stretch_description_RE2V0_tool_stretch_gripper.urdf"
 CUP = 0.035, 0.1
@@ -244,3 +244,12 @@ def test_from_its_stances_an_arm_gets_along_the_grasps_of_a_cup(urdf: Path) -> N
             assert all(chain.reaches(inverse @ each) for each in ways[number])
             aside = base.matrix @ Pose.planar(0.03, 0.05, 0.0).matrix
             assert not all(chain.reaches(np.linalg.inv(aside) @ each) for each in ways[number])
+
+
+def test_a_plan_says_that_an_arm_without_a_known_gripper_is_not_judged(here: semmap.Map) -> None:
+    """The fingers of this gripper are moved by no joint that is found."""
+    here.database.add_robot("se3", real_robot("stretch"))
+    tables = [e.name for e in here.objects if e.is_a("table")]
+    there = next(name for name in tables if name != here["Tässchen"].holder.name)  # type: ignore[union-attr]
+    plan = here.plan(f'on("Tässchen", "{there}")', start="Flur", robot="se3")
+    assert any("an arm of se3 reaches there is not judged" in each for each in plan.reasons)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import nullcontext
 from dataclasses import replace
 
 import numpy as np
@@ -56,3 +57,30 @@ def test_a_sill_in_a_doorway_and_the_threshold_of_a_door(database: str) -> None:
                 '{"width": 0.6, "max_step": 0.02}',
             )
             assert blocked != passes
+
+
+def test_floors_of_two_heights_at_a_door_are_a_step(database: str) -> None:
+    """Without meshes; SQL, routes and the check agree, and stairs have no such step."""
+    with semmap.connect(database) as db:
+        for number, (step, passes) in enumerate(STEPS):
+            here = db.create_map(f"split{number}")
+            for name, x, floor in (("low", 0.0, 1.5), ("high", 4.2, 1.5 + step)):
+                here.add_room(name, shapely.box(x, 0, x + 4, 4), floor=floor, ceiling=4.5)
+            here.add_door("gate", "low", "high", ((4.1, 1.2), (4.1, 2.8)), height=1.5)
+            ((blocked,),) = here.execute(
+                "SELECT is_blocked_for(r, c, 1) "
+                "FROM connector c JOIN entity e ON e.id = c.entity_id, "
+                "jsonb_populate_record(NULL::robot_class, %s) r "
+                "WHERE e.map_id = current_map()",
+                '{"width": 0.6, "max_step": 0.02}',
+            )
+            assert blocked != passes
+            assert ("step in a door" in {each.kind for each in here.check()}) != passes
+            with (
+                nullcontext()
+                if passes
+                else pytest.raises(ValueError, match=f"a step of {step:.2f}")
+            ):
+                here.route("low", "high", robot=CART)
+            climber = replace(CART, drive_limits=DriveLimits(max_step=0.1))
+            assert here.route("low", "high", robot=climber).metres > 1

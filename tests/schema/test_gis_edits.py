@@ -245,6 +245,8 @@ def test_the_height_of_a_drawn_object_is_edited_and_its_heading_is_that_given(
     edit(office, "UPDATE gis_object SET low = 0.5, high = 2 WHERE name = 'crate'")
     crate = shown(office, "crate")
     assert (crate.low, crate.high, crate.heading_deg) == pytest.approx((0.5, 2, 45))
+    edit(office, "SELECT move_to(entity_id('crate'), 31, 0.5, 0.5)")  # where it is
+    assert (shown(office, "crate").low, shown(office, "crate").high) == pytest.approx((0.5, 2))
     assert outline(office, "crate").symmetric_difference(shapely.box(30, 0, 32, 1)).area < 1e-9
 
 

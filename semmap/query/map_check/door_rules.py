@@ -245,6 +245,10 @@ def _shut_doors(
     return found
 
 
+DRIVEN = 0.021
+"""Metres of the highest step of a robot of which nothing is known, to a millimetre."""
+
+
 def narrow_doors(building: SupportedBuilding) -> Found:
     """Doors whose stated opening is narrower or lower than a robot of which nothing is known."""
     for door in building.doors:
@@ -259,3 +263,20 @@ def narrow_doors(building: SupportedBuilding) -> Found:
                 passes = f"only a robot {who} than {size:.2f} m passes"
                 text = f"the door {door.name} is {size:.2f} m {how}: {passes}"
                 yield (door.name,), text, "by hand: state its clear opening, if it is larger"
+
+
+def steps_in_doors(building: SupportedBuilding) -> Found:
+    """Doors between rooms whose floors differ by more than a robot drives over."""
+    rooms = {room.row["id"]: room for room in building.rooms}
+    for door in building.doors:
+        ends = [rooms[n] for n in (door.row["place_a"], door.row["place_b"]) if n in rooms]
+        if door.row["form"] in ("stairs", "ramp") or len(ends) < 2:
+            continue
+        step = abs(building.floor(ends[0]) - building.floor(ends[1]))
+        if step > DRIVEN:
+            text = (
+                f"the floors of {ends[0].name} and {ends[1].name} differ by {step:.2f} m at the "
+                f"door {door.name}: only a robot that takes such a step passes"
+            )
+            names = (door.name, ends[0].name, ends[1].name)
+            yield names, text, "by hand: add it as stairs or a ramp, or correct the floors"

@@ -13,6 +13,7 @@ from semmap.query.map_check.door_rules import (
     narrow_doors,
     no_passage,
     shut_leaves,
+    steps_in_doors,
 )
 from semmap.query.map_check.fixes import Found, Moves, Named, Trials
 from semmap.query.map_check.inventory_rules import (
@@ -91,6 +92,7 @@ RULES: tuple[tuple[str, Severity, Callable[[SupportedBuilding], Found]], ...] = 
     ("room off its storey", "error", rooms_off_storey),
     ("no passage", "warning", no_passage),
     ("narrow door", "warning", narrow_doors),
+    ("step in a door", "warning", steps_in_doors),
     ("shut leaf of an open door", "warning", shut_leaves),
     ("thing in a doorway", "warning", partial(blocked_doors, structure=False)),
     ("overlapping rooms", "warning", partial(room_pairs, same=False)),
