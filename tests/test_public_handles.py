@@ -59,7 +59,14 @@ WITH_SESSION = {
     "semmap/fields/service/replies.py": {"update_map"},
     "semmap/interlinking/reader.py": {"read_object_models"},
     "semmap/manipulation/automata.py": {
-        *("automaton_of", "class_automaton", "class_gripper", "register_robot", "stored_arm"),
+        *(
+            "automaton_of",
+            "class_automaton",
+            "class_gripper",
+            "class_urdf",
+            "register_robot",
+            "stored_arm",
+        ),
     },
     "semmap/manipulation/household_objects.py": {"import_household_grasps"},
     "semmap/manipulation/ranking.py": {"evidence_on", "moved_alike", "ranked"},
