@@ -254,7 +254,10 @@ def _approach_poses(
         return poses_to_reach(*located(of))
 
     def located(item: TaskObject) -> tuple[RoomGround | None, LocatedEntity]:
-        entity = find_entities(seen, believed.get(item.name, item.name))[0]
+        name = believed.get(item.name, item.name)
+        entity = next(iter(find_entities(seen, name)), None)
+        if entity is None:  # another one renamed or deleted it just now
+            raise LookupError(f"the map has no {name} any more")
         if item.assumed and item.pose is not None:
             (x, y), (depth, width, _) = item.pose[:2], item.size
             around = shapely.box(x - depth / 2, y - width / 2, x + depth / 2, y + width / 2)

@@ -77,7 +77,10 @@ def cut(map: Map, room: MapEntity, line: Any, name: str) -> MapEntity:
             f"the line does not cut {room.name} in two: draw it from wall to wall, and beyond"
         )
     rest, new = sorted(parts, key=lambda part: -part.area)
-    opening = shapely.get_coordinates(whole.intersection(way))[[0, -1]].tolist()
+    common = shapely.get_parts(rest.intersection(new))  # the line may run along walls, too
+    borders = shapely.line_merge(shapely.union_all(common[shapely.length(common) > 0]))
+    border = max(shapely.get_parts(borders), key=shapely.length)
+    opening = shapely.get_coordinates(border)[[0, -1]].tolist()
     row = map.execute(
         "SELECT w.pose[3] + r.floor, w.pose[3] + r.ceiling FROM room r JOIN world w "
         "ON w.entity_id = r.entity_id WHERE r.entity_id = %s",

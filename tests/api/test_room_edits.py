@@ -56,6 +56,33 @@ def test_merged_rooms_have_the_doors_and_contents_of_all(row: semmap.Map) -> Non
     assert not [fault for fault in row.check() if fault.severity == "error"]
 
 
+@pytest.mark.parametrize(
+    ("line", "areas"),
+    [
+        (((2, -1), (2, 9)), [16, 16]),
+        (((-1, 2), (11, 2)), [12, 20]),
+        (((2, -1), (2, 2.5)), [16, 16]),
+    ],
+)
+def test_a_room_is_split_at_its_inner_corner(
+    database: str, line: tuple[tuple[float, float], ...], areas: list[float]
+) -> None:
+    """The line may run on along a wall: the opening is where it is inside."""
+    corners = [(0, 0), (10, 0), (10, 2), (2, 2), (2, 8), (0, 8)]
+    with semmap.connect(database) as db:
+        hall = db.create_map(f"hall{line}")
+        hall.add_room("hall", corners, floor=0, ceiling=2.7)
+        new = hall.split_room("hall", "corridor", line)
+        found = sorted(room.footprint.area for room in hall.rooms)  # type: ignore[union-attr]
+        assert found == pytest.approx(areas)
+        (opening,) = hall.doors
+        assert {place.name for place in opening.places} == {"hall", "corridor"}
+        assert opening.width == pytest.approx(2)
+        inside = shapely.LineString(line).intersection(shapely.Polygon(corners))
+        assert opening.geometry.distance(inside) < 0.01
+        assert new.footprint is not None
+
+
 def test_a_split_room_is_two_with_an_opening_and_is_found_as_such(row: semmap.Map) -> None:
     names = named(row)
     former = row[names["right"]].footprint
