@@ -44,6 +44,9 @@ LEAF = (0.05, 2.1)
 ROOM_HEIGHT, DOOR_WIDTH = 2.5, 0.9
 """Metres, where the map knows none."""
 
+LANDING = 0.05
+"""Metres by which the head of a way up is above its foot, and from it to the room up there."""
+
 FRAME, IN_OPENING = 0.2, 0.9
 """Metres around the line from post to post where a leaf across an opening is, and the part of its
 ground that is there."""
@@ -520,6 +523,7 @@ def _floor_areas(
         if rooms is None or e.name in rooms
     ]
     inside = united(area.outline for area in found).buffer(0.5)
+    count = len(found)
     for door in entities:
         if door.sides is None:
             continue
@@ -527,5 +531,14 @@ def _floor_areas(
         line = shapely.LineString([(a.x, a.y), (b.x, b.y)])
         if line.length and (rooms is None or inside.intersects(line)):
             doorway = line.buffer((door.width or DOOR_WIDTH) / 2, cap_style="flat")
-            found.append(FloorArea(door.name, doorway, min(a.z, b.z)))
+            foot, head = sorted((a, b), key=lambda side: side.z)
+            upper = [
+                area.outline
+                for area in found[:count]
+                if area.floor > foot.z + LANDING
+                and area.outline.distance(shapely.Point(head.x, head.y)) <= LANDING
+            ]
+            if head.z > foot.z + LANDING and upper:  # the slab of a landing is no obstacle
+                doorway = doorway.difference(united(upper))
+            found.append(FloorArea(door.name, doorway, foot.z))
     return tuple(found)

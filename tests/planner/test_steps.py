@@ -84,3 +84,28 @@ def test_floors_of_two_heights_at_a_door_are_a_step(database: str) -> None:
                 here.route("low", "high", robot=CART)
             climber = replace(CART, drive_limits=DriveLimits(max_step=0.1))
             assert here.route("low", "high", robot=climber).metres > 1
+
+
+@pytest.mark.parametrize("form", ["stairs", "ramp"])
+@pytest.mark.parametrize(("height", "clearance"), [(0.3, 0.9), (0.9, 1.4)])
+def test_the_slab_at_a_landing_is_no_obstacle(
+    database: str, form: str, height: float, clearance: float
+) -> None:
+    """Of a split level: the upper room has no occupied cell, up to the edge of its slab."""
+    with semmap.connect(database) as db:
+        here = db.create_map(f"landing {form} {height}")
+        here.add_storey("ground", elevation=0, height=4)
+        upper = shapely.box(5.1, 0, 10, 4)
+        here.add_room("low", shapely.box(0, 0, 5, 4), floor=0, ceiling=3)
+        here.add_room("high", upper, floor=height, ceiling=3.9)
+        here.add_object("deck", size=(5, 4, 0.2), pose=(7.6, 2, height - 0.2), type="floor")
+        line = ((4.55, 1.4), (4.55, 2.6))
+        here.add_door("way", "low", "high", line, form=form, clearance=clearance)  # type: ignore[arg-type]
+        made = here.grid("ground")
+        rows, columns = np.nonzero(made.cells == 100)
+        x, y = (
+            made.grid.origin[k] + (cells + 0.5) * made.grid.resolution
+            for k, cells in ((0, columns), (1, rows))
+        )
+        assert not shapely.contains_xy(upper.buffer(-0.1), x, y).any()
+        assert here.route("low", (9, 3.5, height)).metres > 4
