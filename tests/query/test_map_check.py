@@ -121,6 +121,14 @@ def overlaps(here: semmap.Map, draw: random.Random) -> tuple[str, set[str]]:
     return "overlapping rooms", {"annex", "r00"}
 
 
+def is_a_second_door(here: semmap.Map, draw: random.Random) -> tuple[str, set[str]]:
+    pose = here["d01"].pose
+    assert pose is not None
+    x = pose.x + draw.uniform(-0.05, 0.05)
+    here.add_door("again", "r01", "r00", ((x, 1.2), (x, 0.2)))
+    return "doors at one point", {"again", "d01"}
+
+
 def is_too_high(here: semmap.Map, draw: random.Random) -> tuple[str, set[str]]:
     for slab in [e for e in here.objects if e.name.endswith(" f1")]:
         slab.delete()  # else it penetrates that, too
@@ -285,6 +293,7 @@ FAULTS: list[Fault] = [
     coincides,
     is_drawn_twice,
     overlaps,
+    is_a_second_door,
     is_too_high,
     has_no_door,
     leads_past,

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from functools import lru_cache, partial
+from itertools import combinations
 
 import numpy as np
 import shapely
@@ -245,6 +247,9 @@ def _shut_doors(
     return found
 
 
+TWICE = 0.1
+"""Metres between two doors that are one; leaves of a double door are further apart."""
+
 DRIVEN = 0.021
 """Metres of the highest step of a robot of which nothing is known, to a millimetre."""
 
@@ -280,3 +285,13 @@ def steps_in_doors(building: SupportedBuilding) -> Found:
             )
             names = (door.name, ends[0].name, ends[1].name)
             yield names, text, "by hand: add it as stairs or a ramp, or correct the floors"
+
+
+def doors_at_one_point(building: SupportedBuilding) -> Found:
+    """Doors of the same rooms whose middles are one: one of them is shut or opened in vain."""
+    placed = [(door, door.pose[:3]) for door in building.doors if door.pose is not None]
+    for (one, here), (two, there) in combinations(placed, 2):
+        ends = ({door.row["place_a"], door.row["place_b"]} for door in (one, two))
+        if next(ends) == next(ends) and math.dist(here, there) <= TWICE:
+            text = f"the doors {one.name} and {two.name} are at one point, and join the same rooms"
+            yield (one.name, two.name), text, f"map[{two.name!r}].delete()"

@@ -9,6 +9,7 @@ from typing import Literal
 
 from semmap.query.map_check.door_rules import (
     blocked_doors,
+    doors_at_one_point,
     far_doors,
     narrow_doors,
     no_passage,
@@ -89,6 +90,7 @@ RULES: tuple[tuple[str, Severity, Callable[[SupportedBuilding], Found]], ...] = 
     ("door away from its room", "error", far_doors),
     ("blocked door", "error", partial(blocked_doors, structure=True)),
     ("things at one point", "error", things_at_one_point),
+    ("doors at one point", "error", doors_at_one_point),
     ("room off its storey", "error", rooms_off_storey),
     ("no passage", "warning", no_passage),
     ("narrow door", "warning", narrow_doors),
