@@ -8,6 +8,8 @@ from collections.abc import Callable
 from importlib import import_module
 from typing import Any
 
+from semmap.syntax_tree import parse_module
+
 
 def load_on_use(package: str) -> tuple[Callable[[str], Any], list[str]]:
     """Return ``__getattr__`` and ``__all__`` of a package whose names are in other modules.
@@ -25,7 +27,7 @@ def load_on_use(package: str) -> tuple[Callable[[str], Any], list[str]]:
     module = sys.modules[package]
     homes = {
         alias.name: str(node.module)
-        for block in ast.parse(module.__loader__.get_source(package)).body  # type: ignore[union-attr]
+        for block in parse_module(module.__loader__.get_source(package)).body  # type: ignore[union-attr]
         if isinstance(block, ast.If)
         for node in block.body
         if isinstance(node, ast.ImportFrom)

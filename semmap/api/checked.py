@@ -20,6 +20,7 @@ import psycopg
 
 from semmap.error import Error, InvalidArgumentError, UnknownNameError
 from semmap.query.refusal import refused
+from semmap.syntax_tree import parse_expression
 
 EntityName: TypeAlias = "str | Any"
 """The name of an entity, or the entity itself: a method that `checked` wraps gets the name."""
@@ -56,7 +57,7 @@ def form_of(annotation: str) -> Form | None:
     >>> form_of("float | None").words, form_of("float | None").take("3") is WRONG
     ('a number or None', True)
     """
-    return _form(ast.parse(annotation, mode="eval").body)
+    return _form(parse_expression(annotation))
 
 
 def _form(node: ast.expr) -> Form | None:

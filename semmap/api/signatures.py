@@ -12,6 +12,8 @@ from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from semmap.syntax_tree import parse_module
+
 REQUIRED = object()
 """The default of an argument that must be given."""
 
@@ -107,7 +109,7 @@ def _function(owner: str, name: str) -> ast.FunctionDef:
         bases, source = _classes().get(todo.pop(0), ((), ""))
         begin = rf"^    def {name}\(.*?(?=^ {{0,4}}[^\s)]|\Z)"
         if found := re.search(begin, source, re.MULTILINE | re.DOTALL):
-            node = ast.parse(textwrap.dedent(found[0])).body[0]
+            node = parse_module(textwrap.dedent(found[0])).body[0]
             assert isinstance(node, ast.FunctionDef)
             return node
         todo += bases

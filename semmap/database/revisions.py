@@ -12,6 +12,7 @@ import psycopg
 from semmap.database.error import DatabaseError
 from semmap.database.files import migrations_folder, schema_folder
 from semmap.database.maps import driver_of
+from semmap.syntax_tree import parse_module
 
 if TYPE_CHECKING:
     from sqlalchemy import Engine
@@ -89,7 +90,7 @@ def parents() -> dict[str, str | None]:
 
 def _assignments(path: Path) -> dict[str, str]:
     found = {}
-    for node in ast.parse(path.read_bytes()).body:
+    for node in parse_module(path.read_bytes()).body:
         if isinstance(node, ast.Assign):
             targets, value = node.targets, node.value
         elif isinstance(node, ast.AnnAssign) and node.value is not None:

@@ -7,6 +7,7 @@ from typing import Any
 
 from semmap.api.checked import ALIASES
 from semmap.api.signatures import REQUIRED, Argument
+from semmap.syntax_tree import parse_expression
 
 Schema = dict[str, Any]
 
@@ -41,7 +42,7 @@ def schema_of(argument: Argument) -> Schema | None:
     >>> schema_of(Argument("limit", "int | None", 5, "How many"))
     {'type': 'integer', 'description': 'How many', 'default': 5}
     """
-    parsed = ast.parse(argument.annotation, mode="eval").body
+    parsed = parse_expression(argument.annotation)
     words = {node.id for node in ast.walk(parsed) if isinstance(node, ast.Name)}
     is_file = "Path" in words and argument.name not in NAMED
     found = _schema(parsed, is_file)
@@ -70,7 +71,7 @@ def _schema(node: ast.expr, is_file: bool) -> Schema | None:
         case ast.Subscript(ast.Name(name)) if name in _OBJECTS:
             return {"type": "object"}
         case ast.Name(name) if name in ALIASES:
-            return _schema(ast.parse(ALIASES[name], mode="eval").body, is_file)
+            return _schema(parse_expression(ALIASES[name]), is_file)
         case ast.Name("str") if is_file:
             return None
         case ast.Name(name):
