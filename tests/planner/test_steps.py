@@ -32,6 +32,16 @@ def test_thresholds_and_slabs(floor: float, step: float, passes: bool) -> None:
     assert drivable(slab - np.array((0, 0, 2 * step)), [floor], CART.drive_limits).all() == passes
 
 
+def is_blocked(here: semmap.Map) -> bool:
+    """Whether SQL shuts the only door of a map for the cart."""
+    ((blocked,),) = here.execute(
+        "SELECT is_blocked_for(r, c, 1) FROM connector c JOIN entity e ON e.id = c.entity_id, "
+        "jsonb_populate_record(NULL::robot_class, %s) r WHERE e.map_id = current_map()",
+        '{"width": 0.6, "max_step": 0.02}',
+    )
+    return bool(blocked)
+
+
 def test_a_sill_in_a_doorway_and_the_threshold_of_a_door(database: str) -> None:
     with semmap.connect(database) as db:
         for number, (step, passes) in enumerate(STEPS):
@@ -49,14 +59,7 @@ def test_a_sill_in_a_doorway_and_the_threshold_of_a_door(database: str) -> None:
                 assert passes
             here["sill"].delete()
             here.execute("UPDATE connector SET step = %s", (floor + step) - floor)
-            ((blocked,),) = here.execute(
-                "SELECT is_blocked_for(r, c, 1) "
-                "FROM connector c JOIN entity e ON e.id = c.entity_id, "
-                "jsonb_populate_record(NULL::robot_class, %s) r "
-                "WHERE e.map_id = current_map()",
-                '{"width": 0.6, "max_step": 0.02}',
-            )
-            assert blocked != passes
+            assert is_blocked(here) != passes
 
 
 def test_floors_of_two_heights_at_a_door_are_a_step(database: str) -> None:
@@ -67,14 +70,7 @@ def test_floors_of_two_heights_at_a_door_are_a_step(database: str) -> None:
             for name, x, floor in (("low", 0.0, 1.5), ("high", 4.2, 1.5 + step)):
                 here.add_room(name, shapely.box(x, 0, x + 4, 4), floor=floor, ceiling=4.5)
             here.add_door("gate", "low", "high", ((4.1, 1.2), (4.1, 2.8)), height=1.5)
-            ((blocked,),) = here.execute(
-                "SELECT is_blocked_for(r, c, 1) "
-                "FROM connector c JOIN entity e ON e.id = c.entity_id, "
-                "jsonb_populate_record(NULL::robot_class, %s) r "
-                "WHERE e.map_id = current_map()",
-                '{"width": 0.6, "max_step": 0.02}',
-            )
-            assert blocked != passes
+            assert is_blocked(here) != passes
             assert ("step in a door" in {each.kind for each in here.check()}) != passes
             with (
                 nullcontext()
