@@ -396,6 +396,25 @@ def test_a_name_and_a_state_are_changed_in_the_card(writer: Page, db: semmap.Dat
     door.state = former
 
 
+def test_a_change_of_the_map_keeps_what_is_being_typed(writer: Page, db: semmap.Database) -> None:
+    house = db.map("house")
+    door = next(iter(house.doors))
+    former = door.state
+    choose(writer, door.name)
+    field = writer.get_by_label("new state")
+    field.fill("lock")
+    door.state = "closed"
+    until(writer, f"semmap.house.entities.get({door.name!r}).state === 'closed'")
+    writer.wait_for_timeout(1000)  # the card would be read again
+    assert field.input_value() == "lock"
+    field.press_sequentially("ed")
+    field.press("Enter")
+    until(writer, "document.getElementById('status').value === 'set state: done'")
+    assert door.state == "locked"
+    until(writer, "document.querySelector('#card dl').textContent.includes('locked')")
+    door.state = former
+
+
 def test_grasps_of_what_is_selected_are_drawn(writer: Page, db: semmap.Database) -> None:
     """Each fork is at a distance from the can at which its fingers reach around it."""
     house = db.map("house")

@@ -92,7 +92,7 @@ function change(key, value) {
   const back = key === "name" ? value : name;
   hand
     .act(`set_${key}`, { entity: name, value }, [`set_${key}`, { entity: back, value: former }])
-    .catch(() => {});
+    .catch(card);
 }
 
 async function reread() {

@@ -82,13 +82,21 @@ export class Panel {
   // Show what is known of an entity; null for none. `writes`: its name, type and state can be changed.
   card(told, writes = false) {
     at("card").hidden = told === null;
-    if (told === null) return;
+    if (told === null || this.typing(told.name)) return;
     const rows = Object.entries(told).filter(([key, value]) => !OMITTED.has(key) && text(value ?? "") !== "");
     at("card").replaceChildren(
       element("h2", {}, told.name),
       element("dl", {}, ...rows.flatMap(([key, value]) => [element("dt", {}, key), element("dd", {}, text(value))])),
       ...(told.kind === "object" ? [this.grasps(told.name)] : []),
       ...(writes ? CHANGED.filter((key) => key in told && told[key] !== null).map((key) => this.field(key, told[key])) : []),
+    );
+  }
+
+  // The user types in a field of this card: a change of the map does not take the field away.
+  typing(name) {
+    const { activeElement: field } = document;
+    return (
+      at("card").contains(field) && field.value !== field.defaultValue && at("card").querySelector("h2").textContent === name
     );
   }
 
@@ -100,8 +108,11 @@ export class Panel {
   }
 
   field(key, value) {
-    const input = element("input", { name: key, value });
-    input.addEventListener("change", () => this.does.change(key, input.value));
+    const input = element("input", { name: key, defaultValue: value });
+    input.addEventListener("change", () => {
+      input.defaultValue = input.value;
+      this.does.change(key, input.value);
+    });
     return element("label", {}, `new ${key} `, input);
   }
 }
