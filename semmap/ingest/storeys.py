@@ -13,6 +13,7 @@ from semmap.geometry.extent import extent
 from semmap.geometry.levels import (
     APART,
     CONTACT,
+    SLAB,
     WALKED,
     WIDE,
     in_metres,
@@ -48,13 +49,18 @@ def found_storeys(entries: Sequence[Entry]) -> tuple[list[Entry], list[str]]:
 
     A storey is a level face of `WALKED` square metres on which something stands; there are storeys
     where there are two of these, `APART` or more. A narrow or small one, as of a rack, is none.
-    Where things stand above each other and no storeys are found, a note asks for them.
+    Where things stand above each other and no storeys are found, a note asks for them, as where
+    floors, as of half levels, are too near to be storeys.
     """
     solid = [entry for entry in entries if _meshes(entry)]
     boxes = np.array([_box(entry) for entry in solid]).reshape(-1, 2, 3)
     floors = [[*_floors(entry)] for entry in solid]
     bottoms = np.sort(boxes[is_furniture(boxes), 0, 2])
-    levels = _storey_levels([level for faces in floors for level in faces], bottoms)
+    levels, between = _storey_levels([level for faces in floors for level in faces], bottoms)
+    halves = [
+        f"things stand on floors at {in_metres(between)}, less than {APART:g} m above others: they "
+        "belong to the storeys below. If they are storeys, state these in a GeoJSON file"
+    ] * bool(between)
     if len(levels) > 1:
         storeys = []
         for number, (level, height) in enumerate(
@@ -67,7 +73,8 @@ def found_storeys(entries: Sequence[Entry]) -> tuple[list[Entry], list[str]]:
             )
         return storeys, [
             f"{len(levels)} storeys are found, with floors at {in_metres(levels)}: state storeys "
-            "in a GeoJSON file to name them, or to correct their heights"
+            "in a GeoJSON file to name them, or to correct their heights",
+            *halves,
         ]
     walked = [any(level.width >= WIDE for level in faces) for faces in floors]
     levels = standing_levels(boxes, np.array(walked, np.bool_))
@@ -76,21 +83,29 @@ def found_storeys(entries: Sequence[Entry]) -> tuple[list[Entry], list[str]]:
             f"things stand at {in_metres(levels)}, and the file states no storeys: all are on one. "
             "If these are storeys, state them in a GeoJSON file (kind storey, elevation)"
         ]
-    return [], []
+    return [], halves
 
 
-def _storey_levels(floors: Sequence[Level], bottoms: NDArray[np.float64]) -> list[float]:
-    """The heights of floors that are storeys; none where something stands below them all."""
+def _storey_levels(
+    floors: Sequence[Level], bottoms: NDArray[np.float64]
+) -> tuple[list[float], list[float]]:
+    """The heights of floors that are storeys, and of those between; none above what stands lower.
+
+    A floor between is less than `APART` above a storey, and more than the thickness of a slab.
+    """
     if not floors:
-        return []
+        return [], []
     heights, areas, widths = np.array(floors).T
     together = (np.abs(heights[:, None] - heights) <= CONTACT / 2) @ areas
     used = np.array([np.abs(bottoms - z).min(initial=np.inf) <= CONTACT for z in heights])
     large = together >= MOST * together[used].max(initial=0)
-    levels = separate(heights[used & large & (widths >= WIDE)])
+    wide = heights[used & large & (widths >= WIDE)]
+    levels = separate(wide)
     if levels and bottoms[0] < levels[0] - APART:
-        return []
-    return levels
+        return [], []
+    above = [(z, z - max(level for level in [-np.inf, *levels] if level <= z)) for z in wide]
+    between = {round(float(z), 2) for z, gap in above if SLAB < gap < APART}
+    return levels, sorted(between)
 
 
 def _box(entry: Entry) -> NDArray[np.float64]:

@@ -114,6 +114,21 @@ def test_a_platform_in_a_hall_is_asked_about(tmp_path: Path) -> None:
     assert notes[0].startswith("things stand at 0, 2.8 m")
 
 
+@pytest.mark.parametrize("count", [2, 3, 4])
+def test_half_levels_are_asked_about(count: int, tmp_path: Path) -> None:
+    """Two stacks of floors beside each other, of which one is half a storey higher."""
+    building = Building(0, 0.3, (0.0, 0.0))
+    for number in range(count):
+        x, z = 6.0 * (number % 2), 1.4 * number
+        building.add("deck", "floor", (x, 0, x + 6, 5), z - 0.2, z)
+        building.add("bench", "thing", (x + 1, 1, x + 2, 2), z, z + 0.5)
+    storeys, notes = found_storeys(read_world(building.write(tmp_path)[0]).entries)
+    assert [s.detail.elevation for s in storeys] == pytest.approx([0, 2.8][: len(storeys)])
+    assert len(storeys) == (2 if count > 2 else 0)
+    between = "1.4, 4.2" if count > 3 else "1.4"
+    assert notes[-1].startswith(f"things stand on floors at {between} m, less than 2 m above")
+
+
 def levels_without_floors(count: int = 3) -> Building:
     """A table and a chair on each level, no floors, and no storeys that a file would state."""
     building = Building(0, 0.0, (0.0, 0.0))
