@@ -116,6 +116,28 @@ def check_free(costmap: Costmap) -> None:
         raise NoFreeCellError(f"storey {storey}: no cell of the costmap is free: {_cause(costmap)}")
 
 
+def drivable(costmaps: Sequence[Costmap]) -> tuple[list[Costmap], list[str]]:
+    """The costmaps with a free cell, and why others have none, as the roof of a building.
+
+    Raises
+    ------
+    NoFreeCellError
+        None has a free cell.
+    """
+    free: list[Costmap] = []
+    closed: list[NoFreeCellError] = []
+    for costmap in costmaps:
+        try:
+            check_free(costmap)
+        except NoFreeCellError as error:
+            closed.append(error)
+        else:
+            free.append(costmap)
+    if closed and not free:
+        raise closed[0]
+    return free, [str(error) for error in closed]
+
+
 def _cause(costmap: Costmap) -> str:
     known = ~costmap.unknown
     if not known.any():

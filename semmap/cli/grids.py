@@ -177,9 +177,12 @@ def _write(costmaps: Sequence[Costmap], folder: Path, options: Any, json_: bool)
     """Write costmaps; print the files, per storey, and what costmaps say of objects and fields."""
     from rich.text import Text
 
-    from navgrid.costmap_output import write_costmaps
+    from navgrid.costmap_output import drivable, write_costmaps
     from semmap.draw.palette import PART_COLOURS
 
+    costmaps, closed = drivable(costmaps)
+    for reason in closed:
+        cli.err.print(f"left out: {reason}", style="yellow")
     written = write_costmaps(costmaps, folder, **options)
     if json_:
         print(json.dumps(written))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from navgrid.costmap import Costmap
-from navgrid.costmap_output import NoFreeCellError, check_free
+from navgrid.costmap_output import NoFreeCellError, check_free, drivable
 from navgrid.grid import Grid
 from tests.navgrid.scenes import BASE, part, region, room, scene, sheet, solid, square
 
@@ -43,3 +43,14 @@ def test_a_robot_that_is_too_wide_is_told_its_radius() -> None:
     costmap = Costmap(scene(*posts, rug, floors=(HALL,)), [wide], GRID)
     with pytest.raises(NoFreeCellError, match=r"part wide keeps 2\.50 m from them"):
         check_free(costmap)
+
+
+def test_storeys_without_a_free_cell_are_left_out_unless_all_are() -> None:
+    hall = Costmap(scene(floors=(HALL,)), [BASE], GRID)
+    away = Costmap(scene(floors=(room("away", 100, 100, 101, 101),)), [BASE], GRID)
+    free, closed = drivable([hall, away])
+    assert free == [hall]
+    assert len(closed) == 1
+    assert "outside of every room and doorway" in closed[0]
+    with pytest.raises(NoFreeCellError, match="outside of every room"):
+        drivable([away, away])
