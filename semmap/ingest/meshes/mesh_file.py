@@ -6,7 +6,7 @@ import io
 import os
 import re
 import warnings
-from collections.abc import Callable, Hashable, Iterable, Iterator
+from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
@@ -36,12 +36,14 @@ X_UP = np.array([[0.0, -1, 0], [0, 0, -1], [1, 0, 0]])
 class MeshPart(NamedTuple):
     """A piece of a file: its node, its names, those of the node first, and its surface, metres.
 
-    Pieces of one node, as of several materials, have the same `node`.
+    Pieces of one node, as of several materials, have the same `node`. `above` are the nodes above
+    it, the nearest first.
     """
 
     node: Hashable
     names: tuple[str, ...]
     mesh: Mesh
+    above: tuple[Hashable, ...] = ()
 
 
 def read_mesh(
@@ -193,7 +195,8 @@ def _read_dae(path: Path, up_axis: bool) -> list[MeshPart]:
             faces += len(mesh.faces)
             TRIANGLES.check(faces, MeshFileError, SIMPLER)
             vertices = unit * mesh.vertices @ turn.T
-            parts.append(MeshPart(node, named or (path.stem,), Mesh(vertices, mesh.faces)))
+            above = tuple(node[:end] for end in range(len(node) - 1, 0, -1))
+            parts.append(MeshPart(node, named or (path.stem,), Mesh(vertices, mesh.faces), above))
     return parts
 
 
@@ -265,12 +268,17 @@ def _read_any(path: Path, up_axis: bool) -> list[MeshPart]:
             TRIANGLES.check(faces, MeshFileError, SIMPLER)
             mesh = _placed(geometry.vertices, geometry.faces, np.asarray(matrix, float))
             # a mesh of several materials: trimesh makes a node for each, under that of the file
-            above = scene.graph.transforms.parents.get(node)
-            shared = re.fullmatch(rf"{re.escape(str(above))}_[0-9a-f]{{6}}", str(node))
-            named = str(above if shared else node)
+            above = [*_ancestors(scene.graph.transforms.parents, node)]
+            shared = above and re.fullmatch(rf"{re.escape(above[0])}_[0-9a-f]{{6}}", str(node))
+            named = above.pop(0) if shared else str(node)
             surface = Mesh(unit * mesh.vertices @ turn.T, mesh.faces)
-            parts.append(MeshPart(named, (named, str(node), str(name)), surface))
+            parts.append(MeshPart(named, (named, str(node), str(name)), surface, (*above,)))
     return parts
+
+
+def _ancestors(parents: Mapping[Any, Any], node: Any) -> Iterator[str]:
+    while (node := parents.get(node)) is not None:
+        yield str(node)
 
 
 def _read_obj(path: Path, _: bool) -> list[MeshPart]:

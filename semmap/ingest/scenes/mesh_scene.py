@@ -34,6 +34,8 @@ def is_mesh_scene(path: Path, *, scale: float = 1.0) -> bool:
 def read_mesh_scene(path: Path, *, scale: float = 1.0) -> World:
     """Return an object for each node with a mesh; its frame is below the middle of its box.
 
+    The nearest node above it that has a mesh, too, holds it.
+
     `scale` is metres per unit of a format without units. A WorldError refuses a file that cannot be
     used.
     """
@@ -44,12 +46,18 @@ def read_mesh_scene(path: Path, *, scale: float = 1.0) -> World:
 
 
 def _nodes(path: Path, scale: float) -> list[SceneNode]:
-    by_node: dict[Hashable, tuple[str, list[Mesh]]] = {}
-    for node, names, mesh in mesh_parts(path):
-        if len(mesh.faces):
-            _, meshes = by_node.setdefault(node, (names[0], []))
-            meshes.append(Mesh(scale * mesh.vertices, mesh.faces))
-    return [_node(name, meshes) for name, meshes in by_node.values()]
+    """The nodes with a surface, each after those above it."""
+    parts = [part for part in mesh_parts(path) if len(part.mesh.faces)]
+    meshes: dict[Hashable, list[Mesh]] = {part.node: [] for part in parts}
+    for part in parts:
+        meshes[part.node].append(Mesh(scale * part.mesh.vertices, part.mesh.faces))
+    of_node = {part.node: part for part in reversed(parts)}
+    made: dict[Hashable, SceneNode] = {}
+    for node in sorted(meshes, key=lambda node: len(of_node[node].above)):
+        part = of_node[node]
+        made[node] = _node(part.names[0], meshes[node])
+        made[node].above = next((made[above] for above in part.above if above in made), None)
+    return list(made.values())
 
 
 def _node(name: str, meshes: list[Mesh]) -> SceneNode:

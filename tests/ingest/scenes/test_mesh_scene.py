@@ -13,6 +13,7 @@ import trimesh
 import semmap
 from semmap.ingest.importer import MeshAs, read_world
 from semmap.ingest.scenes.mesh_scene import read_mesh_scene
+from tests.ingest.scenes.placed import box, pose
 
 BOXES = {
     "Wall_south": ((0, 0, 0), (8, 0.2, 2.7)),
@@ -111,14 +112,14 @@ FACES = ((0, 2, 1), (0, 3, 2), (0, 1, 3), (1, 2, 3))
 
 
 def places(path: Path) -> list[tuple[str, str | None, float, int]]:
-    """Name, type, middle in x, and number of triangles of each object."""
+    """Name, type, middle in x, and number of triangles of each object, by its middle."""
     found = []
-    for entry in read_mesh_scene(path).entries:
+    world = read_mesh_scene(path)
+    for entry in world.entries:
         mesh = entry.shapes[0].mesh
         assert mesh is not None
-        assert entry.pose is not None
-        found.append((entry.name, entry.type, entry.pose.x, len(mesh.faces)))
-    return found
+        found.append((entry.name, entry.type, pose(world, entry.name).x, len(mesh.faces)))
+    return sorted(found, key=lambda each: each[2])
 
 
 @pytest.mark.parametrize("material", ["", "usemtl oak\n"])
@@ -193,6 +194,8 @@ def test_nodes_of_a_collada_file_that_share_a_geometry_are_objects_each(tmp_path
         ("solid", None, 35.25, 4),
         ("solid_2", None, 40.25, 4),
     ]
+    holders = {e.name: e.holder for e in read_mesh_scene(path).entries if e.holder}
+    assert holders == {"Cup": "Chair"}
 
 
 def test_primitives_of_a_gltf_node_are_one_object_but_not_its_children(tmp_path: Path) -> None:
@@ -223,6 +226,44 @@ def test_primitives_of_a_gltf_node_are_one_object_but_not_its_children(tmp_path:
     path.write_text(json.dumps(document))
     found = {(name, faces) for name, _, _, faces in places(path)}
     assert found == {("Table_lamp", 4), ("Cup", 8), ("world_map", 4)}
+
+
+def test_a_node_is_held_by_the_one_above_it_unless_the_geometry_contradicts(
+    tmp_path: Path, database: str
+) -> None:
+    """A book in a shelf, below a node without a mesh; a vase was moved out of it to the floor."""
+    made = trimesh.Scene()
+    up = np.array([[1.0, 0, 0, 0], [0, 0, 1, 0], [0, -1, 0, 0], [0, 0, 0, 1]])
+
+    def add(name: str, above: str | None, low: tuple[float, ...], high: tuple[float, ...]) -> None:
+        middle = np.add(low, high) / 2
+        place = up @ trimesh.transformations.translation_matrix(middle)
+        if above is not None:  # of a node that stands elsewhere, and is turned by `up` already
+            place = np.linalg.inv(made.graph[above][0]) @ place
+        mesh = trimesh.creation.box(np.subtract(high, low))
+        made.add_geometry(
+            mesh, node_name=name, geom_name=f"of {name}", parent_node_name=above, transform=place
+        )
+
+    add("Floor", None, (0, 0, -0.1), (8, 6, 0))
+    add("Shelf", None, (1, 1, 0), (2, 1.4, 1.8))
+    made.graph.update("Books", "Shelf", matrix=np.eye(4))
+    add("Book", "Books", (1.2, 1.1, 1.8), (1.25, 1.3, 2.0))
+    add("Vase", "Shelf", (5, 4, 0), (5.2, 4.2, 0.4))
+    path = tmp_path / "flat.glb"
+    made.export(path)
+
+    world = read_mesh_scene(path)
+    holders = {e.name: e.holder for e in world.entries if e.holder}
+    assert holders == {"Book": "Shelf", "Vase": "Shelf"}
+    assert box(world, "Book") == pytest.approx(np.array([[1.2, 1.1, 1.8], [1.25, 1.3, 2.0]]))
+    with semmap.connect(database) as db:
+        db.import_file(path, map="nested")
+        nested = db.map("nested")
+        assert nested["Book"].holder == nested["Shelf"]
+        assert nested["Vase"].holder != nested["Shelf"]
+        nested["Shelf"].move_to(3, 3, 0)
+        assert nested["Book"].box[:3] == pytest.approx((2.7, 2.9, 1.8), abs=1e-6)
 
 
 @pytest.mark.parametrize(
