@@ -118,7 +118,11 @@ def _add_drawn_lanes(
     at: Sequence[tuple[str, int]],
     doors: Mapping[str, Mapping[str, Any]],
 ) -> None:
-    """Add the lanes that the building's file has, with their properties, in each direction."""
+    """Add the lanes that the building's file has, with their properties, in each direction.
+
+    A lane through a door that the robot cannot pass, as a locked one, is left out.
+    """
+    passed = {move.connector.name for move in made.moves if move.connector is not None}
     found = {n.region: at[i] for i, n in enumerate(made.nodes) if n.region}
     shut = {
         storey: {
@@ -136,6 +140,8 @@ def _add_drawn_lanes(
         line = shapely.LineString([level.vertices[n][:2] for n in (a, b)])
         params = {key: given[key] for key in ("speed_limit", "mutex") if given.get(key)}
         crossed = [name for name, door in shut[here].items() if door.intersects(line)]
+        if not passed.issuperset(crossed):
+            continue
         if crossed:
             params["door_name"] = crossed[0]
         ways = [(a, b, given.get("orientation"))]

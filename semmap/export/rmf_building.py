@@ -91,7 +91,17 @@ def _params(given: Mapping[str, Any]) -> dict[str, list[Any]]:
 
 
 def write_rmf(found: MapFeatures, path: Path) -> None:
-    """Write a map as a building of Open-RMF; what has no storey is on the level below it."""
+    """Write a map as a building of Open-RMF."""
+    path.write_text(
+        yaml.safe_dump(
+            rmf_building(found), allow_unicode=True, default_flow_style=None, sort_keys=False
+        ),
+        encoding="utf-8",
+    )
+
+
+def rmf_building(found: MapFeatures) -> dict[str, Any]:
+    """A map as a building of Open-RMF; what has no storey is on the level below it."""
     storeys = [(s.name, float(s.keys.get("elevation", 0.0))) for s in found.all("storeys")]
     storeys = sorted(storeys, key=lambda each: each[1]) or [(found.name, 0.0)]
     levels = {name: _Level(elevation) for name, elevation in storeys}
@@ -118,17 +128,13 @@ def write_rmf(found: MapFeatures, path: Path) -> None:
             for graph in about.get("graphs", [0]):
                 lane = [a, b, _params({**common, "graph_idx": graph})]
                 levels[here].data["lanes"].append(lane)
-    building = {
+    return {
         "name": found.name,
         "coordinate_system": "cartesian_meters",
         "reference_level_name": storeys[0][0],
         "levels": {name: level.data for name, level in levels.items()},
         "lifts": _lifts(found, [name for name, _ in storeys]),
     }
-    path.write_text(
-        yaml.safe_dump(building, allow_unicode=True, default_flow_style=None, sort_keys=False),
-        encoding="utf-8",
-    )
 
 
 def _add_rooms(level: _Level, rooms: list[MapFeature], doors: list[MapFeature]) -> None:

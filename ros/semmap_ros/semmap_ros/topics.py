@@ -19,6 +19,7 @@ from semmap.error import UnknownNameError
 from semmap.geometry.pose import Pose
 from semmap.server.scene import boxes_of, scene_of
 from semmap_ros import messages
+from semmap_ros.building_map import read_building_map
 from semmap_ros.grids import StoreyTopic, read_grids
 from semmap_ros.latched import LatchedTopics
 from semmap_ros.optional import CostmapFilterInfo, LabelInfo, TFMessage, VisionClass
@@ -44,6 +45,7 @@ class Reading(NamedTuple):
     boxes: Any = None
     fields: Any = None
     types: Any = None
+    building: Any = None
 
 
 class MapTopics:
@@ -68,6 +70,7 @@ class MapTopics:
         self._moved: dict[str, dict[str, Any]] = {}  # while it reads
         self._partial = False  # whether the last markers are of some objects
         self._floor_plan: OccupancyGrid | None = None  # the last one of `~/map`
+        self._building: Any = None  # the last one of Open-RMF
         self.grids: dict[str, OccupancyGrid] = {}
 
     @property
@@ -143,7 +146,8 @@ class MapTopics:
             return Reading(grids, graph)
         scene, boxes = scene_of(map), boxes_of(map)
         types = None if LabelInfo is None else sorted(each["name"] for each in map.types())
-        return Reading(grids, graph, scene, boxes, self._read_fields(map), types)
+        fields, building = self._read_fields(map), read_building_map(self._node, map)
+        return Reading(grids, graph, scene, boxes, fields, types, building)
 
     def _show(self, read: Reading) -> None:
         """Publish a state of the map."""
@@ -167,13 +171,18 @@ class MapTopics:
             names = enumerate(read.types)
             classes = [VisionClass(class_id=number, class_name=name) for number, name in names]
             self._latched.publish("~/labels", LabelInfo(header=self._head(), class_map=classes))
+        if read.building is not None and read.building != self._building:
+            self._building = read.building
+            self._latched.publish("~/building_map", read.building)
+        elif read.building is not None:
+            self._latched.keep("~/building_map")
         self._latched.end_others()
 
     def withdraw(self) -> None:
         """End all topics."""
         self._latched.begin()
         self._latched.end_others()
-        self.grids, self._floor_plan = {}, None
+        self.grids, self._floor_plan, self._building = {}, None, None
 
     def _move(self, map: semmap.Map, event: Any) -> bool:
         """Whether the scene is as the event left it, by the new pose of a thing."""
