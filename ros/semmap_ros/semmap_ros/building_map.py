@@ -58,7 +58,7 @@ def read_building_map(node: MapNode, map: semmap.Map) -> Any:
         ways = {}
     return BuildingMap(
         name=building["name"],
-        levels=[_level(*each, ways) for each in building["levels"].items()],
+        levels=[_level(name, level, ways) for name, level in building["levels"].items()],
         lifts=[_lift(*each) for each in building["lifts"].items()],
     )
 
@@ -72,7 +72,7 @@ def _level(name: str, level: Mapping[str, Any], ways: Mapping[str, Any]) -> Any:
             for x, y, about in ways[name]["vertices"]
         ]
         graphs = [_graph("0", points, ways[name]["lanes"], directed=True)]
-    walls = [(a, b, {}) for a, b, _ in level["walls"]]
+    walls: list[Any] = [(a, b, {}) for a, b, _ in level["walls"]]
     doors = []
     for a, b, params in level["doors"]:
         about = {key: value for key, (_, value) in params.items()}
@@ -105,7 +105,7 @@ def _lift(name: str, lift: Mapping[str, Any]) -> Any:
         along = half * math.cos(turn), half * math.sin(turn)
         ends = [(door["x"] + side * along[0], door["y"] + side * along[1]) for side in (-1, 1)]
         doors.append(Door(**_ends(*_placed(frame, ends)), name=own, door_type=door["door_type"]))
-    around = [(a, b, {}) for a, b in pairwise([0, 1, 2, 3, 0])]
+    around: list[Any] = [(a, b, {}) for a, b in pairwise([0, 1, 2, 3, 0])]
     return Lift(
         name=name,
         levels=[level for level, own in lift["level_doors"].items() if own],
