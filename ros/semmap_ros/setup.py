@@ -18,6 +18,7 @@ setup(
         "console_scripts": [
             "semmap_node = semmap_ros.node:main",
             "semmap_mission = semmap_ros.mission:main",
+            "semmap_recording = semmap_ros.recording:main",
         ]
     },
 )
