@@ -199,7 +199,7 @@ class MapDrawing(MapTasks):
         from planner.exchange.route_graph import ExchangeError
         from planner.robot_class import RobotClass
 
-        shape = robot or RobotClass(speed=speed, unlocks=unlocks)
+        shape = self._driver(robot) or RobotClass(speed=speed, unlocks=unlocks)
         graph = self.live_topology(shape, body=False).graph
         if not graph.topology.connectors:
             raise ExchangeError(

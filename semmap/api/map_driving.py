@@ -27,6 +27,9 @@ if TYPE_CHECKING:
 
     RobotLike = str | Path | RobotClass | Sequence[Part]
 
+URDF = (".urdf", ".xml", ".xacro")
+"""Endings of files of robots; other names are those of stored classes."""
+
 Progress = Callable[[str, int, int], None]
 """Called with what is done now, its number, and how many there are."""
 
@@ -222,7 +225,7 @@ class MapDriving(MapQuestions):
         from semmap.robot import load_robot, robot_parts
 
         said = ""
-        if isinstance(robot, str) and not robot.endswith((".urdf", ".xml", ".xacro")):
+        if isinstance(robot, str) and not robot.endswith(URDF):
             with self.snapshot() as seen:
                 if posture is None and parts is None:
                     said = f"posture: stored with the class {robot}"
@@ -272,7 +275,7 @@ class MapDriving(MapQuestions):
         ----------
         start, goal : a room, an object, a region or an agent by its name; a point (x, y) or
             (x, y, z) in the map's frame, metres; for `goal` also a type or a label: the nearest
-        robot : a stored class or a `planner.RobotClass`, with costmaps and travel times; by
+        robot : a stored class, a URDF or a `planner.RobotClass`, with costmaps and travel times; by
             default a robot 0.6 m wide and 1.5 m high inside of rooms, that passes doors that it
             fits through, and stairs
         avoid : names or types of places, doors and regions that it must not use
@@ -328,7 +331,7 @@ class MapDriving(MapQuestions):
 
     def topology(self, robot: str | RobotClass | None = None) -> Topology:
         """The places of the building and the connectors that join them, as plain data."""
-        return self.live_topology(robot, body=False).topology
+        return self.live_topology(self._driver(robot), body=False).topology
 
     def live_topology(
         self,
@@ -359,6 +362,14 @@ class MapDriving(MapQuestions):
             live.catch_up()
         return live
 
+    def _driver(self, robot: str | RobotClass | None) -> str | RobotClass | None:
+        """A robot whose ways are sought; that of a URDF has its shape in its driving posture."""
+        from planner.robot_class import RobotClass
+
+        if isinstance(robot, str) and robot.endswith(URDF):
+            return RobotClass(Path(robot).stem, tuple(self.robot_parts(robot)))
+        return robot
+
     def _route_planner(
         self,
         robot: str | RobotClass | None,
@@ -372,7 +383,7 @@ class MapDriving(MapQuestions):
 
         able = {name: value for name, value in abilities.items() if value is not None}
         live = self.live_topology(
-            _robot_with(**able) if robot is None and able else robot,
+            _robot_with(**able) if robot is None and able else self._driver(robot),
             assume_sizes=assume_sizes,
             progress=progress,
         )

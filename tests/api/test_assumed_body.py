@@ -10,6 +10,8 @@ import shapely
 
 import semmap
 from planner.robot_class import BODY
+from planner.route import NoRouteError
+from tests.robot.robots import real_robot
 
 ROOMS = ("pantry", "parlour")
 
@@ -70,3 +72,24 @@ def test_answers_say_which_body_they_assume(cottage: tuple[semmap.Map, bool]) ->
     ]
     assert {answer.as_json()["assumed_body"] for answer in told} == {told[0].assumed_body}
     assert "0.6 m wide and 1.5 m high" in str(told[0].assumed_body)
+
+
+@pytest.mark.parametrize("width", [0.5, 1.0])
+def test_the_ways_of_a_urdf_are_those_of_its_shape(db: semmap.Database, width: float) -> None:
+    """TIAGo's base is 0.54 m wide, folded; the door in a wall is narrower, or wider."""
+    made = db.create_map("hall")
+    made.add_storey("ground", height=3)
+    for number, name in enumerate(ROOMS):
+        x = 4.2 * number
+        made.add_room(name, shapely.box(x, 0, x + 4, 4), floor=0, ceiling=2.6)
+    low, high = 2 - width / 2, 2 + width / 2
+    made.add_door("hatch", *ROOMS, ((4.1, low), (4.1, high)))
+    for name, middle in (("left", low / 2), ("right", (4 + high) / 2)):
+        made.add_object(name, type="wall", size=(0.2, low, 2.6), pose=(4.1, middle, 0))
+    urdf = str(real_robot("tiago"))
+    if width < 0.54:
+        with pytest.raises(NoRouteError):
+            made.route((1, 2), (7, 2), robot=urdf)
+    else:
+        assert made.route((1, 2), (7, 2), robot=urdf).doors
+        assert made.routing_graph(urdf).robot.parts

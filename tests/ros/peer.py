@@ -94,10 +94,12 @@ class Peer(Node):  # type: ignore[misc]
         finally:
             self.destroy_client(client)
 
-    def send(self, topic: str, kind: str, values: dict[str, Any]) -> None:
+    def send(self, topic: str, kind: str, values: dict[str, Any], latched: bool = False) -> None:
         """Publish a message when somebody listens."""
         if topic not in self.senders:
-            self.senders[topic] = self.create_publisher(interface(kind), topic, 10)
+            durability = DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE
+            qos = QoSProfile(depth=10, durability=durability)
+            self.senders[topic] = self.create_publisher(interface(kind), topic, qos)
             while not self.senders[topic].get_subscription_count():
                 time.sleep(0.01)
             time.sleep(0.3)  # the other side, which is not reliable, has yet to hear of this one

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -15,6 +16,7 @@ from semmap.query.storey_scene import StoreyScene
 
 if TYPE_CHECKING:
     import semmap
+    from navgrid.costmap import Costmap
     from semmap_ros.node import MapNode
 
 
@@ -48,7 +50,7 @@ def read_grids(node: MapNode, map: semmap.Map) -> dict[str, StoreyTopic]:
                 if mask is not None:
                     made = StoreyTopic(grid.scene, grid.grid, mask.cells, mask)
                     found[f"{top}/{kind}_mask"] = made
-        for costmap in map.costmaps(robot, **chosen) if robot else ():
+        for costmap in _costmaps(node, map, chosen) if robot else ():
             top = f"~/{ros_name(costmap.scene.storey)}/costmap"
             costs = {top: costmap.master}
             costs |= {
@@ -63,3 +65,16 @@ def read_grids(node: MapNode, map: semmap.Map) -> dict[str, StoreyTopic]:
         names = ", ".join(sorted(storeys))
         raise ValueError(f"two of the storeys {names} have one name in ROS: rename one of them")
     return found
+
+
+def _costmaps(node: MapNode, map: semmap.Map, chosen: dict[str, Any]) -> Iterator[Costmap]:
+    """The costmaps of the node's robot, with the posture and the obstacles that it senses."""
+    sensed = node.robot_inputs
+    for costmap in map.costmaps(node.value("robot"), posture=sensed.posture, **chosen):
+        storey = costmap.scene.storey
+        scanned = sensed.grid_of(storey)
+        if scanned is None:
+            yield costmap
+        else:
+            options = chosen | {"storey": storey, "posture": sensed.posture, "static_map": scanned}
+            yield map.costmap(node.value("robot"), **options)

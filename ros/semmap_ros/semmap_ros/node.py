@@ -24,6 +24,7 @@ from sqlalchemy.exc import DBAPIError
 import semmap
 from semmap.api.map_events import MapSubscription
 from semmap_ros.detections import MapDetections
+from semmap_ros.robot_inputs import RobotInputs
 from semmap_ros.services import MapServices
 from semmap_ros.topics import MapTopics
 
@@ -38,6 +39,8 @@ PARAMETERS: dict[str, Any] = {
     "fields": [""],
     "route_graph": "",
     "pose_arrays": [""],
+    "joint_states": "",
+    "scanned_grid": "",
     "oldest": 10.0,
     "period": 1.0,
     "autostart": True,
@@ -71,6 +74,7 @@ class MapNode(LifecycleNode):  # type: ignore[misc]
         self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
         self._answers = MapServices(self)
         self._taken = MapDetections(self)
+        self.robot_inputs = RobotInputs(self)
         # Neither a jump of the clock nor a simulation that stands still delays this.
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(self.value("period"), self._look, clock=steady)

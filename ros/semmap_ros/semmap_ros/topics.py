@@ -110,6 +110,12 @@ class MapTopics:
         self._incomplete |= any(event.name not in moved for event in shown)
         self._begin_to_read()
 
+    def refresh_grids(self) -> None:
+        """Read the grids again, once the map is published; `show_read` publishes them."""
+        if self._node.is_active:
+            self._stale = True
+            self._begin_to_read()
+
     def show_read(self) -> None:
         """Publish what was read; raises the errors of the map. Does nothing before that is done."""
         if self._job is not None and self._job.done():
