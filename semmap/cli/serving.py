@@ -6,7 +6,6 @@ import secrets
 import webbrowser
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 from urllib.parse import quote
@@ -58,8 +57,11 @@ def serve_command(
             raise typer.BadParameter(f"others reach {host}: give --tokens")
         known = {} if tokens is None else read_tokens(tokens)
         api = HttpApi(database, known, local=local, seconds=seconds, rows=rows)
-        cli.err.print(f"http://{host}:{port}/maps; the operations: /openapi.json", style="dim")
-        _run(api, host, port)
+
+        def say(port: int) -> None:
+            cli.err.print(f"http://{host}:{port}/maps; the operations: /openapi.json", style="dim")
+
+        _run(api, host, port, say)
 
 
 def view_command(
@@ -75,21 +77,21 @@ def view_command(
 
         if not viewer_is_built():
             raise typer.BadParameter("the page is not built: run scripts/setup viewer")
-        url = f"http://127.0.0.1:{port}/view/?map={quote(chosen.name, safe='')}"
         tokens = {secrets.token_urlsafe(24): "semmap_admin"} if write else {}
-        url += "".join(f"#token={token}" for token in tokens)
-        print(url, flush=True)
-        cli.err.print("Ctrl-C stops", style="dim")
-        _run(
-            HttpApi(chosen.database, tokens),
-            "127.0.0.1",
-            port,
-            partial(webbrowser.open, url) if browser else str,
-        )
+
+        def show(port: int) -> None:
+            url = f"http://127.0.0.1:{port}/view/?map={quote(chosen.name, safe='')}"
+            url += "".join(f"#token={token}" for token in tokens)
+            print(url, flush=True)
+            cli.err.print("Ctrl-C stops", style="dim")
+            if browser:
+                webbrowser.open(url)
+
+        _run(HttpApi(chosen.database, tokens), "127.0.0.1", port, show)
 
 
-def _run(api: HttpApi, host: str, port: int, begun: Callable[[], object] = lambda: None) -> None:
-    """Answer requests until the program is interrupted; `begun` is called when it listens."""
+def _run(api: HttpApi, host: str, port: int, begun: Callable[[int], object]) -> None:
+    """Answer requests until the program is interrupted; `begun` has the port when it listens."""
     from semmap.server.http_server import HttpServer
 
     try:

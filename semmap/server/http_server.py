@@ -14,10 +14,13 @@ PATIENCE = 5
 
 
 class HttpServer(uvicorn.Server):
-    """Answers requests of an API until `should_exit`; `begun` is called when it listens."""
+    """Answers requests of an API until `should_exit`.
+
+    `begun` is called with the port when it listens; 0 chooses a free one.
+    """
 
     def __init__(
-        self, api: HttpApi, host: str, port: int, begun: Callable[[], object] = lambda: None
+        self, api: HttpApi, host: str, port: int, begun: Callable[[int], object] = lambda _: None
     ) -> None:
         super().__init__(
             uvicorn.Config(
@@ -33,7 +36,12 @@ class HttpServer(uvicorn.Server):
     async def startup(self, sockets: list[socket.socket] | None = None) -> None:
         """Listen; SystemExit where the address cannot be used."""
         await super().startup(sockets)
-        self._begun()
+        self._begun(self.port)
+
+    @property
+    def port(self) -> int:
+        """Where it listens."""
+        return int(self.servers[0].sockets[0].getsockname()[1])
 
     async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
         """Let go of those who follow the changes, then of all others."""

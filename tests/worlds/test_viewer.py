@@ -3,8 +3,14 @@
 from __future__ import annotations
 
 import math
+import os
 import shutil
+import socket
+import subprocess
+import sys
 from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -430,3 +436,48 @@ def test_grasps_of_what_is_selected_are_drawn(writer: Page, db: semmap.Database)
     away = trimesh.proximity.ProximityQuery(can.mesh).on_surface(places)[1]
     assert (away < 0.08).all()
     can.delete()
+
+
+@contextmanager
+def viewing(db: semmap.Database, port: int) -> Iterator[subprocess.Popen[bytes]]:
+    """`semmap view` as a process of its own, until the end of the block."""
+    program = str(Path(sys.executable).with_name("semmap"))
+    words = [program, "view", "--map", "house", "--no-browser"]
+    environment = os.environ | {"SEMMAP_DB": str(db.address)}
+    process = subprocess.Popen(
+        [*words, "--port", str(port)], env=environment, stdout=subprocess.PIPE
+    )
+    assert process.stdout is not None
+    try:
+        assert b"/view/" in process.stdout.readline()
+        yield process
+    finally:
+        process.terminate()
+        process.wait(20)
+        process.stdout.close()
+
+
+def test_a_page_goes_on_when_its_server_was_killed(browser: Any, db: semmap.Database) -> None:
+    """What moves while there is no server is seen by the page when there is one again."""
+    house = db.map("house")
+    ball = house["Ball_01_001"]
+    x, y, z = ball.pose[:3]
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        port = free.getsockname()[1]
+    page = browser.new_page(viewport=SIZE)
+    pose = "Math.abs(semmap.house.entities.get('Ball_01_001').pose[0] - {}) < 1e-6"
+    try:
+        with viewing(db, port) as process:
+            open_viewer(page, f"http://127.0.0.1:{port}/view/?map=house")
+            until(page, pose.format(x))
+            process.kill()
+            process.wait(20)
+        until(page, "document.getElementById('status').value.startsWith('away')")
+        ball.move_to(x + 0.5, y, z)
+        with viewing(db, port):
+            until(page, pose.format(x + 0.5), seconds=20)
+            until(page, "document.getElementById('status').value === 'live'")
+    finally:
+        ball.move_to(x, y, z)
+        page.close()
