@@ -61,6 +61,7 @@ class Peer(Node):  # type: ignore[misc]
         self.queues: dict[str, SimpleQueue[Any]] = {}
         self.listeners: dict[str, Any] = {}
         self.senders: dict[str, Any] = {}
+        self.servers: dict[str, Any] = {}
 
     def listen(self, topic: str, kind: str, latched: bool) -> None:
         """Keep the messages of a topic from now on."""
@@ -113,7 +114,9 @@ class Peer(Node):  # type: ignore[misc]
             queue.put((time.time(), request))
             return fill(made, values)
 
-        self.create_service(interface(kind), service, answer)
+        if service in self.servers:
+            self.destroy_service(self.servers[service])
+        self.servers[service] = self.create_service(interface(kind), service, answer)
 
     def topics(self) -> dict[str, list[str]]:
         """The types of all topics."""

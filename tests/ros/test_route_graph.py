@@ -93,6 +93,18 @@ def test_its_shortest_paths_pass_the_doors_of_routes_also_after_one_is_locked(
     peer.take(SERVER, lambda _: in_file(file, pairs) == before)
 
 
+def test_a_graph_that_the_route_server_refuses_is_named(peer: Peer, building: semmap.Map) -> None:
+    peer("serve", SERVER, KIND, {"success": False})
+    peer.listen("/diagnostics", "diagnostic_msgs/msg/DiagnosticArray", latched=False)
+    door = next(door for door in building.doors if door.state == "open")
+    door.state = "locked"
+    try:
+        peer.take("/diagnostics", lambda array: "refuses the file" in refused(array)[1])
+    finally:
+        door.state = "open"
+        peer("serve", SERVER, KIND, {"success": True})
+
+
 def test_without_connectors_the_file_goes_and_the_diagnostics_say_why(
     peer: Peer, building: semmap.Map, file: Path
 ) -> None:
