@@ -271,6 +271,59 @@ def tips(here: semmap.Map, draw: random.Random) -> tuple[str, set[str]]:
     return "tipping", {"mug", "tr01"}
 
 
+def has_no_place(here: semmap.Map, draw: random.Random) -> tuple[str, set[str]]:
+    here.add_object("ghost", size=(draw.uniform(0.1, 2), 0.5, 0.5))
+    here.add_object("believed", type="mug")  # neither a shape nor a place: it is searched for
+    return "object without a place", {"ghost"}
+
+
+def leads_nowhere(here: semmap.Map, draw: random.Random) -> tuple[str, set[str]]:
+    pose = here["d01"].pose
+    assert pose is not None
+    y = pose.y + draw.uniform(1.5, 2.0)
+    form = draw.choice(["stairs", "ramp"])
+    wall = next(e for e in here.objects if e.name.endswith(" w00"))
+    wall.delete()
+    here.add_door("level", "r00", "r01", ((pose.x, y), (pose.x, y + 0.9)), form=form)
+    return "stairs on one floor", {"level", "r00", "r01"}
+
+
+def has_one_leaf_shut(here: semmap.Map, draw: random.Random) -> tuple[str, set[str]]:
+    """Of two leaves of a wide door one is open: the other closes a part of it."""
+    walls = [e.name for e in here.objects if e.name.endswith(" w00")]
+    for name in (*walls, "tr01", "cr01"):  # the open leaf would be in the table
+        here[name].delete()
+    door, x = here["d01"], here["d01"].pose.x  # type: ignore[union-attr]
+    door.delete()
+    here.add_door("wide", "r00", "r01", ((x, 0.3), (x, 2.3)))
+    shut = draw.choice([0.5, 0.7, 1.0, 1.3])
+    leaf = box_mesh((-0.02, 0.3, 0), (0.02, 0.3 + shut, 2))
+    ajar = box_mesh((0.0, 2.26, 0), (2 - shut, 2.3, 2))
+    here.add_object("leaf", type="door_leaf", mesh=leaf, pose=(x, 0, 0))
+    here.add_object("ajar", type="door_leaf", mesh=ajar, pose=(x, 0, 0))
+    return "shut leaf of an open door", {"wide", "leaf"}
+
+
+def is_in_a_cabinet(here: semmap.Map, draw: random.Random) -> tuple[str, set[str]]:
+    x, y = free_spot(here, "r01")
+    type_ = draw.choice(["cabinet", "object"])
+    here.add_object("locker", type=type_, size=(0.9, 0.8, 2), pose=(x, y, 0, draw.uniform(-3, 3)))
+    size = draw.choice([None, (0.3, 0.3, 1.2), (0.5, 0.5, 0.12), (0.5, 0.5, 1.8)])
+    here.add_agent("who", size=size, pose=(x + draw.uniform(-0.1, 0.1), y, 0))
+    return "agent in a solid", {"who", "locker"}
+
+
+def is_huge(here: semmap.Map, draw: random.Random) -> tuple[str, set[str]]:
+    size = draw.choice([(0.8, 0.9, 1.0), (0.1, 0.1, 2.0), (0.9, 0.9, 0.1), (0.01, 0.01, 0.015)])
+    here.add_object("mug", type="mug", size=size, pose=(*free_spot(here, "r01"), 0))
+    return "improbable size", {"mug"}
+
+
+def is_there_twice(here: semmap.Map, draw: random.Random) -> tuple[str, set[str]]:
+    here.add_storey("twin", elevation=draw.uniform(-0.02, 0.02))
+    return "storeys at one height", {"twin", "s0"}
+
+
 Fault = Callable[[semmap.Map, random.Random], tuple[str, set[str]]]
 """Plants a fault; the kind of finding that it is, and the entities concerned."""
 
@@ -300,6 +353,12 @@ FAULTS: list[Fault] = [
     is_for_mice,
     ends_beside_its_room,
     joins_its_room_with_itself,
+    has_no_place,
+    leads_nowhere,
+    has_one_leaf_shut,
+    is_in_a_cabinet,
+    is_huge,
+    is_there_twice,
 ]
 
 

@@ -369,6 +369,94 @@ def test_real_buildings_have_the_findings_that_sql_counts(
     assert len(found) == len(without) + 1
 
 
+def test_agents_are_in_solids_where_shapely_has_their_middle_in_the_ground(
+    db: semmap.Database,
+) -> None:
+    draw, inside = random.Random(3), set()
+    here = db.create_map("agents")
+    here.add_room("r", [(0, 0), (90, 0), (90, 6), (0, 6)], floor=0, ceiling=2.5)
+    for number in range(30):
+        x, turn = 1.5 + 2.9 * number, draw.uniform(-3, 3)
+        low, high = draw.choice([(0, 1.9), (0, 0.05), (0, 0.6), (0.7, 0.74), (1.3, 1.6)])
+        wide, deep = draw.uniform(0.4, 1.2), draw.uniform(0.3, 0.8)
+        block = box_mesh((-wide / 2, -deep / 2, low), (wide / 2, deep / 2, high))
+        here.add_object(f"block{number}", mesh=block, pose=(x, 3, 0, turn))
+        tall = draw.choice([0.3, 1.0, 1.8])
+        at = shapely.Point(x + draw.uniform(-0.3, 0.3), 3 + draw.uniform(-0.3, 0.3))
+        here.add_agent(f"agent{number}", size=(0.3, 0.3, tall), pose=(at.x, at.y, 0))
+        ground = here[f"block{number}"].footprint
+        assert ground is not None
+        edge = ground.exterior.distance(at) * (1 if ground.contains(at) else -1)
+        if abs(edge) < 0.08:  # partly in it: either is right
+            here[f"agent{number}"].delete()
+        elif edge > 0 and high >= 0.2 and low < tall:
+            inside.add(frozenset({f"agent{number}", f"block{number}"}))
+    found = [f for f in here.check() if f.kind == "agent in a solid"]
+    assert {frozenset(f.entities) for f in found} == inside
+    assert 5 < len(inside) < 20
+    assert done(here, found[0])
+
+
+def test_people_sit_lie_and_carry(db: semmap.Database) -> None:
+    here = db.create_map("people")
+    here.add_room("r", [(0, 0), (9, 0), (9, 6), (0, 6)], floor=0, ceiling=2.5)
+    for number, type_ in enumerate(("chair", "bed", "sofa")):
+        here.add_object(type_, type=type_, size=(0.9, 1.2, 0.6), pose=(1 + 2 * number, 2, 0))
+        here.add_agent(f"p{number}", size=(0.4, 0.4, 1.2), pose=(1 + 2 * number, 2, 0))
+    here.add_agent("carrier", size=(0.4, 0.4, 1.2), pose=(8, 2, 0))
+    here.add_object("crate", size=(0.5, 0.5, 0.4), pose=(8, 2, 0.5))
+    assert {f.entities for f in here.check() if f.kind == "agent in a solid"} == {
+        ("carrier", "crate")
+    }
+    here.execute("SELECT put(%s, %s, 'on')", here["crate"].id, here["carrier"].id)
+    assert not [f for f in here.check() if f.kind == "agent in a solid"]
+
+
+def test_sizes_are_judged_by_their_type_alone(db: semmap.Database) -> None:
+    here = db.create_map("sizes")
+    here.add_room("r", [(0, 0), (60, 0), (60, 60), (0, 60)], floor=0, ceiling=2.5)
+    cases = {
+        "row": ("bookshelf", (0.4, 30, 2.0), False),
+        "cube": (None, (2, 2, 2), False),
+        "toy": ("table", (0.5, 0.5, 0.4), False),
+        "millimetres": ("table", (0.0012, 0.0008, 0.00075), True),
+        "centimetres": ("table", (0.012, 0.008, 0.0075), True),
+        "wide": ("table", (30, 30, 0.75), True),
+        "tower": ("bookshelf", (0.4, 0.9, 11), True),
+        "glass": ("wine_glass", (0.08, 0.08, 0.25), False),
+        "upright": ("plate", (0.02, 0.3, 0.3), False),
+    }
+    for number, (name, (type_, size, _)) in enumerate(cases.items()):
+        here.add_object(name, type=type_, size=size, pose=(5 + 5 * number, 30, 0, 0.3 * number))
+    found = {f.entities for f in here.check() if f.kind == "improbable size"}
+    assert found == {(name,) for name, (*_, improbable) in cases.items() if improbable}
+
+
+@pytest.mark.parametrize(
+    ("x", "z", "found"), [(0.0, 3.0, False), (2.0, 0.0, True), (9.0, 0.0, False)]
+)
+def test_storeys_at_one_height_are_of_two_buildings(
+    db: semmap.Database, x: float, z: float, found: bool
+) -> None:
+    here = db.create_map("wings")
+    for name, left, floor in (("east", 0.0, 0.0), ("west", x, z)):
+        here.add_storey(name, elevation=floor)
+        corners = [(left, 0), (left + 4, 0), (left + 4, 4), (left, 4)]
+        here.add_room(f"{name} room", corners, floor=floor, ceiling=floor + 2.5, storey=name)
+    kinds = {f.entities for f in here.check() if f.kind == "storeys at one height"}
+    assert kinds == ({("east", "west")} if found else set())
+
+
+@pytest.mark.parametrize(("climb", "found"), [(0.0, True), (0.019, True), (0.15, False)])
+def test_stairs_climb(db: semmap.Database, climb: float, found: bool) -> None:
+    here = db.create_map("climb")
+    here.add_room("a", [(0, 0), (4, 0), (4, 4), (0, 4)], floor=0, ceiling=2.5)
+    here.add_room("b", [(4.2, 0), (8, 0), (8, 4), (4.2, 4)], floor=climb, ceiling=2.5)
+    here.add_door("steps", "a", "b", ((4.1, 1), (4.1, 2)), form="stairs")
+    kinds = {f.kind for f in here.check()}
+    assert ("stairs on one floor" in kinds) == found
+
+
 @pytest.fixture
 def doorway(database: str) -> Iterator[semmap.Map]:
     """Two rooms with a door of 1 m in a wall of 20 cm."""

@@ -33,6 +33,9 @@ AHEAD = 0.35
 LEAF = 0.1
 """Metres of the thickest leaf of a door with its handles, and by which it covers its frame."""
 
+PART = 0.2
+"""Of the width of an opening: frames and open leaves take less of it, one leaf of several more."""
+
 FRAME, ACROSS = 0.2, 0.9
 """Metres around an opening where its shut leaf is, and the part of the ground that is there."""
 
@@ -198,12 +201,18 @@ def shut_leaves(building: SupportedBuilding) -> Found:
         width = door.row["width"] or DOOR
         at = building.at_opening(door.pose, width)
         leaves = {e: e.triangles for e in at if _is_leaf_of(door, e)}
-        shut = DoorOpening(door.pose, width, leaves).closing(leaves)
+        opening = DoorOpening(door.pose, width, leaves)
+        shut = opening.closing(leaves)
+        fix = f"map[{door.name!r}].state = 'closed'  # or turn the leaf, if it is open"
+        part = ""
+        if not shut and (gap := opening.gap(leaves)) < (1 - PART) * width:
+            shut = [e for e in leaves if opening.taken(e)]
+            part = f"{width - gap:.2f} m of the {width:.2f} m of "
+            fix = "by hand: state the clear opening of the door, or turn the leaf, if it is open"
         if shut:
             names = tuple(sorted(e.name for e in shut))
-            close = "closes" if len(names) == 1 else "close"
-            text = f"{listed(names)} {close} {door.name}, whose state is open: it counts as open"
-            fix = f"map[{door.name!r}].state = 'closed'  # or turn the leaf, if it is open"
+            close = f"{'closes' if len(names) == 1 else 'close'} {part}{door.name}"
+            text = f"{listed(names)} {close}, whose state is open: all of it counts as open"
             yield (door.name, *names), text, fix
 
 
@@ -285,6 +294,23 @@ def steps_in_doors(building: SupportedBuilding) -> Found:
             )
             names = (door.name, ends[0].name, ends[1].name)
             yield names, text, "by hand: add it as stairs or a ramp, or correct the floors"
+
+
+def level_stairs(building: SupportedBuilding) -> Found:
+    """Stairs and ramps that lead to the height from which they come."""
+    for door in building.doors:
+        assert door.pose is not None
+        if door.row["form"] not in ("stairs", "ramp"):
+            continue
+        ends = [(door.pose @ Pose(*door.row[f"pose_{end}"])).z for end in "ab"]
+        rooms = building.drawn_rooms(door)
+        floors = [building.floor(room) for room in rooms.values()]
+        if max(np.ptp(ends), np.ptp(floors or ends)) > DRIVEN:
+            continue
+        form = "stairs" if door.row["form"] == "stairs" else "the ramp"
+        text = f"both ends of {form} {door.name} are at {ends[0]:.2f} m: nothing is climbed there"
+        names = (door.name, *dict.fromkeys(room.name for room in rooms.values()))
+        yield names, text, "by hand: join it to the room where it ends, or add it as a door"
 
 
 def doors_at_one_point(building: SupportedBuilding) -> Found:

@@ -1,4 +1,4 @@
-"""Rules on derived data: world poses, rooms and holders."""
+"""Rules on data of objects: world poses, rooms, holders, geometry and places."""
 
 from __future__ import annotations
 
@@ -89,4 +89,18 @@ def shapeless_objects(building: SupportedBuilding) -> Found:
         if near := [e.name for e in building.not_judged]:
             text += f"; it is not known whether these stand on them or float: {listed(near)}"
         fix = "by hand: import again with the model_path of their models, or assume_sizes=True"
+        yield names, text, fix
+
+
+def objects_without_place(building: SupportedBuilding) -> Found:
+    """Objects with geometry, but without a pose."""
+    names = tuple(
+        e.name
+        for e in building.entities
+        if e.kind == "object" and e.pose is None and e.row["models"]
+    )
+    if names:
+        count = f"{len(names)} object{'s have' if len(names) > 1 else ' has'}"
+        text = f"{count} geometry, but no place, so no grid or plan has them: {listed(names)}"
+        fix = "by hand: give each a place with move_to or put_on, or delete it"
         yield names, text, fix

@@ -120,6 +120,11 @@ SELECT e.id, e.name, e.kind, e.type, p.holder_id, p.relation, p.confidence, p.po
        e.type IN (SELECT sub FROM type_closure WHERE super = 'fixture') AS fixture,
        e.type IN (SELECT sub FROM type_closure WHERE super IN ('door', 'door_leaf')) AS leaf,
        e.type IN (SELECT sub FROM type_closure WHERE super = 'ceiling_lamp') AS hanging,
+       e.type IN (SELECT sub FROM type_closure WHERE super IN ('seat', 'bed')) AS rest,
+       (SELECT t.typical_size FROM type_closure n JOIN semantic_type t ON t.name = n.super
+        WHERE n.sub = e.type AND t.typical_size IS NOT NULL
+        ORDER BY (SELECT count(*) FROM type_closure a WHERE a.sub = t.name) DESC, t.name LIMIT 1
+       ) AS typical,
        e.type IN (SELECT sub FROM type_closure WHERE super IN ('seat', 'table', 'bed', 'drinkware')
                   EXCEPT SELECT sub FROM type_closure
                   WHERE super IN ('fixture', 'storage_furniture')) AS stands,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections import Counter
+from itertools import combinations
 
 import numpy as np
 import shapely
@@ -93,6 +94,26 @@ def rooms_off_storey(building: SupportedBuilding) -> Found:
             number = next(e.row["id"] for e in building.storeys if e.name == right)
             fix = f"map.execute('SELECT put({room.row['id']}, {number})')  # on {right}"
         yield (room.name, held), text, fix
+
+
+def storeys_at_one_height(building: SupportedBuilding) -> Found:
+    """Storeys at one elevation that share their ground, or of which one has none."""
+    for one, two in combinations(building.storeys, 2):
+        assert one.pose is not None
+        assert two.pose is not None
+        if abs(one.pose.z - two.pose.z) > CONTACT:
+            continue
+        grounds = [united(r.outline for r in building.rooms if s in r.chain) for s in (one, two)]
+        if all(ground.area for ground in grounds):
+            over, other = (ground.convex_hull for ground in grounds)
+            if over.intersection(other).area < min(over.area, other.area) / 2:
+                continue  # beside each other, as two buildings
+        text = f"the storeys {one.name} and {two.name} are both at {one.pose.z:.2f} m"
+        empty = [s for s, ground in zip((one, two), grounds, strict=True) if not ground.area]
+        if len(empty) == 1:
+            text += f", and {empty[0].name} has no room"
+        fix = "by hand: correct the elevation of one of them, or delete it"
+        yield (one.name, two.name), text, fix
 
 
 def rooms_without_door(building: SupportedBuilding) -> Found:

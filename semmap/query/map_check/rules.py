@@ -11,6 +11,7 @@ from semmap.query.map_check.door_rules import (
     blocked_doors,
     doors_at_one_point,
     far_doors,
+    level_stairs,
     narrow_doors,
     no_passage,
     shut_leaves,
@@ -18,6 +19,7 @@ from semmap.query.map_check.door_rules import (
 )
 from semmap.query.map_check.fixes import Found, Moves, Named, Trials
 from semmap.query.map_check.inventory_rules import (
+    objects_without_place,
     shapeless_objects,
     stale_poses,
     wrong_holders,
@@ -30,11 +32,14 @@ from semmap.query.map_check.room_rules import (
     rooms_off_storey,
     rooms_without_door,
     shapeless_places,
+    storeys_at_one_height,
     storeys_without_floor,
 )
 from semmap.query.map_check.solid_rules import (
+    agents_inside,
     floating,
     high_things,
+    improbable_sizes,
     outside,
     penetrating,
     sunk,
@@ -95,11 +100,13 @@ RULES: tuple[tuple[str, Severity, Callable[[SupportedBuilding], Found]], ...] = 
     ("no passage", "warning", no_passage),
     ("narrow door", "warning", narrow_doors),
     ("step in a door", "warning", steps_in_doors),
+    ("stairs on one floor", "warning", level_stairs),
     ("shut leaf of an open door", "warning", shut_leaves),
     ("thing in a doorway", "warning", partial(blocked_doors, structure=False)),
     ("overlapping rooms", "warning", partial(room_pairs, same=False)),
     ("room without a door", "warning", rooms_without_door),
     ("storey without a floor", "warning", storeys_without_floor),
+    ("storeys at one height", "warning", storeys_at_one_height),
     ("things without a storey", "warning", high_things),
     ("rooms without storeys", "warning", rooms_above_rooms),
     ("floating", "warning", floating),
@@ -107,6 +114,9 @@ RULES: tuple[tuple[str, Severity, Callable[[SupportedBuilding], Found]], ...] = 
     ("sunk", "warning", sunk),
     ("through a ceiling", "warning", through_ceilings),
     ("penetrating", "warning", penetrating),
+    ("agent in a solid", "warning", agents_inside),
+    ("improbable size", "warning", improbable_sizes),
+    ("object without a place", "warning", objects_without_place),
     ("place without geometry", "warning", shapeless_places),
     ("outside of all rooms", "note", outside),
     ("without geometry", "note", shapeless_objects),
@@ -126,6 +136,7 @@ MOVED = {
     "tipping",
     "sunk",
     "penetrating",
+    "agent in a solid",
     "outside of all rooms",
 }
 """The kinds that a move of an object or door can change; holders follow it by themselves."""

@@ -8,11 +8,13 @@ import shapely.ops
 from numpy.typing import NDArray
 
 from semmap.geometry.contact import overlap
+from semmap.geometry.mesh import box_mesh
 from semmap.query.geometry_notes import listed
 from semmap.query.map_check.building import (
     CEILING,
     CONTACT,
     FASTENED,
+    RAISED,
     SAME_POINT,
     STEP,
     THIN,
@@ -20,7 +22,7 @@ from semmap.query.map_check.building import (
 )
 from semmap.query.map_check.fixes import Found, Moves
 from semmap.query.map_check.reader import CheckedEntity, once_a_pair
-from semmap.query.map_check.support import SupportedBuilding, thickness
+from semmap.query.map_check.support import SupportedBuilding, encloses, sides, thickness
 
 Floats = NDArray[np.float64]
 
@@ -29,6 +31,12 @@ CONTENT = 0.95
 
 SMALLER = 0.8
 """Of the larger box of two: the largest box of a content. What is larger stands in its place."""
+
+CORE, BODY = 0.05, 0.5
+"""Metres around the middle of an agent, and the least height of one; smaller ones stand on it."""
+
+IMPROBABLE = 5.0
+"""Of the typical size of a type: more or less of it is another type, or another unit."""
 
 LOST = 1000.0
 """Metres above or below all rooms at which no building has a thing."""
@@ -204,6 +212,55 @@ def outside(building: SupportedBuilding) -> Found:
         count = f"{len(outdoors)} object{'s are' if len(outdoors) > 1 else ' is'} outside"
         text = f"{count} of the building: {listed(outdoors)}"
         yield tuple(outdoors), text, "by hand: add rooms where robots are to reach them"
+
+
+def agents_inside(building: SupportedBuilding) -> Found:
+    """Robots and people whose middle is in a solid, on which none of them rests."""
+    for agent in building.agents:
+        body = _core(agent)
+        for other in building.near(body, 0.0):
+            if other.row["fixture"] or other.row["rest"] or agent in other.chain:
+                continue  # leaves open; people sit and lie; it carries what it has
+            stated = agent.row["holder_id"] == other.row["id"] and agent.row["confidence"] is None
+            within = not building.is_part(other) and encloses(other, body)
+            if stated or not (within or _shared(body, other) is not None):
+                continue
+            text = f"the middle of {agent.name} is inside {other.name}"
+            by = [d for d in _beside(agent, other) if not d[2]]
+            yield (agent.name, other.name), text, Moves(agent, by, "correct one of their poses")
+
+
+def _core(agent: CheckedEntity) -> CheckedEntity:
+    """The upright middle of an agent, above all on which it may stand, as a solid."""
+    x, y, z = agent.stand
+    height = max(float(agent.high[2]) - z, BODY)
+    low = x - CORE, y - CORE, z + min(RAISED, height / 2)
+    high = x + CORE, y + CORE, z + height
+    mesh = box_mesh(low, high)
+    return CheckedEntity(
+        agent.name,
+        agent.kind,
+        {**agent.row, "storage": None},
+        triangles=mesh.triangles,
+        hull=mesh.vertices,
+        outline=shapely.box(*low[:2], *high[:2]),
+    )
+
+
+def improbable_sizes(building: SupportedBuilding) -> Found:
+    """Objects much larger or smaller than those of their type, or of its next supertype."""
+    for entity in building.objects:
+        usual = entity.row["typical"]
+        if usual is None or entity.outline is None:
+            continue
+        size = [*sides(entity), float((entity.high - entity.low)[2])]
+        low, high = max(usual) / IMPROBABLE, max(usual) * IMPROBABLE
+        wide = sorted(size)[1] > IMPROBABLE * sorted(usual)[1]  # rows of shelves are long
+        if max(size) >= low and not wide and size[2] <= high:
+            continue
+        is_, usually = (" x ".join(f"{v:.3g}" for v in each) for each in (size, usual))
+        text = f"{entity.name} is {is_} m, but a {entity.row['type']} is usually {usually} m"
+        yield (entity.name,), text, "by hand: correct its type, or the size or unit of its shape"
 
 
 def _apart(small: CheckedEntity, large: CheckedEntity, shared: Floats) -> list[Floats]:

@@ -168,7 +168,7 @@ class SupportedBuilding(CheckedBuilding):
                     and (_is_above(other, entity) or not _stands(entity))
                     and _touch(entity, other)
                 )
-                or (not self.is_part(other) and _encloses(other, entity))
+                or (not self.is_part(other) and encloses(other, entity))
             )
         ]
 
@@ -330,11 +330,16 @@ def _stands(entity: CheckedEntity) -> bool:
 
 def thickness(entity: CheckedEntity) -> float:
     """Of an object in part of its width, both as seen from above."""
-    sides = shapely.get_coordinates(entity.ground.minimum_rotated_rectangle)[:3]
-    lengths = np.linalg.norm(np.diff(sides, axis=0), axis=1)
+    lengths = sides(entity)
     if len(lengths) < 2:
         return 0.0  # an upright sheet
-    return float(lengths.min() / lengths.max())
+    return min(lengths) / max(lengths)
+
+
+def sides(entity: CheckedEntity) -> list[float]:
+    """The lengths of the sides of an object as seen from above; one, of an upright sheet."""
+    corners = shapely.get_coordinates(entity.ground.minimum_rotated_rectangle)[:3]
+    return [float(length) for length in np.linalg.norm(np.diff(corners, axis=0), axis=1)]
 
 
 def _is_above(other: CheckedEntity, entity: CheckedEntity) -> bool:
@@ -347,7 +352,7 @@ def _is_level_with(entity: CheckedEntity, other: CheckedEntity) -> bool:
     return bool((np.ptp(faces[:, :, 2], axis=1) <= SAME_POINT).any())
 
 
-def _encloses(around: CheckedEntity, entity: CheckedEntity) -> bool:
+def encloses(around: CheckedEntity, entity: CheckedEntity) -> bool:
     """Whether a solid has an object within: it is storage, or has walls on three of its sides."""
     if (entity.low < around.low - CONTACT).any() or (entity.high > around.high + CONTACT).any():
         return False
