@@ -186,13 +186,18 @@ class GraspCheck:
             return True
 
     def unjudged(self, items: Iterable[str]) -> list[str]:
-        """A sentence for each object whose grasps are not known, and for an arm that is not."""
+        """A sentence on each object whose grasps are not known, and on an assumed or unknown arm."""
         known = [(item, self._grasps(item)) for item in items]
         found = [
             f"the grasps of {item} are not judged: {why}"
             for item, why in known
             if isinstance(why, str)
         ]
+        if known and self.hand and self.hand.gripper.is_assumed:
+            found.append(
+                f"the URDF states no limits of the finger joints of {self.hand.name}: they are "
+                f"assumed to open to {self.hand.gripper.opening:.2f} m"
+            )
         body = self._body if known and self.arm is None else None
         if body is not None:
             hand = f"{assumption(self.hand.name)}; " if self.hand and self.hand.assumed else ""

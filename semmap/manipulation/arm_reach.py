@@ -181,14 +181,14 @@ class SurfaceReach(ArmReach):
 
 def _put_downs(spots: Floats, arm: Arm) -> list[dict[str, Any]]:
     """Ways of the gripper to spots (N, 3), from above and then back along its approach."""
-    ways = list(product(spots, 2 * np.pi / TURNS * np.arange(TURNS), _tilts(arm)))
+    ways = list(product(spots, 2 * np.pi / TURNS * np.arange(TURNS), _tilts(arm), ABOVE))
     if len(ways) > PUTS:
         chosen = np.random.default_rng(0).choice(len(ways), PUTS, replace=False)
         ways = [ways[i] for i in chosen]
     found = []
-    for spot, heading, tilt in ways:
+    for spot, heading, tilt, above in ways:
         pose, up, back = Pose.planar(spot[0], spot[1], heading).matrix @ tilt, np.eye(4), np.eye(4)
-        pose[2, 3] = spot[2] + ABOVE[-1]
+        pose[2, 3] = spot[2] + above
         up[2, 3], back[2, 3] = LIFT, -LIFT
         there = {"pre_pose": up @ pose, "pose": pose, "post_pose": pose @ back}
         found.append({key: Pose.from_matrix(each) for key, each in there.items()})

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Literal, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.spatial import ConvexHull, cKDTree
 
 from semmap.arrays import Floats
@@ -26,12 +27,22 @@ FINGER = 0.35
 PAD = 0.02
 """The length of a finger's end that touches the object, metres."""
 
+TOUCH = 1e-3
+"""Metres between pads that touch."""
+
 STEPS = 33
 """Postures between open and closed that are computed in advance."""
 
 SAMPLES = 1500
 """Points on the surface of a link from which the width between fingers is measured."""
 
+
+SWING, SLIDE = 0.4, 0.04
+"""Radians or metres by which each finger is assumed to open, from where the pads touch, if the URDF
+states no limits of its joint: other files give 0.6 to 1.2 and 0.03 to 0.05."""
+
+SWEEP = 201
+"""Positions of such fingers, within a radian or 0.1 m of the drawn one, among which pads touch."""
 
 TILT = 5e-3
 """The largest difference from the tilt of a gripper that its arm cannot tilt, radians."""
@@ -67,6 +78,7 @@ class Gripper:
     poses: Floats = field(repr=False)
     robot: Robot = field(repr=False)
     up: Floats | None = None
+    is_assumed: bool = False  # the URDF has no limits of the finger joints: `SWING`, `SLIDE`
 
     def can_tilt_to(self, pose: Floats) -> bool:
         """Whether the arm may tilt the gripper as in a pose (4, 4), of a robot on level ground."""
@@ -214,6 +226,9 @@ def _gripper(robot: Robot, tree: _Tree, palm: str) -> Gripper | None:
             fingers.append(_Finger(chain, links, points))
     if len(fingers) < 2:
         return None
+    robot = _with_limits(tree, palm, fingers)
+    is_assumed = robot is not tree.robot
+    tree = _Tree(robot)
     opened, closed = _ends(tree, palm, fingers)
     if opened == closed:
         return None
@@ -235,9 +250,12 @@ def _gripper(robot: Robot, tree: _Tree, palm: str) -> Gripper | None:
     placed = [tree.poses(palm, posture) for posture in postures]
     frame, sides = _frame(kept, placed[STEPS // 4 if hand else 0], hand)
     inverse = np.linalg.inv(frame)
-    measured = [
-        _measure(kept, sides, {k: inverse @ pose for k, pose in poses.items()}) for poses in placed
-    ]
+    seen = [{k: inverse @ pose for k, pose in poses.items()} for poses in placed]
+    measured = [_measure(kept, sides, poses) for poses in seen]
+    if not hand:  # the parts that touch each other when closed are the pads, however fingers turn
+        touching = next((n for n, m in enumerate(measured) if m.width <= TOUCH), len(measured) - 1)
+        pads = _pads(kept, seen[touching])
+        measured = [_measure(kept, sides, poses, pads) for poses in seen]
     widths = [m.width for m in measured]
     first, last = _closing(widths)
     if widths[first] - widths[last] < 5e-3:
@@ -273,7 +291,42 @@ def _gripper(robot: Robot, tree: _Tree, palm: str) -> Gripper | None:
         poses_all,
         robot,
         _up(robot, palm, frame),
+        is_assumed,
     )
+
+
+def _with_limits(tree: _Tree, palm: str, fingers: Sequence[_Finger]) -> Robot:
+    """The robot, with assumed limits of finger joints if the URDF states none of them.
+
+    Both limits are 0 there, or missing. The fingers then open from where their pads touch.
+    """
+    joints = {j.mimics or j.name: j for f in fingers for j in f.joints}
+    joints = {j.name: j for j in tree.robot.joints if j.name in joints}
+    if any(np.isfinite(j.limits).all() and any(j.limits) for j in joints.values()):
+        return tree.robot
+    frame, sides = _frame(fingers, tree.poses(palm, {}), hand=False)
+    inverse = np.linalg.inv(frame)
+
+    def apart(posture: Mapping[str, float]) -> float:
+        tips = _tips(fingers, tree.poses(palm, posture))
+        return float((tips @ frame[:3, 0]) @ np.array(sides))
+
+    def width(posture: Mapping[str, float]) -> float:
+        poses = tree.poses(palm, posture)
+        return _measure(fingers, sides, {k: inverse @ pose for k, pose in poses.items()}).width
+
+    unit = {name: 1.0 if j.type == "revolute" else SLIDE / SWING for name, j in joints.items()}
+    opening = {n: u * np.sign(apart({n: 0.01 * u}) - apart({})) for n, u in unit.items()}
+    swept = np.linspace(-1, 1, SWEEP)
+    widths = np.array([width({n: t * u for n, u in opening.items()}) for t in swept])
+    last = max(np.flatnonzero(widths <= 0), default=-1)
+    if last in (-1, len(swept) - 1):
+        return tree.robot
+    touch = float(np.interp(0, widths[last : last + 2], swept[last : last + 2]))
+    ends = np.array([min(touch, 0.0), max(touch + SWING, 0.0)])
+    limits = {n: tuple(sorted((ends * u).tolist())) for n, u in opening.items()}
+    changed = (replace(j, limits=limits.get(j.name, j.limits)) for j in tree.robot.joints)
+    return replace(tree.robot, joints=tuple(changed))
 
 
 def _up(robot: Robot, palm: str, frame: Floats) -> Floats | None:
@@ -293,7 +346,7 @@ def _up(robot: Robot, palm: str, frame: Floats) -> Floats | None:
 def _closing(widths: Sequence[float]) -> tuple[int, int]:
     """The postures between which the width falls, from the widest to touching pads."""
     first = last = int(np.argmax(widths))
-    while last + 1 < len(widths) and widths[last] > 1e-3 and widths[last + 1] < widths[last]:
+    while last + 1 < len(widths) and widths[last] > TOUCH and widths[last + 1] < widths[last]:
         last += 1
     return first, last
 
@@ -421,17 +474,26 @@ class _Measures(NamedTuple):
     across: list[float]
 
 
+def _pads(fingers: Sequence[_Finger], poses: Mapping[str, Floats]) -> list[NDArray[np.bool_]]:
+    """Which points of each finger are at its end in a posture, in the frame of the poses."""
+    ends = [_placed(finger, poses)[:, 2] for finger in fingers]
+    return [z > z.max() - PAD for z in ends]
+
+
 def _measure(
-    fingers: Sequence[_Finger], sides: Sequence[int], poses: Mapping[str, Floats]
+    fingers: Sequence[_Finger],
+    sides: Sequence[int],
+    poses: Mapping[str, Floats],
+    pads: Sequence[NDArray[np.bool_]] | None = None,
 ) -> _Measures:
+    """The width between pads, by default the points that are at the ends in this posture."""
     inner = {-1: [], 1: []}  # type: dict[int, list[float]]
     ends, across = [], []
-    for finger, side in zip(fingers, sides, strict=True):
+    for number, (finger, side) in enumerate(zip(fingers, sides, strict=True)):
         points = _placed(finger, poses)
-        end = float(points[:, 2].max())
-        pad = points[points[:, 2] > end - PAD]
+        ends.append(float(points[:, 2].max()))
+        pad = points[points[:, 2] > ends[-1] - PAD if pads is None else pads[number]]
         inner[side].append(float((pad[:, 0] * side).min()))
-        ends.append(end)
         across.append(float((pad[:, 1].min() + pad[:, 1].max()) / 2))
     left, right = min(inner[-1]), min(inner[1])
     return _Measures(left + right, (right - left) / 2, float(np.mean(ends)), across)

@@ -38,7 +38,15 @@ class Shape(NamedTuple):
     pose: NDArray[np.float64] = np.eye(4)
 
 
+STRETCH = {
+    "stretch_se3": "SE3/stretch_description_SE3_eoa_wrist_dw3_tool_sg3.urdf",
+    "stretch_wrist": "RE2V0/stretch_description_RE2V0_tool_stretch_dex_wrist.urdf",
+}
+
+
 def urdf(name: str) -> Path:
+    if name in STRETCH:
+        return installed_file("hello-robot-stretch-urdf", STRETCH[name])
     return installed_file("example-robot-data", REAL[name])
 
 

@@ -30,6 +30,8 @@ def test_a_gripper_by_hand(tmp_path):
         ("tiago_pro", "parallel", (0.07, 0.09), None),
         ("allegro", "multi-finger", (0.1, 0.2), None),
         ("tiago", "multi-finger", (0.05, 0.1), "hand_grasping_frame"),
+        ("stretch_wrist", "parallel", (0.2, 0.3), "link_grasp_center"),
+        ("stretch_se3", "parallel", (0.12, 0.16), "link_grasp_center"),
     ],
 )
 def test_real_grippers(name, kind, opening, approach):
@@ -43,11 +45,12 @@ def test_real_grippers(name, kind, opening, approach):
         assert np.linalg.norm(tool[:3, 3]) < 0.06
 
 
-@pytest.mark.parametrize("name", ["panda", "pr2", "tiago_pro"])
+@pytest.mark.parametrize("name", ["panda", "pr2", "tiago_pro", "stretch_se3", "stretch_wrist"])
 def test_a_plate_of_the_width_fits_between_the_fingers_and_a_thicker_one_does_not(name):
     """Rays across the opening meet the fingers at the width that the gripper states."""
     gripper = real_gripper(name)
-    for width in (0.02, 0.05, gripper.opening):
+    wide = min(gripper.opening, 0.08)  # further open, turned fingers are between the pads
+    for width in (0.02, 0.05, wide):
         index = gripper.index(width)
         meshes = gripper.meshes(width)
         fingers: trimesh.Trimesh = trimesh.util.concatenate(
@@ -103,9 +106,25 @@ def test_no_fingers(tmp_path):
         read_gripper(urdf("ur5"))
     with pytest.raises(ManipulationError, match="link right does not have two fingers"):
         read_gripper(gripper_file(tmp_path, BY_HAND), "right")
-    shut = BY_HAND.replace('upper="0.05"', 'upper="0"')
+    shut = BY_HAND.replace('upper="0.05"', 'upper="0.001"')
     with pytest.raises(ManipulationError, match="whose finger joints have limits"):
         read_gripper(gripper_file(tmp_path, shut))
+
+
+@pytest.mark.parametrize("gap", [0.0, 0.06, 0.15])
+@pytest.mark.parametrize("limit", ['<limit lower="0" upper="0" effort="20" velocity="1"/>', ""])
+def test_fingers_without_limits_open_from_where_they_touch(tmp_path, gap, limit):
+    """Plates that slide, drawn with a gap: closed they touch, and each opens by 4 cm, or is so."""
+    text = BY_HAND.replace('<limit lower="0" upper="0.05" effort="20" velocity="1"/>', limit)
+    for side, sign in (("left", ""), ("right", "-")):
+        drawn = f'<child link="{side}"/><origin xyz="{sign}{gap / 2} 0 0"/>'
+        text = text.replace(f'<child link="{side}"/>', drawn)
+    gripper = read_gripper(gripper_file(tmp_path, text))
+    assert gripper.is_assumed
+    assert gripper.opening == pytest.approx(max(0.08, gap), abs=1e-6)
+    assert gripper.widths[-1] == pytest.approx(0, abs=0.003)
+    np.testing.assert_allclose(gripper.frame[:3, 2], [0, 0, 1], atol=1e-9)
+    assert not gripper_by_hand(tmp_path).is_assumed
 
 
 def gripper_file(folder, text):

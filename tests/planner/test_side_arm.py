@@ -1,7 +1,8 @@
 """Plans of a robot whose arm extends to its right, checked with the kinematics of yourdfpy.
 
 A Stretch RE2 lifts its arm, extends it and turns the wrist about the vertical; its gripper slants
-by 30 degrees. So it gets to a grasp from a few places alone, all with the object beside it.
+by 30 degrees. So it gets to a grasp from a few places alone, all with the object beside it. Other
+wrists turn about more axes. The URDF of an SE3 states no limits of the fingers.
 """
 
 from __future__ import annotations
@@ -27,9 +28,12 @@ from semmap.manipulation.gripper import read_gripper
 from semmap.manipulation.stances import Stances
 from tests.command_line import semmap as command
 from tests.manipulation.grippers import Shape
-from tests.robot.robots import installed_file, real_robot
+from tests.robot.robots import installed_file
 
 STRETCH = "RE2V0/stretch_description_RE2V0_tool_stretch_gripper.urdf"
+WRIST = "RE2V0/stretch_description_RE2V0_tool_stretch_dex_wrist.urdf"
+SE3 = "SE3/stretch_description_SE3_eoa_wrist_dw3_tool_sg3.urdf"
+NO_TOOL = "SE3/stretch_description_SE3_eoa_wrist_dw3_tool_nil.urdf"
 CUP = 0.035, 0.1
 """Radius and height, metres."""
 
@@ -40,6 +44,7 @@ class Hall(NamedTuple):
     tables: dict[str, tuple[float, float, float, float]]
     size: tuple[float, float]
     turn: float
+    file: str = STRETCH
 
 
 HALLS = {
@@ -49,12 +54,24 @@ HALLS = {
     "ahead": Hall(
         {"Hobelbank 7": (1.2, 1.0, 0.8, -0.2), "comptoir": (4.6, 3.6, 0.5, 0.9)}, (0.9, 0.6), 90.0
     ),
+    "wrist": Hall(
+        {"Küchentisch": (1.3, 2.6, 0.75, 0.8), "étagère": (4.5, 3.3, 0.95, 0.1)},
+        (0.8, 0.6),
+        0.0,
+        WRIST,
+    ),
+    "se3": Hall(
+        {"banco 2": (4.2, 2.2, 0.55, 0.4), "Stehtisch": (1.4, 3.0, 0.9, -0.5)},
+        (0.8, 0.6),
+        0.0,
+        SE3,
+    ),
 }
 
 
-def stretch(folder: Path, turn: float = 0.0) -> Path:
-    """A Stretch RE2 whose frame is turned, degrees: at 90 its arm reaches ahead."""
-    path = installed_file("hello-robot-stretch-urdf", STRETCH)
+def stretch(folder: Path, file: str, turn: float = 0.0) -> Path:
+    """A Stretch whose frame is turned, degrees: at 90 its arm reaches ahead."""
+    path = installed_file("hello-robot-stretch-urdf", file)
     text = path.read_text().replace('filename="./', f'filename="{path.parent}/')
     root = (
         '<link name="turned"/><joint name="turn" type="fixed"><parent link="turned"/>'
@@ -120,7 +137,7 @@ def hall(request: pytest.FixtureRequest) -> Hall:
 
 @pytest.fixture
 def urdf(hall: Hall, tmp_path: Path) -> Path:
-    return stretch(tmp_path, hall.turn)
+    return stretch(tmp_path, hall.file, hall.turn)
 
 
 @pytest.fixture
@@ -169,6 +186,8 @@ def test_it_fetches_a_cup_with_the_table_beside_it(
     goal: Any = (f"on(Tässchen, {target})",)
     options: Any = {"start": "Saal", "robot": "stretch"}
     plan = here.plan(*goal, **options)
+    assumed = [each for each in plan.reasons if "states no limits of the finger joints" in each]
+    assert len(assumed) == (hall.file == SE3)
     bases = {action: base_of(plan, action) for action in ("pickup", "place")}
     for action, table in (("pickup", source), ("place", target)):
         base, (x, y) = bases[action], hall.tables[table][:2]
@@ -219,6 +238,7 @@ def test_what_is_out_of_its_reach_is_said_with_the_side(here: semmap.Map, hall: 
         here.plan("carries(robot, Henkel)", start="Saal", robot="stretch")
 
 
+@pytest.mark.parametrize("hall", ["right", "ahead"], indirect=True)
 def test_from_its_stances_an_arm_gets_along_the_grasps_of_a_cup(urdf: Path) -> None:
     """A minimiser of SciPy finds positions of the joints for each pose of a way."""
     chain = Chain(urdf)
@@ -247,9 +267,8 @@ def test_from_its_stances_an_arm_gets_along_the_grasps_of_a_cup(urdf: Path) -> N
 
 
 def test_a_plan_says_that_an_arm_without_a_known_gripper_is_not_judged(here: semmap.Map) -> None:
-    """The fingers of this gripper are moved by no joint that is found."""
-    here.database.add_robot("se3", real_robot("stretch"))
+    here.database.add_robot("bare", installed_file("hello-robot-stretch-urdf", NO_TOOL))
     tables = [e.name for e in here.objects if e.is_a("table")]
     there = next(name for name in tables if name != here["Tässchen"].holder.name)  # type: ignore[union-attr]
-    plan = here.plan(f'on("Tässchen", "{there}")', start="Flur", robot="se3")
-    assert any("an arm of se3 reaches there is not judged" in each for each in plan.reasons)
+    plan = here.plan(f'on("Tässchen", "{there}")', start="Flur", robot="bare")
+    assert any("an arm of bare reaches there is not judged" in each for each in plan.reasons)
