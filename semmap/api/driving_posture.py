@@ -71,11 +71,10 @@ def _found(urdf: Path, _changed: int, parts: Path | None) -> DrivingPosture:
         return DrivingPosture({}, "all joints at 0")
     far = f"{name} reaches {radius:.2f} m around the robot"
     try:
-        from semmap.manipulation.arm import Arm
-        from semmap.manipulation.carrying import carrying_posture
+        from semmap.manipulation.carrying import folded_posture
         from semmap.manipulation.gripper import read_gripper
 
-        joints = carrying_posture(Arm(read_gripper(urdf)))
+        joints = folded_posture(read_gripper(urdf))
     except (Error, ImportError) as error:
         return DrivingPosture({}, f"all joints at 0, though the {far}; none was found ({error})")
     folded, *_ = reach(joints)

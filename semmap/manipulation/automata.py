@@ -14,7 +14,7 @@ from semmap.arrays import Floats
 from semmap.belief.store.beliefs import Session
 from semmap.geometry.pose import Pose
 from semmap.manipulation.arm import Arm
-from semmap.manipulation.carrying import carrying_posture
+from semmap.manipulation.carrying import folded_posture
 from semmap.manipulation.error import ManipulationError
 from semmap.manipulation.gripper import Gripper, read_gripper
 from semmap.manipulation.retrieval import register_gripper, stored_gripper
@@ -52,14 +52,14 @@ def register_robot(
 
     Its sensors are devices ROBOT/SENSOR; the first one that finds objects is that of the automaton.
     `palm` tells its gripper, which is named as it is and ``_gripper``. It drives with the joints
-    in `posture`, radians or metres, by default `carrying_posture`. ManipulationError where it has
+    in `posture`, radians or metres, by default `folded_posture`. ManipulationError where it has
     no gripper that a joint moves, or cannot take the posture.
     """
     found = read_gripper(urdf, palm)
     _check_posture(found.robot, posture or {})
     arm = Arm(found, posture)
     if posture is None:
-        posture = carrying_posture(arm)
+        posture = folded_posture(found)
     chosen = name or found.robot.name
     with session.transaction():
         hand = register_gripper(session, urdf, f"{chosen}_gripper", palm=palm, preferred=False)

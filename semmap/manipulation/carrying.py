@@ -1,12 +1,16 @@
-"""The posture in which an arm is carried through doors: near the axis of its robot."""
+"""The posture in which arms are carried through doors: near the axis of their robot."""
 
 from __future__ import annotations
+
+from contextlib import suppress
 
 import numpy as np
 
 from semmap.arrays import Floats
 from semmap.manipulation.arm import Arm
 from semmap.manipulation.collision import Obstacles, convex_body
+from semmap.manipulation.error import ManipulationError
+from semmap.manipulation.gripper import Gripper, find_grippers
 
 DRAWN = 1000
 """Random postures that are considered, beside that at rest."""
@@ -18,14 +22,27 @@ ITEM = 0.04
 """Radius of the smallest ball for which there must be room in the gripper, metres."""
 
 
+def folded_posture(first: Gripper) -> dict[str, float]:
+    """The `carrying_posture` of a gripper's arm, and of each other arm of its robot beside it."""
+    posture: dict[str, float] = {}
+    others = (each for each in find_grippers(first.robot) if each.palm != first.palm)
+    for gripper in (first, *others):
+        with suppress(ManipulationError):  # no joint moves it
+            posture |= carrying_posture(Arm(gripper, posture))
+    return posture
+
+
 def carrying_posture(arm: Arm) -> dict[str, float]:
     """Positions of an arm's joints with which a robot can drive, by name, radians or metres.
 
     Of random postures in which the arm, with a ball in its gripper, touches nothing of the robot,
-    the one nearest to the robot's vertical axis; at rest where all touch something.
+    the one nearest to the robot's vertical axis; at rest where all touch something. Joints that
+    the state of the arm has stay there.
     """
     random = np.random.default_rng(0)
     drawn = random.uniform(arm.low, arm.high, (DRAWN, len(arm.low)))
+    held = [i for i, joint in enumerate(arm.joints) if joint.name in arm.state]
+    drawn[:, held] = arm.rest()[held]
     ball = _ball(max(ITEM, arm.gripper.opening / 2))
     nothing = Obstacles(np.empty((0, 3, 3)))
     postures = [arm.rest(), *drawn]
