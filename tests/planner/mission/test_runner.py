@@ -55,6 +55,22 @@ def test_a_door_found_locked_is_told_with_its_time_and_another_way_taken(world: 
     world.check()
 
 
+@pytest.mark.parametrize("door", ["door5", "door6"])
+def test_a_door_that_is_locked_in_the_map_stays_open_in_the_world(world: World, door: str) -> None:
+    """The map is what the robot knows: it passes, and the map has what it saw."""
+    state = "SELECT state FROM connector WHERE entity_id = entity_id(:door)"
+
+    def lock(event: MissionEvent) -> None:
+        if event.kind == "started" and event.number == 2:
+            locked = "UPDATE connector SET state = 'locked' WHERE entity_id = entity_id(:door)"
+            assert world.ask(f"{locked} RETURNING state", door=door) == [("locked",)]
+
+    assert world.run(on_event=lock).state == "done"
+    assert ("robot", "passed", door) in world.world.events()
+    assert world.world.door(door) == "open"
+    assert world.ask(state, door=door) == [("open",)]
+
+
 def test_the_only_way_is_locked(world: World) -> None:
     world.fail("door5 locked")
     result = world.run()
