@@ -314,7 +314,7 @@ def is_in_a_cabinet(here: semmap.Map, draw: random.Random) -> tuple[str, set[str
 
 
 def is_huge(here: semmap.Map, draw: random.Random) -> tuple[str, set[str]]:
-    size = draw.choice([(0.8, 0.9, 1.0), (0.1, 0.1, 2.0), (0.9, 0.9, 0.1), (0.01, 0.01, 0.015)])
+    size = draw.choice([(0.8, 0.9, 1.0), (0.1, 0.1, 2.0), (0.9, 0.9, 0.1), (0.001, 0.001, 0.0015)])
     here.add_object("mug", type="mug", size=size, pose=(*free_spot(here, "r01"), 0))
     return "improbable size", {"mug"}
 

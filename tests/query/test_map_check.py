@@ -405,9 +405,13 @@ def test_people_sit_lie_and_carry(db: semmap.Database) -> None:
         here.add_agent(f"p{number}", size=(0.4, 0.4, 1.2), pose=(1 + 2 * number, 2, 0))
     here.add_agent("carrier", size=(0.4, 0.4, 1.2), pose=(8, 2, 0))
     here.add_object("crate", size=(0.5, 0.5, 0.4), pose=(8, 2, 0.5))
+    here.add_object("cup", size=(0.05, 0.05, 0.1), pose=(1, 2, 0.9))
+    here.add_agent("cleaner", type="robot", size=(0.4, 0.4, 0.4), pose=(5, 2, 0))
     assert {f.entities for f in here.check() if f.kind == "agent in a solid"} == {
-        ("carrier", "crate")
+        ("carrier", "crate"),
+        ("cleaner", "sofa"),
     }
+    here["cleaner"].delete()
     here.execute("SELECT put(%s, %s, 'on')", here["crate"].id, here["carrier"].id)
     assert not [f for f in here.check() if f.kind == "agent in a solid"]
 
@@ -418,7 +422,7 @@ def test_sizes_are_judged_by_their_type_alone(db: semmap.Database) -> None:
     cases = {
         "row": ("bookshelf", (0.4, 30, 2.0), False),
         "cube": (None, (2, 2, 2), False),
-        "toy": ("table", (0.5, 0.5, 0.4), False),
+        "toy": ("table", (0.15, 0.15, 0.1), False),
         "millimetres": ("table", (0.0012, 0.0008, 0.00075), True),
         "centimetres": ("table", (0.012, 0.008, 0.0075), True),
         "wide": ("table", (30, 30, 0.75), True),

@@ -121,6 +121,7 @@ SELECT e.id, e.name, e.kind, e.type, p.holder_id, p.relation, p.confidence, p.po
        e.type IN (SELECT sub FROM type_closure WHERE super IN ('door', 'door_leaf')) AS leaf,
        e.type IN (SELECT sub FROM type_closure WHERE super = 'ceiling_lamp') AS hanging,
        e.type IN (SELECT sub FROM type_closure WHERE super IN ('seat', 'bed')) AS rest,
+       e.type IN (SELECT sub FROM type_closure WHERE super = 'robot') AS robot,
        (SELECT t.typical_size FROM type_closure n JOIN semantic_type t ON t.name = n.super
         WHERE n.sub = e.type AND t.typical_size IS NOT NULL
         ORDER BY (SELECT count(*) FROM type_closure a WHERE a.sub = t.name) DESC, t.name LIMIT 1

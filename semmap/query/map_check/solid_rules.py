@@ -35,7 +35,7 @@ SMALLER = 0.8
 CORE, BODY = 0.05, 0.5
 """Metres around the middle of an agent, and the least height of one; smaller ones stand on it."""
 
-IMPROBABLE = 5.0
+HUGE, TINY = 5.0, 0.1
 """Of the typical size of a type: more or less of it is another type, or another unit."""
 
 LOST = 1000.0
@@ -219,8 +219,11 @@ def agents_inside(building: SupportedBuilding) -> Found:
     for agent in building.agents:
         body = _core(agent)
         for other in building.near(body, 0.0):
-            if other.row["fixture"] or other.row["rest"] or agent in other.chain:
-                continue  # leaves open; people sit and lie; it carries what it has
+            rests = other.row["rest"] and not agent.row["robot"]  # people sit and lie
+            if other.row["fixture"] or rests or agent in other.chain:
+                continue  # leaves open, and it carries what it has
+            if other.ground.area < body.ground.area - SAME_POINT:
+                continue  # a cup in a hand
             stated = agent.row["holder_id"] == other.row["id"] and agent.row["confidence"] is None
             within = not building.is_part(other) and encloses(other, body)
             if stated or not (within or _shared(body, other) is not None):
@@ -254,8 +257,8 @@ def improbable_sizes(building: SupportedBuilding) -> Found:
         if usual is None or entity.outline is None:
             continue
         size = [*sides(entity), float((entity.high - entity.low)[2])]
-        low, high = max(usual) / IMPROBABLE, max(usual) * IMPROBABLE
-        wide = sorted(size)[1] > IMPROBABLE * sorted(usual)[1]  # rows of shelves are long
+        low, high = max(usual) * TINY, max(usual) * HUGE
+        wide = sorted(size)[1] > HUGE * sorted(usual)[1]  # rows of shelves are long
         if max(size) >= low and not wide and size[2] <= high:
             continue
         is_, usually = (" x ".join(f"{v:.3g}" for v in each) for each in (size, usual))
