@@ -122,10 +122,7 @@ SELECT e.id, e.name, e.kind, e.type, p.holder_id, p.relation, p.confidence, p.po
        e.type IN (SELECT sub FROM type_closure WHERE super = 'ceiling_lamp') AS hanging,
        e.type IN (SELECT sub FROM type_closure WHERE super IN ('seat', 'bed')) AS rest,
        e.type IN (SELECT sub FROM type_closure WHERE super = 'robot') AS robot,
-       (SELECT t.typical_size FROM type_closure n JOIN semantic_type t ON t.name = n.super
-        WHERE n.sub = e.type AND t.typical_size IS NOT NULL
-        ORDER BY (SELECT count(*) FROM type_closure a WHERE a.sub = t.name) DESC, t.name LIMIT 1
-       ) AS typical,
+       usual.size AS typical,
        e.type IN (SELECT sub FROM type_closure WHERE super IN ('seat', 'table', 'bed', 'drinkware')
                   EXCEPT SELECT sub FROM type_closure
                   WHERE super IN ('fixture', 'storage_furniture')) AS stands,
@@ -137,6 +134,11 @@ SELECT e.id, e.name, e.kind, e.type, p.holder_id, p.relation, p.confidence, p.po
 FROM entity e LEFT JOIN placement p ON p.entity_id = e.id LEFT JOIN world w ON w.entity_id = e.id
      LEFT JOIN room r ON r.entity_id = e.id LEFT JOIN storey s ON s.entity_id = e.id
      LEFT JOIN connector c ON c.entity_id = e.id
+     LEFT JOIN (SELECT DISTINCT ON (n.sub) n.sub, t.typical_size AS size
+                FROM type_closure n JOIN semantic_type t ON t.name = n.super
+                WHERE t.typical_size IS NOT NULL
+                ORDER BY n.sub, (SELECT count(*) FROM type_closure a WHERE a.sub = n.super) DESC,
+                         n.super) usual ON usual.sub = e.type
 WHERE e.map_id = current_map() ORDER BY e.name
 """
 
