@@ -10,7 +10,7 @@ import itertools
 import random
 import re
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from importlib.metadata import distributions
 from pathlib import Path
 from typing import Any
@@ -29,9 +29,13 @@ LIFTED = (0.0, 1.6)
 WIDEST = 0.6
 """Metres of the second longest side of what robots lift."""
 
-HANDS: dict[str | None, float] = {"tiago": 0.07}
+HANDS: dict[str | None, float] = {"tiago": 0.07, "stretch": 0.14}
 HAND = 0.09
 """Metres that the hands of robots open, and those of robots that state none."""
+
+ARMS: dict[str | None, tuple[float, float]] = {"stretch": (0.0, 0.95)}
+"""Metres from the axis of a robot to what its gripper gets to: 0.94 m at most by yourdfpy. Plans
+know this arm, so that the reach of the class does not count; it may get to less than that."""
 
 OFFICE = Path(__file__).parents[2] / "examples" / "office"
 
@@ -280,7 +284,8 @@ def judge_plans(building: Building, place: semmap.Map) -> tuple[int, list[str]]:
     name = chance.choice(ROBOTS)
     bodies = {None: BODY, name: stored_robot(place, name)}
     for robot, body in bodies.items():
-        sure, may = (Ground(building, body, sure=s) for s in (True, False))
+        sure = Ground(building, body, sure=True)
+        may = Ground(building, replace(body, reach=ARMS.get(robot, body.reach)), sure=False)
         for goal in goals(building, chance):
             start = chance.choice([room.name for room in building.rooms])
             asked += 1
@@ -322,6 +327,8 @@ def _judge(
         elif not lifted:
             if not any(n in str(error) for n in moved):
                 yield f"refused without the thing's name: {error}"
+        elif robot in ARMS and f"is out of reach: the arm of {robot} " in str(error):
+            return
         elif least.reached(goal) and not _asks_for_floor(goal, truth):
             yield f"refused, but it can be reached: {error}"
         elif not _names_what_is_in_the_way(str(error), truth, goal, body):
