@@ -14,7 +14,7 @@ from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
-from shapely import box, contains_properly, polygons, union_all
+from shapely import Geometry, box, contains_properly, polygons, union_all
 
 from navgrid.grid import Grid
 from navgrid.slabs import area_cells, mesh_of, occupancy
@@ -94,8 +94,10 @@ def floor_levels(
     outside = ~np.logical_or.reduce([*flat.values(), np.zeros(grid.shape, np.bool_)])
     flat[elevation] = flat[elevation] | outside if elevation in flat else outside
     if len(ramps):
-        under = _covered(ramps, grid)
-        flat = {floor: cells & ~under for floor, cells in flat.items()}
+        covered = _Covered(ramps, grid)
+        for floor, cells in flat.items():
+            higher = [outline for z in outlines if z > floor for outline in outlines[z]]
+            flat[floor] = cells & ~covered.with_floors(higher)
     found = [FloorLevel(floor, cells) for floor, cells in sorted(flat.items()) if cells.any()]
     if len(ramps):
         bottom, top = float(ramps[:, :, 2].min()), float(ramps[:, :, 2].max())
@@ -106,14 +108,18 @@ def floor_levels(
     return found
 
 
-def _covered(triangles: NDArray[np.float64], grid: Grid) -> NDArray[np.bool_]:
+class _Covered:
     """The cells that lie wholly under triangles, where a floor below is out of reach."""
-    flat = polygons(triangles[:, :, :2])
-    whole = union_all(flat).buffer(GAP)
-    touched = area_cells(whole, grid)
-    rows, columns = np.nonzero(touched)
-    x, y = (grid.origin[k] + (columns, rows)[k] * grid.resolution for k in range(2))
-    squares = box(x, y, x + grid.resolution, y + grid.resolution)
-    inside = np.zeros(grid.shape, np.bool_)
-    inside[rows, columns] = contains_properly(whole, squares)
-    return inside
+
+    def __init__(self, triangles: NDArray[np.float64], grid: Grid) -> None:
+        self._ground = union_all(polygons(triangles[:, :, :2])).buffer(GAP)
+        self._shape = grid.shape
+        self._at = np.nonzero(area_cells(self._ground, grid))
+        x, y = (grid.origin[k] + self._at[1 - k] * grid.resolution for k in range(2))
+        self._squares = box(x, y, x + grid.resolution, y + grid.resolution)
+
+    def with_floors(self, higher: Sequence[Geometry]) -> NDArray[np.bool_]:
+        """(rows, columns): cells under triangles or, at their edge, also under higher floors."""
+        inside = np.zeros(self._shape, np.bool_)
+        inside[self._at] = contains_properly(union_all([self._ground, *higher]), self._squares)
+        return inside

@@ -107,7 +107,9 @@ def complete_travel(
     return block, {p: n for p, n, c in zip(numbers, counts.tolist(), complete, strict=True) if c}
 
 
-_DECISIVE = attrgetter("state", "type", "behaviour", "permissions", "width", "height", "step")
+_DECISIVE = attrgetter(
+    "state", "type", "behaviour", "permissions", "width", "height", "step", "narrowed"
+)
 """What decides whether a robot is blocked, except the direction and the slope of a ramp."""
 
 

@@ -315,6 +315,8 @@ class LiveTopology:
         ):
             return self._load(look)
         changed = set()
+        if movable:  # on stairs, or a ramp at a step
+            connectors |= topology.between_heights
         read = read_connectors(seen, topology.places.values(), connectors)
         if (connectors & known) - {connector.id for connector in read}:
             return self._load(look)  # a door left its rooms

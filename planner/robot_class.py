@@ -204,7 +204,24 @@ class RobotClass:
         if connector.permissions and not connector.permissions & self.permissions:
             wanted = " or ".join(sorted(connector.permissions))
             return f"{name} needs the permission {wanted}"
+        if (small := self.too_wide_for_the_rest(connector)) is not None:
+            return small
         return self._misfit(connector) if self.parts else None
+
+    def too_wide_for_the_rest(self, connector: PlaceConnector) -> str | None:
+        """Why the objects on stairs or a ramp leave too little of it; None where they do not.
+
+        A robot without a shape is as wide as `BODY`.
+        """
+        if connector.narrowed is None:
+            return None
+        free, objects, _ = connector.narrowed
+        width = max((width for _, width, _ in self._sizes), default=2 * _RADIUS)
+        if width <= free + 2e-3:
+            return None
+        leave = "leaves" if len(objects) == 1 else "leave"
+        gap = f"{free:.2f} m of {connector.name} free" if free else f"no way over {connector.name}"
+        return f"{', '.join(objects)} {leave} {gap}; {self.name} is {width:.2f} m wide"
 
     @property
     def folding_hint(self) -> str:

@@ -183,8 +183,9 @@ def _along(
             pending = np.zeros(2)
             there, behind = graph.place_of[b], turned_around(stand(b))
             bends = graph.bends(int(edge))
-            way = [before[:3], *((x, y, before.z) for x, y in bends), behind[:3]]
-            metres = math.fsum(math.dist(p, q) for p, q in pairwise(way))
+            way = [before[:2], *bends, behind[:2]]
+            flat = math.fsum(math.dist(p, q) for p, q in pairwise(way))
+            metres = math.hypot(flat, behind.z - before.z)
             yield from passage_steps(graph, int(edge), before, behind, metres, bends=bends)
             storeys = [graph.topology.places[p].storey for p in (here, there)]
             if None not in storeys and storeys[0] != storeys[1]:

@@ -26,6 +26,7 @@ from navgrid.inflation import INSCRIBED, LETHAL, UNKNOWN
 from navgrid.slabs import area_cells
 from navgrid.window import Window, grown, window_around
 from planner.base_pose import RoomGround
+from planner.exchange.visibility_graph import corner_paths
 from planner.graph_edges import StraightTravelCost, Travel
 from planner.robot_class import RobotClass
 from planner.straight_passage import free_offsets
@@ -330,9 +331,20 @@ class StoreyCostmaps:
         the cell of the opening that makes it shortest, or straight over a gap that is too narrow
         for cells. It is straight where nothing is in the way.
         """
-        if connector.type not in ("door", "elevator_door") or OUTSIDE in connector.places:
+        if connector.climbs:
+            return self._aside(connector)
+        if OUTSIDE in connector.places:
             return []
         return self._once(self._bends, connector.name) or []
+
+    def _aside(self, way: PlaceConnector) -> list[tuple[float, float]]:
+        """Where the way over stairs or a ramp bends, past the objects on it; none if it is shut."""
+        if way.narrowed is None or self.robot.too_wide_for_the_rest(way) is not None:
+            return []
+        width = max(float(np.ptp(part.footprint[:, 1])) for part in self.robot.parts)
+        ends = np.array([pose[:2] for pose in way.poses])
+        found = corner_paths(way.narrowed.free, ends, (width / 2,))
+        return [(x, y) for x, y in found.corners[found.between.get((0, 1), [])].tolist()]
 
     def _bends(self, name: str) -> list[tuple[float, float]] | None:
         connector = self.topology.connectors[name]

@@ -6,7 +6,7 @@ import math
 from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import shapely
 
@@ -71,6 +71,18 @@ class Place:
     id: int | None = None
 
 
+class Narrowing(NamedTuple):
+    """What the objects on stairs or a ramp leave free.
+
+    `width` is that of the widest robot that gets past them, metres; `free` is the ground within the
+    sides of the way that they do not take, in the map's frame.
+    """
+
+    width: float
+    objects: tuple[str, ...]
+    free: shapely.Geometry
+
+
 @dataclass(slots=True)
 class PlaceConnector:
     """A door, elevator door, flight of stairs or ramp between two places (section 3.4).
@@ -96,6 +108,8 @@ class PlaceConnector:
         Height of the threshold, or between the floors of the two rooms, metres.
     permissions
         A robot needs one of these to pass. If empty, every robot may pass.
+    narrowed
+        By the objects on stairs or a ramp; None without any.
     id
         In the database; None if the connector comes from elsewhere.
     """
@@ -113,6 +127,7 @@ class PlaceConnector:
     permissions: frozenset[str] = frozenset()
     properties: Mapping[str, Any] = field(default_factory=dict)
     id: int | None = None
+    narrowed: Narrowing | None = None
 
     @property
     def metres(self) -> float:
@@ -124,6 +139,11 @@ class PlaceConnector:
     def way(self) -> shapely.LineString:
         """The line from one approach pose to the other."""
         return shapely.LineString([pose[:2] for pose in self.poses])
+
+    @property
+    def climbs(self) -> bool:
+        """True for stairs and ramps."""
+        return self.type in ("stairs", "ramp")
 
     @property
     def must_be_opened(self) -> bool:
@@ -248,6 +268,16 @@ class Topology:
             for side, place in enumerate(connector.places):
                 sides.setdefault(place, []).append((connector.name, side))
         return sides
+
+    @cached_property
+    def between_heights(self) -> frozenset[int]:
+        """The ids of the connectors that climb, or join places with floors of two heights."""
+        return frozenset(
+            c.id
+            for c in self.connectors.values()
+            if c.id is not None
+            and (c.climbs or len({self.places[p].floor for p in c.places if p != OUTSIDE}) > 1)
+        )
 
     def places_on(self, storey: str | None) -> list[Place]:
         """The places of a storey; all where None. Raises LookupError for an unknown storey."""

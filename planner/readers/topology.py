@@ -13,7 +13,7 @@ from psycopg.rows import namedtuple_row
 from sqlalchemy import text
 
 from planner.readers.rows import fetch_rows
-from planner.topology import OUTSIDE, Place, PlaceConnector, PlaceRegion, Topology
+from planner.topology import OUTSIDE, Narrowing, Place, PlaceConnector, PlaceRegion, Topology
 from semmap.geometry.pose import Pose
 from semmap.query.snapshot import Snapshot
 from semmap.query.supertypes import read_supertypes
@@ -29,7 +29,7 @@ WHERE e.map_id = (SELECT current_map()) ORDER BY e.name
 _CONNECTORS = """
 SELECT array_send(w.pose || c.pose_a || c.pose_b), c.place_a, c.place_b,
        e.name, c.form, c.direction, c.state, c.behaviour, c.width, c.height, c.step,
-       NULLIF(c.permissions, '{}'), NULLIF(e.properties, '{}'), e.id
+       NULLIF(c.permissions, '{}'), NULLIF(e.properties, '{}'), e.id, clear_width(c)
 FROM connector c JOIN entity e ON e.id = c.entity_id JOIN world w ON w.entity_id = e.id
 WHERE e.map_id = (SELECT current_map()) AND (%s::bigint[] IS NULL OR e.id = ANY (%s::bigint[]))
   AND is_at_its_rooms(c, w.pose)
@@ -41,6 +41,17 @@ SELECT e.name, a.name, b.name
 FROM connector c JOIN entity e ON e.id = c.entity_id JOIN world w ON w.entity_id = e.id
 JOIN entity a ON a.id = c.place_a LEFT JOIN entity b ON b.id = c.place_b
 WHERE e.map_id = (SELECT current_map()) AND NOT is_at_its_rooms(c, w.pose) ORDER BY e.name
+"""
+
+_STEPS = "SELECT entity_id, step_of(c) FROM connector c WHERE entity_id = ANY (%s)"
+
+_NARROWED = """
+SELECT c.entity_id, array_agg(e.name ORDER BY e.name), ST_AsBinary(ST_Difference(
+    ST_Buffer((way_of(c, w.pose)).line, coalesce(c.width, 0.9) / 2, 'endcap=square'),
+    ST_Union(t.ground)))
+FROM connector c JOIN world w ON w.entity_id = c.entity_id CROSS JOIN LATERAL things_on(c) t
+JOIN entity e ON e.id = t.entity_id
+WHERE c.entity_id = ANY (%s) GROUP BY c.entity_id, w.pose
 """
 
 _THREE_POSES = np.dtype([("head", "V20"), ("poses", [("length", ">i4"), ("value", ">f8")], 21)])
@@ -131,18 +142,34 @@ def read_connectors(
         return []
     packed = np.frombuffer(b"".join([row[0] for row in rows]), _THREE_POSES)
     three = packed["poses"]["value"].astype(np.float64).reshape(-1, 3, 7)
+    differ = [row[-2] for row in rows if len({floors[n] for n in row[1:3] if n in floors}) > 1]
+    steps = dict(fetch_rows(seen, _STEPS, (differ,))) if differ else {}
+    widths = {row[-2]: row[-1] for row in rows if row[-1] is not None}
+    narrowed = _read_narrowings(seen, widths)
     a, b = (map(Pose._make, _composed(three[:, 0], three[:, k]).tolist()) for k in (1, 2))
     found = []
     for poses, row in zip(zip(a, b, strict=True), rows, strict=True):
-        _, place_a, place_b, name, *details, permissions, properties, number = row
+        _, place_a, place_b, name, *details, permissions, properties, number, _ = row
         fields: list[Any] = [name, (names[place_a], names[place_b]), poses]
         *details, step = details  # from form to step, as PlaceConnector has them
-        if details[0] not in ("stairs", "ramp") and place_a in floors and place_b in floors:
-            step = max(step, abs(floors[place_a] - floors[place_b]))
-        fields += [*details, step]
-        fields += [frozenset(permissions or ()), properties or _NO_PROPERTIES, number]
+        fields += [*details, steps.get(number, step)]
+        fields += [
+            frozenset(permissions or ()),
+            properties or _NO_PROPERTIES,
+            number,
+            narrowed.get(number),
+        ]
         found.append(PlaceConnector(*fields))
     return found
+
+
+def _read_narrowings(seen: Snapshot, widths: Mapping[int, float]) -> dict[int, Narrowing]:
+    """What objects leave free of the stairs and ramps on which they are, by id, of these widths."""
+    rows = fetch_rows(seen, _NARROWED, ([*widths],)) if widths else []
+    return {
+        number: Narrowing(widths[number], tuple(names), shapely.from_wkb(bytes(free)))
+        for number, names, free in rows
+    }
 
 
 def read_astray(seen: Snapshot) -> dict[str, tuple[str, str]]:

@@ -151,7 +151,7 @@ WITH judged AS (
             WHEN j.named ->> 'type' = ANY (semmap.subtypes('building_element') || semmap.subtypes('fixture')) THEN 'wall' END)
         OFFSET 0) s (part)
     WHERE j.named IS NULL OR NOT (semmap.is_building_part(j.named ->> 'type')
-                                  OR (j.named ->> 'type' = ANY (semmap.subtypes('ground'))) IS TRUE)
+                                  OR (j.named ->> 'type' = ANY (semmap.subtypes('ground') || semmap.subtypes('ramp_flight'))) IS TRUE)
 ), recognised AS (
     UPDATE semmap.entity e
     SET type = coalesce(f.part, f.named ->> 'type', 'object'),

@@ -42,23 +42,113 @@ CREATE VIEW mean_duration AS
     FROM execution x JOIN robot_class r ON r.id = x.robot_class_id
     WHERE x.succeeded GROUP BY x.robot_class_id, x.behaviour, x.entity_id;
 
+CREATE FUNCTION has_ramp(c connector, low double precision, high double precision)
+RETURNS boolean LANGUAGE sql STABLE SET search_path = semmap, public, pg_temp AS $$
+-- Whether an object that is a ramp leads from one height to another, to 2 cm, before an opening.
+SELECT EXISTS (
+    SELECT FROM world o JOIN world t ON t.map_id = o.map_id AND t.footprint && ST_Expand(opening_of(o.pose, c.width), door_reach())
+    JOIN entity e ON e.id = t.entity_id AND e.kind = 'object'
+    WHERE o.entity_id = c.entity_id AND ST_DWithin(t.footprint, opening_of(o.pose, c.width), door_reach())
+      AND EXISTS (SELECT FROM type_closure y WHERE y.sub = e.type AND y.super IN ('ramp_flight', 'ramp'))
+      AND ST_ZMin(t.box) <= low + 0.02 AND abs(ST_ZMax(t.box) - high) <= 0.02);
+$$;
+
 CREATE FUNCTION step_of(c connector)
 RETURNS double precision LANGUAGE sql STABLE
 BEGIN ATOMIC
--- The step in a connector: its threshold, or that between the floors of its rooms where it does not climb.
-SELECT greatest(c.step, CASE WHEN c.form NOT IN ('stairs', 'ramp') THEN max(o.pose[3] + r.floor) - min(o.pose[3] + r.floor) END)
-FROM semmap.room r JOIN semmap.world o ON o.entity_id = r.entity_id WHERE r.entity_id IN (c.place_a, c.place_b);
+-- The step in a connector: its threshold, or that between the floors of its rooms where neither it nor a ramp climbs.
+SELECT greatest(c.step, CASE WHEN c.form NOT IN ('stairs', 'ramp') AND NOT (high > low AND semmap.has_ramp(c, low, high)) THEN high - low END)
+FROM (SELECT min(o.pose[3] + r.floor), max(o.pose[3] + r.floor) FROM semmap.room r
+      JOIN semmap.world o ON o.entity_id = r.entity_id WHERE r.entity_id IN (c.place_a, c.place_b)) f (low, high);
 END;
+
+CREATE FUNCTION way_of(c connector, at_pose double precision[], OUT line geometry, OUT foot double precision, OUT rise double precision)
+LANGUAGE sql IMMUTABLE
+BEGIN ATOMIC
+-- The line from end to end of stairs or a ramp at a world pose, the z of its beginning, and how far it rises to its end.
+-- Null of others, and of those that rise by more than they are long: they turn, and their line is not the way.
+SELECT ST_MakeLine(ST_MakePoint(a[1], a[2]), ST_MakePoint(b[1], b[2])), a[3], b[3] - a[3]
+FROM (SELECT semmap.pose_compose(at_pose, c.pose_a), semmap.pose_compose(at_pose, c.pose_b)) e (a, b)
+WHERE c.form IN ('stairs', 'ramp') AND (b[1] - a[1]) ^ 2 + (b[2] - a[2]) ^ 2 >= greatest((b[3] - a[3]) ^ 2, 0.01);
+END;
+
+CREATE FUNCTION things_on(c connector)
+RETURNS TABLE (entity_id bigint, ground geometry) LANGUAGE sql STABLE SET search_path = semmap, public, pg_temp AS $$
+-- The objects on stairs or a ramp, or through their steps, and their ground there. The steps are taken to rise evenly,
+-- to 0.4 m. Higher than 1.5 m above them, and below them, nothing is in the way; parts of the building, carpets, thin
+-- things and what an agent carries are not, either. An object without a type that is on most of the way from its foot
+-- to its head is the stairs.
+WITH RECURSIVE strip AS (
+    SELECT o.map_id, y.line, y.foot, y.rise, ST_Buffer(y.line, coalesce(c.width, 0.9) / 2, 'endcap=flat') AS area
+    FROM world o CROSS JOIN LATERAL way_of(c, o.pose) y WHERE o.entity_id = c.entity_id AND y.line IS NOT NULL
+), near AS (
+    SELECT t.entity_id, ST_Intersection(t.footprint, s.area, 1e-6) AS ground, ST_ZMin(t.box) AS low, ST_ZMax(t.box) AS high,
+           coalesce(e.type, 'object') = 'object' AND ST_Length(ST_Intersection(s.line, t.footprint)) >= ST_Length(s.line) / 2
+           AND ST_ZMin(t.box) <= least(s.foot, s.foot + s.rise) + 0.3
+           AND ST_ZMax(t.box) >= greatest(s.foot, s.foot + s.rise) - 0.5 AS is_flight
+    FROM strip s JOIN world t ON t.footprint && s.area AND ST_Intersects(t.footprint, s.area) AND t.map_id = s.map_id
+    JOIN entity e ON e.id = t.entity_id AND e.kind = 'object'
+    WHERE NOT EXISTS (SELECT FROM type_closure y WHERE y.sub = e.type AND y.super IN ('building_element', 'ground', 'carpet', 'ramp'))
+), holder AS (
+    SELECT n.entity_id, p.holder_id FROM near n JOIN placement p ON p.entity_id = n.entity_id
+    UNION SELECT h.entity_id, p.holder_id FROM holder h JOIN placement p ON p.entity_id = h.holder_id
+)
+SELECT n.entity_id, n.ground FROM near n CROSS JOIN strip s
+CROSS JOIN LATERAL (
+    SELECT s.foot + least(s.rise * min(at), s.rise * max(at)), s.foot + greatest(s.rise * min(at), s.rise * max(at))
+    FROM ST_DumpPoints(n.ground) p CROSS JOIN LATERAL ST_LineLocatePoint(s.line, p.geom) at) z (lowest, highest)
+WHERE NOT n.is_flight AND n.high - n.low > 0.02 AND n.low < z.highest + 1.5
+  AND (n.low >= z.lowest - 0.4 OR n.high > z.highest + 0.02)
+  AND NOT EXISTS (SELECT FROM holder h JOIN entity a ON a.id = h.holder_id AND a.kind = 'agent' WHERE h.entity_id = n.entity_id);
+$$;
+
+CREATE FUNCTION clear_width(c connector)
+RETURNS double precision LANGUAGE plpgsql STABLE SET search_path = semmap, public, pg_temp AS $$
+-- The width of the widest robot that gets from end to end of stairs or a ramp past the objects on it, metres, to 1 mm; 0
+-- below 5 cm. Null where nothing is on it. A robot is a disc, whose middle stays half a width within the sides, taken
+-- as 0.9 m apart where the map does not say it, and begins and ends within 0.3 m of the ends.
+DECLARE
+    way geometry;
+    taken geometry;
+    width double precision := coalesce(c.width, 0.9);
+    low double precision := 0;
+    high double precision := width;
+    half double precision;
+BEGIN
+    IF c.form NOT IN ('stairs', 'ramp') THEN
+        RETURN NULL;
+    END IF;
+    SELECT ST_Union(t.ground) INTO taken FROM things_on(c) t;
+    IF taken IS NULL THEN
+        RETURN NULL;
+    END IF;
+    SELECT y.line INTO way FROM world o CROSS JOIN LATERAL way_of(c, o.pose) y WHERE o.entity_id = c.entity_id;
+    WHILE high - low > 0.001 LOOP
+        half := (low + high) / 4;
+        IF EXISTS (
+            SELECT FROM ST_Dump(ST_Difference(ST_Buffer(way, width / 2 - half, 'endcap=flat'), ST_Buffer(taken, half))) free
+            WHERE ST_DWithin(free.geom, ST_StartPoint(way), door_reach()) AND ST_DWithin(free.geom, ST_EndPoint(way), door_reach()))
+        THEN
+            low := 2 * half;
+        ELSE
+            high := 2 * half;
+        END IF;
+    END LOOP;
+    RETURN CASE WHEN low < 0.05 THEN 0 ELSE round(low::numeric, 3) END;
+END;
+$$;
 
 CREATE FUNCTION is_blocked_for(r robot_class, c connector, there integer)
 RETURNS boolean LANGUAGE sql STABLE
 BEGIN ATOMIC
--- Whether a class of robots cannot pass a connector towards place_b (there is 1) or place_a (0).
+-- Whether a class of robots cannot pass a connector towards place_b (there is 1) or place_a (0). On stairs and ramps
+-- with things on them, one without a shape counts as 0.6 m wide.
 SELECT c.state = 'locked' AND NOT r.unlocks
     OR c.state = 'closed' AND c.form <> 'elevator_door' AND NOT r.opens
     OR c.direction = CASE there WHEN 1 THEN 'backward' ELSE 'forward' END
     OR r.behaviours IS NOT NULL AND c.behaviour <> ALL (r.behaviours)
     OR c.permissions <> '{}' AND NOT c.permissions && r.permissions
+    OR c.form IN ('stairs', 'ramp') AND coalesce(coalesce(r.width, 0.6) > semmap.clear_width(c) + 0.002, false)
     OR r.width IS NOT NULL AND (coalesce(r.width > c.width, false) OR coalesce(r.height > c.height, false)
        OR semmap.step_of(c) > r.max_step + 0.001 OR c.form = 'stairs'
        OR c.form = 'ramp' AND atan2(abs(c.pose_a[3] - c.pose_b[3]),

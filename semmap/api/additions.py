@@ -177,7 +177,7 @@ def door(
     reaches = [clearance + SIDE] * 2
     for number, room in enumerate(rooms):  # in the room, and not in a thick wall
         away = room.footprint.distance(shapely.Point(middle)) if room.footprint else 0.0
-        reaches[number] += max(0.0, away - WALL)
+        reaches[number] += max(0.0, away - (clearance if climbs else WALL))
     place_a, place_b = places
     detail.setdefault("behaviour", BEHAVIOURS[detail["type"]])
     if detail["width"] is None:

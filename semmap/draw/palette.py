@@ -65,6 +65,7 @@ OBJECTS: Mapping[str, str] = {  # the first that fits is taken: general types st
     "window": "#a9cfe0",
     "column": "#b9bcc2",
     "stair_flight": "#b8b2a6",
+    "ramp_flight": "#b8b2a6",
     "floor": "#e9e4da",
     "ground": "#e4e2da",
     "person": "#e4572e",

@@ -28,7 +28,7 @@ from semmap.geometry.parts import closed_parts
 
 HIDDEN = {"ceiling", "roof", "ceiling_lamp", "beam", "ground"}
 CUT = {"building_element", "curtain", "blind", "room_divider", "picture", "mirror", "board"}
-UNCUT = {"floor", "stair_flight", "railing"}
+UNCUT = {"floor", "stair_flight", "ramp_flight", "railing"}
 HUNG = {
     "picture",
     "mirror",

@@ -45,7 +45,7 @@ ROOM_HEIGHT, DOOR_WIDTH = 2.5, 0.9
 """Metres, where the map knows none."""
 
 LANDING = 0.05
-"""Metres by which the head of a way up is above its foot, and from it to the room up there."""
+"""Metres by which the floor of a room is above the foot of a way to it, and from it to the way."""
 
 FRAME, IN_OPENING = 0.2, 0.9
 """Metres around the line from post to post where a leaf across an opening is, and the part of its
@@ -531,14 +531,14 @@ def _floor_areas(
         line = shapely.LineString([(a.x, a.y), (b.x, b.y)])
         if line.length and (rooms is None or inside.intersects(line)):
             doorway = line.buffer((door.width or DOOR_WIDTH) / 2, cap_style="flat")
-            foot, head = sorted((a, b), key=lambda side: side.z)
+            foot = min(a.z, b.z)
+            ends = shapely.MultiPoint([(a.x, a.y), (b.x, b.y)])
             upper = [
                 area.outline
                 for area in found[:count]
-                if area.floor > foot.z + LANDING
-                and area.outline.distance(shapely.Point(head.x, head.y)) <= LANDING
+                if area.floor > foot + LANDING and area.outline.distance(ends) <= LANDING
             ]
-            if head.z > foot.z + LANDING and upper:  # the slab of a landing is no obstacle
+            if upper:  # the slab of a landing, or of a room behind a step, is no obstacle
                 doorway = doorway.difference(united(upper))
-            found.append(FloorArea(door.name, doorway, foot.z))
+            found.append(FloorArea(door.name, doorway, foot))
     return tuple(found)

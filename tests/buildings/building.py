@@ -547,7 +547,37 @@ def _add_stairs(building: Building, kinds: random.Random, number: int) -> None:
         (direction,) = kinds.choices(["both", "forward", "backward"], [4, 1, 1])
         name, rooms = f"{type_}{number}", (names[0], names[1])
         way = (ends[0], ends[1])
-        building.doors.append(Door(name, rooms, way, type_, "open", direction, behaviour=behaviour))
+        stairs = Door(name, rooms, way, type_, "open", direction, behaviour=behaviour)
+        building.doors.append(stairs)
+        _add_on_stairs(building, stairs)
+
+
+def _add_on_stairs(building: Building, stairs: Door) -> None:
+    """Across stairs now and then a thing that stands on the floor below, and is above the steps."""
+    chance = random.Random(f"thing on {stairs.name} of {building.seed}")  # what else there is stays
+    room = building.room(stairs.rooms[0])
+    rise = building.room(stairs.rooms[1]).floor - room.floor
+    line = shapely.LineString(stairs.ends)
+    rooms = [r.outline for r in building.rooms if r.storey == room.storey and not r.elevator]
+    doors = [shapely.LineString(d.ends) for d in building.doors if not d.climbs]
+    for _ in range(chance.choice([0, 20]) if line.length > rise else 0):
+        part, size = chance.uniform(0.25, 0.5), chance.uniform(0.2, 0.8)
+        at = line.interpolate(part, normalized=True)
+        beside = chance.uniform(0.0, 0.4), chance.uniform(-math.pi, math.pi)
+        x, y = at.x + beside[0] * math.cos(beside[1]), at.y + beside[0] * math.sin(beside[1])
+        flat = affinity.translate(shapely.Point(x, y), -building.origin[0], -building.origin[1])
+        flat = affinity.rotate(flat, -building.angle, origin=(0, 0), use_radians=True)
+        box = (flat.x - size / 2, flat.y - size / 2, flat.x + size / 2, flat.y + size / 2)
+        ground = building.outline(shapely.box(*box))
+        high = room.floor + min(rise * part + chance.uniform(0.1, 0.8), 2.2)
+        others = [i.ground for i in building.items if i.low < high and i.high > room.floor + 0.01]
+        if (
+            any(outline.contains(ground.buffer(0.1)) for outline in rooms)
+            and all(other.distance(ground) > 0.1 for other in others)
+            and all(door.distance(ground) > 1.2 for door in doors)
+        ):
+            building.add(chance.choice(FURNITURE), "thing", box, room.floor, high)
+            return
 
 
 def _add_walls(

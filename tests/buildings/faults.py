@@ -227,7 +227,7 @@ def _free(building: Building, place: semmap.Map) -> Iterator[Spot]:
         taken += [  # before a door they would be in its way
             shapely.LineString(door.ends).buffer(0.3)
             for door in building.doors
-            if room.name in door.rooms
+            if room.name in door.rooms or door.climbs
         ]
         free = room.outline.buffer(-0.4).difference(shapely.union_all(taken).buffer(0.4))
         while room.elevator is None and not free.is_empty:

@@ -26,7 +26,7 @@ from tests.buildings.faults import judge_faults
 from tests.buildings.missions import judge_missions
 from tests.buildings.plans import judge_plans
 from tests.buildings.rooms import disagreements, said_rooms
-from tests.buildings.ways import BODY, CELL, Ground, doors_of
+from tests.buildings.ways import BODY, CELL, Ground, doors_of, things_across
 
 Judge = Callable[[Building, semmap.Map], tuple[int, list[str]]]
 """Returns how many questions it asked, and a sentence for each wrong answer."""
@@ -276,6 +276,8 @@ def judge_check(building: Building, place: semmap.Map) -> tuple[int, list[str]]:
     found = [each for each in place.check() if each.severity != "note"]
     shut = {("narrow door", d.name) for d in building.doors if _is_small(d)}
     shut |= {("thing in a doorway", d.name) for d in building.doors if _is_shut(building, d)}
+    stairs = [door for door in building.doors if door.climbs]
+    shut |= {("thing on stairs", d.name) for d in stairs if things_across(building, d, BODY.width)}
     told = {(each.kind, each.entities[0]) for each in found}
     apart = {frozenset(e.entities) for e in found if e.kind == "room without a door"}
     wrong = [

@@ -111,7 +111,7 @@ class Truth:
         door = self.doors[name]
         if here != self.place or {here, there} != {*door.rooms}:
             return f"{name} joins {door.rooms}; the robot is in {self.place}"
-        wrong = refusal(door, door.rooms.index(here), self.ground.body)
+        wrong = refusal(self.building, door, door.rooms.index(here), self.ground.body)
         if wrong or behaviour != door.behaviour:
             return f"{name}: {wrong or door.behaviour}"
         lift = door.type == "elevator_door"

@@ -7,6 +7,7 @@ no judge says.
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
@@ -48,7 +49,7 @@ BODY = Body(0.3, 0.3, 0.6, (0.0, 1.5), 1.5, assumed=True)
 """The robot of which nothing is known."""
 
 
-def refusal(door: Door, side: int, body: Body | None) -> str | None:
+def refusal(building: Building, door: Door, side: int, body: Body | None) -> str | None:
     """Why a robot that opens doors, but unlocks none, cannot pass from ``door.rooms[side]``."""
     if OUTSIDE in door.rooms:
         return "it leads out"
@@ -56,15 +57,52 @@ def refusal(door: Door, side: int, body: Body | None) -> str | None:
         return "it leads the other way"
     if door.state == "locked" or door.permission:
         return "it is locked"
-    if body is None or (body.assumed and door.climbs):
+    if body is None:
         return None
+    if door.climbs and things_across(building, door, body.width):
+        return "things stand on it"
     if door.climbs:
-        return "it is too steep"
+        return None if body.assumed else "it is too steep"
     if door.height is not None and door.height < body.top:
         return "it is too low"
     if door.width < body.width or (door.step > body.step and not body.assumed):
         return "it is too narrow, or its step too high"
     return None
+
+
+STAIRS = 0.9
+"""Metres of the width of stairs: the buildings state none."""
+
+
+def things_across(building: Building, stairs: Door, width: float) -> list[str]:
+    """The names of things that leave a disc no way over stairs, whichever way around them.
+
+    They are a chain from side to side, whose gaps are all narrower than the disc. Stairs that rise
+    by more than their length turn, and no judge knows where.
+    """
+    line = shapely.LineString(stairs.ends)
+    low, high = (building.room(room).floor for room in stairs.rooms)
+    if line.length < high - low:
+        return []
+    strip = line.buffer(STAIRS / 2, cap_style="flat")
+    sides = {turn: line.offset_curve(turn * STAIRS / 2) for turn in (-1, 1)}
+    graph: nx.Graph = nx.Graph()
+    graph.add_nodes_from(sides)
+    grounds: dict[object, shapely.Geometry] = dict(sides)
+    for item in building.items:
+        if item.what not in ("thing", "stub") or not item.ground.intersects(strip):
+            continue
+        ground = item.ground.intersection(strip)
+        spots = line.project(shapely.points(shapely.get_coordinates(ground))).tolist()
+        first, last = (low + (high - low) * f(spots) / line.length for f in (min, max))
+        if item.low < last + BODY.top and (item.low >= first - 0.4 or item.high > last + 0.02):
+            grounds[item.name] = ground
+    for (one, a), (two, b) in itertools.combinations(grounds.items(), 2):
+        if {one, two} != {*sides} and a.distance(b) < width:
+            graph.add_edge(one, two)
+    if not nx.has_path(graph, *sides):
+        return []
+    return [str(name) for name in nx.node_connected_component(graph, 1) if name not in sides]
 
 
 def doors_of(building: Building, body: Body | None, opened: Collection[str] = ()) -> nx.DiGraph:
@@ -74,7 +112,7 @@ def doors_of(building: Building, body: Body | None, opened: Collection[str] = ()
     for door in building.doors:
         for side in (0, 1):
             free = door.name in opened and OUTSIDE not in door.rooms
-            if free or refusal(door, side, body) is None:
+            if free or refusal(building, door, side, body) is None:
                 graph.add_edge(door.rooms[side], door.rooms[1 - side])
     for a, b in rides(building):
         graph.add_edge(a, b)
@@ -164,7 +202,7 @@ class Ground:
             graph.add_nodes_from((room, k) for k in range(len(parts)))
         for door in self.building.doors:
             for side in (0, 1):
-                if refusal(door, side, self.body) is None:
+                if refusal(self.building, door, side, self.body) is None:
                     graph.add_edges_from(self._through(door, side))
         lifts = {c: self._before_lift(c) for c in self.parts if self.building.room(c).elevator}
         for a, b in rides(self.building):

@@ -54,6 +54,8 @@ OBJECTS = {r.name: r.label for r in read_tbox(ONTOLOGY) if r.kind == "object" !=
         ("Étagère_Sud", None),
         ("chair_four", None),
         ("main_stairway", "stair_flight"),
+        ("Rampe_2", "ramp_flight"),
+        ("wheelchair ramp", "ramp_flight"),
     ],
 )
 def test_guess(name: str, type_: str | None) -> None:

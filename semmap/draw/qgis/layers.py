@@ -156,7 +156,7 @@ def structure(types: Supertypes, cut: float) -> QgisLayer:
         ("walls above or below", WALLS, f"NOT {is_cut}", outline(WALL_LOW, "dash")),
         ("windows", ("window",), is_cut, fill("#a9cfe0", edge=WALL)),
         ("door leaves and frames", ("door_leaf", "door_frame"), is_cut, fill("#a87c50", 0.8)),
-        ("stairs", ("stair_flight",), "true", fill("#b8b2a6", 0.6, edge=WALL)),
+        ("stairs", ("stair_flight", "ramp_flight"), "true", fill("#b8b2a6", 0.6, edge=WALL)),
         ("railings", ("railing",), "true", outline(WALL_LOW, "solid")),
     )
     rules = []

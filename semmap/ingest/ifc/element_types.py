@@ -25,6 +25,8 @@ TYPES = {
     "IfcPile": "building_element",
     "IfcStair": "stair_flight",
     "IfcStairFlight": "stair_flight",
+    "IfcRamp": "ramp_flight",
+    "IfcRampFlight": "ramp_flight",
     "IfcFurniture BED": "bed",
     "IfcFurniture CHAIR": "chair",
     "IfcFurniture DESK": "desk",

@@ -218,6 +218,11 @@ class CheckedBuilding:
         found = (self.solids[n] for n in np.sort(self._solid_tree.query(around)))
         return [e for e in found if e.low[2] <= door.z + LINTEL + SAME_POINT and e.high[2] > door.z]
 
+    def over(self, ground: shapely.Geometry) -> list[CheckedEntity]:
+        """The solids whose outlines share area with a ground, at any height."""
+        found = (self.solids[n] for n in np.sort(self._solid_tree.query(ground)))
+        return [e for e in found if common(e.ground, ground).area > 0]
+
     def beneath(self, entity: CheckedEntity) -> list[CheckedEntity]:
         """Other solids over which an object is, wholly or in part; the highest first."""
         around = shapely.box(*entity.low[:2], *entity.high[:2])

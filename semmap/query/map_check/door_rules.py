@@ -12,6 +12,7 @@ import shapely.ops
 
 from semmap.geometry.overlay import common
 from semmap.geometry.pose import Pose
+from semmap.geometry.walk import EXACT, walked_faces
 from semmap.query.geometry_notes import listed
 from semmap.query.map_check.building import (
     FASTENED,
@@ -23,7 +24,7 @@ from semmap.query.map_check.building import (
 )
 from semmap.query.map_check.doorways import NARROWEST, PASSAGE, SAME, DoorOpening
 from semmap.query.map_check.fixes import Found, Moves
-from semmap.query.map_check.reader import CheckedEntity
+from semmap.query.map_check.reader import CheckedEntity, Floats
 from semmap.query.map_check.room_rules import DOOR
 from semmap.query.map_check.support import SupportedBuilding
 
@@ -247,8 +248,11 @@ def _shut_doors(
             continue  # another rule says so
         assert door.pose is not None
         width = door.row["width"] or DOOR
-        solids = [e for e in building.at_opening(door.pose, width) if not _is_leaf_of(door, e)]
-        opening = DoorOpening(door.pose, width, {e: e.triangles for e in solids})
+        floors = [building.floor(room) for room in building.drawn_rooms(door).values()]
+        sill = door.pose._replace(z=max(door.pose.z, *floors))  # another rule finds a step to it
+        solids = [e for e in building.at_opening(sill, width) if not _is_leaf_of(door, e)]
+        shapes = {e: _above_ground(e, floors) for e in solids}
+        opening = DoorOpening(sill, width, shapes)
         fast = partial(_is_fast, building, door)
         parts = opening.closing(e for e in solids if fast(e))
         if shut := parts or sorted(opening.closing(solids), key=fast):
@@ -256,11 +260,17 @@ def _shut_doors(
     return found
 
 
+def _above_ground(entity: CheckedEntity, floors: list[float]) -> Floats:
+    """The faces of a solid without those that a robot of which nothing is known drives on."""
+    faces = entity.triangles
+    return faces[~walked_faces(faces, floors, DRIVEN, SLOPE)] if entity.row["laid"] else faces
+
+
 TWICE = 0.1
 """Metres between two doors that are one; leaves of a double door are further apart."""
 
-DRIVEN = 0.021
-"""Metres of the highest step of a robot of which nothing is known, to a millimetre."""
+DRIVEN, SLOPE = 0.02, math.radians(6)
+"""Metres of the highest step, and the steepest slope, of a robot of which nothing is known."""
 
 
 def narrow_doors(building: SupportedBuilding) -> Found:
@@ -287,13 +297,24 @@ def steps_in_doors(building: SupportedBuilding) -> Found:
         if door.row["form"] in ("stairs", "ramp") or len(ends) < 2:
             continue
         step = abs(building.floor(ends[0]) - building.floor(ends[1]))
-        if step > DRIVEN:
+        if step > DRIVEN + EXACT and not _has_ramp(building, door, ends):
             text = (
                 f"the floors of {ends[0].name} and {ends[1].name} differ by {step:.2f} m at the "
                 f"door {door.name}: only a robot that takes such a step passes"
             )
             names = (door.name, ends[0].name, ends[1].name)
-            yield names, text, "by hand: add it as stairs or a ramp, or correct the floors"
+            fix = "by hand: give a ramp there the type ramp, add stairs, or correct the floors"
+            yield names, text, fix
+
+
+def _has_ramp(building: SupportedBuilding, door: CheckedEntity, ends: list[CheckedEntity]) -> bool:
+    """Whether a ramp leads from the floor of one room of a door to that of the other."""
+    assert door.pose is not None
+    low, high = sorted(building.floor(room) for room in ends)
+    return any(
+        e.row["ramp"] and e.low[2] <= low + DRIVEN and abs(e.high[2] - high) <= DRIVEN
+        for e in building.at_opening(door.pose, door.row["width"] or DOOR)
+    )
 
 
 def level_stairs(building: SupportedBuilding) -> Found:

@@ -117,6 +117,9 @@ SELECT e.id, e.name, e.kind, e.type, p.holder_id, p.relation, p.confidence, p.po
        r.floor, r.ceiling, r.elevator_id, s.elevation, s.height,
        c.place_a, c.place_b, c.form, c.state, c.width, c.height AS clear_height, c.pose_a, c.pose_b,
        e.type IN (SELECT sub FROM type_closure WHERE super = 'building_element') AS structure,
+       e.type IN (SELECT sub FROM type_closure WHERE super IN
+                  ('floor', 'ground', 'carpet', 'stair_flight', 'ramp_flight', 'ramp')) AS laid,
+       e.type IN (SELECT sub FROM type_closure WHERE super IN ('ramp_flight', 'ramp')) AS ramp,
        e.type IN (SELECT sub FROM type_closure WHERE super = 'fixture') AS fixture,
        e.type IN (SELECT sub FROM type_closure WHERE super IN ('door', 'door_leaf')) AS leaf,
        e.type IN (SELECT sub FROM type_closure WHERE super = 'ceiling_lamp') AS hanging,

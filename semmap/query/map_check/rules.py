@@ -47,6 +47,7 @@ from semmap.query.map_check.solid_rules import (
     through_ceilings,
     tipping,
 )
+from semmap.query.map_check.stairs_rules import things_on_stairs
 from semmap.query.map_check.support import SupportedBuilding
 from semmap.query.snapshot import Snapshot
 
@@ -103,6 +104,7 @@ RULES: tuple[tuple[str, Severity, Callable[[SupportedBuilding], Found]], ...] = 
     ("stairs on one floor", "warning", level_stairs),
     ("shut leaf of an open door", "warning", shut_leaves),
     ("thing in a doorway", "warning", partial(blocked_doors, structure=False)),
+    ("thing on stairs", "warning", things_on_stairs),
     ("overlapping rooms", "warning", partial(room_pairs, same=False)),
     ("room without a door", "warning", rooms_without_door),
     ("storey without a floor", "warning", storeys_without_floor),
@@ -130,6 +132,7 @@ MOVED = {
     "no passage",
     "shut leaf of an open door",
     "thing in a doorway",
+    "thing on stairs",
     "things at one point",
     "things without a storey",
     "floating",
