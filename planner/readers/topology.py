@@ -29,7 +29,8 @@ WHERE e.map_id = (SELECT current_map()) ORDER BY e.name
 _CONNECTORS = """
 SELECT array_send(w.pose || c.pose_a || c.pose_b), c.place_a, c.place_b,
        e.name, c.form, c.direction, c.state, c.behaviour, c.width, c.height, c.step,
-       NULLIF(c.permissions, '{}'), NULLIF(e.properties, '{}'), e.id, clear_width(c)
+       NULLIF(c.permissions, '{}'), NULLIF(e.properties, '{}'), e.id,
+       CASE WHEN c.form IN ('stairs', 'ramp') THEN clear_width(c) END
 FROM connector c JOIN entity e ON e.id = c.entity_id JOIN world w ON w.entity_id = e.id
 WHERE e.map_id = (SELECT current_map()) AND (%s::bigint[] IS NULL OR e.id = ANY (%s::bigint[]))
   AND is_at_its_rooms(c, w.pose)

@@ -46,10 +46,10 @@ CREATE FUNCTION has_ramp(c connector, low double precision, high double precisio
 RETURNS boolean LANGUAGE sql STABLE SET search_path = semmap, public, pg_temp AS $$
 -- Whether an object that is a ramp leads from one height to another, to 2 cm, before an opening.
 SELECT EXISTS (
-    SELECT FROM world o JOIN world t ON t.map_id = o.map_id AND t.footprint && ST_Expand(opening_of(o.pose, c.width), door_reach())
-    JOIN entity e ON e.id = t.entity_id AND e.kind = 'object'
-    WHERE o.entity_id = c.entity_id AND ST_DWithin(t.footprint, opening_of(o.pose, c.width), door_reach())
-      AND EXISTS (SELECT FROM type_closure y WHERE y.sub = e.type AND y.super IN ('ramp_flight', 'ramp'))
+    SELECT FROM semmap.world o JOIN semmap.world t ON t.map_id = o.map_id AND t.footprint && ST_Expand(semmap.opening_of(o.pose, c.width), semmap.door_reach())
+    JOIN semmap.entity e ON e.id = t.entity_id AND e.kind = 'object'
+    WHERE o.entity_id = c.entity_id AND ST_DWithin(t.footprint, semmap.opening_of(o.pose, c.width), semmap.door_reach())
+      AND EXISTS (SELECT FROM semmap.type_closure y WHERE y.sub = e.type AND y.super IN ('ramp_flight', 'ramp'))
       AND ST_ZMin(t.box) <= low + 0.02 AND abs(ST_ZMax(t.box) - high) <= 0.02);
 $$;
 
@@ -80,18 +80,18 @@ RETURNS TABLE (entity_id bigint, ground geometry) LANGUAGE sql STABLE SET search
 -- to its head is the stairs.
 WITH RECURSIVE strip AS (
     SELECT o.map_id, y.line, y.foot, y.rise, ST_Buffer(y.line, coalesce(c.width, 0.9) / 2, 'endcap=flat') AS area
-    FROM world o CROSS JOIN LATERAL way_of(c, o.pose) y WHERE o.entity_id = c.entity_id AND y.line IS NOT NULL
+    FROM semmap.world o CROSS JOIN LATERAL semmap.way_of(c, o.pose) y WHERE o.entity_id = c.entity_id AND y.line IS NOT NULL
 ), near AS (
     SELECT t.entity_id, ST_Intersection(t.footprint, s.area, 1e-6) AS ground, ST_ZMin(t.box) AS low, ST_ZMax(t.box) AS high,
            coalesce(e.type, 'object') = 'object' AND ST_Length(ST_Intersection(s.line, t.footprint)) >= ST_Length(s.line) / 2
            AND ST_ZMin(t.box) <= least(s.foot, s.foot + s.rise) + 0.3
            AND ST_ZMax(t.box) >= greatest(s.foot, s.foot + s.rise) - 0.5 AS is_flight
-    FROM strip s JOIN world t ON t.footprint && s.area AND ST_Intersects(t.footprint, s.area) AND t.map_id = s.map_id
-    JOIN entity e ON e.id = t.entity_id AND e.kind = 'object'
-    WHERE NOT EXISTS (SELECT FROM type_closure y WHERE y.sub = e.type AND y.super IN ('building_element', 'ground', 'carpet', 'ramp'))
+    FROM strip s JOIN semmap.world t ON t.footprint && s.area AND ST_Intersects(t.footprint, s.area) AND t.map_id = s.map_id
+    JOIN semmap.entity e ON e.id = t.entity_id AND e.kind = 'object'
+    WHERE NOT EXISTS (SELECT FROM semmap.type_closure y WHERE y.sub = e.type AND y.super IN ('building_element', 'ground', 'carpet', 'ramp'))
 ), holder AS (
-    SELECT n.entity_id, p.holder_id FROM near n JOIN placement p ON p.entity_id = n.entity_id
-    UNION SELECT h.entity_id, p.holder_id FROM holder h JOIN placement p ON p.entity_id = h.holder_id
+    SELECT n.entity_id, p.holder_id FROM near n JOIN semmap.placement p ON p.entity_id = n.entity_id
+    UNION SELECT h.entity_id, p.holder_id FROM holder h JOIN semmap.placement p ON p.entity_id = h.holder_id
 )
 SELECT n.entity_id, n.ground FROM near n CROSS JOIN strip s
 CROSS JOIN LATERAL (
@@ -99,7 +99,7 @@ CROSS JOIN LATERAL (
     FROM ST_DumpPoints(n.ground) p CROSS JOIN LATERAL ST_LineLocatePoint(s.line, p.geom) at) z (lowest, highest)
 WHERE NOT n.is_flight AND n.high - n.low > 0.02 AND n.low < z.highest + 1.5
   AND (n.low >= z.lowest - 0.4 OR n.high > z.highest + 0.02)
-  AND NOT EXISTS (SELECT FROM holder h JOIN entity a ON a.id = h.holder_id AND a.kind = 'agent' WHERE h.entity_id = n.entity_id);
+  AND NOT EXISTS (SELECT FROM holder h JOIN semmap.entity a ON a.id = h.holder_id AND a.kind = 'agent' WHERE h.entity_id = n.entity_id);
 $$;
 
 CREATE FUNCTION clear_width(c connector)
@@ -118,16 +118,16 @@ BEGIN
     IF c.form NOT IN ('stairs', 'ramp') THEN
         RETURN NULL;
     END IF;
-    SELECT ST_Union(t.ground) INTO taken FROM things_on(c) t;
+    SELECT ST_Union(t.ground) INTO taken FROM semmap.things_on(c) t;
     IF taken IS NULL THEN
         RETURN NULL;
     END IF;
-    SELECT y.line INTO way FROM world o CROSS JOIN LATERAL way_of(c, o.pose) y WHERE o.entity_id = c.entity_id;
+    SELECT y.line INTO way FROM semmap.world o CROSS JOIN LATERAL semmap.way_of(c, o.pose) y WHERE o.entity_id = c.entity_id;
     WHILE high - low > 0.001 LOOP
         half := (low + high) / 4;
         IF EXISTS (
             SELECT FROM ST_Dump(ST_Difference(ST_Buffer(way, width / 2 - half, 'endcap=flat'), ST_Buffer(taken, half))) free
-            WHERE ST_DWithin(free.geom, ST_StartPoint(way), door_reach()) AND ST_DWithin(free.geom, ST_EndPoint(way), door_reach()))
+            WHERE ST_DWithin(free.geom, ST_StartPoint(way), semmap.door_reach()) AND ST_DWithin(free.geom, ST_EndPoint(way), semmap.door_reach()))
         THEN
             low := 2 * half;
         ELSE
