@@ -82,6 +82,7 @@ class Command:
             del value["step"]["bends"]
         if self.step is not None and self.step.connector is not None:
             value["step"]["connector"]["permissions"] = sorted(self.step.connector.permissions)
+            del value["step"]["connector"]["narrowed"]  # its bends say the way
         return value
 
     @classmethod

@@ -248,6 +248,7 @@ def topology_as_json(topology: Topology, storey: str | None = None) -> dict[str,
         "connectors": [
             _plain(c)
             | {"poses": [p._asdict() for p in c.poses], "permissions": sorted(c.permissions)}
+            | {"narrowed": c.narrowed and {"width": c.narrowed.width, "by": [*c.narrowed.objects]}}
             for c in connectors
         ],
         "elevators": topology.cabins(),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 import random
 from collections.abc import Iterator
@@ -116,6 +117,18 @@ def test_a_route_leads_past_a_box_at_its_distance(house: semmap.Map) -> None:
         assert way.distance(box) == pytest.approx(BODY.footprint[:, 1].max(), abs=0.02)
         assert 3.59 < way.bounds[1] < way.bounds[3] < 4.41  # as far from the sides
         assert step.metres == pytest.approx(math.hypot(way.length, RISE), abs=1e-6)
+
+
+def test_a_mission_and_the_topology_as_json_say_the_way_past_a_box(
+    house: semmap.Map, tmp_path: Path
+) -> None:
+    add_stairs(house, "flight", 4, 1.4)
+    put(house, "box", 4, (2.5, -0.3, 0.5, 0.5))
+    assert house.run("in(robot, loft)", start=HALL, speed=1e5).done
+    house.write_topology(tmp_path / "topology.json")
+    (way,) = json.loads((tmp_path / "topology.json").read_text())["connectors"]
+    assert way["narrowed"]["by"] == ["box"]
+    assert way["narrowed"]["width"] == pytest.approx(0.75, abs=0.002)
 
 
 def test_a_route_takes_the_other_stairs_until_the_wardrobe_is_gone(house: semmap.Map) -> None:
