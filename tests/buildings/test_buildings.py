@@ -16,7 +16,7 @@ from tests.conftest import MakeDatabase
 
 SEEDS = range(4)
 
-WITH_CABINS = [112, 8003]
+WITH_CABINS = [112, 8168]
 """Seeds of buildings with things in cabins, and before their doors."""
 
 
