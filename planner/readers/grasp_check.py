@@ -186,7 +186,7 @@ class GraspCheck:
             return True
 
     def unjudged(self, items: Iterable[str]) -> list[str]:
-        """A sentence on each object whose grasps are not known, and on an assumed or unknown arm."""
+        """A sentence on each object whose grasps are not known, and on an arm that is not."""
         known = [(item, self._grasps(item)) for item in items]
         found = [
             f"the grasps of {item} are not judged: {why}"
