@@ -100,9 +100,10 @@ class Labels:
         best, offset, box, cost = 1.0, (0.0, 0.0), extent, np.inf
         for place in offsets:
             at = _moved(extent, place, self._points)
-            covered = self._share(self._covered, at, beyond=True)
-            if bounds is not None:
-                covered += _beside(at, bounds)
+            covered = 0.0 if bounds is None else _beside(at, bounds)
+            if covered >= cost or covered > most:
+                continue
+            covered += self._share(self._covered, at, beyond=True)
             worth = covered + 0.3 * self._share(self._shunned, at)
             if worth < cost:
                 best, offset, box, cost = covered, place, at, worth
