@@ -421,6 +421,27 @@ def test_a_change_of_the_map_keeps_what_is_being_typed(writer: Page, db: semmap.
     door.state = former
 
 
+def test_properties_are_in_the_card_and_addresses_are_links(
+    page: Page, db: semmap.Database
+) -> None:
+    house = db.map("house")
+    file, odd = "https://example.org/crate.step", "javascript:alert(1)"
+    crate = house.add_object(
+        "crate7",
+        type="box",
+        size=(0.4, 0.4, 0.4),
+        pose=(0, 0, 0, 0),
+        properties={"cad": file, "x": odd},
+    )
+    until(page, "semmap.house.entities.has('crate7')")
+    choose(page, "crate7")
+    page.get_by_text("properties", exact=True).click()
+    assert page.get_by_role("link", name=file).get_attribute("href") == file
+    assert page.get_by_text(odd).count() == 1
+    assert page.get_by_role("link", name=odd).count() == 0
+    crate.delete()
+
+
 def test_grasps_of_what_is_selected_are_drawn(writer: Page, db: semmap.Database) -> None:
     """Each fork is at a distance from the can at which its fingers reach around it."""
     house = db.map("house")

@@ -84,9 +84,11 @@ export class Panel {
     at("card").hidden = told === null;
     if (told === null || this.typing(told.name)) return;
     const rows = Object.entries(told).filter(([key, value]) => !OMITTED.has(key) && text(value ?? "") !== "");
+    const own = Object.entries(told.properties ?? {});
     at("card").replaceChildren(
       element("h2", {}, told.name),
-      element("dl", {}, ...rows.flatMap(([key, value]) => [element("dt", {}, key), element("dd", {}, text(value))])),
+      list(rows),
+      ...(own.length ? [element("details", {}, element("summary", {}, "properties"), list(own))] : []),
       ...(told.kind === "object" ? [this.grasps(told.name)] : []),
       ...(writes ? CHANGED.filter((key) => key in told && told[key] !== null).map((key) => this.field(key, told[key])) : []),
     );
@@ -130,6 +132,15 @@ async function answer(output, ask) {
     output.className = "wrong";
     output.value = error.message;
   }
+}
+
+function list(rows) {
+  return element("dl", {}, ...rows.flatMap(([key, value]) => [element("dt", {}, key), element("dd", {}, linked(text(value)))]));
+}
+
+// A text, as a link where it is the address of a page or file, such as a CAD drawing.
+function linked(text) {
+  return /^https?:\/\/\S+$/.test(text) ? element("a", { href: text, target: "_blank", rel: "noopener" }, text) : text;
 }
 
 function text(value) {
