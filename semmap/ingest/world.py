@@ -15,7 +15,7 @@ from semmap.geometry.mesh import Mesh
 from semmap.geometry.pose import IDENTITY, Pose
 
 Kind = Literal["room", "object", "region", "connector", "elevator", "storey", "agent"]
-ShapeKind = Literal["mesh", "box", "cloud", "polygon", "cad"]
+ShapeKind = Literal["mesh", "box", "cloud", "polygon"]
 
 OUTSIDE = "outside"
 """The name of the outdoors: an exterior door joins a place and this."""

@@ -25,7 +25,6 @@ Progress = Callable[[str, int, int], None]
 def shape_digest(shape: Shape) -> str:
     """Return a hash of a shape's content: equal shapes are stored once."""
     h = hashlib.sha256(shape.kind.encode())
-    h.update((shape.uri or "").encode() if shape.kind == "cad" else b"")
     if shape.mesh is not None:
         h.update(shape.mesh.digest().encode())
     if shape.outline is not None:
