@@ -123,7 +123,9 @@ class HttpApi:
             "/scene": lambda map, _, __: scene_of(map),
             "/meshes.glb": lambda map, _, __: meshes_of(map),
             "/ways": self._ways,
-            "/costs": lambda map, _, r: costs_of(map, r.query_params.get("robot") or None),
+            "/costs": lambda map, _, r: costs_of(
+                map, r.query_params.get("robot") or None, "parts" in r.query_params
+            ),
             "/moments": lambda map, _, __: moments_of(map),
             "/voxels": lambda map, _, r: voxels_of(map, r.query_params.get("text", "")),
             "/grasps": lambda map, _, r: grasps_of(map, r.query_params.get("name", "")),

@@ -28,31 +28,40 @@ MOST_MOMENTS = 1000
 """Of the latest changes, those that a page can go back to."""
 
 
-def costs_of(map: Map, robot: str | None = None) -> list[dict[str, Any]]:
+def costs_of(map: Map, robot: str | None = None, parts: bool = False) -> list[dict[str, Any]]:
     """The costs of a robot on each storey, in RViz's colours; without one, the occupied cells.
 
     Each has its `storey`, the `level` of its floor, `low` and `high` corners (x, y), metres, and a
-    PNG in base64 whose first row is the highest y; what is free is transparent.
+    PNG in base64 whose first row is the highest y; what is free is transparent. With `parts` it is
+    that of one `part` of the robot, `height` metres above the floor.
     """
     if robot is not None and "/" in robot:
         raise InvalidArgumentError(f"robot is {robot}: give the name of one in the map")
     if robot is None:
-        made: list[tuple[Any, Bytes]] = [(each, _occupied(each.cells)) for each in map.grids()]
-    else:
-        made = [(each, _coloured(each.master)) for each in map.costmaps(robot)]
+        return [_layer(grid, _occupied(grid.cells)) for grid in map.grids()]
+    found = map.costmaps(robot)
+    if not parts:
+        return [_layer(costmap, _coloured(costmap.master)) for costmap in found]
     return [
-        {
-            "storey": each.scene.storey,
-            "level": each.scene.elevation,
-            "low": list(each.grid.origin),
-            "high": [
-                start + count * each.grid.resolution
-                for start, count in zip(each.grid.origin, each.grid.shape[::-1], strict=True)
-            ],
-            "png": _png(pixels[::-1]),
-        }
-        for each, pixels in made
+        _layer(costmap, _coloured(costs), part=part.name, height=sum(part.interval) / 2)
+        for costmap in found
+        for part, costs in zip(costmap.parts, costmap.costs, strict=True)
     ]
+
+
+def _layer(of: Any, pixels: Bytes, **about: Any) -> dict[str, Any]:
+    grid = of.grid
+    return {
+        "storey": of.scene.storey,
+        "level": of.scene.elevation,
+        "low": list(grid.origin),
+        "high": [
+            start + count * grid.resolution
+            for start, count in zip(grid.origin, grid.shape[::-1], strict=True)
+        ],
+        "png": _png(pixels[::-1]),
+        **about,
+    }
 
 
 def moments_of(map: Map) -> list[str]:

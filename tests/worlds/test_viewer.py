@@ -21,6 +21,9 @@ from scipy.spatial import cKDTree
 from sqlalchemy import Engine
 
 import semmap
+from planner.readers.robot_class import store_robot_class
+from planner.robot_class import RobotClass
+from semmap.robot import Part
 from semmap.server.viewer_files import viewer_is_built
 from tests.browser import SIZE, chromium, open_viewer, until
 from tests.served import served
@@ -32,6 +35,7 @@ def db(house: Engine) -> Iterator[semmap.Database]:
         yield db
 
 
+SQUARE = 0.2 * np.array([(1, 1), (-1, 1), (-1, -1), (1, -1)])
 TOKEN = "a-token-of-an-admin"
 
 
@@ -203,6 +207,21 @@ def test_costs_lie_on_the_floor_and_follow_changes(page: Page, db: semmap.Databa
     costs.get_by_role("textbox").fill("nobody")
     costs.get_by_role("button").click()
     until(page, "document.querySelector('#costs output').className === 'wrong'")
+
+
+def test_costs_of_parts_lie_at_their_heights(page: Page, house: Engine) -> None:
+    base = Part("base", ("base",), (0.0, 0.4), SQUARE, 0.2, 0.29)
+    arm = Part("arm", ("arm",), (0.9, 1.3), 0.5 * SQUARE, 0.1, 0.15)
+    with house.begin() as connection:
+        store_robot_class(connection, RobotClass("tall", (base, arm)))
+    costs = page.locator("#costs")
+    costs.get_by_role("textbox").fill("tall")
+    costs.get_by_label("each part at its height").check()
+    costs.get_by_role("button").click()
+    until(page, "semmap.house.overlays.costs.children.length === 2", seconds=60)
+    heights = page.evaluate("semmap.house.overlays.costs.children.map((c) => c.position.z)")
+    assert sorted(heights) == pytest.approx([0.2, 1.1])
+    assert "base" in costs.locator("output").inner_text()
 
 
 def same_cells(page: Page, house: semmap.Map) -> None:

@@ -186,7 +186,8 @@ async function costs(values) {
   const layers = await (await maps.get(`costs?${new URLSearchParams(values)}`)).json();
   await house.overlays.drawCosts(layers);
   shownCosts = values;
-  return `${layers.map((layer) => layer.storey).join(", ")}, as of ${new Date().toLocaleTimeString()}`;
+  const names = layers.map(({ storey, part }) => (part ? `${storey} ${part}` : storey));
+  return `${names.join(", ")}, as of ${new Date().toLocaleTimeString()}`;
 }
 
 async function costsAgain() {

@@ -43,18 +43,18 @@ export class Overlays {
     this.arrange();
   }
 
-  // Lay pictures of costs on the floors of storeys.
+  // Lay pictures of costs on the floors of storeys, those of a robot's parts at their heights.
   async drawCosts(layers) {
     const images = await Promise.all(layers.map(({ png }) => picture(png)));
-    const planes = layers.map(({ storey, level, low, high }, number) => {
+    const planes = layers.map(({ storey, level, low, high, height = 0.04 }, number) => {
       const texture = new THREE.Texture(images[number]);
       Object.assign(texture, { magFilter: THREE.NearestFilter, colorSpace: THREE.SRGBColorSpace, needsUpdate: true });
       const plane = new THREE.Mesh(
         new THREE.PlaneGeometry(high[0] - low[0], high[1] - low[1]),
-        new THREE.MeshBasicMaterial({ map: texture, transparent: true, depthWrite: false }),
+        new THREE.MeshBasicMaterial({ map: texture, transparent: true, depthWrite: false, side: THREE.DoubleSide }),
       );
       plane.position.set((low[0] + high[0]) / 2, (low[1] + high[1]) / 2, 0);
-      plane.userData = { storey, level, z: level + 0.04 };
+      plane.userData = { storey, level, z: level + height };
       return plane;
     });
     this.fill(this.costs, planes);
