@@ -55,6 +55,7 @@ class Truth:
     building: Building
     ground: Ground
     place: str
+    robot: str | None = None
     below: dict[str, str] = field(default_factory=dict)
     held: list[str] = field(default_factory=list)
     opened: str | None = None
@@ -135,7 +136,7 @@ class Truth:
         if self.below.get(name) != on and on not in self.rooms(name):
             return f"{name} is on {self.below.get(name)}, not {on}"
         above = [a for a, b in self.below.items() if b == name]
-        if self.held or above or not can_be_lifted(self.building, item):
+        if self.held or above or not can_be_lifted(self.building, item, self.robot):
             return f"the robot carries {self.held}, on {name} are {above}"
         wrong = self._stands(action.at, name)
         if wrong is None:
@@ -311,7 +312,7 @@ def _judge(
     sure: Ground,
     may: Ground,
 ) -> Iterator[str]:
-    truth = Truth(building, may, start)
+    truth = Truth(building, may, start, robot)
     least, most = Reach(truth, sure), Reach(truth, may)
     moved = [b if relation == "carries" else a for relation, a, b in goal]
     lifted = all(
