@@ -178,6 +178,28 @@ WITH RECURSIVE up (id, stated) AS (
 SELECT EXISTS (SELECT FROM up WHERE id = b AND stated);
 END;
 
+CREATE FUNCTION hangs(thing bigint)
+RETURNS boolean LANGUAGE plpgsql STABLE SET search_path = semmap, public, pg_temp AS $$
+-- Whether nothing is under an object, such as a lamp below a cupboard: neither the floor of its room or storey, nor an
+-- object beneath a quarter of it. Walls are beside it.
+DECLARE
+    contact CONSTANT double precision := 0.03;
+    w semmap.world;
+BEGIN
+    SELECT * INTO w FROM semmap.world o WHERE o.entity_id = thing;
+    RETURN w.footprint IS NOT NULL AND NOT EXISTS (
+        SELECT FROM semmap.world o JOIN semmap.entity e ON e.id = o.entity_id AND e.kind = 'object'
+        WHERE o.map_id = w.map_id AND o.box && semmap.grown(w.box, contact) AND o.entity_id <> thing
+          AND ST_ZMin(o.box) < ST_ZMin(w.box) - 1e-6 AND ST_ZMax(o.box) >= ST_ZMin(w.box) - contact
+          AND semmap.ground_share(w.footprint, o.footprint) >= 0.25
+    ) AND ST_ZMin(w.box) > contact + coalesce(
+        (SELECT max(o.pose[3] + r.floor) FROM semmap.world o JOIN semmap.room r ON r.entity_id = o.entity_id
+         WHERE o.map_id = w.map_id AND o.footprint && w.footprint AND ST_Intersects(o.footprint, ST_Centroid(w.footprint))
+           AND o.pose[3] + r.floor <= ST_ZMax(w.box)),
+        (SELECT max(o.pose[3]) FROM semmap.storey s JOIN semmap.world o ON o.entity_id = s.entity_id
+         WHERE o.map_id = w.map_id AND o.pose[3] <= ST_ZMax(w.box)), 0);
+END $$;
+
 CREATE FUNCTION derived_holders(ids bigint[])
 RETURNS TABLE (entity_id bigint, holder_id bigint, relation text, confidence double precision)
 LANGUAGE plpgsql STABLE ROWS 10 SET search_path = semmap, public, pg_temp
@@ -186,7 +208,8 @@ SET plan_cache_mode = force_generic_plan SET enable_seqscan = off AS $$
 -- 1. on an object: a support surface within 3 cm of its bottom bears at least half of its footprint, the highest one;
 --    else objects whose tops it touches, around its middle: a tray on a mug, a board on two trestles. What is flatter
 --    than 3 cm and larger than half a square metre, such as a carpet, is not a holder, nor what is flush with the floor.
---    The holder's bottom is below that of its contents. For a model without known support surfaces: is_on.
+--    The holder's bottom is below that of its contents. What hangs bears nothing larger: a lamp no cupboard above it.
+--    For a model without known support surfaces: is_on.
 -- 2. in an object of less than 4 square metres that encloses it, is larger and does not begin above it: is_in.
 -- 3. in the room of its place: room_at.
 -- 4. in the highest storey whose floor is at most half a metre above its bottom, else the lowest; of several at one height,
@@ -223,6 +246,8 @@ BEGIN
         FROM near n
         WHERE n.owner_low < n.low - 1e-6 AND (n.owner_high - n.owner_low > contact OR ST_Area(n.footprint) < 0.5)
           AND NOT (n.owner_high - n.owner_low <= tile AND semmap.is_flush(n.owner))
+          AND CASE WHEN abs(n.owner_high - n.low) <= contact AND ST_Area(n.footprint) < ST_Area(n.ground) - 1e-9
+                   THEN NOT semmap.hangs(n.owner) ELSE true END
     ), laid AS MATERIALIZED (
         SELECT b.id, b.owner, b.ground, b.pose[3] + s.height - b.low AS rise,
                ST_Rotate(s.outline, semmap.pose_yaw(b.pose), 0, 0) AS outline, b.pose[1] AS x, b.pose[2] AS y
