@@ -30,7 +30,8 @@ def lintel_heights(
 ) -> list[float | None]:
     """Return metres from the floor to the lintel over each line, to 1 mm.
 
-    `triangles` (N, 3, 3) are those of the walls. A height is None where most of a doorway is open, up to the ceiling on both sides.
+    `triangles` (N, 3, 3) are those of the walls. A height is None where most of a doorway is open,
+    up to the ceiling on both sides.
     """
     level = np.abs(_normals(triangles)[:, 2]) > 1e-9
     seen = triangles[level & (triangles[..., 2].max(axis=1) > floor + FROM)]

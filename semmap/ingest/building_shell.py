@@ -14,7 +14,7 @@ from semmap.ingest.naming import GUESS
 from semmap.ingest.storeys import box_of, level_faces, meshes_of
 from semmap.ingest.world import Entry
 
-SHELL = {"type": "building_shell", "confidence": 0.7}
+SHELL, CONFIDENCE = "building_shell", 0.7
 
 KEPT = frozenset({"building_element", "vehicle", "storage_furniture"})
 """Types whose subtypes also have floors and sides, and stay, except for a building as one thing."""
@@ -42,8 +42,8 @@ def recognise_shells(entries: Sequence[Entry]) -> None:
     large = (sizes[:, :2].min(axis=1) >= WIDE) & (sizes[:, 2] >= 2 * AT)
     for entry in [solid[i] for i in np.flatnonzero(large)]:
         if _may_be_shell(entry) and _is_shell(entry, furniture):
-            entry.type = SHELL["type"]
-            entry.properties[GUESS] = dict(SHELL)
+            entry.type = SHELL
+            entry.properties[GUESS] = {"type": SHELL, "confidence": CONFIDENCE}
 
 
 def _may_be_shell(entry: Entry) -> bool:
@@ -75,7 +75,8 @@ def _wall_lines(triangles: NDArray[np.float64], height: float) -> NDArray[np.flo
     crossed = (cut[..., 2] > height) != (following[..., 2] > height)
     part = (height - cut[..., 2]) / np.where(crossed, rise, 1.0)
     points = cut[..., :2] + part[..., None] * (following - cut)[..., :2]
-    return points[crossed].reshape(-1, 2, 2)
+    lines: NDArray[np.float64] = points[crossed].reshape(-1, 2, 2)
+    return lines
 
 
 def _encloses(lines: NDArray[np.float64], boxes: Iterable[NDArray[np.float64]]) -> bool:

@@ -42,7 +42,9 @@ def building(slab: float, storeys: int) -> trimesh.Trimesh:
         parts += built(AROUND, floor - slab, floor)
         parts += built(solid.difference(gaps), floor, floor + TALL)
         parts += built(solid.intersection(gaps), floor + LINTEL, floor + TALL)
-    return trimesh.util.concatenate(parts)
+    made = trimesh.util.concatenate(parts)
+    assert isinstance(made, trimesh.Trimesh)
+    return made
 
 
 def block(x: float, y: float, z: float, *size: float) -> trimesh.Trimesh:

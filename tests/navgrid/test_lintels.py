@@ -19,6 +19,12 @@ def block(low: tuple[float, float, float], high: tuple[float, float, float]) -> 
     return trimesh.creation.box(size).apply_translation(np.add(low, size / 2))
 
 
+def together(parts: list[trimesh.Trimesh]) -> trimesh.Trimesh:
+    made = trimesh.util.concatenate(parts)
+    assert isinstance(made, trimesh.Trimesh)
+    return made
+
+
 def row(lintels: list[float | None], floor: float, ceiling: bool) -> list[trimesh.Trimesh]:
     """A wall along x with a doorway of 0.9 m every 2 m; None: open up to the ceiling."""
     parts = []
@@ -40,7 +46,7 @@ def test_heights_are_those_of_the_lintels(seed: int, ceiling: bool) -> None:
     random = np.random.default_rng(seed)
     lintels = [None if random.random() < 0.3 else random.uniform(1.85, 2.6) for _ in range(8)]
     floor, turn = random.uniform(-3, 6), random.uniform(0, 2 * math.pi)
-    mesh = trimesh.util.concatenate(row(lintels, floor, ceiling))
+    mesh = together(row(lintels, floor, ceiling))
     mesh.apply_transform(trimesh.transformations.rotation_matrix(turn, (0, 0, 1)))
     lines = [
         affinity.rotate(
@@ -58,7 +64,7 @@ def test_a_lintel_is_lower_than_one_of_the_ceilings() -> None:
     low = block((-1, -3, 2.2), (3, 0, 2.4))
     wall = block((-1, 0, 2.2), (3, WALL, 4))
     line = LineString([(0.5, WALL / 2), (1.4, WALL / 2)])
-    both = trimesh.util.concatenate([low, wall])
+    both = together([low, wall])
     assert lintel_heights([line], np.asarray(both.triangles), 0) == [pytest.approx(2.2)]
     assert lintel_heights([line], np.asarray(low.triangles), 0) == [None]
     assert lintel_heights([line], np.empty((0, 3, 3)), 0) == [None]
