@@ -28,6 +28,9 @@ from semmap.ingest.world import Entry, StoreyDetail
 ASSUMED_HEIGHT = 3.0
 """Metres from storey to storey where a format numbers levels and has no heights."""
 
+PARTS = frozenset({"wall", "window", "door_leaf", "ceiling", "roof"})
+"""Types of objects that stand on no floor of their own, as lintels do."""
+
 FOUND = "found"
 """The property of a storey that was found, not stated."""
 
@@ -77,7 +80,8 @@ def found_storeys(entries: Sequence[Entry]) -> tuple[list[Entry], list[str]]:
             *halves,
         ]
     walked = [any(level.width >= WIDE for level in faces) for faces in floors]
-    levels = standing_levels(boxes, np.array(walked, np.bool_))
+    parts = np.array([entry.type in PARTS for entry in solid], np.bool_)
+    levels = standing_levels(boxes, np.array(walked, np.bool_), parts)
     if len(levels) > 1:
         return [], [
             f"things stand at {in_metres(levels)}, and the file states no storeys: all are on one. "
