@@ -46,7 +46,7 @@ def task_demo(
     file = folder / "simulation.sqlite"
     file.unlink(missing_ok=True)
     reasons: list[str] = []
-    for start, goal in itertools.islice(_tasks(house.topology(), choices), MOST):
+    for start, goal in itertools.islice(tasks(house.topology(), choices), MOST):
         try:
             plan = house.plan(goal, start=start, robot=robot.name)
             actions = " · ".join(map(str, plan.actions)) or "is reached"
@@ -80,7 +80,7 @@ def _say_failure(event: MissionEvent, say: Callable[..., Any]) -> None:
         say(f"   {event.command or 'it'} failed: {event.message}")
 
 
-def _tasks(topology: Topology, choices: DemoChoices) -> Iterator[tuple[str, str]]:
+def tasks(topology: Topology, choices: DemoChoices) -> Iterator[tuple[str, str]]:
     """Starts and goals in the order in which they are tried."""
     rooms = [
         name
