@@ -17,6 +17,7 @@ from scipy import ndimage
 from shapely import LineString, Polygon
 
 from navgrid.grid import Grid, grid_around
+from navgrid.lintels import lintel_heights
 from navgrid.room_segments import Gap, Passage, room_segments, wall_heading
 from navgrid.slabs import area_cells, mesh_of, occupancy
 from semmap.geometry.extent import extent
@@ -81,12 +82,16 @@ class FoundRoom(NamedTuple):
 
 
 class FoundDoorway(NamedTuple):
-    """A doorway of two rooms, or of one that leads outside: the line from post to post, metres."""
+    """A doorway of two rooms, or of one that leads outside: the line from post to post, metres.
+
+    `height` is from the floor to the lintel; None where it is open up to the ceiling, or unknown.
+    """
 
     name: str
     rooms: tuple[str, str | None]
     line: LineString
     confidence: float
+    height: float | None = None
 
     @property
     def joins(self) -> tuple[str, str]:
@@ -216,8 +221,14 @@ def find_rooms(
         for each in segments.passages
     ]
     found = _new(scene, outlines, ways)
+    triangles = np.concatenate([wall.triangles for wall in walls])
+    heights = lintel_heights([way.line for way in found.doorways], triangles, scene.elevation)
     return replace(
-        found, rooms=tuple(_typed(room, scene, shows, supertypes) for room in found.rooms)
+        found,
+        rooms=tuple(_typed(room, scene, shows, supertypes) for room in found.rooms),
+        doorways=tuple(
+            way._replace(height=height) for way, height in zip(found.doorways, heights, strict=True)
+        ),
     )
 
 

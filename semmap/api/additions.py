@@ -260,6 +260,8 @@ def add_found_rooms(map: Map, found: FoundRooms) -> FoundRooms:
             faults.append(str(error))
             continue
         made.type = "opening"
+        assert isinstance(made.detail, ConnectorDetail)
+        made.detail.height = way.height
         made.properties["found"] = {"confidence": round(way.confidence, 3)}
         add_entry(map, made)
         added.append(way)

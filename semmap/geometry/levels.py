@@ -29,6 +29,9 @@ FURNITURE, TALL = 0.3, 0.6
 SHARED = 0.5
 """Square metres that rooms one above the other share at least: more than the sides of walls."""
 
+THIN, TOUCH = 0.5, 0.02
+"""Metres of the narrow side of a lintel, at most, and from it to the wall beside it."""
+
 MANY, FEW = 3, 2
 """So many pieces of furniture at one height may stand on a floor; so many, if they are tall."""
 
@@ -39,13 +42,17 @@ def is_furniture(boxes: Floats) -> NDArray[np.bool_]:
     return np.asarray((sizes[:, 2] >= FURNITURE) & (sizes[:, :2].min(axis=1) < APART))
 
 
-def standing_levels(boxes: Floats, floors: NDArray[np.bool_]) -> list[float]:
+def standing_levels(
+    boxes: Floats, floors: NDArray[np.bool_], parts: NDArray[np.bool_] | None = None
+) -> list[float]:
     """Return the heights at which several pieces of furniture stand, lowest first, `APART` or more.
 
-    Boxes (N, 2, 3) are all objects of a world, metres; `floors` (N,) which are floors. What stands
-    on other objects shows no level: the second board of a rack, a stack of pallets.
+    Boxes (N, 2, 3) are all objects of a world, metres; `floors` (N,) which are floors, and `parts`
+    which are walls or the like. What stands on other objects shows no level: the second board of a
+    rack, a stack of pallets. Nor do lintels.
     """
-    standing = boxes[is_furniture(boxes) & ~_is_stacked(boxes, np.flatnonzero(~floors))]
+    shows = is_furniture(boxes) & ~_is_stacked(boxes, np.flatnonzero(~floors)) & ~_is_lintel(boxes)
+    standing = boxes[shows if parts is None else shows & ~parts]
     bottoms, tall = standing[:, 0, 2], np.ptp(standing[:, :, 2], axis=1) >= TALL
     found = []
     for z in np.unique(np.round(bottoms, 3)):
@@ -72,6 +79,19 @@ def _is_stacked(boxes: Floats, bears: NDArray[np.intp]) -> NDArray[np.bool_]:
     rests = np.abs(boxes[above, 0, 2] - boxes[below, 1, 2]) <= CONTACT
     found = np.zeros(len(boxes), np.bool_)
     found[above[rests & (above != below)]] = True
+    return found
+
+
+def _is_lintel(boxes: Floats) -> NDArray[np.bool_]:
+    """Which boxes are thin, beside one that begins lower by `TALL`, and reaches as high."""
+    (x0, y0, low), (x1, y1, high) = np.moveaxis(boxes, 0, -1)
+    found = np.zeros(len(boxes), np.bool_)
+    thin = np.flatnonzero((boxes[:, 1] - boxes[:, 0])[:, :2].min(axis=1) <= THIN)
+    tree = shapely.STRtree(shapely.box(x0, y0, x1, y1))
+    around = shapely.box(x0 - TOUCH, y0 - TOUCH, x1 + TOUCH, y1 + TOUCH)[thin]
+    number, beside = tree.query(around, predicate="intersects")
+    over = thin[number]
+    found[over[(low[beside] <= low[over] - TALL) & (high[beside] >= high[over] - TOUCH)]] = True
     return found
 
 

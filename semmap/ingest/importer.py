@@ -22,6 +22,7 @@ from semmap.database.maps import driver_of, see_map
 from semmap.geometry.extent import extent
 from semmap.geometry.pose import IDENTITY, Pose
 from semmap.ingest.annotation.annotation import read_annotation
+from semmap.ingest.building_shell import recognise_shells
 from semmap.ingest.ifc import read_ifc
 from semmap.ingest.imdf import is_imdf, read_imdf
 from semmap.ingest.indoor_gml import read_indoor_gml
@@ -297,6 +298,7 @@ def import_file(
         fix = f"{first.fix} Or import without strict=True, which leaves it out."
         raise WorldError(path, first.element, problem, fix)
     _check_content(path, world)
+    recognise_shells(world.entries)
     source = source or str(path.resolve())
     with engine.begin() as connection:
         load_tbox(connection)

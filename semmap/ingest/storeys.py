@@ -28,6 +28,9 @@ from semmap.ingest.world import Entry, StoreyDetail
 ASSUMED_HEIGHT = 3.0
 """Metres from storey to storey where a format numbers levels and has no heights."""
 
+PARTS = frozenset({"wall", "window", "door_leaf", "ceiling", "roof"})
+"""Types of objects that stand on no floor of their own, as lintels do."""
+
 FOUND = "found"
 """The property of a storey that was found, not stated."""
 
@@ -52,9 +55,9 @@ def found_storeys(entries: Sequence[Entry]) -> tuple[list[Entry], list[str]]:
     Where things stand above each other and no storeys are found, a note asks for them, as where
     floors, as of half levels, are too near to be storeys.
     """
-    solid = [entry for entry in entries if _meshes(entry)]
-    boxes = np.array([_box(entry) for entry in solid]).reshape(-1, 2, 3)
-    floors = [[*_floors(entry)] for entry in solid]
+    solid = [entry for entry in entries if meshes_of(entry)]
+    boxes = np.array([box_of(entry) for entry in solid]).reshape(-1, 2, 3)
+    floors = [[*level_faces(entry)] for entry in solid]
     bottoms = np.sort(boxes[is_furniture(boxes), 0, 2])
     levels, between = _storey_levels([level for faces in floors for level in faces], bottoms)
     halves = [
@@ -77,7 +80,8 @@ def found_storeys(entries: Sequence[Entry]) -> tuple[list[Entry], list[str]]:
             *halves,
         ]
     walked = [any(level.width >= WIDE for level in faces) for faces in floors]
-    levels = standing_levels(boxes, np.array(walked, np.bool_))
+    parts = np.array([entry.type in PARTS for entry in solid], np.bool_)
+    levels = standing_levels(boxes, np.array(walked, np.bool_), parts)
     if len(levels) > 1:
         return [], [
             f"things stand at {in_metres(levels)}, and the file states no storeys: all are on one. "
@@ -108,24 +112,24 @@ def _storey_levels(
     return levels, sorted(between)
 
 
-def _box(entry: Entry) -> NDArray[np.float64]:
+def box_of(entry: Entry) -> NDArray[np.float64]:
     """The (2, 3) box of an object in the world that has a mesh."""
     pose = entry.pose or IDENTITY
-    return np.array(extent(np.concatenate([pose.apply(m.used) for m in _meshes(entry)])))
+    return np.array(extent(np.concatenate([pose.apply(m.used) for m in meshes_of(entry)])))
 
 
-def _meshes(entry: Entry) -> list[Mesh]:
+def meshes_of(entry: Entry) -> list[Mesh]:
     """The meshes of an object."""
     meshes = [shape.mesh for shape in entry.shapes if shape.mesh is not None]
     return [mesh for mesh in meshes if len(mesh.faces) and entry.kind == "object"]
 
 
-def _floors(entry: Entry) -> Iterator[Level]:
+def level_faces(entry: Entry) -> Iterator[Level]:
     """The level faces of an entry, up, that have `WALKED` square metres in all."""
-    low, high = _box(entry)
+    low, high = box_of(entry)
     if np.prod(high[:2] - low[:2]) < WALKED:
         return
-    for mesh in _meshes(entry):
+    for mesh in meshes_of(entry):
         a, b, c = np.moveaxis((entry.pose or IDENTITY).apply(mesh.triangles), 1, 0)
         normals = np.cross(b - a, c - a)
         double = np.linalg.norm(normals, axis=1)

@@ -5,7 +5,8 @@ Some rooms that a file states are not divided by walls, as a kitchen from a livi
 that walls and doorways enclose it does not state, as the bathrooms of a hotel's rooms. The table
 counts both, by a section through the walls: `open` are the stated rooms that are missing and whose
 border is not at walls and doors; `more` are the rooms that are found, not stated, and whose border
-is, or which are such open rooms together. R' and P' leave them out.
+is, or which are such open rooms together. A found room that lies mostly within other stated rooms,
+as a half of one or two in one, is wrong, and not more. R' and P' leave out open ones and more.
 """
 
 from __future__ import annotations
@@ -45,6 +46,9 @@ DRAWN = ("room", "connector", "region")
 BESIDE, ENCLOSED, HEIGHT = 0.35, 0.85, 1.0
 """Metres from walls; the part of a border that is so near to them; metres above the floor of the
 section through walls."""
+
+MOSTLY = 0.5
+"""The part of a found room that stated rooms cover if it is no other room."""
 
 WIDEST = 3.7
 """Metres: a wider opening divides nothing."""
@@ -99,6 +103,8 @@ def judge_storey(scene: StoreyScene) -> tuple[Tally, Tally]:
     is_more = np.array([is_walled(outline, built) for outline in outlines], bool)
     is_open &= ~same.any(axis=1)
     stated = [o for o, each in zip(known, is_open, strict=True) if each]
+    walled = [o for o, each in zip(known, is_open, strict=True) if not each]
+    is_more &= np.array([not lies_in(outline, walled) for outline in outlines], bool)
     is_more |= np.array([are_one(stated, outline) for outline in outlines], bool)
     is_more &= ~same.any(axis=0)
     middles = shapely.centroid(lines)
@@ -159,6 +165,11 @@ def is_walled(outline: shapely.Geometry, built: shapely.Geometry) -> bool:
     border = outline.boundary
     points = shapely.line_interpolate_point(border, np.arange(0, border.length, 0.1))
     return bool((shapely.distance(points, built) <= BESIDE).mean() >= ENCLOSED)
+
+
+def lies_in(part: shapely.Polygon, wholes: Sequence[shapely.Geometry]) -> bool:
+    """Whether stated rooms cover most of a found one: it is a half of one, or several."""
+    return bool(part.intersection(shapely.union_all(wholes)).area >= MOSTLY * part.area)
 
 
 def are_one(parts: Sequence[shapely.Geometry], whole: shapely.Polygon) -> bool:

@@ -166,3 +166,20 @@ def test_lamps_and_devices_are_no_level(tmp_path: Path) -> None:
     for x in (1, 6):
         building.add("lamp", "thing", (x, 4, x + 0.3, 4.3), 2.2, 2.6)
     assert found_storeys(read_world(building.write(tmp_path)[0]).entries) == ([], [])
+
+
+def test_lintels_are_no_level(tmp_path: Path) -> None:
+    """Of four doorways in walls of one storey; the same pieces without walls are noted."""
+
+    def pieces(walls: bool) -> list[str]:
+        building = levels_without_floors(1)
+        for number in range(4):
+            x = 2.0 * number
+            if walls:
+                building.add("wall", "wall", (x, 3, x + 1.1, 3.15), 0, 2.7)
+            building.add("piece", "thing", (x + 1.1, 3, x + 2, 3.15), 2.1, 2.7)
+        (folder := tmp_path / str(walls)).mkdir()
+        return found_storeys(read_world(building.write(folder)[0]).entries)[1]
+
+    assert pieces(walls=True) == []
+    assert pieces(walls=False)[0].startswith("things stand at 0, 2.1 m")

@@ -390,3 +390,70 @@ def test_a_lift_that_is_a_node_gets_a_cabin_and_a_door_on_each_level(
         node["geometry"] = degrees(shapely.Point(3, 1))
         file.write_text(json.dumps(features))
         assert [s.element for s in db.import_file(file, map="bow").skipped] == ["features[2] (lab)"]
+
+
+def at_place(longitude: float, latitude: float, swapped: bool = False) -> list[dict[str, Any]]:
+    """Two rooms of some metres at a place on the earth, or with latitude first."""
+    made = []
+    for number in range(2):
+        west, south = longitude + 5e-5 * (number - 1), latitude
+        room = shapely.box(west, south, west + 4e-5, south + 4e-5)
+        if swapped:
+            room = shapely.transform(room, lambda points: points[:, ::-1])
+        geometry = shapely.geometry.mapping(room)
+        tags = {"indoor": "room", "level": "0", "room": "office", "name": f"room {number}"}
+        made.append({"type": "Feature", "properties": tags, "geometry": geometry})
+    return made
+
+
+def large(longitude: float, latitude: float) -> dict[str, Any]:
+    around = shapely.Point(longitude, latitude).buffer(0.2)
+    tags = {"indoor": "level", "level": "0"}
+    return {
+        "type": "Feature",
+        "properties": tags,
+        "geometry": shapely.geometry.mapping(around),
+    }
+
+
+@pytest.mark.parametrize(
+    ("features", "problem"),
+    [
+        (at_place(151.2, -33.9, swapped=True), "in degrees, but a latitude is 151.2"),
+        ([*at_place(151.2, -33.9), large(151.2, -33.9)], r"0\.4 degrees across; .*features\[2\]"),
+        (at_place(-180, -16.5) + at_place(179.9999, -16.5), "both sides of 180 degrees"),
+    ],
+)
+def test_degrees_that_cannot_be_brought_into_a_frame_are_refused_as_such(
+    features: list[dict[str, Any]], problem: str, tmp_path: Path, database: str
+) -> None:
+    file = tmp_path / "degrees.geojson"
+    file.write_text(json.dumps({"type": "FeatureCollection", "features": features}))
+    with semmap.connect(database) as db:
+        with pytest.raises(WorldError, match=problem):
+            db.import_file(file, map="nowhere")
+        assert "nowhere" not in db.maps
+
+
+OSM_ROOMS = {
+    ("room", "toilet"): "restroom",
+    ("room", "toilets"): "restroom",
+    ("amenity", "toilets"): "restroom",
+    ("room", "conference"): "meeting_room",
+    ("room", "waiting"): "waiting_room",
+    ("room", "laundry"): "laundry_room",
+    ("room", "office"): "office",
+    ("room", "nothing_known"): None,
+}
+
+
+def test_rooms_of_osm_have_the_types_of_their_uses(tmp_path: Path) -> None:
+    features = []
+    for number, (key, value) in enumerate(OSM_ROOMS):
+        (room, _) = at_place(11.6 + 1e-4 * number, 48.1)
+        room["properties"] = {"indoor": "room", "level": "0", key: value, "name": f"{number}"}
+        features.append(room)
+    file = tmp_path / "uses.geojson"
+    file.write_text(json.dumps({"type": "FeatureCollection", "features": features}))
+    rooms = {e.name: e.type for e in read_world(file).entries if e.kind == "room"}
+    assert rooms == {f"{n}": type_ for n, type_ in enumerate(OSM_ROOMS.values())}

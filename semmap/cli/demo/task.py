@@ -46,7 +46,7 @@ def task_demo(
     file = folder / "simulation.sqlite"
     file.unlink(missing_ok=True)
     reasons: list[str] = []
-    for start, goal in itertools.islice(_tasks(house.topology(), choices), MOST):
+    for start, goal in itertools.islice(tasks(house.topology(), choices), MOST):
         try:
             plan = house.plan(goal, start=start, robot=robot.name)
             actions = " · ".join(map(str, plan.actions)) or "is reached"
@@ -71,7 +71,7 @@ def task_demo(
         return result
     for reason in reasons:
         say(f"   {reason}")
-    say("   none: the map has no rooms that doors join, or this robot reaches no other one")
+    say("   none: the map has no rooms that doors join, or this robot reaches none of those tried")
     return None
 
 
@@ -80,7 +80,7 @@ def _say_failure(event: MissionEvent, say: Callable[..., Any]) -> None:
         say(f"   {event.command or 'it'} failed: {event.message}")
 
 
-def _tasks(topology: Topology, choices: DemoChoices) -> Iterator[tuple[str, str]]:
+def tasks(topology: Topology, choices: DemoChoices) -> Iterator[tuple[str, str]]:
     """Starts and goals in the order in which they are tried."""
     rooms = [
         name
@@ -93,7 +93,12 @@ def _tasks(topology: Topology, choices: DemoChoices) -> Iterator[tuple[str, str]
     for goal in goals:
         yield from ((start, goal) for start in starts[:1])
     for start in starts[:2]:
-        yield from ((start, f'in(robot, "{room}")') for room in reversed(rooms) if room != start)
+        here = topology.places[start].storey
+        same = [room for room in reversed(rooms) if topology.places[room].storey == here]
+        others = [room for room in reversed(rooms) if room not in same]
+        for room in filter(None, itertools.chain(*itertools.zip_longest(others, same))):
+            if room != start:
+                yield start, f'in(robot, "{room}")'
 
 
 def search_demo(

@@ -17,6 +17,7 @@ import numpy as np
 import pyogrio
 import shapely
 from numpy.typing import NDArray
+from shapely import MultiPolygon, Polygon
 
 from semmap.geometry.extent import extent
 from semmap.ingest.georeference import WGS84, frame_of, into_frame, on_true_scale, scale_note
@@ -47,6 +48,9 @@ EARTH = 1e8
 
 DEGREES = 0.1
 """Outlines within a tenth of a unit are in degrees, not metres: a building is so large."""
+
+SMALL = 0.005
+"""Units across of most areas of a file, at most, that is in degrees: of a building of 500 m."""
 
 GEOREFERENCE = ("crs", "easting", "northing", "height", "rotation")
 """The georeference of a file: a foreign member of GeoJSON, metadata of a GeoPackage."""
@@ -132,8 +136,10 @@ def into_metres(
                 f"{frame['easting']:.0f}, {frame['northing']:.0f} of EPSG:{frame['crs']}"
             )
             of_crs = [_turned(feature, frame["rotation"]) for feature in of_crs]
-        elif stated is not None and CRS_IGNORED not in found.notes:
-            found.notes.append(CRS_IGNORED)
+        else:
+            _check_metres(path, of_crs)
+            if stated is not None and CRS_IGNORED not in found.notes:
+                found.notes.append(CRS_IGNORED)
         placed = iter(drawn)
         for feature in of_crs:
             with found.leaving_out(feature.where, feature.properties.get("name")):
@@ -169,6 +175,30 @@ def _crs_of_earth(
         return stated if geographic else WGS84
     far = EXTENT.exceeded_by(max(abs(west), abs(east), abs(south), abs(north)))
     return stated if far and crs is not None and crs.is_projected else None
+
+
+def _check_metres(path: Path, features: Sequence[Feature]) -> None:
+    """Refuse degrees that are not recognised as such: as metres, no area would be left."""
+    drawn = [each for each in features if isinstance(each.geometry, Polygon | MultiPolygon)]
+    bounds = shapely.bounds([each.geometry for each in drawn]).reshape(-1, 4)
+    finite = np.flatnonzero(np.isfinite(bounds).all(axis=1))
+    corners = bounds[finite].reshape(-1, 2, 2)
+    across = np.ptp(corners, axis=1).max(axis=1)
+    middle = float(np.median(across)) if len(across) else 0.0
+    if not 0 < middle < SMALL or np.abs(corners).max() > 360:
+        return
+    problem = f"areas of {middle:.2g} units across are in degrees, but"
+    north = float(np.abs(corners[..., 1]).max())
+    if north > 90:
+        fix = "Give longitude before latitude, as RFC 7946 has it, or metres."
+        raise WorldError(path, "coordinates", f"{problem} a latitude is {north:.6g}", fix)
+    reach = np.ptp(corners, axis=(0, 1))
+    problem += f" the file is {reach.max():.3g} degrees across; a map has {DEGREES:g} at most"
+    largest = drawn[finite[across.argmax()]].where
+    fix = f"Remove what is far away, such as {largest}, or split the file."
+    if reach[0] > 180:
+        fix = "Buildings on both sides of 180 degrees: give metres, or the coordinates of a grid."
+    raise WorldError(path, "coordinates", problem, fix)
 
 
 def _together(points: NDArray[np.float64], stated: str | None) -> NDArray[np.float64]:

@@ -43,6 +43,21 @@ room that it is in must be."""
 NEAR = 1.0
 """Metres from a room within which a way ends there."""
 
+ROOM_TYPES = {
+    "cafe": "cafeteria",
+    "class": "classroom",
+    "conference": "meeting_room",
+    "laundry": "laundry_room",
+    "lockers": "changing_room",
+    "changing": "changing_room",
+    "surgery": "operating_theatre",
+    "technical": "utility_room",
+    "toilet": "restroom",
+    "toilets": "restroom",
+    "waiting": "waiting_room",
+}
+"""The types of rooms by values of `room` and `amenity` that are no names of types."""
+
 MOST_LEVELS = 200
 
 _LEVEL = re.compile(r"(-?\d+(?:\.\d+)?)(?:-(-?\d+(?:\.\d+)?))?")
@@ -199,8 +214,10 @@ def _rooms(
     tags = feature.properties
     stairs, elevator = _joins(feature, STAIRS), _joins(feature, ELEVATOR)
     kind = "stairwell" if stairs else "elevator_cabin" if elevator else tags.get("indoor")
-    guess = guess_type(str(tags.get("room") or tags.get("amenity") or tags.get("shop")), "room")
-    type_ = "corridor" if kind == "corridor" else None if guess is None else guess.type
+    use = str(tags.get("room") or tags.get("amenity") or tags.get("shop"))
+    guess = guess_type(use, "room")
+    type_ = ROOM_TYPES.get(use) or (None if guess is None else guess.type)
+    type_ = "corridor" if kind == "corridor" else type_
     given = str(tags.get("name") or tags.get("ref") or type_ or "room")
     is_open = tags.get("indoor") in OPEN
     for level in levels:

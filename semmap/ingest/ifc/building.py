@@ -33,6 +33,10 @@ from semmap.ingest.world import (
 APART = ("IfcDoor", "IfcFeatureElement", "IfcTransportElement", "IfcVirtualElement")
 """Classes of elements that are no objects: connectors, lifts, and what has no matter."""
 
+CABIN, LARGER = 7.0, 3.0
+"""Square metres of a cabin, at most, of a lift without a body; how many times larger than the body
+of a lift a space may be that is its cabin."""
+
 SMALLEST = 1e-6
 """Square metres of a triangle seen from above: a smaller one stands upright."""
 
@@ -65,7 +69,7 @@ class IfcBuilding:
         self.spaces: list[IfcRoom] = []
         self._names = {OUTSIDE}
         self._storeys: dict[int, IfcStorey] = {}
-        self._lifts: list[tuple[str, Point]] = []
+        self._lifts: list[tuple[str, Point, float]] = []
 
     def add(self, entry: Entry, about: Any = None) -> str:
         """Add an entry under a free name, with what the file says about an entity; return it."""
@@ -107,7 +111,7 @@ class IfcBuilding:
             self._storeys[level.id()] = IfcStorey(self.add(entry, level), heights[level])
 
     def add_lifts(self) -> None:
-        """Add the lifts; a space around one is its cabin."""
+        """Add the lifts; a space around one that is not much larger is its cabin."""
         for lift in self.file.of("IfcTransportElement"):
             kind = getattr(lift, "PredefinedType", None) or getattr(lift, "OperationType", None)
             if kind not in (None, "ELEVATOR"):
@@ -117,7 +121,9 @@ class IfcBuilding:
             pose = solid.pose if solid else self.file.placement(lift)
             entry = Entry(family(lift) or "lift", "elevator", "elevator")
             entry.pose = Pose.planar(pose.x, pose.y, pose.yaw, pose.z)
-            self._lifts.append((self.add(entry, lift), Point(pose.x, pose.y)))
+            body = None if solid is None else _from_above(solid.triangles)
+            most = CABIN if body is None else LARGER * body.area
+            self._lifts.append((self.add(entry, lift), Point(pose.x, pose.y), most))
 
     def add_spaces(self) -> None:
         """Add each space as a room with its outline from above, its floor and ceiling."""
@@ -128,7 +134,7 @@ class IfcBuilding:
                 problem = "has no storey" if storey is None else "has no area"
                 self.skip(space, problem, "Correct it, or draw the room.")
                 continue
-            cabin = next((name for name, at in self._lifts if outline.covers(at)), None)
+            cabin = self._lift_in(outline, space)
             names = (space.LongName or "", space.Name or "", f"{space.LongName} room")
             guesses = [guess_type(name, "room") for name in names]
             type_ = next((guess.type for guess in guesses if guess is not None), "room")
@@ -142,6 +148,20 @@ class IfcBuilding:
             entry.detail = PlaceDetail(floor, ceiling, cabin)
             name = self.add(entry, space)
             self.spaces.append(IfcRoom(name, outline, storey, space.id(), cabin is not None))
+
+    def _lift_in(self, outline: Polygon | MultiPolygon, space: Any) -> str | None:
+        """Return the lift whose cabin a space is; None, with a note, where it is too large."""
+        for lift, at, most in self._lifts:
+            if not outline.covers(at):
+                continue
+            if outline.area <= most:
+                return lift
+            self.out.notes.append(
+                f"{lift} stands in {space.Name or space.LongName}, which has {outline.area:.1f} m² "
+                "and is not its cabin: draw that in a GeoJSON file (kind room, type "
+                f'elevator_cabin, elevator "{lift}")'
+            )
+        return None
 
     def add_elements(self) -> None:
         """Add each element with a surface as an object; the import derives finer holders."""

@@ -205,23 +205,30 @@ def _dae_geometries(
     matrix: NDArray[np.float64],
     above: tuple[int, ...] = (),
     names: tuple[str, ...] = (),
+    is_named: bool = False,
 ) -> Iterator[tuple[tuple[int, ...], tuple[str, ...], Any, NDArray[np.float64]]]:
     """Yield each placed geometry: its node, the node's name and id, itself, its (4, 4) transform.
 
     A node is told by its place in the tree: one of the library can have several. A node without
-    name and id belongs to the one above it.
+    name and id belongs to the one above it, and so does a library's node below one that has a name
+    and nothing else.
     """
     from collada import scene
 
+    nodes = list(nodes)
     for number, node in enumerate(nodes):
         if isinstance(node, scene.GeometryNode):
             yield above, names, node.geometry, matrix
         elif isinstance(node, scene.Node):
-            named = node.node if isinstance(node, scene.NodeNode) else node
+            is_instance = isinstance(node, scene.NodeNode)
+            named = node.node if is_instance else node
             own = tuple(n for n in (named.name, named.id) if n)
+            if is_instance and is_named and len(nodes) == 1:
+                own = ()
             here = (*above, number) if own or not names else above
             placed = matrix @ np.asarray(node.matrix, float)
-            yield from _dae_geometries(node.children, placed, here, own or names)
+            has_name = bool(named.xmlnode.get("name")) if own else is_named  # pycollada takes ids
+            yield from _dae_geometries(node.children, placed, here, own or names, has_name)
 
 
 def _dae_asset(data: bytes) -> tuple[float, str]:

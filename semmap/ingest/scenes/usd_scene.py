@@ -144,6 +144,10 @@ class _UsdScene:
                 refused = partial(WorldError, self.path, str(prim.GetPath()))
                 TRIANGLES.check(faces, refused, "Split the stage, or simplify its meshes.")
                 self._node(_owner(prim), found).meshes.append(mesh)
+        for prim in self._without_files():
+            if not any(path.HasPrefix(prim.GetPath()) for path in found):
+                with leaving_out(self.skipped), _reading(str(prim.GetPath())):
+                    self._node(_component(prim) or prim, found).lost = True
         for path, node in found.items():
             above = path.GetParentPath()
             while node.above is None and not above.isEmpty and not above.IsAbsoluteRootPath():
@@ -170,6 +174,19 @@ class _UsdScene:
                 prims.PruneChildren()
             elif prim.IsA(UsdGeom.Gprim):
                 yield prim
+
+    def _without_files(self) -> list[Any]:
+        """The visible prims whose reference or payload is missing: they have a pose, no surface."""
+        from pxr import Usd, UsdGeom
+
+        prims = Usd.PrimRange(self.stage.GetPseudoRoot(), Usd.TraverseInstanceProxies())
+        found = [prim for prim in prims if prim.GetPrimIndex().localErrors]
+        self.stage.SetEditTarget(self.stage.GetSessionLayer())
+        for prim in found:
+            if not prim.GetTypeName() and not prim.IsInstanceProxy():
+                prim.SetTypeName("Xform")  # the missing file would give a type; without, no pose
+        hidden = UsdGeom.Tokens.invisible
+        return [p for p in found if UsdGeom.Imageable(p).ComputeVisibility(self.time) != hidden]
 
     def _skip(self, prim: Any, problem: str, fix: str) -> None:
         self.skipped.append(Skipped(str(prim.GetPath()), problem, fix))
@@ -229,16 +246,23 @@ class _UsdScene:
         return Mesh(made.vertices @ AXES[str(value("axis"))].T, made.faces)
 
 
-def _owner(prim: Any) -> Any:
-    """Return the prim that is the object to which a prim with a surface belongs."""
+def _component(prim: Any) -> Any:
+    """Return the highest component above a prim; None where there is none."""
     from pxr import Kind, Usd
 
-    owner = parent = prim
+    found, parent = None, prim
     while (parent := parent.GetParent()) and not parent.IsPseudoRoot():
         if Kind.Registry.IsA(Usd.ModelAPI(parent).GetKind(), Kind.Tokens.component):
-            owner = parent
-    if owner != prim:
+            found = parent
+    return found
+
+
+def _owner(prim: Any) -> Any:
+    """Return the prim that is the object to which a prim with a surface belongs."""
+    owner = _component(prim)
+    if owner is not None:
         return owner
+    owner = prim
     if _is_frame(prim.GetParent()) and len(_children(prim.GetParent())) == 1:
         owner = prim.GetParent()
     while _says_nothing(owner) and _is_frame(owner.GetParent()):

@@ -42,6 +42,31 @@ def house(request):
     return made
 
 
+@pytest.mark.parametrize(
+    ("side", "has_body", "is_cabin"),
+    [(4.0, True, False), (4.0, False, False), (2.0, True, True), (2.0, False, True)],
+)
+def test_a_corridor_around_a_lift_is_no_cabin(tmp_path, side, has_body, is_cabin):
+    made = BuildingByHand()
+    level = made.storey("ground", 0.0)
+    made.add("IfcSpace", "hall", level, ((0, 0, 0), (side, side, 2.6)), LongName="Corridor")
+    made.add("IfcSpace", "room", level, ((side + 0.2, 0, 0), (side + 4, 4, 2.6)))
+    made.add("IfcDoor", "door", level, ((side + 0.1, 1, 0), (side + 1, 1.05, 2)), yaw=math.pi / 2)
+    lift = made.add(
+        "IfcTransportElement", "lift", level, *[((0.3, 0.3, 0), (1.7, 1.7, 2.2))] * has_body
+    )
+    lift.PredefinedType = "ELEVATOR"
+    if not has_body:
+        made._place(lift, (1, 1, 0), 0.0)
+    world = read_ifc(made.write(tmp_path / "lift.ifc"))
+    of = {entry.name: entry for entry in world.entries}
+    assert of["hall"].type == ("elevator_cabin" if is_cabin else "corridor")
+    assert of["hall"].detail.elevator == ("lift" if is_cabin else None)
+    assert of["door"].type == ("elevator_door" if is_cabin else "door")
+    notes = [note for note in world.notes if "16.0 m² and is not its cabin" in note]
+    assert len(notes) == (not is_cabin)
+
+
 def placed(world, name):
     """The box (2, 3) of an entry's mesh in the file's frame."""
     entries = {entry.name: entry for entry in world.entries}

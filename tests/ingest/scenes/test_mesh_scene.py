@@ -292,3 +292,38 @@ def test_a_site_of_more_than_two_kilometres_is_noted(tmp_path: Path) -> None:
     for x, noted in ((1900, False), (2100, True)):
         path.write_text(obj_text([("o Table", 0), ("o Chair", x)]))
         assert (f"the whole file is {x + 1} m across" in str(read_world(path).notes)) == noted
+
+
+def test_an_instance_of_a_library_has_the_name_of_the_node_that_places_it(tmp_path: Path) -> None:
+    """But for one of several below a node, which would be one object; places are by hand."""
+    box = trimesh.creation.box((1, 1, 1))
+    points = " ".join(f"{v:g}" for v in box.vertices.ravel())
+    corners = " ".join(map(str, box.faces.ravel()))
+    file = tmp_path / "rows.dae"
+    file.write_text(
+        f"""<?xml version="1.0"?>
+<COLLADA xmlns="http://www.collada.org/2005/11/COLLADASchema" version="1.4.1">
+<asset><unit meter="1"/><up_axis>Z_UP</up_axis></asset>
+<library_geometries><geometry id="g"><mesh><source id="p"><float_array id="pa"
+ count="24">{points}</float_array><technique_common><accessor source="#pa" count="8" stride="3">
+<param name="X" type="float"/><param name="Y" type="float"/><param name="Z" type="float"/>
+</accessor></technique_common></source><vertices id="v"><input semantic="POSITION" source="#p"/>
+</vertices><triangles count="12"><input semantic="VERTEX" source="#v" offset="0"/><p>{corners}</p>
+</triangles></mesh></geometry></library_geometries>
+<library_nodes><node id="lc" name="cnode"><instance_geometry url="#g"/></node></library_nodes>
+<library_visual_scenes><visual_scene id="s">
+<node id="a" name="chair_a"><translate>6 0 0</translate><instance_node url="#lc"/></node>
+<node id="b" name="chair_b"><translate>1 7 0</translate><instance_node url="#lc"/></node>
+<node id="c" name="row"><node name="sofa"><translate>3 0 0</translate><instance_node url="#lc"/>
+</node><instance_node url="#lc"/></node>
+</visual_scene></library_visual_scenes>
+<scene><instance_visual_scene url="#s"/></scene></COLLADA>"""
+    )
+    world = read_mesh_scene(file)
+    found = {e.name: (e.type, round(e.pose.x, 6), round(e.pose.y, 6)) for e in world.entries}
+    assert found == {
+        "chair_a": ("chair", 6, 0),
+        "chair_b": ("chair", 1, 7),
+        "sofa": ("sofa", 3, 0),
+        "cnode": (None, 0, 0),
+    }

@@ -199,14 +199,26 @@ def test_references_and_instances_are_followed(tmp_path: Path) -> None:
         prim = xform(stage, f"/Hall/Chair_{k}", at=(k, 0, 0))
         prim.GetReferences().AddReference("./chair.usda")
         prim.SetInstanceable(k > 0)
-    xform(stage, "/Hall/Lost").GetReferences().AddReference("./none.usda")
+    xform(stage, "/Hall/Sofa", at=(4, 5, 6)).GetReferences().AddReference("./none.usda")
+    lamp = xform(stage, "/Hall/Lamp", at=(7, 8, 9), turn=(0, 0, 90))
+    lamp.GetPayloads().AddPayload("./none.usda")
+    lamp.SetTypeName("")  # as of a reference that has the type
+    hidden = xform(stage, "/Hall/Hidden")
+    hidden.GetReferences().AddReference("./none.usda")
+    UsdGeom.Imageable(hidden).MakeInvisible()
     stage.GetRootLayer().Save()
     world = read_usd(tmp_path / "hall.usda")
-    assert {e.name for e in world.entries} == {"Chair_0", "Chair_1", "Chair_2"}
+    chairs = {"Chair_0", "Chair_1", "Chair_2"}
+    assert {e.name for e in world.entries} == {*chairs, "Sofa", "Lamp"}
+    assert {e.name for e in world.entries if e.shapes} == chairs
+    assert entry(world, "Sofa").type == "sofa"
+    np.testing.assert_allclose(pose(world, "Sofa").translation, (4, 5, 6))
+    np.testing.assert_allclose(pose(world, "Lamp").translation, (7, 8, 9))
+    np.testing.assert_allclose(pose(world, "Lamp").yaw, np.pi / 2)
     for k in range(3):
         np.testing.assert_allclose(box(world, f"Chair_{k}")[0], (k - 0.25, -0.25, -0.25))
-    (skipped,) = world.skipped
-    assert "none.usda" in skipped.problem
+    assert world.skipped
+    assert all("none.usda" in skipped.problem for skipped in world.skipped)
 
 
 @settings(max_examples=60, deadline=None)
