@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from functools import cache
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -20,6 +21,10 @@ UTM_LATITUDES = (-80.0, 84.0)
 """Degrees between which UTM is defined."""
 
 WGS84 = "EPSG:4326"
+
+GRIDS = ("/usr/share/proj", "/usr/local/share/proj")
+"""Folders with grids of old datums, which PostGIS uses and pyproj does not bring along: without
+them, its answer is 1 m off for EPSG:31468."""
 
 TRUE_SCALE = 0.01
 """By how much lengths on a grid may differ from those on the ground."""
@@ -238,8 +243,11 @@ def northing_first(crs: str) -> bool:
 @cache
 def _between(crs: Any, other: Any) -> Transformer:
     """The transformation from a CRS to another, x or longitude first."""
-    from pyproj import Transformer
+    from pyproj import Transformer, datadir
 
+    for folder in GRIDS:
+        if Path(folder).is_dir() and folder not in datadir.get_data_dir():
+            datadir.append_data_dir(folder)
     return Transformer.from_crs(crs, other, always_xy=True)
 
 

@@ -9,6 +9,7 @@ import subprocess
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 import shapely
 from pyproj import CRS, Transformer
@@ -242,6 +243,22 @@ def test_a_file_with_another_georeference_comes_into_the_maps_frame(
     assert (again.changed, again.unchanged) == (0, 2)
     assert kept(engine) == tuple(HERE.values())
     assert box_of(engine, "second", "site") == found
+
+
+def test_a_world_on_the_earth_comes_into_the_frame_of_a_map(engine: Engine, tmp_path: Path) -> None:
+    """2 m higher and 200 m north, turned by a right angle; the oracle is a sphere."""
+    latitude, longitude, height = OSNABRUECK
+    import_file(engine, sdf(tmp_path, degrees(*OSNABRUECK, 0)), map_name="site")
+    before = kept(engine)
+    north = latitude + math.degrees(200 / 6_376_000)  # the meridian's radius there, by 0.1 %
+    other = sdf(tmp_path, degrees(north, longitude, height + 2, 90), "other.sdf")
+    import_file(engine, other, map_name="site")
+    assert kept(engine) == before
+    found = box_of(engine, "crate_2", "site")
+    area = shapely.from_wkb(bytes(found.area))
+    assert (area.centroid.x, area.centroid.y) == pytest.approx((0, 200), abs=0.5)
+    assert np.subtract(area.bounds[2:], area.bounds[:2]) == pytest.approx((2, 4), abs=1e-3)
+    assert (found.low, found.high) == pytest.approx((1.5, 2.5))
 
 
 def test_a_file_far_from_the_map_is_refused(engine: Engine, tmp_path: Path) -> None:
