@@ -1,11 +1,15 @@
 -- Layers for QGIS, GDAL and other GIS clients: an integer key, one footprint per entity, editable. Every
 -- map is shown: filter on `map` and `storey`.
 
+-- Floor and ceiling are above the storey of the room, wherever its own frame is.
 CREATE VIEW gis_room AS
-    SELECT e.id AS fid, m.name AS map, s.name AS storey, e.name, e.type, e.label, r.floor, r.ceiling,
+    SELECT e.id AS fid, m.name AS map, s.name AS storey, e.name, e.type, e.label,
+           round((r.floor + a.height)::numeric, 9)::double precision AS floor,
+           round((r.ceiling + a.height)::numeric, 9)::double precision AS ceiling,
            e.properties::text AS properties, w.footprint AS geom
     FROM entity e JOIN map m ON m.id = e.map_id JOIN room r ON r.entity_id = e.id
-    LEFT JOIN world w ON w.entity_id = e.id LEFT JOIN entity s ON s.id = w.storey_id
+    LEFT JOIN world w ON w.entity_id = e.id LEFT JOIN entity s ON s.id = w.storey_id LEFT JOIN world sw ON sw.entity_id = s.id
+    CROSS JOIN LATERAL (SELECT coalesce(w.pose[3], 0) - coalesce(sw.pose[3], 0)) a (height)
     WHERE e.kind = 'room';
 
 -- Walls by their section. heading_deg, as in map features, is that of the object's x axis, degrees counterclockwise from
@@ -258,6 +262,7 @@ DECLARE
     shape bigint;
     low double precision := 0;
     high double precision := 0.01;
+    ground double precision := 0;  -- of the storey, in the map's frame
     drawn boolean;
     reshaped boolean;
     given jsonb;
@@ -371,17 +376,21 @@ BEGIN
         outline := semmap.check_outline(NEW.geom, NEW.name);
         of_map := semmap.map_named(NEW.map);
         below := semmap.storey_named(of_map, NEW.storey);
+        ground := coalesce((SELECT w.pose[3] FROM semmap.world w WHERE w.entity_id = below), 0);
         IF layer <> 'room' THEN
-            IF NEW.high > NEW.low THEN
-                low := NEW.low;
-                high := NEW.high;
+            low := coalesce(NEW.low, ground);
+            high := coalesce(NEW.high, low + 0.01);
+            IF high < low THEN
+                RAISE EXCEPTION 'the top of % is below its bottom', NEW.name
+                    USING ERRCODE = 'check_violation', HINT = 'low and high are heights in the map''s frame, metres.';
             END IF;
+            high := greatest(high, low + 0.001);
         END IF;
         IF layer = 'object' THEN
             angle := radians(NEW.heading_deg);
         END IF;
         pose := semmap.planar_pose(ST_X(ST_PointOnSurface(outline)), ST_Y(ST_PointOnSurface(outline)), coalesce(angle, 0),
-                            CASE layer WHEN 'room' THEN 0 ELSE low END);
+                            CASE layer WHEN 'room' THEN ground ELSE low END);
         INSERT INTO semmap.entity (map_id, kind, name, label, type, properties)
             VALUES (of_map, layer, NEW.name, NEW.label, NEW.type, given) RETURNING id INTO thing;
         IF layer = 'room' THEN
@@ -396,8 +405,7 @@ BEGIN
         INSERT INTO semmap.entity_model (entity_id, model_id)
             VALUES (thing, semmap.drawn_model(ST_Force2D(semmap.pose_apply(ST_Force3D(outline), semmap.pose_inverse(ARRAY[pose[1], pose[2], 0] || pose[4:7]))), low, high));
         IF below IS NOT NULL THEN
-            pose := semmap.pose_compose(semmap.pose_inverse((SELECT w.pose FROM semmap.world w WHERE w.entity_id = below)),
-                                 ARRAY[pose[1], pose[2], pose[3] + (SELECT w.pose[3] FROM semmap.world w WHERE w.entity_id = below)] || pose[4:7]);
+            pose := semmap.pose_compose(semmap.pose_inverse((SELECT w.pose FROM semmap.world w WHERE w.entity_id = below)), pose);
         END IF;
         INSERT INTO semmap.placement (entity_id, holder_id, pose) VALUES (thing, below, pose);
         NEW.fid := thing;
@@ -420,8 +428,12 @@ BEGIN
     END IF;
     SELECT w.pose INTO pose FROM semmap.world w WHERE w.entity_id = thing;
     IF layer = 'room' THEN
+        ground := coalesce((SELECT s.pose[3] FROM semmap.world w JOIN semmap.world s ON s.entity_id = w.storey_id WHERE w.entity_id = thing), 0)
+                  - coalesce(pose[3], 0);  -- in the room's frame
+        low := low + ground;
+        high := high + ground;
         IF (NEW.floor, NEW.ceiling) IS DISTINCT FROM (OLD.floor, OLD.ceiling) THEN
-            UPDATE semmap.room SET floor = low, ceiling = NEW.ceiling WHERE entity_id = thing;
+            UPDATE semmap.room SET floor = low, ceiling = NEW.ceiling + ground WHERE entity_id = thing;
             reshaped := true;
         END IF;
     ELSE

@@ -18,6 +18,7 @@ from psycopg.rows import dict_row
 from semmap.geometry.mesh import Mesh
 from semmap.geometry.pose import Pose
 from semmap.geometry.tin import to_mesh
+from semmap.ingest.annotation.annotation import ROOM_HEIGHT
 from semmap.ingest.annotation.draft_world import NESTED, USED_PROPERTIES
 from semmap.ingest.floor_plan import middle_of
 from semmap.ingest.georeference import out_of_frame
@@ -36,6 +37,9 @@ _BASE = (
     "CROSS JOIN LATERAL (SELECT coalesce(floor.z, 0)) base (z)"
 )
 """The height above which the file has the heights of a feature of the view `v`."""
+
+_OFF = "CASE WHEN v.storey IS NULL THEN base.z ELSE 0 END"
+"""What is subtracted from heights above the storey, else above the map's origin."""
 
 _HOLDER = (
     "(SELECT {} FROM placement p JOIN entity h ON h.id = p.holder_id WHERE p.entity_id = v.fid "
@@ -61,8 +65,10 @@ LAYERS = {
     "LEFT JOIN world w ON w.entity_id = e.id WHERE e.map_id = current_map()",
     "rooms": "SELECT v.fid, 'room' AS kind, v.name, v.type, v.label, v.storey, e.front, "
     "(SELECT l.name FROM room r JOIN entity l ON l.id = r.elevator_id WHERE r.entity_id = v.fid) "
-    "AS elevator, pose_yaw(w.pose) AS heading, w.pose[3] + v.floor - base.z AS floor, "
-    f"w.pose[3] + v.ceiling - base.z AS ceiling {_VIEW.format('gis_room')}",
+    f"AS elevator, pose_yaw(w.pose) AS heading, v.floor - {_OFF} AS floor, "
+    f"v.ceiling - {_OFF} AS ceiling, CASE WHEN v.ceiling IS NULL "
+    f"THEN coalesce(ST_ZMax(w.box) - base.z, v.floor - {_OFF} + {ROOM_HEIGHT}) END AS top "
+    f"{_VIEW.format('gis_room')}",
     "doors": "SELECT v.fid, 'connector' AS kind, v.name, CASE WHEN v.form = 'door' OR EXISTS ("
     "SELECT FROM type_closure t WHERE t.sub = v.type AND t.super = v.form) THEN v.type "
     "ELSE v.form END AS type, e.label, v.storey, e.front, ARRAY[v.place_a, v.place_b] AS joins, "

@@ -23,7 +23,6 @@ from lxml.builder import ElementMaker
 from semmap.export.features import MapFeature, MapFeatures
 from semmap.export.gis_file import collection
 from semmap.geometry.morphology import polygons
-from semmap.ingest.annotation.annotation import ROOM_HEIGHT
 from semmap.ingest.floor_plan import middle_of
 from semmap.ingest.georeference import northing_first
 from semmap.ingest.world import OUTSIDE
@@ -191,7 +190,8 @@ def _cell(
     space.extend([_GML("name", name)] if room is None else _about(room))
     if room is not None and _has_area(room):
         low = made.found.floor_of(room)
-        high = low + room.keys.get("ceiling", ROOM_HEIGHT) - room.keys.get("floor", 0.0)
+        top = room.keys["ceiling"] if "ceiling" in room.keys else room.keys["top"]
+        high = low + top - room.keys.get("floor", 0.0)
         geometry = made.room_geometry(room.geometry, low, high)
         space.append(_CORE("cellSpaceGeometry", geometry))
     space.append(_link("duality", f"S{number}"))

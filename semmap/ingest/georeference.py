@@ -5,11 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from functools import cache
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from semmap.geometry.pose import Pose
 from semmap.limits import EXTENT
 
 if TYPE_CHECKING:
@@ -19,6 +21,10 @@ UTM_LATITUDES = (-80.0, 84.0)
 """Degrees between which UTM is defined."""
 
 WGS84 = "EPSG:4326"
+
+GRIDS = ("/usr/share/proj", "/usr/local/share/proj")
+"""Folders with grids of old datums, which PostGIS uses and pyproj does not bring along: without
+them, its answer is 1 m off for EPSG:31468."""
 
 TRUE_SCALE = 0.01
 """By how much lengths on a grid may differ from those on the ground."""
@@ -107,8 +113,22 @@ def scale_note(points: NDArray[np.float64], crs: Any) -> list[str]:
     if not abs(scale - 1) > TRUE_SCALE:
         return []
     return [
-        f"lengths in {crs} are {scale:.2f} times those on the ground there: UTM is used instead"
+        f"lengths in {crs_name(crs)} are {scale:.2f} times those on the ground there: UTM is used "
+        "instead"
     ]
+
+
+def crs_name(crs: Any) -> str:
+    """Return the code of a CRS, else its name.
+
+    >>> crs_name("urn:ogc:def:crs:EPSG::2263")
+    'EPSG:2263'
+    """
+    from pyproj import CRS
+
+    given = CRS.from_user_input(crs)
+    code = given.to_authority()
+    return given.name if code is None else ":".join(code)
 
 
 def frame_of(points: NDArray[np.float64], crs: Any) -> dict[str, float]:
@@ -159,6 +179,44 @@ def into_frame(
         return np.column_stack([cos * east + sin * north, cos * north - sin * east])
 
 
+def heights_into_frame(
+    heights: NDArray[np.float64], crs: Any, georeference: Mapping[str, float]
+) -> NDArray[np.float64]:
+    """Return heights in the units of a CRS in the frame of a map, metres.
+
+    Without a vertical axis, their unit is that of the grid. The level from which they are counted
+    is taken for that of the map's `height`.
+    """
+    from pyproj import CRS
+
+    given = CRS.from_user_input(crs)
+    axes = given.axis_info
+    upright = [axis for axis in axes if axis.direction in ("up", "down")]
+    unit = (upright or axes)[0].unit_conversion_factor if upright or given.is_projected else 1.0
+    sign = -1.0 if upright and upright[0].direction == "down" else 1.0
+    return sign * unit * heights - georeference["height"]
+
+
+def on_grid(georeference: Mapping[str, float]) -> dict[str, float]:
+    """Return a georeference on a grid: itself, or what `on_utm` makes of degrees."""
+    if "crs" in georeference:
+        return dict(georeference)
+    place = ("latitude_deg", "longitude_deg", "elevation", "heading_deg")
+    return on_utm(*(georeference.get(key, 0.0) for key in place))
+
+
+def frame_in_frame(given: Mapping[str, float], other: Mapping[str, float]) -> Pose:
+    """Return the pose of the frame of a georeference in that of another.
+
+    Both are level; lengths on grids of two CRSs differ by less than `TRUE_SCALE`.
+    """
+    x_axis = np.array([(0.0, 0.0), (100.0, 0.0)])
+    grid = int(given["crs"])
+    (x, y), (far_x, far_y) = into_frame(out_of_frame(x_axis, grid, given), grid, other)
+    yaw = math.atan2(far_y - y, far_x - x)
+    return Pose.planar(float(x), float(y), yaw, given["height"] - other["height"])
+
+
 def out_of_frame(
     points: NDArray[np.float64], crs: Any, georeference: Mapping[str, float]
 ) -> NDArray[np.float64]:
@@ -185,8 +243,11 @@ def northing_first(crs: str) -> bool:
 @cache
 def _between(crs: Any, other: Any) -> Transformer:
     """The transformation from a CRS to another, x or longitude first."""
-    from pyproj import Transformer
+    from pyproj import Transformer, datadir
 
+    for folder in GRIDS:
+        if Path(folder).is_dir() and folder not in datadir.get_data_dir():
+            datadir.append_data_dir(folder)
     return Transformer.from_crs(crs, other, always_xy=True)
 
 

@@ -117,6 +117,7 @@ def read_imdf(
         found = read_collection(path, {"type": "FeatureCollection", "features": given})
         drawn.features += [replace(each, crs=WGS84) for each in found.features]
         drawn.skipped += found.skipped
+        drawn.raised += found.raised
     by_type: dict[str, list[Feature]] = {}
     for feature in into_metres(path, drawn, georeference).features:
         kind = feature.properties["imdf"].get("feature_type")

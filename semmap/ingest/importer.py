@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import math
 import time
 from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
@@ -23,6 +24,7 @@ from semmap.geometry.extent import extent
 from semmap.geometry.pose import IDENTITY, Pose
 from semmap.ingest.annotation.annotation import read_annotation
 from semmap.ingest.building_shell import recognise_shells
+from semmap.ingest.georeference import frame_in_frame, on_grid
 from semmap.ingest.ifc import read_ifc
 from semmap.ingest.imdf import is_imdf, read_imdf
 from semmap.ingest.indoor_gml import read_indoor_gml
@@ -48,8 +50,8 @@ from semmap.ingest.store.holder_store import (
 from semmap.ingest.store.model_store import Progress
 from semmap.ingest.store.world_store import store_world
 from semmap.ingest.storeys import FOUND, found_storeys
-from semmap.ingest.world import Shape, Skipped, World, WorldError
-from semmap.limits import ENTRIES, NAME_CHARACTERS
+from semmap.ingest.world import Shape, Skipped, StoreyDetail, World, WorldError
+from semmap.limits import ENTRIES, EXTENT, NAME_CHARACTERS
 from semmap.query.geometry_notes import SHOWN, names_note, read_names_without_geometry
 from semmap.query.snapshot import Snapshot
 
@@ -68,6 +70,9 @@ LONG = 200.0
 
 SMALL, TINY, WIDE = 0.5, 0.02, 2000.0
 """Metres across below which a building and a single object, and above which a site is noted."""
+
+SAME_FRAME = 1e-6
+"""Metres, and lengths of quaternions, within which two frames of the earth are one."""
 
 MeshAs = Literal["object", "room", "scene"]
 """What a mesh file is: one object, the shell of a room, or an object for each of its nodes."""
@@ -249,6 +254,7 @@ class ImportSummary:
     skipped: list[Skipped] = field(default_factory=list)  # the elements that were left out
     notes: list[str] = field(default_factory=list)  # sentences for a person
     no_geometry: list[str] = field(default_factory=list)  # names of objects of the map
+    moved: bool = False  # from the file's georeference into the frame of the map's
     seconds: float = 0.0
 
     def as_json(self) -> dict[str, Any]:
@@ -300,6 +306,7 @@ def import_file(
     _check_content(path, world)
     recognise_shells(world.entries)
     source = source or str(path.resolve())
+    moved = _settle_frame(engine, map_name or world.name, path, world, source)
     with engine.begin() as connection:
         load_tbox(connection)
         map_id = _map_id(connection, map_name or world.name)
@@ -321,6 +328,7 @@ def import_file(
             holders=derive_inventories(session, map_id),
             guessed=_guessed(world, parts),
             skipped=world.skipped,
+            moved=moved,
             **vars(stored),
         )
         seen = Snapshot.of(connection, see_map(connection, summary.map))
@@ -368,6 +376,67 @@ def _georeference(engine: Engine, map_name: str | None) -> dict[str, float] | No
         )
         row = found.mappings().one_or_none()
         return None if row is None else dict(row)
+
+
+def _settle_frame(engine: Engine, map_name: str, path: Path, world: World, source: str) -> bool:
+    """Let a world with a georeference agree with what the map has of other sources.
+
+    A map with a georeference keeps it, and the world is moved into its frame, unless the map has
+    taken the world in its own frame before: then that follows the file. A map without one gets that
+    of the world, but none that was chosen for coordinates of the earth.
+    """
+    if not world.georeference:
+        return False
+    with engine.connect() as connection:
+        sources = connection.exec_driver_sql(
+            "SELECT DISTINCT e.source IS NOT DISTINCT FROM %(source)s AND NOT coalesce("
+            "(SELECT (i.summary ->> 'moved')::boolean FROM import i WHERE i.map_id = e.map_id "
+            "AND i.source = e.source ORDER BY i.id DESC LIMIT 1), false) "
+            "FROM entity e JOIN placement p ON p.entity_id = e.id "
+            "WHERE e.map_id = (SELECT id FROM map WHERE name = %(name)s)",
+            {"name": map_name, "source": source},
+        )
+        known = set(sources.scalars())
+    frame = _georeference(engine, map_name)
+    if False not in known or (frame is not None and True in known):
+        return False
+    if frame is None:
+        if world.surveyed:
+            raise WorldError(
+                path,
+                "coordinates",
+                f"are of the earth, but the map {map_name} has entities and no georeference",
+                "Import a file with the georeference of the map first, or this one into a new map.",
+            )
+        return False
+    here = frame_in_frame(on_grid(world.georeference), frame)
+    away = math.hypot(*here[:3])
+    if not away <= EXTENT.value:
+        raise WorldError(
+            path,
+            "georeference",
+            f"is {away / 1000:.0f} km from that of the map {map_name}",
+            "Correct one of them, or import the file into a new map.",
+        )
+    world.georeference = None
+    if max(map(abs, here[:6])) < SAME_FRAME:
+        return False
+    _move(world, here)
+    world.notes.append(
+        "the file has another georeference than the map: it is brought into the map's frame, by "
+        f"{here.x:.2f}, {here.y:.2f}, {here.z:.2f} m and {math.degrees(here.yaw):.2f} degrees"
+    )
+    return True
+
+
+def _move(world: World, pose: Pose) -> None:
+    """Move all that a world contains, in its own frame, as one."""
+    names = {entry.name for entry in world.entries}
+    for entry in world.entries:
+        if entry.pose is not None and entry.holder not in names:
+            entry.pose = pose @ entry.pose
+        if isinstance(entry.detail, StoreyDetail):
+            entry.detail.elevation += pose.z
 
 
 def _settle_storeys(

@@ -146,7 +146,11 @@ class WorldLink:
 
 @dataclass
 class World:
-    """The content of a file. Names in `entries` are unique; a holder comes before what it holds."""
+    """The content of a file. Names in `entries` are unique; a holder comes before what it holds.
+
+    `georeference` places its frame on the earth; `surveyed` if that was chosen here, for
+    coordinates of the earth.
+    """
 
     name: str
     source: Path
@@ -155,6 +159,7 @@ class World:
     skipped: list[Skipped] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
     georeference: dict[str, Any] | None = None
+    surveyed: bool = False
 
 
 def unique_name(name: str, taken: Container[str]) -> str:

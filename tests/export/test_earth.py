@@ -9,9 +9,10 @@ import geopandas
 import numpy as np
 import pytest
 import shapely
-from pyproj import Transformer
+from pyproj import CRS, Transformer
 
 import semmap
+from semmap.ingest.georeference import GRIDS
 from tests.export.comparison import differences
 from tests.export.test_round_trips import come_back
 
@@ -60,6 +61,28 @@ def test_rooms_lie_where_pyproj_says(placed: semmap.Map, tmp_path: Path) -> None
     grid_file = geopandas.read_file(placed.export(tmp_path / "g.gpkg", crs=32632), layer="rooms")
     kitchen = grid_file.set_index("name").geometry["kitchen"]
     assert kitchen.hausdorff_distance(shapely.Polygon(grid)) < 1e-6
+
+
+@pytest.mark.parametrize("crs", [31468, 27700, 28992, 25832, 2180])
+@pytest.mark.filterwarnings("ignore:Could not parse column:UserWarning")
+def test_the_database_and_an_export_have_one_place_on_the_earth(
+    furnished: semmap.Map, crs: int, tmp_path: Path
+) -> None:
+    """PostGIS and pyproj, of old datums by the same grids; 1e-10 degrees are 10 um."""
+    if not any(Path(folder, "BETA2007.gsb").exists() for folder in GRIDS):
+        pytest.skip("PROJ's grids are missing: apt install proj-data")
+    area = CRS(crs).area_of_use
+    assert area is not None
+    middle = ((area.west + area.east) / 2, (area.south + area.north) / 2)
+    easting, northing = Transformer.from_crs(4326, crs, always_xy=True).transform(*middle)
+    furnished.execute(
+        f"UPDATE map SET crs = {crs}, easting = {easting}, northing = {northing}, height = 0, "
+        "rotation = 0.4 WHERE id = current_map()"
+    )
+    shown = furnished.execute("SELECT ST_AsBinary(geom) FROM gis_earth WHERE name = 'kitchen'")
+    made = geopandas.read_file(furnished.export(tmp_path / "flat.geojson", crs=4326))
+    kitchen = made.set_index("name").geometry["kitchen"]
+    assert kitchen.hausdorff_distance(shapely.from_wkb(bytes(shown[0][0]))) < 1e-10
 
 
 def test_geojson_of_4326_follows_rfc_7946(placed: semmap.Map, tmp_path: Path) -> None:

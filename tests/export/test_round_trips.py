@@ -115,6 +115,27 @@ def test_a_cellar_below_two_storeys_has_none(
     assert lost >= {"cellar", "boiler", "hatch", "tank", "jar"}
 
 
+@pytest.mark.parametrize("ending", ENDINGS)
+def test_a_room_without_a_ceiling_has_none_afterwards(
+    db: semmap.Database, ending: str, tmp_path: Path
+) -> None:
+    """Its solid keeps its top, on a storey with a height, without one, and on none."""
+    place = db.create_map("open")
+    place.add_storey("ground")
+    place.add_storey("upper", elevation=3.75, height=3.1)
+    for number, (storey, floor) in enumerate((("ground", 0.15), ("upper", 3.9), (None, -2.0))):
+        x = 5 * number
+        area = shapely.box(x, 0, x + 4, 3)
+        place.add_room(f"r{number}", area, floor=floor, ceiling=None, storey=storey)
+    tops = {f"r{number}": floor + 2.5 for number, floor in enumerate((0.15, 3.9, -2.0))}
+    again = come_back(place, tmp_path / f"open{ending}")
+    assert differences(place, again) == []
+    for each in (place, again):
+        assert {room.name: room.box[5] for room in each.rooms} == pytest.approx(tops)
+        ceilings = "SELECT DISTINCT r.ceiling FROM gis_room r WHERE r.map = '{}'"
+        assert [*each.sql(ceilings.format(each.name))] == [(None,)]
+
+
 @pytest.mark.parametrize("crs", ["EPSG:3414", "EPSG:3857"])
 def test_a_building_in_degrees_comes_back(db: semmap.Database, crs: str, tmp_path: Path) -> None:
     """Open-RMF's, far from the origin of its grid: a room, a door, a place and a table."""

@@ -2,19 +2,23 @@
 
 from __future__ import annotations
 
+import json
 import math
 import shutil
 import subprocess
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
+import shapely
 from pyproj import CRS, Transformer
 from sqlalchemy import Engine, text
 
 from semmap.ingest.georeference import frame_crs, utm_crs
 from semmap.ingest.importer import import_file
 from semmap.ingest.sdf.world_file import read_sdf
+from semmap.ingest.world import WorldError
 
 OSNABRUECK = (52.2799, 8.0472, 63.5)
 SYDNEY = (-33.8688, 151.2093, 5.0)
@@ -171,7 +175,122 @@ def test_a_georeference_outlasts_a_file_without_one(engine: Engine, tmp_path: Pa
     import_file(engine, sdf(tmp_path, degrees(0, 0, 0, 0)), map_name="site")
     assert kept(engine) == said
     import_file(engine, sdf(tmp_path, degrees(*SYDNEY, 12)), map_name="site")
-    assert kept(engine).crs == 32756
+    assert kept(engine).crs == 32756, "the file that gave it states another one now"
+
+
+def on_grid(folder: Path, name: str, frame: dict[str, float] | None, *corners: Any) -> Path:
+    """A storey with a room, drawn in metres of a frame."""
+    path = folder / f"{name}.geojson"
+    ring = [*corners, corners[0]]
+    storey = {"kind": "storey", "name": f"level {name}", "elevation": 2}
+    about = {"kind": "room", "name": name, "storey": f"level {name}", "floor": 0.5, "ceiling": 3}
+    features = [
+        {"type": "Feature", "properties": storey, "geometry": None},
+        {
+            "type": "Feature",
+            "properties": about,
+            "geometry": {"type": "Polygon", "coordinates": [ring]},
+        },
+    ]
+    known = {} if frame is None else {"georeference": frame}
+    path.write_text(json.dumps({"type": "FeatureCollection", "features": features} | known))
+    return path
+
+
+SQUARE = [(0, 0), (5, 0), (5, 4), (0, 4)]
+HERE = {"crs": 32632, "easting": 691600.0, "northing": 5334700.0, "height": 520.0, "rotation": 0.3}
+
+
+def box_of(engine: Engine, name: str, map_name: str) -> Any:
+    """The footprint and the heights of an entity in the frame of its map."""
+    with engine.connect() as connection:
+        return connection.execute(
+            text(
+                "SELECT ST_AsBinary(w.footprint) AS area, ST_ZMin(w.box) AS low, "
+                "ST_ZMax(w.box) AS high FROM world w JOIN entity e ON e.id = w.entity_id "
+                "JOIN map m ON m.id = e.map_id WHERE e.name = :name AND m.name = :map"
+            ),
+            {"name": name, "map": map_name},
+        ).one()
+
+
+@pytest.mark.parametrize("crs", [32632, 25832, 32633])
+def test_a_file_with_another_georeference_comes_into_the_maps_frame(
+    engine: Engine, tmp_path: Path, crs: int
+) -> None:
+    """The oracle is pyproj on each corner, and Shapely."""
+    east, north = Transformer.from_crs(32632, crs).transform(691640.0, 5334690.0)
+    other = {"crs": crs, "easting": east, "northing": north, "height": 523.5, "rotation": -0.5}
+    import_file(engine, on_grid(tmp_path, "first", HERE, *SQUARE), map_name="site")
+    path = on_grid(tmp_path, "second", other, *SQUARE)
+    summary = import_file(engine, path, map_name="site")
+    assert any("another georeference" in note for note in summary.notes)
+    assert kept(engine) == tuple(HERE.values())
+    c, s = math.cos(-0.5), math.sin(-0.5)
+    grid = [(east + c * x - s * y, north + s * x + c * y) for x, y in SQUARE]
+    grid = [Transformer.from_crs(crs, 32632).transform(*corner) for corner in grid]
+    c, s = math.cos(-0.3), math.sin(-0.3)
+    away = [(x - HERE["easting"], y - HERE["northing"]) for x, y in grid]
+    expected = shapely.Polygon([(c * x - s * y, s * x + c * y) for x, y in away])
+    found = box_of(engine, "second", "site")
+    # over 5 m, lengths on the next zone differ by 1 cm
+    assert shapely.from_wkb(bytes(found.area)).hausdorff_distance(expected) < 0.02
+    assert (found.low, found.high) == pytest.approx((6, 8.5))
+    with engine.connect() as connection:
+        storey = "SELECT elevation FROM gis_storey WHERE name = 'level second'"
+        assert connection.execute(text(storey)).scalar_one() == pytest.approx(5.5)
+    again = import_file(engine, path, map_name="site")
+    assert (again.changed, again.unchanged) == (0, 2)
+    assert kept(engine) == tuple(HERE.values())
+    assert box_of(engine, "second", "site") == found
+
+
+def test_a_world_on_the_earth_comes_into_the_frame_of_a_map(engine: Engine, tmp_path: Path) -> None:
+    """2 m higher and 200 m north, turned by a right angle; the oracle is a sphere."""
+    latitude, longitude, height = OSNABRUECK
+    import_file(engine, sdf(tmp_path, degrees(*OSNABRUECK, 0)), map_name="site")
+    before = kept(engine)
+    north = latitude + math.degrees(200 / 6_376_000)  # the meridian's radius there, by 0.1 %
+    other = sdf(tmp_path, degrees(north, longitude, height + 2, 90), "other.sdf")
+    import_file(engine, other, map_name="site")
+    assert kept(engine) == before
+    found = box_of(engine, "crate_2", "site")
+    area = shapely.from_wkb(bytes(found.area))
+    assert (area.centroid.x, area.centroid.y) == pytest.approx((0, 200), abs=0.5)
+    assert np.subtract(area.bounds[2:], area.bounds[:2]) == pytest.approx((2, 4), abs=1e-3)
+    assert (found.low, found.high) == pytest.approx((1.5, 2.5))
+
+
+def test_a_file_far_from_the_map_is_refused(engine: Engine, tmp_path: Path) -> None:
+    import_file(engine, on_grid(tmp_path, "first", HERE, *SQUARE), map_name="site")
+    far = HERE | {"easting": HERE["easting"] + 50_000}
+    with pytest.raises(WorldError, match="is 50 km from that of the map site"):
+        import_file(engine, on_grid(tmp_path, "second", far, *SQUARE), map_name="site")
+    assert kept(engine) == tuple(HERE.values())
+
+
+def test_degrees_do_not_give_local_rooms_a_place(engine: Engine, tmp_path: Path) -> None:
+    side = 1e-4
+    degrees_ = [(11.57 + x * side, 48.14 + y * side) for x, y in ((0, 0), (1, 0), (1, 1), (0, 1))]
+    path = on_grid(tmp_path, "east", None, *degrees_)
+    import_file(engine, on_grid(tmp_path, "local", None, *SQUARE), map_name="site")
+    with pytest.raises(WorldError, match="of the earth, but the map site has entities and no geo"):
+        import_file(engine, path, map_name="site")
+    assert kept(engine) == (None,) * 5
+    with engine.connect() as connection:
+        names = "SELECT name FROM entity WHERE kind = 'room'"
+        assert connection.execute(text(names)).scalars().all() == ["local"]
+    import_file(engine, path, map_name="new")
+    assert kept(engine, "new").crs == 32632
+    import_file(engine, path, map_name="new")
+    import_file(engine, on_grid(tmp_path, "local", HERE, *SQUARE), map_name="site")
+    east, north = Transformer.from_crs(4326, 32632, always_xy=True).transform(*degrees_[0])
+    import_file(engine, path, map_name="site")
+    c, s = math.cos(-0.3), math.sin(-0.3)
+    x, y = east - HERE["easting"], north - HERE["northing"]
+    corner = shapely.Point(c * x - s * y, s * x + c * y)
+    area = shapely.from_wkb(bytes(box_of(engine, "east", "site").area))
+    assert min(corner.distance(shapely.Point(p)) for p in area.convex_hull.exterior.coords) < 1e-6
 
 
 @pytest.mark.parametrize(

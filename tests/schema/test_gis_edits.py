@@ -371,3 +371,80 @@ def test_a_door_is_drawn_in_the_wall_of_both_rooms_and_routes_lead_through_no_ot
                 here.route("a", "b")
         here["d"].move_to(4.05, 2, 0)
         assert here.route("a", "b").places == ["a", "b"]
+
+
+@pytest.fixture
+def upstairs(database: str) -> Any:
+    """A map with a storey at 0 m, and one at 3 m."""
+    with semmap.connect(database) as db:
+        here = db.create_map("upstairs")
+        here.add_storey("ground", elevation=0, height=2.8)
+        here.add_storey("upper", elevation=3, height=2.8)
+        yield here
+
+
+def heights(here: semmap.Map, name: str) -> tuple[float, float]:
+    """The lowest and the highest z of an entity, from its box in the map's frame."""
+    box = here[name].box
+    assert box is not None
+    return box[2], box[5]
+
+
+@pytest.mark.parametrize("layer", ["object", "region"])
+@pytest.mark.parametrize("storey", ["ground", "upper", None])
+def test_heights_are_in_the_maps_frame_when_they_are_drawn_and_edited(
+    upstairs: semmap.Map, layer: str, storey: str | None
+) -> None:
+    draw = (
+        f"INSERT INTO gis_{layer} (map, storey, name, low, high, geom) VALUES "
+        "('upstairs', %s, %s, %s, %s, ST_Multi(ST_MakeEnvelope(1, 1, 2, 2)))"
+    )
+    read = f"SELECT low, high FROM gis_{layer} WHERE name = 'a'"
+    ground = 3 if storey == "upper" else 0
+    low, high = ground + 0.2, ground + 1
+    upstairs.execute(draw, storey, "a", low, high)
+    assert heights(upstairs, "a") == pytest.approx((low, high))
+    assert upstairs.execute(read)[0] == pytest.approx((low, high))
+    change = f"UPDATE gis_{layer} SET low = %s, high = %s WHERE name = 'a'"
+    upstairs.execute(change, low, high + 0.1)
+    assert heights(upstairs, "a") == pytest.approx((low, high + 0.1))
+    assert upstairs.execute(read)[0] == pytest.approx((low, high + 0.1))
+    upstairs.execute(draw, storey, "without heights", None, None)
+    assert heights(upstairs, "without heights")[0] == pytest.approx(ground)
+    upstairs.execute(draw, storey, "without top", low, None)
+    assert heights(upstairs, "without top")[0] == pytest.approx(low)
+    with pytest.raises(ValueError, match="the top of b is below its bottom"):
+        upstairs.execute(draw, storey, "b", low, low - 0.1)
+
+
+@pytest.mark.parametrize(("storey", "ground"), [("upper", 3.0), ("ground", 0.0), (None, 0.0)])
+@pytest.mark.parametrize("drawn", [True, False])
+def test_a_rooms_floor_is_above_its_storey_however_it_was_made(
+    upstairs: semmap.Map, storey: str | None, ground: float, drawn: bool
+) -> None:
+    if drawn:
+        upstairs.execute(
+            "INSERT INTO gis_room (map, storey, name, floor, ceiling, geom) VALUES "
+            "('upstairs', %s, 'a', 0.3, 2.5, ST_Multi(ST_MakeEnvelope(0, 0, 4, 4)))",
+            storey,
+        )
+    else:
+        if storey is None:
+            upstairs.execute("DELETE FROM entity WHERE kind = 'storey'")
+        upstairs.add_room(
+            "a", shapely.box(0, 0, 4, 4), floor=ground + 0.3, ceiling=ground + 2.5, storey=storey
+        )
+    read = "SELECT storey, floor, ceiling FROM gis_room WHERE name = 'a'"
+    assert upstairs.execute(read) == [(storey, 0.3, 2.5)]
+    assert heights(upstairs, "a") == pytest.approx((ground + 0.3, ground + 2.5))
+    upstairs.execute("UPDATE gis_room SET geom = ST_Translate(geom, 1, 0) WHERE name = 'a'")
+    assert upstairs.execute(read) == [(storey, 0.3, 2.5)]
+    assert heights(upstairs, "a") == pytest.approx((ground + 0.3, ground + 2.5))
+    upstairs.execute("UPDATE gis_room SET floor = 1.0, ceiling = 2.4 WHERE name = 'a'")
+    assert upstairs.execute(read) == [(storey, 1.0, 2.4)]
+    assert heights(upstairs, "a") == pytest.approx((ground + 1, ground + 2.4))
+    stands = (
+        "SELECT w.pose[3] + r.floor, w.pose[3] + r.ceiling FROM room r JOIN world w "
+        "USING (entity_id)"
+    )
+    assert upstairs.execute(stands)[0] == pytest.approx((ground + 1, ground + 2.4))

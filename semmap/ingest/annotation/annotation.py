@@ -66,19 +66,19 @@ def _add_elevator(world: DraftWorld, draft: Draft) -> None:
 
 
 def _add_room(world: DraftWorld, draft: Draft) -> None:
-    """Add a room; its ceiling defaults to the storey's height."""
+    """Add a room; its ceiling is the storey's height by default, and unknown beside a top."""
     feature = draft.feature
     storey = world.storey_of(feature)
     floor = number(feature, "floor") or 0.0
-    ceiling = number(feature, "ceiling")
-    if ceiling is None and storey in world.storeys:
+    ceiling, top = number(feature, "ceiling"), number(feature, "top")
+    if ceiling is None and top is None and storey in world.storeys:
         ceiling = world.storeys[storey].height
-    if ceiling is not None:
-        _check_heights(floor, ceiling)
+    if ceiling is not None or top is None:
+        top = floor + ROOM_HEIGHT if ceiling is None else ceiling
+    _check_heights(floor, top)
     place = PlaceDetail(floor, ceiling, world.elevator_of(feature))
     if place.elevator is not None and draft.type is None:
         draft = replace(draft, type=CABIN)
-    top = ceiling if ceiling is not None else floor + ROOM_HEIGHT
     pose, shapes = _placed(world, feature, storey, floor, top)
     world.add(draft, pose, storey, detail=place, shapes=shapes)
     if shapes:
@@ -218,7 +218,8 @@ def read_annotation(
     file has several, it or `floor` is needed), `holder`, `heading` (radians, or `heading_deg`),
     `front`. Others become free properties.
 
-    - room: polygon, `floor`, `ceiling`, `elevator` (the elevator whose cabin it is)
+    - room: polygon, `floor`, `ceiling`, `elevator` (the elevator whose cabin it is); where the
+      ceiling is unknown, `top` of its solid
     - connector: the line of the opening, or a point with `width` and `heading`; `joins`
       (``"bath,hall"``, the first being where x comes from; by default the places on both sides
       of the line), `state`, `direction`, `behaviour`; `height` of the clear opening, `step` of its

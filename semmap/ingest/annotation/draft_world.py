@@ -37,7 +37,7 @@ _PASSAGE = {"joins", "state", "behaviour", "direction", "permissions"}
 USED_PROPERTIES: dict[Kind, set[str]] = {
     "storey": _COMMON | {"elevation", "height"},
     "elevator": _COMMON,
-    "room": _COMMON | _HEIGHTS | {"elevator"},
+    "room": _COMMON | _HEIGHTS | {"elevator", "top"},
     "connector": _COMMON | _OPENING | _PASSAGE | {"floor"},
     "region": _COMMON | _HEIGHTS,
     "object": _COMMON | _HEIGHTS | _SHAPE,
@@ -89,6 +89,7 @@ class DraftWorld:
             skipped=self.file.skipped,
             notes=self.file.notes,
             georeference=self.file.georeference,
+            surveyed=self.file.surveyed,
         )
         self.poses: dict[str, Pose | None] = {}
         self.storeys: dict[str, StoreyDetail] = {}

@@ -7,7 +7,7 @@ import json
 import math
 import sqlite3
 import warnings
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
@@ -20,7 +20,14 @@ from numpy.typing import NDArray
 from shapely import MultiPolygon, Polygon
 
 from semmap.geometry.extent import extent
-from semmap.ingest.georeference import WGS84, frame_of, into_frame, on_true_scale, scale_note
+from semmap.ingest.georeference import (
+    WGS84,
+    crs_name,
+    frame_of,
+    into_frame,
+    on_true_scale,
+    scale_note,
+)
 from semmap.ingest.text_file import read_text
 from semmap.ingest.world import Refused, Skipped, WorldError
 from semmap.limits import EXTENT, NESTING, TEXT_BYTES, VERTICES
@@ -76,13 +83,18 @@ class Feature:
 
 @dataclass
 class FeatureFile:
-    """The content of a file; `lost` has the names of the features left out."""
+    """The content of a file; `lost` has the names of the features left out.
+
+    `raised` are the features with a height in coordinates alone; `surveyed` as of `World`.
+    """
 
     features: list[Feature] = field(default_factory=list)
     skipped: list[Skipped] = field(default_factory=list)
     lost: set[str] = field(default_factory=set)
     notes: list[str] = field(default_factory=list)
     georeference: dict[str, float] | None = None
+    surveyed: bool = False
+    raised: list[str] = field(default_factory=list)
 
     @contextlib.contextmanager
     def leaving_out(self, where: str, name: object) -> Iterator[None]:
@@ -93,6 +105,13 @@ class FeatureFile:
             self.skipped.append(Skipped(where, refused.problem, refused.fix))
             if isinstance(name, str):
                 self.lost.add(name)
+
+    def note_raised(
+        self, where: str, properties: Mapping[str, Any], heights: Iterable[float]
+    ) -> None:
+        """Keep in mind a feature whose only height is that of its coordinates."""
+        if not properties.keys() & {"floor", "elevation", "pose"} and any(heights):
+            self.raised.append(where)
 
 
 def read_features(path: Path, georeference: Mapping[str, float] | None = None) -> FeatureFile:
@@ -123,8 +142,9 @@ def into_metres(
             try:
                 if georeference is None and found.georeference is None:
                     found.georeference = frame_of(_together(points, crs), crs)
+                    found.surveyed = True
                     found.notes += scale_note(points, crs)
-                frame = georeference or found.georeference
+                frame = found.georeference or georeference
                 assert frame is not None
                 moved = into_frame(points, crs, frame)
             except (ValueError, RuntimeError) as error:  # beyond UTM; pyproj
@@ -132,8 +152,8 @@ def into_metres(
             moved[~np.isfinite(moved)] = np.inf  # which equals itself: rings stay closed
             drawn = list(shapely.set_coordinates(np.array(drawn), moved))
             found.notes.append(
-                f"coordinates of {crs} are brought into the map's frame, with its origin at "
-                f"{frame['easting']:.0f}, {frame['northing']:.0f} of EPSG:{frame['crs']}"
+                f"coordinates of {crs_name(crs)} are brought into the map's frame, with its origin "
+                f"at {frame['easting']:.0f}, {frame['northing']:.0f} of EPSG:{frame['crs']}"
             )
             of_crs = [_turned(feature, frame["rotation"]) for feature in of_crs]
         else:
@@ -145,6 +165,11 @@ def into_metres(
             with found.leaving_out(feature.where, feature.properties.get("name")):
                 geometry = None if feature.geometry is None else next(placed)
                 found.features.append(replace(feature, geometry=_checked(geometry)))
+    if found.raised:
+        who = found.raised[0] + (f" and {more} more" if (more := len(found.raised) - 1) else "")
+        found.notes.append(
+            f"{who}: heights in coordinates are ignored: give floor, above the storey, or elevation"
+        )
     return found
 
 
@@ -258,6 +283,8 @@ def read_collection(path: Path, root: Any) -> FeatureFile:
                 {k: v for k, v in (properties or {}).items() if v is not None}
             )
             geometry = _geojson_geometry(member.get("geometry"))
+            if geometry is not None:
+                out.note_raised(where, given, _heights(member["geometry"]["coordinates"]))
             out.features.append(Feature(where, layer, geometry, given, crs))
     return out
 
@@ -308,6 +335,15 @@ def _positions(coordinates: object, depth: int) -> list[Any]:
     if max(map(abs, numbers)) > EARTH:  # none of the earth either
         _check_range(numbers)
     return numbers[:2]
+
+
+def _heights(coordinates: list[Any]) -> Iterator[float]:
+    """Yield the third numbers of positions."""
+    if coordinates and not isinstance(coordinates[0], list):
+        yield from coordinates[2:3]
+    else:
+        for inner in coordinates:
+            yield from _heights(inner)
 
 
 def _checked(geometry: shapely.Geometry | None) -> shapely.Geometry | None:
@@ -409,6 +445,10 @@ def _read_layer(path: Path, layer: str, out: FeatureFile) -> None:
         with out.leaving_out(where, name):
             checked = checked_properties(given)
             geometry = _wkb_geometry(None if wkb is None else wkb[row])
+            if shapely.has_z(geometry):
+                heights = shapely.get_coordinates(geometry, include_z=True)[:, 2]
+                out.note_raised(where, checked, np.nan_to_num(heights))
+                geometry = shapely.force_2d(geometry)
             out.features.append(Feature(where, layer, geometry, checked, meta.get("crs") or None))
 
 
@@ -416,7 +456,7 @@ def _wkb_geometry(wkb: bytes | None) -> shapely.Geometry | None:
     if wkb is None:
         return None
     try:
-        geometry = shapely.force_2d(shapely.from_wkb(wkb))
+        geometry: shapely.Geometry = shapely.from_wkb(wkb)
     except shapely.errors.ShapelyError as error:
         raise Refused(f"has a geometry that cannot be read ({error})", "Draw it again.") from error
     return geometry

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from semmap.geometry.mesh import Mesh
-from semmap.ingest.georeference import frame_of, into_frame, scale_note
+from semmap.ingest.georeference import frame_of, heights_into_frame, into_frame, scale_note
 from semmap.ingest.world import Entry, Shape, World, WorldError
 from semmap.limits import EXTENT, MESH_BYTES, TRIANGLES
 
@@ -27,8 +27,9 @@ def read_point_cloud(
 ) -> World:
     """Return a world of one object with a point cloud, in metres.
 
-    `scale` is metres per unit. The points of a LAS file with a CRS that are far from its origin are
-    brought into the frame of a map with a `georeference`; without one, they set it. All scans of an
+    `scale` is metres per unit. The points of a LAS file with a CRS that are far from its origin, or
+    in degrees, are brought into the frame of a map with a `georeference`, heights too; without
+    one, they set it, and heights stay above the level of the file. All scans of an
     E57 file are joined by their poses. Needs the extra `semmap[clouds]`. A WorldError refuses a
     file that cannot be read, has no points or more than the limit, or lies too far away.
     """
@@ -50,12 +51,15 @@ def read_point_cloud(
     if not len(points):
         raise WorldError(path, "points", "has none", "Give another file.")
     world = World(path.stem, path)
-    if crs is not None and EXTENT.exceeded_by(float(np.abs(points[:, :2]).max())):
+    far = EXTENT.exceeded_by(float(np.abs(points[:, :2]).max()))
+    if crs is not None and (far or crs.is_geographic):
         if georeference is None:
             world.notes += scale_note(points[:, :2], crs)
         frame = georeference or frame_of(points[:, :2], crs)
         points[:, :2] = into_frame(points[:, :2], crs, frame)
-        world.georeference = None if georeference else dict(frame)
+        points[:, 2] = heights_into_frame(points[:, 2], crs, frame)
+        if georeference is None:
+            world.georeference, world.surveyed = dict(frame), True
     if EXTENT.exceeded_by(float(np.abs(points).max())):
         raise WorldError(
             path,

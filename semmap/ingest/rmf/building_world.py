@@ -23,6 +23,7 @@ class BuildingWorld:
             skipped=building.skipped,
             notes=building.notes,
             georeference=building.georeference,
+            surveyed=building.georeference is not None,
         )
         self._names: dict[str, Kind | None] = {OUTSIDE: None}
         self.storeys = {

@@ -12,7 +12,7 @@ import psycopg
 from psycopg.rows import namedtuple_row
 from psycopg.types.json import Jsonb
 
-from semmap.ingest.georeference import on_utm
+from semmap.ingest.georeference import on_grid
 from semmap.ingest.store.copy_rows import copy_rows
 from semmap.ingest.store.model_store import Progress, shape_digest, store_models
 from semmap.ingest.world import (
@@ -388,11 +388,8 @@ def _georeference(cursor: psycopg.Cursor[Any], map_id: int, world: World) -> Non
     given = world.georeference
     if not given:
         return
-    if "crs" not in given:
-        place = ("latitude_deg", "longitude_deg", "elevation", "heading_deg")
-        given = on_utm(*(given.get(key, 0.0) for key in place))
     cursor.execute(
         "UPDATE map SET crs = %(crs)s, easting = %(easting)s, northing = %(northing)s, "
         "height = %(height)s, rotation = %(rotation)s WHERE id = %(id)s",
-        {**given, "id": map_id},
+        {**on_grid(given), "id": map_id},
     )

@@ -274,6 +274,31 @@ def test_a_reader_writes_a_project_and_only_who_may_make_tables_stores_it(
     assert "project=office" in office.store_qgis_project()
 
 
+@pytest.mark.parametrize("layer", ["object", "region"])
+def test_what_is_drawn_with_the_projects_defaults_stands_on_its_storey(
+    database: str, layer: str
+) -> None:
+    """The default expressions of the form, as PostgreSQL computes them."""
+    from semmap.draw.qgis.layers import StoreyGroup, storey_layers
+
+    with semmap.connect(database) as db:
+        here = db.create_map("tower")
+        here.add_storey("upper", elevation=3.0, height=2.8)
+        group = StoreyGroup("upper", 3.0)
+        fields = next(
+            each for each in storey_layers("tower", group, {}, 1) if each.key == layer
+        ).fields
+        defaults = {f.name: f.default for f in fields if f.name in ("map", "storey", "low", "high")}
+        here.execute(
+            f"INSERT INTO gis_{layer} ({', '.join(defaults)}, name, geom) "
+            f"VALUES ({', '.join(defaults.values())}, 'a', ST_Multi(ST_MakeEnvelope(0, 0, 1, 1)))"
+        )
+        box = here["a"].box
+        assert box is not None
+        assert box[2] == pytest.approx(3)
+        assert 3.5 < box[5] < 5.8
+
+
 def test_a_project_is_a_qgz(office: semmap.Map, tmp_path: Path) -> None:
     with pytest.raises(ValueError, match=r"is a \.qgz, not '\.qgs'"):
         office.write_qgis_project(tmp_path / "office.qgs")

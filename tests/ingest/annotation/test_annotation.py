@@ -931,3 +931,44 @@ def test_coordinates_that_are_on_no_grid_of_the_earth_are_refused(write: Write) 
     assert "too large for a local frame" in left.problem
     with pytest.raises(WorldError, match="beyond UTM"):
         read_annotation(write(room("pole", 10.0, 89.0, 10.01, 89.01)))
+
+
+@pytest.mark.parametrize(
+    ("heights", "given", "noted"),
+    [
+        ((4.2, 4.2), {}, True),
+        ((0.0, 4.2), {}, True),
+        ((0.0, 0.0), {}, False),
+        ((4.2, 4.2), {"floor": 4.2}, False),
+    ],
+)
+@pytest.mark.parametrize("ending", ["geojson", "gpkg"])
+def test_heights_in_coordinates_alone_are_noted(
+    tmp_path: Path,
+    write: Write,
+    ending: str,
+    heights: tuple[float, float],
+    given: dict[str, float],
+    noted: bool,
+) -> None:
+    low, high = heights
+    ring = [[0, 0, low], [5, 0, low], [5, 4, high], [0, 4, high], [0, 0, low]]
+    if ending == "geojson":
+        path = write(feature(("Polygon", [ring]), kind="room", name="r1", **given), LAB)
+    else:
+        path = tmp_path / "site.gpkg"
+        values = {"kind": "room", "name": "r1", **given}
+        pyogrio.raw.write(
+            path,
+            np.array([shapely.to_wkb(shapely.Polygon(ring), output_dimension=3)], object),
+            [np.array([value]) for value in values.values()],
+            list(values),
+            layer="site",
+            geometry_type="Polygon Z",
+            crs="EPSG:32632",
+        )
+    world = read_annotation(path)
+    assert by_name(world)["r1"].detail.floor == given.get("floor", 0)
+    assert outlines(world)["r1"].equals(shapely.box(0, 0, 5, 4))
+    notes = [note for note in world.notes if "heights in coordinates" in note]
+    assert [("r1" in note, "give floor" in note) for note in notes] == [(True, True)] * noted

@@ -23,7 +23,7 @@ def same_points(found, known):
 
 
 def write_las(path, points=POINTS, crs=None):
-    header = laspy.LasHeader(point_format=3, version="1.4")
+    header = laspy.LasHeader(point_format=6 if "+" in (crs or "") else 3, version="1.4")
     header.scales, header.offsets = np.full(3, 0.001), np.floor(points.min(axis=0))
     if crs is not None:
         header.add_crs(CRS.from_user_input(crs))
@@ -83,6 +83,45 @@ def test_the_crs_of_a_survey_becomes_the_georeference(tmp_path):
     again = read_world(tmp_path / "survey.las", georeference=placed)
     assert again.georeference is None
     assert same_points(again.entries[0].shapes[0].mesh.vertices[:, :2], POINTS[:, :2])
+
+
+@pytest.mark.parametrize("crs", ["EPSG:2263", "EPSG:2263+6360", "EPSG:2263+5703"])
+def test_heights_in_feet_become_metres(tmp_path, crs):
+    """5703 is in metres, also over a grid in feet; the oracle is the definition of the US foot."""
+    foot = 1200 / 3937
+    unit = np.array([foot, foot, 1.0 if crs.endswith("5703") else foot])
+    write_las(tmp_path / "feet.las", np.add(POINTS / unit, (985000, 195000, 30)), crs)
+    world = read_world(tmp_path / "feet.las")
+    points = world.entries[0].shapes[0].mesh.vertices
+    expected = POINTS[:, 2] + 30 * unit[2]
+    assert np.sort(points[:, 2]) == pytest.approx(np.sort(expected), abs=1e-3)
+    assert np.ptp(points[:, :2], axis=0) == pytest.approx(np.ptp(POINTS[:, :2], axis=0), abs=0.2)
+    (note,) = world.notes
+    assert note.startswith("lengths in ")
+    assert len(note) < 140
+
+
+def test_heights_come_into_the_frame_of_a_map_above_the_sea(tmp_path):
+    survey = np.add(POINTS, (691600, 5334700, 520))
+    write_las(tmp_path / "survey.las", survey, "EPSG:32632")
+    frame = {"crs": 32632, "easting": 691600, "northing": 5334700, "height": 520, "rotation": 0}
+    world = read_world(tmp_path / "survey.las", georeference=frame)
+    assert same_points(world.entries[0].shapes[0].mesh.vertices, POINTS)
+
+
+def test_a_survey_in_degrees_comes_into_metres(tmp_path):
+    grid = Proj("EPSG:32632")
+    east, north = grid(11.57, 48.14)
+    header = laspy.LasHeader(point_format=3, version="1.4")
+    header.scales, header.offsets = [1e-9, 1e-9, 0.001], [11.57, 48.14, 0]
+    header.add_crs(CRS.from_epsg(4326))
+    file = laspy.LasData(header)
+    file.x, file.y = grid(POINTS[:, 0] + east, POINTS[:, 1] + north, inverse=True)
+    file.z = POINTS[:, 2]
+    file.write(str(tmp_path / "degrees.las"))
+    frame = {"crs": 32632, "easting": east, "northing": north, "height": 0, "rotation": 0}
+    world = read_world(tmp_path / "degrees.las", georeference=frame)
+    assert same_points(world.entries[0].shapes[0].mesh.vertices, POINTS)
 
 
 @pytest.mark.parametrize("ending", [".las", ".laz", ".pcd", ".e57"])
