@@ -33,6 +33,11 @@ URDF = (".urdf", ".xml", ".xacro")
 Progress = Callable[[str, int, int], None]
 """Called with what is done now, its number, and how many there are."""
 
+_CHANGED_REGIONS = """
+SELECT e.name FROM region r JOIN entity e ON e.id = r.entity_id
+WHERE e.map_id = current_map() AND (r.valid @> now()) <> (r.valid @> %s) ORDER BY 1
+"""
+
 
 class MapDriving(MapQuestions):
     """The part of `Map` about driving."""
@@ -279,7 +284,8 @@ class MapDriving(MapQuestions):
             default a robot 0.6 m wide and 1.5 m high inside of rooms, that passes doors that it
             fits through, and stairs
         avoid : names or types of places, doors and regions that it must not use
-        at : the moment, for rules that have hours; by default now
+        at : the moment, for rules that have hours; by default now. Regions are those of now: a
+            moment at which others hold is refused
         rules : a YAML file: the costs of places, doors and regions
         drawn : on the graph that people drew: imported Nav2 edges or Open-RMF lanes
         opens, unlocks : whether the robot opens closed doors, and unlocks locked ones; by default
@@ -297,6 +303,7 @@ class MapDriving(MapQuestions):
         """
         from planner.readers.drawn_graph import read_drawn_graph
 
+        self._check_regions(at)
         options: Any = {"avoid": avoid, "at": at or datetime.now()}
         able = {"opens": opens, "unlocks": unlocks, "outside": outside}
         live, planner = self._route_planner(robot, rules, assume_sizes, progress, able)
@@ -323,6 +330,7 @@ class MapDriving(MapQuestions):
         progress: Progress | None = None,
     ) -> list[MapRoute]:
         """The quickest routes, at most `count`, the quickest first; as `route`."""
+        self._check_regions(at)
         able = {"opens": opens, "unlocks": unlocks, "outside": outside}
         live, planner = self._route_planner(robot, rules, assume_sizes, progress, able)
         moment = at or datetime.now()
@@ -361,6 +369,16 @@ class MapDriving(MapQuestions):
         else:
             live.catch_up()
         return live
+
+    def _check_regions(self, at: datetime | None) -> None:
+        """Refuse a moment at which other regions hold than now."""
+        changed = self.execute(_CHANGED_REGIONS, aware(at)) if at is not None else []
+        if changed:
+            names = ", ".join(name for (name,) in changed)
+            raise ValueError(
+                f"routes are through the regions of now, and at {at:%Y-%m-%d %H:%M} others hold "
+                f"({names}): ask again at that time; grids and costmaps take it"
+            )
 
     def _driver(self, robot: str | RobotClass | None) -> str | RobotClass | None:
         """A robot whose ways are sought; that of a URDF has its shape in its driving posture."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any
 
@@ -93,3 +94,21 @@ def test_the_ways_of_a_urdf_are_those_of_its_shape(db: semmap.Database, width: f
     else:
         assert made.route((1, 2), (7, 2), robot=urdf).doors
         assert made.routing_graph(urdf).robot.parts
+
+
+def test_a_route_at_a_moment_with_other_regions_is_refused(db: semmap.Database) -> None:
+    made = db.create_map("wing")
+    made.add_storey("ground", height=3)
+    for number, name in enumerate(ROOMS):
+        x = 4.2 * number
+        made.add_room(name, shapely.box(x, 0, x + 4, 4), floor=0, ceiling=2.6)
+    made.add_door("hatch", *ROOMS, ((4.1, 1.5), (4.1, 2.5)))
+    now, hour = datetime.now(UTC), timedelta(hours=1)
+    wet = shapely.box(4.2, 0, 8.2, 4)
+    times = {"since": now + hour, "until": now + 2 * hour}
+    made.draw_region("wet", polygon=wet, type="blocked_region", **times)
+    for hours in (0.5, 2.5):
+        assert made.route(*ROOMS, at=now + hours * hour).doors
+    for ask in (made.route, lambda *ends, at: made.routes(*ends, 2, at=at)):
+        with pytest.raises(ValueError, match=r"regions of now, .* others hold \(wet\)"):
+            ask(*ROOMS, at=now + 1.5 * hour)
