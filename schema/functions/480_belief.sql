@@ -47,16 +47,23 @@ END;
 CREATE FUNCTION size_of(thing bigint, OUT sides double precision[], OUT height double precision, OUT base double precision)
 LANGUAGE sql STABLE SET search_path = semmap, public, pg_temp AS $$
 -- The sides of the rectangle in which an entity stands (the shorter one first), its height and the area of its base:
--- by its geometry, else by the taught base_area and volume of a square base, else by the typical size of its type.
-SELECT CASE WHEN w.footprint IS NOT NULL THEN semmap.sides_of(w.footprint)
+-- by its geometry, of its models where it has no pose, else by the taught base_area and volume of a square base, else by
+-- the typical size of its type.
+SELECT CASE WHEN own.ground IS NOT NULL THEN semmap.sides_of(own.ground)
             WHEN taught.base > 0 THEN ARRAY[sqrt(taught.base), sqrt(taught.base)]
             ELSE typical.size[1:2] END,
-       CASE WHEN w.footprint IS NOT NULL THEN ST_ZMax(w.box) - ST_ZMin(w.box)
+       CASE WHEN own.ground IS NOT NULL THEN own.height
             WHEN taught.base > 0 THEN coalesce(taught.volume / taught.base, 0) ELSE typical.size[3] END,
-       CASE WHEN w.footprint IS NOT NULL THEN ST_Area(w.footprint)
+       CASE WHEN own.ground IS NOT NULL THEN ST_Area(own.ground)
             WHEN taught.base > 0 THEN taught.base ELSE typical.size[1] * typical.size[2] END
-FROM semmap.entity e LEFT JOIN semmap.world w ON w.entity_id = e.id,
-     LATERAL (SELECT semmap.property_of(e.id, 'base_area'), semmap.property_of(e.id, 'volume')) taught (base, volume)
+FROM semmap.entity e LEFT JOIN semmap.world w ON w.entity_id = e.id
+     LEFT JOIN LATERAL (
+         SELECT ST_ConvexHull(ST_Collect(ST_Force2D(m.hull))) AS ground, max(ST_ZMax(m.hull)) - min(ST_ZMin(m.hull)) AS height
+         FROM semmap.entity_model em JOIN semmap.model m ON m.id = em.model_id
+         WHERE em.entity_id = e.id AND w.footprint IS NULL) models ON true
+     CROSS JOIN LATERAL (SELECT coalesce(w.footprint, models.ground),
+                                CASE WHEN w.footprint IS NULL THEN models.height ELSE ST_ZMax(w.box) - ST_ZMin(w.box) END) own (ground, height)
+     CROSS JOIN LATERAL (SELECT semmap.property_of(e.id, 'base_area'), semmap.property_of(e.id, 'volume')) taught (base, volume)
      LEFT JOIN LATERAL (
          SELECT ARRAY[least(t.typical_size[1], t.typical_size[2]), greatest(t.typical_size[1], t.typical_size[2]), t.typical_size[3]]
          FROM semmap.type_closure c JOIN semmap.semantic_type t ON t.name = c.super AND t.typical_size IS NOT NULL WHERE c.sub = e.type

@@ -116,3 +116,12 @@ def test_bad_input_is_refused_in_words(flat: Map) -> None:
         flat.belief_field("mug", "a\0")
     with pytest.raises(ValueError, match="voxel_size is nan"), flat.transaction():
         flat.belief_field("mug", voxel_size=float("nan"))
+
+
+def test_an_object_without_a_pose_has_its_own_size(flat: Map) -> None:
+    """Not the typical one of its type: a wide plate and a narrow one, both not placed."""
+    for name, side in (("wide", 0.9), ("narrow", 0.1)):
+        flat.add_object(name, type="plate", size=(side, side / 2, 0.03))
+        row = flat.execute("SELECT sides, height, base FROM size_of(entity_id(%s))", name)[0]
+        assert row[0] == pytest.approx([side / 2, side])
+        assert row[1:] == pytest.approx((0.03, side**2 / 2))

@@ -165,7 +165,7 @@ def test_a_doubtful_detection_tells_how_sure_it_is(here: Map) -> None:
     u, v, w = top(here, COFFEE)
     before = here["plate"].pose
     seen = Detection("plate", (u, v, w + 0.015), (0.2, 0.2, 0.03))
-    (row,) = here.observe_objects([seen], new=0.002)
+    (row,) = here.observe_objects([seen], new=0.01)
     assert not row["new"]
     assert row["object"] == "other"
     assert sum(row["may_be"].values()) == pytest.approx(1)
