@@ -45,10 +45,10 @@ def shadow(mesh: Mesh, low: float, high: float, *, fill: bool) -> Polygon | Mult
     flat = shapely.polygons(corners[:, :, :2])
     upright = shapely.area(flat) <= 1e-8
     if fill:
-        inside = [Polygon(p.exterior) for p in _enclosed(_section(mesh, low)[0])]
+        inside = [Polygon(p.exterior) for p in _enclosed(section(mesh, low)[0])]
     else:
         part, closed = closed_parts(mesh)
-        lines, outward = _section(Mesh(mesh.vertices, mesh.faces[closed[part]]), low)
+        lines, outward = section(Mesh(mesh.vertices, mesh.faces[closed[part]]), low)
         places = _enclosed(lines)
         points = shapely.get_coordinates(shapely.point_on_surface(places))
         inside = [p for p, w in zip(places, _winding(points, lines, outward), strict=True) if w]
@@ -71,7 +71,7 @@ def _between(mesh: Mesh, low: float, high: float) -> NDArray[np.float64]:
     return np.asarray(vertices)[faces]
 
 
-def _section(mesh: Mesh, height: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def section(mesh: Mesh, height: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return the section of a mesh as lines (N, 2, 2), and the normals (N, 2) of the cut faces."""
     triangles = mesh.triangles
     above = triangles[:, :, 2] > height

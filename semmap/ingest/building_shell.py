@@ -8,7 +8,9 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
+from semmap.geometry.floor import section
 from semmap.geometry.levels import CONTACT, WALKED, WIDE, is_furniture
+from semmap.geometry.mesh import Mesh
 from semmap.ingest.annotation.feature_values import supertypes
 from semmap.ingest.naming import GUESS
 from semmap.ingest.storeys import box_of, level_faces, meshes_of
@@ -68,15 +70,7 @@ def _wall_lines(triangles: NDArray[np.float64], height: float) -> NDArray[np.flo
     """The lines (N, 2, 2) in which a level plane cuts upright triangles (M, 3, 3)."""
     normals = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
     upright = np.abs(normals[:, 2]) <= UPRIGHT * np.linalg.norm(normals, axis=1)
-    above = triangles[..., 2] > height
-    cut = triangles[upright & above.any(axis=1) & ~above.all(axis=1)]
-    following = np.roll(cut, -1, axis=1)
-    rise = following[..., 2] - cut[..., 2]
-    crossed = (cut[..., 2] > height) != (following[..., 2] > height)
-    part = (height - cut[..., 2]) / np.where(crossed, rise, 1.0)
-    points = cut[..., :2] + part[..., None] * (following - cut)[..., :2]
-    lines: NDArray[np.float64] = points[crossed].reshape(-1, 2, 2)
-    return lines
+    return section(Mesh.of_triangles(triangles[upright]), height)[0]
 
 
 def _encloses(lines: NDArray[np.float64], boxes: Iterable[NDArray[np.float64]]) -> bool:

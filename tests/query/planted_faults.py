@@ -232,21 +232,24 @@ def is_for_mice(here: semmap.Map, draw: random.Random) -> tuple[str, set[str]]:
     return "no passage", {"d01"}
 
 
-def ends_beside_its_room(here: semmap.Map, draw: random.Random) -> tuple[str, set[str]]:
+def add_exit(here: semmap.Map, draw: random.Random, name: str) -> float:
+    """Add a door to the outside of a room; return where the door to the other room is, in x."""
     pose = here["d01"].pose
     assert pose is not None
     x = pose.x - draw.uniform(0.6, 1.0)
-    here.add_door("wide", "r00", None, ((x - 1, 0), (x, 0)))
+    here.add_door(name, "r00", None, ((x - 1, 0), (x, 0)))
+    return pose.x
+
+
+def ends_beside_its_room(here: semmap.Map, draw: random.Random) -> tuple[str, set[str]]:
+    add_exit(here, draw, "wide")
     here.execute("UPDATE connector SET width = 9 WHERE entity_id = %s", here["wide"].id)
     return "no passage", {"wide"}
 
 
 def joins_its_room_with_itself(here: semmap.Map, draw: random.Random) -> tuple[str, set[str]]:
-    pose = here["d01"].pose
-    assert pose is not None
-    x = pose.x - draw.uniform(0.6, 1.0)
-    here.add_door("out", "r00", None, ((x - 1, 0), (x, 0)))
-    here.add_door("within", "r01", "r01", ((pose.x + 1.3, 0.9), (pose.x + 2.1, 0.9)))
+    x = add_exit(here, draw, "out")
+    here.add_door("within", "r01", "r01", ((x + 1.3, 0.9), (x + 2.1, 0.9)))
     here.execute("UPDATE connector SET place_b = place_a WHERE entity_id = %s", here["out"].id)
     return "no passage", {"out"}
 

@@ -403,12 +403,15 @@ def test_what_is_dragged_is_moved_and_moved_back(writer: Page, db: semmap.Databa
     assert ball.pose[:3] == pytest.approx(before[:3], abs=1e-6)
 
 
-def test_a_name_and_a_state_are_changed_in_the_card(writer: Page, db: semmap.Database) -> None:
-    house = db.map("house")
-    door = next(iter(house.doors))
-    former = door.state
+def choose_door(writer: Page, db: semmap.Database) -> tuple[semmap.Door, str, Any]:
+    """A door whose card is shown, its state, and the field for another one."""
+    door = next(iter(db.map("house").doors))
     choose(writer, door.name)
-    field = writer.get_by_label("new state")
+    return door, door.state, writer.get_by_label("new state")
+
+
+def test_a_name_and_a_state_are_changed_in_the_card(writer: Page, db: semmap.Database) -> None:
+    door, former, field = choose_door(writer, db)
     field.fill("ajar")
     field.press("Enter")
     until(writer, "document.getElementById('status').value.includes('ajar')")
@@ -422,11 +425,7 @@ def test_a_name_and_a_state_are_changed_in_the_card(writer: Page, db: semmap.Dat
 
 
 def test_a_change_of_the_map_keeps_what_is_being_typed(writer: Page, db: semmap.Database) -> None:
-    house = db.map("house")
-    door = next(iter(house.doors))
-    former = door.state
-    choose(writer, door.name)
-    field = writer.get_by_label("new state")
+    door, former, field = choose_door(writer, db)
     field.fill("lock")
     door.state = "closed"
     until(writer, f"semmap.house.entities.get({door.name!r}).state === 'closed'")
