@@ -36,7 +36,7 @@ from semmap.query.change_feed import ChangeFeed, Look
 from semmap.query.map_handle import MapSource, open_feed
 from semmap.query.snapshot import Snapshot
 from semmap.query.storey_reader import read_entities, read_scene, read_storey_names
-from semmap.query.storey_scene import StoreyScene
+from semmap.query.storey_scene import SceneEntity, StoreyScene
 
 POLL = 1.0  # seconds between looks at live fields, which send no notifications
 
@@ -314,7 +314,9 @@ class LiveTopology:
             or (movable and self.costmaps is not None and not self.costmaps.is_complete())
         ):
             return self._load(look)
-        changed = set()
+        changed, objects = set(), self._read_objects(seen, movable)
+        if self.costmaps is not None and self.costmaps.have_walls(objects, removed):
+            return self._load(look)
         if movable:  # on stairs, or a ramp at a step
             connectors |= topology.between_heights
         read = read_connectors(seen, topology.places.values(), connectors)
@@ -331,7 +333,7 @@ class LiveTopology:
         if removed or with_regions:
             regions, self._validity = read_regions(seen)
             self.graph.change_regions(regions)
-        places = self._apply_moves(look, movable, with_regions)
+        places = self._apply_moves(look, movable, objects, with_regions)
         return TopologyChange(places=frozenset(places), connectors=frozenset(changed))
 
     def _apply_fields(self, look: Look, change: TopologyChange) -> TopologyChange:
@@ -369,7 +371,14 @@ class LiveTopology:
         self._live_versions, self._near_live = now, costmaps.places_near(now)
         return change._replace(places=change.places | places)
 
-    def _apply_moves(self, look: Look, ids: Collection[int], with_regions: bool) -> set[str]:
+    def _read_objects(self, seen: Snapshot, ids: Collection[int]) -> list[SceneEntity]:
+        if not ids or self.costmaps is None:
+            return []
+        return read_entities(seen, ids, kinds=["object"], assume_sizes=self.assume_sizes)
+
+    def _apply_moves(
+        self, look: Look, ids: Collection[int], objects: list[SceneEntity], with_regions: bool
+    ) -> set[str]:
         """Measure travel again where objects or regions changed costs; returns these places."""
         costmaps = self.costmaps
         if not ids or costmaps is None:
@@ -380,7 +389,6 @@ class LiveTopology:
             regions[storey] = read_entities(
                 seen, ids, kinds=["region"], storey=name, moment=seen.moment
             )
-        objects = read_entities(seen, ids, kinds=["object"], assume_sizes=self.assume_sizes)
         with self._measuring() as places:
             places |= costmaps.update(ids, objects, regions)
         if self._store is not None:

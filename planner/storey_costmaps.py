@@ -10,7 +10,7 @@ import math
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
-from itertools import product
+from itertools import chain, product
 from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
@@ -33,6 +33,7 @@ from planner.straight_passage import free_offsets
 from planner.topology import OUTSIDE, PlaceConnector, PlaceRegion, Topology
 from semmap.geometry.overlay import GRID
 from semmap.geometry.pose import Pose
+from semmap.query.outline_walls import is_wall
 from semmap.query.storey_scene import FloorArea, SceneEntity, StoreyScene
 
 T = TypeVar("T")
@@ -551,6 +552,11 @@ class StoreyCostmaps:
         if not floors:
             return ()
         return _entities_at(self.costmap(self.storey_of(max(floors)[1])), pose, LETHAL)
+
+    def have_walls(self, objects: Iterable[SceneEntity], removed: Collection[int]) -> bool:
+        """Whether walls are among changed objects: then rooms gain or lose those of outlines."""
+        former = (e for c in self._costmaps.values() for e in c.scene.entities if e.id in removed)
+        return any(map(is_wall, chain(objects, former if removed else ())))
 
     def update(
         self,

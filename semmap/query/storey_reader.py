@@ -23,6 +23,7 @@ from semmap.geometry.overlay import united
 from semmap.geometry.pose import Pose
 from semmap.geometry.voxels import Voxels
 from semmap.query.meshes import models_points, models_triangles
+from semmap.query.outline_walls import with_outline_walls
 from semmap.query.snapshot import Snapshot
 from semmap.query.storey_scene import (
     NO_TRIANGLES,
@@ -170,6 +171,8 @@ def read_scene(
         values |= {"x0": x0 - margin, "y0": y0 - margin, "x1": x1 + margin, "y1": y1 + margin}
     entities = tuple(e for e in reading.entities(where, values) if not e.carried)
     floors = _floor_areas(entities, rooms)
+    known = None if bounds is None else (x0 - margin, y0 - margin, x1 + margin, y1 + margin)
+    entities = with_outline_walls(entities, floors, known)
     return StoreyScene(storey, level.elevation, entities, floors, level.band)
 
 
@@ -209,6 +212,7 @@ def read_storeys(
         here = tuple(e for row, e in pairs if not e.carried and _is_on(row, level))
         inventory = tuple(inventories[name])
         floors = _floor_areas(here)
+        here = with_outline_walls(here, floors)
         found.append(StoreyScene(name, level.elevation, here, floors, level.band, inventory))
     return found
 

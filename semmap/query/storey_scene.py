@@ -33,10 +33,10 @@ class SceneEntity:
 
     Its types are the semantic type and its supertypes, the nearest first. `triangles` (F, 3, 3) are
     in the map's frame; of a shut door without a mesh they are the box of its opening, of an entity
-    `assumed` a typical box for its type; empty where the map has no mesh, as for a room that is
-    drawn as an outline. `floor` and `ceiling` are the z of a room's floor and ceiling, or of a
-    region's lower and upper end; `sides` the poses before and behind a connector, facing it. A leaf
-    across the opening of a door has the door's `state`.
+    `assumed` a typical box for its type, of a room in a scene the walls of its outline where none
+    enclose it; empty where the map has no mesh. `floor` and `ceiling` are the z of a room's floor
+    and ceiling, or of a region's lower and upper end; `sides` the poses before and behind a
+    connector, facing it. A leaf across the opening of a door has the door's `state`.
     """
 
     id: int
