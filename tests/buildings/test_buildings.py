@@ -16,6 +16,7 @@ from tests.conftest import MakeDatabase
 
 SEEDS = range(4)
 
+WITHOUT_WALLS = [98705, 98709, 98713]
 WITH_CABINS = [112, 8168]
 """Seeds of buildings with things in cabins, and before their doors."""
 
@@ -69,3 +70,22 @@ def test_a_thing_that_leaves_a_cabin_no_longer_closes_its_door(
             place[thing.name].move_to(x + 100, y, z)
             assert place.route(room, cabin).places == [room, cabin]
             place[thing.name].move_to(x, y, z)
+
+
+@pytest.mark.parametrize("seed", WITHOUT_WALLS)
+def test_rooms_without_walls_end_at_their_outlines(
+    seed: int, make_database: MakeDatabase, tmp_path: Path
+) -> None:
+    """Where the judges know walls, the map has none: its outlines are the faces of these."""
+    building = random_building(seed, plain=True)
+    url = make_database().render_as_string(hide_password=False)
+    with stored(building, url, tmp_path) as place:
+        for item in building.items:
+            if item.what == "wall" and not any(
+                room.outline.buffer(-1e-3).intersects(item.ground) for room in building.rooms
+            ):
+                place[item.name].delete()
+        for judge in (judge_routes, judge_steps):
+            asked, wrong = judge(building, place)
+            assert wrong == []
+            assert asked > 1
