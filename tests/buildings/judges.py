@@ -278,7 +278,10 @@ def judge_check(building: Building, place: semmap.Map) -> tuple[int, list[str]]:
     shut |= {("thing in a doorway", d.name) for d in building.doors if _is_shut(building, d)}
     stairs = [door for door in building.doors if door.climbs]
     shut |= {("thing on stairs", d.name) for d in stairs if things_across(building, d, BODY.width)}
+    shut |= {("improbable height", d.name) for d in building.doors if (d.height or 9) < LOW}
+    one_way = [{("one-way room", name) for name in names} for names in _one_way(building)]
     told = {(each.kind, each.entities[0]) for each in found}
+    shut |= next((rooms for rooms in one_way if rooms <= told), one_way[0])
     apart = {frozenset(e.entities) for e in found if e.kind == "room without a door"}
     wrong = [
         str(each)
@@ -301,6 +304,27 @@ def _cut_off(building: Building) -> list[frozenset[str]]:
     if OUTSIDE in graph:
         apart.sort(key=lambda rooms: OUTSIDE in rooms)
     return [frozenset(rooms) for rooms in apart[:-1]]
+
+
+def _one_way(building: Building) -> list[set[str]]:
+    """The rooms that nobody enters, or that nobody leaves, by the choice of the largest circle."""
+    graph, shaft = nx.DiGraph(), {room.name: "lift" for room in building.rooms if room.elevator}
+    graph.add_nodes_from(shaft.get(room.name, room.name) for room in building.rooms)
+    for door in building.doors:
+        a, b = (shaft.get(name, name) for name in door.rooms)
+        graph.add_edges_from([(a, b)] if door.direction != "backward" else [])
+        graph.add_edges_from([(b, a)] if door.direction != "forward" else [])
+    choices: list[set[str]] = [set()]
+    for group in nx.weakly_connected_components(graph):
+        circles = [*nx.strongly_connected_components(graph.subgraph(group))]
+        most = max(map(len, circles))
+        apart = [
+            {r.name for r in building.rooms if shaft.get(r.name, r.name) in group - circle}
+            for circle in circles
+            if len(circle) == most
+        ]
+        choices = [known | more for known in choices for more in apart]
+    return choices
 
 
 def _overlap(building: Building, *names: str) -> bool:
@@ -335,6 +359,9 @@ def _is_shut(building: Building, door: Door) -> bool:
                     free = free.difference(shapely.LineString(ends).buffer(1e-4))
     return max((part.length for part in shapely.get_parts(free)), default=0.0) < BODY.width
 
+
+LOW = 0.9
+"""Metres below which the height of a door is improbable."""
 
 LEAF = 0.05
 """Metres of the thickness of a door's leaf."""

@@ -34,6 +34,9 @@ AHEAD = 0.35
 LEAF = 0.1
 """Metres of the thickest leaf of a door with its handles, and by which it covers its frame."""
 
+OVERLAP = 0.1
+"""Metres of their openings that two doors side by side share at most: leaves of one frame."""
+
 PART = 0.2
 """Of the width of an opening: frames and open leaves take less of it, one leaf of several more."""
 
@@ -332,6 +335,28 @@ def level_stairs(building: SupportedBuilding) -> Found:
         text = f"both ends of {form} {door.name} are at {ends[0]:.2f} m: nothing is climbed there"
         names = (door.name, *dict.fromkeys(room.name for room in rooms.values()))
         yield names, text, "by hand: join it to the room where it ends, or add it as a door"
+
+
+def overlapping_doors(building: SupportedBuilding) -> Found:
+    """Doors of the same rooms of which one is partly in the opening of the other."""
+    twins = {names for names, *_ in doors_at_one_point(building)}
+    lines = {}
+    for door in building.doors:
+        if door.pose is not None and door.row["form"] == "door":
+            half = (door.row["width"] or DOOR) / 2
+            lines[door] = shapely.LineString(door.pose.apply([[0, -half, 0], [0, half, 0]])[:, :2])
+    for one, two in combinations(lines, 2):
+        ends = ({door.row["place_a"], door.row["place_b"]} for door in (one, two))
+        assert one.pose is not None
+        assert two.pose is not None
+        if next(ends) != next(ends) or abs(one.pose.z - two.pose.z) > STEP:
+            continue
+        near = lines[two].buffer(WALL, cap_style="flat")
+        shared = lines[one].intersection(near).length
+        if shared > OVERLAP and (one.name, two.name) not in twins:
+            text = f"the doors {one.name} and {two.name} share {shared:.2f} m of their openings"
+            fix = "by hand: delete one of them, or draw it again in gis_connector"
+            yield (one.name, two.name), text, fix
 
 
 def doors_at_one_point(building: SupportedBuilding) -> Found:

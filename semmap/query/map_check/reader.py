@@ -116,6 +116,7 @@ SELECT e.id, e.name, e.kind, e.type, p.holder_id, p.relation, p.confidence, p.po
        w.pose AS world, w.map_id AS world_map,
        r.floor, r.ceiling, r.elevator_id, s.elevation, s.height,
        c.place_a, c.place_b, c.form, c.state, c.width, c.height AS clear_height, c.pose_a, c.pose_b,
+       c.direction,
        e.type IN (SELECT sub FROM type_closure WHERE super = 'building_element') AS structure,
        e.type IN (SELECT sub FROM type_closure WHERE super IN
                   ('floor', 'ground', 'carpet', 'stair_flight', 'ramp_flight', 'ramp')) AS laid,

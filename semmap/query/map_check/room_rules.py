@@ -10,7 +10,7 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
+from scipy.sparse.csgraph import breadth_first_order, connected_components
 
 from semmap.geometry.levels import are_floors, in_metres, stacked
 from semmap.geometry.overlay import common, united, without
@@ -30,6 +30,9 @@ FLOOR_AREA, THICK = 4.0, 0.6
 
 DOOR = 0.9
 """Metres of the width of a proposed door."""
+
+LOW, HATCH = 1.5, 0.9
+"""Metres of the least height of rooms in which people go, and of doors for robots and goods."""
 
 
 def room_pairs(building: SupportedBuilding, same: bool) -> Found:
@@ -140,6 +143,50 @@ def rooms_without_door(building: SupportedBuilding) -> Found:
         elif group not in (entered or [max(groups, key=len)]):
             text = f"doors join the rooms {listed(names)} with each other alone"
             yield names, text, _door(building, group)
+
+
+def one_way_rooms(building: SupportedBuilding) -> Found:
+    """Rooms that doors of one direction let nobody enter, or let nobody leave."""
+    outside, rooms = 0, {}
+    shafts: dict[int, int] = {}
+    for number, room in enumerate(building.rooms, 1):
+        rooms[room.row["id"]] = shafts.setdefault(room.row["elevator_id"] or -number, number)
+    ways = np.zeros((len(building.rooms) + 1,) * 2, np.bool_)
+    for door in building.doors:
+        a, b = (rooms.get(door.row[f"place_{end}"], outside) for end in "ab")
+        ways[a, b] |= door.row["direction"] != "backward"
+        ways[b, a] |= door.row["direction"] != "forward"
+    both = connected_components(ways, directed=False)[1]
+    circles = connected_components(ways, directed=True, connection="strong")[1]
+    for number in np.unique(both):
+        main = np.bincount(circles[both == number]).argmax()
+        reached, left = (
+            breadth_first_order(w, int(np.flatnonzero(circles == main)[0]))[0]
+            for w in (ways, ways.T)
+        )
+        for room in building.rooms:
+            k = rooms[room.row["id"]]
+            if both[k] != number or circles[k] == main:
+                continue
+            why = [] if k in reached else [f"no door leads into {room.name}"]
+            why += [] if k in left else [f"no door leads out of {room.name}"]
+            fix = "by hand: correct the direction of its doors, or add a door"
+            if why:
+                yield (room.name,), f"{' and '.join(why)}: others have one direction", fix
+
+
+def low_rooms(building: SupportedBuilding) -> Found:
+    """Rooms and doors so low that nobody stands or passes there."""
+    for room in building.rooms:
+        height = building.ceiling(room) - building.floor(room)
+        if height < LOW:
+            text = f"the ceiling of {room.name} is {height:.2f} m above its floor"
+            yield (room.name,), text, "by hand: correct its floor or ceiling"
+    for door in building.doors:
+        height = door.row["clear_height"]
+        if height is not None and height < HATCH and door.row["form"] != "ramp":
+            text = f"the door {door.name} is {height:.2f} m high"
+            yield (door.name,), text, "by hand: correct its height, if it is higher"
 
 
 def _door(building: SupportedBuilding, group: list[CheckedEntity]) -> str:

@@ -14,6 +14,7 @@ from semmap.query.map_check.door_rules import (
     level_stairs,
     narrow_doors,
     no_passage,
+    overlapping_doors,
     shut_leaves,
     steps_in_doors,
 )
@@ -27,6 +28,8 @@ from semmap.query.map_check.inventory_rules import (
 )
 from semmap.query.map_check.reader import read_checked_entities
 from semmap.query.map_check.room_rules import (
+    low_rooms,
+    one_way_rooms,
     room_pairs,
     rooms_above_rooms,
     rooms_off_storey,
@@ -36,6 +39,7 @@ from semmap.query.map_check.room_rules import (
     storeys_without_floor,
 )
 from semmap.query.map_check.solid_rules import (
+    agents_in_the_air,
     agents_inside,
     floating,
     high_things,
@@ -99,6 +103,7 @@ RULES: tuple[tuple[str, Severity, Callable[[SupportedBuilding], Found]], ...] = 
     ("doors at one point", "error", doors_at_one_point),
     ("room off its storey", "error", rooms_off_storey),
     ("no passage", "warning", no_passage),
+    ("overlapping doors", "warning", overlapping_doors),
     ("narrow door", "warning", narrow_doors),
     ("step in a door", "warning", steps_in_doors),
     ("stairs on one floor", "warning", level_stairs),
@@ -107,6 +112,8 @@ RULES: tuple[tuple[str, Severity, Callable[[SupportedBuilding], Found]], ...] = 
     ("thing on stairs", "warning", things_on_stairs),
     ("overlapping rooms", "warning", partial(room_pairs, same=False)),
     ("room without a door", "warning", rooms_without_door),
+    ("one-way room", "warning", one_way_rooms),
+    ("improbable height", "warning", low_rooms),
     ("storey without a floor", "warning", storeys_without_floor),
     ("storeys at one height", "warning", storeys_at_one_height),
     ("things without a storey", "warning", high_things),
@@ -117,6 +124,7 @@ RULES: tuple[tuple[str, Severity, Callable[[SupportedBuilding], Found]], ...] = 
     ("through a ceiling", "warning", through_ceilings),
     ("penetrating", "warning", penetrating),
     ("agent in a solid", "warning", agents_inside),
+    ("agent in the air", "warning", agents_in_the_air),
     ("improbable size", "warning", improbable_sizes),
     ("object without a place", "warning", objects_without_place),
     ("place without geometry", "warning", shapeless_places),
@@ -130,6 +138,8 @@ MOVED = {
     "door away from its room",
     "blocked door",
     "no passage",
+    "overlapping doors",
+    "agent in the air",
     "shut leaf of an open door",
     "thing in a doorway",
     "thing on stairs",

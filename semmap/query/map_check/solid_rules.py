@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from semmap.geometry.contact import overlap
 from semmap.geometry.mesh import box_mesh
+from semmap.geometry.pose import Pose
 from semmap.query.geometry_notes import listed
 from semmap.query.map_check.building import (
     CEILING,
@@ -34,6 +35,9 @@ SMALLER = 0.8
 
 CORE, BODY = 0.05, 0.5
 """Metres around the middle of an agent, and the least height of one; smaller ones stand on it."""
+
+STANDS = 0.1
+"""Metres above a stated ceiling that furniture which stands on the floor may be."""
 
 HUGE, TINY = 5.0, 0.1
 """Of the typical size of a type: more or less of it is another type, or another unit."""
@@ -108,8 +112,15 @@ def through_ceilings(building: SupportedBuilding) -> Found:
     stated = {room.name: room for room in building.rooms if room.row["ceiling"] is not None}
     for entity in building.solids:
         for name, share in building.shares(entity).items():
-            over = float(entity.high[2]) - building.ceiling(stated[name]) if name in stated else 0.0
-            if over > CEILING and share > 0.5 and not building.is_part(entity):
+            if name not in stated:
+                continue
+            over = float(entity.high[2]) - building.ceiling(stated[name])
+            stands = entity.low[2] <= building.floor(stated[name]) + STEP
+            if (
+                over > (STANDS if stands else CEILING)
+                and share > 0.5
+                and not building.is_part(entity)
+            ):
                 text = f"{entity.name} reaches {over:.2f} m through the ceiling of {name}"
                 fix = "by hand: correct its shape or pose, or the ceiling of the room"
                 yield (entity.name, name), text, fix
@@ -231,6 +242,22 @@ def agents_inside(building: SupportedBuilding) -> Found:
             text = f"the middle of {agent.name} is inside {other.name}"
             by = [d for d in _beside(agent, other) if not d[2]]
             yield (agent.name, other.name), text, Moves(agent, by, "correct one of their poses")
+
+
+def agents_in_the_air(building: SupportedBuilding) -> Found:
+    """Robots and people under whom there is air, and who are not on stairs."""
+    stairs = [
+        shapely.LineString([(door.pose @ Pose(*door.row[f"pose_{end}"]))[:2] for end in "ab"])
+        for door in building.doors
+        if door.pose is not None and door.row["form"] in ("stairs", "ramp")
+    ]
+    for agent in building.agents:
+        gap, name = building.gap_beneath(agent)
+        beneath = "the floor" if name is None else name
+        on_stairs = any(line.distance(agent.ground) < WALL for line in stairs)
+        if STEP < gap < np.inf and not on_stairs and agent.holder not in building.objects:
+            text = f"{agent.name} is {gap:.2f} m above {beneath}"
+            yield (agent.name,), text, Moves(agent, [(0, 0, -gap)], "correct its height")
 
 
 def _core(agent: CheckedEntity) -> CheckedEntity:
