@@ -84,8 +84,8 @@ CREATE FUNCTION places_for(things bigint[])
 RETURNS TABLE (entity_id bigint, place_id bigint, weight double precision) LANGUAGE plpgsql STABLE ROWS 1000 COST 10000
 SET search_path = semmap, public, pg_temp SET plan_cache_mode = force_generic_plan SET enable_seqscan = off AS $$
 -- The places of the map at which each of the given objects or agents is or has room: furniture, fixtures, appliances and
--- untyped objects with a support surface; containers and storage furniture; rooms. Furniture, fixtures and agents
--- are in rooms only. A place weighs as much as the area that it offers, in square metres, times how readily a place
+-- objects with a support surface of which no supertype says what they are; containers and storage furniture; rooms.
+-- Furniture, fixtures and robots are in rooms only; others who move by themselves are on seats and beds, too. A place weighs as much as the area that it offers, in square metres, times how readily a place
 -- of its type and height keeps things.
 DECLARE
     small CONSTANT double precision := 0.02;    -- base of a container that is a place, square metres: a mug is not
@@ -93,10 +93,14 @@ DECLARE
     bearing text[] := ARRAY(SELECT DISTINCT sub FROM semmap.type_closure WHERE super IN ('furniture', 'fixture', 'appliance', 'container'));
     standing text[] := ARRAY(SELECT DISTINCT sub FROM semmap.type_closure WHERE super IN ('furniture', 'fixture'));
     storing text[] := ARRAY(SELECT DISTINCT sub FROM semmap.type_closure WHERE super IN ('storage_furniture', 'container'));
+    resting text[] := ARRAY(SELECT DISTINCT sub FROM semmap.type_closure WHERE super IN ('seat', 'bed'));
+    robots text[] := ARRAY(SELECT sub FROM semmap.type_closure WHERE super = 'robot');
+    unknown text[] := ARRAY(SELECT sub FROM semmap.type_closure GROUP BY sub HAVING bool_and(super IN (sub, 'object', 'entity')));
 BEGIN
     RETURN QUERY
     WITH thing AS MATERIALIZED (
-        SELECT e.id, e.map_id, e.kind = 'agent' OR coalesce(e.type = ANY (standing), false) AS stands, s.sides, s.height, s.base,
+        SELECT e.id, e.map_id, e.kind = 'agent' OR coalesce(e.type = ANY (standing), false) AS stands,
+               e.kind = 'agent' AND coalesce(e.type <> ALL (robots), false) AS rests, s.sides, s.height, s.base,
                EXISTS (SELECT FROM semmap.placement p WHERE p.holder_id = e.id) AS holds,
                (SELECT p.holder_id FROM semmap.placement p WHERE p.entity_id = e.id) AS holder_id
         FROM unnest(things) given (id) JOIN semmap.entity e ON e.id = given.id AND e.kind IN ('object', 'agent'),
@@ -106,7 +110,7 @@ BEGIN
         FROM semmap.entity e LEFT JOIN semmap.world w ON w.entity_id = e.id LEFT JOIN semmap.world y ON y.entity_id = w.storey_id
         WHERE e.map_id IN (SELECT t.map_id FROM thing t)
           AND (e.kind = 'room' OR e.kind = 'object' AND w.footprint IS NOT NULL
-               AND (e.type IN (SELECT unnest(bearing)) OR coalesce(e.type, 'object') = 'object'))  -- IN: hashed
+               AND (e.type IN (SELECT unnest(bearing)) OR coalesce(e.type, 'object') = ANY (unknown)))  -- IN: hashed
     ), board AS MATERIALIZED (  -- the surfaces of each model, and the height to the next one above
         SELECT s.model_id, s.height, semmap.sides_of(s.outline) AS sides, ST_Area(s.outline) AS area,
                (SELECT min(u.height) - s.height FROM semmap.support_surface u
@@ -134,8 +138,8 @@ BEGIN
     SELECT t.id, s.id, sum(greatest(coalesce(s.area, 1), 0.0001) * coalesce(k.share, 1)
                            * CASE WHEN s.z < 0.15 THEN 0.2 WHEN s.z < 1.7 THEN 1 WHEN s.z < 2.1 THEN 0.3 ELSE 0.02 END)
     FROM thing t JOIN space s ON s.map_id = t.map_id AND s.id <> t.id
-     AND (s.kind = 'room' OR NOT t.stands)
-     AND (s.id = t.holder_id OR semmap.fits(t.sides, t.height, t.base, s.sides, s.height, s.area))
+     AND (s.kind = 'room' OR NOT t.stands OR t.rests AND s.type = ANY (resting))
+     AND (s.id = t.holder_id OR t.rests OR semmap.fits(t.sides, t.height, t.base, s.sides, s.height, s.area))
      AND NOT (t.holds AND semmap.is_held_by(s.id, t.id))
     JOIN keeping k ON k.type = coalesce(s.type, s.kind)
     GROUP BY t.id, s.id;
