@@ -277,6 +277,7 @@ def checked_class(made: Class) -> Class:
         if name.startswith("_") and name != "__getitem__":
             continue
         if inspect.isfunction(member) and not hasattr(member, "__wrapped__"):
+            member.__qualname__ = f"{made.__name__}.{name}"  # the one in Python's own errors
             setattr(made, name, checked(member))
         elif isinstance(member, property) and not hasattr(member.fget, "__wrapped__"):
             assert member.fget is not None

@@ -101,3 +101,13 @@ def test_a_form_takes_its_values_only(annotation: str, value: Any, taken: Any) -
     form = form_of(annotation)
     assert form is not None
     assert form.take(value) is taken if taken is WRONG else form.take(value) == taken
+
+
+@pytest.mark.parametrize("owner", [Map, EntityCollection, SpatialFields])
+def test_a_wrong_argument_names_the_public_method(owner: type) -> None:
+    named = {n: f for n, f in inspect.getmembers(owner, inspect.isfunction) if n[0] != "_"}
+    for name, function in named.items():
+        if inspect.isgeneratorfunction(inspect.unwrap(function)):
+            continue  # a context manager is not `checked`
+        with pytest.raises(TypeError, match=rf"^{owner.__name__}\.{name}\(\) "):
+            function(no_such_argument=1)
