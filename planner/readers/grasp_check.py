@@ -171,7 +171,7 @@ class GraspCheck:
         elif moved or self._is_free(level):
             return None
         else:
-            why = touching(item, len(level))
+            why = touching(self._seen, item, len(level))
         return f"{why}; {assumption(hand.name)}" if hand.assumed else why
 
     def _is_free(self, grasps: list[dict[str, Any]]) -> bool:
