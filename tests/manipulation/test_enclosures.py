@@ -32,7 +32,9 @@ def locker(open_to: str | None) -> trimesh.Trimesh:
         "south": ((low, low, 0), (high, low + thick, top)),
     }
     boards += [wall for side, wall in walls.items() if side != open_to]
-    return trimesh.util.concatenate([trimesh.creation.box(bounds=board) for board in boards])
+    made = trimesh.util.concatenate([trimesh.creation.box(bounds=board) for board in boards])
+    assert isinstance(made, trimesh.Trimesh)
+    return made
 
 
 @pytest.fixture
@@ -81,9 +83,13 @@ def test_the_hand_comes_in_by_the_open_side(cellar: Map, side: str, yaw: float) 
 def test_what_nothing_opens_is_not_grasped(cellar: Map, open_to: str | None) -> None:
     """A locker without a gap, and one whose door the map has as shut but not as geometry."""
     if open_to is None:
-        assert locker(None).ray.intersects_any(
-            np.tile([0.0, 0, 1.0], (4, 1)), [(x, y, 0) for x, y in SIDES.values()]
-        ).all()
+        assert (
+            locker(None)
+            .ray.intersects_any(
+                np.tile([0.0, 0, 1.0], (4, 1)), [(x, y, 0) for x, y in SIDES.values()]
+            )
+            .all()
+        )
         put_locker(cellar, locker(None), 0.3)
         why = "tin: is inside of locker; from no side"
     else:
