@@ -146,6 +146,7 @@ def _find_surfaces_of(draft: ProblemDraft, atom: Atom) -> None:
                 taken.add(on)
             else:
                 reasons.append(why)
+    problem.refused += reasons
     if target in problem.candidates:
         kept = [n for n in problem.candidates[target] if n in taken]
         if len(kept) <= target.number:
