@@ -107,6 +107,8 @@ def _blocked_edges(graph: RoutingGraph) -> dict[int, tuple[str, float]]:
             else:
                 reason = f"{graph.robot.name} finds no path in {place} from {a} to {b}"
                 blocked[edge] = reason, 10 * _BLOCKED
+    for edge, reason in graph.cut_rides.items():
+        blocked[edge] = reason, 10 * _BLOCKED
     for edge, reason in graph.penalties.blocked.items():
         before, more = blocked.get(edge, (reason, 0.0))
         blocked[edge] = before, more + _BLOCKED

@@ -142,6 +142,7 @@ class RoutingGraph:
         self._elevators = topology.elevators()
         self._unseen: set[str] = {place for place in self._elevators if place in self.nodes}
         self._obstructed: dict[int, str] = {}  # approach poses in cabins
+        self.cut_rides: dict[int, str] = {}  # why nobody crosses the cabin on a ride
         self._make_edges(stored)
         least = self._least()
         self.graph: Graph = Graph(*self.arcs, self.seconds, 2 * len(self.poses), least=least)
@@ -251,11 +252,16 @@ class RoutingGraph:
     def look_into_cabins(self) -> None:
         """Block the doors of cabins inside of which something leaves no way to the door.
 
-        Travel says so in all other places, but a ride begins and ends at one door. As it takes the
-        costmaps of all cabins, it waits for the first search.
+        Travel says so in all other places, but a ride begins and ends at one door. A ride to
+        another door crosses the cabin, too. As it takes the costmaps of all cabins, it waits for
+        the first search.
         """
         with self.lock:
             places, self._unseen = self._unseen, set()
+            for edge in self.rides if places else ():
+                ends = int(self.tails[edge]), int(self.heads[edge])
+                if not places.isdisjoint(self.place_of[node] for node in ends):
+                    self._look_at_ride(edge, *ends)
             for place in places:
                 for node in map(int, self.nodes[place]):
                     before = self._obstructed.pop(node, None)
@@ -264,6 +270,21 @@ class RoutingGraph:
                         self._obstructed[node] = reason
                     if reason != before:
                         self._block(node // 2)
+
+    def _look_at_ride(self, edge: int, a: int, b: int) -> None:
+        """Block a ride if something divides the cabin between its doors, in either storey."""
+        self.cut_rides.pop(edge, None)
+        p, q = self.poses[a], self.poses[b]
+        for place, floor in ((self.place_of[a], p.z), (self.place_of[b], q.z)):
+            ends = [p._replace(z=floor), q._replace(z=floor)]
+            crossing = self.costs.between(place, ends[:1], ends[1:]).seconds
+            if np.isinf(crossing).all() and all(self._fits(place, end) for end in ends):
+                doors = " to ".join(self.connectors[node // 2].name for node in (a, b))
+                self.cut_rides[edge] = f"{self.robot.name} finds no path in {place} from {doors}"
+        seconds = math.inf if edge in self.cut_rides else self.base[edge]
+        if seconds != self.seconds[edge]:
+            self.seconds[edge] = seconds
+            self.graph.set_weights(np.array([edge]), self.seconds[[edge]])
 
     def obstruction(self, node: int) -> str | None:
         """What stands in a cabin before a passage, by number, in words; None if nothing does."""

@@ -194,7 +194,13 @@ class TaskPlanner:
             elsewhere = item in believed or world.objects[item].assumed
             return check.misfit(item, moved=elsewhere or bool(world.above.get(item)))
 
-        world = TaskWorld(usable, world.known, misfit)
+        def no_place(item: str, on: str, inside: bool) -> str | None:
+            if item in believed or on in believed:
+                return None
+            floor = graph.topology.places.get(world.objects[on].place or "")
+            return check.no_place(item, on, heights, 0.0 if floor is None else floor.floor, inside)
+
+        world = TaskWorld(usable, world.known, misfit, no_place)
         approach_poses = _approach_poses(seen, self._live, world, check, tried, believed)
         return Task(graph, world, state, parsed, domain, approach_poses)
 

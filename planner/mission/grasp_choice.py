@@ -15,6 +15,7 @@ from typing import Any, Literal
 from planner.mission.behaviours import Outcome
 from planner.readers.grasp_check import assumption
 from semmap.geometry.pose import Pose
+from semmap.geometry.surfaces import ANY_LEVEL, Levels
 from semmap.manipulation.arm import Arm
 from semmap.manipulation.arm_motions import ArmMotion, approachable_rows, plan_action
 from semmap.manipulation.automata import automaton_of, class_automaton, reachable_rows, stored_arm
@@ -90,6 +91,7 @@ class GraspChooser:
     trial: bool = False  # a trial in simulation decides
     motion_seconds: float | None = None  # of the processor, for motions; None: no motions
     failed: frozenset[int] = frozenset()  # grasps that come after all others
+    levels: Levels = ANY_LEVEL  # of what it puts the object on
 
     @property
     def arm(self) -> Arm | None:
@@ -266,6 +268,7 @@ class GraspChooser:
             arm=self.arm,
             base=self.base,
             limit=SPOTS,
+            levels=self.levels,
         )
         looked = 0
         for row in found.rows:
@@ -305,7 +308,13 @@ class GraspChooser:
         try:
             with self.seen.session.transaction():
                 found = find_places(
-                    self.seen, item, target, gripper=gripper, grasps=grasps, limit=1
+                    self.seen,
+                    item,
+                    target,
+                    gripper=gripper,
+                    grasps=grasps,
+                    limit=1,
+                    levels=self.levels,
                 )
         except (LookupError, ManipulationError):
             return None  # something without a mesh, or without a level surface

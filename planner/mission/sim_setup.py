@@ -3,18 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import shapely
 
+from planner.base_pose import NoBasePoseError, poses_in
 from planner.live_topology import LiveTopology
+from planner.location import LocatedEntity
 from planner.mission.failures import FailureRule
 from planner.mission.sim_robot import SimulatedRobot
 from planner.mission.sim_world import SimWorld
 from planner.mission.store.mission_list import MissionError
 from planner.mission.store.missions import MissionStore
 from planner.routing_graph import RoutingGraph
+from planner.storey_costmaps import StoreyCostmaps
 from planner.topology import Topology
 from semmap.geometry.pose import Pose
 
@@ -24,9 +29,16 @@ _NOWHERE = "no room holds {}: give its start by start="
 def entry_pose(graph: RoutingGraph, place: str) -> Pose:
     """The approach pose of a place from which most of its doors are reached, the first such one.
 
-    It is at a door that nothing closes, where there is one. MissionError if the place has no door.
+    It is at a door that nothing closes, where there is one. In a place without a door, it is a free
+    pose. MissionError if the place has neither.
     """
     nodes = graph.nodes.get(place, ())
+    ground = graph.costs.ground(place) if isinstance(graph.costs, StoreyCostmaps) else None
+    if not len(nodes) and ground is not None:
+        inside = shapely.multipoints(ground.free()[1]).envelope
+        room = LocatedEntity(place, "room", place, footprint=inside)
+        with suppress(NoBasePoseError):
+            return poses_in(ground, room, np.random.default_rng(0), 1)[0]
     if not len(nodes):
         raise MissionError(f"{place} has no door: a robot cannot leave it; add a connector")
     travel = graph.travel_edges.get(place, slice(0))

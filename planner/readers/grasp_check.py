@@ -171,8 +171,37 @@ class GraspCheck:
         elif moved or self._is_free(level):
             return None
         else:
-            why = touching(item, len(level))
+            why = touching(self._seen, item, len(level))
         return f"{why}; {assumption(hand.name)}" if hand.assumed else why
+
+    def no_place(
+        self, item: str, on: str, heights: tuple[float, float], floor: float, inside: bool
+    ) -> str | None:
+        """Why the hand puts an object on no level of another one; None where nothing is known.
+
+        Of the levels are those between two `heights` above a floor, and with `inside` those below
+        the top.
+        """
+        from semmap.geometry.surfaces import Levels
+        from semmap.manipulation.error import ManipulationError
+        from semmap.manipulation.places import hand_gets_on
+
+        hand, grasps = self.hand, self._grasps(item)
+        if hand is None or isinstance(grasps, str) or not grasps:
+            return None
+        levels = Levels((floor + heights[0], floor + heights[1]), inside)
+        try:
+            free = hand_gets_on(self._seen, item, on, grasps, hand.gripper, levels)
+        except ManipulationError:
+            return None
+        if free:
+            return None
+        low, high = heights
+        where = "in" if inside else "on or in"
+        return (
+            f"{item} cannot be put {where} {on}: at heights from {low:.1f} to {high:.1f} m, which "
+            f"the robot reaches, the hand gets straight to no free spot of it"
+        )
 
     def _is_free(self, grasps: list[dict[str, Any]]) -> bool:
         """Whether the gripper gets to one of the grasps, or the library that says so lacks."""

@@ -130,18 +130,23 @@ def _find_surfaces_of(draft: ProblemDraft, atom: Atom) -> None:
     word, target = atom.words
     reasons: list[str] = []
     taken: set[str] = set()
+    inside = atom.relation == "in" and target in problem.candidates
     for name in problem.candidates[word]:
         for on in _options(draft, target):
             if on == name:
                 continue
-            why = draft.unsuitable(name, on)
-            if why is None:
+            item, below = world.objects[name], world.objects.get(on)
+            why = draft.unsuitable(name, on, inside=inside)
+            if inside and below is not None and item.holder == on and not below.has_inside(item):
+                reasons.append(f"{name} is on top of {on}: put it elsewhere first")
+            elif why is None:
                 draft.surfaces[name].append(on)
                 taken.add(on)
-            elif world.objects[name].holder == on:
+            elif item.holder == on:
                 taken.add(on)
             else:
                 reasons.append(why)
+    problem.refused += reasons
     if target in problem.candidates:
         kept = [n for n in problem.candidates[target] if n in taken]
         if len(kept) <= target.number:

@@ -64,6 +64,7 @@ class Problem:
     operators: list[Operator] = field(default_factory=list)
     facts: list[tuple[str, ...]] = field(default_factory=list)
     slots: int = 0  # most events of a plan
+    refused: list[str] = field(default_factory=list)  # why surfaces are not used
 
 
 def join_reasons(reasons: Sequence[str], most: int = 3) -> str:

@@ -56,8 +56,8 @@ class ProblemDraft:
         self._obstacles[name] = why
         return why
 
-    def unsuitable(self, name: str, on: str) -> str | None:
-        """Why the robot cannot put an object on another one, or on a floor; else None."""
+    def unsuitable(self, name: str, on: str, *, inside: bool = False) -> str | None:
+        """Why the robot cannot put an object on or in another one, or on a floor; else None."""
         problem, sites, world = self.problem, self.sites, self.world
         item = world.objects[name]
         if on not in world.objects:
@@ -66,7 +66,7 @@ class ProblemDraft:
             number = sites.of_floor(on)
             return None if sites.is_reachable(number) else sites.unreachable_reason(number, on)
         target = world.objects[on]
-        why = target.unsuitable(item, self.heights)
+        why = target.unsuitable(item, self.heights, inside=inside)
         if why is None and on not in problem.held:
             why = self._unreachable(target)
         if why is None and self.needs_space(target):
@@ -74,6 +74,8 @@ class ProblemDraft:
                 reason = self.obstacle(above)
                 if above != name and reason is not None:
                     return f"{above} stands on {on}: {reason}"
+        if why is None and not target.is_open(self.heights, inside=inside):
+            return world.no_place(name, on, inside)
         return why
 
     def needs_space(self, target: TaskObject) -> bool:
@@ -108,6 +110,8 @@ class ProblemDraft:
                 where = item.holder if places is None else item.place
                 if where not in (problem.candidates[target] if places is None else places):
                     return False
+                if places is None and atom.relation == "in" and where is not None:
+                    return self.world.objects[where].has_inside(item)
         return True
 
     @cached_property

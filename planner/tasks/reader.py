@@ -55,7 +55,9 @@ SELECT e.id, e.name, e.type, e.label, e.properties, r.name AS room,
         FROM (SELECT ST_3DExtent(o.hull) FROM entity_model m JOIN model o ON o.id = m.model_id
               WHERE m.entity_id = e.id AND w.box IS NULL) hull (b)) AS lost_size,
        ST_Area(w.footprint) AS ground,
-       (SELECT array_agg(ARRAY[s.height, ST_Area(s.outline)]) FROM entity_model m
+       (SELECT array_agg(ARRAY[s.height, ST_Area(s.outline), EXISTS (
+            SELECT FROM support_surface o WHERE o.model_id = s.model_id AND o.height > s.height
+            AND ST_Relate(o.outline, s.outline, 'T********'))::int::float8]) FROM entity_model m
         JOIN support_surface s ON s.model_id = m.model_id
         WHERE m.entity_id = e.id AND s.outline IS NOT NULL) AS levels,
        EXISTS (SELECT FROM entity_model m JOIN support_surface s ON s.model_id = m.model_id
@@ -152,9 +154,12 @@ def _task_object(
         height, top = (row.z0 + row.z1) / 2 - floor, row.z1 - floor
     elif row.lost_size is not None and None not in row.lost_size:
         size = tuple(row.lost_size)
+    boards = None
     surface, surface_height = float("inf") if row.ground is not None else 0.0, top
     if row.looked and row.pose is not None:
-        levels = [(row.pose[2] - floor + z, area) for z, area in row.levels or ()]
+        levels = [(row.pose[2] - floor + z, area) for z, area, _ in row.levels or ()]
+        below = [is_below > 0 for _, _, is_below in row.levels or ()]
+        boards = tuple((z, is_below) for (z, _), is_below in zip(levels, below, strict=True))
         within = [level for level in levels if heights[0] <= level[0] <= heights[1]]
         surface = max(sum(area for _, area in within or levels) - taken, 0.0)
         if levels:
@@ -182,6 +187,7 @@ def _task_object(
         graspable=properties.get("graspable"),
         surface=surface,
         surface_height=surface_height,
+        levels=None if assumed is not None else boards,
         properties=properties,
         assumed=assumed is not None,
     )

@@ -26,7 +26,7 @@ from planner.routing_graph import RoutingGraph
 from planner.tasks.goal import ROBOT, Goal, parse_goal
 from planner.tasks.lower_bound import lower_bound
 from planner.tasks.plan_expansion import TaskEvent, expand_plan
-from planner.tasks.problem import NoPlanError, Problem, milliseconds
+from planner.tasks.problem import NoPlanError, Problem, join_reasons, milliseconds
 from planner.tasks.problem_builder import build_problem
 from planner.tasks.sites import ApproachPosesOf
 from planner.tasks.world import TaskState, TaskWorld
@@ -228,6 +228,8 @@ def _why_none(problem: Problem, graph: RoutingGraph) -> str:
             f"no order of actions reaches {problem.goal.text}: the robot already carries "
             f"{', '.join(problem.held)} (capacity {problem.capacity})"
         )
+    if problem.refused:
+        return f"no order of actions reaches {problem.goal.text}: {join_reasons(problem.refused)}"
     return (
         f"no order of actions reaches {problem.goal.text} with one pickup of each object; "
         "split the goal"

@@ -10,6 +10,7 @@ from planner.tasks.goal import Word
 from planner.topology import Topology
 from semmap.error import Error
 from semmap.geometry.pose import Pose
+from semmap.geometry.surfaces import RIM
 from semmap.suggestions import suggestion
 
 CARRIERS = frozenset({"tray", "basket", "box", "bucket"})
@@ -74,6 +75,9 @@ class TaskObject:
     surface, surface_height
         Free area of its level surface, square metres, 0 without one, infinite if unknown; and its
         height above the floor, metres.
+    levels
+        Heights of its level surfaces above the floor, metres, and whether another one is above
+        each; None if unknown.
     assumed
         Whether its size is the typical one of its type: the map has no shape of it.
     """
@@ -92,6 +96,7 @@ class TaskObject:
     graspable: bool | None = None
     surface: float = float("inf")
     surface_height: float = 0.75
+    levels: tuple[tuple[float, bool], ...] | None = None
     properties: Mapping[str, Any] = field(default_factory=dict, compare=False)
     assumed: bool = False
 
@@ -138,8 +143,35 @@ class TaskObject:
             return f"{self.name} weighs {self.weight:g} kg; the robot lifts {HEAVIEST:g} kg"
         return _out_of_reach(self.name, self.height, heights)
 
-    def unsuitable(self, item: TaskObject, heights: tuple[float, float]) -> str | None:
-        """Why such a robot cannot put an object on it; else None."""
+    @property
+    def top(self) -> float:
+        """Of its highest point above the floor, metres."""
+        return self.height + self.size[2] / 2
+
+    def has_inside(self, item: TaskObject) -> bool:
+        """Whether an object that it holds stands inside of it, not on its top."""
+        return self.levels is None or item.height - item.size[2] / 2 < self.top - RIM
+
+    def is_open(self, heights: tuple[float, float], *, inside: bool = False) -> bool:
+        """Whether nothing of it is above one of its levels between two heights, or of no level."""
+        found = self._levels(heights, inside)
+        return found is None or not all(is_below for _, is_below in found)
+
+    def _levels(
+        self, heights: tuple[float, float], inside: bool
+    ) -> list[tuple[float, bool]] | None:
+        if self.levels is None:
+            return None
+        return [
+            (z, is_below)
+            for z, is_below in self.levels
+            if heights[0] <= z <= heights[1] and (not inside or z < self.top - RIM)
+        ]
+
+    def unsuitable(
+        self, item: TaskObject, heights: tuple[float, float], *, inside: bool = False
+    ) -> str | None:
+        """Why such a robot cannot put an object on it, or `inside` of it; else None."""
         if self.surface <= 0.0:
             why = "" if any(self.size) else f": the map has no shape of it; {ASSUME}"
             return f"{self.name} has no level surface to put {item.name} on{why}"
@@ -147,6 +179,13 @@ class TaskObject:
             return (
                 f"{self.name} is full: {self.surface:.3f} m² are free, {item.name} takes "
                 f"{item.ground:.3f} m²"
+            )
+        if inside and self._levels(heights, inside) == []:
+            low, high = heights
+            return (
+                f"{self.name} has no level surface below its top, {self.top:.2f} m high, that the "
+                f"robot reaches, from {low:.1f} to {high:.1f} m; on({item.name}, {self.name}) "
+                "means its top"
             )
         return _out_of_reach(self.name, self.surface_height, heights)
 
@@ -172,7 +211,8 @@ class TaskWorld:
     """The objects that a task can use, by name.
 
     `above` has the names of the objects on or in each of them. `misfit` says why no grasp of an
-    object fits, by its name; None where one does.
+    object fits, by its name; None where one does. `no_place` says why the hand puts an object on no
+    level of another one, or inside of it, where others are above its levels.
     """
 
     def __init__(
@@ -180,8 +220,9 @@ class TaskWorld:
         items: Iterable[TaskObject] = (),
         known: Iterable[str] = (),
         misfit: Callable[[str], str | None] = lambda item: None,
+        no_place: Callable[[str, str, bool], str | None] = lambda item, on, inside: None,
     ) -> None:
-        self.misfit = misfit
+        self.misfit, self.no_place = misfit, no_place
         self.objects: dict[str, TaskObject] = {}
         for item in items:
             if item.name in self.objects:

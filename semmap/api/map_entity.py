@@ -282,9 +282,11 @@ class MapEntity:
                 "or a size"
             )
         x0, y0, low, x1, y1, high = box[0]
-        x, y, z = self.map.spot(above, relation, (x1 - x0, y1 - y0, high - low), self.id)
-        x, y = x - (x0 + x1) / 2, y - (y0 + y1) / 2
         with self.map.transaction():
+            # Others move the holder before or after this, but not between the choice and the put.
+            self.map.execute(_LOCK_HOLDERS, above.id, self.id)
+            x, y, z = self.map.spot(above, relation, (x1 - x0, y1 - y0, high - low), self.id)
+            x, y = x - (x0 + x1) / 2, y - (y0 + y1) / 2
             self.map.execute("SELECT move_to(%s, %s, %s, %s)", self.id, x, y, z - low)
             self.map.execute("SELECT put(%s, %s, %s)", self.id, above.id, relation)
 
@@ -395,3 +397,13 @@ class Door(MapEntity):
         if not rows:
             raise self._gone()
         return rows[0][0]
+
+
+_LOCK_HOLDERS = """
+WITH RECURSIVE up (id) AS (
+    SELECT CAST(%s AS bigint)
+  UNION
+    SELECT p.holder_id FROM up JOIN placement p ON p.entity_id = up.id)
+SELECT FROM placement WHERE entity_id = %s OR entity_id IN (SELECT id FROM up)
+ORDER BY entity_id FOR UPDATE
+"""

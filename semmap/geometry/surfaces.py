@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import shapely
@@ -13,6 +14,9 @@ from shapely import MultiPolygon, Polygon, STRtree
 from semmap.geometry.mesh import Mesh
 from semmap.geometry.morphology import polygons, without_gaps, without_slivers
 from semmap.geometry.parts import closed_parts
+
+RIM = 0.02
+"""Metres below the top of an object from which on a level of it is inside of the object."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,6 +76,23 @@ def support_surfaces(
             height = float(np.average(heights[faces], weights=doubled[faces]))
             found.append(LevelPatch(height, outline, float(outline.area), faces))
     return sorted(found, key=lambda s: (-s.height, -s.area))
+
+
+class Levels(NamedTuple):
+    """Which levels of a mesh count: between two heights; `inside` of it alone, not its top."""
+
+    heights: tuple[float, float] = (-math.inf, math.inf)
+    inside: bool = False
+
+    def of(self, mesh: Mesh) -> list[LevelPatch]:
+        """Those of the support surfaces of a mesh."""
+        low, high = self.heights
+        top = mesh.triangles[..., 2].max(initial=-math.inf) - RIM if self.inside else math.inf
+        found = support_surfaces(mesh)
+        return [level for level in found if low <= level.height <= high and level.height < top]
+
+
+ANY_LEVEL = Levels()
 
 
 def _inside_out(mesh: Mesh) -> NDArray[np.bool_]:

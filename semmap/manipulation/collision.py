@@ -174,17 +174,19 @@ def free_way(
     obstacles: Obstacles,
     item: Floats | None = None,
     held: Floats | None = None,
+    out: Floats | None = None,
 ) -> bool:
-    """Whether a gripper comes straight along its approach from outside of a box to a pose (4, 4).
+    """Whether a gripper comes straight from outside of a box to a pose (4, 4).
 
     The box is the lowest and highest corner; the item (V, 3) that it may hold is `held` (4, 4) in
-    the grasp frame; `width` is between the pads, metres.
+    the grasp frame; `width` is between the pads, metres. `out` (3,) is the way back, by default
+    that along its approach.
     """
-    out = -pose[:3, 2]
+    out = -pose[:3, 2] if out is None else out
     with np.errstate(divide="ignore", invalid="ignore"):
         sides = (np.where(out > 0, box[1], box[0]) - pose[:3, 3]) / out
     back = max(0.0, float(np.nanmin(np.where(np.abs(out) > 1e-9, sides, np.inf))))
-    posture, move = gripper.index(width), _way(np.array((0.0, 0.0, -back)))
+    posture, move = gripper.index(width), _way(pose[:3, :3].T @ (back * out))
     links = range(len(gripper.links))
     moving = [swept_link(gripper, posture, link, move) for link in links]
     if obstacles.touched_by(moving, [pose] * len(moving)):

@@ -18,7 +18,7 @@ from semmap.arrays import Floats
 from semmap.finite_number import finite_numbers
 from semmap.geometry.mesh import Mesh
 from semmap.geometry.pose import Pose
-from semmap.geometry.surfaces import support_surfaces
+from semmap.geometry.surfaces import ANY_LEVEL, Levels
 from semmap.manipulation.action_record import ActionRecord
 from semmap.manipulation.arm import Arm
 from semmap.manipulation.automata import WAY, facing_first, reachable_rows
@@ -57,6 +57,52 @@ UPRIGHT = np.cos(np.radians(5))
 """Of a stored place whose way down differs by less from the vertical."""
 
 
+FEW_GRASPS, FEW_SPOTS = 24, 100
+"""Grasps and spots at which it is asked whether a hand gets inside of something."""
+
+
+def hand_gets_on(
+    seen: Snapshot,
+    entity: str,
+    on: str,
+    grasps: Sequence[dict[str, Any]],
+    gripper: Gripper,
+    levels: Levels,
+) -> bool:
+    """Whether one of some grasps (`known_grasps`) puts an object on another one; nothing is stored.
+
+    ManipulationError where one of them has no mesh.
+    """
+    vertices = np.asarray(model_mesh(seen, entity).vertices)
+    upright = _upright(seen, entity_id(seen.session, entity))
+    ways = []
+    for row in grasps[:: max(1, len(grasps) // FEW_GRASPS)]:
+        before = in_model(row, "pose")
+        before[:3, 3] += LIFT * upright[2, :3]
+        after = Pose.from_matrix(in_model(row, "pre_pose"))
+        there = {"pose": row["model_pose"], "post_pose": after}
+        ways.append(row | there | {"pre_pose": Pose.from_matrix(before)})
+    triangles = entity_triangles(seen, on)
+    surfaces = levels.of(Mesh.of_triangles(triangles))
+    obstacles = obstacles_around(seen, on, without=entity)
+    spots = place_candidates(vertices, upright, surfaces, obstacles.triangles)
+    if not spots or is_shut(seen, on):
+        return False
+    box = triangles.reshape(-1, 3).min(axis=0), triangles.reshape(-1, 3).max(axis=0)
+    inside = covered(spots, surfaces, triangles)
+    free = _FreePlaces(ways, gripper, obstacles, vertices, inside, box)
+    some = spots[:: max(1, len(spots) // FEW_SPOTS)]
+    return any(free.at(spot) for spot in some)
+
+
+def is_shut(seen: Snapshot, entity: str) -> bool:
+    """Whether the property of an entity says that it is shut."""
+    row = seen.session.execute(
+        "SELECT properties->>'shut' = 'true' FROM entity WHERE id = entity_id(%s)", (entity,)
+    ).fetchone()
+    return bool(row and row[0])
+
+
 def find_places(
     seen: Snapshot,
     entity: str,
@@ -68,6 +114,7 @@ def find_places(
     arm: Arm | None = None,
     base: Pose | None = None,
     limit: int = 10,
+    levels: Levels = ANY_LEVEL,
 ) -> FoundActions:
     """The best places of an object on another one; they are generated where none is stored.
 
@@ -77,12 +124,12 @@ def find_places(
     hand with the object must come in straight from outside.
 
     `grasps` are ids of those that may hold it, by default the one with which an agent of the map
-    took it, else the best ones. Spots near `towards` (x, y) come first, else those with most room.
-    With an arm of this gripper whose robot stands at `base`, map's frame, only places that it
-    reaches. Rows are those of `actions_on`, the poses of the gripper for the object at its spot,
-    each another one; also `on`, `spot` (the pose of the object, map's frame), `clearance` (metres),
-    `grasp_id` and `grasp_expected` of the grasp that it ends; with an arm, `position` of its joints
-    where the way down begins.
+    took it, else the best ones. Spots near `towards` (x, y) come first, else those with most room;
+    they are on the `levels` of the support. With an arm of this gripper whose robot stands at
+    `base`, map's frame, only places that it reaches. Rows are those of `actions_on`, the poses of
+    the gripper for the object at its spot, each another one; also `on`, `spot` (the pose of the
+    object, map's frame), `clearance` (metres), `grasp_id` and `grasp_expected` of the grasp that it
+    ends; with an arm, `position` of its joints where the way down begins.
 
     LookupError without the entity, gripper or grasp; ManipulationError where one has no mesh, or
     nothing can stand on the support.
@@ -96,7 +143,9 @@ def find_places(
     vertices = np.asarray(model_mesh(seen, entity).vertices)
     upright = _upright(seen, item)
     triangles = entity_triangles(seen, on)
-    surfaces = support_surfaces(Mesh.of_triangles(triangles))
+    surfaces = levels.of(Mesh.of_triangles(triangles))
+    if not surfaces and ANY_LEVEL.of(Mesh.of_triangles(triangles)):
+        return FoundActions([], [f"{on}: no level of it is within reach"])
     if not surfaces:
         raise ManipulationError(
             f"{on}: has no level surface on which an object can stand: name another object"
@@ -117,6 +166,8 @@ def find_places(
         problem = f"{on}: none of its surfaces has room for {entity}"
         return FoundActions([], [problem], generated)
     inside = covered(spots, surfaces, triangles)
+    if inside and is_shut(seen, on):
+        spots = [spot for spot in spots if spot not in inside]
     box = triangles.reshape(-1, 3).min(axis=0), triangles.reshape(-1, 3).max(axis=0)
     hand = stored_gripper(seen.session, chosen)
     free = _FreePlaces(places, hand, obstacles, vertices, inside, box)

@@ -24,7 +24,7 @@ from semmap.manipulation.solids import PrimitiveShape
 from semmap.manipulation.store.actions import add_actions
 from semmap.manipulation.store.devices import add_gripper, gripper_id
 from semmap.manipulation.store.model_shapes import mesh_shape, shape_of
-from semmap.manipulation.surroundings import Surroundings, entity_pose
+from semmap.manipulation.surroundings import Surroundings, enclosure_of, entity_pose
 from semmap.query.snapshot import Snapshot
 
 DEFAULT_GRIPPER = Path(__file__).with_name("parallel_gripper.urdf")
@@ -92,7 +92,10 @@ def find_grasps(
             problems.append(f"not checked for collisions: {error}")
         if not rows:
             names = ", ".join(dict.fromkeys(row["entity"] for row in every))
-            why = touching(names, len(level)) if level else slanting(names, len(every), chosen)
+            if level:
+                why = touching(seen, names, len(level))
+            else:
+                why = slanting(names, len(every), chosen)
             problems.append(why)
     return FoundActions(rows, problems, generated)
 
@@ -119,6 +122,7 @@ def known_grasps(
     return [
         {
             "entity": entity,
+            "model_pose": Pose.from_matrix(grasp.pose),
             "pose": Pose.from_matrix(stands @ grasp.pose),
             "pre_pose": Pose.from_matrix(stands @ grasp.pre_grasp),
             "approach": grasp.approach,
@@ -197,8 +201,16 @@ def misfit(entity: str, shape: PrimitiveShape, gripper: str, opening: float) -> 
     )
 
 
-def touching(entity: str, grasps: int) -> str:
+def touching(seen: Snapshot, entity: str, grasps: int) -> str:
     """Why none of an entity's grasps is free."""
+    around = enclosure_of(seen, entity)
+    if around is not None and around.shut:
+        return f"{entity}: is inside of {around.name}, which is shut; open it first"
+    if around is not None:
+        return (
+            f"{entity}: is inside of {around.name}; from no side of it, the gripper gets straight "
+            f"to one of {grasps} grasps without touching something"
+        )
     return (
         f"{entity}: at all {grasps} grasps, the gripper touches what is around, "
         "or the object before it closes"

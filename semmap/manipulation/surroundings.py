@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from semmap.geometry.pose import Pose
 from semmap.manipulation.candidates import Grasps
-from semmap.manipulation.collision import Obstacles, free_grasps
+from semmap.manipulation.collision import Obstacles, free_grasps, free_way
 from semmap.manipulation.error import ManipulationError
 from semmap.manipulation.gripper import Gripper
 from semmap.query.meshes import world_triangles
@@ -58,12 +58,47 @@ def _triangles(seen: Snapshot, ids: list[int]) -> NDArray[np.float64]:
     return np.concatenate([np.empty((0, 3, 3)), *world_triangles(seen.session, ids).values()])
 
 
+WAYS = np.array([*((np.cos(a), np.sin(a), 0) for a in np.arange(8) * np.pi / 4), (0, 0, 1)])
+"""Directions in which a hand comes out of furniture, beside that from which it approaches."""
+
+
+class Enclosure(NamedTuple):
+    """A body around an object: its name, the corners of its box, and whether its state is shut."""
+
+    name: str
+    box: tuple[NDArray[np.float64], NDArray[np.float64]]
+    shut: bool
+
+
+def enclosure_of(seen: Snapshot, entity: str) -> Enclosure | None:
+    """The holder in whose box the middle of an object is; None where it stands free."""
+    row = seen.session.execute(ENCLOSURE, (entity,)).fetchone()
+    if row is None:
+        return None
+    name, shut, *corners = row
+    return Enclosure(name, (np.array(corners[:3]), np.array(corners[3:])), shut)
+
+
+ENCLOSURE = """
+SELECT h.name, coalesce(h.properties->>'shut' = 'true', false), ST_XMin(b.box), ST_YMin(b.box),
+       ST_ZMin(b.box), ST_XMax(b.box), ST_YMax(b.box), ST_ZMax(b.box)
+FROM entity e JOIN placement p ON p.entity_id = e.id JOIN world w ON w.entity_id = e.id
+JOIN entity h ON h.id = p.holder_id AND h.kind = 'object' AND NOT is_building_part(h.type)
+JOIN world b ON b.entity_id = h.id
+WHERE e.map_id = (SELECT current_map()) AND e.name = %s
+  AND ST_XMin(w.box) + ST_XMax(w.box) BETWEEN 2 * ST_XMin(b.box) AND 2 * ST_XMax(b.box)
+  AND ST_YMin(w.box) + ST_YMax(w.box) BETWEEN 2 * ST_YMin(b.box) AND 2 * ST_YMax(b.box)
+  AND ST_ZMin(w.box) + ST_ZMax(w.box) BETWEEN 2 * ST_ZMin(b.box) AND 2 * ST_ZMax(b.box)
+"""
+
+
 class Surroundings:
     """What is around objects, read once each, and which grasps of them are free of it."""
 
     def __init__(self, seen: Snapshot, gripper: Gripper) -> None:
         self._seen, self._gripper = seen, gripper
         self._around: dict[str, tuple[Obstacles, Obstacles]] = {}
+        self._enclosures: dict[str, Enclosure | None] = {}
 
     def free_rows(
         self, rows: Sequence[dict[str, Any]], limit: int | None = None
@@ -81,7 +116,8 @@ class Surroundings:
         """(N,) whether the gripper gets to grasps without touching anything else.
 
         The object must not be touched either on the way, except by grasps that have succeeded:
-        hulls of links are larger than the links.
+        hulls of links are larger than the links. Where a holder is around the object, the open
+        gripper must come straight from outside of it to where its approach begins.
         """
         poses = np.array([row["pose"].matrix for row in rows])
         before = np.array([(row["pre_pose"] or row["pose"]).matrix for row in rows])
@@ -93,8 +129,23 @@ class Surroundings:
             if entity not in self._around:
                 item = Obstacles(entity_triangles(self._seen, entity))
                 self._around[entity] = obstacles_around(self._seen, entity), item
+                self._enclosures[entity] = enclosure_of(self._seen, entity)
             obstacles, item = self._around[entity]
             for some, untouched in ((proven, None), (~proven, item)):
                 chosen = some & (names == entity)
                 free[chosen] = free_grasps(grasps[chosen], np.eye(4), obstacles, item=untouched)
+            around = self._enclosures[entity]
+            if around is not None:
+                low, high = around.box[0] - REACH, around.box[1] + REACH
+                near = obstacles.within(low, high).joined(item.triangles)
+                for i in np.flatnonzero(free & (names == entity)):
+                    free[i] = self._gets_in(before[i], around, near)
         return free
+
+    def _gets_in(self, pose: NDArray[np.float64], around: Enclosure, near: Obstacles) -> bool:
+        """Whether the open gripper comes straight from outside of a body to a pose (4, 4)."""
+        ways = (-pose[:3, 2], *WAYS)
+        opening, box = self._gripper.opening, around.box
+        return not around.shut and any(
+            free_way(self._gripper, opening, pose, box, near, out=way) for way in ways
+        )

@@ -6,6 +6,8 @@ not lose them. When an object was put down, the whole is stored as a put: the gr
 
 from __future__ import annotations
 
+import re
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -14,8 +16,12 @@ from sqlalchemy import Connection, text
 from planner.mission.behaviours import Outcome
 from planner.mission.command import Command
 from planner.mission.grasp_choice import Choice, GraspChooser, Hand, hand_of
+from planner.readers.robot_class import read_robot_class
+from planner.robot_class import RobotClass
+from planner.tasks.goal import GoalError, parse_goal
 from semmap.database.maps import driver_of
 from semmap.geometry.pose import Pose
+from semmap.geometry.surfaces import Levels
 from semmap.manipulation.error import ManipulationError
 from semmap.manipulation.places import find_places
 from semmap.manipulation.store.actions import add_put
@@ -66,7 +72,8 @@ class GraspMemory:
         connection = seen.connection
         item, kind = command.arguments[0], KINDS[command.behaviour]
         with seen.session.transaction():
-            chooser = self._chooser(seen, robot)
+            put = target if kind == "grasp" else command.arguments[-1]
+            chooser = self._chooser(seen, robot, item, put)
             if kind == "grasp":
                 values = {"robot": robot, "item": item}
                 failed = connection.execute(text(_FAILED), values).scalars()
@@ -101,7 +108,7 @@ class GraspMemory:
         if held is None or held.action_id is None or not _is_object(seen.connection, target):
             return None
         near = (towards.x, towards.y)
-        chooser = self._chooser(seen, robot)
+        chooser = self._chooser(seen, robot, item, target)
         try:
             with seen.session.transaction():
                 found = find_places(
@@ -114,6 +121,7 @@ class GraspMemory:
                     arm=chooser.arm,
                     base=chooser.base,
                     limit=1,
+                    levels=chooser.levels,
                 )
         except (LookupError, ManipulationError):
             return None
@@ -135,11 +143,13 @@ class GraspMemory:
         if kind == "place" and counts and ended is not None and ended.action_id is not None:
             self._end_put(connection, ended.id)
 
-    def _chooser(self, seen: Snapshot, robot: int) -> GraspChooser:
+    def _chooser(self, seen: Snapshot, robot: int, item: str, target: str | None) -> GraspChooser:
         name, robot_class, pose = seen.connection.execute(text(_ROBOT), {"id": robot}).one()
         hand: Hand = hand_of(seen.session, name, robot_class, self.gripper)
         base = Pose() if pose is None else Pose(*pose)
-        return GraspChooser(seen, name, hand, base, self.trial, self.motion_seconds)
+        options = (self.trial, self.motion_seconds)
+        levels = levels_of(seen, robot, item, target)
+        return GraspChooser(seen, name, hand, base, *options, levels=levels)
 
     def _end_put(self, connection: Connection, place: int) -> None:
         """Store the put that a place has ended, from the begin of its grasp."""
@@ -149,6 +159,34 @@ class GraspMemory:
             made = (", contributor_id", _WEAKER) if self.simulated else ("", "")
             put = text(_PUT.format(*made))
             connection.execute(put, {"grasp": steps.grasp, "place": place, "action": action})
+
+
+def levels_of(seen: Snapshot, robot: int, item: str, target: str | None) -> Levels:
+    """The levels of a target that a robot reaches, and that the goal of its mission means."""
+    _, robot_class, pose = seen.connection.execute(text(_ROBOT), {"id": robot}).one()
+    low, high = RobotClass.heights
+    if robot_class is not None:
+        with suppress(LookupError):  # an automaton may have the name of no class
+            low, high = read_robot_class(seen, robot_class).robot.heights
+    floor = 0.0 if pose is None else pose[2]
+    goals = seen.connection.execute(text(_GOALS), {"robot": robot}).scalars()
+    inside = any(_goes_inside(seen.connection, goal, item, target) for goal in goals)
+    return Levels((floor + low, floor + high), inside)
+
+
+def _goes_inside(connection: Connection, goal: str, item: str, target: str | None) -> bool:
+    """Whether a goal wants an object in another one."""
+    relations = [(name, words.count(",") + 1) for name, words in _RELATION.findall(goal)]
+    try:
+        atoms = parse_goal(goal, relations).atoms
+    except GoalError:
+        return False
+    pairs = [[word.text for word in atom.words] for atom in atoms if atom.relation == "in"]
+
+    def means(word: str, name: str | None) -> bool:
+        return bool(connection.execute(text(_MEANS), {"name": name, "words": [word]}).scalar())
+
+    return any(means(first, item) and means(second, target) for first, second in pairs)
 
 
 def _place(connection: Connection, chooser: GraspChooser, robot: int, command: Command) -> Choice:
@@ -176,6 +214,16 @@ def _is_object(connection: Connection, name: str | None) -> bool:
 _ROBOT = """
 SELECT e.name, e.properties->>'robot_class', w.pose
 FROM entity e LEFT JOIN world w ON w.entity_id = e.id WHERE e.id = :id
+"""
+
+_RELATION = re.compile(r"([\w-]+)\s*\(([^()]*)\)")
+
+_GOALS = "SELECT goal FROM mission WHERE robot_id = :robot AND state = 'running'"
+
+_MEANS = """
+SELECT e.kind = 'object' AND (e.name = ANY (:words) OR e.label = ANY (:words) OR EXISTS (
+       SELECT FROM unnest(CAST(:words AS text[])) word WHERE e.type = ANY (subtypes(word))))
+FROM entity e WHERE e.map_id = current_map() AND e.name = :name
 """
 
 _CLASS = """

@@ -17,7 +17,7 @@ from sqlalchemy import Connection, text
 from planner.mission.behaviours import Outcome, RobotObservation
 from planner.mission.command import Command
 from planner.mission.grasp_choice import Choice
-from planner.mission.store.grasp_memory import KINDS, GraspMemory
+from planner.mission.store.grasp_memory import KINDS, GraspMemory, levels_of
 from planner.mission.store.mission_list import MissionError, MissionList, read_mission
 from planner.mission.store.observations import (
     ObjectRow,
@@ -34,6 +34,7 @@ from planner.readers.topology import read_topology
 from planner.topology import Topology
 from semmap.error import Error
 from semmap.geometry.pose import Pose
+from semmap.geometry.surfaces import ANY_LEVEL
 from semmap.query.map_handle import MapSource
 
 LOCK = 0x6D697373
@@ -309,12 +310,13 @@ class MissionStore(MissionList):
         chooses grasps.
         """
         with self._snapshot() as seen:
-            if self.grasps is not None and mission is not None:
-                robot = self._own(seen.connection, mission)
+            robot = None if mission is None else self._own(seen.connection, mission)
+            levels = ANY_LEVEL if robot is None else levels_of(seen, robot, item, target)
+            if self.grasps is not None and robot is not None:
                 spots = self.grasps.spots(seen, robot, item, target, towards)
                 if spots is not None:
                     return spots[0] if spots else None
-            return find_placement(seen, item, target, towards)
+            return find_placement(seen, item, target, towards, levels)
 
     def objects(self) -> list[ObjectRow]:
         """The objects of the map that lie in or on something."""

@@ -17,6 +17,7 @@ from planner.mission.placement_search import find_free_spot
 from semmap.belief.store.beliefs import add_observations
 from semmap.database.maps import driver_of
 from semmap.geometry.pose import Pose
+from semmap.geometry.surfaces import ANY_LEVEL, RIM, Levels
 from semmap.query.snapshot import Snapshot
 
 PASSAGE = 0.6  # metres around the passage of a connector that stay free of objects on the floor
@@ -84,18 +85,28 @@ def write_execution(connection: Connection, robot: int, command: Command, outcom
     )
 
 
-def find_placement(seen: Snapshot, item: str, target: str, towards: Pose) -> Pose | None:
+def find_placement(
+    seen: Snapshot,
+    item: str,
+    target: str,
+    towards: Pose,
+    levels: Levels = ANY_LEVEL,
+) -> Pose | None:
     """The free pose on a target that is nearest to another pose; None if there is none.
 
-    The pose is on the largest level surface of the target that is under no other one, or else on
+    The pose is on the largest of the `levels` of the target that is under no other one, or else on
     the top of its box, clear of the objects on it; in a room, it is on the floor before the robot,
     apart from its connectors and the objects there.
     """
-    row = seen.connection.execute(text(_TARGET), {"name": target}).one_or_none()
+    low, high = levels.heights
+    which = {"name": target, "low": low, "high": high, "rim": RIM if levels.inside else -math.inf}
+    row = seen.connection.execute(text(_TARGET), which).one_or_none()
     size = seen.connection.execute(text(_SIZE), {"name": item}).one_or_none()
     if row is None or size is None or row.footprint is None:
         return None
     is_room = row.kind == "room"
+    if not is_room and not (low <= row.top <= high and (row.is_level or not levels.inside)):
+        return None
     where = {"target": row.id, "item": item}
     rows = seen.connection.execute(text(_ON_FLOOR if is_room else _ON_TARGET), where).scalars()
     occupied = [shapely.from_wkb(bytes(k)) for k in rows]
@@ -214,6 +225,7 @@ FROM entity WHERE map_id = current_map() AND name = :subject
 
 _TARGET = """
 SELECT e.id, e.kind, coalesce(w.pose[3] + s.height, ST_ZMax(w.box)) AS top,
+       s.height IS NOT NULL AS is_level,
        ST_AsBinary(coalesce(ST_Translate(ST_Rotate(s.outline, pose_yaw(w.pose), 0, 0),
                                          w.pose[1], w.pose[2]), w.footprint)) AS footprint,
        w.pose[3] + coalesce(r.floor, 0) AS floor
@@ -222,6 +234,8 @@ LEFT JOIN LATERAL (
     SELECT k.height, k.outline FROM entity_model m JOIN support_surface k ON k.model_id = m.model_id
     WHERE m.entity_id = e.id AND e.kind = 'object' AND k.outline IS NOT NULL
       AND abs(w.pose[4]) < 1e-3 AND abs(w.pose[5]) < 1e-3
+      AND w.pose[3] + k.height BETWEEN :low AND :high
+      AND w.pose[3] + k.height < ST_ZMax(w.box) - CAST(:rim AS float8)
       AND NOT EXISTS (SELECT FROM support_surface o WHERE o.model_id = k.model_id
                       AND o.height > k.height AND ST_Relate(o.outline, k.outline, 'T********'))
     ORDER BY ST_Area(k.outline) DESC LIMIT 1) s ON true
