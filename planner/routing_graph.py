@@ -98,6 +98,8 @@ class RoutingGraph:
         The travel edges of each place.
     rides : dict of int to str
         The edges that are rides, each with its elevator.
+    cut_rides : dict of int to str
+        The rides on which nobody crosses the cabin, each with the reason.
     measured : list of str
         The places whose travel was measured by this graph.
     lock
@@ -142,7 +144,7 @@ class RoutingGraph:
         self._elevators = topology.elevators()
         self._unseen: set[str] = {place for place in self._elevators if place in self.nodes}
         self._obstructed: dict[int, str] = {}  # approach poses in cabins
-        self.cut_rides: dict[int, str] = {}  # why nobody crosses the cabin on a ride
+        self.cut_rides: dict[int, str] = {}
         self._make_edges(stored)
         least = self._least()
         self.graph: Graph = Graph(*self.arcs, self.seconds, 2 * len(self.poses), least=least)
