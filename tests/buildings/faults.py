@@ -52,6 +52,8 @@ def judge_faults(building: Building, place: semmap.Map) -> tuple[int, list[str]]
     if len(cut) == 1:  # of two groups of rooms the annex makes the other one the larger
         whole = {*_rooms(place)}
         new -= {("room without a door", frozenset(whole - {"annex"} - names)) for names in cut}
+    if any(kind == "one-way room" for kind, _ in before):  # so is the annex of such a room
+        new = {(kind, names) for kind, names in new if kind != "one-way room"}
     wrong += [f"invented: {kind} {sorted(names)}" for kind, names in new]
     return len(planted), wrong + poor
 
