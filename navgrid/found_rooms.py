@@ -140,11 +140,14 @@ class FoundRooms:
     problem: str | None = None
 
     def table(self) -> list[dict[str, Any]]:
-        """A row for each: kind, name, type, metres (square, of rooms), confidence, and `by`.
+        """A row for each: kind, name, type, metres (square, of rooms), high, confidence, and `by`.
 
-        `by` are the objects that show a room's type, the rooms that a doorway or stairs join, and
-        the cabins of a lift, of which `metres` is the number.
+        `high` are the metres to the ceiling of a room or the lintel of a doorway, where one is
+        known. `by` are the objects that show a room's type, the rooms that a doorway or stairs
+        join, and the cabins of a lift, of which `metres` is the number.
         """
+        high = {r.name: r.ceiling - self.elevation for r in self.rooms if r.ceiling is not None}
+        high |= {d.name: d.height for d in self.doorways if d.height is not None}
         rooms = [
             ("room", r.name, r.type, round(r.outline.area, 1), r.confidence, r.shown_by)
             for r in self.rooms
@@ -168,6 +171,7 @@ class FoundRooms:
                 "name": name,
                 "type": type_,
                 "metres": metres,
+                "high": round(high[name], 2) if name in high else None,
                 "confidence": round(confidence, 2),
                 "by": ", ".join(by),
             }

@@ -7,8 +7,9 @@ import math
 import numpy as np
 import pytest
 import trimesh
-from shapely import LineString, affinity
+from shapely import LineString, affinity, box
 
+from navgrid.found_rooms import FoundDoorway, FoundRoom, FoundRooms
 from navgrid.lintels import lintel_heights
 
 CEILING, WALL = 2.9, 0.2
@@ -68,3 +69,17 @@ def test_a_lintel_is_lower_than_one_of_the_ceilings() -> None:
     assert lintel_heights([line], np.asarray(both.triangles), 0) == [pytest.approx(2.2)]
     assert lintel_heights([line], np.asarray(low.triangles), 0) == [None]
     assert lintel_heights([line], np.empty((0, 3, 3)), 0) == [None]
+
+
+def test_the_table_of_found_rooms_has_heights_above_the_floor() -> None:
+    line = LineString([(1, 0), (2, 0)])
+    found = FoundRooms(
+        "Etage",
+        3.0,
+        rooms=(FoundRoom("a", box(0, 0, 4, 4), 5.8, 0.9), FoundRoom("b", box(0, 5, 4, 9), None, 1)),
+        doorways=(
+            FoundDoorway("d", ("a", "b"), line, 1, 2.04),
+            FoundDoorway("e", ("a", None), line, 1),
+        ),
+    )
+    assert [row["high"] for row in found.table()] == [2.8, None, 2.04, None]
