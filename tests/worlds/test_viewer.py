@@ -460,6 +460,21 @@ def test_properties_are_in_the_card_and_addresses_are_links(
     crate.delete()
 
 
+def test_the_belief_of_what_is_selected_is_in_its_card(page: Page, db: semmap.Database) -> None:
+    house = db.map("house")
+    table = house.find("table")[0]
+    cup = house.add_object("cup77", type="cup", size=(0.07, 0.07, 0.1), on=table.name)
+    until(page, "semmap.house.entities.has('cup77')")
+    choose(page, "cup77")
+    page.get_by_role("button", name="Where it probably is").click()
+    until(page, "document.querySelector('#card output:not(:empty)')?.value.includes('%')")
+    likely = max(house.where("cup77").items(), key=lambda place: place[1])
+    assert likely[0] == table.name
+    told = page.evaluate("document.querySelector('#card').innerText")
+    assert f"{likely[0]} {round(100 * likely[1])} %" in told
+    cup.delete()
+
+
 def test_grasps_of_what_is_selected_are_drawn(writer: Page, db: semmap.Database) -> None:
     """Each fork is at a distance from the can at which its fingers reach around it."""
     house = db.map("house")

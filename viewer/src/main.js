@@ -174,7 +174,7 @@ async function fields(text) {
 }
 
 // Draw the stored grasps of what is selected; who may write lets the server look for some first.
-async function grasps(name) {
+async function grasps({ name }) {
   if (token) await maps.ask("grasps", { name });
   const found = await (await maps.get(`grasps?${new URLSearchParams({ name })}`)).json();
   house.overlays.drawGrasps(found);

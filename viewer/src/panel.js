@@ -4,7 +4,7 @@ const MOST_FOUND = 50;
 const at = (id) => document.getElementById(id);
 
 export class Panel {
-  // `does` has what its controls call: select(name), route(values), where(values), query(values), costs(values), grasps(name), past(index), hide(name, hidden), apart(metres).
+  // `does` has what its controls call: select(name), route(values), where(values), query(values), costs(values), grasps(values), past(index), hide(name, hidden), apart(metres).
   constructor(does) {
     this.does = does;
     at("search").addEventListener("input", () => this.search());
@@ -89,7 +89,7 @@ export class Panel {
       element("h2", {}, told.name),
       list(rows),
       ...(own.length ? [element("details", {}, element("summary", {}, "properties"), list(own))] : []),
-      ...(told.kind === "object" ? [this.grasps(told.name)] : []),
+      ...ASKED.filter(({ kinds }) => kinds.includes(told.kind)).map((each) => this.asked(told.name, each)),
       ...(writes ? CHANGED.filter((key) => key in told && told[key] !== null).map((key) => this.field(key, told[key])) : []),
     );
   }
@@ -102,10 +102,10 @@ export class Panel {
     );
   }
 
-  grasps(name) {
-    const button = element("button", { type: "button" }, "Show grasps");
+  asked(name, { label, does }) {
+    const button = element("button", { type: "button" }, label);
     const output = element("output");
-    button.addEventListener("click", () => answer(output, () => this.does.grasps(name)));
+    button.addEventListener("click", () => answer(output, () => this.does[does]({ name })));
     return element("p", {}, button, output);
   }
 
@@ -119,6 +119,10 @@ export class Panel {
   }
 }
 
+const ASKED = [
+  { label: "Show grasps", does: "grasps", kinds: ["object"] },
+  { label: "Where it probably is", does: "where", kinds: ["object", "agent"] },
+];
 const CHANGED = ["name", "type", "state"];
 const OMITTED = new Set(["name", "footprint", "box", "front", "models", "properties"]);
 
