@@ -168,7 +168,9 @@ def levels_of(seen: Snapshot, robot: int, item: str, target: str | None) -> Leve
     if robot_class is not None:
         with suppress(LookupError):  # an automaton may have the name of no class
             low, high = read_robot_class(seen, robot_class).robot.heights
-    floor = 0.0 if pose is None else pose[2]
+    floor = seen.connection.execute(text(_FLOOR), {"name": target}).scalar()
+    if floor is None:
+        floor = 0.0 if pose is None else pose[2]
     goals = seen.connection.execute(text(_GOALS), {"robot": robot}).scalars()
     inside = any(_goes_inside(seen.connection, goal, item, target) for goal in goals)
     return Levels((floor + low, floor + high), inside)
@@ -228,6 +230,11 @@ FROM entity e WHERE e.map_id = current_map() AND e.name = :name
 
 _CLASS = """
 SELECT properties->>'robot_class' FROM entity WHERE map_id = current_map() AND name = :name
+"""
+
+_FLOOR = """
+SELECT w.pose[3] + r.floor FROM entity e JOIN room r ON r.entity_id = room_of(e.id)
+JOIN world w ON w.entity_id = r.entity_id WHERE e.map_id = current_map() AND e.name = :name
 """
 
 _KIND = "SELECT kind FROM entity WHERE map_id = current_map() AND name = :name"
