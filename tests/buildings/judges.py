@@ -291,19 +291,27 @@ def judge_check(building: Building, place: semmap.Map) -> tuple[int, list[str]]:
         if not (each.kind == "penetrating" and _overlap(building, *each.entities))
     ]
     wrong += [f"{name}: no {kind}" for kind, name in shut - told]
-    wrong += [f"cut off: {sorted(rooms)}" for rooms in apart ^ {*_cut_off(building)}]
+    choices = [{*rooms} for rooms in _cut_off(building)]
+    if apart not in choices:
+        wrong += [f"cut off: {sorted(rooms)}" for rooms in apart ^ choices[0]]
     return len(building.items), wrong
 
 
-def _cut_off(building: Building) -> list[frozenset[str]]:
-    """The rooms that doors, stairs and lifts do not join with the outside, else with most rooms."""
+def _cut_off(building: Building) -> list[list[frozenset[str]]]:
+    """The rooms that doors, stairs and lifts do not join with the outside, else with most rooms.
+
+    Several choices where several groups have most rooms.
+    """
     graph = nx.Graph([door.rooms for door in building.doors])
     graph.add_nodes_from(room.name for room in building.rooms)
     nx.add_path(graph, [room.name for room in building.rooms if room.elevator is not None])
-    apart = sorted(nx.connected_components(graph), key=len)
-    if OUTSIDE in graph:
-        apart.sort(key=lambda rooms: OUTSIDE in rooms)
-    return [frozenset(rooms) for rooms in apart[:-1]]
+    apart = [frozenset(rooms) for rooms in nx.connected_components(graph)]
+    sizes = [(OUTSIDE in rooms, len(rooms)) for rooms in apart]
+    return [
+        [rooms for rooms in apart if rooms is not most]
+        for most, size in zip(apart, sizes, strict=True)
+        if size == max(sizes)
+    ]
 
 
 def _one_way(building: Building) -> list[set[str]]:
