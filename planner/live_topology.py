@@ -315,7 +315,7 @@ class LiveTopology:
         ):
             return self._load(look)
         changed, objects = set(), self._read_objects(seen, movable)
-        if self.costmaps is not None and self.costmaps.have_walls(objects, removed):
+        if self.costmaps is not None and self.costmaps.walls_change(objects, removed):
             return self._load(look)
         if movable:  # on stairs, or a ramp at a step
             connectors |= topology.between_heights

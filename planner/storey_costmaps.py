@@ -553,7 +553,7 @@ class StoreyCostmaps:
             return ()
         return _entities_at(self.costmap(self.storey_of(max(floors)[1])), pose, LETHAL)
 
-    def have_walls(self, objects: Iterable[SceneEntity], removed: Collection[int]) -> bool:
+    def walls_change(self, objects: Iterable[SceneEntity], removed: Collection[int]) -> bool:
         """Whether walls are among changed objects: then rooms gain or lose those of outlines."""
         former = (e for c in self._costmaps.values() for e in c.scene.entities if e.id in removed)
         return any(map(is_wall, chain(objects, former if removed else ())))

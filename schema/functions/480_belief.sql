@@ -95,7 +95,8 @@ DECLARE
     storing text[] := ARRAY(SELECT DISTINCT sub FROM semmap.type_closure WHERE super IN ('storage_furniture', 'container'));
     resting text[] := ARRAY(SELECT DISTINCT sub FROM semmap.type_closure WHERE super IN ('seat', 'bed'));
     robots text[] := ARRAY(SELECT sub FROM semmap.type_closure WHERE super = 'robot');
-    unknown text[] := ARRAY(SELECT sub FROM semmap.type_closure GROUP BY sub HAVING bool_and(super IN (sub, 'object', 'entity')));
+    unknown text[] := ARRAY(SELECT sub FROM semmap.type_closure WHERE sub <> 'building_element'
+                            GROUP BY sub HAVING bool_and(super IN (sub, 'object', 'entity')));
 BEGIN
     RETURN QUERY
     WITH thing AS MATERIALIZED (

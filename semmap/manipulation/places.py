@@ -34,7 +34,7 @@ from semmap.manipulation.retrieval import find_grasps, gripper_name, stored_grip
 from semmap.manipulation.stances import Stances, ground_of
 from semmap.manipulation.store.actions import add_actions
 from semmap.manipulation.store.model_shapes import model_mesh, shape_of
-from semmap.manipulation.surroundings import entity_triangles, obstacles_around
+from semmap.manipulation.surroundings import entity_triangles, is_shut, obstacles_around
 from semmap.query.entity_query import entity_id
 from semmap.query.snapshot import Snapshot
 
@@ -93,14 +93,6 @@ def hand_gets_on(
     free = _FreePlaces(ways, gripper, obstacles, vertices, inside, box)
     some = spots[:: max(1, len(spots) // FEW_SPOTS)]
     return any(free.at(spot) for spot in some)
-
-
-def is_shut(seen: Snapshot, entity: str) -> bool:
-    """Whether the property of an entity says that it is shut."""
-    row = seen.session.execute(
-        "SELECT properties->>'shut' = 'true' FROM entity WHERE id = entity_id(%s)", (entity,)
-    ).fetchone()
-    return bool(row and row[0])
 
 
 def find_places(

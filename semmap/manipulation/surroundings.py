@@ -75,13 +75,21 @@ def enclosure_of(seen: Snapshot, entity: str) -> Enclosure | None:
     row = seen.session.execute(ENCLOSURE, (entity,)).fetchone()
     if row is None:
         return None
-    name, shut, *corners = row
-    return Enclosure(name, (np.array(corners[:3]), np.array(corners[3:])), shut)
+    name, *corners = row
+    return Enclosure(name, (np.array(corners[:3]), np.array(corners[3:])), is_shut(seen, name))
+
+
+def is_shut(seen: Snapshot, entity: str) -> bool:
+    """Whether the property of an entity says that it is shut."""
+    row = seen.session.execute(
+        "SELECT properties->>'shut' = 'true' FROM entity WHERE id = entity_id(%s)", (entity,)
+    ).fetchone()
+    return bool(row and row[0])
 
 
 ENCLOSURE = """
-SELECT h.name, coalesce(h.properties->>'shut' = 'true', false), ST_XMin(b.box), ST_YMin(b.box),
-       ST_ZMin(b.box), ST_XMax(b.box), ST_YMax(b.box), ST_ZMax(b.box)
+SELECT h.name, ST_XMin(b.box), ST_YMin(b.box), ST_ZMin(b.box),
+       ST_XMax(b.box), ST_YMax(b.box), ST_ZMax(b.box)
 FROM entity e JOIN placement p ON p.entity_id = e.id JOIN world w ON w.entity_id = e.id
 JOIN entity h ON h.id = p.holder_id AND h.kind = 'object' AND NOT is_building_part(h.type)
 JOIN world b ON b.entity_id = h.id

@@ -9,6 +9,7 @@ import trimesh
 import semmap
 from planner.tasks import NoPlanError
 from semmap import Map
+from tests.boards import of_boards
 from tests.conftest import MakeDatabase
 
 SIDES = {"east": (1, 0), "west": (-1, 0), "north": (0, 1), "south": (0, -1)}
@@ -32,9 +33,7 @@ def locker(open_to: str | None) -> trimesh.Trimesh:
         "south": ((low, low, 0), (high, low + thick, top)),
     }
     boards += [wall for side, wall in walls.items() if side != open_to]
-    made = trimesh.util.concatenate([trimesh.creation.box(bounds=board) for board in boards])
-    assert isinstance(made, trimesh.Trimesh)
-    return made
+    return of_boards(boards)
 
 
 @pytest.fixture

@@ -460,15 +460,23 @@ def test_properties_are_in_the_card_and_addresses_are_links(
     crate.delete()
 
 
+def choose_on_table(
+    page: Page, house: semmap.Map, type_: str, size: tuple[float, float, float]
+) -> tuple[semmap.MapEntity, semmap.MapEntity]:
+    """A new thing whose card is shown, and the table on which it is put."""
+    table = house.find("table")[0]
+    thing = house.add_object(f"{type_}77", type=type_, size=size, on=table.name)
+    until(page, f"semmap.house.entities.has({thing.name!r})")
+    choose(page, thing.name)
+    return thing, table
+
+
 def test_the_belief_of_what_is_selected_is_in_its_card(page: Page, db: semmap.Database) -> None:
     house = db.map("house")
-    table = house.find("table")[0]
-    cup = house.add_object("cup77", type="cup", size=(0.07, 0.07, 0.1), on=table.name)
-    until(page, "semmap.house.entities.has('cup77')")
-    choose(page, "cup77")
+    cup, table = choose_on_table(page, house, "cup", (0.07, 0.07, 0.1))
     page.get_by_role("button", name="Where it probably is").click()
     until(page, "document.querySelector('#card output:not(:empty)')?.value.includes('%')")
-    likely = max(house.where("cup77").items(), key=lambda place: place[1])
+    likely = max(house.where(cup.name).items(), key=lambda place: place[1])
     assert likely[0] == table.name
     told = page.evaluate("document.querySelector('#card').innerText")
     assert f"{likely[0]} {round(100 * likely[1])} %" in told
@@ -477,11 +485,7 @@ def test_the_belief_of_what_is_selected_is_in_its_card(page: Page, db: semmap.Da
 
 def test_grasps_of_what_is_selected_are_drawn(writer: Page, db: semmap.Database) -> None:
     """Each fork is at a distance from the can at which its fingers reach around it."""
-    house = db.map("house")
-    table = house.find("table")[0]
-    can = house.add_object("tin77", type="can", size=(0.05, 0.05, 0.12), on=table.name)
-    until(writer, "semmap.house.entities.has('tin77')")
-    choose(writer, "tin77")
+    can, _ = choose_on_table(writer, db.map("house"), "can", (0.05, 0.05, 0.12))
     writer.get_by_role("button", name="Show grasps").click()
     until(writer, "semmap.house.overlays.grasps.children.length > 0", seconds=60)
     places = writer.evaluate(

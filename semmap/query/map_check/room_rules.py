@@ -175,7 +175,7 @@ def one_way_rooms(building: SupportedBuilding) -> Found:
                 yield (room.name,), f"{' and '.join(why)}: others have one direction", fix
 
 
-def low_rooms(building: SupportedBuilding) -> Found:
+def improbable_heights(building: SupportedBuilding) -> Found:
     """Rooms and doors so low that nobody stands or passes there."""
     for room in building.rooms:
         height = building.ceiling(room) - building.floor(room)

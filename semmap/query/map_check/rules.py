@@ -28,7 +28,7 @@ from semmap.query.map_check.inventory_rules import (
 )
 from semmap.query.map_check.reader import read_checked_entities
 from semmap.query.map_check.room_rules import (
-    low_rooms,
+    improbable_heights,
     one_way_rooms,
     room_pairs,
     rooms_above_rooms,
@@ -113,7 +113,7 @@ RULES: tuple[tuple[str, Severity, Callable[[SupportedBuilding], Found]], ...] = 
     ("overlapping rooms", "warning", partial(room_pairs, same=False)),
     ("room without a door", "warning", rooms_without_door),
     ("one-way room", "warning", one_way_rooms),
-    ("improbable height", "warning", low_rooms),
+    ("improbable height", "warning", improbable_heights),
     ("storey without a floor", "warning", storeys_without_floor),
     ("storeys at one height", "warning", storeys_at_one_height),
     ("things without a storey", "warning", high_things),

@@ -9,6 +9,7 @@ import trimesh
 import semmap
 from planner.tasks import NoPlanError
 from semmap import Map
+from tests.boards import of_boards
 from tests.conftest import MakeDatabase
 
 REACHED = 1.6  # of the robot without a class, metres
@@ -21,9 +22,7 @@ def cupboard(boards: list[float], height: float, *, front: bool) -> trimesh.Trim
     parts += [((-0.35, -0.25, z - 0.02), (0.35, 0.25, z)) for z in (*boards, height)]
     if front:
         parts.append(((-0.35, -0.25, 0), (0.35, -0.23, height)))
-    made = trimesh.util.concatenate([trimesh.creation.box(bounds=part) for part in parts])
-    assert isinstance(made, trimesh.Trimesh)
-    return made
+    return of_boards(parts)
 
 
 @pytest.fixture
