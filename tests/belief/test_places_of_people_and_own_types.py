@@ -66,3 +66,11 @@ def test_things_are_on_what_bears_them_whatever_its_type(
     assert cup.pose.z == pytest.approx(1.8)
     assert (cup.relation, cup.holder) == ("on", here["Träger"])
     assert here.where("Tasse")["Träger"] > 0.9
+
+
+def test_an_element_of_a_building_bears_nothing(db: semmap.Database) -> None:
+    here = ward(db)
+    size = (1.9, 0.6, 0.8)
+    here.add_object("Fundament", type="building_element", size=size, pose=(2, 2, 1, 0))
+    here.add_object("Tasse", type="mug", size=(0.08, 0.08, 0.1), pose=(5, 3, 1, 0))
+    assert "Fundament" not in here.where("Tasse")
