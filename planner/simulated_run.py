@@ -6,7 +6,7 @@ import math
 import os
 import socket
 from collections.abc import Callable, Sequence
-from contextlib import ExitStack, closing
+from contextlib import ExitStack, closing, suppress
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
@@ -15,7 +15,7 @@ from navgrid.grid import file_name
 from planner.live_topology import LiveTopology
 from planner.mission.failures import FailureRule
 from planner.mission.runner import MissionEvent, Runner
-from planner.mission.sim_setup import entry_pose, open_world, simulated_robot
+from planner.mission.sim_setup import entry_poses, open_world, simulated_robot
 from planner.mission.store.grasp_memory import GraspMemory
 from planner.mission.store.mission_list import MissionError, MissionList
 from planner.mission.store.missions import MissionStore
@@ -160,7 +160,8 @@ class SimulatedRun:
                 if number is None:
                     _refuse_unknown(seen, live.topology, parse_goal(goal, relations), names)
             spots = find_spots(store, live, self.put)
-            self._place_robot(store, live, robot, new=number is None)
+            plans = tasks if not names and number is None else None
+            self._place_robot(store, live, robot, goal, plans, new=number is None)
             stem = file_name(original)
             file = self.world or _WORLDS / f"{stem}-{number}.sqlite"
             if self.world is None and number is None:
@@ -194,9 +195,19 @@ class SimulatedRun:
             read_robot_class(seen, self.robot_class)
 
     def _place_robot(
-        self, store: MissionStore, live: LiveTopology, robot: str, *, new: bool
+        self,
+        store: MissionStore,
+        live: LiveTopology,
+        robot: str,
+        goal: str,
+        tasks: TaskPlanner | None,
+        *,
+        new: bool,
     ) -> None:
-        """Put the robot where it starts, unless the map knows where it is."""
+        """Put the robot where it starts, unless the map knows where it is.
+
+        In a room of several parts, it is in the first one from which tasks have a plan.
+        """
         start = self.start
         if start is not None and not new:
             raise MissionError("a mission resumes where its robot is: leave out start=")
@@ -211,9 +222,17 @@ class SimulatedRun:
             )
         if start is not None:
             live.topology.place(start)
-            store.add_robot(robot, start, entry_pose(live.graph, start))
+            first, *others = entry_poses(live.graph, start)
+            store.add_robot(robot, start, first)
         if self.robot_class is not None:
             store.state_class(robot, self.robot_class)
+        if start is None or tasks is None or not others:
+            return
+        for pose in (first, *others, first):
+            store.add_robot(robot, start, pose)
+            with suppress(ValueError, LookupError), live.snapshot() as seen:
+                tasks(seen, robot, goal)
+                return
 
     def _actors(
         self,

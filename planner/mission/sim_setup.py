@@ -26,11 +26,12 @@ from semmap.geometry.pose import Pose
 _NOWHERE = "no room holds {}: give its start by start="
 
 
-def entry_pose(graph: RoutingGraph, place: str) -> Pose:
-    """The approach pose of a place from which most of its doors are reached, the first such one.
+def entry_poses(graph: RoutingGraph, place: str) -> list[Pose]:
+    """Where a robot may begin in a place: an approach pose in each part of it, the best first.
 
-    It is at a door that nothing closes, where there is one. In a place without a door, it is a free
-    pose. MissionError if the place has neither.
+    From one pose of a part the robot drives to all others. Poses at doors that nothing closes or
+    obstructs come first, then those from which most doors are reached. In a place without a door,
+    it is a free pose. MissionError if the place has neither.
     """
     nodes = graph.nodes.get(place, ())
     ground = graph.costs.ground(place) if isinstance(graph.costs, StoreyCostmaps) else None
@@ -38,14 +39,20 @@ def entry_pose(graph: RoutingGraph, place: str) -> Pose:
         inside = shapely.multipoints(ground.free()[1]).envelope
         room = LocatedEntity(place, "room", place, footprint=inside)
         with suppress(NoBasePoseError):
-            return poses_in(ground, room, np.random.default_rng(0), 1)[0]
+            return poses_in(ground, room, np.random.default_rng(0), 1)
     if not len(nodes):
         raise MissionError(f"{place} has no door: a robot cannot leave it; add a connector")
     travel = graph.travel_edges.get(place, slice(0))
-    there = graph.tails[travel][np.isfinite(graph.seconds[travel])]
-    passed = np.isfinite(graph.endpoint(place).seconds)
-    reached = np.array([np.count_nonzero(there == node) for node in nodes])
-    return graph.poses[int(nodes[np.lexsort([-reached, ~passed])[0]])]
+    joined = np.isfinite(graph.seconds[travel])
+    tails, heads = (ends[travel][joined] for ends in (graph.tails, graph.heads))
+    closed = ~np.isfinite(graph.endpoint(place).seconds)
+    closed |= [graph.costs.obstruction(place, graph.poses[int(node)]) is not None for node in nodes]
+    reached = np.array([np.count_nonzero(tails == node) for node in nodes])
+    found: list[int] = []
+    for node in nodes[np.lexsort([closed, -reached])]:
+        if not np.isin(heads[tails == node], found).any():
+            found.append(int(node))
+    return [graph.poses[node] for node in found]
 
 
 def open_world(

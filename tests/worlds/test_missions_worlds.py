@@ -18,7 +18,7 @@ from planner.live_topology import LiveTopology
 from planner.mission import MissionStore, Runner
 from planner.mission.command import Command
 from planner.mission.sim_robot import SimBehaviour, SimulatedRobot, Work
-from planner.mission.sim_setup import body_options, entry_pose, open_world
+from planner.mission.sim_setup import body_options, entry_poses, open_world
 from planner.robot_class import RobotClass
 from planner.task_planner import TaskPlanner
 from planner.tasks import NoPlanError
@@ -361,7 +361,7 @@ def test_other_base_poses_are_tried_before_giving_up(
     part = Part("base", ("base",), (0.05, 1.0), corners, 0.199, 0.2)
     live = LiveTopology(copy, RobotClass("disc", (part,)))
     with MissionStore(copy, "test") as store:
-        store.add_robot("robot", "kitchen", entry_pose(live.graph, "kitchen"))
+        store.add_robot("robot", "kitchen", entry_poses(live.graph, "kitchen")[0])
         with closing(open_world(Path("world"), store, live.topology, "robot")) as world:
             options = body_options(live, speed=1e6)
             robot = Clumsy(action, poses, "robot", world, live.topology, **options)

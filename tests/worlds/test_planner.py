@@ -24,7 +24,7 @@ from planner.base_pose import NoBasePoseError
 from planner.live_topology import LiveTopology
 from planner.mission import Command, MissionResult, MissionStore, Runner
 from planner.mission.sim_robot import SimulatedRobot
-from planner.mission.sim_setup import entry_pose, open_world, simulated_robot
+from planner.mission.sim_setup import entry_poses, open_world, simulated_robot
 from planner.mission.sim_world import SimWorld
 from planner.mission.store.mission_list import MissionError
 from planner.mission.store.observations import find_placement
@@ -305,7 +305,7 @@ class Building:
         self.file = folder / "world"
 
     def add_robot(self, place: str) -> None:
-        self.store.add_robot("robot", place, entry_pose(self.live.graph, place), "folded")
+        self.store.add_robot("robot", place, entry_poses(self.live.graph, place)[0], "folded")
         self.world = open_world(self.file, self.store, self.live.topology, "robot")
 
     def reach(self, goal: str) -> MissionResult:

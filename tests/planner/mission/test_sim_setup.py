@@ -5,7 +5,7 @@ import pytest
 
 from planner.live_topology import LiveTopology
 from planner.mission.failures import FailureRule
-from planner.mission.sim_setup import entry_pose, open_world, simulated_robot
+from planner.mission.sim_setup import entry_poses, open_world, simulated_robot
 from planner.mission.store.mission_list import MissionError
 from planner.readers.robot_class import delete_robot_class, store_robot_class
 from planner.robot_class import RobotClass
@@ -19,14 +19,17 @@ from tests.planner.office import office
 
 def test_a_robot_enters_before_the_first_door_from_which_it_gets_anywhere():
     graph = RoutingGraph(office())
-    pose = entry_pose(graph, "lab1")
+    pose = entry_poses(graph, "lab1")[0]
     assert (pose.x, pose.y) == pytest.approx((2.0, 3.3))
     first, second, *_ = graph.nodes["foyer-1st"]
-    assert entry_pose(graph, "foyer-1st") == graph.poses[first]
+    assert entry_poses(graph, "foyer-1st")[0] == graph.poses[first]
     graph.seconds[graph.tails == first] = np.inf  # a chair stands before that door
-    assert entry_pose(graph, "foyer-1st") == graph.poses[second]
+    assert entry_poses(graph, "foyer-1st")[0] == graph.poses[second]
+    assert len(entry_poses(graph, "foyer-1st")) == 2  # the part beyond the chair, and the others
+    graph.seconds[graph.travel_edges["foyer-1st"]] = np.inf
+    assert len(entry_poses(graph, "foyer-1st")) == len(graph.nodes["foyer-1st"])
     with pytest.raises(MissionError, match="cell has no door"):
-        entry_pose(RoutingGraph(Topology.of([Place("cell")], [])), "cell")
+        entry_poses(RoutingGraph(Topology.of([Place("cell")], [])), "cell")
 
 
 def test_the_world_is_as_the_map_and_stays_as_it_was_left(world, tmp_path):
@@ -67,7 +70,7 @@ def test_what_cannot_be_opened_leaves_no_file(world, tmp_path):
 def test_a_lift_stands_where_a_robot_is_in_it_and_lets_it_out(world, tmp_path):
     graph = RoutingGraph(world.topology)
     with world.store() as store:
-        store.add_robot("rider", "elevator-3rd", entry_pose(graph, "elevator-3rd"))
+        store.add_robot("rider", "elevator-3rd", entry_poses(graph, "elevator-3rd")[0])
         own = open_world(tmp_path / "ride", store, world.topology, "rider")
         assert own.elevator("elevator") == ("elevator-3rd", "rider")
         own.close()
