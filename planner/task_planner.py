@@ -194,11 +194,12 @@ class TaskPlanner:
             elsewhere = item in believed or world.objects[item].assumed
             return check.misfit(item, moved=elsewhere or bool(world.above.get(item)))
 
-        def no_place(item: str, on: str, inside: bool) -> str | None:
+        def no_place(item: str, on: str, inside: bool, is_open: bool) -> str | None:
             if item in believed or on in believed:
                 return None
             floor = graph.topology.places.get(world.objects[on].place or "")
-            return check.no_place(item, on, heights, 0.0 if floor is None else floor.floor, inside)
+            above = 0.0 if floor is None else floor.floor
+            return check.no_place(item, on, heights, above, inside=inside, is_open=is_open)
 
         world = TaskWorld(usable, world.known, misfit, no_place)
         approach_poses = _approach_poses(seen, self._live, world, check, tried, believed)

@@ -17,7 +17,7 @@ from planner.readers.grasp_check import assumption
 from semmap.geometry.pose import Pose
 from semmap.geometry.surfaces import ANY_LEVEL, Levels
 from semmap.manipulation.arm import Arm
-from semmap.manipulation.arm_motions import ArmMotion, approachable_rows, plan_action
+from semmap.manipulation.arm_motions import ArmMotion, FreeArm, plan_action
 from semmap.manipulation.automata import automaton_of, class_automaton, reachable_rows, stored_arm
 from semmap.manipulation.error import ManipulationError
 from semmap.manipulation.places import find_places, place_of
@@ -100,8 +100,11 @@ class GraspChooser:
             return None
         return stored_arm(self.seen.session, self.hand.automaton)[1]
 
-    def grasp(self, item: str, target: str | None) -> Choice:
-        """The grasp of a pickup: if possible, one that a free place on the target ends."""
+    def grasp(self, item: str, target: str | None, at: Pose | None = None) -> Choice:
+        """The grasp of a pickup: if possible, one that a free place on the target ends.
+
+        `at` is where the robot's base will stand for that, map's frame.
+        """
         try:
             with self.seen.session.transaction():
                 shape_of(self.seen, item)
@@ -122,11 +125,11 @@ class GraspChooser:
                     f"{item}: no free grasp of it is within reach of {automaton} here"
                 )
             if self.motion_seconds is not None:
-                reached, rows = rows, approachable_rows(self.seen, automaton, self.base, rows)
+                reached, rows = rows, [*FreeArm(self.seen, arm).rows(self.base, rows)]
                 if not rows:
                     reason = f"touches something at each of {len(reached)} grasps"
                     return self._none(f"{item}: the arm of {automaton} {reason}")
-        rows = self._placeable_first(item, target, rows)
+        rows = self._placeable_first(item, target, rows, at)
         rows.sort(key=lambda row: row["action_id"] in self.failed)
         choices = self._choices(item, target, rows)
         if self._is_at(item) and self.hand.automaton is not None:
@@ -288,22 +291,28 @@ class GraspChooser:
         return Choice(refusal=Outcome("unable", f"{item}: {reason}"))
 
     def _placeable_first(
-        self, item: str, target: str | None, rows: list[dict[str, Any]]
+        self, item: str, target: str | None, rows: list[dict[str, Any]], at: Pose | None
     ) -> list[dict[str, Any]]:
         """The grasps, first the one with which the object can be put on the target."""
         if target is None:
             return rows
         free_choice = self.hand.automaton is None and not self.trial
         ids = None if free_choice else [int(row["action_id"]) for row in rows]
-        place = self._place_on(target, item, ids)
+        place = self._place_on(target, item, ids, at) if at is not None else None
+        place = place or self._place_on(target, item, ids)
         if place is None:
             return rows
         best = int(place["grasp_id"])
         first = [row for row in rows if row["action_id"] == best]
         return (first or [{"action_id": best}]) + [r for r in rows if r["action_id"] != best]
 
-    def _place_on(self, target: str, item: str, grasps: list[int] | None) -> dict[str, Any] | None:
-        """The best place on a target after some grasps, or any; None without one."""
+    def _place_on(
+        self, target: str, item: str, grasps: list[int] | None, at: Pose | None = None
+    ) -> dict[str, Any] | None:
+        """The best place on a target after some grasps, or any; None without one.
+
+        It is one that the arm reaches from a base `at` a pose of the map's frame.
+        """
         gripper = self.hand.gripper
         try:
             with self.seen.session.transaction():
@@ -313,6 +322,8 @@ class GraspChooser:
                     target,
                     gripper=gripper,
                     grasps=grasps,
+                    arm=None if at is None else self.arm,
+                    base=at,
                     limit=1,
                     levels=self.levels,
                 )

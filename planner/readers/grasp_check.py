@@ -19,7 +19,12 @@ if TYPE_CHECKING:
     from semmap.manipulation.arm import Arm
     from semmap.manipulation.arm_reach import ArmReach
     from semmap.manipulation.gripper import Gripper
+    from semmap.manipulation.places import PutDowns
     from semmap.perception.primitives import Primitive
+
+
+ITEMS = 4
+"""Objects for each target of which it is asked from where an arm puts them there."""
 
 
 @dataclass(frozen=True)
@@ -56,6 +61,7 @@ class GraspCheck:
         self._seen, self._named, self._assume_sizes = seen, gripper, assume_sizes
         self._robots = [name for name in robots if name is not None]
         self._grasps = cache(self._known)
+        self._puts: dict[str, list[tuple[PutDowns, list[dict[str, Any]]]]] = {}
 
     @cached_property
     def _stored(self) -> tuple[str, str] | None:
@@ -115,8 +121,9 @@ class GraspCheck:
         return next((name for name in self._robots if class_urdf(session, name)), None)
 
     def _known(self, item: str) -> list[dict[str, Any]] | str:
-        """The grasps of an object; why they are not known."""
+        """The grasps of an object, of one that is held the one that holds it; why none is known."""
         from semmap.manipulation.error import ManipulationError
+        from semmap.manipulation.places import taken_by
         from semmap.manipulation.retrieval import known_grasps
 
         hand, why = self._found
@@ -124,7 +131,11 @@ class GraspCheck:
             return str(why)
         try:
             shape = self._shape(item)
-            return known_grasps(self._seen, item, hand.name, hand.gripper, shape=shape)
+            rows = known_grasps(self._seen, item, hand.name, hand.gripper, shape=shape)
+            held = (
+                taken_by(self._seen, item, hand.name) if rows and "action_id" in rows[0] else None
+            )
+            return [row for row in rows if row["action_id"] == held] if held else rows
         except ManipulationError as error:
             return str(error)
 
@@ -175,26 +186,39 @@ class GraspCheck:
         return f"{why}; {assumption(hand.name)}" if hand.assumed else why
 
     def no_place(
-        self, item: str, on: str, heights: tuple[float, float], floor: float, inside: bool
+        self,
+        item: str,
+        on: str,
+        heights: tuple[float, float],
+        floor: float,
+        *,
+        inside: bool,
+        is_open: bool,
     ) -> str | None:
         """Why the hand puts an object on no level of another one; None where nothing is known.
 
         Of the levels are those between two `heights` above a floor, and with `inside` those below
-        the top.
+        the top. One that `is_open` is taken to have a place; from where an arm gets to it is for
+        `reach`.
         """
         from semmap.geometry.surfaces import Levels
         from semmap.manipulation.error import ManipulationError
-        from semmap.manipulation.places import hand_gets_on
+        from semmap.manipulation.places import PutDowns
 
+        known = self._puts.setdefault(on, [])
+        if is_open and (self.arm is None or len(known) == ITEMS):
+            return None
         hand, grasps = self.hand, self._grasps(item)
         if hand is None or isinstance(grasps, str) or not grasps:
             return None
         levels = Levels((floor + heights[0], floor + heights[1]), inside)
         try:
-            free = hand_gets_on(self._seen, item, on, grasps, hand.gripper, levels)
+            puts = PutDowns(self._seen, item, on, hand.gripper, levels)
+            free = is_open or puts.some_are_free(puts.ends_of(grasps))
         except ManipulationError:
             return None
         if free:
+            known += [(puts, grasps)][: ITEMS - len(known)]
             return None
         low, high = heights
         where = "in" if inside else "on or in"
@@ -239,13 +263,15 @@ class GraspCheck:
     def reach(self, name: str, *, carried: bool, beneath: bool) -> ArmReach | None:
         """From where the arm acts on an object; None where nothing is known.
 
-        It grasps an object that is carried, which may be `beneath` others; it puts something on any
-        other one.
+        It grasps an object that is carried, which may be `beneath` others. On any other one it puts
+        the objects of which `no_place` was asked, else something.
         """
-        from semmap.manipulation.arm_reach import GraspReach, SurfaceReach
+        from semmap.manipulation.arm_reach import GraspReach, PutReach, SurfaceReach
 
         if self.arm is None:
             return None
+        if self._puts.get(name):
+            return PutReach(self._seen, self._puts[name], self.arm[1])
         if not carried:
             return SurfaceReach.on(self._seen, name, self.arm[1])
         rows = self._grasps(name)

@@ -86,14 +86,14 @@ def find_wanted(draft: ProblemDraft) -> None:
     Raises GoalError: the goal moves a place; NoPlanError: too few objects can be picked up.
     """
     problem, sites, world = draft.problem, draft.sites, draft.world
-    named = dict.fromkeys(n for names in problem.candidates.values() for n in names)
-    sites.survey(world.objects[n] for n in named)
     wanted = dict.fromkeys(
         atom.words[1] if atom.relation == "carries" else atom.words[0]
         for atom in problem.goal.atoms
         if (atom.relation in ("on", "in", "carries") and atom.words[0].text != ROBOT)
         or atom.relation == "carries"
     )
+    named = dict.fromkeys(n for word in wanted for n in problem.candidates.get(word, ()))
+    sites.survey(world.objects[n] for n in named)
     for word in wanted:
         if word not in problem.candidates:
             raise GoalError(f"{problem.goal.text}: {word} is a place; a robot carries objects")
@@ -131,8 +131,13 @@ def _find_surfaces_of(draft: ProblemDraft, atom: Atom) -> None:
     reasons: list[str] = []
     taken: set[str] = set()
     inside = atom.relation == "in" and target in problem.candidates
+    options = dict.fromkeys(_options(draft, target))
+    for name, on in product(problem.candidates[word], options):
+        if on != name and on in world.objects:
+            draft.no_place(name, on, inside)  # first: bases stand where the hand gets
+    draft.sites.survey(world.objects[on] for on in options if on in world.objects)
     for name in problem.candidates[word]:
-        for on in _options(draft, target):
+        for on in options:
             if on == name:
                 continue
             item, below = world.objects[name], world.objects.get(on)
@@ -142,7 +147,9 @@ def _find_surfaces_of(draft: ProblemDraft, atom: Atom) -> None:
             elif why is None:
                 draft.surfaces[name].append(on)
                 taken.add(on)
-            elif item.holder == on:
+            elif item.holder == on and (
+                target in problem.candidates or draft.satisfied(word, name)
+            ):
                 taken.add(on)
             else:
                 reasons.append(why)

@@ -35,6 +35,7 @@ class ProblemDraft:
         self.surfaces: dict[str, list[str]] = {}
         self.tucked: dict[str, list[str]] = {}
         self._obstacles: dict[str, str | None] = {}  # each pickup is checked once
+        self._no_place: dict[tuple[str, str, bool], str | None] = {}
 
     def obstacle(self, name: str) -> str | None:
         """Why an object, or an object on it, cannot be picked up; else None."""
@@ -59,14 +60,13 @@ class ProblemDraft:
     def unsuitable(self, name: str, on: str, *, inside: bool = False) -> str | None:
         """Why the robot cannot put an object on or in another one, or on a floor; else None."""
         problem, sites, world = self.problem, self.sites, self.world
-        item = world.objects[name]
         if on not in world.objects:
             if not len(self.graph.nodes.get(on, ())) and on != problem.state.place:
                 return f"{on} cannot be reached: it has no door; add a connector that joins it"
             number = sites.of_floor(on)
             return None if sites.is_reachable(number) else sites.unreachable_reason(number, on)
         target = world.objects[on]
-        why = target.unsuitable(item, self.heights, inside=inside)
+        why = self.no_place(name, on, inside)
         if why is None and on not in problem.held:
             why = self._unreachable(target)
         if why is None and self.needs_space(target):
@@ -74,9 +74,19 @@ class ProblemDraft:
                 reason = self.obstacle(above)
                 if above != name and reason is not None:
                     return f"{above} stands on {on}: {reason}"
-        if why is None and not target.is_open(self.heights, inside=inside):
-            return world.no_place(name, on, inside)
         return why
+
+    def no_place(self, name: str, on: str, inside: bool) -> str | None:
+        """Why an object, or the hand with it, has no place on or in another one; else None."""
+        key = name, on, inside
+        if key not in self._no_place:
+            item, target = self.world.objects[name], self.world.objects[on]
+            why = target.unsuitable(item, self.heights, inside=inside)
+            if why is None and not self.needs_space(target):
+                is_open = target.is_open(self.heights, inside=inside)
+                why = self.world.no_place(name, on, inside, is_open)
+            self._no_place[key] = why
+        return self._no_place[key]
 
     def needs_space(self, target: TaskObject) -> bool:
         """Whether the objects on a target are taken off before another one is put there.

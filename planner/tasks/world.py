@@ -220,7 +220,7 @@ class TaskWorld:
         items: Iterable[TaskObject] = (),
         known: Iterable[str] = (),
         misfit: Callable[[str], str | None] = lambda item: None,
-        no_place: Callable[[str, str, bool], str | None] = lambda item, on, inside: None,
+        no_place: Callable[[str, str, bool, bool], str | None] = lambda *asked: None,
     ) -> None:
         self.misfit, self.no_place = misfit, no_place
         self.objects: dict[str, TaskObject] = {}

@@ -8,7 +8,7 @@ al., III-A, IV-B). At last the arm goes back to where it was, with what it took.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import islice
 from typing import Any, NamedTuple
@@ -66,19 +66,26 @@ class ArmMotion:
     seconds: float
 
 
-def approachable_rows(
-    seen: Snapshot, automaton: str, base: Pose, rows: Sequence[dict[str, Any]]
-) -> list[dict[str, Any]]:
-    """The grasps of one object whose approach some posture of a robot's arm can do, in order.
+class FreeArm:
+    """Which actions an arm does without touching anything; what is around is read once.
 
-    Nothing is touched from where the approach begins to the grasp. It takes some hundredths of a
-    second a grasp; whether the arm gets there from how it is carried takes seconds (`plan_action`).
+    From where the approach begins to its end, some posture of the arm is free. It takes some
+    hundredths of a second an action; whether the arm gets there from how it is carried takes
+    seconds (`plan_action`).
     """
-    if not rows:
-        return []
-    planner = _Planner.of(seen, automaton, base, None)
-    strokes, _ = planner.grasp(rows[0])
-    return [row for row in rows if any(free_strokes(planner.arm, planner.start, strokes(row)))]
+
+    def __init__(self, seen: Snapshot, arm: Arm) -> None:
+        self._seen, self._arm, self._read = seen, arm, dict[tuple[str, str | None], Obstacles]()
+
+    def rows(self, base: Pose, rows: Iterable[dict[str, Any]]) -> Iterator[dict[str, Any]]:
+        """Those of some grasps or places of one object, in order, from where a base stands."""
+        planner = _Planner.of(self._seen, self._arm, base, self._read)
+        strokes: _Strokes | None = None
+        for row in rows:
+            if strokes is None:
+                strokes, _ = planner.place(row) if "on" in row else planner.grasp(row)
+            if any(free_strokes(self._arm, planner.start, strokes(row))):
+                yield row
 
 
 def plan_action(
@@ -100,11 +107,25 @@ def plan_action(
     """
     if not rows:
         return None
-    planner = _Planner.of(seen, automaton, base, state)
+    _, arm = stored_arm(seen.session, automaton)
+    start = _start(automaton, arm, state or {})
+    planner = _Planner.of(seen, arm, base, {})._replace(automaton=automaton, start=start)
     ways = {"grasp": planner.grasp, "place": planner.place, "push": planner.push}
     strokes, back = ways[rows[0]["kind"]](rows[0])
     some = [row for row in rows if row["entity"] == rows[0]["entity"]]
     return planner.first(some, strokes, back, seconds)
+
+
+def _start(automaton: str, arm: Arm, state: Mapping[str, float]) -> Floats:
+    """The position (D,) of an arm where some of its joints are as stated."""
+    joints = [joint.name for joint in arm.joints]
+    unknown = [name for name in state if name not in joints]
+    if unknown:
+        raise ManipulationError(
+            f"{automaton}: its arm has no joint {', '.join(unknown)}; it has {', '.join(joints)}"
+        )
+    given = dict(zip(joints, arm.rest().tolist(), strict=True)) | dict(state)
+    return np.array([given[name] for name in joints])
 
 
 _Strokes = Callable[[dict[str, Any]], list[Stroke]]
@@ -114,7 +135,8 @@ class _Planner(NamedTuple):
     """A robot at its place, its arm in a position.
 
     Of the first of some actions on one object, `grasp`, `place` and `push` return what makes the
-    strokes of an action, and those from its end to the start.
+    strokes of an action, and those from its end to the start. `read` has what is around objects, in
+    the map's frame.
     """
 
     seen: Snapshot
@@ -124,23 +146,19 @@ class _Planner(NamedTuple):
     inverse: Floats
     start: Floats
     begun: float
+    read: dict[tuple[str, str | None], Obstacles]
 
     @classmethod
     def of(
-        cls, seen: Snapshot, automaton: str, base: Pose, state: Mapping[str, float] | None
+        cls,
+        seen: Snapshot,
+        arm: Arm,
+        base: Pose,
+        read: dict[tuple[str, str | None], Obstacles],
     ) -> _Planner:
-        _, arm = stored_arm(seen.session, automaton)
-        joints = [joint.name for joint in arm.joints]
-        unknown = [name for name in state or {} if name not in joints]
-        if unknown:
-            raise ManipulationError(
-                f"{automaton}: its arm has no joint {', '.join(unknown)}; it has "
-                f"{', '.join(joints)}"
-            )
-        given = dict(zip(joints, arm.rest().tolist(), strict=True)) | dict(state or {})
-        start = np.array([given[name] for name in joints])
         inverse = np.linalg.inv(base.matrix).astype(np.float64)
-        return cls(seen, automaton, arm, base.matrix, inverse, start, time.perf_counter())
+        begun = time.perf_counter()
+        return cls(seen, "", arm, base.matrix, inverse, arm.rest(), begun, read)
 
     def local(self, triangles: Floats) -> Floats:
         """Triangles of the map in the robot's frame."""
@@ -154,8 +172,10 @@ class _Planner(NamedTuple):
 
     def around(self, entity: str, without: str | None = None) -> Obstacles:
         """The obstacles around an object, in the robot's frame."""
-        found = obstacles_around(self.seen, entity, AROUND, without=without)
-        return Obstacles(self.local(found.triangles))
+        key = entity, without
+        if key not in self.read:
+            self.read[key] = obstacles_around(self.seen, entity, AROUND, without=without)
+        return Obstacles(self.local(self.read[key].triangles))
 
     def grasp(self, first: dict[str, Any]) -> tuple[_Strokes, _Strokes]:
         """The open gripper takes the object, whose convex hull is a part of it on the way back."""

@@ -1,7 +1,7 @@
 """Whether a robot's arm could act on objects of the map from where its base might stand.
 
-Plans ask before missions try; so nothing is stored, and whether the arm's links touch anything on
-the way is left to the mission.
+Plans ask before missions try; so nothing is stored, and whether the arm gets from how it is carried
+to where an action begins is left to the mission.
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from functools import cached_property
 from itertools import islice, product
 from typing import Any
@@ -24,7 +24,9 @@ from semmap.geometry.mesh import Mesh
 from semmap.geometry.pose import Pose
 from semmap.geometry.surfaces import LevelPatch, support_surfaces
 from semmap.manipulation.arm import Arm
+from semmap.manipulation.arm_motions import FreeArm
 from semmap.manipulation.automata import STARTS, Reach, facing_first, way_of
+from semmap.manipulation.places import PutDowns
 from semmap.manipulation.placing import spots_on
 from semmap.manipulation.stances import Stances
 from semmap.manipulation.surroundings import Surroundings, entity_triangles
@@ -36,6 +38,9 @@ ABOVE = (0.05, 0.2)
 
 FEW = 4
 """Grasps within reach of which one is often free; else it is asked which ones are."""
+
+MET, PLACES = 32, 6
+"""Grasps and places within reach of which it is asked whether the arm touches something."""
 
 SPACING = 0.1
 """Metres between the spots of a surface that are tried."""
@@ -99,8 +104,8 @@ class ArmReach(ABC):
 class GraspReach(ArmReach):
     """From which bases an arm takes an object by one of its grasps (`known_grasps`).
 
-    Only those count at which the gripper is free of what is around, unless all touch something, or
-    the object is `beneath` others, which are taken off before.
+    Only those count at which gripper and arm are free of what is around, unless the gripper touches
+    something at all, or the object is `beneath` others, which are taken off before.
     """
 
     def __init__(
@@ -109,27 +114,42 @@ class GraspReach(ArmReach):
         super().__init__(arm)
         self._rows = [row for row in rows if arm.gripper.can_tilt_to(row["pose"].matrix)]
         self._around, self._beneath = Surroundings(seen, arm.gripper), beneath
+        self._arm_around = FreeArm(seen, arm)
 
     @cached_property
-    def _free(self) -> list[dict[str, Any]]:
-        return self._rows if self._beneath else self._around.free_rows(self._rows) or self._rows
+    def _hand_free(self) -> list[dict[str, Any]]:
+        return [] if self._beneath else self._around.free_rows(self._rows)
 
     @cached_property
     def _some(self) -> list[dict[str, Any]]:
-        return _by_turns(self._free)[: WAYS if self.arm.needs_base else FEW_WAYS]
+        rows = _by_turns(self._hand_free or self._rows)
+        return rows[: WAYS if self.arm.needs_base else FEW_WAYS]
 
     def actions(self) -> Sequence[dict[str, Any]]:
         """The free grasps, some of each family."""
         return self._some
 
+    def does(self, number: int, base: Pose) -> bool:
+        """Whether the arm gets along one of `actions`, and touches nothing."""
+        gets_there = super().does(number, base)
+        if not gets_there or not self._hand_free:
+            return gets_there
+        return self._is_free(base, [self.actions()[number]])
+
     def acts(self, base: Pose) -> bool:
         """Whether the arm takes the object from a base."""
         first = list(islice(self._reached(self._rows, base), FEW))
-        if not first:
-            return False
-        return bool(self._around.free(first).any()) or any(
-            True for _ in self._reached(self._free, base)
-        )
+        if not first or self._beneath:
+            return bool(first)
+        free = [row for row, each in zip(first, self._around.free(first), strict=True) if each]
+        if free and self._is_free(base, free):
+            return True
+        if not self._hand_free:
+            return True
+        return self._is_free(base, islice(self._reached(self._hand_free, base), MET))
+
+    def _is_free(self, base: Pose, rows: Iterable[dict[str, Any]]) -> bool:
+        return any(True for _ in self._arm_around.rows(base, rows))
 
     def _reached(self, some: Sequence[dict[str, Any]], base: Pose) -> Iterator[dict[str, Any]]:
         turns = _by_turns(facing_first(some, base))
@@ -144,6 +164,45 @@ def _by_turns(rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
         turns.append(count[row["family"]])
         count[row["family"]] += 1
     return [rows[i] for i in np.argsort(turns, kind="stable")]
+
+
+class PutReach(ArmReach):
+    """From which bases an arm puts one of some objects down on another one.
+
+    Each is put down after one of its grasps; hand, object and arm are free of what is around.
+    """
+
+    def __init__(
+        self, seen: Snapshot, puts: Sequence[tuple[PutDowns, list[dict[str, Any]]]], arm: Arm
+    ) -> None:
+        super().__init__(arm)
+        self._puts = [(there, there.ends_of(self._tilted(there, rows))) for there, rows in puts]
+        self._arm_around = FreeArm(seen, arm)
+
+    def _tilted(self, there: PutDowns, rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
+        """The grasps in whose tilt the gripper is where the object stands."""
+        can_tilt_to = self.arm.gripper.can_tilt_to
+        return [row for row in rows if can_tilt_to(there.upright @ row["model_pose"].matrix)]
+
+    def actions(self) -> Sequence[dict[str, Any]]:
+        """Ways of the hand down onto some spots."""
+        return self._ways
+
+    @cached_property
+    def _ways(self) -> list[dict[str, Any]]:
+        return [way for there, ends in self._puts for way in there.ways(ends, PUTS)]
+
+    def does(self, number: int, base: Pose) -> bool:
+        """As `acts`: the arm puts the object down where its base lets it."""
+        return self.acts(base)
+
+    def acts(self, base: Pose) -> bool:
+        """Whether the arm puts one of the objects down from a base."""
+        for there, ends in self._puts:
+            rows, _ = there.rows(ends, PLACES, arm=self.arm, base=base)
+            if any(True for _ in self._arm_around.rows(base, rows)):
+                return True
+        return False
 
 
 class SurfaceReach(ArmReach):

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -61,38 +62,106 @@ FEW_GRASPS, FEW_SPOTS = 24, 100
 """Grasps and spots at which it is asked whether a hand gets inside of something."""
 
 
-def hand_gets_on(
-    seen: Snapshot,
-    entity: str,
-    on: str,
-    grasps: Sequence[dict[str, Any]],
-    gripper: Gripper,
-    levels: Levels,
-) -> bool:
-    """Whether one of some grasps (`known_grasps`) puts an object on another one; nothing is stored.
+class PutDowns:
+    """Where an object can be put down on another one; both and what is around are read once.
 
     ManipulationError where one of them has no mesh.
     """
-    vertices = np.asarray(model_mesh(seen, entity).vertices)
-    upright = _upright(seen, entity_id(seen.session, entity))
-    ways = []
-    for row in grasps[:: max(1, len(grasps) // FEW_GRASPS)]:
-        before = in_model(row, "pose")
-        before[:3, 3] += LIFT * upright[2, :3]
-        after = Pose.from_matrix(in_model(row, "pre_pose"))
-        there = {"pose": row["model_pose"], "post_pose": after}
-        ways.append(row | there | {"pre_pose": Pose.from_matrix(before)})
-    triangles = entity_triangles(seen, on)
-    surfaces = levels.of(Mesh.of_triangles(triangles))
-    obstacles = obstacles_around(seen, on, without=entity)
-    spots = place_candidates(vertices, upright, surfaces, obstacles.triangles)
-    if not spots or is_shut(seen, on):
-        return False
-    box = triangles.reshape(-1, 3).min(axis=0), triangles.reshape(-1, 3).max(axis=0)
-    inside = covered(spots, surfaces, triangles)
-    free = _FreePlaces(ways, gripper, obstacles, vertices, inside, box)
-    some = spots[:: max(1, len(spots) // FEW_SPOTS)]
-    return any(free.at(spot) for spot in some)
+
+    def __init__(
+        self, seen: Snapshot, entity: str, on: str, gripper: Gripper, levels: Levels = ANY_LEVEL
+    ) -> None:
+        self.seen, self.entity, self.on, self.gripper = seen, entity, on, gripper
+        self.vertices = np.asarray(model_mesh(seen, entity).vertices)
+        self.upright = _upright(seen, entity_id(seen.session, entity))
+        self._triangles = entity_triangles(seen, on)
+        self.surfaces = levels.of(Mesh.of_triangles(self._triangles))
+        self._last: tuple[Any, Any, _FreePlaces] | None = None  # of the same places and spots
+
+    @cached_property
+    def _obstacles(self) -> Obstacles:
+        return obstacles_around(self.seen, self.on, without=self.entity)
+
+    @cached_property
+    def _spots(self) -> list[PlacePose]:
+        return self._candidates()
+
+    def _candidates(self, at: Sequence[Floats] | None = None) -> list[PlacePose]:
+        """The free spots, without those inside of what is shut."""
+        around = self._obstacles.triangles
+        spots = place_candidates(self.vertices, self.upright, self.surfaces, around, at=at)
+        if not is_shut(self.seen, self.on):
+            return spots
+        inside = covered(spots, self.surfaces, self._triangles)
+        return [spot for spot in spots if spot not in inside]
+
+    def ends_of(self, grasps: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
+        """Places that end some grasps (`known_grasps`); they are not stored."""
+        ways = []
+        for row in grasps[:: max(1, len(grasps) // FEW_GRASPS)]:
+            before = in_model(row, "pose")
+            before[:3, 3] += LIFT * self.upright[2, :3]
+            after = Pose.from_matrix(in_model(row, "pre_pose"))
+            there = {"pose": row["model_pose"], "post_pose": after}
+            ways.append(row | there | {"pre_pose": Pose.from_matrix(before)})
+        return ways
+
+    def ways(self, places: Sequence[dict[str, Any]], most: int) -> list[dict[str, Any]]:
+        """Some places at some free spots, whether or not the gripper is free there."""
+        number = len(self._spots) * len(places)
+        chosen = np.random.default_rng(0).choice(number, min(number, most), replace=False)
+        spots, ends = np.divmod(chosen, max(1, len(places)))
+        return [_row(places[j], self._spots[i]) for i, j in zip(spots, ends, strict=True)]
+
+    def some_are_free(self, places: Sequence[dict[str, Any]]) -> bool:
+        """Whether the gripper does one of some places at one of a few spots."""
+        spots = self._spots[:: max(1, len(self._spots) // FEW_SPOTS)]
+        free = self._free(places, spots)
+        return any(free.at(spot) for spot in spots)
+
+    def rows(
+        self,
+        places: Sequence[dict[str, Any]],
+        limit: int,
+        *,
+        towards: Sequence[float] | None = None,
+        arm: Arm | None = None,
+        base: Pose | None = None,
+    ) -> tuple[list[dict[str, Any]], str | None]:
+        """The free ones of some places, one at each spot; why there is none.
+
+        Parameters are those of `find_places`.
+        """
+        spots, here = self._spots, base or Pose()
+        by_arm = arm is not None and base is not None
+        if arm is not None and base is not None and arm.needs_base:
+            heights = [surface.height for surface in self.surfaces]
+            at = _spots_of_arm(places, self.vertices, self.upright, heights, arm, base)
+            spots = self._candidates(at)
+            if not spots:
+                where = f"({here.x:g}, {here.y:g})"
+                return [], f"{self.on}: the arm at {where} puts {self.entity} on no free part of it"
+        if not spots:
+            return [], f"{self.on}: none of its surfaces has room for {self.entity}"
+        free = self._free(places, spots)
+        if towards is None and by_arm:
+            ordered = _in_order(spots, (here.x, here.y), room=1.0)
+        else:
+            ordered = _in_order(spots, towards)
+        ordered.sort(key=lambda spot: spot in free.inside)  # on it before inside of it
+        rows = free.first(ordered, limit, arm, base)
+        why = None if rows else free.problem(self.entity, self.on, base)
+        return [row | {"on": self.on} for row in rows], why
+
+    def _free(self, places: Sequence[dict[str, Any]], spots: Sequence[PlacePose]) -> _FreePlaces:
+        if self._last is None or self._last[0] is not places or self._last[1] is not spots:
+            corners = self._triangles.reshape(-1, 3)
+            box = corners.min(axis=0), corners.max(axis=0)
+            inside = covered(spots, self.surfaces, self._triangles)
+            around, vertices = self._obstacles, self.vertices
+            free = _FreePlaces(places, self.gripper, around, vertices, inside, box)
+            self._last = places, spots, free
+        return self._last[2]
 
 
 def find_places(
@@ -132,48 +201,23 @@ def find_places(
     if item == entity_id(seen.session, on):
         raise ManipulationError(f"{entity}: cannot be put on itself: name another object")
     chosen = gripper_name(seen.session, gripper)
-    vertices = np.asarray(model_mesh(seen, entity).vertices)
-    upright = _upright(seen, item)
-    triangles = entity_triangles(seen, on)
-    surfaces = levels.of(Mesh.of_triangles(triangles))
-    if not surfaces and ANY_LEVEL.of(Mesh.of_triangles(triangles)):
+    puts = PutDowns(seen, entity, on, stored_gripper(seen.session, chosen), levels)
+    if not puts.surfaces and ANY_LEVEL.of(Mesh.of_triangles(entity_triangles(seen, on))):
         return FoundActions([], [f"{on}: no level of it is within reach"])
-    if not surfaces:
+    if not puts.surfaces:
         raise ManipulationError(
             f"{on}: has no level surface on which an object can stand: name another object"
         )
     held, problems = _grasps(seen, entity, chosen, grasps)
-    places, generated = _places(seen, entity, chosen, held, vertices, upright)
+    places, generated = _places(seen, entity, chosen, held, puts.vertices, puts.upright)
     if not places:
         return FoundActions([], problems or [f"{entity}: gripper {chosen} has no grasp of it"])
-    obstacles = obstacles_around(seen, on, without=entity)
-    at, here = None, base or Pose()
-    if arm is not None and base is not None and arm.needs_base:
-        at = _spots_of_arm(places, vertices, upright, [s.height for s in surfaces], arm, base)
-    spots = place_candidates(vertices, upright, surfaces, obstacles.triangles, at=at)
-    if not spots and at is not None:
-        problem = f"{on}: the arm at ({here.x:g}, {here.y:g}) puts {entity} on no free part of it"
-        return FoundActions([], [problem], generated)
-    if not spots:
-        problem = f"{on}: none of its surfaces has room for {entity}"
-        return FoundActions([], [problem], generated)
-    inside = covered(spots, surfaces, triangles)
-    if inside and is_shut(seen, on):
-        spots = [spot for spot in spots if spot not in inside]
-    box = triangles.reshape(-1, 3).min(axis=0), triangles.reshape(-1, 3).max(axis=0)
-    hand = stored_gripper(seen.session, chosen)
-    free = _FreePlaces(places, hand, obstacles, vertices, inside, box)
-    if towards is None and arm is not None and base is not None:
-        ordered = _in_order(spots, (base.x, base.y), room=1.0)
-    else:
-        ordered = _in_order(spots, towards)
-    ordered.sort(key=lambda spot: spot in inside)  # on it before inside of it
-    rows = free.first(ordered, limit, arm, base)
-    if not rows:
-        problems.append(free.problem(entity, on, base))
+    rows, why = puts.rows(places, limit, towards=towards, arm=arm, base=base)
+    if why is not None:
+        problems.append(why)
     if towards is None:
         rows = sorted(rows, key=_doubt)
-    return FoundActions([row | {"on": on} for row in rows], problems, generated)
+    return FoundActions(rows, problems, generated)
 
 
 def _spots_of_arm(
@@ -230,6 +274,12 @@ SELECT coalesce((SELECT t.start FROM placement p JOIN entity h ON h.id = p.holde
 """
 
 
+def taken_by(seen: Snapshot, entity: str, gripper: str) -> int | None:
+    """The id of the grasp by which an agent of the map holds an object; None without one."""
+    row = seen.session.execute(TAKEN, (entity, gripper)).fetchone()
+    return None if row is None else int(row[0])
+
+
 TAKEN = """
 SELECT t.action_id FROM placement p JOIN entity h ON h.id = p.holder_id AND h.kind = 'agent'
 JOIN task t ON t.entity_id = p.entity_id AND t.robot_id = h.id
@@ -243,9 +293,8 @@ def _grasps(
     seen: Snapshot, entity: str, gripper: str, chosen: Sequence[int] | None
 ) -> tuple[list[dict[str, Any]], list[str]]:
     """The grasps, as rows, that a place can end; and why there is none."""
-    if chosen is None:
-        taken = seen.session.execute(TAKEN, (entity, gripper)).fetchone()
-        chosen = None if taken is None else [taken[0]]
+    if chosen is None and (taken := taken_by(seen, entity, gripper)) is not None:
+        chosen = [taken]
     if chosen is None:
         found = find_grasps(seen, name=entity, gripper=gripper, limit=GRASPS)
         return found.rows, found.problems
@@ -355,9 +404,15 @@ class _FreePlaces:
         self.ways = Grasps.of_rows(gripper, places, poses, after)
         self.before = np.array([in_model(row, "pre_pose") for row in places])
         self.near = self.met = 0
+        self._known: dict[PlacePose, list[dict[str, Any]]] = {}
 
     def at(self, spot: PlacePose) -> list[dict[str, Any]]:
         """The rows of the free places at a spot, the best first."""
+        if spot not in self._known:
+            self._known[spot] = self._at(spot)
+        return self._known[spot]
+
+    def _at(self, spot: PlacePose) -> list[dict[str, Any]]:
         free = free_places(self.ways, self.before, spot.pose, self.obstacles, self.vertices)
         if spot in self.inside:
             for i in np.flatnonzero(free):
@@ -382,6 +437,7 @@ class _FreePlaces:
         base: Pose | None = None,
     ) -> list[dict[str, Any]]:
         """For each spot, the first free place, or the first one that an arm reaches."""
+        self.near = self.met = 0
         found: dict[tuple[float, ...], dict[str, Any]] = {}
         for spot in spots:
             if spot.spot in found or self._is_far(spot, arm, base):

@@ -12,6 +12,7 @@ from planner.route import NoRouteError
 from tests.buildings.building import Building, random_building
 from tests.buildings.clouds import scanned
 from tests.buildings.judges import JUDGES, Judge, judge_routes, judge_steps, stored
+from tests.buildings.missions import judge_missions
 from tests.conftest import MakeDatabase
 
 SEEDS = range(4)
@@ -19,6 +20,10 @@ SEEDS = range(4)
 WITHOUT_WALLS = [98705, 98709, 98713]
 WITH_CABINS = [112, 8168]
 """Seeds of buildings with things in cabins, and before their doors."""
+
+MISSIONS = [99533, 99566, 99676]
+"""Seeds of buildings in whose missions the arm touched furniture, or its grasp fitted no place at
+the base, or which began in the wrong part of a room."""
 
 
 @pytest.fixture(scope="module", params=SEEDS)
@@ -70,6 +75,18 @@ def test_a_thing_that_leaves_a_cabin_no_longer_closes_its_door(
             place[thing.name].move_to(x + 100, y, z)
             assert place.route(room, cabin).places == [room, cabin]
             place[thing.name].move_to(x, y, z)
+
+
+@pytest.mark.parametrize("seed", MISSIONS)
+def test_a_mission_does_what_its_plan_promises(
+    seed: int, make_database: MakeDatabase, tmp_path: Path
+) -> None:
+    building = scanned(random_building(seed))
+    url = make_database().render_as_string(hide_password=False)
+    with stored(building, url, tmp_path) as place:
+        asked, wrong = judge_missions(building, place)
+    assert wrong == []
+    assert asked > 0
 
 
 @pytest.mark.parametrize("seed", WITHOUT_WALLS)

@@ -162,7 +162,7 @@ def test_a_mission_brings_what_it_holds_to_where_the_arm_puts_it_down(cup_map):
             text("SELECT pose FROM world WHERE entity_id = entity_id('cup1')")
         )
         stood = Pose(*stood.scalar_one())
-        assert memory.begin(seen_by(connection), robot, pickup, "table").action is not None
+        assert memory.begin(seen_by(connection), robot, pickup, put).action is not None
         memory.end(connection, robot, pickup, Outcome())
         grip = {"h": robot, "pose": [0.3, 0.0, 0.8, 0.0, 0.0, 1.0, 0.0], "n": "cup1"}
         connection.execute(text(moved), grip)

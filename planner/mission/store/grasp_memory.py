@@ -62,24 +62,25 @@ class GraspMemory:
             hand_of(driver_of(connection), robot, robot_class or known, self.gripper)
 
     def begin(
-        self, seen: Snapshot, robot: int, command: Command, target: str | None = None
+        self, seen: Snapshot, robot: int, command: Command, put: Command | None = None
     ) -> Choice:
         """Choose how a robot does a pickup or a place, and store that it begins.
 
-        A grasp with which the gripper can put the object on `target` is preferred; those that have
-        failed since the last success come last. Raises LookupError as `check` does.
+        A grasp with which it can then do the place `put` is preferred; those that have failed since
+        the last success come last. Raises LookupError as `check` does.
         """
         connection = seen.connection
         item, kind = command.arguments[0], KINDS[command.behaviour]
         with seen.session.transaction():
-            put = target if kind == "grasp" else command.arguments[-1]
-            chooser = self._chooser(seen, robot, item, put)
+            ends = put if kind == "grasp" else command
+            target = None if ends is None else ends.arguments[-1]
+            chooser = self._chooser(seen, robot, item, target)
             if kind == "grasp":
                 values = {"robot": robot, "item": item}
                 failed = connection.execute(text(_FAILED), values).scalars()
                 chooser = replace(chooser, failed=frozenset(failed))
                 goes_on = target if _is_object(connection, target) else None
-                choice = chooser.grasp(item, goes_on)
+                choice = chooser.grasp(item, goes_on, None if put is None else put.at)
             else:
                 choice = _place(connection, chooser, robot, command)
             add_task(

@@ -217,8 +217,9 @@ class MissionStore(MissionList):
                 choice = Choice(refusal=Outcome("gone", f"the map has no {gone[0]} any more"))
             elif self.grasps is not None and command.behaviour in KINDS:
                 values = {"mission": mission, "item": command.arguments[0]}
-                target = connection.execute(text(_TARGET), values).scalar()
-                choice = self.grasps.begin(seen, robot, command, target)
+                put = connection.execute(text(_PUT), values).scalar()
+                ends = None if put is None else Command.of_json(put)
+                choice = self.grasps.begin(seen, robot, command, ends)
             chosen = command if choice.spot is None else replace(command, spot=choice.spot)
             values = {"mission": mission, "number": number, "command": json.dumps(chosen.as_json())}
             connection.execute(text(_START), values)
@@ -404,8 +405,8 @@ WHERE mission_id = :mission AND number = :number AND state = 'started'
 """
 
 # What an object is put on by the first planned step that puts it down.
-_TARGET = """
-SELECT arguments[2] FROM mission_step
+_PUT = """
+SELECT command FROM mission_step
 WHERE mission_id = :mission AND state = 'planned' AND action = 'place' AND arguments[1] = :item
 ORDER BY number LIMIT 1
 """

@@ -38,6 +38,16 @@ def world(**changed: dict[str, object]) -> TaskWorld:
             NoPlanError,
             "^desk1 cannot be reached: door8 is locked$",
         ),
+        (  # the desk stands in a doorway, and what is on it on the other side
+            "in(muffin, lab2)",
+            {
+                "muffin1": {"holder": "desk1", "place": "lab1"},
+                "desk1": {"surface": 1.0, "surface_height": 0.7},
+            },
+            {"door8": {"state": "locked"}},
+            NoPlanError,
+            "^desk1 cannot be reached: door8 is locked$",
+        ),
         ("on(mufin, desk1)", {}, {}, UnknownObjectError, "there is no mufin.*did you mean muffin"),
         (
             "on(muffin, desk1)",

@@ -211,7 +211,7 @@ def test_what_was_taken_is_put_down_and_both_are_a_put(connection: Connection, r
     connection.execute(text("CREATE ROLE tiago IN ROLE semmap_robot"))
     connection.execute(text("SET LOCAL ROLE tiago"))
     memory = GraspMemory()
-    grasp = begin(memory, connection, robot, MUG, "table")
+    grasp = begin(memory, connection, robot, MUG, PUT)
     memory.end(connection, robot, MUG, Outcome())
     take(connection, robot)
     (spot,) = memory.spots(seen_by(connection), robot, "mug", "table", Pose(2.2, 1.5)) or ()
@@ -234,7 +234,7 @@ def test_what_was_taken_is_put_down_and_both_are_a_put(connection: Connection, r
 def test_a_place_is_tried_in_simulation(connection: Connection, robot: int) -> None:
     """The mug is taken, put down and released, and it stays there."""
     memory = GraspMemory(simulated=True, trial=True)
-    begin(memory, connection, robot, MUG, "table")
+    begin(memory, connection, robot, MUG, PUT)
     memory.end(connection, robot, MUG, Outcome())
     take(connection, robot)
     (spot,) = memory.spots(seen_by(connection), robot, "mug", "table", Pose(2.2, 1.5)) or ()
@@ -267,7 +267,7 @@ def test_spots_are_not_known_for_floors_and_for_what_was_taken_without_a_grasp(
 ) -> None:
     memory = GraspMemory()
     assert memory.spots(seen_by(connection), robot, "mug", "table", Pose()) is None
-    memory.begin(seen_by(connection), robot, MUG, "room")
+    memory.begin(seen_by(connection), robot, MUG, Command("place", ("mug", "room")))
     memory.end(connection, robot, MUG, Outcome())
     assert memory.spots(seen_by(connection), robot, "mug", "room", Pose()) is None
     assert memory.begin(seen_by(connection), robot, PUT).action is None
