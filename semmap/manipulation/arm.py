@@ -187,10 +187,20 @@ class Arm:
     @cached_property
     def reaches_towards(self) -> tuple[float, float]:
         """The direction (x, y), robot's frame, in which the grasp frame mostly is."""
+        x, y = np.median(self._drawn, axis=0)
+        return float(x), float(y)
+
+    @cached_property
+    def usual_reach(self) -> float:
+        """The median distance of the grasp frame from the robot's axis, metres."""
+        return float(np.median(np.linalg.norm(self._drawn, axis=1)))
+
+    @cached_property
+    def _drawn(self) -> Floats:
+        """(200, 2) x, y of the grasp frame, robot's frame, at random positions."""
         random = np.random.default_rng(0)
         drawn = random.uniform(self.low, self.high, (200, len(self.low)))
-        x, y = np.median([self.grasp_pose(position)[:2, 3] for position in drawn], axis=0)
-        return float(x), float(y)
+        return np.array([self.grasp_pose(position)[:2, 3] for position in drawn])
 
     @cached_property
     def needs_base(self) -> bool:

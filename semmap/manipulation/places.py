@@ -133,7 +133,6 @@ class PutDowns:
         Parameters are those of `find_places`.
         """
         spots, here = self._spots, base or Pose()
-        by_arm = arm is not None and base is not None
         if arm is not None and base is not None and arm.needs_base:
             heights = [surface.height for surface in self.surfaces]
             at = _spots_of_arm(places, self.vertices, self.upright, heights, arm, base)
@@ -144,10 +143,9 @@ class PutDowns:
         if not spots:
             return [], f"{self.on}: none of its surfaces has room for {self.entity}"
         free = self._free(places, spots)
-        if towards is None and by_arm:
-            ordered = _in_order(spots, (here.x, here.y), room=1.0)
-        else:
-            ordered = _in_order(spots, towards)
+        ordered = _in_order(spots, towards)
+        if towards is None and arm is not None and base is not None:
+            ordered = _in_order(spots, base[:2], room=1.0, away=arm.usual_reach)
         ordered.sort(key=lambda spot: spot in free.inside)  # on it before inside of it
         rows = free.first(ordered, limit, arm, base)
         why = None if rows else free.problem(self.entity, self.on, base)
@@ -447,7 +445,7 @@ class _FreePlaces:
             if arm is not None and base is not None:
                 some = facing_first(some, base)[:AT_SPOT]
                 self.met += len(some)
-                some = reachable_rows(some, arm, base, 1)
+                some = [r for r in reachable_rows(some, arm, base, 1) if _folds(arm, r)]
             if some:
                 found[spot.spot] = some[0]
             if len(found) == limit or self.near == SPOTS or self.met >= REACHED:
@@ -474,21 +472,32 @@ class _FreePlaces:
         return f"{room} the gripper touches what is around at all {number} places"
 
 
+def _folds(arm: Arm, row: dict[str, Any]) -> bool:
+    """Whether an arm does not touch itself where an action begins."""
+    position = np.array([row["position"][joint.name] for joint in arm.joints])
+    return arm.is_free(position, Obstacles(np.empty((0, 3, 3))))
+
+
 def _doubt(row: dict[str, Any]) -> float:
     """Orders places by the expected share of successes of the grasp and the place."""
     return -float(row["expected"] * row["grasp_expected"])
 
 
 def _in_order(
-    spots: Sequence[PlacePose], towards: Sequence[float] | None, room: float = 0.5
+    spots: Sequence[PlacePose],
+    towards: Sequence[float] | None,
+    room: float = 0.5,
+    away: float = 0.0,
 ) -> list[PlacePose]:
-    """The spots with most room first; else, of those with enough, the nearest to a point first."""
+    """The spots with most room first; else, of those with enough, the nearest to a point first.
+
+    With `away`, those come first that are nearest to that distance from it.
+    """
     if towards is None:
         return list(spots)
     point = np.asarray(towards, dtype=float)[:2]
-    return sorted(
-        spots, key=lambda s: (s.quality < room, float(np.linalg.norm(s.pose[:2, 3] - point)))
-    )
+    gap = {s: abs(float(np.linalg.norm(s.pose[:2, 3] - point)) - away) for s in spots}
+    return sorted(spots, key=lambda s: (s.quality < room, gap[s]))
 
 
 def _row(place: dict[str, Any], spot: PlacePose) -> dict[str, Any]:

@@ -108,8 +108,8 @@ class GraspMemory:
         held = _held_by(seen.connection, robot, item)
         if held is None or held.action_id is None or not _is_object(seen.connection, target):
             return None
-        near = (towards.x, towards.y)
         chooser = self._chooser(seen, robot, item, target)
+        near = None if chooser.arm is not None else (towards.x, towards.y)
         try:
             with seen.session.transaction():
                 found = find_places(
