@@ -332,6 +332,8 @@ def _judge(
             return
         elif least.reached(goal) and not _asks_for_floor(goal, truth):
             yield f"refused, but it can be reached: {error}"
+        elif f"is out of reach: the arm of {robot} " in str(error):
+            return  # so is the place, for another reason
         elif not _names_what_is_in_the_way(str(error), truth, goal, body):
             yield f"refused, not for what is in the way: {error}"
         return
