@@ -6,6 +6,15 @@ import difflib
 from collections.abc import Iterable
 
 
+def misspelt(name: str, known: Iterable[str]) -> str | None:
+    """The known name that a name probably stands for, with a letter or two that are wrong.
+
+    >>> misspelt("tabel", ["table", "stable"]), misspelt("bottle_opener", ["bottle"])
+    ('table', None)
+    """
+    return next(iter(difflib.get_close_matches(name, sorted(set(known)), n=1, cutoff=0.8)), None)
+
+
 def similar_names(name: str, known: Iterable[str], count: int = 3) -> list[str]:
     """Return known names that are spelt like a name, the most similar first, or that contain it.
 

@@ -174,15 +174,20 @@ class GraspCheck:
         hand, grasps = self.hand, self._grasps(item)
         if hand is None or isinstance(grasps, str):
             return None
-        level = [row for row in grasps if hand.gripper.can_tilt_to(row["pose"].matrix)]
         if not grasps:
             why = misfit(item, self._shape(item), hand.name, hand.gripper.opening)
-        elif not level and not moved:
-            why = slanting(item, len(grasps), hand.name)
-        elif moved or self._is_free(level):
+        elif moved or grasps[0]["pose"] is None:  # it has no pose in the map
             return None
         else:
-            why = touching(self._seen, item, len(level))
+            level = [row for row in grasps if hand.gripper.can_tilt_to(row["pose"].matrix)]
+            if self._is_free(level):
+                return None
+            every = len(grasps)
+            why = (
+                touching(self._seen, item, len(level))
+                if level
+                else slanting(item, every, hand.name)
+            )
         return f"{why}; {assumption(hand.name)}" if hand.assumed else why
 
     def no_place(

@@ -209,8 +209,8 @@ CREATE FUNCTION statements_about(things bigint[], places bigint[], moment timest
 RETURNS TABLE (entity_id bigint, at timestamptz, place_ids bigint[]) LANGUAGE plpgsql STABLE ROWS 1000 COST 10000
 SET search_path = semmap, public, pg_temp SET plan_cache_mode = force_generic_plan SET enable_seqscan = off AS $$
 -- Where the map has put things until a moment, as far as it still knows: the last time at each of up to 20 places, one
--- after the other. Things and places are pairs. Of a stay in a holder that is no place, such as a storey, any of the
--- places in it; of a thing on or in nothing, the place of its pose; else elsewhere, which is null.
+-- after the other. Things and places are pairs. Of a stay in a holder that is no place, such as a storey, the place of the
+-- pose, else elsewhere, which is null; without a pose any of the places in it. Of agents, what is below them comes first.
 BEGIN
     RETURN QUERY
     WITH RECURSIVE pair AS MATERIALIZED (
@@ -236,9 +236,13 @@ BEGIN
         FROM known k JOIN pair p ON p.id = k.id AND semmap.is_held_by(p.place, k.holder_id)
         WHERE NOT EXISTS (SELECT FROM up WHERE up.id = k.id AND up.holder_id = k.holder_id) GROUP BY 1, 2
     ), placed AS (
-        SELECT s.id, s.begun, s.last, coalesce(u.place_ids, d.place_ids,
-                        CASE WHEN s.last THEN ARRAY[semmap.place_of(s.id, ARRAY(SELECT p.place FROM pair p WHERE p.id = s.id))] END) AS place_ids
-        FROM stay s LEFT JOIN up u ON u.id = s.id AND u.holder_id = s.holder_id LEFT JOIN down d ON d.id = s.id AND d.holder_id = s.holder_id
+        SELECT s.id, s.begun, s.last,
+               coalesce(CASE WHEN s.last AND e.kind = 'agent' THEN NULLIF(ARRAY[semmap.place_of(s.id, t.places)], ARRAY[NULL::bigint]) END, u.place_ids,
+                        CASE WHEN s.last AND (w.pose IS NOT NULL OR d.place_ids IS NULL) THEN ARRAY[semmap.place_of(s.id, t.places)]
+                             ELSE d.place_ids END) AS place_ids
+        FROM stay s JOIN semmap.entity e ON e.id = s.id LEFT JOIN semmap.world w ON w.entity_id = s.id
+        JOIN (SELECT p.id, array_agg(p.place) AS places FROM pair p GROUP BY p.id) t ON t.id = s.id
+        LEFT JOIN up u ON u.id = s.id AND u.holder_id = s.holder_id LEFT JOIN down d ON d.id = s.id AND d.holder_id = s.holder_id
     ), ended AS (
         SELECT p.*, lead(p.place_ids) OVER (PARTITION BY p.id ORDER BY p.begun) AS next FROM placed p WHERE p.place_ids IS NOT NULL
     ), ranked AS (
@@ -558,15 +562,17 @@ END $$;
 CREATE FUNCTION seen_pose(thing bigint, place bigint, spot double precision[])
 RETURNS double precision[] LANGUAGE sql STABLE SET search_path = semmap, public, pg_temp AS $$
 -- The pose in the map's frame of an entity whose middle was seen at a position in the frame of a place: turned as it
--- was, with its foot on the surface below, or on the floor; in a container, where it was seen. Null in the air. The
--- middle of an agent of unknown height is up to 1.8 m above the floor.
-SELECT ARRAY[seen.at[1] - own.x, seen.at[2] - own.y,
+-- was, with its foot on the surface below, or on the floor; in a container, where it was seen. Null in the air. What was
+-- seen beside the surface, as cameras err, is moved onto it. The middle of an agent of unknown height is up to 1.8 m
+-- above the floor.
+SELECT ARRAY[coalesce(ST_X(snapped.point), seen.at[1]) - own.x, coalesce(ST_Y(snapped.point), seen.at[2]) - own.y,
              CASE WHEN e.kind <> 'room' THEN coalesce(k.pose[3] + board.height - own.foot, seen.at[3] - own.middle)
                   ELSE coalesce(k.pose[3] + r.floor - own.foot, seen.at[3] - own.middle) END] || own.turn
 FROM semmap.world k JOIN semmap.entity e ON e.id = k.entity_id LEFT JOIN semmap.room r ON r.entity_id = k.entity_id,
      LATERAL (SELECT semmap.pose_compose(k.pose, spot || ARRAY[0, 0, 0, 1]::double precision[])) seen (at),
      LATERAL (SELECT (ST_XMin(b.box) + ST_XMax(b.box)) / 2, (ST_YMin(b.box) + ST_YMax(b.box)) / 2, ST_ZMin(b.box),
-                     (ST_ZMin(b.box) + ST_ZMax(b.box)) / 2, ST_ZMax(b.box) - ST_ZMin(b.box), b.turn
+                     (ST_ZMin(b.box) + ST_ZMax(b.box)) / 2, ST_ZMax(b.box) - ST_ZMin(b.box), b.turn,
+                     least(ST_XMax(b.box) - ST_XMin(b.box), ST_YMax(b.box) - ST_YMin(b.box)) / 2
               FROM (SELECT ST_Translate(w.box, -w.pose[1], -w.pose[2], -w.pose[3]) AS box, w.pose[4:7] AS turn, 1 AS rank
                     FROM semmap.world w WHERE w.entity_id = thing
                   UNION ALL
@@ -574,9 +580,14 @@ FROM semmap.world k JOIN semmap.entity e ON e.id = k.entity_id LEFT JOIN semmap.
                     FROM semmap.entity_model m JOIN semmap.model o ON o.id = m.model_id WHERE m.entity_id = thing HAVING count(*) > 0
                   UNION ALL
                     SELECT ST_MakeLine(ST_MakePoint(0, 0, 0), ST_MakePoint(0, 0, 0)), '{0,0,0,1}', 3) b
-              ORDER BY b.rank LIMIT 1) own (x, y, foot, middle, height, turn)
-     LEFT JOIN LATERAL (SELECT max(s.height) AS height FROM semmap.entity_model m JOIN semmap.support_surface s ON s.model_id = m.model_id
-                        WHERE m.entity_id = place AND seen.at[3] - k.pose[3] - s.height BETWEEN -0.05 AND greatest(0.5, own.height / 2)) board ON true
+              ORDER BY b.rank LIMIT 1) own (x, y, foot, middle, height, turn, half)
+     LEFT JOIN LATERAL (SELECT s.height, ST_Collect(ST_Translate(ST_Rotate(s.outline, semmap.pose_yaw(k.pose), 0, 0), k.pose[1], k.pose[2])) AS area
+                        FROM semmap.entity_model m JOIN semmap.support_surface s ON s.model_id = m.model_id
+                        WHERE m.entity_id = place AND seen.at[3] - k.pose[3] - s.height BETWEEN -0.05 AND greatest(0.5, own.height / 2)
+                        GROUP BY s.height ORDER BY s.height DESC LIMIT 1) board ON true
+     LEFT JOIN LATERAL (SELECT ST_ClosestPoint(CASE WHEN ST_IsEmpty(i.inside) THEN ST_Centroid(board.area) ELSE i.inside END, i.at) AS point
+                        FROM (SELECT ST_Buffer(board.area, -own.half), ST_MakePoint(seen.at[1], seen.at[2])) i (inside, at)
+                        WHERE abs(k.pose[4]) < 1e-3 AND abs(k.pose[5]) < 1e-3 AND NOT ST_Intersects(board.area, i.at)) snapped ON true
      LEFT JOIN LATERAL (SELECT 1.8 FROM semmap.entity a WHERE a.id = thing AND a.kind = 'agent' AND own.height = 0) t (tall) ON true
 WHERE k.entity_id = place
   AND CASE WHEN e.kind = 'room' THEN coalesce(seen.at[3] - k.pose[3] - r.floor <= greatest(0.5, own.height, t.tall), true)

@@ -322,15 +322,8 @@ def spot(
 ) -> tuple[float, float, float]:
     """A free point on the highest surface of a holder, or on its floor; as `Map.spot`."""
     rows = []
-    if relation == "on":
-        rows = map.execute(
-            "SELECT ST_AsBinary(ST_Force2D(pose_apply(ST_Force3D(s.outline), w.pose))), "
-            "w.pose[3] + s.height FROM entity_model em JOIN support_surface s "
-            "ON s.model_id = em.model_id JOIN world w ON w.entity_id = em.entity_id "
-            "WHERE em.entity_id = %s AND s.height IS NOT NULL "
-            "ORDER BY s.height DESC, ST_Area(s.outline) DESC",
-            holder.id,
-        )
+    if relation == "on" or holder.kind == "object":
+        rows = map.execute(_BOARDS, relation == "on", size[2], holder.id)
     rows = rows or map.execute(
         "SELECT ST_AsBinary(w.footprint), CASE WHEN %s = 'on' THEN ST_ZMax(w.box) "
         "ELSE coalesce(w.pose[3] + r.floor, ST_ZMin(w.box)) END "
@@ -349,6 +342,19 @@ def spot(
             return (*found, z)
     what = f"{size[0]:.2f} x {size[1]:.2f} m"
     raise ValueError(f"{relation} {holder.name} no place of {what} is free: give a pose")
+
+
+_BOARDS = """
+SELECT ST_AsBinary(ST_Force2D(pose_apply(ST_Force3D(s.outline), w.pose))), w.pose[3] + s.height
+FROM entity_model em JOIN support_surface s ON s.model_id = em.model_id
+JOIN world w ON w.entity_id = em.entity_id CROSS JOIN LATERAL (
+    SELECT coalesce(min(u.height), ST_ZMax(w.box) - w.pose[3]) - s.height FROM support_surface u
+    WHERE u.model_id = s.model_id AND u.height > s.height + 0.02
+      AND ST_Intersects(u.outline, ST_PointOnSurface(s.outline))) c (clear)
+WHERE s.height IS NOT NULL AND (%s OR c.clear >= greatest(%s, 0.03)) AND em.entity_id = %s
+ORDER BY s.height DESC, ST_Area(s.outline) DESC
+"""
+"""The level surfaces of a holder, the highest first; in it, those below others or its top."""
 
 
 def _check_inside(map: Map, holder: MapEntity, point: tuple[float, float, float]) -> None:

@@ -96,7 +96,10 @@ def identify(
     false_alarm: float = FALSE_ALARMS,
     new: float = LACKING,
 ) -> list[Identity]:
-    """Return for each detection of one view which objects of its type it may be.
+    """Return for each detection of one view which objects it may be.
+
+    They are those of its type, and what the map has around its point: of a supertype, or as large,
+    as two solids are not at one place.
 
     The likelihood has the type, the size, and where each object is believed to be, as it may have
     moved since it was observed; also where it was within that place. Two detections are different
@@ -118,12 +121,12 @@ def identify(
     of_types = [
         [
             row
-            for row in find(seen, type=detection.type)
+            for row in [*find(seen, type=each.type), *_occupants(seen, each, frame, at)]
             if row["kind"] in ("object", "agent") and row["name"] != frame
         ]
-        for detection in detections
+        for each in detections
     ]
-    candidates = [[row["name"] for row in of_type] for of_type in of_types]
+    candidates = [[*dict.fromkeys(row["name"] for row in of_type)] for of_type in of_types]
     agents = {row["name"] for of_type in of_types for row in of_type if row["kind"] == "agent"}
     names = sorted({name for of_type in candidates for name in of_type})
     rows = [j for j, of_type in enumerate(candidates) if of_type]
@@ -339,6 +342,30 @@ def _chosen(found: Sequence[Identity], whole: dict[str, dict[str, float]]) -> li
         for one in found
     ]
     return [None if i is None else names[i] for i in one_each(share, LEAST)]
+
+
+def _occupants(
+    seen: Snapshot, detection: Detection, frame: str | None, at: datetime | None
+) -> list[Row]:
+    """The objects and agents around a detection that it is under another name."""
+    if finite_numbers(detection.point, 3) is None:
+        return []  # refused later
+    size = _size(detection) ** 3
+    values = {"type": detection.type, "size": None if math.isnan(size) else size}
+    point = dict(zip("xyz", _in_map(seen, detection, frame, at), strict=True))
+    rows = seen.session.execute(_OCCUPANTS, values | point | {"near": ONE_POINT})
+    return [{"name": name, "kind": kind} for name, kind in rows.fetchall()]
+
+
+_OCCUPANTS = """
+SELECT e.name, e.kind FROM world w JOIN entity e ON e.id = w.entity_id,
+     LATERAL (SELECT ST_XMax(w.box) - ST_XMin(w.box), ST_YMax(w.box) - ST_YMin(w.box),
+                     ST_ZMax(w.box) - ST_ZMin(w.box)) s (a, b, c)
+WHERE w.map_id = current_map() AND e.kind IN ('object', 'agent') AND NOT is_building_part(e.type)
+  AND w.box &&& grown(ST_MakePoint(%(x)s, %(y)s, %(z)s), %(near)s)
+  AND (e.type IN (SELECT c.super FROM type_closure c WHERE c.sub = %(type)s)
+       OR s.a * s.b * s.c BETWEEN %(size)s::float8 / 2 AND %(size)s::float8 * 2)
+"""
 
 
 def _in_map(

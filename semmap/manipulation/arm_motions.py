@@ -69,9 +69,9 @@ class ArmMotion:
 class FreeArm:
     """Which actions an arm does without touching anything; what is around is read once.
 
-    From where the approach begins to its end, some posture of the arm is free. It takes some
-    hundredths of a second an action; whether the arm gets there from how it is carried takes
-    seconds (`plan_action`).
+    From where the approach begins to its end, and with a grasped object straight off again, some
+    posture of the arm is free, and so is how it is carried. It takes some hundredths of a second an action; whether the
+    arm gets from one to the other takes seconds (`plan_action`).
     """
 
     def __init__(self, seen: Snapshot, arm: Arm) -> None:
@@ -80,11 +80,15 @@ class FreeArm:
     def rows(self, base: Pose, rows: Iterable[dict[str, Any]]) -> Iterator[dict[str, Any]]:
         """Those of some grasps or places of one object, in order, from where a base stands."""
         planner = _Planner.of(self._seen, self._arm, base, self._read)
-        strokes: _Strokes | None = None
+        made: tuple[_Strokes, _Strokes] | None = None
         for row in rows:
-            if strokes is None:
-                strokes, _ = planner.place(row) if "on" in row else planner.grasp(row)
-            if any(free_strokes(self._arm, planner.start, strokes(row))):
+            if made is None and "on" in row:
+                made = planner.place(row)[0], lambda _: []  # an empty hand gets off
+            made = made or planner.grasp(row)
+            strokes, back = made
+            ways = free_strokes(self._arm, planner.start, strokes(row))
+            ends = (after[-1][-1] if after else before for before, after in ways)
+            if any(planner.gets_off(end, back(row)) is not None for end in ends):
                 yield row
 
 
@@ -266,18 +270,24 @@ class _Planner(NamedTuple):
                 return self._motion(row, self._keep(found[0]), found, after, reused=False)
         return None
 
-    def _back(self, position: Floats, strokes: list[Stroke], seconds: float) -> Floats | None:
-        """Positions along straight strokes, and then by any free motion to the start."""
+    def gets_off(self, position: Floats, strokes: list[Stroke]) -> list[Floats] | None:
+        """Positions along straight strokes, if the motion to the start could begin and end."""
         if not strokes:
-            return np.empty((0, len(self.start)))
+            return []
         *straight, last = strokes
         moved = straight_motions(self.arm, position, straight)
         if moved is None:
             return None
         begin = moved[-1][-1] if moved else position
-        if not (is_free(self.arm, begin, last) and is_free(self.arm, self.start, last)):
-            return None
-        way = plan_motion(self.arm, begin, self.start, last, seconds)
+        return moved if all(is_free(self.arm, end, last) for end in (begin, self.start)) else None
+
+    def _back(self, position: Floats, strokes: list[Stroke], seconds: float) -> Floats | None:
+        """Positions along straight strokes, and then by any free motion to the start."""
+        moved = self.gets_off(position, strokes)
+        if moved is None or not strokes:
+            return None if moved is None else np.empty((0, len(self.start)))
+        begin = moved[-1][-1] if moved else position
+        way = plan_motion(self.arm, begin, self.start, strokes[-1], seconds)
         return None if way is None else np.concatenate([*moved, way])
 
     def _motion(

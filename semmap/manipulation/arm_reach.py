@@ -39,7 +39,7 @@ ABOVE = (0.05, 0.2)
 FEW = 4
 """Grasps within reach of which one is often free; else it is asked which ones are."""
 
-MET, PLACES = 32, 6
+MET, PLACES = 12, 6
 """Grasps and places within reach of which it is asked whether the arm touches something."""
 
 SPACING = 0.1

@@ -19,7 +19,7 @@ NEAR, STEP, ENCLOSED = 0.5, 0.25, 0.5
 is looked for; the part of these that are at walls in a room which has walls."""
 
 LOWEST = 0.5
-"""Metres above the floor that a wall is at least high."""
+"""Metres above the floor that a wall is at least high; what begins higher is a ceiling or beam."""
 
 CLEAR = 0.01
 """Metres beside doorways, and within the borders of other rooms, in which no wall is."""
@@ -88,8 +88,8 @@ def _have_walls(
     for room in rooms:
         assert room.footprint is not None
         assert room.floor is not None
-        assert room.ceiling is not None
-        high = (heights[:, 0] < room.ceiling) & (heights[:, 1] >= room.floor + LOWEST)
+        level = room.floor + LOWEST
+        high = (heights[:, 0] <= level) & (heights[:, 1] >= level)
         around = pieces.query(shapely.box(*room.footprint.bounds), "covered_by")
         points = shapely.get_coordinates(shapely.segmentize(room.footprint.boundary, STEP))
         if bounds is not None:

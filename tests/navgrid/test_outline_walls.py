@@ -60,6 +60,14 @@ def metres(here: semmap.Map) -> float | None:
         return None
 
 
+def test_a_slab_over_rooms_is_no_wall_of_them(db: semmap.Database) -> None:
+    """However low it hangs above heads; a robot as high as that is stopped by it itself."""
+    here = two_rooms(db, 0.3)
+    assert metres(here) is None
+    here.add_object("Decke", type="ceiling", size=(10.4, 4.4, 0.3), pose=(5, 2, 2.2, 0))
+    assert metres(here) is None
+
+
 @pytest.mark.parametrize("gap", [0.3, 0.55, 0.65, 0.8, 1.1])
 def test_a_gap_beside_an_outline_is_as_wide_as_beside_a_wall(
     db: semmap.Database, gap: float

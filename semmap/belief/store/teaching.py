@@ -22,7 +22,7 @@ from semmap.belief.teaching import (
 from semmap.ingest.ontology.tbox import KINDS
 from semmap.query.snapshot import Snapshot
 from semmap.snake_case import snake_case
-from semmap.suggestions import suggestion
+from semmap.suggestions import misspelt, suggestion
 
 PLACED = ("in", "on", "is_in", "is_on")
 """Relations that say where an object is: they are sightings."""
@@ -157,6 +157,7 @@ class _Lesson:
         for relation in teaching.relations:
             if is_a(relation.relation):
                 names += [relation.subject, relation.object]
+        self._refuse_misspelt(teaching, names)
         names += [taught.type for taught in teaching.objects if taught.type]
         others = self.kinds.keys() | {taught.name for taught in teaching.objects}
         new = {snake_case(name): name for name in names if name not in others}
@@ -171,6 +172,18 @@ class _Lesson:
             )
             self._read_types()
         return len(new)
+
+    def _refuse_misspelt(self, teaching: Teaching, taught: Sequence[str]) -> None:
+        """LookupError for a class of an object that is none, and like one that is."""
+        others = {snake_case(name) for name in taught} | self.known
+        for each in teaching.objects:
+            if each.type and each.type not in self.kinds and snake_case(each.type) not in others:
+                meant = misspelt(snake_case(each.type), others)
+                if meant is not None:
+                    raise LookupError(
+                        f"{each.name}: there is no class {each.type}; did you mean {meant}? Teach "
+                        "it as knowledge, too, if it is a new one"
+                    )
 
     def _describe(self, teaching: Teaching) -> None:
         for concept in teaching.knowledge:

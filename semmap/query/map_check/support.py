@@ -109,7 +109,7 @@ class SupportedBuilding(CheckedBuilding):
             gap = _gap(entity, other)
             if gap < least:
                 least, name = gap, other.name
-            if gap <= FASTENED:
+            if gap <= CONTACT:
                 bearers.append(other)
         return least, name, bearers
 
