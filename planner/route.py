@@ -80,9 +80,15 @@ class Route:
         """The passages: one step for each connector that the robot passes."""
         return [s for s in self.transitions if s.connector is not None and _passes(s, s.connector)]
 
+    @property
+    def begin(self) -> str:
+        """Where it begins, in words: in the room of its goal, anywhere, so that it is 0 m long."""
+        here = self.start == self.goal and self.steps and self.steps[0].approach is None
+        return f"anywhere in {self.start}" if here else self.start
+
     def __repr__(self) -> str:
         way = f"{len(self.steps)} steps, {self.metres:.1f} m, {self.seconds:.0f} s"
-        return f"<route from {self.start} to {self.goal}: {way}>"
+        return f"<route from {self.begin} to {self.goal}: {way}>"
 
 
 def _passes(step: RouteStep, connector: PlaceConnector) -> bool:

@@ -97,7 +97,7 @@ def _show_route(route: Route, *, timed: bool = False) -> None:
         print_folded(names[:shown], [line[:shown] for line in lines], right=("seconds",))
     doors = ", ".join(s.connector.name for s in route.doors if s.connector is not None)
     took = f"{route.metres:.1f} m" + (f", {route.seconds:.0f} s" if timed else "")
-    print(f"{route.start} -> {route.goal}: {doors or 'no door'} ({took})")
+    print(f"{route.begin} -> {route.goal}: {doors or 'no door'} ({took})")
 
 
 def readable_pose(pose: Pose | None) -> str:

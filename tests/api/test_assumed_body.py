@@ -49,6 +49,12 @@ def test_no_answer_leads_through_a_wall(cottage: tuple[semmap.Map, bool], tmp_pa
     assert rooms == ({"pantry"} if filled else {*ROOMS})
 
 
+def test_a_route_within_a_room_begins_anywhere(cottage: tuple[semmap.Map, bool]) -> None:
+    made, _ = cottage
+    assert str(made.route("parlour", "jug")).startswith("<route from anywhere in parlour to ")
+    assert "anywhere" not in str(made.route((5, 1, 0), "jug"))
+
+
 def test_the_ways_of_a_plan_are_clear_by_half_the_width(
     cottage: tuple[semmap.Map, bool],
 ) -> None:

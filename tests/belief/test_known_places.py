@@ -144,4 +144,12 @@ def test_what_was_looked_for_in_vain_is_searched_for(db: semmap.Database) -> Non
         here.observe("taza", "mesa2", seen=False)
     assert here["taza"].pose is None
     plan = here.plan("carries(robot, taza)", start="sala")
-    assert [action.name for action in plan.actions][0] == "search"
+    assert plan.actions[0].name == "search"
+
+
+@pytest.mark.parametrize("gap", [0.02, 0.035, 0.045])
+def test_what_is_too_high_for_its_holder_floats(db: semmap.Database, gap: float) -> None:
+    here = two_tables(db)
+    here.add_object("taza", type="mug", size=(0.08, 0.08, 0.1), pose=(3, 4, 0.75 + gap, 0))
+    held = here["taza"].holder == here["mesa1"]
+    assert held == (not here.check()) == (gap < 0.03)

@@ -11,6 +11,7 @@ from typing import Any
 
 import pytest
 
+from planner.mission.grasp_choice import GraspChooser, Hand
 from semmap import Map
 from semmap.geometry.pose import Pose
 from semmap.manipulation.arm_motions import FreeArm
@@ -86,3 +87,23 @@ def test_a_base_that_is_planned_for_a_place_does_it(cups: Map, here: Any) -> Non
         for base in (BASE, Pose.planar(3.6, 0.3, 0, 0.7))
     ]
     assert said == [bool(rows) for rows in found] == [True, False]
+
+
+@pytest.mark.parametrize("y", [2.1, 2.4])
+def test_a_grasp_is_taken_with_which_the_arm_can_put_down(here: Any, y: float) -> None:
+    """Where the robot stands high, the best grasp is none of those."""
+    at = Pose.planar(1.5, y, -1.57, 1.1)
+    arm = stored_arm(here, "panda")[1]
+    chooser = GraspChooser(seen_by(here), "panda", Hand("panda_gripper", "panda"), BASE)
+    choice = chooser.grasp("cup1", "table", at)
+    assert choice.action is not None
+    places = find_places(
+        seen_by(here),
+        "cup1",
+        "table",
+        gripper="panda_gripper",
+        grasps=[choice.action],
+        arm=arm,
+        base=at,
+    )
+    assert places.rows
