@@ -45,6 +45,9 @@ TRIES = 6
 LIFT = 0.1
 """Metres by which an object is lifted before anything else."""
 
+ASKED = 60
+"""Actions in a row that an arm does not do after which it does none, wherever its base is."""
+
 
 @dataclass(frozen=True)
 class ArmMotion:
@@ -70,12 +73,24 @@ class FreeArm:
     """Which actions an arm does without touching anything; what is around is read once.
 
     From where the approach begins to its end, and with a grasped object straight off again, some
-    posture of the arm is free, and so is how it is carried. It takes some hundredths of a second an action; whether the
-    arm gets from one to the other takes seconds (`plan_action`).
+    posture of the arm is free, and so is how it is carried. It takes some hundredths of a second an
+    action; whether the arm gets from one to the other takes seconds (`plan_action`).
     """
 
     def __init__(self, seen: Snapshot, arm: Arm) -> None:
         self._seen, self._arm, self._read = seen, arm, dict[tuple[str, str | None], Obstacles]()
+        self._left = ASKED
+
+    def does_one(self, base: Pose, rows: Iterable[dict[str, Any]]) -> bool:
+        """Whether there is one in `rows`; where `ASKED` were none, no other one is asked about."""
+        for row in rows:
+            if not self._left:
+                return False
+            self._left -= 1
+            if any(True for _ in self.rows(base, [row])):
+                self._left = ASKED
+                return True
+        return False
 
     def rows(self, base: Pose, rows: Iterable[dict[str, Any]]) -> Iterator[dict[str, Any]]:
         """Those of some grasps or places of one object, in order, from where a base stands."""

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from collections import Counter
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from functools import cached_property
 from itertools import islice, product
 from typing import Any
@@ -39,8 +39,9 @@ ABOVE = (0.05, 0.2)
 FEW = 4
 """Grasps within reach of which one is often free; else it is asked which ones are."""
 
-MET, PLACES = 12, 6
-"""Grasps and places within reach of which it is asked whether the arm touches something."""
+MET, PLACES, REACHED = 12, 3, 24
+"""Grasps and places within reach of a base of which it is asked whether the arm touches something,
+and places of which it is asked whether they are within reach."""
 
 SPACING = 0.1
 """Metres between the spots of a surface that are tried."""
@@ -134,7 +135,7 @@ class GraspReach(ArmReach):
         gets_there = super().does(number, base)
         if not gets_there or not self._hand_free:
             return gets_there
-        return self._is_free(base, [self.actions()[number]])
+        return self._arm_around.does_one(base, [self.actions()[number]])
 
     def acts(self, base: Pose) -> bool:
         """Whether the arm takes the object from a base."""
@@ -142,14 +143,12 @@ class GraspReach(ArmReach):
         if not first or self._beneath:
             return bool(first)
         free = [row for row, each in zip(first, self._around.free(first), strict=True) if each]
-        if free and self._is_free(base, free):
+        if free and self._arm_around.does_one(base, free):
             return True
         if not self._hand_free:
             return True
-        return self._is_free(base, islice(self._reached(self._hand_free, base), MET))
-
-    def _is_free(self, base: Pose, rows: Iterable[dict[str, Any]]) -> bool:
-        return any(True for _ in self._arm_around.rows(base, rows))
+        some = islice(self._reached(self._hand_free, base), MET)
+        return self._arm_around.does_one(base, some)
 
     def _reached(self, some: Sequence[dict[str, Any]], base: Pose) -> Iterator[dict[str, Any]]:
         turns = _by_turns(facing_first(some, base))
@@ -190,19 +189,23 @@ class PutReach(ArmReach):
 
     @cached_property
     def _ways(self) -> list[dict[str, Any]]:
-        return [way for there, ends in self._puts for way in there.ways(ends, PUTS)]
+        return [way | {"put": put} for put in self._puts for way in put[0].ways(put[1], PUTS)]
 
     def does(self, number: int, base: Pose) -> bool:
-        """As `acts`: the arm puts the object down where its base lets it."""
-        return self.acts(base)
+        """Whether the arm gets along one of `actions`, and nothing touches anything."""
+        way = self.actions()[number]
+        there, ends = way["put"]
+        if not super().does(number, base) or not there.is_free(ends, way):
+            return False
+        return self._arm_around.does_one(base, [way])
 
     def acts(self, base: Pose) -> bool:
         """Whether the arm puts one of the objects down from a base."""
-        for there, ends in self._puts:
-            rows, _ = there.rows(ends, PLACES, arm=self.arm, base=base)
-            if any(True for _ in self._arm_around.rows(base, rows)):
-                return True
-        return False
+        found = (
+            there.rows(ends, PLACES, arm=self.arm, base=base, most=REACHED)[0]
+            for there, ends in self._puts
+        )
+        return any(self._arm_around.does_one(base, rows) for rows in found)
 
 
 class SurfaceReach(ArmReach):

@@ -205,11 +205,14 @@ def facing_first(rows: Sequence[dict[str, Any]], base: Pose) -> list[dict[str, A
 
 
 def reachable_rows(
-    rows: Sequence[dict[str, Any]], arm: Arm, base: Pose, limit: int
+    rows: Sequence[dict[str, Any]], arm: Arm, base: Pose, limit: int, reach: Reach | None = None
 ) -> list[dict[str, Any]]:
-    """The actions that an arm at a base reaches, with `position` of its joints; `facing_first`."""
+    """The actions that an arm at a base reaches, with `position` of its joints; `facing_first`.
+
+    `reach` is that of the arm, which remembers where it does not get to.
+    """
     names = [joint.name for joint in arm.joints]
-    reach, found = Reach(arm), []
+    reach, found = reach or Reach(arm), []
     fit = [row for row in rows if arm.gripper.can_tilt_to(row["pose"].matrix)]
     for row in facing_first(fit, base)[:TRIED]:
         position = reach.along(row, base)

@@ -22,7 +22,7 @@ from semmap.geometry.pose import Pose
 from semmap.geometry.surfaces import ANY_LEVEL, Levels
 from semmap.manipulation.action_record import ActionRecord
 from semmap.manipulation.arm import Arm
-from semmap.manipulation.automata import WAY, facing_first, reachable_rows
+from semmap.manipulation.automata import WAY, Reach, facing_first, reachable_rows
 from semmap.manipulation.candidates import Grasps
 from semmap.manipulation.collision import Obstacles, free_places, free_way
 from semmap.manipulation.error import ManipulationError
@@ -107,11 +107,20 @@ class PutDowns:
         return ways
 
     def ways(self, places: Sequence[dict[str, Any]], most: int) -> list[dict[str, Any]]:
-        """Some places at some free spots, whether or not the gripper is free there."""
+        """Some places at some free spots, by chance, whether or not the gripper is free there."""
         number = len(self._spots) * len(places)
         chosen = np.random.default_rng(0).choice(number, min(number, most), replace=False)
         spots, ends = np.divmod(chosen, max(1, len(places)))
-        return [_row(places[j], self._spots[i]) for i, j in zip(spots, ends, strict=True)]
+        rows = [
+            _row(places[j], self._spots[i]) | {"at": self._spots[i]}
+            for i, j in zip(spots, ends, strict=True)
+        ]
+        return [row | {"on": self.on} for row in rows]
+
+    def is_free(self, places: Sequence[dict[str, Any]], way: dict[str, Any]) -> bool:
+        """Whether the gripper is free along one of the `ways` of some places."""
+        free = self._free(places, self._spots).at(way["at"])
+        return any(row["model_pose"] is way["model_pose"] for row in free)
 
     def some_are_free(self, places: Sequence[dict[str, Any]]) -> bool:
         """Whether the gripper does one of some places at one of a few spots."""
@@ -127,10 +136,11 @@ class PutDowns:
         towards: Sequence[float] | None = None,
         arm: Arm | None = None,
         base: Pose | None = None,
+        most: int = REACHED,
     ) -> tuple[list[dict[str, Any]], str | None]:
         """The free ones of some places, one at each spot; why there is none.
 
-        Parameters are those of `find_places`.
+        Parameters are those of `find_places`; the reach of an arm is asked for `most` places.
         """
         spots, here = self._spots, base or Pose()
         if arm is not None and base is not None and arm.needs_base:
@@ -147,7 +157,7 @@ class PutDowns:
         if towards is None and arm is not None and base is not None:
             ordered = _in_order(spots, base[:2], room=1.0, away=arm.usual_reach)
         ordered.sort(key=lambda spot: spot in free.inside)  # on it before inside of it
-        rows = free.first(ordered, limit, arm, base)
+        rows = free.first(ordered, limit, arm, base, most)
         why = None if rows else free.problem(self.entity, self.on, base)
         return [row | {"on": self.on} for row in rows], why
 
@@ -403,6 +413,7 @@ class _FreePlaces:
         self.before = np.array([in_model(row, "pre_pose") for row in places])
         self.near = self.met = 0
         self._known: dict[PlacePose, list[dict[str, Any]]] = {}
+        self._reach: Reach | None = None
 
     def at(self, spot: PlacePose) -> list[dict[str, Any]]:
         """The rows of the free places at a spot, the best first."""
@@ -433,8 +444,11 @@ class _FreePlaces:
         limit: int,
         arm: Arm | None = None,
         base: Pose | None = None,
+        most: int = REACHED,
     ) -> list[dict[str, Any]]:
         """For each spot, the first free place, or the first one that an arm reaches."""
+        if arm is not None and (self._reach is None or self._reach.arm is not arm):
+            self._reach = Reach(arm)
         self.near = self.met = 0
         found: dict[tuple[float, ...], dict[str, Any]] = {}
         for spot in spots:
@@ -445,10 +459,11 @@ class _FreePlaces:
             if arm is not None and base is not None:
                 some = facing_first(some, base)[:AT_SPOT]
                 self.met += len(some)
-                some = [r for r in reachable_rows(some, arm, base, 1) if _folds(arm, r)]
+                some = reachable_rows(some, arm, base, 1, self._reach)
+                some = [row for row in some if _folds(arm, row)]
             if some:
                 found[spot.spot] = some[0]
-            if len(found) == limit or self.near == SPOTS or self.met >= REACHED:
+            if len(found) == limit or self.near == SPOTS or self.met >= most:
                 break
         return list(found.values())
 
