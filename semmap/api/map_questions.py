@@ -155,14 +155,15 @@ class MapQuestions:
     def check(self) -> list[Finding]:
         """Where the map disagrees with itself and with physics, the gravest first.
 
-        It judges by poses, meshes and outlines of rooms, not by the holders that were derived of
-        them. An error makes answers wrong; warnings and notes are for you to judge. A finding has
-        its kind, severity, the names of entities, a sentence, and its fix.
+        It judges by poses, meshes, stated voxels and outlines of rooms, not by the holders that
+        were derived of them. An error makes answers wrong; warnings and notes are for you to judge.
+        A finding has its kind, severity, the names of entities, a sentence, and its fix.
         """
+        from semmap.api.voxel_check import check_voxels
         from semmap.query.map_check.rules import check_map
 
         with self.snapshot() as seen:
-            return check_map(seen)
+            return [*check_voxels(seen), *check_map(seen)]
 
     def fix(self, findings: Iterable[Finding]) -> int:
         """Derive stale data again, by the findings of `check`; no entity moves.

@@ -153,3 +153,16 @@ def test_what_is_too_high_for_its_holder_floats(db: semmap.Database, gap: float)
     here.add_object("taza", type="mug", size=(0.08, 0.08, 0.1), pose=(3, 4, 0.75 + gap, 0))
     held = here["taza"].holder == here["mesa1"]
     assert held == (not here.check()) == (gap < 0.03)
+
+
+@pytest.mark.parametrize(("x", "z"), [(1, 0.8), (3, 1.4), (3, 0.8), (3.3, 0.8)])
+def test_voxels_and_geometry_are_one_truth(db: semmap.Database, x: float, z: float) -> None:
+    """Oracle: how far a ball of 0.1 m reaches from the box of the mug."""
+    here = two_tables(db)
+    here.add_object("taza", type="mug", size=(0.08, 0.08, 0.1), pose=(3, 4, 0.75, 0))
+    here.fields.update(f'INSERT DATA {{ :taza :occupies "SPHERE({x} 4 {z} 0.1)"^^:region }}')
+    nearest = np.clip((x, 4, z), (2.96, 3.96, 0.75), (3.04, 4.04, 0.85))
+    away = np.linalg.norm(nearest - (x, 4, z)) + 0.1
+    assert abs(away - 0.5) > 0.05
+    kinds = {finding.kind: finding.entities for finding in here.check()}
+    assert kinds == ({"voxels apart": ("taza",)} if away > 0.5 else {})

@@ -26,6 +26,9 @@ from semmap_vdb import BoolGrid
 
 OCCUPIES = "urn:semmap:ontology#occupies"
 
+APART = 0.5
+"""Metres between a stated voxel and the geometry of an entity, above which one of them is wrong."""
+
 MODELS = (
     "coalesce((SELECT array_agg(m.model_id ORDER BY m.model_id) FROM entity_model m "
     "WHERE m.entity_id = e.id), '{}') AS models "
@@ -68,6 +71,29 @@ def read_stated(seen: Snapshot, ids: Iterable[int] | None, voxel_size: float) ->
             moved = Pose(*row.pose) @ Pose(*row.state["pose"]).inverse()
             points = moved.apply(points)
         found.append(StatedVoxels(row.id, row.name, _role(row.kind, row.is_part), points))
+    return found
+
+
+def voxels_apart(seen: Snapshot) -> list[tuple[str, float]]:
+    """The entities with stated voxels farther than `APART` from the box around their geometry.
+
+    Each with the distance of the farthest one, metres.
+    """
+    stated = {each.id: each for each in read_stated(seen, None, APART / 10) if len(each.points)}
+    rows = run(
+        seen.session,
+        "SELECT w.entity_id AS id, ARRAY[ST_XMin(w.box), ST_YMin(w.box), ST_ZMin(w.box)] AS low, "
+        "ARRAY[ST_XMax(w.box), ST_YMax(w.box), ST_ZMax(w.box)] AS high FROM world w "
+        "WHERE w.entity_id = ANY(%(ids)s) AND w.box IS NOT NULL ORDER BY w.entity_id",
+        {"ids": [*stated]},
+    )
+    found = []
+    for row in rows:
+        points = stated[row.id].points
+        nearest = np.clip(points, row.low, row.high)
+        away = float(np.linalg.norm(points - nearest, axis=1).max())
+        if away > APART:
+            found.append((stated[row.id].name, away))
     return found
 
 
