@@ -101,7 +101,7 @@ class GraspCheck:
     @cached_property
     def arm(self) -> tuple[str, Arm] | None:
         """The name of the robot that moves the gripper, and its arm; None where it is not known."""
-        from semmap.manipulation.automata import gripper_arm, stored_arm
+        from semmap.manipulation.automata import folded_arm, stored_arm
         from semmap.manipulation.error import ManipulationError
 
         if self.hand is None or (robot := self.hand.robot) is None:
@@ -109,7 +109,7 @@ class GraspCheck:
         with suppress(ManipulationError):  # no joint moves the gripper
             if self._stored is not None:
                 return robot, stored_arm(self._seen.session, robot)[1]
-            return robot, gripper_arm(self.hand.gripper)
+            return robot, folded_arm(self.hand.gripper)
         return None
 
     @property

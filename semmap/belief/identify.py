@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from datetime import datetime
-from itertools import combinations
+from itertools import combinations, product
 from typing import Any
 
 import numpy as np
@@ -59,6 +59,9 @@ WALKS = 10.0
 ONE_POINT = 0.01
 """Metres within which no two objects of a type are, nor within half of their least side."""
 
+SAME = 0.5
+"""A detection may be an object under another name with which it shares this part of the space."""
+
 NEW, FALSE_ALARM = "(new)", "(false alarm)"
 NONE_KNOWN = {NEW, FALSE_ALARM}
 """What a detection may be beside a known object."""
@@ -98,8 +101,8 @@ def identify(
 ) -> list[Identity]:
     """Return for each detection of one view which objects it may be.
 
-    They are those of its type, and what the map has around its point: of a supertype, or as large,
-    as two solids are not at one place.
+    They are those of its type, and what the map has around its point: of a supertype, or in nearly
+    the same space, as two solids are not at one place.
 
     The likelihood has the type, the size, and where each object is believed to be, as it may have
     moved since it was observed; also where it was within that place. Two detections are different
@@ -350,21 +353,42 @@ def _occupants(
     """The objects and agents around a detection that it is under another name."""
     if finite_numbers(detection.point, 3) is None:
         return []  # refused later
-    size = _size(detection) ** 3
-    values = {"type": detection.type, "size": None if math.isnan(size) else size}
-    point = dict(zip("xyz", _in_map(seen, detection, frame, at), strict=True))
-    rows = seen.session.execute(_OCCUPANTS, values | point | {"near": ONE_POINT})
-    return [{"name": name, "kind": kind} for name, kind in rows.fetchall()]
+    _size(detection)  # refuses sides that are none
+    point = np.array(_in_map(seen, detection, frame, at))
+    values = dict(zip("xyz", point.tolist(), strict=True)) | {"type": detection.type}
+    rows = seen.session.execute(_OCCUPANTS, values | {"near": ONE_POINT}).fetchall()
+    return [
+        {"name": name, "kind": kind}
+        for name, kind, is_super, box in rows
+        if is_super or _share(detection, point, np.array(box).reshape(2, 3)) >= SAME
+    ]
+
+
+def _share(detection: Detection, point: NDArray[np.float64], box: NDArray[np.float64]) -> float:
+    """The common part of a detection and a box (2, 3), over both; 0 without sides.
+
+    The point of the detection is its middle or its foot, and its sides are along x and y, or y and
+    x.
+    """
+    if detection.sides is None:
+        return 0.0
+    (a, b, c), shares = detection.sides, []
+    for sides, foot in product(((a, b, c), (b, a, c)), (0.0, c / 2)):
+        middle = point + np.array((0, 0, foot))
+        ends = np.array([middle - np.array(sides) / 2, middle + np.array(sides) / 2])
+        common = np.minimum(ends[1], box[1]) - np.maximum(ends[0], box[0])
+        both = float(np.prod(np.maximum(common, 0)))
+        shares.append(both / (a * b * c + float(np.prod(box[1] - box[0])) - both))
+    return max(shares)
 
 
 _OCCUPANTS = """
-SELECT e.name, e.kind FROM world w JOIN entity e ON e.id = w.entity_id,
-     LATERAL (SELECT ST_XMax(w.box) - ST_XMin(w.box), ST_YMax(w.box) - ST_YMin(w.box),
-                     ST_ZMax(w.box) - ST_ZMin(w.box)) s (a, b, c)
+SELECT e.name, e.kind, e.type IN (SELECT c.super FROM type_closure c WHERE c.sub = %(type)s),
+       ARRAY[ST_XMin(w.box), ST_YMin(w.box), ST_ZMin(w.box),
+             ST_XMax(w.box), ST_YMax(w.box), ST_ZMax(w.box)]
+FROM world w JOIN entity e ON e.id = w.entity_id
 WHERE w.map_id = current_map() AND e.kind IN ('object', 'agent') AND NOT is_building_part(e.type)
   AND w.box &&& grown(ST_MakePoint(%(x)s, %(y)s, %(z)s), %(near)s)
-  AND (e.type IN (SELECT c.super FROM type_closure c WHERE c.sub = %(type)s)
-       OR s.a * s.b * s.c BETWEEN %(size)s::float8 / 2 AND %(size)s::float8 * 2)
 """
 
 

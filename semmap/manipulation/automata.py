@@ -159,6 +159,12 @@ def stored_arm(session: Session, automaton: str) -> tuple[str, Arm]:
 
 
 @lru_cache(maxsize=4)
+def folded_arm(gripper: Gripper) -> Arm:
+    """The arm that moves a gripper, carried as `register_robot` stores it; made once."""
+    return Arm(gripper, folded_posture(gripper))
+
+
+@lru_cache(maxsize=4)
 def gripper_arm(gripper: Gripper, posture: tuple[tuple[str, float], ...] = ()) -> Arm:
     """The arm that moves a gripper, made once; as `Arm`."""
     return Arm(gripper, dict(posture))
