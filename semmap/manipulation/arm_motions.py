@@ -46,7 +46,7 @@ LIFT = 0.1
 """Metres by which an object is lifted before anything else."""
 
 ASKED = 60
-"""Actions in a row that an arm does not do after which it does none, wherever its base is."""
+"""Actions in a row that an arm does not do, after which others count by their reach alone."""
 
 
 @dataclass(frozen=True)
@@ -82,10 +82,10 @@ class FreeArm:
         self._left = ASKED
 
     def does_one(self, base: Pose, rows: Iterable[dict[str, Any]]) -> bool:
-        """Whether there is one in `rows`; where `ASKED` were none, no other one is asked about."""
+        """Whether there is one in `rows`; where `ASKED` were none, it is left to missions."""
         for row in rows:
             if not self._left:
-                return False
+                return True
             self._left -= 1
             if any(True for _ in self.rows(base, [row])):
                 self._left = ASKED
