@@ -142,13 +142,13 @@ class PutDowns:
 
         Parameters are those of `find_places`; the reach of an arm is asked for `most` places.
         """
-        spots, here = self._spots, base or Pose()
+        spots = self._spots
         if arm is not None and base is not None and arm.needs_base:
             heights = [surface.height for surface in self.surfaces]
             at = _spots_of_arm(places, self.vertices, self.upright, heights, arm, base)
             spots = self._candidates(at)
             if not spots:
-                where = f"({here.x:g}, {here.y:g})"
+                where = f"({base.x:g}, {base.y:g})"
                 return [], f"{self.on}: the arm at {where} puts {self.entity} on no free part of it"
         if not spots:
             return [], f"{self.on}: none of its surfaces has room for {self.entity}"
@@ -460,7 +460,6 @@ class _FreePlaces:
                 some = facing_first(some, base)[:AT_SPOT]
                 self.met += len(some)
                 some = reachable_rows(some, arm, base, 1, self._reach)
-                some = [row for row in some if _folds(arm, row)]
             if some:
                 found[spot.spot] = some[0]
             if len(found) == limit or self.near == SPOTS or self.met >= most:
@@ -485,12 +484,6 @@ class _FreePlaces:
             return f"{room} {reaches} {self.met} places where the gripper is free"
         number = len(self.places)
         return f"{room} the gripper touches what is around at all {number} places"
-
-
-def _folds(arm: Arm, row: dict[str, Any]) -> bool:
-    """Whether an arm does not touch itself where an action begins."""
-    position = np.array([row["position"][joint.name] for joint in arm.joints])
-    return arm.is_free(position, Obstacles(np.empty((0, 3, 3))))
 
 
 def _doubt(row: dict[str, Any]) -> float:

@@ -11,6 +11,8 @@ from scipy.spatial import ConvexHull
 
 import semmap
 from semmap.api.driving_posture import driving_posture
+from semmap.manipulation.automata import folded_arm
+from semmap.manipulation.gripper import read_gripper
 from semmap.robot import Robot, load_robot, robot_parts
 from tests.command_line import semmap as run
 from tests.robot.robots import by_hand, real_robot
@@ -81,6 +83,7 @@ def test_both_arms_of_a_robot_are_folded_and_it_drives_and_takes(database: str) 
         added = db.add_manipulator(urdf, "pr2")
         ((stored,),) = here.execute("SELECT posture FROM automaton WHERE name = %s", added)
     assert stored == dict(chosen.joints)
+    assert folded_arm(read_gripper(urdf)).state == stored, "as plans judge what is not stored"
 
 
 def _meetings(robot: Robot, joints: dict[str, float]) -> set[tuple[str, str]]:

@@ -61,8 +61,8 @@ def metres(here: semmap.Map) -> float | None:
 
 
 def test_a_slab_over_rooms_is_no_wall_of_them(db: semmap.Database) -> None:
-    """However low it hangs above heads; a robot as high as that is stopped by it itself."""
-    here = two_rooms(db, 0.3)
+    """However low it hangs above the robot, it cannot reach through an outline."""
+    here = two_rooms(db, 0.55)
     assert metres(here) is None
     here.add_object("Decke", type="ceiling", size=(10.4, 4.4, 0.3), pose=(5, 2, 2.2, 0))
     assert metres(here) is None

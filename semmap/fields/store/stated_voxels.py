@@ -26,6 +26,9 @@ from semmap_vdb import BoolGrid
 
 OCCUPIES = "urn:semmap:ontology#occupies"
 
+VOXEL = 0.05
+"""Metres of the voxels that are compared with geometry."""
+
 APART = 0.5
 """Metres between a stated voxel and the geometry of an entity, above which one of them is wrong."""
 
@@ -79,7 +82,7 @@ def voxels_apart(seen: Snapshot) -> list[tuple[str, float]]:
 
     Each with the distance of the farthest one, metres.
     """
-    stated = {each.id: each for each in read_stated(seen, None, APART / 10) if len(each.points)}
+    stated = {each.id: each for each in read_stated(seen, None, VOXEL) if len(each.points)}
     rows = run(
         seen.session,
         "SELECT w.entity_id AS id, ARRAY[ST_XMin(w.box), ST_YMin(w.box), ST_ZMin(w.box)] AS low, "
