@@ -21,7 +21,7 @@ from scipy.ndimage import label
 from navgrid.costmap import Costmap
 from navgrid.field_layer import FieldVoxels
 from navgrid.grid import Grid, scene_grid
-from navgrid.headings import STEP, DriveSpace, drive, drive_space, drive_way
+from navgrid.headings import STEP, DriveSpace, drive, drive_space, drive_way, hits
 from navgrid.inflation import INSCRIBED, LETHAL, UNKNOWN
 from navgrid.slabs import area_cells
 from navgrid.window import Window, grown, window_around
@@ -284,7 +284,7 @@ class StoreyCostmaps:
         joined = self._joined(door, pose)
         if joined is None:
             return None
-        floor = self._standing_room(place, costs, room.grid)
+        floor = self._once(self._standing_room, place)
         end = _nearest(floor & joined, room.grid, pose)
         if end is not None and (
             OUTSIDE in door.places or self._once(self._bends, door.name) is not None
@@ -449,24 +449,34 @@ class StoreyCostmaps:
         costs, room = self.costs(place), self.room(place)
         assert costs is not None
         assert room is not None
-        floor = self._standing_room(place, costs, room.grid)
+        floor = self._once(self._standing_room, place)
         joined = self._joined(self._doors(place)[pose], pose)
         end = _nearest(floor if joined is None else floor & joined, room.grid, pose)
         if end is None and self.topology.places[place].elevator is not None:
             end = _nearest(floor, room.grid, pose)
         return end
 
-    def _standing_room(self, place: str, costs: NDArray[np.uint8], grid: Grid) -> NDArray[np.bool_]:
-        """The passable cells in which the robot stands at a door; in a cabin, none of the doorway.
+    def _standing_room(self, place: str) -> NDArray[np.bool_]:
+        """The passable cells of a place where the robot stands at a door.
 
-        The door of an elevator closes before it leaves.
+        The doors of an elevator close before it leaves: in its cabin, the robot stands where at
+        some heading its whole shape is clear of them.
         """
+        costs, room, space = self.costs(place), self.room(place), self.space(place)
+        assert costs is not None
+        assert room is not None
+        assert space is not None
         passable = costs < INSCRIBED
         if self.topology.places[place].elevator is None:
             return passable
-        floors = self.costmap(self.storey_of(place)).scene.floors
-        own = _outline(floors, place)
-        return passable & area_cells(own, grid)
+        costmap = self.costmap(self.storey_of(place))
+        own = area_cells(_outline(costmap.scene.floors, place), room.grid)
+        leaves = shapely.union_all([door.leaf() for door in self._doors(place).values()])
+        shut = area_cells(leaves.buffer(GRID), room.grid) & ~own
+        fits = space.fits.copy()
+        for part in costmap.parts:
+            fits &= ~hits(shut, part.footprint, room.grid.resolution)
+        return passable & own & (fits != 0)
 
     def _joined(self, door: PlaceConnector, pose: Pose) -> NDArray[np.bool_] | None:
         """The cells of an approach pose's place from which a way leads through the opening.
@@ -509,7 +519,7 @@ class StoreyCostmaps:
             return DoorSide(np.zeros((0, 0), np.int32), [1] * len(points), {1: 0.0})
         parts = label(costs < INSCRIBED, np.ones((3, 3)))[0]
         gaps = _values(parts, room.grid, points, 0).tolist()
-        floor = self._standing_room(place, costs, room.grid)
+        floor = self._once(self._standing_room, place)
         ends = {part: _nearest(floor & (parts == part), room.grid, pose) for part in {*gaps}}
         return DoorSide(parts, gaps, {k: end[1] for k, end in ends.items() if end is not None})
 

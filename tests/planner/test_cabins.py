@@ -94,3 +94,41 @@ def test_a_ride_crosses_the_cabin_on_its_free_floor(
         assert tower.route(f"{side}0", f"{side}1").steps
     tower["crate"].delete()
     assert tower.route("west0", "north1").steps
+
+
+@pytest.mark.parametrize(("gap", "rides"), [(0.15, False), (0.2, False), (1.0, True), (1.4, True)])
+def test_the_doors_close_behind_a_robot(tower: Map, gap: float, rides: bool) -> None:
+    """It stands wholly between the door and a crate: not in the doorway, as where none closes."""
+    assert rides == (gap > 2 * WIDE)
+    assert rides != (gap < 2 * SLIM)
+    x0, x1 = CABIN.bounds[0] + gap, 5.28
+    size, middle = (x1 - x0, 2.9, 0.8), ((x0 + x1) / 2, 2.5, 0, 0)
+    tower.add_object("crate", type="crate", size=size, pose=middle, define=True)
+    if rides:
+        assert tower.route("west0", "west1").steps
+        assert tower.plan("in(robot, west1)", start="west0").actions
+    else:
+        with pytest.raises(NoRouteError, match="crate leaves robot no way through to_west0"):
+            tower.route("west0", "west1")
+        with pytest.raises(NoPlanError, match="crate leaves robot no way through to_west0"):
+            tower.plan("in(robot, west1)", start="west0")
+
+
+def test_a_square_robot_does_not_ride_in_less_than_its_width(tower: Map, tmp_path: Path) -> None:
+    """Its middle is passable in the doorway, where half of it would be in the door."""
+    urdf = tmp_path / "square.urdf"
+    urdf.write_text(
+        '<robot name="square"><link name="base_link"><collision><origin xyz="0 0 0.2"/>'
+        '<geometry><box size="0.6 0.6 0.4"/></geometry></collision></link></robot>'
+    )
+    tower.database.add_robot("square", urdf)
+    for gap, rides in ((0.55, False), (0.75, True)):
+        x0, x1 = CABIN.bounds[0] + gap, 5.28
+        size, middle = (x1 - x0, 2.9, 0.8), ((x0 + x1) / 2, 2.5, 0, 0)
+        tower.add_object("crate", type="crate", size=size, pose=middle, define=True)
+        if rides:
+            assert tower.route("west0", "west1", robot="square").steps
+        else:
+            with pytest.raises(NoRouteError, match="crate leaves square no way"):
+                tower.route("west0", "west1", robot="square")
+        tower["crate"].delete()
