@@ -115,6 +115,8 @@ class SupportedBuilding(CheckedBuilding):
 
     def hangs_in_room(self, entity: CheckedEntity) -> bool:
         """Whether an object hangs on a wall or ceiling that a room's outline and heights say."""
+        if _stands(entity):
+            return False
         middle = float(entity.low[2] + entity.high[2]) / 2
         for room in self.rooms:
             if not self.floor(room) <= middle <= self.ceiling(room) + CEILING:
@@ -123,8 +125,6 @@ class SupportedBuilding(CheckedBuilding):
                 continue
             if self._is_at_ceiling(room, entity):
                 return True
-            if _stands(entity):
-                continue
             if room.outline.boundary.distance(entity.ground) <= _reach(entity):
                 return True
         return False
@@ -324,7 +324,7 @@ def _reach(entity: CheckedEntity) -> float:
 
 
 def _stands(entity: CheckedEntity) -> bool:
-    """Whether an object hangs on no wall: by its type, if it is thicker than a picture."""
+    """Whether an object hangs neither on a wall nor on cables: by its type, if it is no picture."""
     return bool(entity.row["stands"]) and thickness(entity) > PICTURE
 
 
