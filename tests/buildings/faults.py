@@ -51,9 +51,9 @@ def judge_faults(building: Building, place: semmap.Map) -> tuple[int, list[str]]
     grown = {(kind, who) for kind, who in after for k, names in before if k == kind and who > names}
     new = after - before - planted - grown  # rooms that are cut off, and one more with them
     cut = {names for kind, names in before if kind == "room without a door"}
-    if len(cut) == 1:  # of two groups of rooms the annex makes the other one the larger
-        whole = {*_rooms(place)}
-        new -= {("room without a door", frozenset(whole - {"annex"} - names)) for names in cut}
+    if cut:  # the annex makes another group of rooms as large as the largest one
+        largest = {*_rooms(place)}.difference({"annex"}, *cut)
+        new -= {("room without a door", frozenset(largest))}
     was, now = ({names for kind, names in found if kind == ONE_WAY} for found in (before, after))
     if was - now:  # with the annex, another circle of rooms is the largest one
         new = {(kind, names) for kind, names in new if kind != ONE_WAY}
