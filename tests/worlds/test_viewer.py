@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import base64
+import io
 import math
 import os
 import shutil
@@ -16,6 +18,7 @@ from typing import Any
 import numpy as np
 import pytest
 import trimesh
+from PIL import Image
 from playwright.sync_api import Page
 from scipy.spatial import cKDTree
 from sqlalchemy import Engine
@@ -457,6 +460,29 @@ def test_properties_are_in_the_card_and_addresses_are_links(
     assert page.get_by_role("link", name=file).get_attribute("href") == file
     assert page.get_by_text(odd).count() == 1
     assert page.get_by_role("link", name=odd).count() == 0
+    crate.delete()
+
+
+def test_photos_of_what_is_selected_are_in_its_card(page: Page, db: semmap.Database) -> None:
+    """They are stored in the map: what is on another host is a text, and not loaded."""
+    house = db.map("house")
+    crate = house.add_object("crate8", size=(0.4, 0.4, 0.4), pose=(1, 1, 0))
+    photos = []
+    for wide in (7, 5):
+        file = io.BytesIO()
+        Image.new("RGB", (wide, 3), "red").save(file, "PNG")
+        photos.append("data:image/png;base64," + base64.b64encode(file.getvalue()).decode())
+    elsewhere = "https://example.org/crate.jpg"
+    crate.properties |= {"photo": photos[0], "more": [photos[1], elsewhere], "url": elsewhere}
+    until(page, "semmap.house.entities.has('crate8')")
+    choose(page, "crate8")
+    shown = page.get_by_role("img", name="a picture of crate8")
+    shown.first.wait_for(timeout=5000)
+    sizes = shown.evaluate_all("all => all.map((each) => [each.naturalWidth, each.naturalHeight])")
+    assert sorted(sizes) == [[5, 3], [7, 3]]
+    page.get_by_text("properties", exact=True).click()
+    assert page.get_by_role("link", name=elsewhere).count() == 2
+    assert page.evaluate("document.querySelector('#card').textContent.includes('base64')") is False
     crate.delete()
 
 

@@ -84,9 +84,14 @@ export class Panel {
     at("card").hidden = told === null;
     if (told === null || this.typing(told.name)) return;
     const rows = Object.entries(told).filter(([key, value]) => !OMITTED.has(key) && text(value ?? "") !== "");
-    const own = Object.entries(told.properties ?? {});
+    const stated = Object.entries(told.properties ?? {}).map(([key, value]) => [key, [value].flat()]);
+    const photos = stated.flatMap(([, values]) => values.filter(isPicture));
+    const own = stated
+      .map(([key, values]) => [key, values.filter((each) => !isPicture(each))])
+      .filter(([, values]) => values.length);
     at("card").replaceChildren(
       element("h2", {}, told.name),
+      ...photos.map((src) => element("img", { src, alt: `a picture of ${told.name}` })),
       list(rows),
       ...(own.length ? [element("details", {}, element("summary", {}, "properties"), list(own))] : []),
       ...ASKED.filter(({ kinds }) => kinds.includes(told.kind)).map((each) => this.asked(told.name, each)),
@@ -140,6 +145,11 @@ async function answer(output, ask) {
 
 function list(rows) {
   return element("dl", {}, ...rows.flatMap(([key, value]) => [element("dt", {}, key), element("dd", {}, linked(text(value)))]));
+}
+
+// Whether a value is a picture, not the address of one: nothing is loaded from other hosts.
+function isPicture(value) {
+  return /^data:image\/(png|jpeg|webp);base64,/.test(value);
 }
 
 // A text, as a link where it is the address of a page or file, such as a CAD drawing.
