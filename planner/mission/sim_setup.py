@@ -27,15 +27,17 @@ _NOWHERE = "no room holds {}: give its start by start="
 
 
 def entry_poses(graph: RoutingGraph, place: str) -> list[Pose]:
-    """Where a robot may begin in a place: an approach pose in each part of it, the best first.
+    """Where a robot may begin in a place: at a door of each part of it, the best first.
 
-    From one pose of a part the robot drives to all others. Poses at doors that nothing closes or
-    obstructs come first, then those from which most doors are reached. In a place without a door,
-    it is a free pose. MissionError if the place has neither.
+    From one pose of a part the robot drives to all others. Poses from which most doors are reached
+    come first, of these ones at doors that nothing closes, and none at a door that something
+    obstructs. In a place without other doors, it is a free pose. MissionError if there is neither.
     """
-    nodes = graph.nodes.get(place, ())
-    ground = graph.costs.ground(place) if isinstance(graph.costs, StoreyCostmaps) else None
-    if not len(nodes) and ground is not None:
+    nodes = graph.nodes.get(place, np.empty(0, np.int64))
+    costs, seconds = graph.costs, graph.endpoint(place).seconds
+    clear = [costs.obstruction(place, graph.poses[int(node)]) is None for node in nodes]
+    ground = costs.ground(place) if isinstance(costs, StoreyCostmaps) else None
+    if not any(clear) and ground is not None:
         inside = shapely.multipoints(ground.free()[1]).envelope
         room = LocatedEntity(place, "room", place, footprint=inside)
         with suppress(NoBasePoseError):
@@ -45,14 +47,12 @@ def entry_poses(graph: RoutingGraph, place: str) -> list[Pose]:
     travel = graph.travel_edges.get(place, slice(0))
     joined = np.isfinite(graph.seconds[travel])
     tails, heads = (ends[travel][joined] for ends in (graph.tails, graph.heads))
-    closed = ~np.isfinite(graph.endpoint(place).seconds)
-    closed |= [graph.costs.obstruction(place, graph.poses[int(node)]) is not None for node in nodes]
     reached = np.array([np.count_nonzero(tails == node) for node in nodes])
     found: list[int] = []
-    for node in nodes[np.lexsort([closed, -reached])]:
-        if not np.isin(heads[tails == node], found).any():
-            found.append(int(node))
-    return [graph.poses[node] for node in found]
+    for i in np.lexsort([~np.isfinite(seconds), -reached]):
+        if (clear[i] or not any(clear)) and not np.isin(heads[tails == nodes[i]], found).any():
+            found.append(int(nodes[i]))
+    return [graph.standing(node) for node in found]
 
 
 def open_world(

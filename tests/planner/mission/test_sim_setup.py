@@ -2,7 +2,9 @@
 
 import numpy as np
 import pytest
+import shapely
 
+import semmap
 from planner.live_topology import LiveTopology
 from planner.mission.failures import FailureRule
 from planner.mission.sim_setup import entry_poses, open_world, simulated_robot
@@ -13,6 +15,7 @@ from planner.routing_graph import RoutingGraph
 from planner.topology import Place, Topology
 from semmap.geometry.pose import Pose
 from semmap.query.map_handle import MapHandle
+from semmap.robot import Part
 from tests.planner.mission.conftest import START
 from tests.planner.office import office
 
@@ -30,6 +33,26 @@ def test_a_robot_enters_before_the_first_door_from_which_it_gets_anywhere():
     assert len(entry_poses(graph, "foyer-1st")) == len(graph.nodes["foyer-1st"])
     with pytest.raises(MissionError, match="cell has no door"):
         entry_poses(RoutingGraph(Topology.of([Place("cell")], [])), "cell")
+
+
+@pytest.mark.parametrize(("side", "passes"), [(0.7, True), (0.2, False)])
+def test_a_robot_begins_in_no_obstacle_before_a_door(make_database, side: float, passes: bool):
+    """A crate stands where the robot would, and leaves it a gap beside it, or none."""
+    corners = shapely.get_coordinates(shapely.Point(0, 0).buffer(0.2).exterior)[:0:-1]
+    disc = RobotClass("disc", (Part("base", ("base",), (0.05, 1.0), corners, 0.199, 0.2),))
+    with semmap.connect(make_database().render_as_string(hide_password=False)) as db:
+        house = db.create_map("house")
+        house.add_room("a", [(0, 0), (4, 0), (4, 4), (0, 4)], floor=0, ceiling=2.5)
+        house.add_room("b", [(4.1, 0), (8, 0), (8, 4), (4.1, 4)], floor=0, ceiling=2.5)
+        wide = 0.4 + 2 * side
+        house.add_door("ab", "a", "b", line=((4.05, 2 - wide / 2), (4.05, 2 + wide / 2)))
+        house.add_object("crate", type="box", size=(1.0, 0.4, 0.8), pose=(3.7, 2, 0))
+        crate = house["crate"].footprint
+        live = LiveTopology(house, disc)
+        (pose,) = entry_poses(live.graph, "a")
+        assert shapely.Point(pose.x, pose.y).distance(crate) > 0.199
+        if passes:
+            assert pose == live.graph.standing(0)
 
 
 def test_the_world_is_as_the_map_and_stays_as_it_was_left(world, tmp_path):
