@@ -614,6 +614,9 @@ def test_what_hangs_at_a_ceiling_is_near_to_it(doorway: semmap.Map, seed: int) -
         if air > 0.15:
             expected.add(f"lamp{number}")
     doorway.add_object("sofa", type="sofa", size=(0.8, 0.8, 0.6), pose=(6.5, 2, bottom - 0.63))
+    guess = {"type_guess": {"type": "cup", "confidence": 0.7}}  # by its name, which is no proof
+    pose = (4, 1, bottom - 0.15)
+    doorway.add_object("cup_0", type="cup", size=(0.3, 0.3, 0.1), pose=pose, properties=guess)
     expected.add("sofa")  # no cable bears it
     above = slab + 0.05 if has_shape else 2.6  # in the room's height, or just above it
     pipe = (3, 2, above + draw.uniform(0.06, 0.09))

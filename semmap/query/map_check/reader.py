@@ -130,6 +130,7 @@ SELECT e.id, e.name, e.kind, e.type, p.holder_id, p.relation, p.confidence, p.po
        e.type IN (SELECT sub FROM type_closure WHERE super IN ('seat', 'table', 'bed', 'drinkware')
                   EXCEPT SELECT sub FROM type_closure
                   WHERE super IN ('fixture', 'storage_furniture')) AS stands,
+       e.properties ? 'type_guess' AS guessed,
        e.type IN (SELECT sub FROM type_closure
                   WHERE super IN ('container', 'storage_furniture')) AS storage,
        (SELECT array_agg(em.model_id ORDER BY em.model_id) FROM entity_model em

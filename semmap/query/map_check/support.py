@@ -114,8 +114,12 @@ class SupportedBuilding(CheckedBuilding):
         return least, name, bearers
 
     def hangs_in_room(self, entity: CheckedEntity) -> bool:
-        """Whether an object hangs on a wall or ceiling that a room's outline and heights say."""
-        if _stands(entity):
+        """Whether an object hangs on a wall or ceiling that a room's outline and heights say.
+
+        What stands hangs on neither, but a type that was guessed is no proof beneath a ceiling.
+        """
+        stands = _stands(entity)
+        if stands and not entity.row["guessed"]:
             return False
         middle = float(entity.low[2] + entity.high[2]) / 2
         for room in self.rooms:
@@ -125,6 +129,8 @@ class SupportedBuilding(CheckedBuilding):
                 continue
             if self._is_at_ceiling(room, entity):
                 return True
+            if stands:
+                continue
             if room.outline.boundary.distance(entity.ground) <= _reach(entity):
                 return True
         return False
