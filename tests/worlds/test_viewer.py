@@ -427,6 +427,80 @@ def test_a_name_and_a_state_are_changed_in_the_card(writer: Page, db: semmap.Dat
     door.state = former
 
 
+@pytest.mark.parametrize("whose", ["own", "of others"])
+def test_what_was_renamed_can_be_changed_on(writer: Page, db: semmap.Database, whose: str) -> None:
+    house = db.map("house")
+    crate = house.add_object("crate9", type="box", size=(0.4, 0.4, 0.4), pose=(1, 1, 0))
+    until(writer, "semmap.house.entities.has('crate9')")
+    choose(writer, "crate9")
+    if whose == "own":
+        writer.get_by_label("new name").fill("kiste")
+        writer.get_by_label("new name").press("Enter")
+    else:
+        crate.name = "kiste"
+    writer.get_by_role("heading", name="kiste", exact=True).wait_for(timeout=5000)
+    until(writer, "location.hash.includes('selected=kiste')")
+    writer.get_by_label("new type").fill("bottle")
+    writer.get_by_label("new type").press("Enter")
+    until(writer, "document.getElementById('status').value === 'set type: done'")
+    assert house["kiste"].type == "bottle"
+    house["kiste"].delete()
+
+
+def test_what_others_changed_since_is_not_taken_back(writer: Page, db: semmap.Database) -> None:
+    house = db.map("house")
+    crate = house.add_object("crate9", type="box", size=(0.4, 0.4, 0.4), pose=(1, 1, 0))
+    until(writer, "semmap.house.entities.has('crate9')")
+    choose(writer, "crate9")
+    writer.get_by_label("new type").fill("bottle")
+    writer.get_by_label("new type").press("Enter")
+    until(writer, "document.getElementById('status').value === 'set type: done'")
+    crate.type = "can"
+    until(writer, "semmap.house.entities.get('crate9').type === 'can'")
+    writer.keyboard.press("Escape")
+    writer.keyboard.press("Control+z")
+    until(writer, "document.getElementById('status').value.includes('changed since')")
+    assert crate.type == "can"
+    crate.delete()
+
+
+def test_where_something_has_been_is_in_its_card(page: Page, db: semmap.Database) -> None:
+    house = db.map("house")
+    cup, table = choose_on_table(page, house, "cup", (0.07, 0.07, 0.1))
+    cup.move_to(1.25, 1.0, 0.0)
+    until(page, "document.querySelector('#card dl').textContent.includes('1.25')")
+    page.get_by_role("button", name="Where it has been").click()
+    until(
+        page, "[...document.querySelectorAll('#card output')].some((o) => o.value.includes('1.25'))"
+    )
+    lines = page.locator("#card output").last.inner_text().splitlines()
+    assert "(1.25, 1.00, 0.00)" in lines[0]
+    assert f"{table.name} (" in lines[1]
+    assert len(lines) == len(cup.history())
+    cup.delete()
+
+
+def test_a_shown_route_follows_changes(page: Page, db: semmap.Database) -> None:
+    """A door on its way is locked, and there is no way any more; and again."""
+    house = db.map("house")
+    door = next(iter(house.doors))
+    former, (one, two) = door.state, [place.name for place in door.places]
+    form, output = page.locator("#route"), page.locator("#route output")
+    form.get_by_placeholder("from").fill(one)
+    form.get_by_placeholder("to").fill(two)
+    form.get_by_role("button").click()
+    until(page, "/ m, .*s/.test(document.querySelector('#route output').value)", seconds=60)
+    shown = output.inner_text()
+    assert door.name in shown
+    door.state = "locked"
+    until(page, f"document.querySelector('#route output').value !== {shown!r}", seconds=60)
+    with pytest.raises(ValueError, match="no route") as refused:
+        house.route(one, two)
+    assert output.inner_text() == str(refused.value)
+    door.state = former
+    until(page, f"document.querySelector('#route output').value === {shown!r}", seconds=60)
+
+
 def test_a_change_of_the_map_keeps_what_is_being_typed(writer: Page, db: semmap.Database) -> None:
     door, former, field = choose_door(writer, db)
     field.fill("lock")

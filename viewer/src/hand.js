@@ -45,20 +45,28 @@ export class Hand {
     const { name, pose } = this.entity;
     const [at, from] = [pose.slice(0, 3), this.from];
     this.from = at;
-    await this.act("move_to", { entity: name, ...xyz(at) }, ["move_to", { entity: name, ...xyz(from) }]);
+    const stays = () => this.house.entities.get(name)?.pose?.slice(0, 3).every((value, i) => Math.abs(value - at[i]) < 1e-3);
+    await this.act("move_to", { entity: name, ...xyz(at) }, ["move_to", { entity: name, ...xyz(from) }], stays);
   }
 
-  // Carry out an operation; `back` is the one that takes it back.
-  async act(operation, values, back) {
+  // Carry out an operation; `back` is the one that takes it back while it `stays` as it is then.
+  async act(operation, values, back, stays) {
     await this.change(operation, values);
-    this.done.push(back);
+    this.done.push({ back, stays });
   }
 
+  // Take back the last operation, unless somebody changed the same since; returns what was done.
   async undo() {
-    const last = this.done.at(-1);
-    if (last) await this.change(...last);
-    this.done.pop();
-    return Boolean(last);
+    const last = this.done.pop();
+    if (!last) return "nothing to take back";
+    if (!last.stays()) return `${last.back[1].entity} was changed since: it is left as it is`;
+    try {
+      await this.change(...last.back);
+    } catch (error) {
+      this.done.push(last);
+      throw error;
+    }
+    return "taken back";
   }
 }
 

@@ -218,6 +218,11 @@ export class House {
 
   // Take over an event; false if the scene has to be read again.
   hear(event) {
+    const [former, renamed] = event.values?.name ?? [];
+    if (renamed && this.entities.has(former)) {
+      this.entities.set(renamed, Object.assign(this.entities.get(former), { name: renamed }));
+      this.entities.delete(former);
+    }
     const entity = this.entities.get(event.name);
     const flat = entity && entity.level !== undefined;
     if (event.what === "moved" && entity && !flat) {

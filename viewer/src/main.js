@@ -8,6 +8,7 @@ import { Missions } from "./missions.js";
 import { Panel } from "./panel.js";
 import { Stage } from "./stage.js";
 
+const MOST_TOLD = 20; // lines of a history or answer
 const REREAD = 100; // milliseconds that changes are gathered before the scene is read again
 
 const link = readLink();
@@ -17,11 +18,11 @@ const maps = new Maps(name, token);
 const canvas = document.getElementById("stage");
 const stage = new Stage(canvas, document.getElementById("labels"), document.getElementById("panel"));
 const house = new House(stage);
-const panel = new Panel({ select, route, where, query, costs, grasps, past, hide, apart, change });
+const panel = new Panel({ select, route, where, query, costs, grasps, history, past, hide, apart, change });
 const hand = token ? new Hand(stage, house, tried) : null;
 let selected = null;
 let moments = [];
-let shownCosts = null; // the values with which costs were asked for
+let wanted = null; // the past moment that is shown
 
 async function read() {
   const [scene, meshes] = await Promise.all([
@@ -61,17 +62,25 @@ async function start() {
 }
 
 let waiting = null;
-let staleCosts = null;
+let stale = null;
 
 function hear(event) {
+  const [former, renamed] = event.values?.name ?? [];
+  if (former === selected && renamed) {
+    selected = renamed;
+    writeLink({ selected });
+  }
   if (!house.hear(event)) waiting ??= setTimeout(reread, REREAD);
   if (event.at > (moments.at(-1) ?? "")) panel.moments(moments.push(event.at));
-  if (shownCosts) staleCosts ??= setTimeout(costsAgain, 10 * REREAD);
+  stale ??= setTimeout(again, 10 * REREAD);
   if (event.name !== selected) return;
-  const renamed = event.values?.name;
-  if (renamed) selected = renamed[1];
-  else if (!hand?.busy) hand?.hold(house.entities.get(selected));
+  if (!renamed && !hand?.busy) hand?.hold(house.entities.get(selected));
   card();
+}
+
+async function again() {
+  await panel.again();
+  stale = null;
 }
 
 // Carry out a change; what the map refuses is shown as it is there.
@@ -88,11 +97,12 @@ async function tried(operation, values) {
 
 // Change a value of what is selected: its name, type or state.
 function change(key, value) {
-  const { name, [key]: former } = house.entities.get(selected);
+  const entity = house.entities.get(selected);
+  const { name, [key]: former } = entity;
   const back = key === "name" ? value : name;
   hand
-    .act(`set_${key}`, { entity: name, value }, [`set_${key}`, { entity: back, value: former }])
-    .catch(card);
+    .act(`set_${key}`, { entity: name, value }, [`set_${key}`, { entity: back, value: former }], () => house.entities.get(back)?.[key] === value)
+    .then(() => key === "name" || (entity[key] = value), card);
 }
 
 async function reread() {
@@ -122,7 +132,7 @@ async function card() {
   const asked = selected;
   if (asked === null) return panel.card(null);
   try {
-    const told = await maps.ask("describe", { name: asked });
+    const told = await maps.ask("describe", wanted ? { name: asked, at: wanted } : { name: asked });
     const { state = null } = house.entities.get(asked);
     if (asked === selected) panel.card({ ...told, state }, hand !== null);
   } catch (error) {
@@ -160,7 +170,10 @@ async function query({ text, language }) {
   if (language === "fields") return fields(text);
   const answer = await maps.ask(language, language === "sql" ? { statement: text } : { text });
   const known = markKnown((answer.rows ?? []).flat());
-  return answer.rows ? `${answer.rows.length} answers, ${new Set(known).size} entities` : JSON.stringify(answer);
+  if (!answer.rows) return JSON.stringify(answer);
+  const told = `${answer.rows.length} answers, ${new Set(known).size} entities`;
+  const values = answer.rows.slice(0, MOST_TOLD).map((row) => row.join(", "));
+  return known.length || !values.length ? told : `${told}:\n${values.join("\n")}`;
 }
 
 async function fields(text) {
@@ -171,6 +184,16 @@ async function fields(text) {
   const drawn = sets.reduce((sum, { centres }) => sum + centres.length, 0);
   const unknown = left_out.length ? `; ${left_out.length} entities have no voxels` : "";
   return `${total} answers, ${drawn} voxels drawn${unknown}`;
+}
+
+// Where something has been, the newest first.
+async function history({ name: entity }) {
+  const versions = await maps.ask("history", { entity });
+  const told = versions.reverse().map(({ begin, holder, pose }) => {
+    const at = Object.values(pose).slice(0, 3).map((value) => value.toFixed(2)).join(", ");
+    return `${new Date(begin).toLocaleString()}: ${holder ?? name} (${at})`;
+  });
+  return told.length > MOST_TOLD ? `${told.slice(0, MOST_TOLD).join("\n")}\nand ${told.length - MOST_TOLD} before` : told.join("\n");
 }
 
 // Draw the stored grasps of what is selected; who may write lets the server look for some first.
@@ -185,27 +208,16 @@ async function grasps({ name }) {
 async function costs(values) {
   const layers = await (await maps.get(`costs?${new URLSearchParams(values)}`)).json();
   await house.overlays.drawCosts(layers);
-  shownCosts = values;
   const names = layers.map(({ storey, part }) => (part ? `${storey} ${part}` : storey));
   return `${names.join(", ")}, as of ${new Date().toLocaleTimeString()}`;
 }
-
-async function costsAgain() {
-  staleCosts = null;
-  try {
-    await costs(shownCosts);
-  } catch (error) {
-    panel.say(error.message);
-  }
-}
-
-let wanted = null;
 
 // Show where things were at the index-th moment; at the last one, where they are.
 async function past(index) {
   wanted = index < moments.length - 1 ? moments[index] : null;
   hand?.hold(wanted ? undefined : house.entities.get(selected));
   panel.moment(wanted ? new Date(wanted).toLocaleString() : "now");
+  card();
   if (wanted === null) return house.goTo(null);
   const asked = wanted;
   const { poses } = await (await maps.get(`poses?at=${encodeURIComponent(asked)}`)).json();
@@ -247,7 +259,7 @@ addEventListener("keydown", (event) => {
   if (event.key === "Escape") select(null);
   else if (writes) return;
   else if (event.key === "z" && (event.ctrlKey || event.metaKey)) {
-    hand?.undo().then((undone) => panel.say(undone ? "taken back" : "nothing to take back"), () => {});
+    hand?.undo().then((text) => panel.say(text), () => {});
   } else if (event.key === "f") whole();
   else if (event.key === "/") {
     event.preventDefault();

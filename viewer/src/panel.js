@@ -4,9 +4,10 @@ const MOST_FOUND = 50;
 const at = (id) => document.getElementById(id);
 
 export class Panel {
-  // `does` has what its controls call: select(name), route(values), where(values), query(values), costs(values), grasps(values), past(index), hide(name, hidden), apart(metres).
+  // `does` has what its controls call: select(name), route(values), where(values), query(values), costs(values), grasps(values), history(values), past(index), hide(name, hidden), apart(metres).
   constructor(does) {
     this.does = does;
+    this.shown = new Map(); // the values of what is drawn, by its form
     at("search").addEventListener("input", () => this.search());
     at("search").addEventListener("keydown", (event) => {
       if (event.key === "Enter") at("found").querySelector("button")?.click();
@@ -15,6 +16,7 @@ export class Panel {
       at(id).addEventListener("submit", (event) => {
         event.preventDefault();
         const values = Object.fromEntries([...new FormData(event.target)].filter(([, value]) => value.trim()));
+        if (FOLLOWED.has(id)) this.shown.set(id, values);
         answer(event.target.querySelector("output"), () => does[id](values));
       });
     }
@@ -22,10 +24,17 @@ export class Panel {
     at("apart").addEventListener("input", (event) => does.apart(Number(event.target.value)));
   }
 
+  // Ask again for what is drawn, as the map has changed.
+  async again() {
+    for (const [id, values] of this.shown) {
+      await answer(at(id).querySelector("output"), () => this.does[id](values), true);
+    }
+  }
+
   // So many moments can be gone back to; the last one is now.
   moments(count) {
     const slider = at("moment");
-    const now = slider.value === slider.max;
+    const now = at("past").hidden || slider.value === slider.max;
     slider.max = count - 1;
     if (now) slider.value = slider.max;
     at("past").hidden = count < 2;
@@ -127,16 +136,20 @@ export class Panel {
 const ASKED = [
   { label: "Show grasps", does: "grasps", kinds: ["object"] },
   { label: "Where it probably is", does: "where", kinds: ["object", "agent"] },
+  { label: "Where it has been", does: "history", kinds: ["object", "agent"] },
 ];
 const CHANGED = ["name", "type", "state"];
 const OMITTED = new Set(["name", "footprint", "box", "front", "models", "properties"]);
 
-// Show in an output what is answered, or why not.
-async function answer(output, ask) {
-  output.className = "";
-  output.value = "asking";
+const FOLLOWED = new Set(["route", "costs"]);
+
+// Show in an output what is answered, or why not; `again`, what it says is kept until then.
+async function answer(output, ask, again = false) {
+  if (!again) output.className = "";
+  if (!again) output.value = "asking";
   try {
     output.value = await ask();
+    output.className = "";
   } catch (error) {
     output.className = "wrong";
     output.value = error.message;
