@@ -102,11 +102,16 @@ def sparql_tsv(answer: Answer) -> str:
     return "\n".join(lines) + "\n"
 
 
-RESULT_FORMATS = {
+TRUTH_FORMATS = {
     "application/sparql-results+json": sparql_json,
     "application/json": sparql_json,
     "application/sparql-results+xml": sparql_xml,
+}
+"""Media types of ASK, the default first."""
+
+RESULT_FORMATS = {
+    **TRUTH_FORMATS,
     "text/csv": sparql_csv,
     "text/tab-separated-values": sparql_tsv,
 }
-"""Media types of SELECT and ASK, the default first."""
+"""Media types of SELECT, the default first."""

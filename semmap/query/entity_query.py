@@ -344,7 +344,7 @@ def _column(session: Session, statement: str, values: Any = None) -> list[Any]:
 
 
 def _numbers(given: Sequence[float], count: int, what: str) -> list[float]:
-    numbers = [float(v) for v in given]
+    numbers = [float("nan") if v is None else float(v) for v in given]
     if len(numbers) != count or not all(map(math.isfinite, numbers)):
         raise ValueError(f"{what} has {count} finite numbers, not {given}")
     return numbers

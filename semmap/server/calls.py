@@ -191,12 +191,13 @@ _LASTING = {"stop", "callback", "started"}
 def answered_at_once(map_operations: Iterable[Operation]) -> list[str]:
     """The methods of a map that need no file, end by themselves and whose results are plain.
 
-    Of entities, those that change them: `Map.describe` tells the rest.
+    Of entities, those that change them, and their history: `Map.describe` tells the rest.
     """
     return [
         each.method
         for each in map_operations
         if (each.method.startswith(("MapEntity.", "Door.")) and each.right != "reader")
+        or each.method == "MapEntity.history"
         or (
             each.method.startswith("Map.")
             and each.command is not None

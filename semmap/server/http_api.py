@@ -169,8 +169,11 @@ class HttpApi:
         role, name = self._role(request), request.path_params["operation"]
         call = self._calls[RIGHTS.get(role, _ALL)].get(name)
         if call is None:
-            rights = "" if role else "; what changes the map needs a token"
-            raise UnknownNameError(f"no operation {name}: see /openapi.json{rights}")
+            if name not in self._calls[_ALL]:
+                raise UnknownNameError(f"no operation {name}: see /openapi.json")
+            if role is None:
+                raise PermissionError(f"{name} needs a token: Authorization: Bearer ...")
+            raise RightsError(f"{role} may not {name}: see /openapi.json for what it may")
         if request.method == "GET" and call.operation.right != "reader":
             raise InvalidArgumentError(f"{name} changes the map: send it by POST")
         values = await _values(request, call)

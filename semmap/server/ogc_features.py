@@ -7,6 +7,7 @@ degrees east, its x axis to the east.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from datetime import datetime
 from functools import cache
 from typing import TYPE_CHECKING, Any
 
@@ -71,6 +72,7 @@ def collection(base: str, name: str) -> dict[str, Any]:
 def items(map: Map, name: str, base: str, asked: Mapping[str, str]) -> dict[str, Any]:
     """A page of the features of a collection: ``bbox``, ``limit``, ``offset``, and properties."""
     kind = COLLECTIONS[collection(base, name)["id"]]
+    _check_time(asked.get("datetime", ".."))
     limit, offset = (_count(asked, key, value) for key, value in (("limit", 10), ("offset", 0)))
     found = [row for row in _features(map) if row["properties"]["kind"] == kind]
     if "bbox" in asked:
@@ -93,6 +95,18 @@ def items(map: Map, name: str, base: str, asked: Mapping[str, str]) -> dict[str,
         "links": links,
         "features": [_told(row) for row in page],
     }
+
+
+def _check_time(text: str) -> None:
+    """InvalidArgumentError for what is no time or interval; features of the present are in each."""
+    try:
+        for each in text.split("/", 1):
+            if each not in ("", ".."):
+                datetime.fromisoformat(each)
+    except ValueError as error:
+        raise InvalidArgumentError(
+            f"datetime is {text!r}: give a time of RFC 3339, or A/B"
+        ) from error
 
 
 def item(map: Map, name: str, base: str, number: str) -> dict[str, Any]:

@@ -25,7 +25,7 @@ from semmap.knowledge.map_view import MapView
 from semmap.knowledge.mapping import INFERRED_GRAPH
 from semmap.knowledge.queries import limited, query
 from semmap.knowledge.rdf_file import parse_facts
-from semmap.knowledge.results import RESULT_FORMATS
+from semmap.knowledge.results import RESULT_FORMATS, TRUTH_FORMATS
 from semmap.knowledge.sparql.kept_queries import Session
 from semmap.knowledge.sparql.scope import Chosen
 from semmap.knowledge.updates import update
@@ -81,7 +81,7 @@ class SparqlEndpoint:
         if answer.graph is not None:
             kind = _chosen(accept, {k: GRAPH_FORMATS[k] for k in list(GRAPH_FORMATS)[:3]})
             return Response(serialized(answer.graph, GRAPH_FORMATS[kind]), media_type=kind)
-        kind = _chosen(accept, RESULT_FORMATS)
+        kind = _chosen(accept, RESULT_FORMATS if answer.form == "SELECT" else TRUTH_FORMATS)
         return Response(RESULT_FORMATS[kind](answer), media_type=kind)
 
     def _update(self, request: Request, text: str, dataset: Chosen | None) -> Response:

@@ -58,6 +58,12 @@ def test_a_query_is_sent_in_three_ways(client: httpx.Client) -> None:
         assert bindings == [{"n": {"type": "literal", "value": "sofa"}}]
 
 
+@pytest.mark.parametrize("accept", ["text/csv", "text/tab-separated-values"])
+def test_a_truth_has_no_table(client: httpx.Client, accept: str) -> None:
+    answer = client.get("/sparql", params={"query": "ASK {}"}, headers={"Accept": accept})
+    assert (answer.status_code, "sparql-results+json" in answer.text) == (406, True)
+
+
 @pytest.mark.parametrize(
     ("accept", "kind"),
     [

@@ -78,7 +78,7 @@ def test_operations_answer_as_the_methods_do(web: httpx.Client, db: semmap.Datab
         ("/maps/house/find", {"colour": "red"}, 400, "no argument colour"),
         ("/maps/house/find", {"limit": "many"}, 400, "limit is 'many'"),
         ("/maps/house/describe", {"name": "Bal_01_001"}, 404, "Ball_01_001"),
-        ("/maps/house/observe", {"name": "a", "place": "b"}, 404, "needs a token"),
+        ("/maps/house/observe", {"name": "a", "place": "b"}, 401, "needs a token"),
         ("/maps/house/import_file", {"path": "/etc/passwd"}, 404, "no operation"),
         ("/maps/house/sql", {"statement": "SELECT 1; SELECT 2"}, 400, "multiple commands"),
         (
@@ -97,6 +97,7 @@ def test_operations_answer_as_the_methods_do(web: httpx.Client, db: semmap.Datab
         ("/maps/house/draw_3d", {"width": 100_000}, 400, "at most 4000"),
         ("/maps/house/draw_3d", {"width": -1}, 400, "at most 4000"),
         ("/maps/house/find", {"box": [[0, 0, 0], [1, 1]]}, 400, "find: "),
+        ("/maps/house/find", {"near": [1, None, 0]}, 400, "finite numbers"),
         ("/maps/house/route", {"start": [1e308, 1e308], "goal": "kitchen"}, 400, ""),
     ],
 )
@@ -116,7 +117,7 @@ def test_a_token_is_a_role(web: httpx.Client, db: semmap.Database) -> None:
     assert told.status_code == 200, told.text
     merge = {"name": "kitchen", "others": ["bedroom"]}
     no = web.post("/maps/house/merge_rooms", json=merge, headers=with_token(ROBOT))
-    assert no.status_code == 404
+    assert (no.status_code, no.json()["error"][:12]) == (403, "semmap_robot")
     described = web.get("/openapi.json", headers=with_token(ADMIN)).json()["paths"]
     assert "/maps/{map}/merge_rooms" in described
     assert "/maps/{map}/merge_rooms" not in web.get("/openapi.json").json()["paths"]
@@ -127,12 +128,14 @@ def test_entities_are_changed_by_their_names(web: httpx.Client, db: semmap.Datab
     house, robot = db.map("house"), with_token(ROBOT)
     chair = house.find("chair")[0].name
     at = {"entity": chair, "x": 1.5, "y": -2, "z": 0.4}
-    assert web.post("/maps/house/move_to", json=at).status_code == 404
+    assert web.post("/maps/house/move_to", json=at).status_code == 401
     assert web.post("/maps/house/move_to", json=at, headers=robot).status_code == 200
     assert house[chair].pose[:3] == pytest.approx((1.5, -2, 0.4))
+    told = web.get("/maps/house/history", params={"entity": chair}).json()
+    assert [each["holder"] for each in told] == [e.holder for e in house[chair].history()]
     assert web.get("/maps/house/move_to", params=at, headers=robot).status_code == 400
     named = {"entity": chair, "value": "Sillón"}
-    assert web.post("/maps/house/set_name", json=named, headers=robot).status_code == 404
+    assert web.post("/maps/house/set_name", json=named, headers=robot).status_code == 403
     admin = with_token(ADMIN)
     assert web.post("/maps/house/set_name", json=named, headers=admin).status_code == 200
     assert "Sillón" in house
@@ -316,6 +319,10 @@ def test_pages_and_boxes_of_features(web: httpx.Client, db: semmap.Database) -> 
     far = web.get("/maps/house/collections/objects/items", params={"bbox": "1,1,2,2"}).json()
     assert far["features"] == []
     assert web.get("/maps/house/collections/objects/items?bbox=1,2").status_code == 400
+    for time, status in (("2026-01-01T00:00:00Z", 200), ("../2026-01-01", 200), ("today", 400)):
+        asked = {"datetime": time}
+        answer = web.get("/maps/house/collections/objects/items", params=asked)
+        assert answer.status_code == status
     assert web.get("/maps/house/collections/ghosts/items").status_code == 404
 
 
