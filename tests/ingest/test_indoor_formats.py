@@ -385,6 +385,16 @@ def test_a_lift_that_is_a_node_gets_a_cabin_and_a_door_on_each_level(
             file.write_text(json.dumps(features))
             (skipped,) = db.import_file(file, map=problem).skipped
             assert skipped.problem == problem
+
+        node["geometry"] = degrees(shapely.Point(3, 1))
+        node["properties"]["level"] = "-1;0;1"  # no room is drawn below
+        file.write_text(json.dumps(features))
+        summary = db.import_file(file, map="cellar")
+        assert [note for note in summary.notes if "no room of level -1: it does not stop" in note]
+        assert summary.skipped == []
+        cabins = {r.name for r in db.map("cellar").rooms if r.type == "elevator_cabin"}
+        assert {name for name in cabins if name.startswith("node")} == {"node 0", "node 1"}
+        node["properties"]["level"] = "0;1"
         bow = shapely.Polygon([(20, 0), (24, 4), (24, 0), (20, 4)])
         features["features"][2]["geometry"] = degrees(bow)
         node["geometry"] = degrees(shapely.Point(3, 1))

@@ -163,9 +163,20 @@ def _with_cabins(
             continue
         cabin: Any = shapely.buffer(each.geometry, CABIN / 2, cap_style="square")
         with file.leaving_out(each.where, each.properties.get("name")):
-            doors = [_cabin_door(cabin, [room for room, on in rooms if n in on]) for n in levels]
-            found.append((replace(each, geometry=cabin), levels))
-            for level, door in zip(levels, doors, strict=True):
+            beside = {
+                n: [r for r, on in rooms if n in on and shapely.intersects(r, cabin)]
+                for n in levels
+            }
+            stops = [n for n in levels if beside[n]]
+            if not stops:
+                fault = "is a lift beside no room of its levels"
+                raise Refused(fault, "Draw the rooms, or its cabin.")
+            if missed := [f"{n:g}" for n in levels if n not in stops]:
+                text = f"{each.where} is a lift beside no room of level {', '.join(missed)}"
+                file.notes.append(f"{text}: it does not stop there")
+            doors = [_cabin_door(cabin, beside[level]) for level in stops]
+            found.append((replace(each, geometry=cabin), stops))
+            for level, door in zip(stops, doors, strict=True):
                 found.append((Feature(each.where, None, door, {"door": "yes"}), [level]))
                 shafts[level] = united([shafts[level], cabin])
             file.notes.append(f"{each.where} is a node: its cabin is assumed {CABIN:g} m wide")
@@ -178,9 +189,7 @@ def _is_lift_node(feature: Feature) -> bool:
 
 def _cabin_door(cabin: Polygon, rooms: list[Any]) -> Point:
     """The middle of the side of a cabin before which most of the nearest room is."""
-    room = min(rooms, key=cabin.centroid.distance, default=None)
-    if room is None or room.distance(cabin) > 0:
-        raise Refused("is a lift beside no room of its levels", "Draw the rooms, or its cabin.")
+    room = min(rooms, key=cabin.centroid.distance)
     if room.area < LARGER * cabin.area:
         raise Refused("is a lift in a room of its size", "Give this room highway=elevator instead.")
     sides = [side.interpolate(0.5, normalized=True) for side in straight_parts(cabin.exterior)]

@@ -162,15 +162,21 @@ def test_stairs_and_ramps_lead_from_the_lower_to_the_upper_room(tmp_path):
     assert abs(head.yaw) == pytest.approx(math.pi)
 
 
-def test_a_map_conversion_is_the_georeference(tmp_path):
+@pytest.mark.parametrize(
+    ("stated", "easting"),
+    [(691_600_000.0, 691_600.0), (691_600.0, 691_600.0), (691.6, 0.6916)],
+    ids=["millimetres", "metres", "neither"],
+)
+def test_a_map_conversion_is_the_georeference(tmp_path, stated, easting):
+    """Without MapUnit, its unit is that of the project, unless metres alone are on the grid."""
     made = BuildingByHand()
     made.add("IfcWall", "wall", made.storey("ground", 0.0), ((0, 0, 0), (4, 0.2, 3)))
-    made.place_on_earth(25832, 691600.0, 5334700.0, (math.cos(0.3), math.sin(0.3)))
+    northing = 5_334_700.0 / 691_600.0 * stated
+    made.place_on_earth(25832, stated, northing, (math.cos(0.3), math.sin(0.3)))
     world = read_ifc(made.write(tmp_path / "earth.ifc"))
     assert world.georeference["crs"] == 25832
     assert world.georeference["rotation"] == pytest.approx(0.3)
-    # IFC4: without MapUnit, eastings and northings are in the unit of the project
-    assert world.georeference["easting"] == pytest.approx(691.6)
+    assert world.georeference["easting"] == pytest.approx(easting)
 
 
 @pytest.mark.parametrize(
