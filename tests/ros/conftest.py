@@ -181,8 +181,10 @@ def position(x: float, y: float, z: float) -> dict[str, Any]:
     return {"position": {"x": float(x), "y": float(y), "z": float(z)}}
 
 
-def detection(kind: str, point: Any, side: float = 0.08, **more: Any) -> dict[str, Any]:
+def detection(
+    kind: str, point: Any, side: float = 0.08, score: float = 0.9, **more: Any
+) -> dict[str, Any]:
     size = {"x": side, "y": side, "z": side}
-    sure = {"hypothesis": {"class_id": kind, "score": 0.9}}
+    sure = {"hypothesis": {"class_id": kind, "score": score}}
     other = {"hypothesis": {"class_id": "dragon", "score": 0.1}}
     return {"results": [other, sure], "bbox": {"center": position(*point), "size": size}} | more

@@ -78,6 +78,8 @@ GARBAGE: list[tuple[dict[str, Any], list[Any], str]] = [
     (header(), [GOOD, detection("unicorn", (1, 1, 1))], "unicorn"),
     (header(), [detection("apple", (1, 1, 1), results=[])], "no hypothesis"),
     (header(), [detection("apple", (500, 1, 1))], "where no place has room"),
+    (header(), [detection("apple", (1, 1, 1), score=math.nan)], "from 0 to 1"),
+    (header(), [detection("apple", (1, 1, 1), score=7.0)], "from 0 to 1"),
     (header(), [detection("apple", (1, 1, 1), header=header("map_x"))], "by themselves"),
 ]
 

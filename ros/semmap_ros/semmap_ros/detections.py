@@ -90,6 +90,9 @@ def _detections(message: Any) -> list[Detection]:
             )
         if not each.results:
             raise ValueError("a detection has no hypothesis: give its class")
+        scores = [result.hypothesis.score for result in each.results]
+        if not all(0 <= score <= 1 for score in scores):
+            raise ValueError(f"a detection has the scores {scores}: give numbers from 0 to 1")
         best = max(each.results, key=lambda result: result.hypothesis.score)
         size = each.bbox.size
         sides = (size.x, size.y, size.z)
