@@ -20,7 +20,6 @@ from semmap.geometry.pose import Pose
 from semmap.geometry.tin import to_mesh
 from semmap.ingest.annotation.annotation import ROOM_HEIGHT
 from semmap.ingest.annotation.draft_world import NESTED, USED_PROPERTIES
-from semmap.ingest.floor_plan import middle_of
 from semmap.ingest.georeference import out_of_frame
 from semmap.ingest.world import unique_name
 from semmap.query.entity_shapes import read_shapes
@@ -47,14 +46,24 @@ _HOLDER = (
 )
 """The stated holder; a derived one is derived again, but not that of an agent."""
 
-_HELD_BY_PLACES = _HOLDER.format("h.name", "'room', 'storey'")
-_HELD = _HOLDER.format("h.name", "'room', 'storey', 'object'")
-_RELATION = _HOLDER.format("NULLIF(p.relation, 'in')", "'room', 'storey', 'object'")
+_HOLDERS = "'room', 'storey', 'object', 'agent'"
+_HELD = _HOLDER.format("h.name", _HOLDERS)
+_RELATION = _HOLDER.format("NULLIF(p.relation, 'in')", _HOLDERS)
 
 _VIEW = (
     "FROM {} v JOIN entity e ON e.id = v.fid LEFT JOIN world w ON w.entity_id = v.fid "
     f"{_BASE} WHERE v.map = (SELECT name FROM map WHERE id = current_map())"
 )
+
+
+def _time(end: str) -> str:
+    """When a region begins or ends to be valid; null where that is open."""
+    at = f"{end}(r.valid) AT TIME ZONE 'UTC'"
+    return (
+        f"""(SELECT to_char({at}, 'YYYY-MM-DD"T"HH24:MI:SS.US"Z"') FROM region r """
+        "WHERE r.entity_id = v.fid)"
+    )
+
 
 LAYERS = {
     "storeys": "SELECT e.id AS fid, 'storey' AS kind, e.name, e.type, e.label, e.front, "
@@ -74,10 +83,13 @@ LAYERS = {
     "ELSE v.form END AS type, e.label, v.storey, e.front, ARRAY[v.place_a, v.place_b] AS joins, "
     "pose_yaw(w.pose) AS heading, v.direction, v.state, v.behaviour, v.width, v.height, v.step, "
     "(SELECT NULLIF(c.permissions, '{}') FROM connector c WHERE c.entity_id = v.fid) "
-    f"AS permissions, w.pose[3] - base.z AS floor {_VIEW.format('gis_connector')}",
+    "AS permissions, (SELECT c.pose_b[3] - c.pose_a[3] FROM connector c WHERE c.entity_id = v.fid "
+    "AND c.form IN ('stairs', 'ramp')) AS rise, "
+    f"w.pose[3] - base.z AS floor {_VIEW.format('gis_connector')}",
     "regions": "SELECT v.fid, 'region' AS kind, v.name, v.type, v.label, v.storey, e.front, "
-    f"{_HELD_BY_PLACES} AS holder, pose_yaw(w.pose) AS heading, v.low - base.z AS floor, "
-    f"greatest(v.high, v.low + 1e-5) - base.z AS ceiling {_VIEW.format('gis_region')}",
+    f"{_HELD} AS holder, pose_yaw(w.pose) AS heading, v.low - base.z AS floor, "
+    f"greatest(v.high, v.low + 1e-5) - base.z AS ceiling, {_time('lower')} AS valid_from, "
+    f"{_time('upper')} AS valid_until {_VIEW.format('gis_region')}",
     "objects": "SELECT v.fid, e.kind, v.name, v.type, v.label, v.storey, e.front, "
     f"{_HELD} AS holder, {_RELATION} AS relation, pose_yaw(w.pose) AS heading, "
     "v.low - base.z AS floor, CASE WHEN v.high - v.low > 1e-6 THEN v.high - v.low END AS height, "
@@ -246,8 +258,8 @@ _POSES = "SELECT entity_id, pose FROM world WHERE map_id = current_map()"
 def _own_frame(
     drawn: shapely.Geometry, keys: Mapping[str, Any], pose: Pose, base: float
 ) -> dict[str, Any]:
-    """Return the key `pose` of a frame that is not at the middle of what is drawn, at its floor."""
-    middle = middle_of(drawn) if drawn.area > 0 else drawn.centroid
+    """Return the key `pose` of a frame that is not at the centroid of what is drawn, at its floor."""
+    middle = drawn.centroid
     level = Pose.planar(middle.x, middle.y, keys["heading"], base + keys["floor"])
     own = level.inverse() @ pose
     tilted = math.hypot(own.qx, own.qy) > SAME

@@ -116,7 +116,9 @@ class _Passage(NamedTuple):
 
 
 def write_indoor_gml(found: MapFeatures, path: Path) -> None:
-    """Write a map as IndoorGML."""
+    """Write a map as IndoorGML, which consists of rooms; ValueError without any."""
+    if not any(map(_has_area, found.all("rooms"))):
+        raise ValueError("IndoorGML consists of rooms, and the map has none: semmap rooms find")
     made = _Document(found)
     rooms = {each.name: each for each in found.all("rooms")}
     middles = {name: _middle(room, found.floor_of(room)) for name, room in rooms.items()}

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Container
 from dataclasses import dataclass, field
+from datetime import datetime
 from itertools import chain, count
 from pathlib import Path
 from typing import Any, Literal
@@ -88,6 +89,14 @@ class StoreyDetail:
 
 
 @dataclass
+class RegionDetail:
+    """What a region adds: from when until when it is valid, aware; None is open."""
+
+    since: datetime | None = None
+    until: datetime | None = None
+
+
+@dataclass
 class ConnectorDetail:
     """What a connector adds (Deeken et al., section 3.4).
 
@@ -129,7 +138,7 @@ class Entry:
     holder: str | None = None
     pose: Pose | None = IDENTITY
     shapes: list[Shape] = field(default_factory=list)
-    detail: PlaceDetail | StoreyDetail | ConnectorDetail | None = None
+    detail: PlaceDetail | StoreyDetail | RegionDetail | ConnectorDetail | None = None
     front: float = 0.0
     relation: Literal["in", "on"] = "in"
 

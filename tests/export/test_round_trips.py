@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from datetime import datetime
 from pathlib import Path
 from typing import Any
 
@@ -113,6 +114,62 @@ def test_a_cellar_below_two_storeys_has_none(
     assert differences(place, again) == []
     lost = {e.name for e in again if e.storey is None and e.kind != "storey"}
     assert lost >= {"cellar", "boiler", "hatch", "tank", "jar"}
+
+
+@pytest.mark.parametrize(
+    ("ending", "crs"),
+    [*((e, None) for e in ENDINGS), *((e, "EPSG:4326") for e in ENDINGS if e != ".sdf")],
+)
+def test_what_stands_around_its_middle_stays_there(
+    db: semmap.Database, ending: str, crs: str | None, tmp_path: Path
+) -> None:
+    """The centroid of a U is beside it; on the earth, its coordinates differ by rounding."""
+    place = db.create_map("desks")
+    place.execute(
+        "UPDATE map SET crs = 25832, easting = 691600, northing = 5334700, height = 500, "
+        "rotation = 0.3 WHERE id = current_map()"
+    )
+    outline = [(-1, -1), (1, -1), (1, 1), (0.7, 1), (0.7, -0.7), (-0.7, -0.7), (-0.7, 1), (-1, 1)]
+    desk = trimesh.creation.extrude_polygon(shapely.Polygon(outline), 0.5)
+    for number in range(40):
+        pose = (3 * (number % 8), 3 * (number // 8), 0, 0.15 * number)
+        place.add_object(f"t{number}", type="table", mesh=desk, pose=pose)
+    boxes = {one.name: one.box for one in place.objects}
+    place.add_room("hall", shapely.box(-2, -2, 26, 16))
+    again = come_back(place, tmp_path / f"desks{ending}", **({} if crs is None else {"crs": crs}))
+    for one in again.objects:
+        assert one.box == pytest.approx(boxes[one.name], abs=2e-3)
+
+
+@pytest.mark.parametrize("ending", ENDINGS)
+def test_heights_times_and_what_agents_hold_come_back(
+    db: semmap.Database, ending: str, tmp_path: Path
+) -> None:
+    place = db.create_map("stage")
+    place.add_storey("S", elevation=2, height=4)
+    for name, x, floor in (("low", 0, 2), ("high", 8, 2.6), ("dock", 12, 2.6)):
+        wide = 5 if name == "low" else 4
+        area = shapely.box(x, 0, x + wide, 4)
+        place.add_room(name, area, floor=floor, ceiling=floor + 3, storey="S")
+    place.add_door("ramp", "low", "high", ((6.5, 1.4), (6.5, 2.6)), form="ramp", clearance=2.2)
+    place.add_door("gate", "high", "dock", ((12, 1), (12, 2)))
+    place.add_agent("bot", type="robot", size=(0.5, 0.5, 1), pose=(2, 2, 2, 0.3))
+    place.add_object("parcel", type="box", size=(0.2, 0.2, 0.2), on="bot")
+    place.add_object("desk", type="table", size=(1, 1, 0.7), pose=(4, 3, 2, 0))
+    times = ("2026-11-28T12:00:00+00:00", "2030-01-01T00:00:00+01:00")
+    square = (1, 1, 2, 2, 2, 3)
+    for name, since, until in (("was", None, 0), ("will", 1, None), ("both", 0, 1)):
+        ends = [None if at is None else datetime.fromisoformat(times[at]) for at in (since, until)]
+        place.draw_region(name, box=square, since=ends[0], until=ends[1])
+    valid = "SELECT e.name, r.valid FROM region r JOIN entity e ON e.id = r.entity_id "
+    valid += "WHERE e.map_id = current_map() ORDER BY 1"
+    route = place.route("low", "dock")
+    again = come_back(place, tmp_path / f"stage{ending}")
+    assert again.route("low", "dock").metres == pytest.approx(route.metres, abs=0.05)
+    assert again["parcel"].holder.name == "bot"
+    assert again.execute(valid) == place.execute(valid)
+    assert len({row[1] for row in again.execute(valid)}) == 3
+    assert {each.kind for each in again.check()} <= {each.kind for each in place.check()}
 
 
 @pytest.mark.parametrize("ending", ENDINGS)

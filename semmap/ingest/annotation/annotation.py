@@ -25,11 +25,20 @@ from semmap.ingest.annotation.feature_values import (
     heading_of,
     number,
     pose_of,
+    time_of,
 )
 from semmap.ingest.annotation.osm_indoor import from_osm_indoor, is_osm_indoor
 from semmap.ingest.floor_plan import middle_of
 from semmap.ingest.openings import LEAF_HEIGHT
-from semmap.ingest.world import Kind, PlaceDetail, Refused, Shape, StoreyDetail, World
+from semmap.ingest.world import (
+    Kind,
+    PlaceDetail,
+    Refused,
+    RegionDetail,
+    Shape,
+    StoreyDetail,
+    World,
+)
 
 ROOM_HEIGHT = 2.5
 """Height of the solid of a room whose ceiling is unknown, metres."""
@@ -82,7 +91,7 @@ def _add_room(world: DraftWorld, draft: Draft) -> None:
     pose, shapes = _placed(world, feature, storey, floor, top)
     world.add(draft, pose, storey, detail=place, shapes=shapes)
     if shapes:
-        world.rooms.append(RoomArea(draft.name, area_of(feature, []), storey, top))
+        world.rooms.append(RoomArea(draft.name, area_of(feature, []), storey, floor, top))
 
 
 def _add_object(world: DraftWorld, draft: Draft) -> None:
@@ -127,7 +136,11 @@ def _add_region(world: DraftWorld, draft: Draft) -> None:
     _check_heights(floor, ceiling)
     pose, shapes = _placed(world, feature, storey, floor, ceiling)
     holder = world.holder_of(feature) or (room.name if room else storey)
-    world.add(draft, pose, holder, shapes=shapes)
+    since, until = time_of(feature, "valid_from"), time_of(feature, "valid_until")
+    if since is not None and until is not None and until <= since:
+        raise Refused("it is valid until before it begins", "Correct valid_from or valid_until.")
+    detail = None if since is None and until is None else RegionDetail(since, until)
+    world.add(draft, pose, holder, detail=detail, shapes=shapes)
 
 
 def _overlaps(rooms: list[RoomArea]) -> list[str]:
@@ -155,24 +168,26 @@ def _placed(
     storey: str | None,
     low: float,
     high: float | None,
-    own: Pose = IDENTITY,
+    own: Pose | None = None,
     shape: Shape | None = None,
 ) -> tuple[Pose | None, list[Shape]]:
     """The pose and shape of a polygon or point in the map; without `high`, its outline alone.
 
-    `own` is its pose in the frame at the middle of what is drawn, `shape` that of its mesh.
+    The pose of a place is in it. That of a thing is `own` in the frame at the centroid of what is
+    drawn, which a change of coordinates moves along; `shape` is that of its mesh.
     """
     geometry = feature.geometry
     yaw, elevation = heading_of(feature), world.elevation(storey)
     if geometry is None:
         return None, []
     if isinstance(geometry, Point):
-        pose = Pose.planar(geometry.x, geometry.y, yaw, elevation) @ own
+        pose = Pose.planar(geometry.x, geometry.y, yaw, elevation) @ (own or IDENTITY)
         return pose, [] if shape is None else [shape]
     if not isinstance(geometry, Polygon | MultiPolygon):
         raise Refused(f"is drawn as {drawn_as(feature)}", "Draw it as a polygon or a point.")
     area = area_of(feature, world.out.notes)
-    middle = middle_of(area)
+    middle = middle_of(area) if own is None else area.centroid
+    own = own or IDENTITY
     pose = Pose.planar(middle.x, middle.y, yaw, elevation) @ own
     upright = math.hypot(own.qx, own.qy) < THIN
     outline = placed_outline(area, pose.inverse()) if upright else None
@@ -196,7 +211,16 @@ KINDS: dict[Kind, Callable[[DraftWorld, Draft], None]] = {
     "object": _add_object,
     "agent": _add_object,
 }
-"""How each kind is added; a holder comes before what it holds."""
+"""How each kind is added."""
+
+ORDER: tuple[tuple[Kind, ...], ...] = (
+    ("storey",),
+    ("elevator",),
+    ("room",),
+    ("connector",),
+    ("region", "object", "agent"),
+)
+"""The kinds in the order in which they are added, each with those that hold one another."""
 
 
 def read_annotation(
@@ -228,7 +252,7 @@ def read_annotation(
     - region: polygon or point; `blocked`, `home`
     - storey: `elevation`, `height`; elevator; object (polygon with `height`, or point); agent.
       Both may have a `mesh`, a file beside this one, in its own frame, and a `pose` of this frame
-      (x, y, z, qx, qy, qz, qw) from the middle of what is drawn, at its floor, turned by `heading`;
+      (x, y, z, qx, qy, qz, qw) from the centroid of what is drawn, at its floor, turned by `heading`;
       `relation`: whether it is ``in`` (the default) or ``on`` its `holder`
     - without a geometry: an entry with nothing but its semantics
 
@@ -245,9 +269,9 @@ def read_annotation(
 
 def draft_entries(draft_world: DraftWorld) -> World:
     """Return the world of all features of a draft."""
-    for kind, add in KINDS.items():
-        for draft in draft_world.drafts_of(kind):
-            draft_world.attempt(draft.feature, add, draft_world, draft)
+    for kinds in ORDER:
+        for draft in draft_world.drafts_of(kinds):
+            draft_world.attempt(draft.feature, KINDS[draft.kind], draft_world, draft)
     draft_world.out.notes += _overlaps(draft_world.rooms)
     if draft_world.without_storey:
         first, *more = draft_world.without_storey

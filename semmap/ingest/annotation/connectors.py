@@ -134,7 +134,10 @@ def _add_opening(world: DraftWorld, draft: Draft, detail: ConnectorDetail, joins
     beside = any((place == left) != (place == right) for place in joins)
     if not beside and "heading" in draft.feature.properties:
         from_left = math.sin(along - heading_of(draft.feature)) > 0
-    z = world.elevation(storey) + (number(draft.feature, "floor") or 0.0)
+    floor = number(draft.feature, "floor")
+    beside_it = [room for room in map(world.room, joins) if room is not None]
+    lowest = min(map(world.floor_of, beside_it), default=world.elevation(storey))
+    z = lowest if floor is None else world.elevation(storey) + floor
     pose = opening_pose(line, from_left, z)
     areas = [None if room is None else room.area for room in map(world.room, joins)]
     detail.places, detail.width = joins, detail.width or line.length
@@ -195,13 +198,17 @@ def _add_way(world: DraftWorld, draft: Draft, detail: ConnectorDetail, joins: Jo
             raise Refused("its ends do not lie in two rooms and it names none", "Add joins.")
         joins = found[0].name, found[1].name
     heights = [
-        world.elevation(room.storey if (room := world.room(place)) else storey) for place in joins
+        world.floor_of(room) if (room := world.room(place)) else world.elevation(storey)
+        for place in joins
     ]
+    floor, rise = number(draft.feature, "floor"), number(draft.feature, "rise")
+    foot = heights[0] if floor is None else world.elevation(storey) + floor
+    rise = heights[1] - foot if rise is None else rise
     detail.places, half = joins, line.length / 2
     middle, yaw = line.centroid, math.atan2(ends[1].y - ends[0].y, ends[1].x - ends[0].x)
-    pose = Pose.planar(middle.x, middle.y, yaw, heights[0])
+    pose = Pose.planar(middle.x, middle.y, yaw, foot)
     detail.poses = (
         Pose.planar(-half, 0.0),
-        Pose.planar(half, 0.0, math.pi, heights[1] - heights[0]),
+        Pose.planar(half, 0.0, math.pi, rise),
     )
     world.add(draft, pose, storey, detail=detail)

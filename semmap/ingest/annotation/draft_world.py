@@ -38,8 +38,8 @@ USED_PROPERTIES: dict[Kind, set[str]] = {
     "storey": _COMMON | {"elevation", "height"},
     "elevator": _COMMON,
     "room": _COMMON | _HEIGHTS | {"elevator", "top"},
-    "connector": _COMMON | _OPENING | _PASSAGE | {"floor"},
-    "region": _COMMON | _HEIGHTS,
+    "connector": _COMMON | _OPENING | _PASSAGE | {"floor", "rise"},
+    "region": _COMMON | _HEIGHTS | {"valid_from", "valid_until"},
     "object": _COMMON | _HEIGHTS | _SHAPE,
     "agent": _COMMON | _HEIGHTS | _SHAPE,
 }
@@ -56,6 +56,7 @@ class RoomArea:
     name: str
     area: Polygon | MultiPolygon
     storey: str | None
+    floor: float
     ceiling: float
 
 
@@ -130,9 +131,9 @@ class DraftWorld:
         self._names.add(name)
         self.drafts.append(Draft(feature, kind, type_, name))
 
-    def drafts_of(self, kind: Kind) -> list[Draft]:
-        """Return the drafts of a kind, each after its holder; drafts in a circle come last."""
-        waiting = {draft.name: draft for draft in self.drafts if draft.kind == kind}
+    def drafts_of(self, kinds: Sequence[Kind]) -> list[Draft]:
+        """Return the drafts of some kinds, each after its holder; those in a circle come last."""
+        waiting = {d.name: d for kind in kinds for d in self.drafts if d.kind == kind}
         ready: list[Draft] = []
         while waiting:
             held = {name: str(d.feature.properties.get("holder")) for name, d in waiting.items()}
@@ -238,6 +239,10 @@ class DraftWorld:
     def room(self, name: str) -> RoomArea | None:
         """Return a room by its name; None where it has no area."""
         return next((room for room in self.rooms if room.name == name), None)
+
+    def floor_of(self, room: RoomArea) -> float:
+        """Return the z of the floor of a room in the map's frame."""
+        return self.elevation(room.storey) + room.floor
 
     def rooms_on(self, storey: str | None) -> Sequence[RoomArea]:
         """Return the rooms of a storey."""

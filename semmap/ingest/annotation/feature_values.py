@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 import math
 from collections.abc import Mapping
+from datetime import datetime
 from typing import cast
 
 import shapely
@@ -84,6 +85,18 @@ def number(feature: Feature, key: str) -> float | None:
     except (TypeError, ValueError, OverflowError):
         raise Refused(f"its {key} is {str(value)[:40]!r}", f"Give {key} as a number.") from None
     return number
+
+
+def time_of(feature: Feature, key: str) -> datetime | None:
+    """Return a property as an aware time, local without a zone; None where it is absent."""
+    value = feature.properties.get(key)
+    if value is None or value == "":
+        return None
+    try:
+        return datetime.fromisoformat(str(value)).astimezone()
+    except (ValueError, OverflowError):
+        fix = f"Give {key} as 2026-01-31T12:00Z."
+        raise Refused(f"its {key} is {str(value)[:40]!r}", fix) from None
 
 
 def choice(feature: Feature, key: str, choices: tuple[str, ...], default: str) -> str:

@@ -95,9 +95,16 @@ def _count(element: Element, path: Path, depth: int = 0) -> int:
 
 
 def _shown(model: Any, geometry: Role) -> Iterator[int]:
-    """Yield the geoms of a role; all those of a body that has only one role."""
+    """Yield the geoms of a role; all those of a body that has only one role.
+
+    What collides is visual, too, where it is in a group of the body that has visual geoms: models
+    with twin shapes have those for collisions in a group of their own, which is not drawn.
+    """
     collides = (model.geom_contype != 0) | (model.geom_conaffinity != 0)
-    wanted = collides if geometry == "collision" else ~collides
+    groups = list(zip(model.geom_bodyid.tolist(), model.geom_group.tolist(), strict=True))
+    drawn = {groups[geom] for geom in np.flatnonzero(~collides)}
+    visual = ~collides | np.array([group in drawn for group in groups], np.bool_)
+    wanted = collides if geometry == "collision" else visual
     have_role = {*model.geom_bodyid[wanted].tolist()} - {WORLD}
     for geom, body in enumerate(model.geom_bodyid.tolist()):
         if wanted[geom] or body not in have_role:

@@ -11,6 +11,7 @@ from typing import Any
 import psycopg
 from psycopg.rows import namedtuple_row
 from psycopg.types.json import Jsonb
+from psycopg.types.range import TimestamptzRange
 
 from semmap.ingest.georeference import on_grid
 from semmap.ingest.store.copy_rows import copy_rows
@@ -20,6 +21,7 @@ from semmap.ingest.world import (
     ConnectorDetail,
     Entry,
     PlaceDetail,
+    RegionDetail,
     StoreyDetail,
     World,
     WorldError,
@@ -269,6 +271,8 @@ def _detail(entry: Entry, ids: dict[str, int], world: World) -> dict[str, Any]:
         case PlaceDetail() as place:
             cabin_of = _id_of(ids, place.elevator, entry, world) if place.elevator else None
             return {"floor": place.floor, "ceiling": place.ceiling, "elevator_id": cabin_of}
+        case RegionDetail() as region:
+            return {"valid": TimestamptzRange(region.since, region.until)}
         case ConnectorDetail() as c:
             a, b = c.places
             same = ("direction", "state", "behaviour", "width", "height", "step")

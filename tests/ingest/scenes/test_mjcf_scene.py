@@ -41,7 +41,7 @@ SCENE = """<mujoco model="flat">
         <body name="frame_of_mug" pos="0.2 0.1 0.75">
           <body name="mug" euler="0 20 0">
             <geom name="shell" type="mesh" mesh="solid" contype="0" conaffinity="0" pos="0 0 0.01"/>
-            <geom name="hull" type="sphere" size="0.3"/>
+            <geom name="hull" type="sphere" group="3" size="0.3"/>
           </body>
         </body>
       </body>
@@ -139,6 +139,8 @@ def test_the_role_chooses_the_geoms(tmp_path: Path) -> None:
     np.testing.assert_allclose(box(seen, "table"), box(solid, "table"))
     path.write_text(SCENE.replace('size="0.3"/>', 'size="0.3" contype="0"/>'))
     assert np.ptp(box(read_mjcf(path), "mug")[:, 0]) < 0.2, "it collides by its affinity"
+    path.write_text(SCENE.replace('group="3" ', ""))  # MuJoCo draws what is in one group
+    assert np.ptp(box(read_mjcf(path), "mug")[:, 0]) == pytest.approx(0.6, abs=0.02)
 
 
 RELAXED = settings(deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
