@@ -476,7 +476,8 @@ class StoreyCostmaps:
         fits = space.fits.copy()
         for part in costmap.parts:
             fits &= ~hits(shut, part.footprint, room.grid.resolution)
-        return passable & own & (fits != 0)
+        stands: NDArray[np.bool_] = passable & own & (fits != 0)
+        return stands
 
     def _joined(self, door: PlaceConnector, pose: Pose) -> NDArray[np.bool_] | None:
         """The cells of an approach pose's place from which a way leads through the opening.

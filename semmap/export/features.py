@@ -258,7 +258,7 @@ _POSES = "SELECT entity_id, pose FROM world WHERE map_id = current_map()"
 def _own_frame(
     drawn: shapely.Geometry, keys: Mapping[str, Any], pose: Pose, base: float
 ) -> dict[str, Any]:
-    """Return the key `pose` of a frame that is not at the centroid of what is drawn, at its floor."""
+    """Return the key `pose` of a frame that is not at the centroid of a drawing, at its floor."""
     middle = drawn.centroid
     level = Pose.planar(middle.x, middle.y, keys["heading"], base + keys["floor"])
     own = level.inverse() @ pose

@@ -319,8 +319,8 @@ def test_pages_and_boxes_of_features(web: httpx.Client, db: semmap.Database) -> 
     far = web.get("/maps/house/collections/objects/items", params={"bbox": "1,1,2,2"}).json()
     assert far["features"] == []
     assert web.get("/maps/house/collections/objects/items?bbox=1,2").status_code == 400
-    for time, status in (("2026-01-01T00:00:00Z", 200), ("../2026-01-01", 200), ("today", 400)):
-        asked = {"datetime": time}
+    for when, status in (("2026-01-01T00:00:00Z", 200), ("../2026-01-01", 200), ("today", 400)):
+        asked = {"datetime": when}
         answer = web.get("/maps/house/collections/objects/items", params=asked)
         assert answer.status_code == status
     assert web.get("/maps/house/collections/ghosts/items").status_code == 404

@@ -252,7 +252,7 @@ def read_annotation(
     - region: polygon or point; `blocked`, `home`
     - storey: `elevation`, `height`; elevator; object (polygon with `height`, or point); agent.
       Both may have a `mesh`, a file beside this one, in its own frame, and a `pose` of this frame
-      (x, y, z, qx, qy, qz, qw) from the centroid of what is drawn, at its floor, turned by `heading`;
+      (x, y, z, qx, qy, qz, qw) from the centroid of its drawing, at its floor, turned by `heading`;
       `relation`: whether it is ``in`` (the default) or ``on`` its `holder`
     - without a geometry: an entry with nothing but its semantics
 
