@@ -95,7 +95,7 @@ def _add_room(world: DraftWorld, draft: Draft) -> None:
 
 
 def _add_object(world: DraftWorld, draft: Draft) -> None:
-    """Add an object or agent; the import derives its holder where the feature names none."""
+    """Add an object or agent, which is in its room; the import derives what holds an object."""
     feature = draft.feature
     storey = world.storey_of(feature) if feature.geometry is not None else None
     floor, ceiling = number(feature, "floor") or 0.0, number(feature, "ceiling")
@@ -119,7 +119,8 @@ def _add_object(world: DraftWorld, draft: Draft) -> None:
             for own, outline in zip(model.shapes, outlines, strict=False)
         ] or shapes
     relation = choice(feature, "relation", ("in", "on"), "in")
-    holder = world.holder_of(feature) or storey
+    room = world.room_at(feature.geometry, storey) if draft.kind == "agent" else None
+    holder = world.holder_of(feature) or (storey if room is None else room.name)
     world.add(draft, pose, holder, shapes=shapes, relation=relation)
 
 

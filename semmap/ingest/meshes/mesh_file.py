@@ -157,8 +157,8 @@ def _read_points(path: Path, scale: float) -> Mesh | None:
     with _loading("a point cloud"):
         found = trimesh.load(path, process=False)
         points = scale * np.asarray(getattr(found, "vertices", ()), float).reshape(-1, 3)
-    if not len(points):
-        return None
+    if len(points) < int(counts[b"vertex"]):
+        raise MeshFileError("has fewer points than its header says", "Export it again.")
     return checked(Mesh(np.unique(points, axis=0), np.empty((0, 3), np.int32)))
 
 

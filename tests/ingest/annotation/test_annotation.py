@@ -272,7 +272,7 @@ def test_objects_and_agents(write: Write) -> None:
     assert np.allclose(desk.bounds, [[1, 1, 0.5], [2, 2.6, 1.24]])
     assert entries["flat"].shapes[0].mesh is None
     assert in_map(world, "r").yaw == pytest.approx(math.pi / 2)
-    assert entries["r"].front == 0.5
+    assert (entries["r"].front, entries["r"].holder) == (0.5, "lab")
     assert entries["m"].holder == "d"
     assert np.allclose(in_map(world, "m").translation, [1.5, 1.2, 1.24])
 

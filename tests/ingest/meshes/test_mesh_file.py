@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 
 from semmap.geometry.mesh import Mesh
 from semmap.ingest.importer import read_world
-from semmap.ingest.meshes.mesh_file import read_mesh, read_mesh_world
+from semmap.ingest.meshes.mesh_file import read_mesh, read_mesh_world, read_shape
 from semmap.ingest.meshes.mesh_size import MeshFileError
 from semmap.ingest.world import PlaceDetail, WorldError
 
@@ -223,6 +223,15 @@ def test_points_without_faces_are_a_point_cloud(tmp_path: Path, encoding: str) -
     path.write_bytes(path.read_bytes()[:-20])
     with pytest.raises(WorldError):
         read_mesh_world(path)
+
+
+def test_truncated_points(tmp_path: Path) -> None:
+    path = tmp_path / "a.ply"
+    head = "ply\nformat ascii 1.0\nelement vertex 100\n{}end_header\n{}"
+    axes = "".join(f"property float {axis}\n" for axis in "xyz")
+    path.write_text(head.format(axes, "\n".join(f"{n} {n} 0" for n in range(50))))
+    with pytest.raises(MeshFileError, match="fewer points than its header says"):
+        read_shape(path)
 
 
 def test_truncated_binary_stl(tmp_path: Path) -> None:
