@@ -40,6 +40,10 @@ WALL_HEIGHTS, LINTEL_HEIGHTS = (0.1, 1.8), (TALL, TALL + 0.2)
 HOLLOW = 0.3
 """Metres between the two faces of a wall whose mesh is not closed."""
 
+PANEL, PANEL_HIGH, PANEL_PART = 0.3, 0.3, 0.8
+"""Metres: what is so thin and so high and has no type fills a gap between walls of which it stands
+along so large a part: it is a parapet, and the gap no doorway."""
+
 SMALLEST, SMALLEST_CLOSED = 0.5, 2.0
 """Square metres of a room, and of one into which no doorway leads: a smaller one is a shaft."""
 
@@ -225,6 +229,17 @@ def find_rooms(
         for each in segments.passages
     ]
     found = _new(scene, outlines, ways)
+    panels = _panels(scene)
+    found = replace(
+        found,
+        doorways=tuple(
+            way
+            for way in found.doorways
+            if not any(
+                common(panel, way.line).length >= PANEL_PART * way.line.length for panel in panels
+            )
+        ),
+    )
     triangles = np.concatenate([wall.triangles for wall in walls])
     heights = lintel_heights([way.line for way in found.doorways], triangles, scene.elevation)
     return replace(
@@ -274,6 +289,25 @@ def scene_walls(scene: StoreyScene) -> list[SceneEntity]:
     return walls
 
 
+def _panels(scene: StoreyScene) -> list[shapely.Geometry]:
+    """What is near to things without a type that stand as parapets do: thin, and on the floor."""
+    return [
+        entity.footprint.buffer(BESIDE, cap_style="flat", join_style="mitre")
+        for entity in scene.entities
+        if entity.kind == "object" and entity.types[:1] in ((), ("object",))
+        if entity.footprint is not None and entity.heights is not None
+        if entity.heights[0] <= scene.elevation + PANEL_HIGH / 2
+        if entity.heights[1] >= scene.elevation + PANEL_HIGH
+        if _thickness(entity.footprint) <= PANEL
+    ]
+
+
+def _thickness(footprint: shapely.Geometry) -> float:
+    """Metres of the width of a strip that is as large and has as long a border."""
+    half, area = footprint.length / 2, footprint.area
+    return float(half - math.sqrt(max(half**2 - 4 * area, 0.0))) / 2
+
+
 def _filled(entity: SceneEntity) -> SceneEntity:
     """A window with its panes, which may be no shapes, between its frame; others as they are."""
     if "window" not in entity.types or entity.footprint is None or entity.heights is None:
@@ -290,9 +324,7 @@ def _is_upright(entity: SceneEntity, floor: float) -> bool:
         return False
     if entity.footprint is None:
         return True
-    half, area = entity.footprint.length / 2, entity.footprint.area
-    thickness = (half - math.sqrt(max(half**2 - 4 * area, 0.0))) / 2  # of a strip like it
-    return bool(thickness <= THIN)
+    return _thickness(entity.footprint) <= THIN
 
 
 def turned_cells(

@@ -92,3 +92,36 @@ def test_a_door_in_a_slanted_wall_divides_two_rooms(
     for room in rooms:
         best = max((r.outline for r in found.rooms), key=lambda o: o.intersection(room).area)
         assert best.intersection(room).area > 0.95 * best.union(room).area
+
+
+@pytest.mark.parametrize("turn", [0.0, 0.4])
+@pytest.mark.parametrize(
+    ("panel", "types", "height", "ways"),
+    [
+        (None, (), 0.9, 2),
+        (shapely.box(6, 5.05, 8, 5.15), (), 0.9, 1),  # a sill
+        (shapely.box(6, 5.05, 8, 5.15), ("object",), 0.9, 1),
+        (shapely.box(6, 5.05, 8, 5.15), (), 0.1, 2),  # a threshold
+        (shapely.box(6, 5.05, 8, 5.15), ("bench", "furniture"), 0.9, 2),
+        (shapely.box(6, 5.05, 7, 5.15), (), 0.9, 2),  # half of the gap
+        (shapely.box(6, 4.6, 8, 5.15), (), 0.9, 2),  # a chest before it
+    ],
+)
+def test_a_gap_that_a_parapet_fills_is_no_doorway(
+    panel: shapely.Polygon | None, types: tuple[str, ...], height: float, ways: int, turn: float
+) -> None:
+    gap = shapely.box(6, 5, 8, 5.2)
+    space = shapely.union_all([*ROOMS, DOOR, gap])
+    walls = shapely.union_all(ROOMS).buffer(0.2, join_style="mitre").difference(space)
+    parts = [(walls, ("wall",), 2.6)]
+    parts += [] if panel is None else [(panel, types, height)]
+    entities = []
+    for number, (outline, kinds, high) in enumerate(parts):
+        turned = affinity.rotate(outline, turn, (0, 0), use_radians=True)
+        mesh = prism_mesh(turned, 0.0, high)
+        triangles = mesh.vertices[mesh.faces]
+        made = SceneEntity(number, f"o{number}", "object", kinds, triangles, footprint=turned)
+        entities.append(made)
+    found = find_rooms(StoreyScene("s", 0.0, tuple(entities)))
+    assert len(found.rooms) == 2
+    assert len(found.doorways) == ways
