@@ -20,6 +20,7 @@ from semmap.ingest.stairs import way_entry
 from semmap.ingest.store.holder_store import find_surfaces
 from semmap.ingest.store.world_store import store_world
 from semmap.ingest.world import (
+    NOT_OUTSIDE,
     OUTSIDE,
     ConnectorDetail,
     Entry,
@@ -433,6 +434,8 @@ def add_entry(
     """Store one entry, and state its holder where one is given; all of it or nothing."""
     if not entry.name:
         raise ValueError(f"the {entry.kind} needs a name")
+    if entry.name == OUTSIDE:
+        raise ValueError(NOT_OUTSIDE)
     if on is not None and in_ is not None:
         raise ValueError(f"{entry.name} is on {on} or in {in_}, not both")
     if entry.name in map:

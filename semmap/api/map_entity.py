@@ -11,6 +11,7 @@ from psycopg.types.json import Jsonb
 
 from semmap.api.checked import Properties, checked_class
 from semmap.error import InvalidArgumentError, RightsError
+from semmap.ingest.world import NOT_OUTSIDE, OUTSIDE
 
 if TYPE_CHECKING:
     from datetime import datetime
@@ -52,6 +53,8 @@ class MapEntity:
     def name(self, name: str) -> None:
         if not name:
             raise ValueError(f"{self.name}: a name is not empty")
+        if name == OUTSIDE:
+            raise ValueError(NOT_OUTSIDE)
         try:
             self._set("name", name)
         except InvalidArgumentError as error:

@@ -21,6 +21,8 @@ ShapeKind = Literal["mesh", "box", "cloud", "polygon"]
 OUTSIDE = "outside"
 """The name of the outdoors: an exterior door joins a place and this."""
 
+NOT_OUTSIDE = f"{OUTSIDE} is where doors lead that leave the building: give another name"
+
 
 class WorldError(Error):
     """A file that cannot be trusted as a whole; none of it is imported.

@@ -141,6 +141,7 @@ REFUSED: list[tuple[Callable[[semmap.Map], Any], str]] = [
     (lambda flat: flat["mug"], "the map has no entity mug; did you mean mug7?"),
     (lambda flat: flat.add_object("mug7"), "the map has an entity mug7 already"),
     (lambda flat: flat.add_object(""), "the object needs a name"),
+    (lambda flat: flat.add_room("outside", [(0, 0), (1, 0), (1, 1)]), "give another name"),
     (lambda flat: flat.add_object("a", size=(1, 0, 1)), "the size of a is three lengths above 0"),
     (lambda flat: flat.add_object("a", size=(1, 1, 1), mesh="x.stl"), "a mesh or a size, not both"),
     (lambda flat: flat.add_object("a", pose=(1, float("nan"), 0)), "the pose of a is"),

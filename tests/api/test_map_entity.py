@@ -24,7 +24,11 @@ def test_an_entity_is_renamed(flat: semmap.Map) -> None:
     assert (mug.name, "cup" in flat, "mug7" in flat) == ("cup", True, False)
     assert other.type == "mug"
     assert (other.name, repr(other)) == ("cup", "<object cup>"), "read with the type"
-    for taken, message in (("desk4", "has an entity desk4 already"), ("", "a name is not empty")):
+    for taken, message in (
+        ("desk4", "has an entity desk4 already"),
+        ("", "a name is not empty"),
+        ("outside", "give another name"),
+    ):
         with pytest.raises(ValueError, match=message):
             mug.name = taken
     assert mug.describe()["name"] == "cup"
