@@ -68,11 +68,12 @@ class SimulatedMission:
         """How it ended, with its steps, as plain values."""
         told = {
             "mission": self.mission,
+            "simulated": True,
+            "map": self.map,
             "state": self.state,
             "reason": self.reason,
             "world": str(self.world),
             "steps": self.steps,
-            "map": self.map,
         }
         if self.assumed:
             told["assumed_sizes"] = self.assumed

@@ -40,6 +40,7 @@ INSTRUCTIONS = """\
 A semantic map of a building: rooms, doors, objects, where they are, and how to get and bring them.
 find lists entities, describe tells all of one, where says how probable each place of an object is,
 route and plan answer how to get there and how to reach a goal such as on(mug1, desk4).
+run lets a simulated robot pursue a goal in a copy: done there, nothing has moved in the map.
 Places are named; metres are in the map's frame; probabilities are from 0 to 1."""
 
 

@@ -123,7 +123,8 @@ def test_a_client_that_may_write_lets_a_robot_bring_it(url: str) -> None:
             simulate=True,
             speed=1e5,
         )
-        assert ended["state"] == "done"
+        assert (ended["state"], ended["simulated"]) == ("done", True)
+        assert "simulated" in ended["map"]
 
     dialogue(url, talk, "--write")
 
