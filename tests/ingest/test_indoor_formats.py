@@ -197,6 +197,30 @@ def test_osm_indoor(tmp_path: Path) -> None:
     assert wall.shapes[0].outline.area == pytest.approx(0.4, rel=1e-3)
 
 
+@pytest.mark.parametrize(
+    ("width", "metres"),
+    [
+        ("1.2", 1.2),
+        ("90 cm", 0.9),
+        ("3'", 0.9144),
+        ("2'11\"", 0.889),
+        ('36"', 0.9144),
+        ("wide", None),
+    ],
+)
+def test_doors_of_osm_have_widths_and_locks(tmp_path: Path, width: str, metres: float) -> None:
+    made = osm()
+    made["features"][4]["properties"] |= {"width": width, "locked": "yes"}
+    path = tmp_path / "house.geojson"
+    path.write_text(json.dumps(made))
+    world = read_world(path)
+    doors = [e.detail for e in world.entries if e.type == "door"]
+    if metres is None:
+        assert (doors, [each.problem for each in world.skipped]) == ([], ["its width is 'wide'"])
+    else:
+        assert [(d.state, d.width) for d in doors] == [("locked", pytest.approx(metres))]
+
+
 def whole_zip(tmp_path: Path) -> bytes:
     return write_zip(tmp_path / "whole.zip", imdf()).read_bytes()
 

@@ -60,6 +60,9 @@ ROOM_TYPES = {
 
 MOST_LEVELS = 200
 
+_FEET = re.compile(r"(?=.)(?:(\d+(?:\.\d+)?)')?\s*(?:(\d+(?:\.\d+)?)\")?")
+"""Feet and inches: ``2'11"``, ``3'`` and ``36"``."""
+
 _LEVEL = re.compile(r"(-?\d+(?:\.\d+)?)(?:-(-?\d+(?:\.\d+)?))?")
 
 
@@ -320,6 +323,7 @@ def _door(feature: Feature, rooms: list[_Room], borders: list[LineString]) -> Fe
         "kind": "connector",
         "type": "elevator_door" if leads_into(cabins, geometry) else closed,
     }
+    about |= {"state": "locked"} if feature.properties.get("locked") == "yes" else {}
     return replace(feature, geometry=geometry, properties=_free(feature) | about | _named(feature))
 
 
@@ -334,10 +338,15 @@ def _wall(feature: Feature) -> Feature:
 
 def _metres(feature: Feature, key: str, default: float) -> float:
     """Return a length of a tag, metres unless it names another unit."""
-    match = re.fullmatch(r"(\d+(?:\.\d+)?)\s*(m|cm)?", str(feature.properties.get(key, default)))
-    if match is None or not float(match[1]):
+    given = str(feature.properties.get(key, default))
+    if feet := _FEET.fullmatch(given):
+        metres = 0.3048 * float(feet[1] or 0) + 0.0254 * float(feet[2] or 0)
+    else:
+        match = re.fullmatch(r"(\d+(?:\.\d+)?)\s*(m|cm)?", given)
+        metres = 0.0 if match is None else float(match[1]) * (0.01 if match[2] == "cm" else 1.0)
+    if not metres:
         raise Refused(f"its {key} is {feature.properties.get(key)!r}", "Give it in metres.")
-    return float(match[1]) * (0.01 if match[2] == "cm" else 1.0)
+    return metres
 
 
 def _named(feature: Feature) -> dict[str, str]:
