@@ -12,7 +12,7 @@ from semmap.geometry.pose import Pose
 from semmap.ingest.meshes.mesh_file import mesh_parts
 from semmap.ingest.meshes.mesh_size import MeshFileError
 from semmap.ingest.scenes.scene_nodes import SceneNode, scene_world
-from semmap.ingest.world import World, WorldError
+from semmap.ingest.world import Entry, World, WorldError
 
 FURNITURE = 4.0
 """Metres across what may be one object of several nodes; what is larger is a scene."""
@@ -40,9 +40,20 @@ def read_mesh_scene(path: Path, *, scale: float = 1.0) -> World:
     used.
     """
     try:
-        return scene_world(path, _nodes(path, scale))
+        world = scene_world(path, _nodes(path, scale))
     except MeshFileError as error:
         raise WorldError(path, "mesh", error.problem, error.fix) from error
+    if lying := [entry.name for entry in world.entries if _is_lying_wall(entry)]:
+        world.notes.append(f"{lying[0]} lies: if y is up in {path.name}, export it with z up")
+    return world
+
+
+def _is_lying_wall(entry: Entry) -> bool:
+    """Whether something is a wall by its name, and a slab by its shape."""
+    if entry.type != "wall" or not entry.shapes or entry.shapes[0].mesh is None:
+        return False
+    x, y, z = np.ptp(entry.shapes[0].mesh.bounds, axis=0)
+    return bool(3 * z < min(x, y))
 
 
 def _nodes(path: Path, scale: float) -> list[SceneNode]:

@@ -327,3 +327,16 @@ def test_an_instance_of_a_library_has_the_name_of_the_node_that_places_it(tmp_pa
         "sofa": ("sofa", 3, 0),
         "cnode": (None, 0, 0),
     }
+
+
+@pytest.mark.parametrize(("up", "noted"), [("y", True), ("z", False)])
+def test_walls_that_lie_are_noted(tmp_path: Path, up: str, noted: bool) -> None:
+    """OBJ does not say which axis is up; z is taken."""
+    path = tmp_path / "house.obj"
+    parts = trimesh.Scene()
+    for name, (wide, deep, high) in {"wall_a": (8, 0.2, 2.6), "wall_b": (0.2, 5, 2.6)}.items():
+        size = (wide, high, deep) if up == "y" else (wide, deep, high)
+        parts.add_geometry(trimesh.creation.box(size), node_name=name, geom_name=name)
+    parts.export(path)
+    notes = [n for n in read_mesh_scene(path).notes if "if y is up in house.obj" in n]
+    assert len(notes) == noted
