@@ -113,7 +113,7 @@ def test_a_gap_that_a_parapet_fills_is_no_doorway(
     gap = shapely.box(6, 5, 8, 5.2)
     space = shapely.union_all([*ROOMS, DOOR, gap])
     walls = shapely.union_all(ROOMS).buffer(0.2, join_style="mitre").difference(space)
-    parts = [(walls, ("wall",), 2.6)]
+    parts: list[tuple[shapely.Geometry, tuple[str, ...], float]] = [(walls, ("wall",), 2.6)]
     parts += [] if panel is None else [(panel, types, height)]
     entities = []
     for number, (outline, kinds, high) in enumerate(parts):
