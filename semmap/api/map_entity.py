@@ -11,7 +11,6 @@ from psycopg.types.json import Jsonb
 
 from semmap.api.checked import Properties, checked_class
 from semmap.error import InvalidArgumentError, RightsError
-from semmap.ingest.world import NOT_OUTSIDE, OUTSIDE
 
 if TYPE_CHECKING:
     from datetime import datetime
@@ -53,6 +52,8 @@ class MapEntity:
     def name(self, name: str) -> None:
         if not name:
             raise ValueError(f"{self.name}: a name is not empty")
+        from semmap.ingest.world import NOT_OUTSIDE, OUTSIDE
+
         if name == OUTSIDE:
             raise ValueError(NOT_OUTSIDE)
         try:
