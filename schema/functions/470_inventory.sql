@@ -145,7 +145,7 @@ WITH judged AS (
       AND (least(ST_XMax(w.box) - ST_XMin(w.box), ST_YMax(w.box) - ST_YMin(w.box)) >= 1
            OR ST_ZMax(w.box) - ST_ZMin(w.box) NOT BETWEEN 0.1 AND 1.5 OR guess ->> 'from' = 'shape')
 ), found AS (
-    SELECT j.id, j.named, s.part
+    SELECT j.id, j.named, j.shaped, s.part  -- judged is joined no second time: its plan is made for few rows
     FROM judged j CROSS JOIN LATERAL (
         SELECT nullif(semmap.part_by_shape(j.id, j.named IS NOT NULL), CASE
             WHEN j.named ->> 'type' = ANY (semmap.subtypes('building_element') || semmap.subtypes('fixture')) THEN 'wall' END)
@@ -160,8 +160,8 @@ WITH judged AS (
                 'type', f.part, 'confidence', 0.7, 'from', 'shape', 'named', f.named)))
             WHEN f.named IS NOT NULL THEN jsonb_build_object('type_guess', f.named)
             ELSE '{}' END
-    FROM found f JOIN judged j ON j.id = f.id
-    WHERE e.id = f.id AND (f.part IS NOT NULL OR j.shaped) AND coalesce(f.part, f.named ->> 'type', 'object') IS DISTINCT FROM e.type
+    FROM found f
+    WHERE e.id = f.id AND (f.part IS NOT NULL OR f.shaped) AND coalesce(f.part, f.named ->> 'type', 'object') IS DISTINCT FROM e.type
     RETURNING e.id)
 SELECT count(*) INTO n FROM recognised;
 RETURN n;
