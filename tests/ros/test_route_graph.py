@@ -32,7 +32,6 @@ def file(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def building(peer: Peer, run_node: RunNode, hotel: Engine, file: Path) -> Iterator[semmap.Map]:
     url = hotel.url.set(drivername="postgresql").render_as_string(hide_password=False)
-    peer("serve", SERVER, KIND, {"success": True})
     with semmap.connect(url) as db, run_node(url, "hotel", route_graph=str(file)):
         found = db.map("hotel")
         wait_until(file.exists, 60)
@@ -72,12 +71,20 @@ def of_map(map: semmap.Map, pairs: list[tuple[str, str]]) -> Ways:
     return found
 
 
+def test_a_route_server_that_comes_later_is_asked(
+    peer: Peer, building: semmap.Map, file: Path
+) -> None:
+    peer("serve", SERVER, KIND, {"success": True})
+    assert peer.take(SERVER) == {"graph_filepath": str(file)}
+
+
 def test_its_shortest_paths_pass_the_doors_of_routes_also_after_one_is_locked(
     peer: Peer, building: semmap.Map, file: Path
 ) -> None:
     names = sorted(room.name for room in building.rooms)
     names = [name for name in names if not name.startswith("Lift")]  # into one, up and down tie
     pairs = random.Random(1).sample(list(itertools.permutations(names, 2)), 40)
+    peer("serve", SERVER, KIND, {"success": True})
     before = of_map(building, pairs)
     assert in_file(file, pairs) == before
     counts = Counter(door for way in before.values() for door in way or ())
@@ -87,7 +94,7 @@ def test_its_shortest_paths_pass_the_doors_of_routes_also_after_one_is_locked(
     doors[busy].state = "locked"
     after = of_map(building, pairs)
     assert after != before
-    asked = peer.take(SERVER, lambda _: in_file(file, pairs) == after)
+    asked = peer.take(SERVER, lambda _: in_file(file, pairs) == after, 60)
     assert asked == {"graph_filepath": str(file)}
     doors[busy].state = "open"
     peer.take(SERVER, lambda _: in_file(file, pairs) == before)

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+
+from rclpy.clock import Clock, ClockType
 
 from planner.exchange.nav2_route import dumps, nav2_graph
 from planner.exchange.reader import read_building_outline
@@ -13,6 +16,9 @@ from semmap_ros.optional import SetRouteGraph
 if TYPE_CHECKING:
     import semmap
     from semmap_ros.node import MapNode
+
+AGAIN = 5.0
+"""After how many seconds without an answer the route server is asked again."""
 
 
 def read_route_graph(node: MapNode, map: semmap.Map) -> str | ExchangeError:
@@ -34,9 +40,15 @@ class RouteGraphFile:
     def __init__(self, node: MapNode) -> None:
         self._node = node
         self._last = ""
+        self._unanswered: Path | None = None
+        self._asked: Any = None
+        self._asked_at = 0.0
         self._server: Any = None
         if SetRouteGraph is not None:
             self._server = node.create_client(SetRouteGraph, "route_server/set_route_graph")
+            # It may not have been found yet, or miss a request while it is being found.
+            steady = Clock(clock_type=ClockType.STEADY_TIME)
+            node.create_timer(AGAIN / 5, self._ask_again, clock=steady)
 
     def write(self, graph: str | ExchangeError) -> None:
         """Write a graph that differs from the last one; where there is none, remove the file."""
@@ -49,6 +61,7 @@ class RouteGraphFile:
         made = file.with_name(f".{file.name}")
         try:
             if isinstance(graph, ExchangeError):
+                self._unanswered = None
                 file.unlink(missing_ok=True)
                 raise graph
             made.write_text(graph, encoding="utf-8")
@@ -56,11 +69,26 @@ class RouteGraphFile:
         except OSError as error:
             self._last = ""  # tried again after the next change
             raise ValueError(f"{file} cannot be written: {error}") from error
+        self._unanswered = file
+        self._ask()
+
+    def _ask(self) -> None:
         if self._server is not None and self._server.service_is_ready():
-            request = SetRouteGraph.Request(graph_filepath=str(file))
-            self._server.call_async(request).add_done_callback(self._answered)
+            self._asked_at = time.monotonic()
+            request = SetRouteGraph.Request(graph_filepath=str(self._unanswered))
+            self._asked = self._server.call_async(request)
+            self._asked.add_done_callback(self._answered)
+
+    def _ask_again(self) -> None:
+        if self._unanswered is not None and time.monotonic() > self._asked_at + AGAIN:
+            if self._asked is not None:
+                self._server.remove_pending_request(self._asked)
+            self._ask()
 
     def _answered(self, answer: Any) -> None:
+        if answer is self._asked:
+            self._unanswered = None
+
         def check() -> None:
             if not answer.result().success:
                 raise ValueError("Nav2's route server refuses the file: its log says why")
