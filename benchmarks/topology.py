@@ -16,7 +16,12 @@ from benchmarks.rooms import rooms
 from benchmarks.timing import Row, print_rows
 from planner.live_topology import LiveTopology, TopologyChange
 from planner.readers.robot_class import store_robot_class
-from planner.readers.travel_times import MeasuredTravel, store_measured_until, store_travel_times
+from planner.readers.travel_times import (
+    MeasuredTravel,
+    compute_place_digests,
+    store_measured_until,
+    store_travel_times,
+)
 from planner.robot_class import RobotClass
 from planner.route_planner import RoutePlanner
 from planner.topology import OUTSIDE, Topology
@@ -72,8 +77,8 @@ def _loading(engine: Engine, name: str, robot: RobotClass) -> list[Row]:
         ids = store(connection, topology, name)
         number = store_robot_class(connection, robot)
         travel = [*_straight(topology, ids, robot.speed)]
-        states = {ids[p.name]: "" for p in topology.places.values()}
-        store_travel_times(seen_by(connection), number, travel, states)
+        digests = compute_place_digests(seen_by(connection), 0.0)  # nothing stands anywhere
+        store_travel_times(seen_by(connection), number, travel, digests)
     with engine.begin() as connection:  # which sees that as done
         connection.execute(text("SELECT set_config('semmap.map', :name, true)"), {"name": name})
         store_measured_until(seen_by(connection), number, cursor(seen_by(connection)))

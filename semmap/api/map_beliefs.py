@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from datetime import datetime
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from semmap.api.checked import EntityName
@@ -75,44 +74,6 @@ class MapBeliefs(MapQuestions):
 
             estimates = belief_with_occlusion(seen, names, moment)
         return found | {name: found[name].revised(of) for name, of in estimates.items()}
-
-    def draw_belief(
-        self,
-        about: EntityName | BelievedPlaces,
-        path: str | Path,
-        *,
-        storey: EntityName | None = None,
-    ) -> Path:
-        """Draw a heat map of a belief on the floor plan, as PNG; return its path.
-
-        Parameters
-        ----------
-        about : an object or agent, or the answer of `where`
-        storey : by default that of the most probable place
-
-        Raises
-        ------
-        LookupError, ValueError
-            As `where`; there is no such storey, or none at all.
-        """
-        from semmap.belief.heat_map import heat_map
-        from semmap.belief.reader import read_places
-        from semmap.belief.store.beliefs import things_named
-        from semmap.draw.view import storey_view
-        from semmap.query.storey_reader import read_storeys
-
-        belief = self.where(about) if isinstance(about, str) else about
-        with self.snapshot() as seen:
-            things = things_named(seen, belief.name)
-            of_things = [place for thing in things for place in read_places(seen, thing)]
-            places = {place.name: place for place in of_things}.values()
-            best = max(places, key=lambda place: belief.get(place.name, 0.0), default=None)
-            chosen = storey or (best.storey if best else None)
-            scenes = read_storeys(seen, chosen)
-        if not scenes:
-            raise ValueError("the map has no storey to draw")
-        here = [place for place in places if chosen is None or place.storey in (chosen, None)]
-        return heat_map(storey_view(scenes[0]), here, belief, path, name=belief.name)
 
     def initial_belief(
         self, names: Sequence[EntityName], at: datetime | None = None

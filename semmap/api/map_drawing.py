@@ -7,7 +7,7 @@ from dataclasses import asdict, replace
 from enum import StrEnum
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, cast
 
 from semmap.api.checked import EntityName
 from semmap.api.map_pictures import plan_of
@@ -17,6 +17,8 @@ if TYPE_CHECKING:
     from planner.robot_class import RobotClass
     from planner.routing_graph import RoutingGraph
     from planner.topology import Place, PlaceConnector, Topology
+    from semmap.api.map import Map
+    from semmap.belief.believed_places import BelievedPlaces
     from semmap.draw.picture import Picture
     from semmap.draw.view import StoreyView
 
@@ -55,16 +57,84 @@ class MapDrawing(MapTasks):
         self,
         storey: EntityName | None = None,
         *,
+        route: EntityName | None = None,
+        belief: EntityName | BelievedPlaces | None = None,
+        search: EntityName | None = None,
+        costmap: str | None = None,
+        field: str | None = None,
+        grasps: EntityName | None = None,
+        start: EntityName | None = None,
+        robot: str | None = None,
         walls: bool = True,
         title: str = "",
         assume_sizes: bool = False,
     ) -> Picture:
-        """The floor plan of a storey, or those of all storeys one below another.
+        """The floor plan of a storey, those of all one below another, or an answer of the map.
 
-        `storey`: only this one. `walls` shows the occupied cells between the rooms; without it,
-        outlines alone. `assume_sizes` draws typical boxes, dashed, for objects without geometry.
-        LookupError if there is no such storey, or nothing to draw.
+        Parameters
+        ----------
+        storey : only this one
+        route : the way to it, from `start`
+        belief : where this object, agent or type probably is, as a heat map; or what `where` found
+        search : the looks of a search for it, numbered, over where it probably is
+        costmap : the costs of this robot
+        field : voxels: a property of fields such as ``inRoom``, or a query with voxels
+        grasps : the stored grasps of this object
+        start, robot : of a route or a search, as for `route` and `search`
+        walls : of a plan: the occupied cells between the rooms, too; else outlines alone
+        title : of a plan, in place of the storey's name
+        assume_sizes : of a plan: typical boxes, dashed, for objects without geometry
+
+        Raises
+        ------
+        LookupError, ValueError
+            There is no such storey, thing, robot or property, or nothing to draw; more than one
+            answer, or arguments of another one.
         """
+        asked = {
+            "route": route,
+            "belief": belief,
+            "search": search,
+            "costmap": costmap,
+            "field": field,
+            "grasps": grasps,
+        }
+        given = [kind for kind, about in asked.items() if about is not None]
+        if len(given) > 1:
+            raise ValueError(f"{' and '.join(given)} are several pictures: draw one at a time")
+        if (start or robot) and not {"route", "search"} & {*given}:
+            raise ValueError("start and robot are those of a route or a search: name it")
+        if given and (title or assume_sizes or not walls):
+            raise ValueError("title, walls and assume_sizes are for a plan without an answer")
+        if storey is not None and grasps is not None:
+            raise ValueError("grasps are drawn where the object is: leave out storey")
+        if given:
+            return self._draw_answer(given[0], asked[given[0]], storey, start, robot)
+        return self._draw_plan(storey, walls, title, assume_sizes)
+
+    def _draw_answer(
+        self, kind: str, about: Any, storey: str | None, start: str | None, robot: str | None
+    ) -> Picture:
+        from semmap.api import answer_pictures as pictures
+
+        map = cast("Map", self)
+        match kind:
+            case "route":
+                return pictures.route_picture(map, about, storey, start, robot)
+            case "belief":
+                return pictures.belief_picture(map, about, storey)
+            case "search":
+                found = self.search(about, start=start, robot=robot)
+                return pictures.search_picture(found, storey)
+            case "costmap":
+                return pictures.costmap_picture(map, about, storey)
+            case "field":
+                return pictures.field_picture(map, about, storey)
+        return pictures.grasps_picture(map, about)
+
+    def _draw_plan(
+        self, storey: str | None, walls: bool, title: str, assume_sizes: bool
+    ) -> Picture:
         from navgrid.grid_output import with_grid
         from semmap.draw.floor_plan import floor_plan
         from semmap.draw.picture import Picture

@@ -85,10 +85,11 @@ class MapRoute(Route):
             ],
         }
 
-    def plot(self) -> Picture:
+    def plot(self, storey: str | None = None) -> Picture:
         """Draw the way on the floor plan of each storey that it leads through, one below another.
 
-        ValueError if the places of the route have no outlines.
+        `storey`: only this one. ValueError if the places of the route have no outlines, LookupError
+        if it does not lead through the storey.
         """
         from navgrid.grid_output import with_grid
         from semmap.draw.floor_plan import floor_plan
@@ -98,9 +99,14 @@ class MapRoute(Route):
         lines = self._lines(grids)
         if not lines:
             raise ValueError(f"the storey of {self.start} has no floor plan to draw on")
+        if storey is not None and storey not in lines:
+            raise LookupError(
+                f"the way does not lead through {storey}, but through {', '.join(lines)}"
+            )
         return Picture.stacked(
-            Picture.drawn(partial(floor_plan, replace(with_grid(grids[storey]), path=path)))
-            for storey, path in lines.items()
+            Picture.drawn(partial(floor_plan, replace(with_grid(grids[name]), path=path)))
+            for name, path in lines.items()
+            if storey in (name, None)
         )
 
     def ways(self) -> list[dict[str, Any]]:
@@ -274,6 +280,18 @@ class ObjectSearch:
     def run(self, **options: Any) -> SimulatedMission:
         """Let a robot search; options are those of `Map.run`."""
         return self.map.run(f'found("{self.name}")', **self.options | options)
+
+    def plot(self, storey: str | None = None) -> Picture:
+        """Draw its looks, in their order, over the belief, on each storey that has some.
+
+        `storey`: only this one.
+        """
+        from semmap.api.answer_pictures import search_picture
+
+        return search_picture(self, storey)
+
+    def _repr_png_(self) -> bytes:
+        return self.plot().png
 
     def __repr__(self) -> str:
         return f"<search for {self.name}: {len(self.tour)} looks, {self.seconds:.0f} s expected>"

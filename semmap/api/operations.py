@@ -59,7 +59,7 @@ COMMANDS = {
     "belief": CommandWord("belief", "Messages, ProbLog, fields and grammars of beliefs."),
     "costmap": CommandWord("grids", "Compute a robot's layered costmaps and write them for Nav2."),
     "demo": CommandWord("demo.command", "Import a world, and show what follows from it."),
-    "draw": CommandWord("drawing", "Draw floor plans of the map, or all of it in 3D, as a PNG."),
+    "draw": CommandWord("drawing", "Draw the map, or an answer of it, as a picture."),
     "export": CommandWord("export", "Write the map to a file of another program."),
     "fields": CommandWord("fields", "What space contains, voxel by voxel."),
     "gis": CommandWord("gis", "The map in QGIS: a project that shows and edits it."),
@@ -181,7 +181,6 @@ OPERATIONS: tuple[Operation, ...] = (
     # where objects are, and what is known of them
     Operation("Map.where", "where", "reader"),
     Operation("Map.beliefs", "where", "reader"),
-    Operation("Map.draw_belief", "where", "reader"),
     Operation("Map.observe", "observe", "robot"),
     Operation("Map.observe_point", "observe", "robot"),
     Operation("Map.observe_view", "observe", "robot"),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -37,10 +37,12 @@ def heat_map(
     *,
     name: str = "",
     dpi: int = 200,
+    over: Callable[[Axes], None] | None = None,
 ) -> Path:
-    """Draw where an object probably is, and save the picture as PNG; return its path.
+    """Draw where an object probably is, and save the picture; return its path.
 
-    Places of the storey are coloured by their probabilities; `name` is for the title.
+    Places of the storey are coloured by their probabilities; `name` is for the title, and `over`
+    draws more, as for `floor_plan`.
     """
     colours = colormaps["YlOrRd"]
     most = max([p for place, p in belief.items() if place != ELSEWHERE and p > 0] or [1.0])
@@ -53,7 +55,7 @@ def heat_map(
 
     furniture = [o for o in storey.objects if not (HIDDEN | FLAT) & set(o.types)]
 
-    def over(axes: Axes) -> None:
+    def places_over(axes: Axes) -> None:
         for room in storey.rooms:
             _fill(axes, room.outline, fc=PALE, ec="none", zorder=1.2)
         for each in furniture:
@@ -72,6 +74,8 @@ def heat_map(
             if probability >= LEAST_WRITTEN:
                 label = "" if room_like else f"{place.name}\n"
                 _write(axes, place.footprint, f"{label}{100 * probability:.0f} %", room_like)
+        if over is not None:
+            over(axes)
 
     here = sum(belief.get(place.name, 0.0) for place in places)
     title = (
@@ -79,7 +83,7 @@ def heat_map(
         f"({100 * here:.0f} % on this storey, {100 * belief.get(ELSEWHERE, 0.0):.0f} % elsewhere)"
     )
     plain = replace(storey, objects=[replace(o, types=()) for o in furniture], regions=[])
-    return floor_plan(plain, path, title=title, dpi=dpi, over=over)
+    return floor_plan(plain, path, title=title, dpi=dpi, over=places_over)
 
 
 def _fill(axes: Axes, area: shapely.Geometry, **style: Any) -> None:

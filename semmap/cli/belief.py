@@ -51,7 +51,9 @@ def teach_command(
 def where_command(
     call: MethodCall,
     limit: int = Option(10, help="The most rows in a table; JSON has all."),
-    draw: Path | None = Option(None, help="Draw a heat map on the floor plan to this PNG."),
+    draw: Path | None = Option(
+        None, help="Draw a heat map on the floor plan to this .png, .svg or .pdf."
+    ),
     storey: str | None = Option(None, help="For --draw; by default the most probable one."),
     json_: Json = False,
 ) -> None:
@@ -64,7 +66,8 @@ def where_command(
     found = [*call().values()]
     _show_beliefs(found, limit, json_)
     if draw is not None:
-        print(call.handle.draw_belief(found[0], draw, storey=storey), file=sys.stderr)
+        picture = call.handle.draw(storey, belief=found[0])
+        print(picture.save(draw), file=sys.stderr)
 
 
 def _show_beliefs(found: Sequence[BelievedPlaces], limit: int, json_: bool) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from typer import Option
+from typer import BadParameter, Option
 
 from semmap.cli.operation_command import MethodCall, command_of
 
@@ -15,8 +15,14 @@ def draw_command(
     output: Path = Option(Path("map.png"), "-o", help="The file: .png, .svg or .pdf."),
     solid: bool = Option(False, "--3d", help="All storeys in 3D instead."),
 ) -> None:
-    """Draw the floor plan of a storey, those of all one below another, or the map in 3D."""
+    """Draw a floor plan, the map in 3D, or an answer: a route, belief, search, costs, voxels.
+
+    semmap draw --route mug1 --start bedroom -o way.svg; semmap draw --belief mug
+    """
     if solid:
+        others = [key for key in call.values if key not in ("title", "assume_sizes", "walls")]
+        if others:
+            raise BadParameter(f"--3d draws all of the map: leave out --{others[0]}")
         given = {key: call.values[key] for key in ("title", "assume_sizes") if key in call.values}
         picture = call.handle.draw_3d(**given)
     else:

@@ -7,9 +7,12 @@ from dataclasses import dataclass, field
 from io import BytesIO
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from xml.etree import ElementTree
 
 DRAWN = (".svg", ".pdf")
 """Files into which a picture is drawn again, as lines."""
+
+SVG = "http://www.w3.org/2000/svg"
 
 
 @dataclass(frozen=True)
@@ -49,19 +52,19 @@ class Picture:
             top += image.height
         file = BytesIO()
         whole.save(file, "PNG")
-        return cls(file.getvalue())
+        return cls(file.getvalue(), lambda path: _stack(pages, path))
 
     def save(self, path: Path | str) -> Path:
         """Write it as a PNG, SVG or PDF file, by the end of its name; return its path.
 
-        ValueError: another end, or SVG or PDF for a picture of several storeys.
+        ValueError: another end, or PDF for a picture of several storeys.
         """
         path = Path(path)
         end = path.suffix.lower()
         if end not in (".png", *DRAWN):
             raise ValueError(f"{path}: a picture is a .png, .svg or .pdf file")
         if end in DRAWN and self.draw is None:
-            raise ValueError(f"{path}: several storeys are one .png file: choose one for {end}")
+            raise ValueError(f"{path}: this picture is pixels alone: save it as .png")
         path.parent.mkdir(parents=True, exist_ok=True)
         if end in DRAWN and self.draw is not None:
             self.draw(path)
@@ -75,3 +78,23 @@ class Picture:
 
     def _repr_png_(self) -> bytes:
         return self.png
+
+
+def _stack(pictures: Iterable[Picture], path: Path) -> None:
+    """Write pictures one below another into an SVG file."""
+    if path.suffix.lower() != ".svg":
+        raise ValueError(f"{path}: several storeys are one .png or .svg file: choose one for .pdf")
+    ElementTree.register_namespace("", SVG)
+    ElementTree.register_namespace("xlink", "http://www.w3.org/1999/xlink")
+    whole = ElementTree.Element(f"{{{SVG}}}svg")
+    right = bottom = 0.0
+    with TemporaryDirectory(prefix="semmap-") as folder:
+        for picture in pictures:
+            page = ElementTree.parse(picture.save(Path(folder, "page.svg"))).getroot()
+            _, _, width, height = (float(number) for number in page.attrib["viewBox"].split())
+            page.attrib |= {"y": f"{bottom:g}", "width": f"{width:g}", "height": f"{height:g}"}
+            whole.append(page)
+            right, bottom = max(right, width), bottom + height
+    whole.attrib |= {"width": f"{right:g}pt", "height": f"{bottom:g}pt", "version": "1.1"}
+    whole.attrib["viewBox"] = f"0 0 {right:g} {bottom:g}"
+    ElementTree.ElementTree(whole).write(path, "utf-8", xml_declaration=True)

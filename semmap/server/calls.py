@@ -101,7 +101,11 @@ class OperationCall:
             raise InvalidArgumentError(f"{self.name} needs {', '.join(missing)}")
         try:
             return self._done(handle, given)
-        except Error:
+        except Error as error:
+            if "write=True" in str(error):  # an argument that `_WRITING` leaves out
+                raise InvalidArgumentError(
+                    f"{self.name} lets nothing change the map here"
+                ) from error
             raise
         except (TypeError, ValueError, OverflowError) as error:
             raise InvalidArgumentError(f"{self.name}: {error}") from error

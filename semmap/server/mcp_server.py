@@ -103,10 +103,18 @@ async def serve_stdio(tools: ToolServer) -> None:
 def shortened(value: Any) -> Any:
     """A plain value with the first values of each list, and how many more there are.
 
-    >>> shortened({"rows": list(range(22))})["rows"][18:]
+    Likewise of numbers by name. Numbers have four decimals, those below 1 four digits.
+
+    >>> shortened({"rows": list(range(22)), "share": 1 / 3})["rows"][18:]
     [18, 19, '... 2 more']
     """
+    if isinstance(value, float):
+        return round(value, 4) if abs(value) >= 1 else float(f"{value:.4g}")
     if isinstance(value, dict):
+        first = [*value][:MOST_VALUES]
+        more = len(value) - len(first)
+        if more and all(isinstance(each, float) for each in value.values()):
+            return {key: shortened(value[key]) for key in first} | {"...": f"{more} more"}
         return {key: shortened(each) for key, each in value.items()}
     if not isinstance(value, list):
         return value

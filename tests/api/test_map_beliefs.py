@@ -63,11 +63,11 @@ def test_estimates_keep_the_reasons(flat: Map) -> None:
 def test_a_belief_is_drawn_kept_and_exported(flat: Map, tmp_path: Path) -> None:
     found = flat.where("coke")
     for number, about in enumerate(("coke", found)):
-        path = flat.draw_belief(about, tmp_path / f"{number}.png", storey="ground")
+        path = flat.draw("ground", belief=about).save(tmp_path / f"{number}.png")
         with Image.open(path) as picture:
             assert min(picture.size) > 100
     with pytest.raises(LookupError, match="no storey named attic"):
-        flat.draw_belief(found, tmp_path / "no.png", storey="attic")
+        flat.draw("attic", belief=found)
     made = flat.belief_field("coke", voxel_size=0.1)
     again = flat.belief_field("coke", voxel_size=0.1)
     assert (made["field"], made["voxels"]) == ("belief-coke", again["voxels"])

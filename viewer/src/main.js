@@ -12,9 +12,8 @@ const MOST_TOLD = 20; // lines of a history or answer
 const REREAD = 100; // milliseconds that changes are gathered before the scene is read again
 
 const link = readLink();
-const name = new URLSearchParams(location.search).get("map");
 const token = takeToken();
-const maps = new Maps(name, token);
+const maps = new Maps(token);
 const canvas = document.getElementById("stage");
 const stage = new Stage(canvas, document.getElementById("labels"), document.getElementById("panel"));
 const house = new House(stage);
@@ -43,6 +42,7 @@ async function read() {
 }
 
 async function start() {
+  await maps.open(new URLSearchParams(location.search).get("map"));
   for (const each of (link.hidden ?? "ceilings").split(",").filter(Boolean)) house.hidden.add(each);
   house.apart = Number(link.apart) || 0;
   const scene = await read();

@@ -1,9 +1,19 @@
 // What the server says of one map, with the rights of a token or of a reader.
 
 export class Maps {
-  constructor(name, token) {
-    this.at = new URL(`maps/${encodeURIComponent(name)}/`, new URL("../", location.href)).href;
+  constructor(token) {
     this.headers = token ? { Authorization: `Bearer ${token}` } : {};
+  }
+
+  // Ask of this map from now on; without a name, of the only one.
+  async open(name) {
+    const all = new URL("../maps", location.href);
+    if (!name) {
+      const names = (await (await answered(await fetch(all, { headers: this.headers }))).json()).map((map) => map.name);
+      if (names.length !== 1) throw new Error(names.length ? `add ?map=NAME to the address: ${names.join(", ")}` : "there are no maps: semmap import makes one");
+      name = names[0];
+    }
+    this.at = `${all}/${encodeURIComponent(name)}/`;
   }
 
   async get(path) {

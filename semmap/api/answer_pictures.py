@@ -1,0 +1,208 @@
+"""Pictures of answers of a map, over its floor plans or in its scene; `Map.draw` chooses one."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import replace
+from itertools import cycle
+from typing import TYPE_CHECKING, Any, cast
+
+import numpy as np
+
+from semmap.draw.picture import Picture
+
+if TYPE_CHECKING:
+    from semmap.api.map import Map
+    from semmap.api.map_results import ObjectSearch
+    from semmap.arrays import Floats
+    from semmap.belief.believed_places import BelievedPlaces
+    from semmap.draw.view import ObjectView, StoreyView
+    from semmap.geometry.mesh import Mesh
+
+FIELD_COLOURS = ("#d6336c", "#1c7ed6", "#e8a200", "#2b8a3e", "#7048e8", "#0b7285", "#a61e4d")
+"""Of the sets of voxels, in their order; then these again."""
+
+MOST_SETS = 20
+"""The most sets of voxels that the legend names."""
+
+OPAQUE = 100_000
+"""Sets of more voxels are drawn as tinted air, through which the others are seen."""
+
+AROUND = 0.6
+"""Metres from an object within which others are drawn with its grasps."""
+
+FINGER, ROD = 0.05, 0.003
+"""Length of a fork's fingers and thickness of its rods, metres."""
+
+
+def route_picture(
+    map: Map, goal: str, storey: str | None, start: str | None, robot: str | None
+) -> Picture:
+    """The way from `start` to a goal."""
+    if start is None:
+        raise ValueError("a route begins somewhere: give start")
+    return map.route(start, goal, robot=robot).plot(storey)
+
+
+def costmap_picture(map: Map, robot: str, storey: str | None) -> Picture:
+    """The master costmaps of a robot, the lowest storey first."""
+    return Picture.stacked(made.plot() for made in map.costmaps(robot, storey=storey))
+
+
+def belief_picture(map: Map, about: str | BelievedPlaces, storey: str | None) -> Picture:
+    """A heat map of where a thing probably is; by default on the storey of the best place."""
+    from semmap.belief.heat_map import heat_map
+    from semmap.belief.reader import read_places
+    from semmap.belief.store.beliefs import things_named
+
+    belief = map.where(about) if isinstance(about, str) else about
+    with map.snapshot() as seen:
+        things = things_named(seen, belief.name)
+        of_things = [place for thing in things for place in read_places(seen, thing)]
+    places = {place.name: place for place in of_things}.values()
+    best = max(places, key=lambda place: belief.get(place.name, 0.0), default=None)
+    chosen = storey or (best.storey if best else None)
+    view = _views(map, chosen)[0]
+    here = [place for place in places if chosen is None or place.storey in (chosen, None)]
+    return Picture.drawn(lambda path: heat_map(view, here, belief, path, name=belief.name))
+
+
+def search_picture(search: ObjectSearch, storey: str | None) -> Picture:
+    """The looks of a search, in their order, over its belief, on each storey that has some."""
+    from planner.search.picture import looks_over
+    from planner.search.viewpoints import Sight
+    from semmap.belief.heat_map import heat_map
+    from semmap.belief.reader import read_places
+
+    map = cast("Map", search.map)
+    with map.snapshot() as seen:
+        places = read_places(seen, search.name)
+    sight = search.options.get("sight") or Sight()
+
+    def picture(view: StoreyView) -> Picture:
+        rooms = {room.name for room in view.rooms}
+        looks = [(n, look) for n, look in enumerate(search.tour, 1) if look.room in rooms]
+        here = [place for place in places if place.storey in (view.name, None)]
+        over = looks_over(looks, sight)
+        return Picture.drawn(
+            lambda path: heat_map(view, here, search.belief, path, name=search.name, over=over)
+        )
+
+    looked = {look.room for look in search.tour}
+    views = _views(map, storey)
+    shown = [view for view in views if storey or looked & {room.name for room in view.rooms}]
+    return Picture.stacked(picture(view) for view in shown or views)
+
+
+def field_picture(map: Map, query: str, storey: str | None) -> Picture:
+    """The voxels that answer a query, or all of a property, in the scene; a colour for each set."""
+    from matplotlib.colors import to_rgb
+
+    from semmap.draw.fields import FieldView, fields_picture
+    from semmap.draw.palette import HIDDEN, object_colour
+
+    text = f"SELECT ?v ?o {{ ?v :{query} ?o }}" if re.fullmatch(r"\w+", query) else query
+    answer = map.fields.query(text)
+    views = _views(map, storey)
+    low, high = _levels(map, views[0]) if storey else (-np.inf, np.inf)
+    sets: dict[str, list[Any]] = {}
+    for row in answer.rows:
+        others = " ".join(str(value) for value in row if not isinstance(value, tuple))
+        centres = [value for value in row if isinstance(value, tuple) and low <= value[2] < high]
+        sets.setdefault(others, []).extend(centres)
+    sets = {of: centres for of, centres in sets.items() if centres}
+    if not sets:
+        where = f" on {storey}" if storey else ""
+        raise LookupError(f"no voxel{where} answers {query}: there is nothing to draw")
+    size = map.fields.voxel_size
+    shown = [
+        FieldView(
+            np.floor(np.array(centres) / size).astype(np.int32),
+            size,
+            colour,
+            of or query,
+            1.0 if len(centres) <= OPAQUE else 0.2,
+        )
+        for (of, centres), colour in zip(sorted(sets.items()), cycle(FIELD_COLOURS))
+    ]
+    shown[MOST_SETS:] = [replace(each, label="") for each in shown[MOST_SETS:]]
+    things = [
+        (each.mesh.triangles, 0.4 * np.array(to_rgb(object_colour(each.types))) + 0.6)
+        for view in views
+        for each in view.objects
+        if each.mesh is not None and each.name not in sets  # its voxels stand for it
+        if not (HIDDEN | {"wall", "window"}) & set(each.types)
+    ]
+    triangles = np.concatenate([np.zeros((0, 3, 3)), *(faces for faces, _ in things)])
+    colours = [np.tile(colour, (len(faces), 1)) for faces, colour in things]
+    painted = np.concatenate([np.zeros((0, 3)), *colours])
+    return Picture.drawn(lambda path: fields_picture(triangles, painted, shown, path, title=query))
+
+
+def grasps_picture(map: Map, name: str) -> Picture:
+    """The stored grasps of an object as forks, the likelier the greener, among what is near."""
+    from matplotlib.colors import hsv_to_rgb, to_hex
+
+    from semmap.draw.scene3d import scene3d
+    from semmap.draw.view import ObjectView, StoreyView
+    from semmap.geometry.pose import Pose
+
+    found = map.grasps(name, stored=True, check=False)
+    if not found:
+        raise LookupError(f"no grasp of {name} is stored: semmap grasp {name}")
+    forks = [
+        ObjectView(
+            "grasp",
+            (),
+            _fork(row["width"] or FINGER).moved(Pose(*row["pose"])),
+            colour=to_hex(tuple(hsv_to_rgb([0.33 * (row["expected"] or 0.0), 0.85, 0.75]))),
+        )
+        for row in reversed(found.rows)
+    ]
+    near = np.concatenate([fork.mesh.vertices for fork in forks if fork.mesh is not None])
+    views = _views(map, None)
+    things = [each for view in views for each in view.objects if _is_near(each, near)]
+    floor = float(near[:, 2].min())
+    told = f"{name}: {len(forks)} grasps, the likelier the greener"
+    scene = StoreyView(name, floor, objects=[*things, *forks])
+    return Picture.drawn(
+        lambda path: scene3d([scene], path, title=told, boxes=False, cut=9.0, width=1400)
+    )
+
+
+def _views(map: Map, storey: str | None) -> list[StoreyView]:
+    views = map.views(storey)
+    if not views:
+        raise LookupError(f"the map {map.name} has nothing to draw: import a world file")
+    return views
+
+
+def _levels(map: Map, view: StoreyView) -> tuple[float, float]:
+    """From where to where, metres, a storey reaches: up to the floor of the next one."""
+    above = [each.elevation for each in map.views() if each.elevation > view.elevation]
+    return view.elevation - 0.3, min(above, default=np.inf)
+
+
+def _is_near(each: ObjectView, points: Floats) -> bool:
+    """Whether the box of an object is within reach of points, and small enough to be shown."""
+    if each.mesh is None:
+        return False
+    low, high = each.mesh.bounds
+    inside = (points > low - AROUND).all(axis=1) & (points < high + AROUND).all(axis=1)
+    return bool(inside.any()) and float(np.max((high - low)[:2])) < 4.0
+
+
+def _fork(width: float) -> Mesh:
+    """A fork of two fingers in the grasp frame: they move along z, and close along x."""
+    from semmap.geometry.mesh import box_mesh, join
+
+    half = width / 2
+    rods: Sequence[tuple[tuple[float, float, float], tuple[float, float, float]]] = (
+        ((-half, 0, -FINGER), (-half, 0, 0)),
+        ((half, 0, -FINGER), (half, 0, 0)),
+        ((-half, 0, -FINGER), (half, 0, -FINGER)),
+        ((0, 0, -2 * FINGER), (0, 0, -FINGER)),
+    )
+    grown = [(np.array(low) - ROD / 2, np.array(high) + ROD / 2) for low, high in rods]
+    return join([box_mesh(tuple(low), tuple(high)) for low, high in grown])

@@ -1,0 +1,104 @@
+"""`Map.draw`: plans and answers as PNG and SVG."""
+
+from __future__ import annotations
+
+import re
+from io import BytesIO
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+import shapely
+from matplotlib.colors import to_rgb
+from PIL import Image
+
+from semmap.api.answer_pictures import FIELD_COLOURS
+from semmap.api.map import Map
+from semmap.draw.picture import SVG, Picture
+from semmap.error import Error
+from semmap.manipulation.retrieval import DEFAULT_GRIPPER
+
+
+def pixels_of(picture: Picture, colour: str) -> int:
+    """How many pixels have exactly this colour."""
+    pixels = np.asarray(Image.open(BytesIO(picture.png)).convert("RGB"))
+    return int((pixels == np.rint(255 * np.array(to_rgb(colour)))).all(axis=2).sum())
+
+
+def svg_texts(picture: Picture, folder: Path) -> str:
+    """The texts of a picture as matplotlib notes them beside their shapes."""
+    return picture.save(folder / "picture.svg").read_text(encoding="utf-8")
+
+
+@pytest.fixture
+def house(flat: Map) -> Map:
+    flat.add_storey("upper", elevation=3, height=3)
+    flat.add_room("loft", shapely.box(0, 0, 8, 3), floor=3, ceiling=5.5)
+    flat.add_object("lamp1", type="lamp", size=(0.2, 0.2, 0.4), pose=(1, 1, 3))
+    return flat
+
+
+def test_voxels_have_a_colour_for_each_value(house: Map) -> None:
+    strip = "SELECT ?v ?o { ?v :inRoom ?o FILTER(:y(?v) < 0.2) }"
+    whole, ground = house.draw(field=strip), house.draw("ground", field=strip)
+    assert [pixels_of(whole, colour) > 50 for colour in FIELD_COLOURS[:4]] == [True] * 3 + [False]
+    assert [pixels_of(ground, colour) > 50 for colour in FIELD_COLOURS[:3]] == [True, True, False]
+    air = house.draw("ground", field="inRoom")
+    assert min(pixels_of(ground, c) - pixels_of(air, c) for c in FIELD_COLOURS[:2]) > 50
+
+
+def test_storeys_are_one_below_another_in_svg(house: Map, tmp_path: Path) -> None:
+    plan = house.draw()
+    root = ElementTree.parse(plan.save(tmp_path / "plan.svg")).getroot()
+    pages = root.findall(f"{{{SVG}}}svg")
+    bottoms = np.cumsum([float(page.attrib["height"]) for page in pages])
+    assert [float(page.attrib["y"]) for page in pages] == [0.0, *bottoms[:1].tolist()]
+    width, height = Image.open(BytesIO(plan.png)).size
+    assert float(root.attrib["height"][:-2]) / bottoms[-1] == pytest.approx(1, rel=1e-4)
+    sides = [float(number) for number in root.attrib["viewBox"].split()[2:]]
+    assert sides[0] / sides[1] == pytest.approx(width / height, rel=0.01)
+    with pytest.raises(ValueError, match=r"choose one for \.pdf"):
+        plan.save(tmp_path / "plan.pdf")
+
+
+def test_answers_are_drawn(house: Map, tmp_path: Path) -> None:
+    way = house.draw(route="mug7", start="hall")
+    assert way == house.route("hall", "mug7").plot()
+    search = house.draw(search="mug", start="hall")
+    assert search == house.search("mug", start="hall").plot()
+    for picture in (way, search, house.draw("ground", belief="mug7")):
+        assert (
+            ElementTree.parse(picture.save(tmp_path / "picture.svg")).getroot().tag.endswith("svg")
+        )
+
+
+def test_grasps_are_drawn_as_forks_where_they_are_stored(house: Map, tmp_path: Path) -> None:
+    house.database.add_gripper(DEFAULT_GRIPPER, "plates", prefer=True)
+    with pytest.raises(LookupError, match="no grasp of mug7 is stored"):
+        house.draw(grasps="mug7")
+    count = len(house.grasps("mug7"))
+    assert count > 1
+    assert f"mug7: {count} grasps" in svg_texts(house.draw(grasps="mug7"), tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("asked", "told"),
+    [
+        ({"route": "mug7"}, "give start"),
+        ({"route": "mug7", "belief": "mug7"}, "route and belief are several pictures"),
+        ({"robot": "tiago"}, "those of a route or a search"),
+        ({"belief": "mug7", "walls": False}, "for a plan without an answer"),
+        ({"storey": "attic", "belief": "mug7"}, "no storey named attic"),
+        ({"storey": "upper", "route": "mug7", "start": "hall"}, "not lead through upper"),
+        ({"storey": "upper", "grasps": "mug7"}, "leave out storey"),
+        ({"grasps": "desk4"}, "add-gripper"),
+        ({"field": "inGarden"}, "inGarden"),
+        ({"field": "SELECT ?o { ?o :on :desk4 }"}, "no voxel answers"),
+        ({"costmap": "nobody"}, "nobody"),
+    ],
+)
+def test_what_cannot_be_drawn_is_refused(house: Map, asked: dict[str, Any], told: str) -> None:
+    with pytest.raises(Error, match=re.escape(told)):
+        house.draw(**asked)
