@@ -350,6 +350,19 @@ def test_a_link_restores_the_view(page: Page, browser: Any) -> None:
     again.close()
 
 
+def test_without_a_name_the_only_map_is_shown(browser: Any, url: str, db: semmap.Database) -> None:
+    page = browser.new_page(viewport=SIZE)
+    open_viewer(page, f"{url}/view/")
+    assert page.evaluate("semmap.house.entities.size") > 0
+    db.create_map("shed")
+    try:
+        page.reload()
+        until(page, "document.body.innerText.includes('add ?map=NAME to the address: house, shed')")
+    finally:
+        db.drop_map("shed")
+        page.close()
+
+
 def test_the_page_loads_nothing_from_elsewhere(page: Page) -> None:
     refused = page.evaluate(
         "fetch('http://127.0.0.2:9/').then(() => 'sent', (error) => error.message)"
