@@ -251,7 +251,7 @@ class LiveTopology:
             places = read_places(seen)
             connectors = read_connectors(seen, places)
             regions, validity = read_regions(seen)
-            topology = Topology.of(places, connectors, regions, read_astray(seen))
+            topology = Topology.of(places, connectors, regions, read_astray(seen, connectors))
         robot, durations, store = RobotClass(), Durations(), None
         if isinstance(self._robot, RobotClass):
             robot = self._robot

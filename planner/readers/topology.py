@@ -41,7 +41,9 @@ _ASTRAY = """
 SELECT e.name, a.name, b.name
 FROM connector c JOIN entity e ON e.id = c.entity_id JOIN world w ON w.entity_id = e.id
 JOIN entity a ON a.id = c.place_a LEFT JOIN entity b ON b.id = c.place_b
-WHERE e.map_id = (SELECT current_map()) AND NOT is_at_its_rooms(c, w.pose) ORDER BY e.name
+WHERE e.map_id = (SELECT current_map()) AND NOT e.id = ANY (%s::bigint[])
+  AND NOT is_at_its_rooms(c, w.pose)
+ORDER BY e.name
 """
 
 _STEPS = "SELECT entity_id, step_of(c) FROM connector c WHERE entity_id = ANY (%s)"
@@ -84,8 +86,8 @@ WHERE w.entity_id = ANY (:ids) GROUP BY w.entity_id
 def read_topology(seen: Snapshot) -> Topology:
     """The topology of the current map, with all poses in the map's frame."""
     places = read_places(seen)
-    regions = read_regions(seen)[0]
-    return Topology.of(places, read_connectors(seen, places), regions, read_astray(seen))
+    regions, connectors = read_regions(seen)[0], read_connectors(seen, places)
+    return Topology.of(places, connectors, regions, read_astray(seen, connectors))
 
 
 def read_places(seen: Snapshot) -> list[Place]:
@@ -173,9 +175,10 @@ def _read_narrowings(seen: Snapshot, widths: Mapping[int, float]) -> dict[int, N
     }
 
 
-def read_astray(seen: Snapshot) -> dict[str, tuple[str, str]]:
-    """The connectors that are not at the two places that they join."""
-    return {name: (a, b or OUTSIDE) for name, a, b in fetch_rows(seen, _ASTRAY)}
+def read_astray(seen: Snapshot, connectors: Iterable[PlaceConnector]) -> dict[str, tuple[str, str]]:
+    """The connectors that are not at the two places that they join; none of those that are."""
+    rows = fetch_rows(seen, _ASTRAY, ([c.id for c in connectors],))
+    return {name: (a, b or OUTSIDE) for name, a, b in rows}
 
 
 def _composed(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
