@@ -1,4 +1,7 @@
-"""The looks of a search over a floor plan: where the robot stands, and what it sees from there."""
+"""The looks of a search over a floor plan: where the robot stands, and its camera's range.
+
+Walls and furniture may hide a part of the range: `Viewpoint.shows` says what is seen.
+"""
 
 from __future__ import annotations
 
@@ -14,8 +17,8 @@ from planner.search.viewpoints import Sight
 
 LOOK = "#1c5fb0"
 
-FIRST, FADES = 0.3, 0.85
-"""How opaque the first look is, and by how much each later one less."""
+FIRST, FADES, LAST = 0.3, 0.85, 0.06
+"""How opaque the first look is, by how much each later one less, and at least."""
 
 
 def looks_over(looks: Sequence[tuple[int, Viewpoint]], sight: Sight) -> Callable[[Axes], None]:
@@ -26,12 +29,17 @@ def looks_over(looks: Sequence[tuple[int, Viewpoint]], sight: Sight) -> Callable
         numbers.setdefault((look.pose.x, look.pose.y), []).append(str(number))
 
     def over(axes: Axes) -> None:
-        for order, (_, look) in enumerate(looks):
+        for number, look in looks:
             pose, half = look.pose, math.degrees(sight.field_of_view) / 2
             ahead, deep = math.degrees(pose.yaw), sight.furthest - sight.nearest
             ends = ahead - half, ahead + half
             cone = Wedge((pose.x, pose.y), sight.furthest, *ends, width=deep)
-            cone.set(facecolor=LOOK, edgecolor="none", alpha=FIRST * FADES**order, zorder=6)
+            cone.set(
+                facecolor=LOOK,
+                edgecolor="none",
+                alpha=max(LAST, FIRST * FADES ** (number - 1)),
+                zorder=6,
+            )
             axes.add_patch(cone)
         style: dict[str, Any] = {"color": "white", "weight": "bold", "zorder": 13}
         style["bbox"] = {"boxstyle": "round,pad=0.25,rounding_size=0.6", "fc": LOOK, "ec": "white"}

@@ -26,6 +26,12 @@ FIELD_COLOURS = ("#d6336c", "#1c7ed6", "#e8a200", "#2b8a3e", "#7048e8", "#0b7285
 MOST_SETS = 20
 """The most sets of voxels that the legend names."""
 
+MOST_ROWS, MOST_VALUES = 2_000_000, 1_000
+"""The most rows of an answer that are drawn, and the most sets of voxels."""
+
+MOST_GRASPS = 50
+"""The most grasps that are drawn, the best."""
+
 OPAQUE = 100_000
 """Sets of more voxels are drawn as tinted air, through which the others are seen."""
 
@@ -61,10 +67,10 @@ def belief_picture(map: Map, about: str | BelievedPlaces, storey: str | None) ->
         things = things_named(seen, belief.name)
         of_things = [place for thing in things for place in read_places(seen, thing)]
     places = {place.name: place for place in of_things}.values()
-    best = max(places, key=lambda place: belief.get(place.name, 0.0), default=None)
-    chosen = storey or (best.storey if best else None)
-    view = _views(map, chosen)[0]
-    here = [place for place in places if chosen is None or place.storey in (chosen, None)]
+    on_storeys = [place for place in places if place.storey]
+    best = max(on_storeys, key=lambda place: belief.get(place.name, 0.0), default=None)
+    view = _views(map, storey or (best.storey if best else None))[0]
+    here = [place for place in on_storeys if place.storey == view.name] or [*places]
     return Picture.drawn(lambda path: heat_map(view, here, belief, path, name=belief.name))
 
 
@@ -83,7 +89,7 @@ def search_picture(search: ObjectSearch, storey: str | None) -> Picture:
     def picture(view: StoreyView) -> Picture:
         rooms = {room.name for room in view.rooms}
         looks = [(n, look) for n, look in enumerate(search.tour, 1) if look.room in rooms]
-        here = [place for place in places if place.storey in (view.name, None)]
+        here = [place for place in places if place.storey == view.name] or places
         over = looks_over(looks, sight)
         return Picture.drawn(
             lambda path: heat_map(view, here, search.belief, path, name=search.name, over=over)
@@ -91,8 +97,12 @@ def search_picture(search: ObjectSearch, storey: str | None) -> Picture:
 
     looked = {look.room for look in search.tour}
     views = _views(map, storey)
-    shown = [view for view in views if storey or looked & {room.name for room in view.rooms}]
-    return Picture.stacked(picture(view) for view in shown or views)
+    shown = [view for view in views if looked & {room.name for room in view.rooms}]
+    if storey and not looked & {room.name for view in views for room in view.rooms}:
+        raise LookupError(f"no look for {search.name} is on {storey}")
+    if not looked:
+        raise LookupError(f"no look for {search.name} is worth its time: draw its belief")
+    return Picture.stacked(picture(view) for view in shown)
 
 
 def field_picture(map: Map, query: str, storey: str | None) -> Picture:
@@ -103,22 +113,28 @@ def field_picture(map: Map, query: str, storey: str | None) -> Picture:
     from semmap.draw.palette import HIDDEN, object_colour
 
     text = f"SELECT ?v ?o {{ ?v :{query} ?o }}" if re.fullmatch(r"\w+", query) else query
-    answer = map.fields.query(text)
+    answer = map.fields.query(text, limit=MOST_ROWS)
+    if answer.total > len(answer):
+        raise ValueError(f"{answer.total} rows answer {query}: ask for {MOST_ROWS} or fewer")
     views = _views(map, storey)
     low, high = _levels(map, views[0]) if storey else (-np.inf, np.inf)
-    sets: dict[str, list[Any]] = {}
+    sets: dict[str, set[Any]] = {}
+    named: set[str] = set()
     for row in answer.rows:
-        others = " ".join(str(value) for value in row if not isinstance(value, tuple))
+        others = [str(v) for v in row if v is not None and not isinstance(v, tuple)]
         centres = [value for value in row if isinstance(value, tuple) and low <= value[2] < high]
-        sets.setdefault(others, []).extend(centres)
-    sets = {of: centres for of, centres in sets.items() if centres}
+        if centres:
+            named.update(others)
+            sets.setdefault(" ".join(others), set()).update(centres)
+    if len(sets) > MOST_VALUES:
+        raise ValueError(f"{query} has {len(sets)} values, each of which would have a colour")
     if not sets:
         where = f" on {storey}" if storey else ""
         raise LookupError(f"no voxel{where} answers {query}: there is nothing to draw")
     size = map.fields.voxel_size
     shown = [
         FieldView(
-            np.floor(np.array(centres) / size).astype(np.int32),
+            np.floor(np.array([*centres]) / size).astype(np.int32),
             size,
             colour,
             of or query,
@@ -126,31 +142,42 @@ def field_picture(map: Map, query: str, storey: str | None) -> Picture:
         )
         for (of, centres), colour in zip(sorted(sets.items()), cycle(FIELD_COLOURS))
     ]
-    shown[MOST_SETS:] = [replace(each, label="") for each in shown[MOST_SETS:]]
+    more = len(shown) - MOST_SETS
+    if more > 0:
+        shown[MOST_SETS - 1] = replace(shown[MOST_SETS - 1], label=f"... and {more + 1} more")
+        shown[MOST_SETS:] = [replace(each, label="") for each in shown[MOST_SETS:]]
+    unknown = f"\n{len(answer.left_out)} entities have no voxels" if answer.left_out else ""
     things = [
         (each.mesh.triangles, 0.4 * np.array(to_rgb(object_colour(each.types))) + 0.6)
         for view in views
         for each in view.objects
-        if each.mesh is not None and each.name not in sets  # its voxels stand for it
+        if each.mesh is not None and each.name not in named  # its voxels stand for it
         if not (HIDDEN | {"wall", "window"}) & set(each.types)
     ]
     triangles = np.concatenate([np.zeros((0, 3, 3)), *(faces for faces, _ in things)])
     colours = [np.tile(colour, (len(faces), 1)) for faces, colour in things]
     painted = np.concatenate([np.zeros((0, 3)), *colours])
-    return Picture.drawn(lambda path: fields_picture(triangles, painted, shown, path, title=query))
+    return Picture.drawn(
+        lambda path: fields_picture(triangles, painted, shown, path, title=query + unknown)
+    )
 
 
 def grasps_picture(map: Map, name: str) -> Picture:
-    """The stored grasps of an object as forks, the likelier the greener, among what is near."""
+    """The stored grasps of an object as forks, the likelier the greener, among what is near.
+
+    Of a type, those of the object with the best grasp.
+    """
     from matplotlib.colors import hsv_to_rgb, to_hex
 
     from semmap.draw.scene3d import scene3d
     from semmap.draw.view import ObjectView, StoreyView
     from semmap.geometry.pose import Pose
 
-    found = map.grasps(name, stored=True, check=False)
+    found = map.grasps(name, stored=True, check=False, limit=MOST_GRASPS)
     if not found:
-        raise LookupError(f"no grasp of {name} is stored: semmap grasp {name}")
+        why = "; ".join(found.problems) or "no grasp is stored"
+        raise LookupError(f"{name}: {why}: semmap grasp {name} looks for some")
+    rows = [row for row in found if row["entity"] == found[0]["entity"]]
     forks = [
         ObjectView(
             "grasp",
@@ -158,13 +185,14 @@ def grasps_picture(map: Map, name: str) -> Picture:
             _fork(row["width"] or FINGER).moved(Pose(*row["pose"])),
             colour=to_hex(tuple(hsv_to_rgb([0.33 * (row["expected"] or 0.0), 0.85, 0.75]))),
         )
-        for row in reversed(found.rows)
+        for row in reversed(rows)
     ]
     near = np.concatenate([fork.mesh.vertices for fork in forks if fork.mesh is not None])
     views = _views(map, None)
     things = [each for view in views for each in view.objects if _is_near(each, near)]
     floor = float(near[:, 2].min())
-    told = f"{name}: {len(forks)} grasps, the likelier the greener"
+    best = "best " if len(found) == MOST_GRASPS else ""
+    told = f"{rows[0]['entity']}: {best}{len(forks)} grasps, the likelier the greener"
     scene = StoreyView(name, floor, objects=[*things, *forks])
     return Picture.drawn(
         lambda path: scene3d([scene], path, title=told, boxes=False, cut=9.0, width=1400)
@@ -181,7 +209,7 @@ def _views(map: Map, storey: str | None) -> list[StoreyView]:
 def _levels(map: Map, view: StoreyView) -> tuple[float, float]:
     """From where to where, metres, a storey reaches: up to the floor of the next one."""
     above = [each.elevation for each in map.views() if each.elevation > view.elevation]
-    return view.elevation - 0.3, min(above, default=np.inf)
+    return view.elevation - 0.3, min(above, default=np.inf) - 0.3
 
 
 def _is_near(each: ObjectView, points: Floats) -> bool:

@@ -79,7 +79,7 @@ class MapDrawing(MapTasks):
         search : the looks of a search for it, numbered, over where it probably is
         costmap : the costs of this robot
         field : voxels: a property of fields such as ``inRoom``, or a query with voxels
-        grasps : the stored grasps of this object
+        grasps : the best stored grasps of this object
         start, robot : of a route or a search, as for `route` and `search`
         walls : of a plan: the occupied cells between the rooms, too; else outlines alone
         title : of a plan, in place of the storey's name

@@ -80,7 +80,9 @@ def fields_picture(
     figure, axes = rendered_sheet(quarters(picture[: 2 * h, : 2 * w]).mean(axis=0), 150)
     legend = axes.legend(
         handles=[
-            Patch(color=f.colour, alpha=min(1.0, f.opacity + 0.3), label=f.label) for f in fields
+            Patch(color=f.colour, alpha=min(1.0, f.opacity + 0.3), label=f.label)
+            for f in fields
+            if f.label
         ],
         loc="upper left",
         fontsize=9,

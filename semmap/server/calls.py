@@ -24,6 +24,9 @@ _WRITING = ("try_grasps", "write")
 """Arguments that let what only reads write."""
 
 
+FILE = re.compile(r"/|\.(urdf|xml|xacro)$", re.IGNORECASE)
+"""What a name has that would be read as a file on the server."""
+
 MOST = {"seconds": 60, "rows": 50_000, "width": 4_000}
 """The most that a request may ask of an argument; the first two hold where it does not say."""
 
@@ -94,7 +97,7 @@ class OperationCall:
             if word not in names:
                 known = ", ".join(names) or "none"
                 raise InvalidArgumentError(f"{self.name} has no argument {word}: {known}")
-            if word in NAMED and isinstance(value, str) and "/" in value:
+            if word in NAMED and isinstance(value, str) and FILE.search(value):
                 raise InvalidArgumentError(f"{word} is {value}: give the name of one in the map")
             given[names[word]] = self._value(names[word], value)
         if missing := [name for name in self.required if name not in given]:
@@ -102,7 +105,9 @@ class OperationCall:
         try:
             return self._done(handle, given)
         except Error as error:
-            if "write=True" in str(error):  # an argument that `_WRITING` leaves out
+            if self._member == "sql" and "write=True" in str(
+                error
+            ):  # an argument that `_WRITING` leaves out
                 raise InvalidArgumentError(
                     f"{self.name} lets nothing change the map here"
                 ) from error

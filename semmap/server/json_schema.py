@@ -32,7 +32,7 @@ SCHEMAS: dict[str, Schema] = {
 _LISTS = ("Sequence", "Iterable", "Collection", "list")
 _OBJECTS = ("Mapping", "dict")
 
-NAMED = ("robot", "gripper")
+NAMED = ("robot", "gripper", "costmap")
 """Arguments that name something stored, or else a file; all others with a path are files."""
 
 

@@ -13,6 +13,7 @@ from PIL import Image
 
 from semmap.api.map import Map
 from semmap.error import InvalidArgumentError
+from semmap.server.calls import FILE
 
 Bytes = NDArray[np.uint8]
 
@@ -35,7 +36,7 @@ def costs_of(map: Map, robot: str | None = None, parts: bool = False) -> list[di
     PNG in base64 whose first row is the highest y; what is free is transparent. With `parts` it is
     that of one `part` of the robot, `height` metres above the floor.
     """
-    if robot is not None and "/" in robot:
+    if robot is not None and FILE.search(robot):
         raise InvalidArgumentError(f"robot is {robot}: give the name of one in the map")
     if robot is None:
         return [_layer(grid, _occupied(grid.cells)) for grid in map.grids()]

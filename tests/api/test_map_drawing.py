@@ -16,9 +16,14 @@ from PIL import Image
 
 from semmap.api.answer_pictures import FIELD_COLOURS
 from semmap.api.map import Map
+from semmap.api.operations import OPERATIONS
 from semmap.draw.picture import SVG, Picture
-from semmap.error import Error
+from semmap.error import Error, InvalidArgumentError
 from semmap.manipulation.retrieval import DEFAULT_GRIPPER
+from semmap.server.calls import OperationCall
+
+HUNDREDFOLD = "BIND(:x(?v) + 100 * :y(?v) AS ?x)"
+"""Another number for each column of voxels."""
 
 
 def pixels_of(picture: Picture, colour: str) -> int:
@@ -76,11 +81,30 @@ def test_answers_are_drawn(house: Map, tmp_path: Path) -> None:
 
 def test_grasps_are_drawn_as_forks_where_they_are_stored(house: Map, tmp_path: Path) -> None:
     house.database.add_gripper(DEFAULT_GRIPPER, "plates", prefer=True)
-    with pytest.raises(LookupError, match="no grasp of mug7 is stored"):
+    with pytest.raises(LookupError, match=r"mug7: no grasp is stored.*semmap grasp mug7"):
         house.draw(grasps="mug7")
-    count = len(house.grasps("mug7"))
-    assert count > 1
-    assert f"mug7: {count} grasps" in svg_texts(house.draw(grasps="mug7"), tmp_path)
+    house.grasps("mug7")
+    count = len(house.grasps("mug7", stored=True, check=False, limit=99))
+    assert count > 10
+    told = f"{count} grasps" if count < 50 else "best 50 grasps"
+    assert f"mug7: {told}, the likelier" in svg_texts(house.draw(grasps="mug7"), tmp_path)
+
+
+def test_servers_draw_costs_of_stored_robots_alone(house: Map) -> None:
+    call = OperationCall(next(each for each in OPERATIONS if each.method == "Map.draw"))
+    for file in ("/tmp/robot.urdf", "robot.urdf", "robot.xacro"):
+        for word in ("costmap", "robot"):
+            with pytest.raises(InvalidArgumentError, match="the name of one in the map"):
+                call.result(house, {word: file})
+
+
+def test_a_legend_names_twenty_values_and_counts_the_others(house: Map, tmp_path: Path) -> None:
+    for number in range(25):
+        x = 0.3 * number
+        house.add_room(f"booth{number}", shapely.box(x, 5, x + 0.2, 5.2), floor=0, ceiling=2)
+    told = svg_texts(house.draw(field="inRoom"), tmp_path)
+    assert "... and 9 more" in told
+    assert told.count("<!-- booth") + told.count("<!-- hall") + told.count("<!-- kitchen") == 19
 
 
 @pytest.mark.parametrize(
@@ -97,6 +121,10 @@ def test_grasps_are_drawn_as_forks_where_they_are_stored(house: Map, tmp_path: P
         ({"field": "inGarden"}, "inGarden"),
         ({"field": "SELECT ?o { ?o :on :desk4 }"}, "no voxel answers"),
         ({"costmap": "nobody"}, "nobody"),
+        (
+            {"field": "SELECT ?v ?x { ?v :inRoom :kitchen BIND(:x(?v) + :y(?v) * 100 AS ?x) }"},
+            "values",
+        ),
     ],
 )
 def test_what_cannot_be_drawn_is_refused(house: Map, asked: dict[str, Any], told: str) -> None:

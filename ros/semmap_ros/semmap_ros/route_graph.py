@@ -73,9 +73,10 @@ class RouteGraphFile:
         self._ask()
 
     def _ask(self) -> None:
-        if self._server is not None and self._server.service_is_ready():
+        file = self._unanswered
+        if file is not None and self._server is not None and self._server.service_is_ready():
             self._asked_at = time.monotonic()
-            request = SetRouteGraph.Request(graph_filepath=str(self._unanswered))
+            request = SetRouteGraph.Request(graph_filepath=str(file))
             self._asked = self._server.call_async(request)
             self._asked.add_done_callback(self._answered)
 
