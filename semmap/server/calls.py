@@ -24,6 +24,9 @@ _WRITING = ("try_grasps", "write")
 """Arguments that let what only reads write."""
 
 
+HINT = r" without write=True,|\. Add write=True.*"
+"""What `Map.sql` says that servers do not offer."""
+
 FILE = re.compile(r"/|\.(urdf|xml|xacro)$", re.IGNORECASE)
 """What a name has that would be read as a file on the server."""
 
@@ -105,13 +108,10 @@ class OperationCall:
         try:
             return self._done(handle, given)
         except Error as error:
-            if self._member == "sql" and "write=True" in str(
-                error
-            ):  # an argument that `_WRITING` leaves out
-                raise InvalidArgumentError(
-                    f"{self.name} lets nothing change the map here"
-                ) from error
-            raise
+            if self._member != "sql":
+                raise
+            told = re.sub(HINT, "", str(error))  # an argument that `_WRITING` leaves out
+            raise InvalidArgumentError(told) from error
         except (TypeError, ValueError, OverflowError) as error:
             raise InvalidArgumentError(f"{self.name}: {error}") from error
 
