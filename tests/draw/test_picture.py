@@ -42,5 +42,5 @@ def test_what_a_picture_cannot_be_saved_as_is_refused(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match=r"is a \.png, \.svg or \.pdf file"):
         page.save(tmp_path / "plan.jpg")
     with pytest.raises(ValueError, match="several storeys are one"):
-        Picture.stacked([page, page]).save(tmp_path / "plan.svg")
+        Picture.stacked([page, page]).save(tmp_path / "plan.pdf")
     assert list(tmp_path.iterdir()) == []

@@ -74,7 +74,9 @@ def test_a_client_that_reads_finds_a_thing_and_the_way_to_it(url: str) -> None:
         known = await told(client, "describe", name=ball)
         believed = (await told(client, "where", name=ball))["belief"]
         assert believed[0]["probability"] > 0.5
-        assert sum(row["probability"] for row in believed if isinstance(row, dict)) <= 1 + 1e-9
+        assert (
+            sum(row["probability"] for row in believed if isinstance(row, dict)) <= 1 + 1e-3
+        )  # four digits each
         way = await told(client, "route", start="bedroom", goal=ball)
         with semmap.connect(url) as db:
             outlines = {room.name: room.footprint for room in db.map("house").rooms}
