@@ -42,20 +42,6 @@ FINGER, ROD = 0.05, 0.003
 """Length of a fork's fingers and thickness of its rods, metres."""
 
 
-def route_picture(
-    map: Map, goal: str, storey: str | None, start: str | None, robot: str | None
-) -> Picture:
-    """The way from `start` to a goal."""
-    if start is None:
-        raise ValueError("a route begins somewhere: give start")
-    return map.route(start, goal, robot=robot).plot(storey)
-
-
-def costmap_picture(map: Map, robot: str, storey: str | None) -> Picture:
-    """The master costmaps of a robot, the lowest storey first."""
-    return Picture.stacked(made.plot() for made in map.costmaps(robot, storey=storey))
-
-
 def belief_picture(map: Map, about: str | BelievedPlaces, storey: str | None) -> Picture:
     """A heat map of where a thing probably is; by default on the storey of the best place."""
     from semmap.belief.heat_map import heat_map

@@ -116,18 +116,21 @@ class MapDrawing(MapTasks):
         self, kind: str, about: Any, storey: str | None, start: str | None, robot: str | None
     ) -> Picture:
         from semmap.api import answer_pictures as pictures
+        from semmap.draw.picture import Picture
 
         map = cast("Map", self)
         match kind:
             case "route":
-                return pictures.route_picture(map, about, storey, start, robot)
+                if start is None:
+                    raise ValueError("a route begins somewhere: give start")
+                return self.route(start, about, robot=robot).plot(storey)
             case "belief":
                 return pictures.belief_picture(map, about, storey)
             case "search":
                 found = self.search(about, start=start, robot=robot)
                 return pictures.search_picture(found, storey)
             case "costmap":
-                return pictures.costmap_picture(map, about, storey)
+                return Picture.stacked(m.plot() for m in self.costmaps(about, storey=storey))
             case "field":
                 return pictures.field_picture(map, about, storey)
         return pictures.grasps_picture(map, about)

@@ -108,7 +108,7 @@ class OperationCall:
         try:
             return self._done(handle, given)
         except Error as error:
-            if self._member != "sql":
+            if not re.search(HINT, str(error)) or self._member != "sql":
                 raise
             told = re.sub(HINT, "", str(error))  # an argument that `_WRITING` leaves out
             raise InvalidArgumentError(told) from error

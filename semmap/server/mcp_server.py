@@ -105,8 +105,12 @@ def shortened(value: Any) -> Any:
 
     Likewise of numbers by name. Numbers have four decimals, those below 1 four digits.
 
-    >>> shortened({"rows": list(range(22)), "share": 1 / 3})["rows"][18:]
+    >>> shortened({"rows": list(range(22))})["rows"][18:]
     [18, 19, '... 2 more']
+    >>> shortened({"share": 1 / 3, "x": 456789.123456})
+    {'share': 0.3333, 'x': 456789.1235}
+    >>> shortened({str(number): float(number) for number in range(22)})["..."]
+    '2 more'
     """
     if isinstance(value, float):
         return round(value, 4) if abs(value) >= 1 else float(f"{value:.4g}")

@@ -11,14 +11,16 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 import shapely
+import trimesh
 from matplotlib.colors import to_rgb
 from PIL import Image
 
-from semmap.api.answer_pictures import FIELD_COLOURS
+from semmap.api.answer_pictures import FIELD_COLOURS, _fork
 from semmap.api.map import Map
 from semmap.api.operations import OPERATIONS
 from semmap.draw.picture import SVG, Picture
 from semmap.error import Error, InvalidArgumentError
+from semmap.geometry.pose import Pose
 from semmap.manipulation.retrieval import DEFAULT_GRIPPER
 from semmap.server.calls import OperationCall
 
@@ -71,8 +73,12 @@ def test_storeys_are_one_below_another_in_svg(house: Map, tmp_path: Path) -> Non
 def test_answers_are_drawn(house: Map, tmp_path: Path) -> None:
     way = house.draw(route="mug7", start="hall")
     assert way == house.route("hall", "mug7").plot()
+    found = house.search("mug", start="hall")
     search = house.draw(search="mug", start="hall")
-    assert search == house.search("mug", start="hall").plot()
+    assert search == found.plot()
+    numbers = re.findall(r"<!-- ([\d, ]+) -->", svg_texts(search, tmp_path))
+    looks = sorted(int(each) for told in numbers for each in told.split(", "))
+    assert set(range(1, len(found.tour) + 1)) <= {*looks}
     for picture in (way, search, house.draw("ground", belief="mug7")):
         assert (
             ElementTree.parse(picture.save(tmp_path / "picture.svg")).getroot().tag.endswith("svg")
@@ -105,6 +111,24 @@ def test_a_legend_names_twenty_values_and_counts_the_others(house: Map, tmp_path
     told = svg_texts(house.draw(field="inRoom"), tmp_path)
     assert "... and 9 more" in told
     assert told.count("<!-- booth") + told.count("<!-- hall") + told.count("<!-- kitchen") == 19
+
+
+def test_forks_reach_as_wide_as_the_gripper_opens() -> None:
+    """In the grasp frame, whose origin is between the pads: z is the approach, x closes."""
+    turned = trimesh.transformations.rotation_matrix(0.7, (1, 2, 3), (0.1, 0.2, 0.3))
+    mesh = _fork(0.06)
+    fork = trimesh.Trimesh(mesh.vertices, mesh.faces)
+    assert fork.bounds[:, 0] == pytest.approx([-0.03, 0.03], abs=0.002)
+    assert fork.bounds[:, 1] == pytest.approx([0, 0], abs=0.002)
+    assert fork.bounds[1, 2] == pytest.approx(0, abs=0.002)
+    tips = fork.vertices[fork.vertices[:, 2] > -0.01]
+    moved = mesh.moved(Pose.from_matrix(turned)).vertices
+    assert (
+        np.isclose(trimesh.transform_points(tips, turned)[:, None], moved[None], atol=1e-9)
+        .all(axis=2)
+        .any(axis=1)
+        .all()
+    )
 
 
 @pytest.mark.parametrize(
