@@ -6,44 +6,48 @@ Walls and furniture may hide a part of the range: `Viewpoint.shows` says what is
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from typing import Any
 
 from matplotlib.axes import Axes
 from matplotlib.patches import Wedge
 
-from planner.search.problem_builder import Viewpoint
+from planner.search.problem_builder import MapSearch
 from planner.search.viewpoints import Sight
 
 LOOK = "#1c5fb0"
 
-FIRST, FADES, LAST = 0.3, 0.85, 0.06
-"""How opaque the first look is, by how much each later one less, and at least."""
+AHEAD = 0.45
+"""Metres from the robot to the number of a look: those from one pose differ in heading."""
 
 
-def looks_over(looks: Sequence[tuple[int, Viewpoint]], sight: Sight) -> Callable[[Axes], None]:
-    """Return what draws looks with their numbers; for `over` of `floor_plan`, metres."""
+def looks_over(
+    search: MapSearch, tour: Sequence[int], rooms: Collection[str], sight: Sight
+) -> Callable[[Axes], None]:
+    """Return what draws the looks in some rooms, for `over` of `floor_plan`; axes are metres.
 
-    numbers: dict[tuple[float, float], list[str]] = {}
-    for number, look in looks:
-        numbers.setdefault((look.pose.x, look.pose.y), []).append(str(number))
+    They have their numbers in the tour of viewpoints, which counts each once. The darker the range
+    of a look, the more of the belief it shows.
+    """
+    shown = search.problem.visible @ search.belief[0]
+    looks = [
+        (number, search.viewpoints[k].pose, float(shown[k]))
+        for number, k in enumerate(dict.fromkeys(tour), 1)
+        if search.viewpoints[k].room in rooms
+    ]
 
     def over(axes: Axes) -> None:
-        for number, look in looks:
-            pose, half = look.pose, math.degrees(sight.field_of_view) / 2
-            ahead, deep = math.degrees(pose.yaw), sight.furthest - sight.nearest
-            ends = ahead - half, ahead + half
-            cone = Wedge((pose.x, pose.y), sight.furthest, *ends, width=deep)
-            cone.set(
-                facecolor=LOOK,
-                edgecolor="none",
-                alpha=max(LAST, FIRST * FADES ** (number - 1)),
-                zorder=6,
-            )
+        most = max((chance for *_, chance in looks), default=0.0) or 1.0
+        half, deep = math.degrees(sight.field_of_view) / 2, sight.furthest - sight.nearest
+        style: dict[str, Any] = {"color": "white", "weight": "bold", "fontsize": 6, "zorder": 13}
+        style["bbox"] = {"boxstyle": "circle,pad=0.25", "fc": LOOK, "ec": "white", "lw": 0.6}
+        for number, pose, chance in looks:
+            yaw, alpha = math.degrees(pose.yaw), 0.06 + 0.3 * math.sqrt(chance / most)
+            at = pose.x, pose.y
+            cone = Wedge(at, sight.furthest, yaw - half, yaw + half, width=deep)
+            cone.set(facecolor=LOOK, edgecolor="none", alpha=alpha, zorder=6)
             axes.add_patch(cone)
-        style: dict[str, Any] = {"color": "white", "weight": "bold", "zorder": 13}
-        style["bbox"] = {"boxstyle": "round,pad=0.25,rounding_size=0.6", "fc": LOOK, "ec": "white"}
-        for (x, y), told in numbers.items():
-            axes.text(x, y, ", ".join(told), ha="center", va="center", fontsize=7, **style)
+            x, y = at[0] + AHEAD * math.cos(pose.yaw), at[1] + AHEAD * math.sin(pose.yaw)
+            axes.text(x, y, str(number), ha="center", va="center", **style)
 
     return over

@@ -74,9 +74,8 @@ def search_picture(search: ObjectSearch, storey: str | None) -> Picture:
 
     def picture(view: StoreyView) -> Picture:
         rooms = {room.name for room in view.rooms}
-        looks = [(n, look) for n, look in enumerate(search.tour, 1) if look.room in rooms]
         here = [place for place in places if place.storey == view.name] or places
-        over = looks_over(looks, sight)
+        over = looks_over(search.problem, search.decision.tour, rooms, sight)
         return Picture.drawn(
             lambda path: heat_map(view, here, search.belief, path, name=search.name, over=over)
         )

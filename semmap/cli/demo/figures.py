@@ -1,27 +1,20 @@
-"""Figures 5, 6, 7 and 9 of Deeken et al., of the user's robot and building, and a search."""
+"""Figures 5, 6, 7 and 9 of Deeken et al., of the user's robot and building."""
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.patches import Wedge
 from numpy.typing import NDArray
 from PIL import Image
 
 from navgrid.costmap import Costmap
 from navgrid.inflation import INSCRIBED
 from planner.grid_path import grid_path
-from planner.search.problem_builder import MapSearch
-from planner.search.receding_horizon import Decision
-from planner.search.viewpoints import Sight
 from semmap.draw.costmap import costmap_picture
-from semmap.draw.floor_plan import floor_plan
 from semmap.draw.palette import PAPER, PART_COLOURS
 from semmap.draw.robot import footprints_picture, parts_picture, robot_views
 from semmap.draw.scene3d import scene3d
@@ -201,44 +194,3 @@ def _turned(footprint: NDArray[np.float64], pose: Pose) -> NDArray[np.float64]:
 
 def _without_hidden(objects: Sequence[ObjectView]) -> list[ObjectView]:
     return [o for o in objects if o.mesh is not None and "robot" not in o.types]
-
-
-def search_picture(
-    storey: StoreyView, search: MapSearch, decision: Decision, path: Path, title: str
-) -> Path:
-    """Draw the looks of a search on a storey as numbered wedges; returns the path of the PNG.
-
-    The darker a wedge, the more of the belief the look shows.
-    """
-    rooms = {room.name for room in storey.rooms}
-    belief = search.belief[0]
-    shown = search.problem.visible @ belief
-    stops = [
-        (number, search.viewpoints[k], float(shown[k]))
-        for number, k in enumerate(dict.fromkeys(decision.tour), 1)
-        if search.viewpoints[k].room in rooms
-    ]
-
-    def over(axes: Axes) -> None:
-        most = max((chance for _, _, chance in stops), default=1.0)
-        half = math.degrees(Sight().field_of_view / 2)
-        for number, view, chance in stops:
-            at, yaw = (view.pose.x, view.pose.y), math.degrees(view.pose.yaw)
-            alpha = 0.12 + 0.4 * math.sqrt(chance / most)
-            axes.add_patch(
-                Wedge(at, 2.0, yaw - half, yaw + half, color=_WAY, alpha=alpha, lw=0, zorder=6)
-            )
-            axes.text(  # inside of its wedge: looks from one pose differ in heading
-                at[0] + 0.45 * math.cos(view.pose.yaw),
-                at[1] + 0.45 * math.sin(view.pose.yaw),
-                str(number),
-                zorder=7,
-                ha="center",
-                va="center",
-                fontsize=6,
-                color="white",
-                weight="bold",
-                bbox={"boxstyle": "circle,pad=0.25", "fc": _WAY, "ec": "white", "lw": 0.6},
-            )
-
-    return floor_plan(storey, path, title=title, dpi=180, over=over)

@@ -15,7 +15,6 @@ from planner.simulated_run import SimulatedMission
 from planner.topology import OUTSIDE, Topology
 from semmap.api.map import Map
 from semmap.cli.demo.choices import DemoChoices
-from semmap.cli.demo.figures import search_picture
 from semmap.draw.view import StoreyView
 
 NAMED = 8
@@ -127,8 +126,8 @@ def search_demo(
     names = ", ".join(v.name for v in tour[:NAMED])
     more = f" and {len(tour) - NAMED} more" if len(tour) > NAMED else ""
     say(f"   until it is seen: {names or 'no look'}{more}")
-    picture, title = folder / "search.png", f"{house.name}: where to look for {name}, from {start}"
     for storey in storeys:
         if {v.room for v in tour[:1]} & {room.name for room in storey.rooms}:
-            return [search_picture(storey, found.problem, found.decision, picture, title)]
+            shown = storey.name if len(storeys) > 1 else None
+            return [found.plot(shown).save(folder / "search.png")]
     return []
