@@ -110,6 +110,9 @@ def test_a_legend_names_twenty_values_and_counts_the_others(house: Map, tmp_path
         house.add_room(f"booth{number}", shapely.box(x, 5, x + 0.2, 5.2), floor=0, ceiling=2)
     told = svg_texts(house.draw(field="inRoom"), tmp_path)
     assert "... and 9 more" in told
+    (legend,) = ElementTree.fromstring(told).iterfind(f".//{{{SVG}}}g[@id='legend_1']")
+    patches = [each for each in legend if each.attrib["id"].startswith("patch")]
+    assert len(patches) == 1 + 20  # its frame, and the colours
     assert told.count("<!-- booth") + told.count("<!-- hall") + told.count("<!-- kitchen") == 19
 
 

@@ -106,6 +106,7 @@ def test_what_is_refused_says_why(
 ) -> None:
     answer = web.post(path, json=body)
     assert (answer.status_code, said in answer.json()["error"]) == (status, True), answer.text
+    assert "write=True" not in answer.text  # which no request can give
 
 
 def test_a_token_is_a_role(web: httpx.Client, db: semmap.Database) -> None:
