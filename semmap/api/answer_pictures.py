@@ -167,7 +167,7 @@ def grasps_picture(map: Map, name: str) -> Picture:
         ObjectView(
             "grasp",
             (),
-            _fork(row["width"] or FINGER).moved(Pose(*row["pose"])),
+            grasp_fork(row["width"] or FINGER).moved(Pose(*row["pose"])),
             colour=to_hex(tuple(hsv_to_rgb([0.33 * (row["expected"] or 0.0), 0.85, 0.75]))),
         )
         for row in reversed(rows)
@@ -182,6 +182,21 @@ def grasps_picture(map: Map, name: str) -> Picture:
     return Picture.drawn(
         lambda path: scene3d([scene], path, title=told, boxes=False, cut=9.0, width=1400)
     )
+
+
+def grasp_fork(width: float) -> Mesh:
+    """A fork of two fingers in the grasp frame: they move along z, and close along x."""
+    from semmap.geometry.mesh import box_mesh, join
+
+    half = width / 2
+    rods: Sequence[tuple[tuple[float, float, float], tuple[float, float, float]]] = (
+        ((-half, 0, -FINGER), (-half, 0, 0)),
+        ((half, 0, -FINGER), (half, 0, 0)),
+        ((-half, 0, -FINGER), (half, 0, -FINGER)),
+        ((0, 0, -2 * FINGER), (0, 0, -FINGER)),
+    )
+    grown = [(np.array(low) - ROD / 2, np.array(high) + ROD / 2) for low, high in rods]
+    return join([box_mesh(tuple(low), tuple(high)) for low, high in grown])
 
 
 def _views(map: Map, storey: str | None) -> list[StoreyView]:
@@ -204,18 +219,3 @@ def _is_near(each: ObjectView, points: Floats) -> bool:
     low, high = each.mesh.bounds
     inside = (points > low - AROUND).all(axis=1) & (points < high + AROUND).all(axis=1)
     return bool(inside.any()) and float(np.max((high - low)[:2])) < 4.0
-
-
-def _fork(width: float) -> Mesh:
-    """A fork of two fingers in the grasp frame: they move along z, and close along x."""
-    from semmap.geometry.mesh import box_mesh, join
-
-    half = width / 2
-    rods: Sequence[tuple[tuple[float, float, float], tuple[float, float, float]]] = (
-        ((-half, 0, -FINGER), (-half, 0, 0)),
-        ((half, 0, -FINGER), (half, 0, 0)),
-        ((-half, 0, -FINGER), (half, 0, -FINGER)),
-        ((0, 0, -2 * FINGER), (0, 0, -FINGER)),
-    )
-    grown = [(np.array(low) - ROD / 2, np.array(high) + ROD / 2) for low, high in rods]
-    return join([box_mesh(tuple(low), tuple(high)) for low, high in grown])

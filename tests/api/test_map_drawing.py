@@ -15,7 +15,7 @@ import trimesh
 from matplotlib.colors import to_rgb
 from PIL import Image
 
-from semmap.api.answer_pictures import FIELD_COLOURS, _fork
+from semmap.api.answer_pictures import FIELD_COLOURS, grasp_fork
 from semmap.api.map import Map
 from semmap.api.operations import OPERATIONS
 from semmap.draw.picture import SVG, Picture
@@ -119,7 +119,7 @@ def test_a_legend_names_twenty_values_and_counts_the_others(house: Map, tmp_path
 def test_forks_reach_as_wide_as_the_gripper_opens() -> None:
     """In the grasp frame, whose origin is between the pads: z is the approach, x closes."""
     turned = trimesh.transformations.rotation_matrix(0.7, (1, 2, 3), (0.1, 0.2, 0.3))
-    mesh = _fork(0.06)
+    mesh = grasp_fork(0.06)
     fork = trimesh.Trimesh(mesh.vertices, mesh.faces)
     assert fork.bounds[:, 0] == pytest.approx([-0.03, 0.03], abs=0.002)
     assert fork.bounds[:, 1] == pytest.approx([0, 0], abs=0.002)
