@@ -18,6 +18,7 @@ from shapely import LineString, Polygon
 
 from navgrid.grid import Grid, grid_around
 from navgrid.lintels import lintel_heights
+from navgrid.posts import between_posts
 from navgrid.room_segments import Gap, Passage, room_segments, wall_heading
 from navgrid.slabs import area_cells, mesh_of, occupancy
 from semmap.geometry.extent import extent
@@ -241,12 +242,16 @@ def find_rooms(
         ),
     )
     triangles = np.concatenate([wall.triangles for wall in walls])
-    heights = lintel_heights([way.line for way in found.doorways], triangles, scene.elevation)
+    lines = [way.line for way in found.doorways]
+    if not any(wall.properties.get("scanned") for wall in walls):
+        lines = between_posts(lines, triangles, scene.elevation, 2 * resolution)
+    heights = lintel_heights(lines, triangles, scene.elevation)
     return replace(
         found,
         rooms=tuple(_typed(room, scene, shows, supertypes) for room in found.rooms),
         doorways=tuple(
-            way._replace(height=height) for way, height in zip(found.doorways, heights, strict=True)
+            way._replace(line=line, height=height)
+            for way, line, height in zip(found.doorways, lines, heights, strict=True)
         ),
     )
 

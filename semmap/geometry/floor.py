@@ -45,10 +45,10 @@ def shadow(mesh: Mesh, low: float, high: float, *, fill: bool) -> Polygon | Mult
     flat = shapely.polygons(corners[:, :, :2])
     upright = shapely.area(flat) <= 1e-8
     if fill:
-        inside = [Polygon(p.exterior) for p in _enclosed(section(mesh, low)[0])]
+        inside = [Polygon(p.exterior) for p in _enclosed(section(mesh.triangles, low)[0])]
     else:
         part, closed = closed_parts(mesh)
-        lines, outward = section(Mesh(mesh.vertices, mesh.faces[closed[part]]), low)
+        lines, outward = section(mesh.triangles[closed[part]], low)
         places = _enclosed(lines)
         points = shapely.get_coordinates(shapely.point_on_surface(places))
         inside = [p for p, w in zip(places, _winding(points, lines, outward), strict=True) if w]
@@ -71,9 +71,10 @@ def _between(mesh: Mesh, low: float, high: float) -> NDArray[np.float64]:
     return np.asarray(vertices)[faces]
 
 
-def section(mesh: Mesh, height: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the section of a mesh as lines (N, 2, 2), and the normals (N, 2) of the cut faces."""
-    triangles = mesh.triangles
+def section(
+    triangles: NDArray[np.float64], height: float
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the lines (N, 2, 2) in which triangles (M, 3, 3) cross a height, and their normals."""
     above = triangles[:, :, 2] > height
     cut = above.any(axis=1) & ~above.all(axis=1)
     triangles, above = triangles[cut], above[cut]

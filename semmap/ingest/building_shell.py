@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from semmap.geometry.floor import section
 from semmap.geometry.levels import CONTACT, WALKED, WIDE, is_furniture
-from semmap.geometry.mesh import Mesh
 from semmap.ingest.annotation.feature_values import supertypes
 from semmap.ingest.naming import GUESS
 from semmap.ingest.storeys import box_of, level_faces, meshes_of
@@ -70,7 +69,7 @@ def _wall_lines(triangles: NDArray[np.float64], height: float) -> NDArray[np.flo
     """The lines (N, 2, 2) in which a level plane cuts upright triangles (M, 3, 3)."""
     normals = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
     upright = np.abs(normals[:, 2]) <= UPRIGHT * np.linalg.norm(normals, axis=1)
-    return section(Mesh.of_triangles(triangles[upright]), height)[0]
+    return section(triangles[upright], height)[0]
 
 
 def _encloses(lines: NDArray[np.float64], boxes: Iterable[NDArray[np.float64]]) -> bool:

@@ -10,6 +10,7 @@ from typing import Generic, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from semmap.geometry.floor import section
 from semmap.geometry.pose import Pose
 from semmap.geometry.walk import EXACT
 from semmap.query.map_check.building import LINTEL, WALL
@@ -53,8 +54,8 @@ class DoorOpening(Generic[T]):
         spans = _joined(_extents(faces, ends))
         edges = [-self.half, *itertools.chain(*spans), self.half]
         gaps = [(a, b) for a, b in zip(edges[::2], edges[1::2], strict=True) if a < b]
-        begin, end = section(faces, (low + top) / 2)
-        inside = _are_inside(begin, end, np.array([(a + b) / 2 for a, b in gaps]))
+        lines, _ = section(faces, (low + top) / 2)
+        inside = _are_inside(lines[:, 0], lines[:, 1], np.array([(a + b) / 2 for a, b in gaps]))
         return _joined([*spans, *itertools.compress(gaps, inside)])
 
     def gap(self, solids: Iterable[T], low: float = GROUND, top: float = LINTEL) -> float:
@@ -133,20 +134,6 @@ def _extents(faces: Floats, ends: Floats) -> Intervals:
     met = low <= high
     clipped = np.clip([low[met], high[met]], *ends[:, 1])
     return [(float(a), float(b)) for a, b in clipped.T if b > ends[0, 1] and a < ends[1, 1]]
-
-
-def section(triangles: Floats, height: float) -> tuple[Floats, Floats]:
-    """Return the ends, (N, 2) each, of the lines in which faces (F, 3, 3) cross a height."""
-    above = triangles[:, :, 2] > height
-    crossing = triangles[above.any(axis=1) & ~above.all(axis=1)]
-    above = crossing[:, :, 2] > height
-    odd = np.argmax(above == (above.sum(axis=1) == 1)[:, None], axis=1)  # alone on its side
-    tip, *others = (crossing[np.arange(len(odd)), (odd + k) % 3] for k in range(3))
-    found = []
-    for other in others:
-        share = (height - tip[:, 2]) / (other[:, 2] - tip[:, 2])
-        found.append((tip + share[:, None] * (other - tip))[:, :2])
-    return found[0], found[1]
 
 
 def _are_inside(begin: Floats, end: Floats, across: Floats) -> Bools:

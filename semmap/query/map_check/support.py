@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from semmap.geometry.contact import heights_at, touches
 from semmap.geometry.extent import extent
+from semmap.geometry.floor import section
 from semmap.geometry.levels import APART, are_floors, standing_levels
 from semmap.geometry.levels import CONTACT as TOUCHED
 from semmap.geometry.overlay import common, united
@@ -27,7 +28,6 @@ from semmap.query.map_check.building import (
     UNSHAPED,
     CheckedBuilding,
 )
-from semmap.query.map_check.doorways import section
 from semmap.query.map_check.reader import CheckedEntity, once_a_pair
 
 SAMPLES = 200
@@ -365,7 +365,7 @@ def encloses(around: CheckedEntity, entity: CheckedEntity) -> bool:
     if around.row["storage"]:  # bounds of turned ones have more than they enclose
         return bool(around.ground.buffer(CONTACT).covers(entity.ground))
     x, y, z = (entity.low + entity.high) / 2
-    walls = shapely.linestrings(np.stack(section(around.triangles, z), axis=1))
+    walls = shapely.linestrings(section(around.triangles, z)[0])
     far = float(np.linalg.norm(around.high - around.low))
     turns = 2 * np.pi * np.arange(RAYS) / RAYS
     ends = np.stack([x + far * np.cos(turns), y + far * np.sin(turns)], axis=1)
