@@ -8,6 +8,7 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt
+from shapely.ops import substring
 
 from navgrid.occupancy_grid import StoreyGrid
 from navgrid.slabs import area_cells
@@ -24,6 +25,8 @@ def route_lines(
     found: Route, topology: Topology, grids: dict[str, StoreyGrid], target: str | None
 ) -> dict[str, list[Line]]:
     """The points (N, 2) of a route, metres, by storey, through all poses of its steps.
+
+    Stairs are half on one storey, half on the other.
 
     With `target`, a type of objects, a route whose start or goal is a whole room is drawn from the
     middle of the one, and to the smallest such object in the other.
@@ -49,7 +52,14 @@ def route_lines(
             place, line = step.to_place, [np.array([at])]
             continue
         line.append(_walk(grids.get(str(storey)), place, at, _xy(step.approach)))
-        line.append(np.array([*step.bends, _xy(step.leave)]))
+        way = np.array([_xy(step.approach), *step.bends, _xy(step.leave)])
+        if storey_of(step.to_place) == storey:
+            line.append(way[1:])
+        else:
+            first, second = _halves(way)
+            if storey in grids:
+                pieces.setdefault(str(storey), []).append(np.concatenate([*line, first]))
+            line = [second]
         at, place = _xy(step.leave), step.to_place
     storey = storey_of(place)
     if storey in grids:
@@ -62,6 +72,13 @@ def route_lines(
         line.append(_walk(grids[str(storey)], place, at, end))
         pieces.setdefault(str(storey), []).append(np.concatenate(line))
     return pieces
+
+
+def _halves(line: Line) -> tuple[Line, Line]:
+    """A line as two: of a flight of stairs, half is on the plan of each storey."""
+    whole = shapely.LineString(line)
+    first, second = (substring(whole, *part, normalized=True) for part in ((0, 0.5), (0.5, 1)))
+    return shapely.get_coordinates(first), shapely.get_coordinates(second)
 
 
 def _xy(pose: Pose | None) -> tuple[float, float]:

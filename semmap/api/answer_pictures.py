@@ -42,6 +42,18 @@ FINGER, ROD = 0.05, 0.003
 """Length of a fork's fingers and thickness of its rods, metres."""
 
 
+def plan_notes(view: StoreyView) -> list[str]:
+    """What the plan of a storey does not show, a sentence for each reason."""
+    from semmap.draw.floor_plan import left_out
+    from semmap.query.geometry_notes import listed
+
+    return [
+        f"{view.name}: {len(names)} {'object is' if len(names) == 1 else 'objects are'} {reason}, "
+        f"and not drawn: {listed(names)}"
+        for reason, names in left_out(view).items()
+    ]
+
+
 def belief_picture(map: Map, about: str | BelievedPlaces, storey: str | None) -> Picture:
     """A heat map of where a thing probably is; by default on the storey of the best place."""
     from semmap.belief.heat_map import heat_map
@@ -57,7 +69,16 @@ def belief_picture(map: Map, about: str | BelievedPlaces, storey: str | None) ->
     best = max(on_storeys, key=lambda place: belief.get(place.name, 0.0), default=None)
     view = _views(map, storey or (best.storey if best else None))[0]
     here = [place for place in on_storeys if place.storey == view.name] or [*places]
-    return Picture.drawn(lambda path: heat_map(view, here, belief, path, name=belief.name))
+    others = {each.storey: 0.0 for each in on_storeys if each.storey != view.name}
+    for each in on_storeys:
+        if each.storey in others:
+            others[each.storey] += belief.get(each.name, 0.0)
+    notes = [
+        f"{chance:.0%} is on {other}, another storey"
+        for other, chance in others.items()
+        if chance >= 0.005
+    ]
+    return Picture.drawn(lambda path: heat_map(view, here, belief, path, name=belief.name), *notes)
 
 
 def search_picture(search: ObjectSearch, storey: str | None) -> Picture:
@@ -91,16 +112,28 @@ def search_picture(search: ObjectSearch, storey: str | None) -> Picture:
 
 
 def field_picture(map: Map, query: str, storey: str | None) -> Picture:
-    """The voxels that answer a query, or all of a property, in the scene; a colour for each set."""
+    """The voxels that answer a query, or all of a property, in the scene; a colour for each set.
+
+    Those of a property are coarser where they are too many.
+    """
     from matplotlib.colors import to_rgb
 
     from semmap.draw.fields import FieldView, fields_picture
     from semmap.draw.palette import HIDDEN, object_colour
 
-    text = f"SELECT ?v ?o {{ ?v :{query} ?o }}" if re.fullmatch(r"\w+", query) else query
-    answer = map.fields.query(text, limit=MOST_ROWS)
+    text, fields = query, map.fields
+    if re.fullmatch(r"\w+", query):
+        text = f"SELECT ?v ?o {{ ?v :{query} ?o }}"
+        counts = f"SELECT ?o (COUNT(?v) AS ?n) {{ ?v :{query} ?o }} GROUP BY ?o"
+        count = sum(row[-1] for row in fields.query(counts).rows)
+        while count > MOST_ROWS:
+            fields, count = fields.with_voxel_size(2 * fields.voxel_size), count / 7
+    answer = fields.query(text, limit=MOST_ROWS)
     if answer.total > len(answer):
-        raise ValueError(f"{answer.total} rows answer {query}: ask for {MOST_ROWS} or fewer")
+        raise ValueError(
+            f"{answer.total} rows answer {query}, and {MOST_ROWS} are drawn at most: ask for fewer,"
+            " such as the voxels of one room: SELECT ?v { ?v :inRoom :kitchen }"
+        )
     views = _views(map, storey)
     low, high = _levels(map, views[0]) if storey else (-np.inf, np.inf)
     sets: dict[str, set[Any]] = {}
@@ -116,7 +149,7 @@ def field_picture(map: Map, query: str, storey: str | None) -> Picture:
     if not sets:
         where = f" on {storey}" if storey else ""
         raise LookupError(f"no voxel{where} answers {query}: there is nothing to draw")
-    size = map.fields.voxel_size
+    size = fields.voxel_size
     shown = [
         FieldView(
             np.floor(np.array([*centres]) / size).astype(np.int32),
@@ -131,6 +164,7 @@ def field_picture(map: Map, query: str, storey: str | None) -> Picture:
     if more > 0:
         shown[MOST_SETS - 1] = replace(shown[MOST_SETS - 1], label=f"... and {more + 1} more")
         shown[MOST_SETS:] = [replace(each, label="") for each in shown[MOST_SETS:]]
+    coarse = "" if size == map.fields.voxel_size else f", voxels of {size:g} m"
     unknown = f"\n{len(answer.left_out)} entities have no voxels" if answer.left_out else ""
     things = [
         (each.mesh.triangles, 0.4 * np.array(to_rgb(object_colour(each.types))) + 0.6)
@@ -143,7 +177,7 @@ def field_picture(map: Map, query: str, storey: str | None) -> Picture:
     colours = [np.tile(colour, (len(faces), 1)) for faces, colour in things]
     painted = np.concatenate([np.zeros((0, 3)), *colours])
     return Picture.drawn(
-        lambda path: fields_picture(triangles, painted, shown, path, title=query + unknown)
+        lambda path: fields_picture(triangles, painted, shown, path, title=query + coarse + unknown)
     )
 
 

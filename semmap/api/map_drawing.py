@@ -139,6 +139,7 @@ class MapDrawing(MapTasks):
         self, storey: str | None, walls: bool, title: str, assume_sizes: bool
     ) -> Picture:
         from navgrid.grid_output import with_grid
+        from semmap.api.answer_pictures import plan_notes
         from semmap.draw.floor_plan import floor_plan
         from semmap.draw.picture import Picture
 
@@ -150,7 +151,8 @@ class MapDrawing(MapTasks):
         if not views:
             raise LookupError(f"the map {self.name} has nothing to draw: import a world file")
         return Picture.stacked(
-            Picture.drawn(partial(floor_plan, view, title=title)) for view in views
+            Picture.drawn(partial(floor_plan, view, title=title), *plan_notes(view))
+            for view in views
         )
 
     def draw_3d(

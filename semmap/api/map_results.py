@@ -94,6 +94,7 @@ class MapRoute(Route):
         from navgrid.grid_output import with_grid
         from semmap.draw.floor_plan import floor_plan
         from semmap.draw.picture import Picture
+        from semmap.query.geometry_notes import names_note
 
         grids = self._grids()
         lines = self._lines(grids)
@@ -103,8 +104,11 @@ class MapRoute(Route):
             raise LookupError(
                 f"the way does not lead through {storey}, but through {', '.join(lines)}"
             )
+        notes = [self.assumed_body] if self.assumed_body else []
+        unknown = self.without_geometry()
+        notes += [names_note(unknown)] if unknown else []
         return Picture.stacked(
-            Picture.drawn(partial(floor_plan, replace(with_grid(grids[name]), path=path)))
+            Picture.drawn(partial(floor_plan, replace(with_grid(grids[name]), path=path)), *notes)
             for name, path in lines.items()
             if storey in (name, None)
         )
@@ -212,7 +216,7 @@ class ObjectSearch:
 
     `problem` has places, viewpoints, travel times and rates; `decision` says what to do next, and
     the tour while nothing is found. `belief` says how probable each place is, as `Map.where` does.
-    Looks are planned by one who doubts it: half of theirs is the prior.
+    Looks are planned by one who doubts it: in `doubted`, half of each chance is the prior.
     """
 
     name: str
@@ -236,6 +240,13 @@ class ObjectSearch:
         return [self.problem.viewpoints[number] for number in self.decision.tour]
 
     @property
+    def doubted(self) -> dict[str, float]:
+        """How probable each place is to who plans the looks."""
+        search = self.problem.problem
+        chances = search.by_place(self.problem.belief)[0].tolist()
+        return dict(zip(search.places, chances, strict=True))
+
+    @property
     def reason(self) -> str:
         """Why it begins where it begins, in sentences."""
         from planner.search.reader import DOUBTED
@@ -249,6 +260,7 @@ class ObjectSearch:
             "object": self.name,
             "assumed_body": self.assumed_body,
             "belief": self.belief,
+            "doubted": self.doubted,
             "action": self.decision.action,
             "seconds": self.seconds,
             "unseen": self.problem.unseen,

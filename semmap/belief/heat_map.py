@@ -16,8 +16,7 @@ from matplotlib.path import Path as Curve
 
 from semmap.belief.places import BeliefPlace
 from semmap.belief.store.beliefs import ELSEWHERE
-from semmap.draw.floor_plan import FLAT, floor_plan, middle_of_object
-from semmap.draw.palette import HIDDEN
+from semmap.draw.floor_plan import FLAT, floor_plan, middle_of_object, shown_objects
 from semmap.draw.view import StoreyView
 
 LEAST_SHOWN = 0.005
@@ -53,7 +52,7 @@ def heat_map(
     ]
     shown.sort(key=lambda found: found[1].kind != "room")  # furniture over its room
 
-    furniture = [o for o in storey.objects if not (HIDDEN | FLAT) & set(o.types)]
+    furniture = [o for o in shown_objects(storey) if not FLAT & set(o.types)]
 
     def places_over(axes: Axes) -> None:
         for room in storey.rooms:
@@ -78,9 +77,11 @@ def heat_map(
             over(axes)
 
     here = sum(belief.get(place.name, 0.0) for place in places)
+    nowhere = belief.get(ELSEWHERE, 0.0)
+    others = sum(p for p in belief.values() if p > 0) - here - nowhere
     title = (
-        f"{storey.name}: where {name or 'the object'} probably is "
-        f"({100 * here:.0f} % on this storey, {100 * belief.get(ELSEWHERE, 0.0):.0f} % elsewhere)"
+        f"{storey.name}: where {name or 'the object'} probably is ({100 * here:.0f} % on this "
+        f"storey, {100 * max(others, 0):.0f} % on others, {100 * nowhere:.0f} % in no known place)"
     )
     plain = replace(storey, objects=[replace(o, types=()) for o in furniture], regions=[])
     return floor_plan(plain, path, title=title, dpi=dpi, over=places_over)

@@ -6,6 +6,7 @@ from pathlib import Path
 
 from typer import BadParameter, Option
 
+from semmap import cli
 from semmap.cli.operation_command import MethodCall, command_of
 
 
@@ -28,4 +29,6 @@ def draw_command(
         picture = call.handle.draw_3d(**given)
     else:
         picture = call()
+    for note in picture.notes:
+        cli.err.print(note, style="yellow")
     print(picture.save(output))

@@ -52,6 +52,8 @@ _WALL = "#343a46"
 _SHADES = [("white", 0.0), ("#8a8f98", 0.22), (_WALL, 0.20), (_WALL, 0.80), (_WALL, 0.96)]
 """Of cells: free, unknown, occupied by what is drawn, enclosed by walls, and occupied."""
 _MARGIN = 0.55
+_NEAR = 10.0
+"""Metres from the rooms of a storey within which things make its plan larger."""
 _COVERED = 0.1
 """The share of a name that others may cover; names of large rooms come first."""
 _DETAILED = 8.0
@@ -118,8 +120,9 @@ def floor_plan(
     'plan.png'
     """
     x0, y0, x1, y1 = _bounds(storey)
-    shown = _shown(storey)
-    objects = sorted((o for o in shown if o.footprint is not None), key=_height)
+    missing = left_out(storey)
+    gone = {name for names in missing.values() for name in names}
+    objects = sorted((o for o in shown_objects(storey) if o.name not in gone), key=_height)
     head, foot = 0.62, 0.95
     sheet = width - 0.9  # inches for the plan itself
     height = sheet * (y1 - y0) / (x1 - x0)
@@ -154,7 +157,9 @@ def floor_plan(
     _frame(axes, x0, y0, x1, y1)
     level = 1 - 0.36 / whole
     style = {"fontsize": 8.5, "color": "#6b6f76", "va": "center", "ha": "right"}
-    summary = figure.text(1 - 0.3 / width, level, _summary(storey), fontdict=style)
+    summary = figure.text(
+        1 - 0.3 / width, level, _summary(storey, len(objects), missing), fontdict=style
+    )
     free = summary.get_window_extent().x0 / figure.bbox.width - 0.2 / width
     draw_title(figure, title or storey.name, level, 15, left=0.6 / width, right=free)
     _write(axes, storey, objects, per_metre)
@@ -163,12 +168,13 @@ def floor_plan(
 
 
 def _bounds(storey: StoreyView) -> tuple[float, float, float, float]:
-    """The bounds of rooms, doors and path, else of objects, else of the grid, with a margin."""
+    """The bounds of rooms, doors, path and what is near; else of the grid; with a margin."""
     shapes: list[Any] = [r.outline for r in storey.rooms]
     shapes += [shapely.Point(p.x, p.y) for d in storey.doors for p in d.poses]
     shapes += [shapely.MultiPoint(p[:, :2]) for p in storey.path]
-    if not storey.rooms:
-        shapes += [o.footprint for o in storey.objects if o.footprint is not None]
+    things = [o.footprint for o in shown_objects(storey) if o.footprint is not None]
+    around = shapely.union_all([shapely.box(*shape.bounds) for shape in shapes]).envelope
+    shapes += [thing for thing in things if not shapes or thing.distance(around) <= _NEAR]
     if not shapes and storey.occupancy is not None:
         left, right, bottom, top = storey.occupancy.extent
         shapes.append(shapely.box(left, bottom, right, top))
@@ -179,7 +185,7 @@ def _bounds(storey: StoreyView) -> tuple[float, float, float, float]:
     return float(low[0]), float(low[1]), float(high[0]), float(high[1])
 
 
-def _shown(storey: StoreyView) -> list[ObjectView]:
+def shown_objects(storey: StoreyView) -> list[ObjectView]:
     """The objects on a plan: no parts of the building, nothing overhead, nothing in the ground."""
     low, high = storey.elevation - GROUND, storey.elevation + OVERHEAD
 
@@ -190,6 +196,19 @@ def _shown(storey: StoreyView) -> list[ObjectView]:
         return bool(z.min() < high and z.max() >= low)
 
     return [o for o in storey.objects if not HIDDEN & set(o.types) and is_between(o)]
+
+
+def left_out(storey: StoreyView) -> dict[str, list[str]]:
+    """Return the names of objects that a plan does not show, by the reason."""
+    paper = shapely.box(*_bounds(storey))
+    shown = shown_objects(storey)
+    reasons = {
+        "without a shape": [o.name for o in shown if o.footprint is None],
+        "beyond the plan": [
+            o.name for o in shown if o.footprint is not None and not paper.intersects(o.footprint)
+        ],
+    }
+    return {reason: names for reason, names in reasons.items() if names}
 
 
 def _height(entity: ObjectView) -> float:
@@ -377,9 +396,10 @@ def _round_length(length: float) -> float:
     return max(k * power for k in (1, 2, 5) if k * power <= length * 1.0001)
 
 
-def _summary(storey: StoreyView) -> str:
-    counts = {"room": len(storey.rooms), "door": len(storey.doors), "object": len(_shown(storey))}
+def _summary(storey: StoreyView, drawn: int, missing: dict[str, list[str]]) -> str:
+    counts = {"room": len(storey.rooms), "door": len(storey.doors), "object": drawn}
     parts = [f"{n} {what}{'s' * (n > 1)}" for what, n in counts.items() if n]
+    parts += [f"{len(names)} {reason}" for reason, names in missing.items()]
     if storey.occupancy is not None:
         rows, columns = storey.occupancy.cells.shape
         parts.append(f"grid {columns} x {rows} at {storey.occupancy.resolution:g} m")

@@ -17,13 +17,17 @@ SVG = "http://www.w3.org/2000/svg"
 
 @dataclass(frozen=True)
 class Picture:
-    """A PNG, and the function that draws it into another file; pixels only without it."""
+    """A PNG, and the function that draws it into another file; pixels only without it.
+
+    `notes` say what it assumes, and what it does not show.
+    """
 
     png: bytes = field(repr=False)
     draw: Callable[[Path], object] | None = field(default=None, repr=False, compare=False)
+    notes: tuple[str, ...] = field(default=(), repr=False, compare=False)
 
     @classmethod
-    def drawn(cls, draw: Callable[[Path], object]) -> Picture:
+    def drawn(cls, draw: Callable[[Path], object], *notes: str) -> Picture:
         """Return what a function draws into the file that it is given; a $ in a name is one."""
         import matplotlib
 
@@ -33,7 +37,7 @@ class Picture:
             return path.read_bytes()
 
         with TemporaryDirectory(prefix="semmap-") as folder:
-            return cls(drawn(Path(folder, "picture.png")), drawn)
+            return cls(drawn(Path(folder, "picture.png")), drawn, notes)
 
     @classmethod
     def stacked(cls, pictures: Iterable[Picture]) -> Picture:
@@ -52,7 +56,8 @@ class Picture:
             top += image.height
         file = BytesIO()
         whole.save(file, "PNG")
-        return cls(file.getvalue(), lambda path: _stack(pages, path))
+        notes = tuple(dict.fromkeys(note for page in pages for note in page.notes))
+        return cls(file.getvalue(), lambda path: _stack(pages, path), notes)
 
     def save(self, path: Path | str) -> Path:
         """Write it as a PNG, SVG or PDF file, by the end of its name; return its path.

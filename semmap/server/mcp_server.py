@@ -83,7 +83,8 @@ class ToolServer:
             return _refused(str(error))
         if isinstance(found, Picture):
             data = base64.b64encode(found.png).decode()
-            return CallToolResult(content=[ImageContent(data=data, mime_type="image/png")])
+            notes = [TextContent(text=note) for note in found.notes]
+            return CallToolResult(content=[*notes, ImageContent(data=data, mime_type="image/png")])
         short = shortened(found)
         text = TextContent(text=json.dumps(short, ensure_ascii=False, allow_nan=False))
         structured = short if isinstance(short, Mapping) else {"result": short}
