@@ -145,7 +145,7 @@ def read_world(
         world = read_urdf_scene(path, geometry=geometry, model_path=model_path)
     elif ending in MESHES:
         if mesh_as == "scene" or (mesh_as is None and is_mesh_scene(path, scale=scale)):
-            world = read_mesh_scene(path, scale=scale)
+            world = read_mesh_scene(path, scale=scale, types=types)
             if mesh_as is None:
                 world.notes.append("a scene of named nodes: --as object keeps it one object")
         else:

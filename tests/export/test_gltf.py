@@ -13,6 +13,7 @@ import shapely
 import trimesh
 
 import semmap
+from tests.conftest import MakeDatabase
 
 Z_UP = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])
 """From glTF's y up to z up: (x, y, z) to (x, -z, y)."""
@@ -78,3 +79,38 @@ def test_a_mesh_that_many_have_is_written_once(flat: semmap.Map, tmp_path: Path)
     made = document(flat.export(tmp_path / "flat.glb"))
     meshes = {node["mesh"] for node in made["nodes"] if node["name"].startswith("ball")}
     assert len(meshes) == 1
+
+
+@pytest.mark.parametrize("ending", [".glb", ".gltf"])
+def test_what_has_a_surface_comes_back(furnished: semmap.Map, ending: str, tmp_path: Path) -> None:
+    """Kinds, types, labels, properties, frames and floors; single precision is 1e-7 of 8 m."""
+    furnished.add_object("turned", type="desk", size=(2, 1, 0.75), pose=(6, 2, 0, 0.5))
+    pose = (1, 1, 0, -2)
+    furnished.add_object("rack", type="rack_of_ours", size=(1, 1, 1), pose=pose, define=True)
+    again = furnished.database.create_map("again")
+    again.import_file(furnished.export(tmp_path / f"flat{ending}"), mesh_as="scene")
+    seen = {e.name for e in furnished if e.kind != "connector" and e.box and e.geometry.area}
+    assert {e.name for e in again} == seen
+    for name in seen:
+        old, new = furnished[name], again[name]
+        assert (new.kind, new.type, new.label) == (old.kind, old.type, old.label)
+        assert new.properties == old.properties
+        assert (new.pose.inverse() @ old.pose)[:6] == pytest.approx([0] * 6, abs=1e-6)
+        assert shapely.symmetric_difference(new.geometry, old.geometry).area < 1e-5
+        assert new.box[2] == pytest.approx(old.box[2], abs=1e-6)
+    assert again["turned"].pose.yaw == pytest.approx(0.5, abs=1e-6)
+    assert again["turned"].size == pytest.approx((2, 1, 0.75), abs=1e-6)
+
+
+def test_a_type_that_another_database_lacks_is_noted_or_defined(
+    furnished: semmap.Map, make_database: MakeDatabase, tmp_path: Path
+) -> None:
+    pose = (1, 1, 0, -2)
+    furnished.add_object("rack", type="rack_of_ours", size=(1, 1, 1), pose=pose, define=True)
+    file = furnished.export(tmp_path / "flat.glb")
+    with semmap.connect(make_database().render_as_string(hide_password=False)) as db:
+        summary = db.import_file(file, map="a", mesh_as="scene")
+        assert "rack: its type 'rack_of_ours' is none that the map has" in str(summary.notes)
+        assert db.map("a")["rack"].type is None
+        db.import_file(file, map="b", mesh_as="scene", define=True)
+        assert db.map("b")["rack"].type == "rack_of_ours"

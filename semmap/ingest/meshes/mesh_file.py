@@ -9,6 +9,7 @@ import warnings
 from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, Literal, NamedTuple
 from xml.etree.ElementTree import ParseError
 
@@ -37,13 +38,16 @@ class MeshPart(NamedTuple):
     """A piece of a file: its node, its names, those of the node first, and its surface, metres.
 
     Pieces of one node, as of several materials, have the same `node`. `above` are the nodes above
-    it, the nearest first.
+    it, the nearest first; `frame` is its transform (4, 4) to the map, which may scale and mirror,
+    where the format has one; `extras` are what glTF has beside it.
     """
 
     node: Hashable
     names: tuple[str, ...]
     mesh: Mesh
     above: tuple[Hashable, ...] = ()
+    frame: NDArray[np.float64] | None = None
+    extras: Mapping[str, Any] = MappingProxyType({})
 
 
 def read_mesh(
@@ -179,11 +183,12 @@ def _read_dae(path: Path, up_axis: bool) -> list[MeshPart]:
         reason = document.errors[0] if document.errors else "of an unknown kind"
         problem = f"{lost} of its geometries are unreadable ({reason})"
         raise MeshFileError(problem, "Export it again.")
-    turn = {"Y_UP": Y_UP, "X_UP": X_UP}.get(up, np.eye(3)) if up_axis else np.eye(3)
+    to_map = np.eye(4)
+    to_map[:3, :3] = unit * {"Y_UP": Y_UP, "X_UP": X_UP}.get(up if up_axis else "", np.eye(3))
     parts, faces = [], 0
     roots = document.scene.nodes if document.scene is not None else ()
-    placed = _dae_geometries(roots, np.eye(4))
-    for number, (node, names, geometry, matrix) in enumerate(placed, 1):
+    placed = _dae_geometries(roots, to_map, to_map)
+    for number, (node, names, geometry, matrix, frame) in enumerate(placed, 1):
         PARTS.check(number, MeshFileError, SIMPLER)
         named = tuple(n for n in (*names, geometry.name, geometry.id) if n)
         for primitive in geometry.primitives:
@@ -194,41 +199,44 @@ def _read_dae(path: Path, up_axis: bool) -> list[MeshPart]:
             mesh = _placed(primitive.vertex, primitive.vertex_index, matrix)
             faces += len(mesh.faces)
             TRIANGLES.check(faces, MeshFileError, SIMPLER)
-            vertices = unit * mesh.vertices @ turn.T
             above = tuple(node[:end] for end in range(len(node) - 1, 0, -1))
-            parts.append(MeshPart(node, named or (path.stem,), Mesh(vertices, mesh.faces), above))
+            parts.append(MeshPart(node, named or (path.stem,), mesh, above, frame))
     return parts
 
 
 def _dae_geometries(
     nodes: Iterable[Any],
     matrix: NDArray[np.float64],
+    frame: NDArray[np.float64],
     above: tuple[int, ...] = (),
     names: tuple[str, ...] = (),
     is_named: bool = False,
-) -> Iterator[tuple[tuple[int, ...], tuple[str, ...], Any, NDArray[np.float64]]]:
-    """Yield each placed geometry: its node, the node's name and id, itself, its (4, 4) transform.
+) -> Iterator[
+    tuple[tuple[int, ...], tuple[str, ...], Any, NDArray[np.float64], NDArray[np.float64]]
+]:
+    """Yield each placed geometry: its node, the node's name and id, itself.
 
-    A node is told by its place in the tree: one of the library can have several. A node without
-    name and id belongs to the one above it, and so does a library's node below one that has a name
-    and nothing else.
+    Then its transform (4, 4) and that of its node, both to the map. A node is told by its place in
+    the tree: one of the library can have several. A node without name and id belongs to the one
+    above it, and so does a library's node below one that has a name and nothing else.
     """
     from collada import scene
 
     nodes = list(nodes)
     for number, node in enumerate(nodes):
         if isinstance(node, scene.GeometryNode):
-            yield above, names, node.geometry, matrix
+            yield above, names, node.geometry, matrix, frame
         elif isinstance(node, scene.Node):
             is_instance = isinstance(node, scene.NodeNode)
             named = node.node if is_instance else node
             own = tuple(n for n in (named.name, named.id) if n)
             if is_instance and is_named and len(nodes) == 1:
                 own = ()
-            here = (*above, number) if own or not names else above
             placed = matrix @ np.asarray(node.matrix, float)
+            is_own = bool(own) or not names
+            here, around = ((*above, number), placed) if is_own else (above, frame)
             has_name = bool(named.xmlnode.get("name")) if own else is_named  # pycollada takes ids
-            yield from _dae_geometries(node.children, placed, here, own or names, has_name)
+            yield from _dae_geometries(node.children, placed, around, here, own or names, has_name)
 
 
 def _dae_asset(data: bytes) -> tuple[float, str]:
@@ -262,10 +270,12 @@ def _read_any(path: Path, up_axis: bool) -> list[MeshPart]:
     _check_signature(path)
     check_size(path)
     scene = trimesh.load_scene(path, process=False, skip_materials=True)
-    unit = 1.0
+    to_map = np.eye(4)
+    if path.suffix.lower() in (".gltf", ".glb"):
+        to_map[:3, :3] = Y_UP
     if scene.units is not None:
-        unit = float(trimesh.units.unit_conversion(scene.units, "meters"))
-    turn = Y_UP if path.suffix.lower() in (".gltf", ".glb") else np.eye(3)
+        to_map[:3, :3] *= float(trimesh.units.unit_conversion(scene.units, "meters"))
+    above_of, edges = scene.graph.transforms.parents, scene.graph.transforms.edge_data
     parts, faces = [], 0
     for node in scene.graph.nodes_geometry:
         matrix, name = scene.graph[node]
@@ -273,13 +283,15 @@ def _read_any(path: Path, up_axis: bool) -> list[MeshPart]:
         if isinstance(geometry, trimesh.Trimesh) and len(geometry.faces):
             faces += len(geometry.faces)
             TRIANGLES.check(faces, MeshFileError, SIMPLER)
-            mesh = _placed(geometry.vertices, geometry.faces, np.asarray(matrix, float))
+            frame = to_map @ np.asarray(matrix, float)
+            mesh = _placed(geometry.vertices, geometry.faces, frame)
             # a mesh of several materials: trimesh makes a node for each, under that of the file
-            above = [*_ancestors(scene.graph.transforms.parents, node)]
+            above = [*_ancestors(above_of, node)]
             shared = above and re.fullmatch(rf"{re.escape(above[0])}_[0-9a-f]{{6}}", str(node))
             named = above.pop(0) if shared else str(node)
-            surface = Mesh(unit * mesh.vertices @ turn.T, mesh.faces)
-            parts.append(MeshPart(named, (named, str(node), str(name)), surface, (*above,)))
+            extras = edges.get((above_of.get(node), node), {}).get("metadata") or {}
+            names = (named, str(node), str(name))
+            parts.append(MeshPart(named, names, mesh, (*above,), frame, extras))
     return parts
 
 

@@ -3,19 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from semmap.geometry.mesh import Mesh, join
+from semmap.geometry.ground_outline import silhouette
+from semmap.geometry.mesh import Mesh, join, prism_mesh
 from semmap.geometry.pose import Pose
+from semmap.ingest.annotation.annotation import ROOM_HEIGHT
 from semmap.ingest.meshes.mesh_file import checked, tidy
 from semmap.ingest.meshes.mesh_size import SIMPLER, MeshFileError
 from semmap.ingest.naming import give_type
-from semmap.ingest.world import Entry, Shape, Skipped, World, WorldError, unique_name
+from semmap.ingest.world import Entry, PlaceDetail, Shape, Skipped, World, WorldError, unique_name
 from semmap.limits import EXTENT, TRIANGLES
 
 
@@ -24,7 +26,8 @@ class SceneNode:
     """A node: its name, its pose, its surfaces, and the node above it.
 
     Pose and surfaces are in the map's frame, metres, z up. `lost`: it has surfaces in the file that
-    cannot be used, so that it is an object also without one.
+    cannot be used, so that it is an object also without one. `stated` has kind, type, label and
+    properties of one of which the file states them; else it is an object, its type is guessed.
     """
 
     name: str
@@ -32,6 +35,7 @@ class SceneNode:
     meshes: list[Mesh] = field(default_factory=list)
     above: SceneNode | None = None
     lost: bool = False
+    stated: Entry | None = None
 
 
 def scene_world(
@@ -68,18 +72,31 @@ def scene_world(
         above = node.above
         while above is not None and above not in made:
             above = above.above
-        entry = Entry(unique_name(node.name, taken), "object", pose=node.pose)
+        name = unique_name(node.name, taken)
+        entry = replace(node.stated or Entry(name, "object"), name=name, pose=node.pose)
         if mesh is not None:
             entry.shapes = [Shape("mesh", mesh, uri=f"{path.name}#{node.name}")]
+            if entry.kind in ("room", "region"):
+                _make_place(entry, mesh)
         if above is not None:
             entry.holder, entry.pose = made[above].name, above.pose.inverse() @ node.pose
-        give_type(entry, (node.name,))
+        if node.stated is None:
+            give_type(entry, (node.name,))
         taken.add(entry.name)
         made[node] = entry
         world.entries.append(entry)
     if not world.entries and not world.skipped:
         raise WorldError(path, "scene", "no node has a surface", "Export it with its meshes.")
     return world
+
+
+def _make_place(entry: Entry, floor: Mesh) -> None:
+    """Give a room or region the solid above the face that a file has of its floor."""
+    low, outline = float(floor.bounds[0, 2]), silhouette(floor)
+    if outline.area > 0:
+        entry.shapes = [Shape("polygon", prism_mesh(outline, low, low + ROOM_HEIGHT), outline)]
+    if entry.kind == "room":
+        entry.detail = PlaceDetail(low)
 
 
 def rigid_pose(matrix: NDArray[np.float64]) -> Pose:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import json
+import math
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +14,8 @@ import trimesh
 import semmap
 from semmap.ingest.importer import MeshAs, read_world
 from semmap.ingest.scenes.mesh_scene import read_mesh_scene
-from tests.ingest.scenes.placed import box, pose
+from tests.ingest.scenes import placed
+from tests.ingest.scenes.placed import box, points, pose
 
 BOXES = {
     "Wall_south": ((0, 0, 0), (8, 0.2, 2.7)),
@@ -340,3 +342,102 @@ def test_walls_that_lie_are_noted(tmp_path: Path, up: str, noted: bool) -> None:
     parts.export(path)
     notes = [n for n in read_mesh_scene(path).notes if "if y is up in house.obj" in n]
     assert len(notes) == noted
+
+
+Z_UP = np.array([[1.0, 0, 0, 0], [0, 0, -1, 0], [0, 1, 0, 0], [0, 0, 0, 1]])
+"""From glTF's y up to z up."""
+
+
+def turn(angle: float, axis: tuple[int, int, int]) -> np.ndarray:
+    return trimesh.transformations.rotation_matrix(angle, axis)
+
+
+def shift(*by: float) -> np.ndarray:
+    return trimesh.transformations.translation_matrix(by)
+
+
+def scaled(*by: float) -> np.ndarray:
+    return np.diag([*by, 1.0])
+
+
+def sheared() -> np.ndarray:
+    made = np.eye(4)
+    made[0, 1] = 0.5
+    return made
+
+
+TURN = {
+    "turned": (turn(0.5, (0, 0, 1)), 0.5, (2, 1, 0.75)),
+    "turned and scaled": (turn(-2.6, (0, 0, 1)) @ scaled(0.5, 2, 4), -2.6, (1, 2, 3)),
+    "mirrored": (turn(0.7, (0, 0, 1)) @ scaled(1, -1, 1), 0.7, (2, 1, 0.75)),
+    "on its side": (turn(0.4, (0, 0, 1)) @ turn(np.pi / 2, (1, 0, 0)), 0.4, (2, 0.75, 1)),
+    "on its end": (turn(0.4, (0, 0, 1)) @ turn(-np.pi / 2, (0, 1, 0)), 0.4, None),
+    "tilted": (turn(0.5, (0, 0, 1)) @ turn(0.2, (1, 0, 0)), 0.0, None),
+    "sheared": (turn(0.5, (0, 0, 1)) @ sheared(), 0.0, None),
+}
+"""A node's transform, the heading of its object, and the size of that of a box of 2, 1, 0.75 m."""
+
+
+@pytest.mark.parametrize("up", ["y", "z"])
+@pytest.mark.parametrize("case", TURN)
+def test_an_object_has_the_heading_of_its_node(case: str, up: str, tmp_path: Path) -> None:
+    """Meshes with z up below a turned root, and with y up; trimesh says where vertices are."""
+    transform, heading, size = TURN[case]
+    made = trimesh.Scene()
+    mesh = trimesh.creation.box((2, 1, 0.75)).apply_translation([0.3, 0, 0.375])
+    made.graph.update("root", "world", matrix=np.linalg.inv(Z_UP) @ shift(4, 3, 0))
+    if up == "y":  # the same object, the other mesh
+        mesh.apply_transform(np.linalg.inv(Z_UP))
+        transform = transform @ Z_UP
+    made.add_geometry(mesh, node_name="Desk", geom_name="d", parent_node_name="root")
+    made.graph.update("Desk", "root", matrix=shift(1, 2, 0.1) @ transform)
+    cup = trimesh.creation.box((0.2, 0.1, 0.1))
+    made.add_geometry(cup, node_name="Cup", geom_name="c", parent_node_name="Desk")
+    made.export(tmp_path / "flat.glb")
+    world = read_mesh_scene(tmp_path / "flat.glb")
+
+    found = pose(world, "Desk")
+    around = np.pi / 2 if case == "on its end" else 2 * np.pi  # y of one mesh is z of the other
+    assert math.remainder(found.yaw - heading, around) == pytest.approx(0, abs=1e-6)
+    assert (found.qx, found.qy) == (0, 0)
+    graph = trimesh.load_scene(tmp_path / "flat.glb")
+    for name in ("Desk", "Cup"):
+        matrix, of = graph.graph[name]
+        there = trimesh.transform_points(graph.geometry[of].vertices, Z_UP @ matrix)
+        here = points(world, name)
+        assert np.abs(here[:, None] - there).max(axis=2).min(axis=0).max() < 1e-6
+        assert np.abs(here[:, None] - there).max(axis=2).min(axis=1).max() < 1e-6
+    (shape,) = placed.entry(world, "Desk").shapes
+    assert shape.mesh is not None
+    low, high = shape.mesh.bounds
+    assert [*(low + high)[:2], low[2]] == pytest.approx([0, 0, 0], abs=1e-6)
+    if size is not None:
+        assert high - low == pytest.approx(size, abs=1e-6)
+
+
+def test_an_object_of_a_collada_file_has_the_heading_of_its_node(tmp_path: Path) -> None:
+    """A named node is turned by 30 degrees; one without a name in it by 60 more is a part of it."""
+    whole = '<node id="z" name="Table"><instance_geometry url="#g"/>'
+    part = '<node><translate>2 0 0</translate><instance_geometry url="#g"/></node>'
+    text = DAE.replace(whole, whole.replace("<inst", "<rotate>0 0 1 30</rotate><inst"))
+    text = text.replace(part, part.replace("<translate>", "<rotate>0 0 1 60</rotate><translate>"))
+    (tmp_path / "flat.dae").write_text(text)
+    world = read_mesh_scene(tmp_path / "flat.dae")
+    assert pose(world, "Table").yaw == pytest.approx(np.pi / 6)
+    assert pose(world, "Chair").yaw == 0
+    first = 0.5 * np.array(CORNERS) @ turn(np.pi / 6, (0, 0, 1))[:3, :3].T
+    second = 0.5 * np.add(CORNERS, (2, 0, 0)) @ turn(np.pi / 2, (0, 0, 1))[:3, :3].T
+    there, here = np.vstack([first, second]), points(world, "Table")
+    assert np.abs(here[:, None] - there).max(axis=2).min(axis=0).max() < 1e-6
+
+
+def test_extras_of_other_programs_state_nothing(tmp_path: Path) -> None:
+    made = trimesh.Scene()
+    box = trimesh.creation.box((1, 1, 1))
+    odd = [{"kind": "thing"}, {"kind": "object", "type": 3}, {"kind": "object", "label": "\0"}]
+    for number, extras in enumerate([*odd, {"kind": "object", "properties": [1]}, {}]):
+        made.add_geometry(box, node_name=f"Chair_{number}", transform=shift(2 * number, 0, 0))
+        made.graph.transforms.edge_data[("world", f"Chair_{number}")]["metadata"] = extras
+    made.export(tmp_path / "flat.glb")
+    world = read_mesh_scene(tmp_path / "flat.glb")
+    assert [(e.kind, e.type) for e in world.entries] == [("object", "chair")] * 5
