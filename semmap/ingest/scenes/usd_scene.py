@@ -2,7 +2,8 @@
 
 A component (a prim of this kind) is one object with all that is below it. Elsewhere each prim with
 a surface is an object; a transform with nothing but one of these gives it name and pose, as Blender
-and other programs write it, and so does one above a prim whose name says nothing.
+and other programs write it, unless the prim's own name means another type: then it is a group. So
+does a transform above a prim whose name says nothing.
 """
 
 from __future__ import annotations
@@ -18,8 +19,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from semmap.geometry.mesh import Mesh
+from semmap.ingest.annotation.feature_values import supertypes
 from semmap.ingest.meshes.mesh_file import Y_UP
-from semmap.ingest.naming import words
+from semmap.ingest.naming import guess_type, words
 from semmap.ingest.scenes.polygon_mesh import polygon_mesh
 from semmap.ingest.scenes.scene_nodes import SceneNode, rigid_pose, scene_world
 from semmap.ingest.scenes.solids import solid
@@ -262,14 +264,22 @@ def _owner(prim: Any) -> Any:
     owner = _component(prim)
     if owner is not None:
         return owner
-    owner = prim
-    if _is_frame(prim.GetParent()) and len(_children(prim.GetParent())) == 1:
-        owner = prim.GetParent()
+    owner, above = prim, prim.GetParent()
+    if _is_frame(above) and len(_children(above)) == 1 and not _is_other(prim, above):
+        owner = above
     while _says_nothing(owner) and _is_frame(owner.GetParent()):
         if sum(map(_says_nothing, _children(owner.GetParent()))) > 1:
             break
         owner = owner.GetParent()
     return owner
+
+
+def _is_other(prim: Any, above: Any) -> bool:
+    """Return whether the name of a prim means a type, and not one of the transform above it."""
+    own, outer = (guess_type(str(each.GetName())) for each in (prim, above))
+    if own is None or outer is None:
+        return own is not None
+    return own.type not in supertypes(outer.type) and outer.type not in supertypes(own.type)
 
 
 def _name(prim: Any) -> str:

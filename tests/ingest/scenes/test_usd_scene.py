@@ -184,6 +184,41 @@ def test_a_prim_whose_name_says_nothing_has_the_name_above_it(tmp_path: Path) ->
     np.testing.assert_allclose(box(world, "Table_01"), [(4, -1, 0), (6, 1, 2)])
 
 
+@pytest.mark.parametrize(
+    ("group", "prim", "name", "type_"),
+    [
+        ("Kitchen", "Table_1", "Table_1", "table"),
+        ("Mirror", "Chair_1", "Chair_1", "chair"),
+        ("Kitchen", "Cube", "Kitchen", None),
+        ("Bed", "Bed_mesh", "Bed", "bed"),
+        ("OfficeChair_2", "Chair", "OfficeChair_2", "office_chair"),
+        ("Chair_2", "office_chair_data", "Chair_2", "chair"),
+        *(("Sofa_3", each, "Sofa_3", "sofa") for each in ("mesh", "geom", "Mesh_01", "node_0")),
+    ],
+)
+def test_the_only_prim_of_a_group_keeps_a_name_that_means_another_type(
+    group: str, prim: str, name: str, type_: str | None, tmp_path: Path
+) -> None:
+    """It stands where pxr has it; with its name, its frame is its own."""
+    stage = Usd.Stage.CreateNew(str(tmp_path / "a.usda"))
+    UsdGeom.SetStageMetersPerUnit(stage, 1)
+    UsdGeom.SetStageUpAxis(stage, "Z")
+    stage.SetDefaultPrim(xform(stage, "/World"))
+    xform(stage, f"/World/{group}", at=(5, 0, 0), turn=(0, 0, 40))
+    shown = UsdGeom.Xformable(cube(stage, f"/World/{group}/{prim}", 1))
+    shown.AddTranslateOp().Set(Gf.Vec3d(0, 2, 0.5))
+    stage.GetRootLayer().Save()
+    world = read_usd(tmp_path / "a.usda")
+    assert [(e.name, e.type) for e in world.entries] == [(name, type_)]
+    framed = stage.GetPrimAtPath(f"/World/{group}/{prim}" if name == prim else f"/World/{group}")
+    time = Usd.TimeCode.Default()
+    matrix = UsdGeom.Xformable(framed).ComputeLocalToWorldTransform(time)
+    np.testing.assert_allclose(pose(world, name).translation, matrix.ExtractTranslation())
+    bound = UsdGeom.Imageable(shown).ComputeWorldBound(time, UsdGeom.Tokens.default_)
+    corners = bound.ComputeAlignedRange()
+    np.testing.assert_allclose(box(world, name), [corners.GetMin(), corners.GetMax()], atol=1e-6)
+
+
 def test_references_and_instances_are_followed(tmp_path: Path) -> None:
     chair = Usd.Stage.CreateNew(str(tmp_path / "chair.usda"))
     UsdGeom.SetStageMetersPerUnit(chair, 1.0)
