@@ -141,6 +141,21 @@ def test_an_object_without_a_type_comes_back_without_one(database: str, tmp_path
         assert (types["gizmo one"], types["gizmo two"]) == (None, "table")
 
 
+def test_names_of_objects_come_back_whole(database: str, tmp_path: Path) -> None:
+    """Slashes are those of the object's own name; of a model they part it from its owner."""
+    names = ["Tisch 'gro\u00df'/1", "a/b/c", "/", "Desk", "OpenRobotics", "Owner/Desk"]
+    with semmap.connect(database) as db:
+        before, after = db.create_map("plan"), db.create_map("again")
+        before.add_room("hall", shapely.box(0, 0, 9, 5))
+        for number, name in enumerate(names):
+            model = {"model": "OpenRobotics/Desk"} if number > 2 else {}
+            pose, size = (1 + number, 2, 0), (0.5, 0.5, 0.5)
+            before.add_object(name, type="desk", size=size, pose=pose, properties=model)
+        after.import_file(before.export(tmp_path / "plan.building.yaml"))
+        back = {o.name: o.type for o in after.objects if not o.name.startswith("walls-")}
+        assert back == dict.fromkeys(names, "desk")
+
+
 def test_what_has_no_storey_is_on_the_level_below_it(database: str, tmp_path: Path) -> None:
     square = shapely.box(0, 0, 4, 4)
     features = [

@@ -260,10 +260,11 @@ class StoreyEntries:
             problem = f"stands {away:.0f} m from the middle of its level"
             self.world.skip(element, problem, "Move it to where it belongs.")
             return
-        own = model.model.rpartition("/")[2]
+        owner, slash, own = model.model.rpartition("/")
         label = own if own != "object" else None  # as an export names what has no type
         type_ = "_".join(words(label or "")) or None
-        entry = Entry(model.name.rpartition("/")[2], "object", type_, label)
+        name = model.name.removeprefix(owner + slash) or model.name  # as the editor names it
+        entry = Entry(name, "object", type_, label)
         entry.properties = {"model": model.model, "static": model.static}
         yaw = model.yaw + self.drawing.to_map.yaw
         inside, entry.shapes = self.shapes.of(model.model, f"{model.element} ({model.name})")
