@@ -221,6 +221,43 @@ def test_doors_of_osm_have_widths_and_locks(tmp_path: Path, width: str, metres: 
         assert [(d.state, d.width) for d in doors] == [("locked", pytest.approx(metres))]
 
 
+@pytest.mark.parametrize(
+    ("height", "metres"),
+    [("2.8", 2.8), (2.8, 2.8), ("2.8 m", 2.8), ("9'2\"", 2.794), ("high", None), (None, None)],
+)
+def test_a_room_of_osm_has_its_height(tmp_path: Path, height: Any, metres: float | None) -> None:
+    """On each of its levels, 3 m apart; a shaft states the height of all of its levels."""
+    made = osm()
+    for number in (0, 1, 2):
+        made["features"][number]["properties"]["height"] = height
+    path = tmp_path / "house.geojson"
+    path.write_text(json.dumps(made))
+    world = read_world(path)
+    assert world.skipped == []
+    rooms = {e.name: e for e in world.entries if e.kind == "room"}
+    for name in ("lab", "c 0", "c 1"):
+        assert rooms[name].detail.ceiling == pytest.approx(metres)
+        top = 2.5 if metres is None else metres
+        assert np.ptp(rooms[name].shapes[0].mesh.vertices[:, 2]) == pytest.approx(top)
+    assert rooms["room 0"].detail.ceiling is None
+    assert sum("its height is 'high'" in note for note in world.notes) == 2 * (height == "high")
+
+
+@pytest.mark.parametrize(
+    ("access", "needed"),
+    [("private", ("private",)), ("no", ("private",)), ("yes", ()), ("customers", ()), (None, ())],
+)
+def test_a_private_door_of_osm_needs_a_permission(
+    tmp_path: Path, access: str | None, needed: tuple[str, ...]
+) -> None:
+    made = osm()
+    made["features"][4]["properties"]["access"] = access
+    path = tmp_path / "house.geojson"
+    path.write_text(json.dumps(made))
+    (door,) = (e.detail for e in read_world(path).entries if e.type == "door")
+    assert (door.permissions, door.state) == (needed, "open")
+
+
 def whole_zip(tmp_path: Path) -> bytes:
     return write_zip(tmp_path / "whole.zip", imdf()).read_bytes()
 

@@ -58,6 +58,9 @@ ROOM_TYPES = {
 }
 """The types of rooms by values of `room` and `amenity` that are no names of types."""
 
+NO_ACCESS, PRIVATE = ("private", "no"), "private"
+"""Values of `access` of doors that are not for everybody, and the permission that they need."""
+
 MOST_LEVELS = 200
 
 _FEET = re.compile(r"(?=.)(?:(\d+(?:\.\d+)?)')?\s*(?:(\d+(?:\.\d+)?)\")?")
@@ -100,7 +103,8 @@ def from_osm_indoor(file: FeatureFile) -> FeatureFile:
     taken: set[str] = set()
     for each, levels in on_levels:
         if _is_room(each):
-            file.features += _rooms(each, levels, names, rooms, taken, shafts)
+            height = _ceiling(each, file.notes)
+            file.features += _rooms(each, levels, names, rooms, taken, shafts, height)
         elif each.properties.get("indoor") == "wall" and isinstance(each.geometry, LineString):
             for level in levels:
                 walls[level].append(each.geometry)
@@ -221,8 +225,9 @@ def _rooms(
     rooms: dict[float, list[_Room]],
     taken: set[str],
     shafts: dict[float, Any],
+    height: dict[str, float],
 ) -> Iterator[Feature]:
-    """Yield a room for each level, which joins `rooms`, and stairs between them."""
+    """Yield a room of a height for each level, which joins `rooms`, and stairs between them."""
     tags = feature.properties
     stairs, elevator = _joins(feature, STAIRS), _joins(feature, ELEVATOR)
     kind = "stairwell" if stairs else "elevator_cabin" if elevator else tags.get("indoor")
@@ -241,7 +246,7 @@ def _rooms(
             area = without(area, shafts[level])
         rooms[level].append(_Room(name, area, is_open, elevator))
         about: dict[str, Any] = {"kind": "room", "name": name, "storey": names[level]}
-        about |= {"type": type_} if type_ else {}
+        about |= height | ({"type": type_} if type_ else {})
         about |= {"type": kind} if stairs or elevator else {}
         about |= {"elevator": f"{given} lift"} if elevator else {}
         yield replace(feature, geometry=area, properties=_free(feature) | about)
@@ -250,6 +255,17 @@ def _rooms(
         for low, high in itertools.pairwise(levels):
             joins = rooms[low][-1].name, rooms[high][-1].name
             yield way_feature(feature.where, line, joins, names[low], type_)
+
+
+def _ceiling(feature: Feature, notes: list[str]) -> dict[str, float]:
+    """Return the ceiling above the floor that a room states; a shaft states the height of all."""
+    if feature.properties.get("height") is None or _joins(feature, (*STAIRS, *ELEVATOR)):
+        return {}
+    try:
+        return {"ceiling": _metres(feature, "height", ASSUMED_HEIGHT)}
+    except Refused as refused:
+        notes.append(f"{feature.where}: {refused.problem}: its ceiling is not known")
+        return {}
 
 
 def _type_of_way(feature: Feature) -> str:
@@ -324,6 +340,7 @@ def _door(feature: Feature, rooms: list[_Room], borders: list[LineString]) -> Fe
         "type": "elevator_door" if leads_into(cabins, geometry) else closed,
     }
     about |= {"state": "locked"} if feature.properties.get("locked") == "yes" else {}
+    about |= {"permissions": PRIVATE} if feature.properties.get("access") in NO_ACCESS else {}
     return replace(feature, geometry=geometry, properties=_free(feature) | about | _named(feature))
 
 
