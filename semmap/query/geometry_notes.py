@@ -15,7 +15,8 @@ SHOWN = 5
 
 _NOTES = {
     "no_geometry": "no geometry: treated as free floor",
-    "assumed_sizes": "no geometry: the typical size of the type is assumed",
+    "assumed_sizes": "no geometry: the typical size of the type is assumed, an own estimate unless "
+    "sizes.ttl states another source",
 }
 
 

@@ -6,16 +6,25 @@ import networkx
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from rdflib import DCTERMS, Graph
 from sqlalchemy import Engine
 
 from semmap.ingest import naming
 from semmap.ingest.annotation import feature_values
 from semmap.ingest.naming import TYPE_WORDS
 from semmap.ingest.ontology import tbox
-from semmap.ingest.ontology.tbox import KINDS, TypeRecord, ontology_files, own_tbox, read_tbox
+from semmap.ingest.ontology.tbox import (
+    KINDS,
+    TYPICAL_SIZE,
+    TypeRecord,
+    ontology_files,
+    own_tbox,
+    read_tbox,
+)
 from semmap.ingest.ontology.type_store import load_tbox
 from semmap.ingest.world import WorldError
-from semmap.snake_case import snake_case
+from semmap.query.geometry_notes import names_note
+from semmap.snake_case import local_name, snake_case
 
 ONTOLOGY = sorted(Path(__file__).parents[3].joinpath("schema/ontology").glob("*.ttl"))
 
@@ -165,6 +174,23 @@ def test_common_furniture_has_a_typical_size(records: dict[str, TypeRecord]) -> 
     assert {"bed", "table", "chair", "sofa", "toilet", "refrigerator"} <= {*sizes}
     assert all(0.05 <= length <= 7 for size in sizes.values() for length in size)
     assert {records[name].kind for name in sizes} == {"object"}
+
+
+def test_each_typical_size_states_its_source() -> None:
+    """Its own, else that of all, as rdflib reads the file; what lists assumed sizes says so."""
+    graph = Graph().parse(next(path for path in ONTOLOGY if path.name == "sizes.ttl"))
+    of_all = [str(given) for given in graph.objects(TYPICAL_SIZE, DCTERMS.source)]
+    sources = {
+        snake_case(local_name(str(type_))): [*map(str, graph.objects(type_, DCTERMS.source))]
+        for type_ in graph.subjects(TYPICAL_SIZE)
+    }
+    assert {r.name for r in own_tbox() if r.typical_size is not None} == {*sources}
+    assert all(len(own or of_all) == 1 for own in sources.values())
+    assert of_all[0].startswith("own estimate")
+    others = {name for name, own in sources.items() if "own estimate" not in (own or of_all)[0]}
+    assert others == {"car"}  # of a person, the height alone is from a standard
+    note = names_note(["desk1"], "assumed_sizes")
+    assert "an own estimate unless sizes.ttl states another source: desk1" in note
 
 
 def test_without_a_label_the_name_is_the_label(turtle: Callable[..., Path]) -> None:
