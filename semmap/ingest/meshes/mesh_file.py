@@ -34,12 +34,15 @@ X_UP = np.array([[0.0, -1, 0], [0, 0, -1], [1, 0, 0]])
 """Rotation from coordinates with x up (COLLADA: right -y, towards the viewer z) to z up."""
 
 
+NO_SURFACE = Mesh(np.empty((0, 3)), np.empty((0, 3), np.int32))
+
+
 class MeshPart(NamedTuple):
     """A piece of a file: its node, its names, those of the node first, and its surface, metres.
 
     Pieces of one node, as of several materials, have the same `node`. `above` are the nodes above
     it, the nearest first; `frame` is its transform (4, 4) to the map, which may scale and mirror,
-    where the format has one; `extras` are what glTF has beside it.
+    where the format has one; `extras` are what glTF has beside it, also of nodes without a surface.
     """
 
     node: Hashable
@@ -292,6 +295,13 @@ def _read_any(path: Path, up_axis: bool) -> list[MeshPart]:
             extras = edges.get((above_of.get(node), node), {}).get("metadata") or {}
             names = (named, str(node), str(name))
             parts.append(MeshPart(named, names, mesh, (*above,), frame, extras))
+    for node, around in above_of.items():
+        matrix, name = scene.graph[node]
+        extras = edges[around, node].get("metadata")
+        if extras and name is None:
+            frame = to_map @ np.asarray(matrix, float)
+            above = [*_ancestors(above_of, node)]
+            parts.append(MeshPart(str(node), (str(node),), NO_SURFACE, (*above,), frame, extras))
     return parts
 
 

@@ -14,7 +14,7 @@ from semmap.geometry.extent import extent
 from semmap.geometry.mesh import Mesh
 from semmap.geometry.pose import IDENTITY, Pose
 from semmap.ingest.annotation.feature_file import checked_properties
-from semmap.ingest.meshes.mesh_file import mesh_parts
+from semmap.ingest.meshes.mesh_file import MeshPart, mesh_parts
 from semmap.ingest.meshes.mesh_size import MeshFileError
 from semmap.ingest.scenes.scene_nodes import SceneNode, rigid_pose, scene_world
 from semmap.ingest.world import Entry, Refused, World, WorldError
@@ -25,8 +25,8 @@ FURNITURE = 4.0
 LEANS = 1e-3
 """Radians within which an axis of a node is vertical, level, or at a right angle to another."""
 
-SURFACES = ("room", "region", "object", "agent")
-"""The kinds of which an export of semmap has surfaces."""
+STATED = ("storey", "room", "region", "object", "agent")
+"""The kinds of an export of semmap that come back: storeys, and those that have surfaces."""
 
 
 def is_mesh_scene(path: Path, *, scale: float = 1.0) -> bool:
@@ -35,7 +35,7 @@ def is_mesh_scene(path: Path, *, scale: float = 1.0) -> bool:
     `scale` is as of `read_mesh_scene`. A file that cannot be used is none.
     """
     try:
-        nodes = _nodes(path, scale)
+        nodes = [node for node in _nodes(path, scale) if node.meshes]
     except MeshFileError:
         return False
     corners = np.array([corner for node in nodes for m in node.meshes for corner in m.bounds])
@@ -78,11 +78,12 @@ def _is_lying_wall(entry: Entry) -> bool:
 
 
 def _nodes(path: Path, scale: float) -> list[SceneNode]:
-    """The nodes with a surface, each after those above it."""
-    parts = [part for part in mesh_parts(path) if len(part.mesh.faces)]
+    """The nodes with a surface, and the storeys that are stated, each after those above it."""
+    parts = [part for part in mesh_parts(path) if len(part.mesh.faces) or _is_storey(part)]
     meshes: dict[Hashable, list[Mesh]] = {part.node: [] for part in parts}
     for part in parts:
-        meshes[part.node].append(Mesh(scale * part.mesh.vertices, part.mesh.faces))
+        if len(part.mesh.faces):
+            meshes[part.node].append(Mesh(scale * part.mesh.vertices, part.mesh.faces))
     of_node = {part.node: part for part in reversed(parts)}
     made: dict[Hashable, SceneNode] = {}
     for node in sorted(meshes, key=lambda node: len(of_node[node].above)):
@@ -91,6 +92,12 @@ def _nodes(path: Path, scale: float) -> list[SceneNode]:
         made[node].pose = _frame(made[node], part.frame, scale)
         made[node].above = next((made[above] for above in part.above if above in made), None)
     return list(made.values())
+
+
+def _is_storey(part: MeshPart) -> bool:
+    stated = _stated(part.extras)
+    is_placed = part.frame is not None and bool(np.isfinite(part.frame).all())
+    return is_placed and stated is not None and stated.kind == "storey"
 
 
 def _frame(node: SceneNode, matrix: NDArray[np.float64] | None, scale: float) -> Pose:
@@ -118,8 +125,9 @@ def _heading(axes: NDArray[np.float64]) -> float:
     `axes` (3, 3) are the columns of its transform, which may scale and mirror. A node whose x axis
     is the vertical one has the heading of its y axis, a sheared one none.
     """
-    lengths = np.linalg.norm(axes, axis=0)
-    if not lengths.all():
+    with np.errstate(over="ignore"):
+        lengths = np.linalg.norm(axes, axis=0)
+    if not (lengths.all() and np.isfinite(lengths).all()):
         return 0.0
     axes = axes / lengths
     level = np.flatnonzero(np.abs(axes[2]) < LEANS)
@@ -132,7 +140,7 @@ def _stated(extras: Mapping[str, Any]) -> Entry | None:
     """Return what an export of semmap says of a node; None of other nodes."""
     kind, type_, label = (extras.get(key) for key in ("kind", "type", "label"))
     free = extras.get("properties", {})
-    if kind not in SURFACES or not isinstance(free, dict):
+    if kind not in STATED or not isinstance(free, dict):
         return None
     if not all(isinstance(each, str | None) for each in (type_, label)):
         return None

@@ -17,7 +17,16 @@ from semmap.ingest.annotation.annotation import ROOM_HEIGHT
 from semmap.ingest.meshes.mesh_file import checked, tidy
 from semmap.ingest.meshes.mesh_size import SIMPLER, MeshFileError
 from semmap.ingest.naming import give_type
-from semmap.ingest.world import Entry, PlaceDetail, Shape, Skipped, World, WorldError, unique_name
+from semmap.ingest.world import (
+    Entry,
+    PlaceDetail,
+    Shape,
+    Skipped,
+    StoreyDetail,
+    World,
+    WorldError,
+    unique_name,
+)
 from semmap.limits import EXTENT, TRIANGLES
 
 
@@ -44,6 +53,7 @@ def scene_world(
     """Return the world of a scene: an object for each node with a surface, or with a lost one.
 
     The nearest node above it that is an object, too, holds it. Types are guessed from the names.
+    A node of which the file states what it is needs no surface.
     `skipped` is what was left out of the nodes.
 
     Raises
@@ -56,7 +66,7 @@ def scene_world(
     taken: set[str] = set()
     faces = 0
     for node in nodes:
-        if not (node.meshes or node.lost):
+        if not (node.meshes or node.lost or node.stated):
             continue
         faces += sum(len(mesh.faces) for mesh in node.meshes)
         TRIANGLES.check(faces, partial(WorldError, path, "scene"), SIMPLER)
@@ -74,7 +84,9 @@ def scene_world(
             above = above.above
         name = unique_name(node.name, taken)
         entry = replace(node.stated or Entry(name, "object"), name=name, pose=node.pose)
-        if mesh is not None:
+        if entry.kind == "storey":
+            entry.detail = StoreyDetail(node.pose.z)
+        elif mesh is not None:
             entry.shapes = [Shape("mesh", mesh, uri=f"{path.name}#{node.name}")]
             if entry.kind in ("room", "region"):
                 _make_place(entry, mesh)
