@@ -6,9 +6,11 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import shapely
+from shapely.geometry.base import BaseGeometry
 from shapely.ops import split
 
 from semmap.api.additions import CLEARANCE, add_entry, door, drawn
+from semmap.geometry.morphology import polygons
 from semmap.geometry.overlay import common, united
 from semmap.query.map_check.building import WALL
 
@@ -43,10 +45,7 @@ def merge(map: Map, rooms: Sequence[MapEntity]) -> None:
         part = room.footprint
         if whole is None or part is None or whole.distance(part) > WALL:
             raise ValueError(f"{room.name} does not lie beside {first.name}, at most {WALL} m off")
-        both = united([whole, part])
-        closed = both.buffer(GAP / 2, join_style="mitre").buffer(-GAP / 2, join_style="mitre")
-        strip = common(common(closed, whole.buffer(GAP)), part.buffer(GAP))
-        whole = united([both, strip]).simplify(1e-6)
+        whole = joined(whole, part)
     map.execute(
         "DELETE FROM entity WHERE id IN (SELECT entity_id FROM connector "
         "WHERE place_a <> place_b AND place_a = ANY (%s) AND place_b = ANY (%s))",
@@ -63,6 +62,15 @@ def merge(map: Map, rooms: Sequence[MapEntity]) -> None:
     )
     for room in others:
         room.delete()
+
+
+def joined(first: BaseGeometry, second: BaseGeometry) -> shapely.MultiPolygon:
+    """Return the outlines of two rooms that lie side by side as one, with the strip between."""
+    both = united([first, second])
+    strip = both.buffer(GAP / 2, join_style="mitre").buffer(-GAP / 2, join_style="mitre")
+    for each in (first, second):
+        strip = united(polygons(common(strip, each.buffer(GAP))))  # without lines where they touch
+    return shapely.multipolygons(polygons(united([both, strip]).simplify(1e-6)))
 
 
 def cut(map: Map, room: MapEntity, line: Any, name: str) -> MapEntity:

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 import shapely
+from shapely import affinity
 
 import semmap
+from semmap.api.room_edits import joined
 from tests.conftest import MakeDatabase
 
 WALL = 0.2
@@ -54,6 +57,26 @@ def test_merged_rooms_have_the_doors_and_contents_of_all(row: semmap.Map) -> Non
     assert (again.rooms, again.doorways) == ((), ())
     assert {*again.known} == {names["left"], names["middle"]}
     assert not [fault for fault in row.check() if fault.severity == "error"]
+
+
+@pytest.mark.parametrize("seed", range(60))
+def test_rooms_of_turned_buildings_are_joined(seed: int) -> None:
+    """Two in line, whose long walls go on, and two side by side: they touch along their edges."""
+    random = np.random.default_rng(seed)
+    turn, wall = random.uniform(0, 90), random.uniform(0.05, 0.2)
+    corridor, at = shapely.box(37, -12, 49, -10.4), random.uniform(37, 45)
+    beyond = shapely.box(49 + wall, -12, 51, -10.4)
+    beside = shapely.box(at, -10.4 + wall, at + 4, -6)
+    strips = {
+        beyond: shapely.box(49, -12, 49 + wall, -10.4),
+        beside: shapely.box(at, -10.4, at + 4, -10.4 + wall),
+    }
+    for room, strip in strips.items():
+        turned = [affinity.rotate(each, turn, (0, 0)) for each in (corridor, room, strip)]
+        for pair in (turned[:2], turned[1::-1]):
+            whole = joined(*pair)
+            assert whole.geom_type == "MultiPolygon"
+            assert whole.symmetric_difference(shapely.union_all(turned)).area < 1e-3
 
 
 @pytest.mark.parametrize(
