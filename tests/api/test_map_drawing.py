@@ -15,6 +15,7 @@ import trimesh
 from matplotlib.colors import to_rgb
 from PIL import Image
 
+from semmap.api import answer_pictures
 from semmap.api.answer_pictures import FIELD_COLOURS, grasp_fork
 from semmap.api.map import Map
 from semmap.api.operations import OPERATIONS
@@ -83,6 +84,34 @@ def test_answers_are_drawn(house: Map, tmp_path: Path) -> None:
         assert (
             ElementTree.parse(picture.save(tmp_path / "picture.svg")).getroot().tag.endswith("svg")
         )
+
+
+def test_pictures_say_what_they_do_not_show(house: Map, tmp_path: Path) -> None:
+    house.add_object("ghost", type="desk", in_="kitchen")
+    (note,) = house.draw("ground").notes
+    assert note == "ground: 1 object is without a shape, and not drawn: ghost"
+    told = house.draw(route="mug7", start="hall").notes
+    assert any("ghost" in note for note in told)
+    house.add_object("lamp2", type="lamp", size=(0.2, 0.2, 0.4), pose=(1, 1, 0))
+    belief = house.where("lamp")
+    low = sum(belief.get(room, 0) for room in ("hall", "kitchen", "bath"))
+    picture = house.draw("ground", belief="lamp")
+    assert picture.notes or low > 0.99
+    assert "in no known place" in svg_texts(picture, tmp_path)
+
+
+def test_too_many_voxels_of_a_property_are_coarser(
+    house: Map, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Their colours cover what the finer ones do, but for a voxel at the borders."""
+    fine = house.draw("ground", field="inRoom")
+    monkeypatch.setattr(answer_pictures, "MOST_ROWS", 50_000)
+    coarse = house.draw("ground", field="inRoom")
+    assert re.search(r"inRoom, voxels of 0\.[24] m", svg_texts(coarse, tmp_path))
+    sizes = [np.array(Image.open(BytesIO(each.png)).size) for each in (fine, coarse)]
+    assert np.abs(sizes[0] - sizes[1]).max() < 40
+    with pytest.raises(ValueError, match="50000 are drawn at most: ask for fewer"):
+        house.draw(field="SELECT ?v ?o { ?v :inRoom ?o }")
 
 
 def test_grasps_are_drawn_as_forks_where_they_are_stored(house: Map, tmp_path: Path) -> None:

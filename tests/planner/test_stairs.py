@@ -119,6 +119,28 @@ def test_a_route_leads_past_a_box_at_its_distance(house: semmap.Map) -> None:
         assert step.metres == pytest.approx(math.hypot(way.length, RISE), abs=1e-6)
 
 
+def test_a_way_by_stairs_is_on_both_storeys_half_of_the_flight_on_each(house: semmap.Map) -> None:
+    add_stairs(house, "flight", 4, 1.4)
+    hall, loft = house[HALL].footprint, house[LOFT].footprint
+    flight = shapely.box(2, 3.3, 2 + LONG, 4.7)
+    for start, goal in ((HALL, LOFT), (LOFT, HALL)):
+        route = house.route(start, goal)
+        lines = {way["storey"]: np.array(way["points"]) for way in route.ways()}
+        assert [*lines] == (["low", "high"] if start == HALL else ["high", "low"])
+        for storey, floor, room in (("low", 0, hall), ("high", RISE, loft)):
+            points = lines[storey]
+            assert (points[:, 2] == floor).all()
+            way = shapely.LineString(points[:, :2])
+            assert way.difference(shapely.union(room, flight)).length < 1e-6
+            assert way.intersection(flight.difference(room)).length <= LONG / 2 + 1e-6
+        ends = (lines[storey] for storey in lines)
+        before, after = (points[:, :2] for points in ends)
+        np.testing.assert_allclose(before[-1], after[0], atol=1e-9)
+        np.testing.assert_allclose(before[-1], (2 + LONG / 2, 4), atol=0.2)
+        notes = route.plot().notes
+        assert any("assumed" in note for note in notes)
+
+
 def test_a_mission_and_the_topology_as_json_say_the_way_past_a_box(
     house: semmap.Map, tmp_path: Path
 ) -> None:
