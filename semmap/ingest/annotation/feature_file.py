@@ -27,6 +27,7 @@ from semmap.ingest.georeference import (
     into_frame,
     on_true_scale,
     scale_note,
+    to_degrees,
 )
 from semmap.ingest.text_file import read_text
 from semmap.ingest.world import Refused, Skipped, WorldError
@@ -136,7 +137,9 @@ def into_metres(
     for stated in dict.fromkeys(feature.crs for feature in features):
         of_crs = [feature for feature in features if feature.crs == stated]
         drawn = [feature.geometry for feature in of_crs if feature.geometry is not None]
-        crs = _crs_of_earth(stated, drawn, trusted=found.georeference is not None)
+        crs = _crs_of_earth(stated, of_crs, trusted=found.georeference is not None)
+        if crs is None and georeference is not None and _are_near(drawn, georeference):
+            crs = WGS84
         if crs is not None:
             points = shapely.get_coordinates(drawn)
             try:
@@ -173,8 +176,31 @@ def into_metres(
     return found
 
 
+def _are_things(features: Sequence[Feature]) -> bool:
+    """Whether all outlines are of objects that would be larger than a building, as degrees."""
+    outlines = [
+        (feature.properties.get("kind") or feature.layer, feature.geometry)
+        for feature in features
+        if feature.geometry is not None and shapely.get_dimensions(feature.geometry) > 0
+    ]
+    corners = shapely.bounds([geometry for _, geometry in outlines]).reshape(-1, 2, 2)
+    return (
+        len(outlines) > 0
+        and all(kind == "object" for kind, _ in outlines)
+        and float(np.median(np.ptp(corners, axis=1).max(axis=1))) > SMALL
+    )
+
+
+def _are_near(drawn: Sequence[shapely.Geometry], georeference: Mapping[str, float]) -> bool:
+    """Whether coordinates are the degrees of a place near to the origin of a map on the earth."""
+    there = to_degrees(georeference)
+    origin = there["longitude_deg"], there["latitude_deg"]
+    points = shapely.get_coordinates(drawn)
+    return len(points) > 0 and bool((np.abs(points - origin) < DEGREES / 2).all())
+
+
 def _crs_of_earth(
-    stated: str | None, drawn: Sequence[shapely.Geometry], trusted: bool = False
+    stated: str | None, features: Sequence[Feature], trusted: bool = False
 ) -> str | None:
     """Return the CRS of coordinates on the earth; None if they are of a local frame.
 
@@ -182,7 +208,7 @@ def _crs_of_earth(
     so are points, and most of them are enough: some may be far by mistake. Of a projection are
     coordinates that are far from its origin. A file with a georeference is `trusted` with its CRS.
     """
-    drawn = [geometry for geometry in drawn if not geometry.is_empty]
+    drawn = [f.geometry for f in features if f.geometry is not None and not f.geometry.is_empty]
     if not drawn:
         return None
     outlines = [geometry for geometry in drawn if shapely.get_dimensions(geometry) > 0]
@@ -196,7 +222,7 @@ def _crs_of_earth(
         return stated
     small = east - west < DEGREES and north - south < DEGREES
     possible = max(abs(west), abs(east)) <= 180 and max(abs(south), abs(north)) <= 90
-    if small and possible and (outlines or geographic):
+    if small and possible and (geographic or (outlines and not _are_things(features))):
         return stated if geographic else WGS84
     far = EXTENT.exceeded_by(max(abs(west), abs(east), abs(south), abs(north)))
     return stated if far and crs is not None and crs.is_projected else None

@@ -825,6 +825,44 @@ def test_degrees_become_metres_of_a_georeferenced_frame(write: Write) -> None:
     read_annotation(write(feature(("Point", [0.01, 0.02]), kind="region", name="spot"), LAB))
 
 
+def test_points_in_degrees_come_into_the_frame_of_a_map_that_is_there(write: Write) -> None:
+    easting, northing = MUNICH(11.57, 48.14)
+    frame = {"crs": 32632, "easting": easting, "northing": northing, "height": 0, "rotation": 0}
+    spots = [
+        feature(("Point", [11.57 + at, 48.14]), kind="region", name=f"spot{number}")
+        for number, at in enumerate((0.0003, 0.0006))
+    ]
+    world = read_annotation(write(*spots), georeference=frame)
+    found = [entry.pose.translation[:2] for entry in world.entries if entry.name[:4] == "spot"]
+    expected = [np.subtract(MUNICH(11.57 + at, 48.14), (easting, northing)) for at in (3e-4, 6e-4)]
+    np.testing.assert_allclose(found, expected, atol=1e-3)
+    far = feature(("Point", [12.57, 48.14]), kind="region", name="spot")
+    (entry,) = read_annotation(write(far), georeference=frame).entries
+    assert entry.pose.translation[:2] == pytest.approx((12.57, 48.14)), "metres"
+
+
+def test_small_things_are_in_metres(write: Write) -> None:
+    """As degrees, a mug of 8 cm would be 9 km wide."""
+    mugs = [
+        feature(
+            ("Polygon", [shapely.get_coordinates(shapely.box(x, 3, x + 0.08, 3.08)).tolist()]),
+            kind="object",
+            type="mug",
+            name=f"mug{number}",
+            floor=0.75,
+            height=0.1,
+        )
+        for number, x in enumerate((5.0, 5.01))
+    ]
+    world = read_annotation(write(*mugs))
+    assert world.georeference is None
+    assert world.entries[-1].pose.translation[0] == pytest.approx(5.05)
+    hall = room("hall", 11.57, 48.14, 11.5705, 48.1402)
+    desk = shapely.get_coordinates(shapely.box(11.5701, 48.1401, 11.57011, 48.14011)).tolist()
+    both = [hall, feature(("Polygon", [desk]), kind="object", type="desk", name="d", height=1)]
+    assert read_annotation(write(*both)).georeference is not None
+
+
 @pytest.mark.parametrize("rotation", [0.0, 0.7, -2.0])
 def test_degrees_come_into_the_frame_of_a_map(write: Write, rotation: float) -> None:
     easting, northing = MUNICH(11.57, 48.14)
