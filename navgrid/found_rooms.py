@@ -32,6 +32,9 @@ from semmap.query.storey_scene import SceneEntity, StoreyScene
 RESOLUTION = 0.05
 """The sides of the cells that are divided into rooms, metres."""
 
+MOST_CELLS = 2**26
+"""Of a storey: 410 m by 410 m, in 2 GB of memory."""
+
 TALL, THIN = 2.25, 0.5
 """Metres: an object without a type, so high above the floor and so thin, is a wall."""
 
@@ -344,6 +347,12 @@ def turned_cells(
 
     def drawn() -> tuple[Grid, NDArray[np.bool_]]:
         low, high = extent(triangles)
+        sides = np.ptp([low, high], axis=0)[:2]
+        if sides.prod() / resolution**2 > MOST_CELLS:
+            raise ValueError(
+                f"its walls are {sides[0]:.0f} m by {sides[1]:.0f} m: too large to find rooms in "
+                f"cells of {resolution:g} m. If that is the wrong unit, import it by its scale"
+            )
         grid = grid_around([(low[0], low[1], high[0], high[1])], resolution, MARGIN)
         return grid, _wall_cells(triangles, solids, floor, grid)
 

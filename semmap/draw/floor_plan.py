@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
 from itertools import pairwise
@@ -246,18 +247,18 @@ def _walls(axes: Axes, grid: OccupancyView, outlines: list[Outline]) -> None:
         y = grid.origin[1] + (rows + 0.5) * grid.resolution
         over = shapely.contains_xy(covered, x, y)
         shades[rows[over], columns[over]] = 2
-    x0, _, y0, _ = grid.extent
-    per_pixel = grid.cells.shape[1] / axes.get_window_extent().width
-    n = max(1, round(per_pixel))  # of so many cells a side, the darkest: no thin wall is lost
-    for axis in (0, 1):
-        shades = np.maximum.reduceat(shades, range(0, shades.shape[axis], n), axis=axis)
-    height, width = np.array(shades.shape) * n * grid.resolution
+    left, right = axes.get_xlim()
+    per_cell = axes.get_window_extent().width / (right - left) * grid.resolution  # pixels
+    for axis, cells in enumerate(shades.shape):  # of a pixel, the darkest: no thin wall is lost
+        pixels = min(cells, max(1, round(cells * per_cell)))
+        first = np.arange(pixels) * cells // pixels
+        shades = np.maximum.reduceat(shades, first, axis=axis)
     for shown, zorder in (([1], 1.5), ([2, 3, 4], 4)):
         palette = np.zeros((len(_SHADES), 4), np.uint8)
         palette[shown] = np.round(255 * np.array([to_rgba(*_SHADES[k]) for k in shown]))
         axes.imshow(
             palette[shades],
-            extent=(x0, x0 + width, y0, y0 + height),
+            extent=grid.extent,
             origin="lower",
             interpolation="nearest",
             zorder=zorder,
@@ -406,6 +407,18 @@ def _summary(storey: StoreyView, drawn: int, missing: dict[str, list[str]]) -> s
     return "  ·  ".join(parts)
 
 
+def _broken(name: str) -> list[str]:
+    """A name on two lines and on three, parted at spaces and signs; none where it has too few."""
+    parts = re.findall(r"[^\s_/,.-]+[\s_/,.-]*", name)
+    found = []
+    for lines in range(2, min(len(parts), 3) + 1):
+        ends = np.cumsum([len(part) for part in parts])
+        line = np.minimum((ends - 1) * lines // ends[-1], lines - 1)
+        texts = ["".join(np.array(parts)[line == k]).strip() for k in range(lines)]
+        found.append("\n".join(text for text in texts if text))
+    return found
+
+
 def _write(axes: Axes, storey: StoreyView, objects: list[ObjectView], per_metre: float) -> None:
     """Write the names of rooms, doors, regions and objects where there is space for them."""
     labels = Labels(axes)
@@ -425,8 +438,10 @@ def _write(axes: Axes, storey: StoreyView, objects: list[ObjectView], per_metre:
         place: Style = {"inside": room.outline.bounds, "most": _COVERED} | _ROOM_NAME
         place["offsets"] = [((u - x) * per_metre, (v - y) * per_metre) for u, v in spots]
         both = None if told else labels.put(x, y, f"{room.name}\n{kind}", least=_TYPE, **place)
-        if both is None:
-            labels.put(x, y, room.name, least=_LEAST, **place)
+        texts = () if both is not None else (room.name, *_broken(room.name))
+        for text in texts:
+            if labels.put(x, y, text, least=_LEAST, **place) is not None:
+                break
     labels.shun([])
     near = max(9.0, 0.30 * per_metre)
     beside = _ring((near, near + 8, near + 16, near + 26))

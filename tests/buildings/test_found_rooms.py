@@ -6,6 +6,7 @@ import math
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 import semmap
 from tests.buildings.building import random_building
@@ -57,3 +58,13 @@ def test_doorways_are_as_wide_as_built(make_database: MakeDatabase, tmp_path: Pa
                     off.append(abs(math.dist(*ends) - way.line.length))
     assert len(off) > 60
     assert np.quantile(off, 0.9) < 0.002
+
+
+def test_walls_in_the_wrong_unit_are_too_large(database: str) -> None:
+    with semmap.connect(database) as db:
+        field = db.create_map("field")
+        field.add_storey("ground")
+        for x in (0, 900):
+            field.add_object(f"wall{x}", type="wall", size=(1, 900, 3), pose=(x, 0, 0))
+        with pytest.raises(ValueError, match=r"901 m by 900 m: too large .* wrong unit"):
+            field.find_rooms()

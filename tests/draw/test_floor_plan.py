@@ -98,6 +98,24 @@ def test_a_thousand_rooms_keep_their_names_and_thin_walls(tmp_path):
     assert (picture.mean(axis=-1) < 0.4).mean(axis=0).max() > 0.7, "the wall is a line"
 
 
+def test_long_names_of_small_rooms_are_on_lines_and_no_thin_wall_is_lost(tmp_path):
+    rooms = [
+        RoomView(f"Zimmer {c}/{r} Ä", shapely.box(4.2 * c, 4.2 * r, 4.2 * c + 4, 4.2 * r + 4), 0, 3)
+        for r in range(25)
+        for c in range(40)
+    ]
+    cells = np.zeros((25 * 84, 40 * 84), np.int8)
+    cells[:, 81::84] = cells[81::84] = 100
+    kept = []
+    storey = StoreyView("ground", rooms=rooms, occupancy=OccupancyView((0, 0), 0.05, cells))
+    picture = pixels(floor_plan(storey, tmp_path / "plan.png", over=kept.append))
+    texts = {text.get_text().replace("\n", "").replace(" ", "") for text in kept[0].texts}
+    assert texts == {room.name.replace(" ", "") for room in rooms}
+    dark = picture.mean(axis=-1) < 0.5
+    lines = [np.flatnonzero(dark.mean(axis=axis) > 0.6) for axis in (0, 1)]
+    assert [int((np.diff(at) > 3).sum()) + 1 for at in lines] == [40, 25]
+
+
 @pytest.mark.parametrize("type_", ["door", "elevator_door", "stairs", "ramp"])
 @pytest.mark.parametrize("state", ["open", "closed", "locked"])
 @pytest.mark.parametrize("width", [None, 1.8, 4.0])
