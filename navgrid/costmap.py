@@ -400,11 +400,11 @@ class Costmap:
 
         return write_costmap(self, Path(folder), laser_height, headings, picture=picture)
 
-    def plot(self) -> Picture:
+    def plot(self, title: str = "master costmap") -> Picture:
         """Draw the master costmap in the colours of RViz."""
         from navgrid.costmap_output import draw_master
 
-        return Picture.drawn(lambda path: draw_master(self, path))
+        return Picture.drawn(lambda path: draw_master(self, path, title))
 
     def _repr_png_(self) -> bytes:
         return self.plot().png

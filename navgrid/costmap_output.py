@@ -68,9 +68,9 @@ def write_costmaps(
     return written
 
 
-def draw_master(costmap: Costmap, path: Path) -> Path:
+def draw_master(costmap: Costmap, path: Path, title: str = "master costmap") -> Path:
     """Draw the master in the colours of costmap_2d."""
-    return _draw(costmap, costmap.master, path, "master costmap")
+    return _draw(costmap, costmap.master, path, title)
 
 
 def draw_costmap(costmap: Costmap, folder: Path) -> list[Path]:

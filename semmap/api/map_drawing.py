@@ -9,7 +9,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, cast
 
-from semmap.api.checked import EntityName
+from semmap.api.checked import EntityName, Positive
 from semmap.api.map_pictures import plan_of
 from semmap.api.map_tasks import MapTasks
 
@@ -130,7 +130,8 @@ class MapDrawing(MapTasks):
                 found = self.search(about, start=start, robot=robot)
                 return pictures.search_picture(found, storey)
             case "costmap":
-                return Picture.stacked(m.plot() for m in self.costmaps(about, storey=storey))
+                made = self.costmaps(about, storey=storey)
+                return Picture.stacked(m.plot(f"costs of {about}") for m in made)
             case "field":
                 return pictures.field_picture(map, about, storey)
         return pictures.grasps_picture(map, about)
@@ -158,17 +159,21 @@ class MapDrawing(MapTasks):
     def draw_3d(
         self,
         *,
-        cut: float | None = None,
+        cut: Positive | None = None,
         width: int = 2200,
         title: str = "",
         assume_sizes: bool = False,
     ) -> Picture:
         """All storeys in 3D, with their furniture; walls are cut `cut` metres above each floor.
 
-        `assume_sizes` draws typical boxes for objects without geometry.
+        `assume_sizes` draws typical boxes for objects without geometry; `width` is pixels, 100 to
+        20,000.
         """
         from semmap.draw.picture import Picture
         from semmap.draw.scene3d import scene3d
+
+        if not 100 <= width <= 20_000:
+            raise ValueError(f"width is {width}: give from 100 to 20,000 pixels")
 
         views = self.views(assume_sizes=assume_sizes)
         options: dict[str, Any] = {} if cut is None else {"cut": cut}

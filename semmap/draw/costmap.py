@@ -4,16 +4,28 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 from matplotlib.patches import Polygon as Patch
+from matplotlib.patches import Rectangle
 from numpy.typing import NDArray
 
 from semmap.draw.sheet import draw_title, save_sheet
 
 _LETHAL, _INSCRIBED, _UNKNOWN = 254, 253, 255
+
+LEGEND = {
+    0: "free",
+    80: "near",
+    _INSCRIBED - 1: "nearer",
+    _INSCRIBED: "the robot touches",
+    _LETHAL: "occupied",
+    _UNKNOWN: "unknown",
+}
+"""What costs mean."""
 
 LONGER_SIDE = 11.0
 """Of a picture, inches."""
@@ -52,8 +64,9 @@ def costmap_picture(
     rows, columns = costs.shape
     width = LONGER_SIDE * min(1, columns / rows)
     height = width * rows / columns
-    figure = Figure(figsize=(width, height + 0.45), dpi=150)
-    axes = figure.add_axes((0, 0, 1, height / (height + 0.45)))
+    whole = height + 0.45 + 0.3
+    figure = Figure(figsize=(width, whole), dpi=150)
+    axes = figure.add_axes((0, 0.3 / whole, 1, height / whole))
     x, y = origin
     extent = (x, x + columns * resolution, y, y + rows * resolution)
     axes.imshow(colours(costs), origin="lower", extent=extent, interpolation="nearest")
@@ -65,5 +78,12 @@ def costmap_picture(
     axes.set_axis_off()
     axes.set_xlim(extent[:2])
     axes.set_ylim(extent[2:])
-    draw_title(figure, title, 1 - 0.22 / (height + 0.45), 12, left=0.01, right=0.99)
+    draw_title(figure, title, 1 - 0.22 / whole, 12, left=0.01, right=0.99)
+    shades = colours(np.array([*LEGEND], np.uint8)) / 255
+    signs = [
+        Rectangle((0, 0), 1, 1, fc=shade, ec="#6b6f76", lw=0.4, label=meaning)
+        for shade, meaning in zip(shades, LEGEND.values(), strict=True)
+    ]
+    small: dict[str, Any] = {"fontsize": 7, "handlelength": 1.2, "columnspacing": 1.2}
+    figure.legend(handles=signs, loc="lower center", ncols=len(signs), frameon=False, **small)
     return save_sheet(figure, path)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+import warnings
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from io import BytesIO
@@ -11,6 +13,11 @@ from xml.etree import ElementTree
 
 DRAWN = (".svg", ".pdf")
 """Files into which a picture is drawn again, as lines."""
+
+OTHER_FONTS = ("Noto Sans", "WenQuanYi", "IPA", "Droid Sans Fallback")
+"""How the names of fonts begin that have letters of more languages."""
+
+_MISSING = re.compile(r"Glyph (\d+) .*missing from font")
 
 SVG = "http://www.w3.org/2000/svg"
 
@@ -30,14 +37,34 @@ class Picture:
     def drawn(cls, draw: Callable[[Path], object], *notes: str) -> Picture:
         """Return what a function draws into the file that it is given; a $ in a name is one."""
         import matplotlib
+        from matplotlib.font_manager import fontManager
+
+        installed = {font.name for font in fontManager.ttflist}
+        fonts = ["DejaVu Sans", *sorted(name for name in installed if name.startswith(OTHER_FONTS))]
+        unknown: set[str] = set()
 
         def drawn(path: Path) -> bytes:
-            with matplotlib.rc_context({"text.parse_math": False}):
+            settings = {"text.parse_math": False, "font.family": fonts}
+            with matplotlib.rc_context(settings), warnings.catch_warnings(record=True) as told:
+                warnings.simplefilter("always")
                 draw(path)
+            for each in told:
+                glyph = _MISSING.match(str(each.message))
+                if glyph:
+                    unknown.add(chr(int(glyph[1])))
+                else:
+                    warnings.warn_explicit(each.message, each.category, each.filename, each.lineno)
             return path.read_bytes()
 
         with TemporaryDirectory(prefix="semmap-") as folder:
-            return cls(drawn(Path(folder, "picture.png")), drawn, notes)
+            png = drawn(Path(folder, "picture.png"))
+        if unknown:
+            letters = "".join(sorted(unknown))
+            notes += (
+                f"no font here has {letters}: boxes stand for them. Debian: fonts-noto-core, "
+                "fonts-noto-cjk",
+            )
+        return cls(png, drawn, notes)
 
     @classmethod
     def stacked(cls, pictures: Iterable[Picture]) -> Picture:

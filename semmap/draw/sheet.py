@@ -13,6 +13,7 @@ from matplotlib.text import Text
 from numpy.typing import NDArray
 
 from semmap.draw.palette import INK, PAPER
+from semmap.terminal import visible
 
 
 def paper_sheet(width: float, height: float, dpi: int) -> Figure:
@@ -47,7 +48,9 @@ def draw_title(
     figure: Figure, title: str, y: float, size: float, left: float = 0.025, right: float = 0.975
 ) -> Text:
     """Draw a bold title of at most `size` points from `left` to `right`, parts of the width."""
-    text = figure.text(left, y, title, fontsize=size, weight="bold", color=INK, va="center")
+    text = figure.text(
+        left, y, visible(title), fontsize=size, weight="bold", color=INK, va="center"
+    )
     width = text.get_window_extent().width
     room = (right - left) * figure.bbox.width
     if width > room:

@@ -238,7 +238,8 @@ def describe_id(seen: Snapshot, number: int, at: datetime | None = None) -> Row:
     found = _rows(
         seen.session,
         "SELECT e.name, e.kind, e.type, e.label, h.name AS holder, p.relation, "
-        "p.confidence, s.name AS storey, w.pose, e.properties, e.front, e.since, e.source, "
+        "p.confidence, s.name AS storey, w.pose, e.properties, e.front, "
+        "greatest(e.since, p.since) AS since, e.source, "
         "Box3D(w.box)::text AS box, ST_AsText(w.footprint, 3) AS footprint "
         f"FROM {PLACED} WHERE e.id = %s",
         (number,),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from io import BytesIO
 from pathlib import Path
@@ -98,6 +99,21 @@ def test_pictures_say_what_they_do_not_show(house: Map, tmp_path: Path) -> None:
     picture = house.draw("ground", belief="lamp")
     assert picture.notes or low > 0.99
     assert "in no known place" in svg_texts(picture, tmp_path)
+
+
+def test_letters_without_a_font_and_signs_that_are_none(flat: Map, tmp_path: Path) -> None:
+    flat.add_room("\U00012000 tablet room", shapely.box(20, 0, 25, 4), floor=0, ceiling=2.5)
+    picture = flat.draw(title="a\x00b")
+    (note,) = [note for note in picture.notes if "no font here has" in note]
+    assert "has \U00012000: boxes" in note
+    ElementTree.parse(picture.save(tmp_path / "plan.svg"))
+    assert "a\\x00b" in svg_texts(picture, tmp_path)
+
+
+@pytest.mark.parametrize("given", [{"width": 0}, {"width": 10**7}, {"cut": 0}, {"cut": math.nan}])
+def test_sizes_of_views_in_3d(flat: Map, given: dict[str, Any]) -> None:
+    with pytest.raises(Error, match=re.escape(next(iter(given)))):
+        flat.draw_3d(**given)
 
 
 def test_too_many_voxels_of_a_property_are_coarser(

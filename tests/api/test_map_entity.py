@@ -32,6 +32,9 @@ def test_an_entity_is_renamed(flat: semmap.Map) -> None:
         with pytest.raises(ValueError, match=message):
             mug.name = taken
     assert mug.describe()["name"] == "cup"
+    renamed = mug.describe()["since"]
+    mug.move_to(1, 1, 0)
+    assert mug.describe()["since"] > renamed, "what is told of it is as of its last move"
 
 
 def test_an_entity_that_is_gone_says_so(flat: semmap.Map) -> None:
