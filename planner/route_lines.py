@@ -43,25 +43,26 @@ def route_lines(
     else:
         at = _xy(first.approach or first.leave)
     place, line = found.start, [np.array([at])]
+    storey = next(filter(None, map(storey_of, found.places)), None)  # outside is on none
     for step in found.transitions:
-        storey = storey_of(place)
         if step.behaviour == "use_elevator":
             if storey in grids:
                 pieces.setdefault(str(storey), []).append(np.concatenate(line))
             at = (step.leave.x, step.leave.y)
             place, line = step.to_place, [np.array([at])]
+            storey = storey_of(place)
             continue
         line.append(_walk(grids.get(str(storey)), place, at, _xy(step.approach)))
         way = np.array([_xy(step.approach), *step.bends, _xy(step.leave)])
-        if storey_of(step.to_place) == storey:
+        beyond = storey_of(step.to_place) or storey
+        if beyond == storey:
             line.append(way[1:])
         else:
-            first, second = _halves(way)
+            before, after = _halves(way)
             if storey in grids:
-                pieces.setdefault(str(storey), []).append(np.concatenate([*line, first]))
-            line = [second]
-        at, place = _xy(step.leave), step.to_place
-    storey = storey_of(place)
+                pieces.setdefault(str(storey), []).append(np.concatenate([*line, before]))
+            line = [after]
+        at, place, storey = _xy(step.leave), step.to_place, beyond
     if storey in grids:
         if found.steps and found.steps[-1].behaviour == "navigate":
             end = _xy(found.steps[-1].leave)

@@ -249,9 +249,10 @@ def _walls(axes: Axes, grid: OccupancyView, outlines: list[Outline]) -> None:
         shades[rows[over], columns[over]] = 2
     left, right = axes.get_xlim()
     per_cell = axes.get_window_extent().width / (right - left) * grid.resolution  # pixels
-    for axis, cells in enumerate(shades.shape):  # of a pixel, the darkest: no thin wall is lost
-        pixels = min(cells, max(1, round(cells * per_cell)))
-        first = np.arange(pixels) * cells // pixels
+    for axis in (0, 1):  # of the cells of a pixel, the darkest: no thin wall is lost
+        count = grid.cells.shape[axis]
+        pixels = min(count, max(1, round(count * per_cell)))
+        first = np.arange(pixels) * count // pixels
         shades = np.maximum.reduceat(shades, first, axis=axis)
     for shown, zorder in (([1], 1.5), ([2, 3, 4], 4)):
         palette = np.zeros((len(_SHADES), 4), np.uint8)

@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 from io import BytesIO
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import Any
 from xml.etree import ElementTree
 
 DRAWN = (".svg", ".pdf")
@@ -44,7 +45,7 @@ class Picture:
         unknown: set[str] = set()
 
         def drawn(path: Path) -> bytes:
-            settings = {"text.parse_math": False, "font.family": fonts}
+            settings: Any = {"text.parse_math": False, "font.family": fonts}
             with matplotlib.rc_context(settings), warnings.catch_warnings(record=True) as told:
                 warnings.simplefilter("always")
                 draw(path)

@@ -138,6 +138,12 @@ def test_a_way_by_stairs_is_on_both_storeys_half_of_the_flight_on_each(house: se
         np.testing.assert_allclose(before[-1], after[0], atol=1e-9)
         np.testing.assert_allclose(before[-1], (2 + LONG / 2, 4), atol=0.2)
         notes = route.plot().notes
+    house.add_door("gate", HALL, None, ((0, 3), (0, 4)))
+    for start, goal in (("outside", LOFT), (LOFT, "outside")):
+        lines = {way["storey"]: way["points"] for way in house.route(start, goal).ways()}
+        out = lines["low"][0 if start == "outside" else -1]
+        assert {*lines} == {"low", "high"}
+        assert out[0] < -0.2, "before the door"
         assert any("assumed" in note for note in notes)
 
 
