@@ -9,6 +9,8 @@
 # make fuzz-sanitized      the native functions, built with address and undefined-behaviour sanitizers
 # make explore             the property tests again, with examples that no run has had
 # make lint                ruff, mypy, import-linter, clang-format
+# make newest              the newest libraries that pyproject.toml allows: which changed, and the tests with them
+# make audit               known vulnerabilities of the libraries that are installed; needs the advisories of PyPI
 # make docs                the pages as HTML: build/docs
 # make bench               the speed tables
 # make clean               what these left
@@ -16,7 +18,7 @@
 OFFICE = examples/office
 WORLD ?= $(OFFICE)/office.sdf $(OFFICE)/office_rooms.geojson
 ROBOT ?= $(OFFICE)/delivery_robot.urdf --parts $(OFFICE)/delivery_robot_parts.yaml
-.PHONY: docs demo test test-docker soak growth fuzz fuzz-sanitized explore lint bench clean
+.PHONY: docs demo test test-docker soak growth fuzz fuzz-sanitized explore lint newest audit bench clean
 
 demo:
 	@scripts/setup viewer
@@ -63,6 +65,16 @@ lint:
 	.venv/bin/mypy
 	.venv/bin/lint-imports
 	find native -name '*.?pp' | xargs .venv/bin/clang-format --dry-run --Werror
+
+newest:
+	@scripts/lock
+	@git diff -U0 requirements | grep '^[+-][A-Za-z]' || echo "no library has a newer version"
+	@$(MAKE) test
+
+audit:
+	@[ -x build/audit/bin/pip-audit ] || { python3 -m venv build/audit && build/audit/bin/pip install -q pip-audit; }
+	@cat requirements/*.txt | sed '/^ /d; s/ \\$$//' | sort -u >build/audit/all.txt
+	@build/audit/bin/pip-audit --strict --disable-pip --no-deps -r build/audit/all.txt
 
 bench:
 	@scripts/setup test bench

@@ -43,7 +43,8 @@ def route_lines(
     else:
         at = _xy(first.approach or first.leave)
     place, line = found.start, [np.array([at])]
-    storey = next(filter(None, map(storey_of, found.places)), None)  # outside is on none
+    places = [found.start, *(step.to_place for step in found.transitions)]
+    storey = next(filter(None, map(storey_of, places)), None)  # outside is on none
     for step in found.transitions:
         if step.behaviour == "use_elevator":
             if storey in grids:
