@@ -180,8 +180,8 @@ def _grid_around(members: LayerMembers, interval: tuple[float, float], resolutio
     corners = [entity.bounds for entity in entities if entity.bounds is not None]
     if not corners:
         raise ValueError(
-            f"storey {members.scene.storey} has neither rooms nor obstacles; import walls, "
-            "furniture or rooms"
+            f"storey {members.scene.storey} has neither rooms nor obstacles from its floor at "
+            f"{members.scene.elevation:g} m on: import walls, furniture or rooms"
         )
     return grid_around(corners, resolution, MARGIN)
 
