@@ -67,7 +67,7 @@ def _post(
     met = [x for y in ACROSS if (x := _first(faces, y, half, slack)) is not None]
     if 2 * len(met) <= len(ACROSS):
         return None, None
-    x = float(np.median(met))
+    x = min(met)
     flat = faces[(np.abs(faces[..., 0] - x) <= FLAT).all(axis=1), :, 1]
     if not len(flat) or np.ptp(flat) > THICK:
         return x, None

@@ -61,6 +61,11 @@ def test_an_end_without_a_post_stays() -> None:
     line = LineString([(-0.52, 0.01), (0.52, 0.01)])
     (found,) = between_posts([line], left, 0.0, SLACK)
     np.testing.assert_allclose(found.coords, [(-0.5, 0), (0.52, 0)], atol=1e-9)
+    rib = together(
+        [block((-3, -0.1, 0), (-0.5, 0.1, 2.6)), block((-0.5, 0.03, 0), (-0.47, 0.05, 2))]
+    )
+    (found,) = between_posts([line], np.asarray(rib.triangles), 0.0, SLACK)
+    assert found.coords[0][0] == pytest.approx(-0.47), "the clear width"
     far = LineString([(-0.7, 0.01), (0.5, 0.01)])
     assert between_posts([far], left, 0.0, SLACK)[0].equals(far), "a post is farther than the slack"
     assert between_posts([line], np.empty((0, 3, 3)), 0.0, SLACK)[0].equals(line)
