@@ -6,7 +6,8 @@ that walls and doorways enclose it does not state, as the bathrooms of a hotel's
 counts both, by a section through the walls: `open` are the stated rooms that are missing and whose
 border is not at walls and doors; `more` are the rooms that are found, not stated, and whose border
 is, or which are such open rooms together. A found room that lies mostly within other stated rooms,
-as a half of one or two in one, is wrong, and not more. R' and P' leave out open ones and more.
+as a half of one or two in one, is wrong, and not more. R' and P' leave out open ones and more;
+the last column is the precision P' of those with a confidence above 0.5.
 """
 
 from __future__ import annotations
@@ -26,7 +27,7 @@ from navgrid.found_rooms import WALLS, FoundRooms, find_rooms
 from semmap.database import Cluster
 from semmap.query.storey_reader import read_storeys
 from semmap.query.storey_scene import SceneEntity, StoreyScene
-from tests.buildings.found_rooms import NEAR, SHARED
+from tests.buildings.found_rooms import NEAR, SHARED, SURE
 
 OFFICE = Path(__file__).parents[2] / "examples" / "office"
 
@@ -56,25 +57,31 @@ WIDEST = 3.7
 
 @dataclass(frozen=True)
 class Tally:
-    """How many are known, found and both; and known but open, found but enclosed and not known."""
+    """How many are known, found and both; and known but open, found but enclosed and not known.
+
+    Of the others that are found, how many are `sure`, and `right` of them.
+    """
 
     known: int = 0
     found: int = 0
     both: int = 0
     open: int = 0
     more: int = 0
+    sure: int = 0
+    right: int = 0
 
     def __add__(self, other: Tally) -> Tally:
         return Tally(*np.add(list(vars(self).values()), list(vars(other).values())).tolist())
 
     @property
-    def rates(self) -> tuple[float, float, float, float]:
-        """Recall and precision, of all, and without those that are open or more."""
+    def rates(self) -> tuple[float, float, float, float, float]:
+        """Recall and precision, of all and without those that are open or more; of sure ones."""
         return (
             self.both / max(self.known, 1),
             self.both / max(self.found, 1),
             self.both / max(self.known - self.open, 1),
             self.both / max(self.found - self.more, 1),
+            self.right / max(self.sure, 1),
         )
 
     def __str__(self) -> str:
@@ -114,10 +121,19 @@ def judge_storey(scene: StoreyScene) -> tuple[Tally, Tally]:
     beside_more = shapely.union_all([o for o, each in zip(outlines, is_more, strict=True) if each])
     lost = shapely.distance(middles, beside_open) <= NEAR
     extra = shapely.distance(doorways, beside_more) <= NEAR
-    return tally(same, is_open, is_more), tally(near, lost, extra)
+    sure_rooms, sure_ways = (
+        np.array([each.confidence > SURE for each in these], bool)
+        for these in (found.rooms, found.doorways)
+    )
+    return tally(same, is_open, is_more, sure_rooms), tally(near, lost, extra, sure_ways)
 
 
-def tally(same: NDArray[np.bool_], is_open: NDArray[np.bool_], is_more: NDArray[np.bool_]) -> Tally:
+def tally(
+    same: NDArray[np.bool_],
+    is_open: NDArray[np.bool_],
+    is_more: NDArray[np.bool_],
+    sure: NDArray[np.bool_],
+) -> Tally:
     """Count those that are the same (known, found), and of the others those open and more."""
     missing, wrong = ~same.any(axis=1), ~same.any(axis=0)
     known, found = same.shape
@@ -127,6 +143,8 @@ def tally(same: NDArray[np.bool_], is_open: NDArray[np.bool_], is_more: NDArray[
         int((~missing).sum()),
         int((is_open & missing).sum()),
         int((is_more & wrong).sum()),
+        int((sure & ~(is_more & wrong)).sum()),
+        int((sure & ~wrong).sum()),
     )
 
 
@@ -193,7 +211,7 @@ def judge_world(database: semmap.Database, folder: Path, name: str) -> tuple[Tal
 def main() -> None:
     """Print the table."""
     names = ("known", "found", "both", "open", "more")
-    print(f"{'':20}" + "".join(f"{n:>6}" for n in names) + "      R      P     R'     P'")
+    print(f"{'':20}" + "".join(f"{n:>6}" for n in names) + "      R      P     R'     P'   sure")
     with tempfile.TemporaryDirectory() as folder:
         Path(folder).chmod(0o755)  # another user runs the server where root began it
         cluster = Cluster(Path(folder) / "data")
