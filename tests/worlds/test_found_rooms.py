@@ -32,7 +32,8 @@ def test_rooms_and_doors_of_a_world_are_found_where_walls_divide_them(
         rooms, doors = judge_world(db, worlds, world)
     assert rooms.known >= 4
     for each in (rooms, doors):
-        recall, precision = each.rates[2:]
+        recall, precision, sure = each.rates[2:]
+        assert sure >= 0.9
         assert recall >= LEAST[world][0], each
         assert precision >= LEAST[world][1], each
 
