@@ -95,10 +95,19 @@ def test_pictures_say_what_they_do_not_show(house: Map, tmp_path: Path) -> None:
     assert any("ghost" in note for note in told)
     house.add_object("lamp2", type="lamp", size=(0.2, 0.2, 0.4), pose=(1, 1, 0))
     belief = house.where("lamp")
-    low = sum(belief.get(room, 0) for room in ("hall", "kitchen", "bath"))
     picture = house.draw("ground", belief="lamp")
-    assert picture.notes or low > 0.99
-    assert "in no known place" in svg_texts(picture, tmp_path)
+    above, nowhere = belief["loft"], belief["elsewhere"]
+    assert above > 0.1
+    assert picture.notes == (f"{above:.0%} is on upper, another storey",)
+    told = f"{100 * above:.0f} % on others, {100 * nowhere:.0f} % in no known place"
+    assert told in svg_texts(picture, tmp_path)
+    below = house.draw("upper", belief="lamp")
+    plain = house.draw("ground", belief="lamp")
+    house.add_object("beam", type="beam", size=(3, 0.2, 0.2), pose=(3, 1, 2.2))
+    house.add_object("pile", type="wall", size=(3, 0.2, 0.2), pose=(3, 1, -1))
+    house.add_object("chandelier", type="object", size=(1, 1, 0.2), pose=(3, 1, 2.2))
+    assert house.draw("ground", belief="lamp") == plain, "no such things are on a plan"
+    assert house.draw("upper", belief="lamp") == below
 
 
 def test_letters_without_a_font_and_signs_that_are_none(flat: Map, tmp_path: Path) -> None:
