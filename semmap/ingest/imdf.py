@@ -70,6 +70,9 @@ LIFT = "elevator"
 NO_FLOOR = {"opentobelow"}
 """Categories of units in which nothing stands."""
 
+OUT_OF_SERVICE = "outofservice"
+"""A value of `access_control` that is no permission, such as that of a badge reader."""
+
 DOOR_TYPES = {
     "folding": "folding_door",
     "open": "opening",
@@ -205,6 +208,10 @@ def _features(by_type: Mapping[str, list[Feature]]) -> Iterator[Feature]:
                 known = door.get("type") if isinstance(door, dict) else "open"
                 lift = each.geometry is not None and leads_into(shared.cabins(each), each.geometry)
                 keys["type"] = "elevator_door" if lift else DOOR_TYPES.get(str(known), "door")
+                control = each.properties.get("access_control")
+                needed = [*map(str, control)] if isinstance(control, list) else []
+                keys["state"] = "locked" if OUT_OF_SERVICE in needed else None
+                keys["permissions"] = [each for each in needed if each != OUT_OF_SERVICE] or None
             elif kind == "object":
                 keys["height"] = WALL_HEIGHT if category == "wall" else FIXTURE_HEIGHT
                 keys["type"] = _known(category, "object")

@@ -69,7 +69,14 @@ def imdf() -> dict[str, Any]:
             on(1, "unit", "u5", shapely.box(5, 1, 6, 2), category="opentobelow", name=None),
         ],
         "opening": [
-            on(0, "opening", "o1", DOOR, category="pedestrian", door={"type": "sliding"}),
+            on(
+                0,
+                "opening",
+                "o1",
+                DOOR,
+                category="pedestrian",
+                door={"type": "sliding"},
+            ),
             on(
                 0,
                 "opening",
@@ -77,6 +84,7 @@ def imdf() -> dict[str, Any]:
                 shapely.LineString([(9, 1), (9, 2)]),
                 door=None,
                 name={"en": "x"},
+                access_control=["badgereader", "outofservice"],
             ),
         ],
         "fixture": [on(0, "fixture", "f", shapely.box(1, 1, 2, 2), category="desk", name=None)],
@@ -142,6 +150,10 @@ def test_imdf(write: Callable[..., Path], tmp_path: Path) -> None:
     assert shapely.symmetric_difference(on_grid(world, "Lab 1"), LAB).area < 1e-5
     doors = {e.type: e.detail.places for e in world.entries if e.kind == "connector"}
     assert doors == {"sliding_door": ("Lab 1", "corridor1"), "opening": ("corridor1", OUTSIDE)}
+    states = {
+        e.type: (e.detail.state, e.detail.permissions) for e in entries.values() if e.type in doors
+    }
+    assert states == {"sliding_door": ("open", ()), "opening": ("locked", ("badgereader",))}
     (desk,) = (e for e in world.entries if e.type == "desk")
     assert np.ptp(desk.shapes[0].mesh.vertices[:, 2]) == pytest.approx(1.0)
     regions = {e.name: e.holder for e in world.entries if e.kind == "region"}
