@@ -8,13 +8,13 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import count, takewhile
 from types import MappingProxyType
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 import shapely
 from numpy.typing import NDArray
 from scipy import ndimage
-from shapely import LineString, Polygon
+from shapely import LineString, Polygon, affinity
 
 from navgrid.grid import Grid, grid_around
 from navgrid.lintels import lintel_heights
@@ -27,7 +27,7 @@ from semmap.geometry.morphology import polygons
 from semmap.geometry.overlay import common, united
 from semmap.ingest.floor_plan import reading_order
 from semmap.ingest.world import OUTSIDE
-from semmap.query.storey_scene import SceneEntity, StoreyScene
+from semmap.query.storey_scene import FRAME, IN_OPENING, SceneEntity, StoreyScene
 
 RESOLUTION = 0.05
 """The sides of the cells that are divided into rooms, metres."""
@@ -93,6 +93,7 @@ class FoundDoorway(NamedTuple):
     """A doorway of two rooms, or of one that leads outside: the line from post to post, metres.
 
     `height` is from the floor to the lintel; None where it is open up to the ceiling, or unknown.
+    `leaf` is the object that is the door in it; None where it is an opening.
     """
 
     name: str
@@ -100,6 +101,12 @@ class FoundDoorway(NamedTuple):
     line: LineString
     confidence: float
     height: float | None = None
+    leaf: str | None = None
+
+    @property
+    def type(self) -> Literal["door", "opening"]:
+        """What the connector is."""
+        return "door" if self.leaf else "opening"
 
     @property
     def joins(self) -> tuple[str, str]:
@@ -161,7 +168,7 @@ class FoundRooms:
             for r in self.rooms
         ]
         doorways = [
-            ("doorway", d.name, "opening", round(d.line.length, 2), d.confidence, d.joins)
+            ("doorway", d.name, d.type, round(d.line.length, 2), d.confidence, d.joins)
             for d in self.doorways
         ]
         stairs = [
@@ -253,7 +260,7 @@ def find_rooms(
         found,
         rooms=tuple(_typed(room, scene, shows, supertypes) for room in found.rooms),
         doorways=tuple(
-            way._replace(line=line, height=height)
+            way._replace(line=line, height=height, leaf=_leaf_across(scene, line))
             for way, line, height in zip(found.doorways, lines, heights, strict=True)
         ),
     )
@@ -278,6 +285,22 @@ def _gates(scene: StoreyScene, walls: NDArray[np.bool_], grid: Grid, turn: float
         if reach[rows, columns].all():
             leaf = around.buffer(2 * grid.resolution, join_style="mitre")
             yield Gap(np.argwhere(area_cells(leaf, grid) & ~walls), ends, SURE_GATE)
+
+
+def _leaf_across(scene: StoreyScene, line: LineString) -> str | None:
+    """The name of the door's leaf that fills most of a doorway, from its floor on."""
+    longer = 1 + 2 * FRAME / line.length
+    across = affinity.scale(line, longer, longer).buffer(FRAME, cap_style="flat")
+    low = scene.elevation + FRAME
+    filled = {
+        entity.name: common(entity.footprint, line.buffer(FRAME, cap_style="flat")).area
+        for entity in scene.entities
+        if entity.kind == "object" and not {"door", "door_leaf"}.isdisjoint(entity.types)
+        if entity.footprint is not None and entity.heights is not None
+        if entity.heights[0] <= low < entity.heights[1]
+        if common(entity.footprint, across).area >= IN_OPENING * entity.footprint.area
+    }
+    return max(filled, key=lambda name: filled[name], default=None)
 
 
 def scene_walls(scene: StoreyScene) -> list[SceneEntity]:

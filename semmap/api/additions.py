@@ -15,6 +15,7 @@ from semmap.finite_number import finite_numbers
 from semmap.geometry.mesh import Mesh, box_mesh, prism_mesh
 from semmap.geometry.overlay import united
 from semmap.geometry.pose import Pose
+from semmap.ingest.naming import GUESS
 from semmap.ingest.openings import BEHAVIOURS, WIDER
 from semmap.ingest.stairs import way_entry
 from semmap.ingest.store.holder_store import find_surfaces
@@ -253,17 +254,23 @@ def add_found_rooms(map: Map, found: FoundRooms) -> FoundRooms:
         add_entry(map, made, storey=found.storey if found.storey in map else None)
     added, faults = [], []
     for way in found.doorways:
-        detail = {"width": None, "type": "door", "behaviour": "drive_through"}
+        detail = {"width": None, "type": "door", "behaviour": BEHAVIOURS[way.type]}
         line = way.line.coords[:]
         try:
             made = door(map, way.name, way.rooms, line, found.elevation, CLEARANCE, **detail)
         except ValueError as error:
             faults.append(str(error))
             continue
-        made.type = "opening"
+        made.type = way.type
         assert isinstance(made.detail, ConnectorDetail)
         made.detail.height = way.height
         made.properties["found"] = {"confidence": round(way.confidence, 3)}
+        if way.leaf is not None:
+            leaf = map[way.leaf]
+            made.label = leaf.label or leaf.name
+            made.properties = {**leaf.properties, **made.properties}
+            made.properties.pop(GUESS, None)
+            made.properties["found"]["shown_by"] = [leaf.name]
         add_entry(map, made)
         added.append(way)
     if not faults:

@@ -26,6 +26,8 @@ from semmap.query.meshes import models_points, models_triangles
 from semmap.query.outline_walls import with_outline_walls
 from semmap.query.snapshot import Snapshot
 from semmap.query.storey_scene import (
+    FRAME,
+    IN_OPENING,
     NO_TRIANGLES,
     Bounds,
     EntityKind,
@@ -47,10 +49,6 @@ ROOM_HEIGHT, DOOR_WIDTH = 2.5, 0.9
 
 LANDING = 0.05
 """Metres by which the floor of a room is above the foot of a way to it, and from it to the way."""
-
-FRAME, IN_OPENING = 0.2, 0.9
-"""Metres around the line from post to post where a leaf across an opening is, and the part of its
-ground that is there."""
 
 FLAT = 0.1
 """Metres; what is lower has no height of its own."""

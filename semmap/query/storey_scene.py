@@ -23,6 +23,10 @@ EntityKind: TypeAlias = Literal["room", "object", "region", "connector", "agent"
 
 NO_TRIANGLES = np.empty((0, 3, 3))
 
+FRAME, IN_OPENING = 0.2, 0.9
+"""Metres around the line from post to post where a leaf across an opening is, and the part of its
+ground that is there."""
+
 BLOCKED_TYPES = frozenset({"blocked_region", "keepout_zone", "staircase"})
 """Regions of these types are closed to robots."""
 

@@ -30,8 +30,8 @@ from semmap.ingest.world import (
     unique_name,
 )
 
-APART = ("IfcDoor", "IfcFeatureElement", "IfcTransportElement", "IfcVirtualElement")
-"""Classes of elements that are no objects: connectors, lifts, and what has no matter."""
+APART = ("IfcFeatureElement", "IfcTransportElement", "IfcVirtualElement")
+"""Classes of elements that are no objects: lifts, and what has no matter."""
 
 CABIN, LARGER = 7.0, 3.0
 """Square metres of a cabin, at most, of a lift without a body; how many times larger than the body
@@ -164,10 +164,14 @@ class IfcBuilding:
         return None
 
     def add_elements(self) -> None:
-        """Add each element with a surface as an object; the import derives finer holders."""
+        """Add each element with a surface as an object; the import derives finer holders.
+
+        A door is a connector; without rooms, which it could join, it is the leaf of one.
+        """
+        apart = (*APART, "IfcDoor") if self.spaces else APART
         for element in self.file.of("IfcElement"):
             solid = self.file.solid(element)
-            if solid is None or any(map(element.is_a, APART)):
+            if solid is None or any(map(element.is_a, apart)):
                 continue
             storey = self.storey_of(element)
             entry = Entry(self.name_of(element), "object", label=element.Name, pose=solid.pose)

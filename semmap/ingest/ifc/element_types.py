@@ -11,6 +11,7 @@ TYPES = {
     "IfcWall": "wall",
     "IfcCurtainWall": "wall",
     "IfcPlate": "wall",
+    "IfcDoor": "door_leaf",
     "IfcWindow": "window",
     "IfcColumn": "column",
     "IfcBeam": "beam",

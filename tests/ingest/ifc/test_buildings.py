@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import shapely
 
+import semmap
 from semmap.geometry.pose import IDENTITY
 from semmap.ingest.ifc import read_ifc
 from semmap.ingest.importer import read_world
@@ -272,3 +273,47 @@ def test_without_spaces_storeys_are_those_that_have_elements(tmp_path):
     world = read_ifc(made.write(tmp_path / "walls.ifc"))
     assert [entry.name for entry in world.entries if entry.kind == "storey"] == ["ground", "roof"]
     assert any("sea" in note for note in world.notes)
+
+
+def test_doors_without_spaces_are_leaves_that_found_doorways_take(database, tmp_path):
+    """Two rooms of 4 by 3 m; a door between them, one to the outside, and a gap in the wall."""
+    made = BuildingByHand()
+    level = made.storey("ground", 0.0)
+    for low, high in (
+        ((-0.2, -0.2), (8.4, 0)),
+        ((-0.2, 3), (8.4, 3.2)),
+        ((-0.2, 0), (0, 3)),
+        ((8.2, 0), (8.4, 3)),
+    ):
+        wall = made.add("IfcWall", "outer", level, ((*low, 0), (*high, 2.6)))
+        if high == (8.4, 0):
+            front = made.add("IfcDoor", "front", level, ((1, -0.13, 0), (2, -0.08, 2.1)))
+            made.opening(wall, ((1, -0.2, 0), (2, 0, 2.1)), filled_by=front)
+    wall = made.add("IfcWall", "between", level, ((4, 0, 0), (4.2, 3, 2.6)))
+    door = made.add("IfcDoor", "oak", level, ((4.1, 0.3, 0), (5.1, 0.35, 2)), yaw=math.pi / 2)
+    made.opening(wall, ((4, 0.3, 0), (4.2, 1.3, 2)), filled_by=door)
+    made.opening(wall, ((4, 1.8, 0), (4.2, 2.7, 2)))
+    file = made.write(tmp_path / "bare.ifc")
+    with semmap.connect(database) as db:
+        summary = db.import_file(file, map="bare")
+        assert not summary.skipped
+        bare = db.map("bare")
+        assert {e.name for e in bare.objects if e.type == "door_leaf"} == {"front", "oak"}
+        bare.find_rooms(add=True)
+        found = {door.label: door for door in bare.doors}
+        assert {label: door.type for label, door in found.items()} == {
+            "front": "door",
+            "oak": "door",
+            None: "opening",
+        }
+        oak = found["oak"]
+        ways = bare.execute("SELECT entity_id, behaviour FROM connector")
+        assert dict(ways)[oak.id] == "pass_door"
+        assert dict(ways)[found[None].id] == "drive_through"
+        assert oak.properties["ifc"] == bare["oak"].properties["ifc"]
+        assert oak.properties["ifc"]["class"] == "IfcDoor"
+        assert oak.properties["found"]["shown_by"] == ["oak"]
+        assert oak.width == pytest.approx(1.0, abs=0.01)
+        assert tuple(oak.pose.translation[:2]) == pytest.approx((4.1, 0.8), abs=0.02)
+        assert len(oak.places) == 2
+        assert None in found["front"].places
