@@ -21,6 +21,15 @@ def polygons(shape: BaseGeometry) -> list[Polygon]:
     return [p for p in shapely.get_parts(shape) if p.geom_type == "Polygon"]
 
 
+def areas_within(outline: BaseGeometry, least: float) -> list[Polygon]:
+    """Return the areas of at least `least` square metres that an outline encloses.
+
+    They are several where it crosses itself, as in a figure of eight.
+    """
+    parts = shapely.get_parts(shapely.make_valid(outline))
+    return [area for part in parts for area in polygons(part) if area.area > least]
+
+
 def without_gaps(shape: BaseGeometry, gap: float) -> Polygon | MultiPolygon:
     """Return the shape with gaps narrower than `gap` metres closed."""
     parts: list[Polygon] = []

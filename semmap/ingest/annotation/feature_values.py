@@ -11,7 +11,7 @@ from typing import cast
 import shapely
 from shapely import LineString, MultiPolygon, Point, Polygon
 
-from semmap.geometry.morphology import polygons
+from semmap.geometry.morphology import areas_within
 from semmap.geometry.pose import IDENTITY, Pose
 from semmap.ingest.annotation.feature_file import Feature
 from semmap.ingest.ontology.tbox import KINDS, TypeRecord, own_tbox
@@ -176,8 +176,7 @@ def area_of(feature: Feature, notes: list[str]) -> Polygon | MultiPolygon:
     assert isinstance(geometry, Polygon | MultiPolygon)
     if not geometry.is_valid:
         reason = shapely.is_valid_reason(geometry)
-        parts = shapely.get_parts(shapely.make_valid(geometry))
-        areas = [p for part in parts for p in polygons(part) if p.area > SMALLEST]
+        areas = areas_within(geometry, SMALLEST)
         if len(areas) > 1:
             raise Refused(
                 f"its outline crosses itself ({reason}) and falls into {len(areas)} areas",

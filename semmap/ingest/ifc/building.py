@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from shapely import MultiPolygon, Point, Polygon
 
 from semmap.geometry.mesh import prism_mesh
+from semmap.geometry.morphology import areas_within
 from semmap.geometry.outline import placed_outline
 from semmap.geometry.pose import Pose
 from semmap.ingest.floor_plan import middle_of
@@ -37,8 +38,8 @@ CABIN, LARGER = 7.0, 3.0
 """Square metres of a cabin, at most, of a lift without a body; how many times larger than the body
 of a lift a space may be that is its cabin."""
 
-SMALLEST = 1e-6
-"""Square metres of a triangle seen from above: a smaller one stands upright."""
+UPRIGHT, SMALLEST = 1e-6, 1e-4
+"""Square metres of a triangle seen from above: a smaller one stands upright; and of an area."""
 
 
 @dataclass(frozen=True)
@@ -130,6 +131,11 @@ class IfcBuilding:
         for space in self.file.of("IfcSpace"):
             solid, storey = self.file.solid(space), self.storey_of(space)
             outline = None if solid is None else _from_above(solid.triangles)
+            if solid is not None and any(
+                len(areas_within(drawn, SMALLEST)) > 1 for drawn in self.file.outlines(space)
+            ):
+                self.skip(space, "has an outline that crosses itself", "Draw the space again.")
+                continue
             if outline is None or solid is None or storey is None:
                 problem = "has no storey" if storey is None else "has no area"
                 self.skip(space, problem, "Correct it, or draw the room.")
@@ -200,6 +206,6 @@ class IfcBuilding:
 def _from_above(triangles: NDArray[Any]) -> Polygon | MultiPolygon | None:
     """Return the area that a body (M, 3, 3) covers seen from above; None where it has none."""
     flat = shapely.polygons(triangles[:, :, :2])
-    seen = shapely.union_all(flat[shapely.area(flat) > SMALLEST], grid_size=1e-4)
+    seen = shapely.union_all(flat[shapely.area(flat) > UPRIGHT], grid_size=1e-4)
     area = shapely.simplify(shapely.buffer(seen, 0), 1e-3)
     return area if isinstance(area, Polygon | MultiPolygon) and area.area > 0 else None

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from shapely import Polygon
 
 from semmap.geometry.mesh import Mesh
 from semmap.geometry.pose import Pose
@@ -97,6 +98,27 @@ class IfcFile:
         matrix = np.array(get_local_placement(element.ObjectPlacement), float)
         matrix[:3, 3] *= self.metres
         return Pose.from_matrix(matrix)
+
+    def outlines(self, element: Any) -> list[Polygon]:
+        """The outlines as drawn, in their own frames, metres, that the body of an element has.
+
+        The body itself has them mended: of one that crosses itself, the largest part alone.
+        """
+        from ifcopenshell import geom
+        from ifcopenshell.util.shape import get_edges, get_vertices
+
+        found = []
+        for profile in self.model.traverse(element.Representation):
+            if not profile.is_a("IfcArbitraryClosedProfileDef"):
+                continue
+            try:
+                line = geom.create_shape(geom.settings(), profile.OuterCurve)
+            except RuntimeError:  # a curve that IfcOpenShell does not know; nor is there a body
+                continue
+            begin, end = np.asarray(get_edges(line), np.int64).reshape(-1, 2).T
+            if len(begin) > 2 and (begin[1:] == end[:-1]).all():
+                found.append(Polygon(np.asarray(get_vertices(line))[begin, :2]))
+        return found
 
     def length(self, element: Any, attribute: str) -> float | None:
         """A length that an element states, metres; None where it states none above 0."""

@@ -61,7 +61,23 @@ class BuildingByHand:
         else:
             spatial.assign_container(self.model, products=[product], relating_structure=holder)
         if boxes:
-            self._shape(product, boxes, yaw)
+            origin = np.asarray(boxes[0][0], float)
+            items = [self._solid(np.asarray(box) - origin) for box in boxes]
+            self._shape(product, items, origin, yaw)
+        return product
+
+    def prism(
+        self, class_: str, name: str, holder: Any, corners: Sequence[Sequence[float]], height: float
+    ) -> Any:
+        """Add a product above an outline (x, y) on the floor of a storey at z 0."""
+        product = self.add(class_, name, holder)
+        make = self.model.create_entity
+        points = [
+            make("IfcCartesianPoint", (float(x) * self.scale, float(y) * self.scale))
+            for x, y in (*corners, corners[0])
+        ]
+        profile = make("IfcArbitraryClosedProfileDef", "AREA", None, make("IfcPolyline", points))
+        self._shape(product, [self._extruded(profile, 0.0, height * self.scale)], (0, 0, 0), 0.0)
         return product
 
     def bound(self, space: Any, element: Any) -> None:
@@ -71,7 +87,7 @@ class BuildingByHand:
     def opening(self, wall: Any, box: Box, filled_by: Any = None) -> None:
         """Cut an opening into a wall."""
         hole = root.create_entity(self.model, ifc_class="IfcOpeningElement", name="opening")
-        self._shape(hole, [box], 0.0)
+        self._shape(hole, [self._solid(np.asarray(box) - box[0])], box[0], 0.0)
         self._relate("IfcRelVoidsElement", RelatingBuildingElement=wall, RelatedOpeningElement=hole)
         if filled_by is not None:
             names = {"RelatingOpeningElement": hole, "RelatedBuildingElement": filled_by}
@@ -99,10 +115,10 @@ class BuildingByHand:
         self.model.write(str(path))
         return path
 
-    def _shape(self, product: Any, boxes: Sequence[Box], yaw: float) -> None:
-        origin = np.asarray(boxes[0][0], float)
+    def _shape(
+        self, product: Any, items: Sequence[Any], origin: Sequence[float], yaw: float
+    ) -> None:
         self._place(product, origin, yaw)
-        items = [self._solid(np.asarray(box) - origin) for box in boxes]
         shape = self.model.create_entity(
             "IfcShapeRepresentation", self.body, "Body", "SweptSolid", items
         )
@@ -127,6 +143,10 @@ class BuildingByHand:
             width,
             depth,
         )
+        return self._extruded(profile, z, height)
+
+    def _extruded(self, profile: Any, z: float, height: float) -> Any:
+        make = self.model.create_entity
         base = make("IfcAxis2Placement3D", make("IfcCartesianPoint", (0.0, 0.0, z)))
         up = make("IfcDirection", (0.0, 0.0, 1.0))
         return make("IfcExtrudedAreaSolid", profile, base, up, height)

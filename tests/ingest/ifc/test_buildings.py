@@ -204,6 +204,23 @@ def test_a_building_far_from_the_origin_is_refused(tmp_path):
         read_ifc(made.write(tmp_path / "far.ifc"))
 
 
+def test_a_space_whose_outline_crosses_itself_is_left_out_and_named(tmp_path):
+    """IfcOpenShell makes a body of one half of a figure of eight, 4 of its 8 square metres."""
+    made = BuildingByHand()
+    level = made.storey("ground", 0.0)
+    eight, concave = [(0, 0), (4, 4), (4, 0), (0, 4)], [(9, 0), (13, 0), (10, 1), (9, 4)]
+    assert not shapely.Polygon(eight).is_valid
+    made.prism("IfcSpace", "eight", level, eight, 2.6)
+    made.prism("IfcSpace", "whole", level, concave, 2.6)
+    world = read_ifc(made.write(tmp_path / "eight.ifc"))
+    (room,) = [entry for entry in world.entries if entry.kind == "room"]
+    assert room.name == "whole"
+    assert room.shapes[0].outline.area == pytest.approx(shapely.Polygon(concave).area, abs=1e-3)
+    assert [(left.element, left.problem) for left in world.skipped] == [
+        ("IfcSpace eight", "has an outline that crosses itself")
+    ]
+
+
 def test_a_door_without_rooms_is_left_out_and_named(tmp_path):
     made = BuildingByHand()
     level = made.storey("ground", 0.0)
