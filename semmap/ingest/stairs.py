@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Literal
 
 import numpy as np
+import shapely
 from numpy.typing import NDArray
 
 from semmap.geometry.pose import Pose
@@ -12,7 +13,8 @@ from semmap.ingest.openings import BEHAVIOURS
 from semmap.ingest.world import ConnectorDetail, Entry
 
 STEP, RUN = 0.3, 1.0
-"""Metres of height: of the treads at an end of a way, and of those that show its direction."""
+"""Metres of height: of the treads at an end of a way, at most, and of those that show its
+direction."""
 
 LEVEL = 0.9
 """The least vertical part of the normal of what one walks on."""
@@ -43,14 +45,21 @@ def way_ends(walked: NDArray[np.float64]) -> NDArray[np.float64]:
 
 def _end(walked: NDArray[np.float64], up: float) -> NDArray[np.float64]:
     height = up * walked[:, 2] - (up * walked[:, 2]).min()
-    end, next_ = walked[height <= STEP], walked[(height > STEP) & (height <= STEP + RUN)]
-    middle = end.mean(axis=0)
-    away = middle - (next_ if len(next_) else walked).mean(axis=0)
+    step = min(STEP, height.max() / 2)
+    end, next_ = walked[height <= step], walked[(height > step) & (height <= step + RUN)]
+    middle = _middle(end)
+    away = middle - _middle(next_ if len(next_) else walked)
     away[2] = 0.0
     away /= max(float(np.linalg.norm(away)), 1e-9)
     edge = float(((end - middle) @ away).max())
     stands: NDArray[np.float64] = middle + (edge + STANDING) * away
     return stands
+
+
+def _middle(corners: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The middle of the ground below corners, however many lie at a side; z is their mean."""
+    ground = shapely.MultiPoint(corners[:, :2]).convex_hull.centroid
+    return np.array([ground.x, ground.y, corners[:, 2].mean()])
 
 
 def way_entry(

@@ -52,10 +52,14 @@ class IfcStorey:
 
 @dataclass(frozen=True)
 class IfcRoom:
-    """A room: its outline in the map's frame, metres, and the number of the file's entity."""
+    """A room: its outline and the z of its floor in the map's frame, metres.
+
+    `number` is that of the file's entity.
+    """
 
     name: str
     outline: Polygon | MultiPolygon
+    floor: float
     storey: IfcStorey
     number: int
     is_cabin: bool
@@ -153,7 +157,8 @@ class IfcBuilding:
             entry.shapes = [Shape("polygon", prism_mesh(own, floor, ceiling), own)]
             entry.detail = PlaceDetail(floor, ceiling, cabin)
             name = self.add(entry, space)
-            self.spaces.append(IfcRoom(name, outline, storey, space.id(), cabin is not None))
+            z = storey.elevation + floor
+            self.spaces.append(IfcRoom(name, outline, z, storey, space.id(), cabin is not None))
 
     def _lift_in(self, outline: Polygon | MultiPolygon, space: Any) -> str | None:
         """Return the lift whose cabin a space is; None, with a note, where it is too large."""

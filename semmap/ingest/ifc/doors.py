@@ -27,6 +27,10 @@ BODY = (0.1, 1.8)
 opening in a wall leaves free where one can walk through it."""
 
 
+LEDGE = 0.25
+"""Metres of the highest step between two floors that have an open border."""
+
+
 def add_doors(building: IfcBuilding) -> None:
     """Add the doors: each joins the two spaces that it bounds, else those on both sides."""
     file = building.file
@@ -74,7 +78,8 @@ def add_openings(building: IfcBuilding) -> None:
                 entry = Entry(f"{joined[0].name}-{joined[1].name}", "connector", "opening")
                 _connect(building, entry, line, joined, line.length, float(high - low), opening)
     for pair in combinations(building.spaces, 2):
-        if pair[0].storey == pair[1].storey and pair[0].outline.distance(pair[1].outline) <= GAP:
+        level = pair[0].storey == pair[1].storey and abs(pair[0].floor - pair[1].floor) <= LEDGE
+        if level and pair[0].outline.distance(pair[1].outline) <= GAP:
             line = _free_border(building, *pair)
             if line is not None and line.length >= DOORWAY:
                 entry = Entry(f"{pair[0].name}-{pair[1].name}", "connector", "opening")

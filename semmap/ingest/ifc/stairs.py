@@ -1,4 +1,4 @@
-"""The stairs and ramps of an IFC building: ways from a room of one storey to one of another."""
+"""The stairs and ramps of an IFC building: ways from a room to one at another height."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from semmap.ingest.ifc.building import IfcBuilding, IfcRoom
 from semmap.ingest.stairs import walked_corners, way_ends, way_entry
 
 NEAR = 1.0
-"""Metres from a room and its storey within which a way ends there."""
+"""Metres from a room and its floor within which a way ends there."""
 
 WAYS: dict[str, Literal["stairs", "ramp"]] = {"IfcStair": "stairs", "IfcRamp": "ramp"}
 """The type of the connector, by class."""
@@ -35,18 +35,20 @@ def add_stairs(building: IfcBuilding) -> None:
             if first is None or second is None or first.name == second.name:
                 building.skip(way, "does not lead from a room to another", "Draw a connector.")
                 continue
-            floors = first.storey.elevation, second.storey.elevation
+            floors = first.floor, second.floor
             places = first.name, second.name
             entry = way_entry(building.name_of(way), type_, ends, places, floors)
             assert entry.pose is not None
-            entry.holder, entry.pose = first.storey.name, Pose(z=-floors[0]) @ entry.pose
+            up = Pose(z=first.storey.elevation)
+            entry.holder, entry.pose = first.storey.name, up.inverse() @ entry.pose
             building.add(entry, way)
 
 
 def _room_at(building: IfcBuilding, x: float, y: float, z: float) -> IfcRoom | None:
-    """The room of the storey at a height in which, or else nearest to which, a way ends."""
-    near = [s for s in building.spaces if abs(s.storey.elevation - z) <= NEAR]
-    nearest = min(near, key=lambda space: space.outline.distance(Point(x, y)), default=None)
-    if nearest is None or nearest.outline.distance(Point(x, y)) > NEAR:
-        return None
-    return nearest
+    """The room in which, or else nearest to which, a way ends, by its outline and its floor."""
+    away = {
+        space: (space.outline.distance(Point(x, y)), abs(space.floor - z))
+        for space in building.spaces
+    }
+    near = [space for space, metres in away.items() if max(metres) <= NEAR]
+    return min(near, key=lambda space: sum(away[space]), default=None)

@@ -163,6 +163,39 @@ def test_stairs_and_ramps_lead_from_the_lower_to_the_upper_room(tmp_path):
     assert abs(head.yaw) == pytest.approx(math.pi)
 
 
+@pytest.mark.parametrize("rise", [0.25, 0.5])
+def test_a_ramp_within_a_storey_rises_to_the_floor_of_its_room_along_its_middle(tmp_path, rise):
+    made = BuildingByHand()
+    level = made.storey("upper", 3.0)
+    made.add("IfcSpace", "hall", level, ((0, 0, 3), (9, 5, 5.6)))
+    made.add("IfcSpace", "platform", level, ((9, 0, 3 + rise), (14, 5, 5.6)))
+    made.ramp("slope", level, ((6, 2, 3), (9, 3.5, 3 + rise)))
+    world = read_ifc(made.write(tmp_path / "ramp.ifc"))
+    found = next(entry for entry in world.entries if entry.type == "ramp")
+    assert (found.holder, found.detail.places) == ("upper", ("hall", "platform"))
+    foot, head = (found.pose @ pose for pose in found.detail.poses)
+    assert (foot.x, foot.y, foot.z) == pytest.approx((5.5, 2.75, 0.0), abs=1e-3)
+    assert (head.x, head.y, head.z) == pytest.approx((9.5, 2.75, rise), abs=1e-3)
+    assert (foot.yaw, abs(head.yaw)) == pytest.approx((0.0, math.pi), abs=1e-3)
+
+
+def test_a_stair_to_a_half_level_of_its_storey_is_a_way(tmp_path):
+    """Seven steps of 0.2 m to a gallery whose floor is 1.5 m above that of the storey."""
+    made = BuildingByHand()
+    level = made.storey("ground", 0.0)
+    made.add("IfcSpace", "hall", level, ((0, 0, 0), (5, 3, 4)))
+    made.add("IfcSpace", "gallery", level, ((5, 0, 1.5), (9, 3, 4)))
+    steps = [((3.25 + 0.25 * i, 1, 0), (3.5 + 0.25 * i, 2, 0.2 * (i + 1))) for i in range(7)]
+    made.add("IfcStair", "steps", level, *steps)
+    world = read_ifc(made.write(tmp_path / "gallery.ifc"))
+    assert not world.skipped
+    found = next(entry for entry in world.entries if entry.kind == "connector")
+    assert (found.type, found.detail.places) == ("stairs", ("hall", "gallery"))
+    foot, head = (found.pose @ pose for pose in found.detail.poses)
+    assert (foot.x, foot.y, foot.z) == pytest.approx((2.75, 1.5, 0.0), abs=1e-3)
+    assert (head.x, head.y, head.z) == pytest.approx((5.5, 1.5, 1.5), abs=1e-3)
+
+
 @pytest.mark.parametrize(
     ("stated", "easting"),
     [(691_600_000.0, 691_600.0), (691_600.0, 691_600.0), (691.6, 0.6916)],
