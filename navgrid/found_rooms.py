@@ -142,7 +142,7 @@ class FoundRooms:
 
     These are rooms, doorways, stairs to the storey above, and lifts that begin here. `known` are
     the rooms of the map that were found again; `problem` says why nothing was found, or which
-    doorways were not added, and why.
+    doorways were not added, and why; `notes` are on stairs before which a room has no place.
     """
 
     storey: str
@@ -153,6 +153,7 @@ class FoundRooms:
     lifts: tuple[FoundLift, ...] = ()
     known: tuple[str, ...] = ()
     problem: str | None = None
+    notes: tuple[str, ...] = ()
 
     def table(self) -> list[dict[str, Any]]:
         """A row for each: kind, name, type, metres (square, of rooms), high, confidence, and `by`.

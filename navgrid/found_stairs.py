@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from shapely import MultiPolygon, Point, Polygon
 
 from navgrid.found_rooms import FoundRooms, FoundStairs
-from semmap.ingest.stairs import walked_corners, way_ends
+from semmap.ingest.stairs import notes_on_ends, walked_corners, way_ends
 from semmap.query.storey_scene import SceneEntity, StoreyScene
 
 RISERS = (0.1, 0.25)
@@ -35,18 +35,24 @@ def with_stairs(scenes: Sequence[StoreyScene], found: Sequence[FoundRooms]) -> l
         entities = {e.name: e for scene in (lower, upper) for e in scene.entities}.values()
         known = [entity for entity in entities if entity.form == "stairs"]
         stairs: list[FoundStairs] = []
+        notes: list[str] = []
         for entity in entities:
             walked = _flight(entity, lower.elevation, upper.elevation)
             if walked is None:
                 continue
             ends = way_ends(walked)
-            first = _room_at(lower, here, Point(*ends[0, :2]))
-            second = _room_at(upper, above, Point(*ends[1, :2]))
-            if first and second and not any(_is_same(each, ends) for each in known):
+            first = _room_at(lower, here, Point(ends[0].stands()[:2]))
+            second = _room_at(upper, above, Point(ends[1].stands()[:2]))
+            if first is None or second is None:
+                continue
+            stands = np.array([ends[0].stands(first[1]), ends[1].stands(second[1])])
+            if not any(_is_same(each, stands) for each in known):
                 name = f"{lower.storey}_stairs{len(stairs) + 1}"
                 floors = lower.elevation, upper.elevation
-                stairs.append(FoundStairs(name, (first, second), ends, floors, entity.name))
-        by_storey[lower.storey] = replace(here, stairs=tuple(stairs))
+                rooms = first[0], second[0]
+                stairs.append(FoundStairs(name, rooms, stands, floors, entity.name))
+                notes += notes_on_ends(name, ends, (first, second))
+        by_storey[lower.storey] = replace(here, stairs=tuple(stairs), notes=tuple(notes))
     return [by_storey[scene.storey] for scene in scenes]
 
 
@@ -61,18 +67,21 @@ def _flight(entity: SceneEntity, floor: float, above: float) -> NDArray[np.float
     heights = np.unique(np.round(walked[:, 2], 2))
     if not len(heights) or np.diff(heights, prepend=floor, append=above).max() > RISERS[1]:
         return None
-    run = float(np.hypot(*np.diff(way_ends(walked), axis=0)[0, :2]))
+    foot, head = (end.stands() for end in way_ends(walked))
+    run = float(np.hypot(*(head - foot)[:2]))
     return walked if run >= above - floor else None  # shelves have no run
 
 
-def _room_at(scene: StoreyScene, found: FoundRooms, at: Point) -> str | None:
-    """The room of a storey, found or known, that is nearest to a point."""
+def _room_at(
+    scene: StoreyScene, found: FoundRooms, at: Point
+) -> tuple[str, Polygon | MultiPolygon] | None:
+    """The room of a storey, found or known, that is nearest to a point, and its outline."""
     outlines: dict[str, Polygon | MultiPolygon] = {
         e.name: e.footprint for e in scene.entities if e.kind == "room" and e.footprint is not None
     }
     outlines |= {room.name: room.outline for room in found.rooms}
-    nearest = min(outlines, key=lambda name: outlines[name].distance(at), default=None)
-    return nearest if nearest is not None and outlines[nearest].distance(at) <= NEAR else None
+    nearest = min(outlines.items(), key=lambda room: room[1].distance(at), default=None)
+    return nearest if nearest is not None and nearest[1].distance(at) <= NEAR else None
 
 
 def _is_same(stairs: SceneEntity, ends: NDArray[np.float64]) -> bool:

@@ -299,11 +299,10 @@ class Database(DatabaseManipulation, DatabaseInterlinking):
         made = self.map(summary.map)
         if find_rooms and not made.rooms:
             try:
-                summary.notes += [
-                    f"{each.storey}: found {len(each.rooms)} rooms, {len(each.doorways)} doorways"
-                    + (f"; left out: {each.problem}" if each.problem else "")
-                    for each in made.find_rooms(add=True)
-                ]
+                for each in made.find_rooms(add=True):
+                    left = f"; left out: {each.problem}" if each.problem else ""
+                    what = f"{len(each.rooms)} rooms, {len(each.doorways)} doorways"
+                    summary.notes += [f"{each.storey}: found {what}{left}", *each.notes]
             except ValueError as error:  # the world is in the map all the same
                 summary.notes.append(
                     f"found no rooms: {error}. Give walls that type, or draw rooms in a GeoJSON "

@@ -19,6 +19,8 @@ def _find(call: MethodCall, json_: Json = False) -> None:
     for each in found:
         if each.problem:
             cli.err.print(f"left out: {each.problem}", style="yellow")
+        for note in each.notes:
+            cli.err.print(f"note: {note}", style="dim")
     show_table([row for each in found for row in each.table()], json_)
     listed = not json_ and not call.values["add"]
     if listed and any(each.rooms or each.doorways for each in found):

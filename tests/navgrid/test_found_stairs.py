@@ -44,6 +44,10 @@ def shelf():
 
 
 def found(triangles, *more):
+    return found_below(triangles, *more).stairs
+
+
+def found_below(triangles, *more):
     thing = SceneEntity(7, "thing", "object", (), triangles)
     scenes = [
         StoreyScene("ground", FLOOR, (thing, *more), (), (FLOOR, ABOVE)),
@@ -55,7 +59,7 @@ def found(triangles, *more):
     ]
     lower, upper = with_stairs(scenes, rooms)
     assert upper.stairs == ()
-    return lower.stairs
+    return lower
 
 
 @pytest.mark.parametrize("closed", [True, False])
@@ -84,6 +88,16 @@ def test_a_flight_of_steps_joins_the_rooms_at_its_ends(closed):
 )
 def test_what_is_no_way_up_is_no_stairs(what, triangles):
     assert found(triangles) == (), what
+
+
+@pytest.mark.parametrize(("gap", "foot"), [(0.6, 0.1), (0.35, 0.05), (0.2, 0.1)])
+def test_a_robot_stands_in_the_room_before_stairs_beside_a_wall(gap, foot):
+    """The wall is at x = 0, where the hall ends."""
+    lower = found_below(flight(x=gap))
+    (stairs,) = lower.stairs
+    assert stairs.ends[0, :2] == pytest.approx((foot, 1.5), abs=1e-6)
+    assert [note for note in lower.notes if "ground_room1 has no place" in note] == [*lower.notes]
+    assert len(lower.notes) == (gap < 0.3)
 
 
 def test_stairs_of_the_map_are_not_found_again():

@@ -9,7 +9,7 @@ from shapely import Point
 
 from semmap.geometry.pose import Pose
 from semmap.ingest.ifc.building import IfcBuilding, IfcRoom
-from semmap.ingest.stairs import walked_corners, way_ends, way_entry
+from semmap.ingest.stairs import notes_on_ends, walked_corners, way_ends, way_entry
 
 NEAR = 1.0
 """Metres from a room and its floor within which a way ends there."""
@@ -31,17 +31,20 @@ def add_stairs(building: IfcBuilding) -> None:
                 building.skip(way, "has no surface to walk on", "Export it with its geometry.")
                 continue
             ends = way_ends(np.concatenate(walked))
-            first, second = (_room_at(building, *end) for end in ends.tolist())
+            first, second = (_room_at(building, *end.stands().tolist()) for end in ends)
             if first is None or second is None or first.name == second.name:
                 building.skip(way, "does not lead from a room to another", "Draw a connector.")
                 continue
             floors = first.floor, second.floor
             places = first.name, second.name
-            entry = way_entry(building.name_of(way), type_, ends, places, floors)
+            stands = np.array([ends[0].stands(first.outline), ends[1].stands(second.outline)])
+            entry = way_entry(building.name_of(way), type_, stands, places, floors)
             assert entry.pose is not None
             up = Pose(z=first.storey.elevation)
             entry.holder, entry.pose = first.storey.name, up.inverse() @ entry.pose
-            building.add(entry, way)
+            name = building.add(entry, way)
+            rooms = [(room.name, room.outline) for room in (first, second)]
+            building.out.notes += notes_on_ends(name, ends, rooms)
 
 
 def _room_at(building: IfcBuilding, x: float, y: float, z: float) -> IfcRoom | None:

@@ -163,6 +163,28 @@ def test_stairs_and_ramps_lead_from_the_lower_to_the_upper_room(tmp_path):
     assert abs(head.yaw) == pytest.approx(math.pi)
 
 
+@pytest.mark.parametrize(
+    ("gap", "foot", "is_noted"), [(0.55, 0.05, 0), (0.45, 0.05, 0), (0.2, 0.1, 1), (0.05, -0.45, 1)]
+)
+def test_a_robot_stands_in_its_room_before_stairs_beside_a_wall(tmp_path, gap, foot, is_noted):
+    """Stairs begin `gap` metres from the border of their room; the foot is at x = `foot`."""
+    made = BuildingByHand()
+    ground, first = made.storey("ground", 0.0), made.storey("first", 3.0)
+    made.add("IfcSpace", "hall", ground, ((0, 0, 0), (10, 2, 2.6)))
+    made.add("IfcSpace", "landing", first, ((0, 0, 3), (10, 2, 5.6)))
+    treads = [
+        ((gap + 0.25 * i, 0.5, 0), (gap + 0.25 * (i + 1), 1.5, 0.2 * (i + 1))) for i in range(14)
+    ]
+    made.add("IfcStair", "stairs", ground, *treads)
+    world = read_ifc(made.write(tmp_path / "stairs.ifc"))
+    found = next(entry for entry in world.entries if entry.kind == "connector")
+    lower, upper = (found.pose @ pose for pose in found.detail.poses)
+    assert (lower.x, lower.y) == pytest.approx((foot, 1.0), abs=1e-3)
+    assert (upper.x, upper.y) == pytest.approx((gap + 14 * 0.25 + 0.5, 1.0), abs=1e-3)
+    noted = [note for note in world.notes if "hall has no place" in note and "of stairs" in note]
+    assert (len(noted), len(world.notes)) == (is_noted, is_noted)
+
+
 @pytest.mark.parametrize("rise", [0.25, 0.5])
 def test_a_ramp_within_a_storey_rises_to_the_floor_of_its_room_along_its_middle(tmp_path, rise):
     made = BuildingByHand()
