@@ -131,10 +131,12 @@ END $$;
 CREATE FUNCTION queue_writer()
 RETURNS void LANGUAGE plpgsql SET search_path = semmap, public, pg_temp AS $$
 -- Lets one transaction at a time move entities: two that move several entities in different orders could
--- deadlock. It waits at most a second for the transaction before it. Then it continues: the row locks keep the
--- world coordinates correct, and the server resolves a deadlock. It does not wait if the setting `semmap.queue`
--- is off.
+-- deadlock. It waits a second for the transaction before it, and twice as long for each one that follows: who
+-- asks again stands last, so that others who take turns would keep it waiting. If one transaction lasts so long,
+-- it continues: the row locks keep the world coordinates correct, and the server resolves a deadlock. It does not
+-- wait if the setting `semmap.queue` is off.
 DECLARE
+    seconds integer := 1;
     patience text := current_setting('lock_timeout');
     key integer := hashtext('semmap.placement');
     holder text;
@@ -145,7 +147,7 @@ BEGIN
     END IF;
     LOOP
         BEGIN
-            PERFORM set_config('lock_timeout', '1s', true);
+            PERFORM set_config('lock_timeout', seconds || 's', true);
             PERFORM pg_advisory_xact_lock(0, key);
             PERFORM set_config('lock_timeout', patience, true);
             RETURN;
@@ -156,6 +158,7 @@ BEGIN
         END;
         EXIT WHEN holder = former_holder;
         former_holder := holder;
+        seconds := least(2 * seconds, 60);
     END LOOP;
 END $$;
 

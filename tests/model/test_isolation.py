@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import os
 import random
+import time
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
@@ -256,3 +257,30 @@ def test_writers_of_several_steps_take_turns(module_engine: Engine) -> None:
         with ThreadPoolExecutor(12) as pool:
             assert sum(pool.map(write, range(12))) == 120
         check_world(setup, of)
+
+
+def test_who_takes_turns_keeps_nobody_waiting(module_engine: Engine) -> None:
+    """Three sessions hold the queue, 0.9 s each; who waits its turn there has two in 20 s."""
+    url = module_engine.url.set(drivername="postgresql").render_as_string(hide_password=False)
+    end = time.monotonic() + 20
+
+    def hold() -> None:
+        with psycopg.connect(url, options="-c search_path=semmap,public") as own:
+            while time.monotonic() < end:
+                own.execute("SELECT pg_advisory_xact_lock(0, hashtext('semmap.placement'))")
+                time.sleep(0.9)
+                own.commit()
+
+    with ThreadPoolExecutor(3) as pool:
+        for _ in range(3):
+            pool.submit(hold)
+        time.sleep(0.5)
+        turns = 0
+        with psycopg.connect(url, options="-c search_path=semmap,public") as own:
+            while turns < 2 and time.monotonic() < end:
+                own.execute("SELECT queue_writer()")
+                own.commit()
+                turns += 1
+        in_time = time.monotonic() < end
+        end = 0.0
+    assert (turns, in_time) == (2, True)
