@@ -21,6 +21,9 @@ from semmap.limits import EXTENT, MESH_BYTES, TRIANGLES
 
 SMALLER = "Export fewer elements, or simpler ones."
 
+FACETED = ("IfcTessellatedFaceSet", "IfcFacetedBrep", "IfcFaceBasedSurfaceModel")
+"""Classes of bodies that are given by their flat faces."""
+
 
 @dataclass(frozen=True)
 class ElementBody:
@@ -138,28 +141,37 @@ class IfcFile:
     def _solids(
         self, progress: Callable[[str, int, int], None]
     ) -> Iterator[tuple[str, ElementBody]]:
+        """Each body that has faces: by the kernel that only has flat ones where that does.
+
+        It is twenty times as fast as Open CASCADE, which sews the faces together.
+        """
         from ifcopenshell import geom
         from ifcopenshell.util.shape import get_faces, get_shape_matrix, get_vertices
 
         bodies = [e for e in self.of("IfcElement", "IfcSpace") if e.Representation is not None]
-        if not bodies:
-            return
-        threads = multiprocessing.cpu_count()
-        shapes = geom.iterator(geom.settings(), self.model, threads, include=bodies)
-        if not shapes.initialize():
-            return
+        left = {each.GlobalId: each for each in bodies}
         triangles = 0
-        while True:
-            shape = shapes.get()
-            progress("shapes", shapes.progress(), 100)
-            faces = np.asarray(get_faces(shape.geometry), np.int32)
-            triangles += len(faces)
-            TRIANGLES.check(triangles, partial(WorldError, self.path, "file"), SMALLER)
-            if len(faces):
-                vertices = np.asarray(get_vertices(shape.geometry), float)
-                yield shape.guid, self._placed(np.array(get_shape_matrix(shape)), vertices, faces)
-            if not shapes.next():
-                return
+        for kernel, some in (("cgal-simple", filter(_is_faceted, bodies)), ("opencascade", bodies)):
+            include = [each for each in some if each.GlobalId in left]
+            if not include:
+                continue
+            threads = multiprocessing.cpu_count()
+            shapes = geom.iterator(
+                geom.settings(), self.model, threads, include=include, geometry_library=kernel
+            )
+            going = shapes.initialize()
+            while going:
+                shape = shapes.get()
+                progress("shapes", len(bodies) - len(left), len(bodies))
+                faces = np.asarray(get_faces(shape.geometry), np.int32)
+                triangles += len(faces)
+                TRIANGLES.check(triangles, partial(WorldError, self.path, "file"), SMALLER)
+                if len(faces):
+                    vertices = np.asarray(get_vertices(shape.geometry), float)
+                    matrix = np.array(get_shape_matrix(shape))
+                    yield shape.guid, self._placed(matrix, vertices, faces)
+                    left.pop(shape.guid, None)
+                going = shapes.next()
 
     def _placed(
         self, matrix: NDArray[np.float64], vertices: NDArray[np.float64], faces: NDArray[np.int32]
@@ -178,6 +190,20 @@ class IfcFile:
                 f"origin. {EXTENT.variable} raises the limit.",
             )
         return ElementBody(pose, Mesh(vertices - below.translation, faces))
+
+
+def _is_faceted(element: Any) -> bool:
+    """Whether the body of an element is given by its flat faces."""
+    bodies = [
+        each
+        for each in element.Representation.Representations
+        if each.RepresentationIdentifier == "Body"
+    ]
+    items = [item for body in bodies for item in body.Items]
+    for item in items:
+        if item.is_a("IfcMappedItem"):
+            items += item.MappingSource.MappedRepresentation.Items
+    return bool(items) and all(any(map(item.is_a, (*FACETED, "IfcMappedItem"))) for item in items)
 
 
 def _is_complete(path: Path) -> bool:

@@ -82,13 +82,27 @@ class BuildingByHand:
 
     def ramp(self, name: str, holder: Any, box: Box) -> Any:
         """Add a ramp that rises along x from the floor of a box to its top."""
-        product = self.add("IfcRamp", name, holder)
-        (x0, y0, z0), (x1, y1, z1) = (np.asarray(corner) * self.scale for corner in box)
+        (x0, y0, z0), (x1, y1, z1) = box
         corners = [(x, y, z) for x, z in ((x0, z0), (x1, z1), (x1, z0)) for y in (y0, y1)]
         faces = [(0, 2, 3, 1), (0, 1, 5, 4), (2, 4, 5, 3), (0, 4, 2), (1, 3, 5)]
+        return self.faceted("IfcRamp", name, holder, corners, faces)
+
+    def faceted(
+        self,
+        class_: str,
+        name: str,
+        holder: Any,
+        corners: Sequence[Sequence[float]],
+        faces: Sequence[Sequence[int]],
+    ) -> Any:
+        """Add a product of flat faces, each the numbers of its corners."""
+        product = self.add(class_, name, holder)
         make = self.model.create_entity
-        points = [make("IfcCartesianPoint", tuple(map(float, corner))) for corner in corners]
-        loops = [make("IfcPolyLoop", [points[i] for i in face]) for face in faces]
+        points = [
+            make("IfcCartesianPoint", tuple((np.asarray(corner) * self.scale).tolist()))
+            for corner in corners
+        ]
+        loops = [make("IfcPolyLoop", [points[int(i)] for i in face]) for face in faces]
         bounds = [make("IfcFaceOuterBound", loop, True) for loop in loops]
         shell = make("IfcClosedShell", [make("IfcFace", [bound]) for bound in bounds])
         self._shape(product, [make("IfcFacetedBrep", shell)], (0, 0, 0), 0.0)
