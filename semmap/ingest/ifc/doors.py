@@ -45,7 +45,7 @@ def add_doors(building: IfcBuilding) -> None:
         if solid is None:
             building.skip(door, "has no shape", "Export doors with their geometry.")
             continue
-        line = _across(solid, file.placement(door).yaw)
+        line = _across(solid, _heading(file.solid(door) or solid, file.placement(door).yaw))
         joined = _beside(spaces, line)
         stated = [space for space in spaces if space.number in bounds[door.id()]]
         if len(stated) == 2:
@@ -98,6 +98,12 @@ def _across(solid: ElementBody, yaw: float) -> LineString:
     x, y, _ = to_wall.inverse().apply(solid.points).T
     ends = [(each, (y.min() + y.max()) / 2, 0.0) for each in (x.min(), x.max())]
     return LineString(to_wall.apply(ends)[:, :2])
+
+
+def _heading(body: ElementBody, yaw: float) -> float:
+    """The heading along a door: as it is placed, unless its body is twice as long across that."""
+    turned = yaw + math.pi / 2
+    return turned if _across(body, turned).length > 2 * _across(body, yaw).length else yaw
 
 
 def _long_side(body: ElementBody) -> float:

@@ -343,6 +343,30 @@ def test_a_door_joins_the_spaces_that_the_file_states(tmp_path):
     assert found.detail.width == pytest.approx(0.9), "without a stated width, that of its shape"
 
 
+@pytest.mark.parametrize("has_opening", [False, True])
+@pytest.mark.parametrize("depth", [0.05, 0.4])
+def test_a_door_faces_as_its_body_does_where_its_placement_is_not_turned(
+    tmp_path, has_opening, depth
+):
+    """It is 0.9 m wide along y, in a wall along y; with a lining as deep as the wall, or not."""
+    made = BuildingByHand()
+    level = made.storey("ground", 0.0)
+    made.add("IfcSpace", "a", level, ((0, 0, 0), (4, 3, 2.6)))
+    made.add("IfcSpace", "b", level, ((4.4, 0, 0), (8, 3, 2.6)))
+    wall = made.add("IfcWall", "wall", level, ((4, 0, 0), (4.4, 3, 2.6)))
+    door = made.add("IfcDoor", "door", level, ((4.4 - depth, 1, 0), (4.4, 1.9, 2)))
+    if has_opening:
+        made.opening(wall, ((4, 1, 0), (4.4, 1.9, 2)), filled_by=door)
+    world = read_ifc(made.write(tmp_path / "door.ifc"))
+    assert not world.skipped
+    (found,) = [entry for entry in world.entries if entry.kind == "connector"]
+    assert (found.type, set(found.detail.places)) == ("door", {"a", "b"})
+    assert found.detail.width == pytest.approx(0.9)
+    x = 4.2 if has_opening else 4.4 - depth / 2
+    assert (found.pose.x, found.pose.y) == pytest.approx((x, 1.45))
+    assert abs(math.cos(found.pose.yaw)) == pytest.approx(1.0)
+
+
 def test_openings_are_ways_where_nothing_fills_them_and_one_can_walk_through(tmp_path):
     made = BuildingByHand()
     level = made.storey("ground", 0.0)
