@@ -54,7 +54,7 @@ _SHADES = [("white", 0.0), ("#8a8f98", 0.22), (_WALL, 0.20), (_WALL, 0.80), (_WA
 """Of cells: free, unknown, occupied by what is drawn, enclosed by walls, and occupied."""
 _MARGIN = 0.55
 _NEAR = 10.0
-"""Metres from the rooms of a storey within which things make its plan larger."""
+"""Metres from the rooms of a storey within which things make its plan larger; no ground does."""
 _COVERED = 0.1
 """The share of a name that others may cover; names of large rooms come first."""
 _DETAILED = 8.0
@@ -175,7 +175,8 @@ def _bounds(storey: StoreyView) -> tuple[float, float, float, float]:
     shapes += [shapely.MultiPoint(p[:, :2]) for p in storey.path]
     things = [o.footprint for o in shown_objects(storey) if o.footprint is not None]
     around = shapely.union_all([shapely.box(*shape.bounds) for shape in shapes]).envelope
-    shapes += [thing for thing in things if not shapes or thing.distance(around) <= _NEAR]
+    near = [shapely.intersection(t, around.buffer(_NEAR)) for t in things if not t.covers(around)]
+    shapes += [part for part in near if not part.is_empty] if shapes else things
     if not shapes and storey.occupancy is not None:
         left, right, bottom, top = storey.occupancy.extent
         shapes.append(shapely.box(left, bottom, right, top))

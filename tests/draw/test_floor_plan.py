@@ -156,6 +156,15 @@ def test_a_plan_counts_what_it_shows_and_says_what_it_leaves_out(tmp_path):
     assert "2 objects  ·  1 without a shape  ·  1 beyond the plan" in texts[0][0].get_text()
     assert drawn(plan, tmp_path).shape == drawn(only, tmp_path).shape
     assert drawn(only, tmp_path).shape != drawn(bare, tmp_path).shape
+    ground = ObjectView("ground", ("object",), mesh, shapely.box(-99, -99, 99, 99))
+    assert (
+        drawn(replace(only, objects=[*things[:1], ground]), tmp_path).shape
+        == drawn(replace(only, objects=things[:1]), tmp_path).shape
+    )
+    lawns = [ObjectView("lawn", ("object",), mesh, shapely.box(5, 0, x, 9)) for x in (99, 999)]
+    wide, wider = (replace(only, objects=[lawn]) for lawn in lawns)
+    assert left_out(wide) == {}
+    assert drawn(wide, tmp_path).shape == drawn(wider, tmp_path).shape, "cut 10 m from the rooms"
 
 
 def test_the_name_of_an_object_is_on_it_or_in_its_hole() -> None:
