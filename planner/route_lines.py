@@ -15,6 +15,7 @@ from navgrid.slabs import area_cells
 from planner.grid_path import grid_path
 from planner.route import Route
 from planner.topology import Topology
+from semmap.draw.floor_plan import FLAT, shown_objects
 from semmap.draw.view import storey_view
 from semmap.geometry.pose import Pose
 
@@ -131,7 +132,7 @@ def _goal_point(
         return near
     held = [
         (o.footprint, o.types)
-        for o in storey_view(made.scene).objects
+        for o in shown_objects(storey_view(made.scene))
         if o.footprint is not None and outline.contains(o.footprint.centroid)
     ]
     wanted = [footprint for footprint, types in held if target in types]
@@ -139,12 +140,12 @@ def _goal_point(
     aim = (thing or outline).centroid
     free = (made.cells == 0) & area_cells(outline, made.grid)
     for footprint, types in held:
-        if "carpet" not in types:
+        if FLAT.isdisjoint(types):
             free &= ~area_cells(footprint, made.grid)
     clear = free & (np.asarray(distance_transform_edt(free)) * made.grid.resolution > 0.3)
     rows, columns = np.nonzero(clear if clear.any() else free)
     if not len(rows):
-        return (aim.x, aim.y)
+        return near
     x = made.grid.origin[0] + (columns + 0.5) * made.grid.resolution
     y = made.grid.origin[1] + (rows + 0.5) * made.grid.resolution
     distance = shapely.distance(thing or aim, shapely.points(x, y))
